@@ -28,8 +28,11 @@ from unified_planning.model import (
 )
 from unified_planning.model.metrics import (
     MaximizeExpressionOnFinalState,
+    MinimizeActionCosts,
     MinimizeExpressionOnFinalState,
     MinimizeMakespan,
+    Oversubscription,
+    TemporalOversubscription,
 )
 from unified_planning.model.mixins import TimeModelMixin
 from unified_planning.model.motion import (
@@ -291,11 +294,31 @@ class _Shuffler(_Listing):
         told = None if owner is None else self.name("activity", owner)
         return Timing(timing.delay, Timepoint(point.kind, told))
 
+    def span(self, span: TimeInterval) -> TimeInterval:
+        return TimeInterval(
+            self.timing(span.lower),
+            self.timing(span.upper),
+            span.is_left_open(),
+            span.is_right_open(),
+        )
+
     def _metric(self, metric: Any) -> Any:
         if isinstance(metric, MinimizeMakespan):
             return MinimizeMakespan(self.env)
         if isinstance(metric, MinimizeExpressionOnFinalState | MaximizeExpressionOnFinalState):
             return type(metric)(self(metric.expression), self.env)
+        if isinstance(metric, Oversubscription):
+            gains = self.order(metric.goals.items())
+            return Oversubscription({self(goal): gain for goal, gain in gains}, self.env)
+        if isinstance(metric, TemporalOversubscription):
+            timed = {
+                (self.span(span), self(goal)): gain
+                for (span, goal), gain in self.order(metric.goals.items())
+            }
+            return TemporalOversubscription(timed, self.env)
+        if isinstance(metric, MinimizeActionCosts):
+            assert not metric.costs  # UP takes no activities for actions here
+            return MinimizeActionCosts({}, self(metric.default), self.env)
         raise NotImplementedError(f"{metric} is not shuffled")
 
     # -- activities ------------------------------------------------------------------------------
@@ -313,12 +336,7 @@ class _Shuffler(_Listing):
         for constraint, scope in self.order(old.scoped_constraints):
             new._add_constraint(self(constraint), self.order(map(self, scope)))
         for span, some in self.order(old.conditions.items()):
-            told = TimeInterval(
-                self.timing(span.lower),
-                self.timing(span.upper),
-                span.is_left_open(),
-                span.is_right_open(),
-            )
+            told = self.span(span)
             for condition in self.order(some):
                 new.add_condition(told, self(condition))
         for timing, some in self.order(old.effects.items()):

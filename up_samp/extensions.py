@@ -26,7 +26,7 @@ KINDS: Mapping[str, str] = {
     "cuts": "(Failure, activity) -> refinements, told after a group of motions failed",
     "importers": "an up_samp.fleet.importers.Importer",
     "neighbourhoods": "(View, random, size) -> Freed",
-    "objectives": "an up_samp.model.Objective of a metric's class",
+    "objectives": "an up_samp.model.MetricMeaning",
     "planners": "a factory (scene, seed) -> motion planner",
     "rules": "(problem, plan) -> violations, asked by the validator",
     "statements": "Search -> refinements, told before the first schedule",

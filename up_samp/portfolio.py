@@ -32,7 +32,7 @@ from unified_planning.model.motion import SchedulingMotionProblem
 
 from up_samp.io.plan_dict import PlanDict, plan_to_dict
 from up_samp.io.restore import plan_from_dict
-from up_samp.model import Deadline, ProblemError
+from up_samp.model import Deadline, ProblemError, UnsupportedError
 from up_samp.search.params import Parameters
 from up_samp.system.workers import Workers, WorkItem
 from up_samp.upio.plan import SampSchedule
@@ -154,6 +154,8 @@ def _run(problem: SchedulingMotionProblem, member: Member, seconds: float) -> Sa
     bound, kind = int(metrics.get("lower_bound", 0)), str(metrics.get("bound_kind", ""))
     if result.plan is None:
         return Said(result.status.name, None, None, bound, kind, told)
+    if "value" in metrics:
+        raise UnsupportedError("a portfolio compares makespans, and the problem has another metric")
     unit = float(metrics.get("seconds_per_unit", 1.0))
     plan = plan_to_dict(problem, result.plan, seconds_per_unit=unit)
     makespan = max((a["end"] for a in plan["activities"]), default=0)

@@ -1,7 +1,7 @@
 import io
+import math
 import subprocess
 import sys
-from types import SimpleNamespace
 
 import pytest
 from unified_planning.engines import PlanGenerationResult, PlanGenerationResultStatus
@@ -14,6 +14,7 @@ from up_samp.cli.progress import Progress, schedule_table, table
 from up_samp.execution import with_dependencies
 from up_samp.io import plan_to_dict, read_plan, write_plan
 from up_samp.model import ProblemError
+from up_samp.search.history import ProgressEvent
 
 SCRIPT = """
 import sys
@@ -60,16 +61,8 @@ class Planner:
 
     def solve(self, problem, timeout):
         self.seen["timeout"] = timeout
-        self.seen["progress"](
-            SimpleNamespace(
-                round=1,
-                phase="schedule",
-                message="7 activities",
-                lower_bound=20,
-                upper_bound=None,
-                elapsed=0.2,
-            )
-        )
+        event = ProgressEvent(1, "schedule", "7 activities", 20, None, 0.2)
+        self.seen["progress"](event)
         if isinstance(self.result, BaseException):
             raise self.result
         return self.result
@@ -251,7 +244,7 @@ class Screen(io.StringIO):
 
 def event(**given):
     values = {"round": 0, "phase": "p", "message": "", "lower_bound": None, "upper_bound": None}
-    return SimpleNamespace(**{**values, "elapsed": 1.0, **given})
+    return ProgressEvent(**{**values, "elapsed": 1.0, **given})
 
 
 def test_progress_on_a_terminal_is_one_line_that_goes_away():
@@ -264,6 +257,41 @@ def test_progress_on_a_terminal_is_one_line_that_goes_away():
     assert "second (makespan <= 7)" in text
     assert text.endswith("\r\x1b[2K")
     assert max(len(part) for part in text.split("\r\x1b[2K")) < 500
+
+
+def test_a_line_for_each_better_plan_stays_on_a_terminal():
+    screen = Screen()
+    with Progress(screen) as progress:
+        for makespan in (9, 8):
+            progress(event(phase="plan", message=f"plan with makespan {makespan}"))
+            progress(event(phase="schedule"))
+    kept = [line.rpartition("\x1b[2K")[2] for line in screen.getvalue().split("\n")[:-1]]
+    assert [line.rpartition(" ")[2] for line in kept] == ["9", "8"]
+
+
+def test_what_is_maximised_is_shown_as_its_value():
+    stream = io.StringIO()
+    with Progress(stream) as progress:
+        progress(event(lower_bound=-5, upper_bound=-3, named="gain", sign=-1))
+    assert stream.getvalue().rstrip().endswith("(gain >= 3, <= 5)")
+
+
+@pytest.mark.parametrize(
+    ("given", "wanted"),
+    [
+        ([], {}),
+        (["--first"], {"first_plan": True}),
+        (["--timeout", "9"], {"patience": math.inf}),
+        (["--timeout", "9", "--patience", "2"], {"patience": 2.0}),
+        (["--optimal"], {"optimal": True}),
+    ],
+)
+def test_how_long_a_solve_goes_on(made, script, answer, given, wanted):
+    seen = answer(made.plan)
+    assert main(["solve", script(), *given]) == 0
+    told = {k: seen[k] for k in ("first_plan", "patience", "optimal") if k in seen}
+    assert told == wanted
+    assert seen["timeout"] == (9.0 if "--timeout" in given else 120.0)
 
 
 def test_progress_elsewhere_is_not_repeated():

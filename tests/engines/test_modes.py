@@ -6,7 +6,6 @@ import pytest
 from unified_planning.engines import PlanGenerationResultStatus as Status
 from unified_planning.exceptions import (
     UPNoRequestedEngineAvailableException,
-    UPNoSuitableEngineAvailableException,
     UPUsageError,
 )
 from unified_planning.model import InstantaneousAction
@@ -85,23 +84,31 @@ def test_unknown_engines_are_refused_with_the_names_there_are():
 
 
 # -- guarantees ----------------------------------------------------------------------------------
-def test_optimal_plans_with_motions_are_promised_for_the_makespan_alone():
-    kind = other_metric().kind
-    assert "samp-refine[cpsat]" in factory().get_all_applicable_engines(kind)
-    assert factory().get_all_applicable_engines(kind, optimality_guarantee=OPTIMALLY) == []
-    with pytest.raises(UPNoSuitableEngineAvailableException):
-        OneshotPlanner(problem_kind=kind, optimality_guarantee=OPTIMALLY)
-    makespan = choice().problem.kind
-    engines = factory().get_all_applicable_engines(makespan, optimality_guarantee=OPTIMALLY)
-    assert engines[0] == "samp-refine[cpsat]"
-    assert "samp-refine[aries]" not in engines
+def test_optimal_plans_with_motions_are_promised_for_every_metric_by_cpsat():
+    for problem in (other_metric(), choice().problem):
+        engines = factory().get_all_applicable_engines(problem.kind, optimality_guarantee=OPTIMALLY)
+        assert engines[0] == "samp-refine[cpsat]"
+        assert "samp-refine[aries]" not in engines
+    only = factory().get_all_applicable_engines(other_metric().kind, optimality_guarantee=OPTIMALLY)
+    assert only == ["samp-refine[cpsat]"]
 
 
-def test_an_engine_that_has_to_be_optimal_refuses_other_metrics_by_name():
-    with OneshotPlanner(name="samp-refine[cpsat]") as planner:
-        planner.optimality_metric_required = True  # as UP's factory sets it
-        with pytest.raises(UnsupportedError, match="only the makespan"):
-            planner.solve(other_metric(), timeout=20)
+def test_an_engine_that_has_to_be_optimal_proves_other_metrics():
+    problem = other_metric()
+    with OneshotPlanner(problem_kind=problem.kind, optimality_guarantee=OPTIMALLY) as planner:
+        result = planner.solve(problem, timeout=60)
+    assert result.status.name == OPTIMALLY
+    assert valid(problem, result) == ["long"]
+    assert (result.metrics["value"], result.metrics["value_bound"]) == ("2", "2")
+
+
+@pytest.mark.parametrize("engine", ["aries", "aries-opt"])
+def test_other_engines_refuse_other_metrics_by_name(engine):
+    with (
+        OneshotPlanner(name=f"samp-refine[{engine}]") as planner,
+        pytest.raises(UnsupportedError, match="only the makespan"),
+    ):
+        planner.solve(other_metric(), timeout=20)
 
 
 # -- kinds ---------------------------------------------------------------------------------------

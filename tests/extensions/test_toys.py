@@ -10,6 +10,7 @@ from unified_planning.engines import PlanGenerationResultStatus as Status
 from unified_planning.model.metrics import MinimizeExpressionOnFinalState, MinimizeMakespan
 from unified_planning.model.motion import MotionModels, MovableObject
 from unified_planning.model.scheduling import SchedulingProblem
+from unified_planning.model.timing import Timing
 from unified_planning.shortcuts import LE, Int, OneshotPlanner, Or, PlanValidator, get_environment
 
 from tests.search.test_components import crossing
@@ -20,13 +21,14 @@ from up_samp.extensions import KINDS, extend, extended, parts, withdraw
 from up_samp.fleet import Fleet
 from up_samp.fleet.importers import Importer, import_file
 from up_samp.fleet.importers.grids import import_movingai
-from up_samp.model import MotionModel, Objective, ProblemError, Trajectory, UnsupportedError
+from up_samp.model import MetricMeaning, MotionModel, ProblemError, Trajectory, UnsupportedError
 from up_samp.model.refinement import Strength
 from up_samp.motion import Leg
 from up_samp.refinement import rules
 from up_samp.scheduling.cpsat.encode.forms import constant
 from up_samp.search import FirstPlan, MaxRounds
 from up_samp.search.neighbourhoods import CHOICES, Descent, Freed
+from up_samp.upio.objective import Part
 from up_samp.validation import Violation, validate_plan
 
 get_environment().credits_stream = None
@@ -150,16 +152,17 @@ class TotalStart(MinimizeExpressionOnFinalState):
         super().__init__(Int(0))
 
 
-def scheduled_starts(metric, terms):
-    total = constant(0)
-    for activity in terms.world.activities.values():
-        total = total.plus(activity.start)
-    return total
+def starts_of(metric, problem):
+    manager = problem.environment.expression_manager
+    for activity in problem.activities:
+        yield Part(1, manager.TimingExp(Timing(0, activity.start)))
 
 
-TOTAL = Objective(
+TOTAL = MetricMeaning(
     TotalStart,
-    scheduled_starts,
+    "sum of starts",
+    1,
+    starts_of,
     lambda metric, timeline: sum(start for start, _ in timeline.decisions.times.values()),
 )
 

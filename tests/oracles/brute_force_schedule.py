@@ -111,7 +111,7 @@ class _Judge:
         self.bounds = {
             f.name: (f.type.lower_bound, f.type.upper_bound)
             for f in problem.fluents
-            if f.type.is_int_type()
+            if f.type.is_int_type() or f.type.is_real_type()
         }
 
     # -- expressions -------------------------------------------------------------------------
@@ -293,7 +293,43 @@ class _Judge:
 
         if metric.is_minimize_expression_on_final_state():
             return self.value(metric.expression, choice, None, read)
+        if metric.is_minimize_action_costs():
+            return self.costs(metric, choice)
+        if metric.is_oversubscription():
+            reached = (self.value(g, choice, None, read) is True for g in metric.goals)
+            return -sum(g for g, r in zip(metric.goals.values(), reached, strict=True) if r)
+        if metric.is_temporal_oversubscription():
+            return -sum(
+                gain
+                for (span, goal), gain in metric.goals.items()
+                if self.throughout(span, goal, choice, states, last)
+            )
         return -self.value(metric.expression, choice, None, read)
+
+    def costs(self, metric, choice):
+        """Return what the present activities cost, by the fluents' first values."""
+        total = 0
+        for activity in self.problem.activities:
+            if choice.times[activity.name] is not None:
+                total += self.value(metric.default, choice, activity, lambda key: self.initial[key])
+        return total
+
+    def throughout(self, interval, goal, choice, states, last):
+        """Return whether a goal is true at every instant, and inside a half-open last unit."""
+        lo = self.time(interval.lower, choice, None, last + 1)
+        hi = self.time(interval.upper, choice, None, last + 1)
+        if lo is UNKNOWN or hi is UNKNOWN:
+            return False
+        lo += 1 if interval.is_left_open() else 0
+        hi -= 1 if interval.is_right_open() else 0
+        if lo > hi:
+            return True
+        hi += 1 if interval.is_right_open() else 0
+
+        def read_at(t):
+            return lambda key: _at(states, t)[key]
+
+        return all(self.value(goal, choice, None, read_at(t)) is True for t in range(lo, hi + 1))
 
 
 def _at(states, t):

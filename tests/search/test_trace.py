@@ -57,8 +57,8 @@ def test_the_metrics_tell_the_gap(tmp_path):
 def test_a_failure_does_not_lose_the_plan_found_before_it(tmp_path, monkeypatch):
     problem = blocked(tmp_path)
 
-    def fails_later(context, *, optimal):
-        search = run(context, optimal=optimal)
+    def fails_later(context, **goal):
+        search = run(context, **goal)
         yield next(search)
         raise InvalidPlanError("made up by the test")
 

@@ -77,7 +77,7 @@ class Progress:
         self.stream = stream if stream is not None else sys.stderr
         self.live = self.stream.isatty()
         self._phases: set[str] = set()
-        self._bounds: tuple[int | None, int | None] | None = None
+        self._bounds = ""
         self._last_time = float("-inf")
         self._open = False
 
@@ -102,12 +102,11 @@ class Progress:
             self.stream.flush()
             self._open = not kept
             return
-        bounds = (event.lower_bound, event.upper_bound)
-        known = event.phase in self._phases and bounds == self._bounds
+        known = event.phase in self._phases and event.bounds == self._bounds
         if known and now - self._last_time < _QUIET_SECONDS:
             return
         self._phases.add(event.phase)
-        self._bounds, self._last_time = bounds, now
+        self._bounds, self._last_time = event.bounds, now
         print(line, file=self.stream, flush=True)
 
 
@@ -119,11 +118,6 @@ def describe(event: ProgressEvent) -> str:
     parts.append(event.phase)
     if event.message:
         parts.append(f"- {event.message}")
-    bounds = [
-        f"{sign} {value}"
-        for sign, value in ((">=", event.lower_bound), ("<=", event.upper_bound))
-        if value
-    ]
-    if bounds:
-        parts.append(f"(makespan {', '.join(bounds)})")
+    if event.bounds:
+        parts.append(f"({event.bounds})")
     return " ".join(parts)

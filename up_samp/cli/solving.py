@@ -234,7 +234,11 @@ def _summary(plan: dict[str, Any], result: PlanGenerationResult, seconds: float)
     if plan["lower_bound"]:
         kind = metrics.get("bound_kind")
         bound = f" (proven lower bound {plan['lower_bound']}{f', {kind}' if kind else ''})"
-    parts = [f"{plan['status']}: makespan {plan['makespan']}{bound}", f"{seconds:.1f} s"]
+    worth = ""
+    if "value" in metrics:
+        told = f"{metrics['objective']} {metrics['value']}"
+        worth = f"{told} (proven bound {metrics.get('value_bound', '-')}), "
+    parts = [f"{plan['status']}: {worth}makespan {plan['makespan']}{bound}", f"{seconds:.1f} s"]
     if "rounds" in metrics:
         rounds = metrics["rounds"]
         parts.append(f"{rounds} round{'' if rounds == '1' else 's'}")

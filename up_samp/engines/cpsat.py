@@ -5,6 +5,7 @@ from __future__ import annotations
 import queue
 import threading
 from collections.abc import Iterator
+from fractions import Fraction
 from typing import IO, TYPE_CHECKING, Any, ClassVar
 
 from unified_planning.engines import (
@@ -89,6 +90,14 @@ FEATURES = [
     "FINAL_VALUE",
     "OVERSUBSCRIPTION",
     "INT_NUMBERS_IN_OVERSUBSCRIPTION",
+    "REAL_NUMBERS_IN_OVERSUBSCRIPTION",
+    "TEMPORAL_OVERSUBSCRIPTION",
+    "ACTIONS_COST",
+    "INT_NUMBERS_IN_ACTIONS_COST",
+    "REAL_NUMBERS_IN_ACTIONS_COST",
+    "STATIC_FLUENTS_IN_ACTIONS_COST",
+    "REAL_FLUENTS",
+    "CONTINUOUS_NUMBERS",
 ]
 
 
@@ -229,7 +238,7 @@ class CpsatEngine(DirectFace, Engine, OneshotPlannerMixin, AnytimePlannerMixin):
         found: queue.Queue[Any] = queue.Queue()
         stop = threading.Event()
 
-        def progress(schedule: CandidateSchedule, bound: int | None) -> None:
+        def progress(schedule: CandidateSchedule, bound: int | Fraction | None) -> None:
             if stop.is_set():
                 raise _StoppedError
             found.put(ScheduleReport(ScheduleStatus.FOUND, schedule, bound, "", deadline.elapsed()))
@@ -296,14 +305,13 @@ class CpsatEngine(DirectFace, Engine, OneshotPlannerMixin, AnytimePlannerMixin):
     def _result(
         self, problem: Any, report: ScheduleReport, final: bool = True
     ) -> PlanGenerationResult:
+        from up_samp.engines.plain import worth_of
         from up_samp.upio.plan import build_schedule
         from up_samp.validation import validate_schedule
 
         status, plan = STATUSES[report.status], None
         messages = [LogMessage(LogLevel.INFO, report.message)] if report.message else []
         metrics = {"engine_internal_time": f"{report.seconds:.3f}"}
-        if report.bound is not None:
-            metrics["lower_bound"] = str(report.bound)
         if report.refuted:
             metrics["refuted"] = report.refuted
             messages.append(LogMessage(LogLevel.ERROR, report.refuted))
@@ -319,6 +327,11 @@ class CpsatEngine(DirectFace, Engine, OneshotPlannerMixin, AnytimePlannerMixin):
             if violations:
                 messages.append(LogMessage(LogLevel.ERROR, f"invalid schedule: {violations[0]}"))
                 status, plan = PlanGenerationResultStatus.INTERNAL_ERROR, None
+        worth, honest = worth_of(problem, report, plan)
+        metrics |= worth
+        if plan is not None:
+            if not honest and status is PlanGenerationResultStatus.SOLVED_OPTIMALLY:
+                status = PlanGenerationResultStatus.SOLVED_SATISFICING
             elif not final:
                 status = PlanGenerationResultStatus.INTERMEDIATE
             elif report.late and problem.quality_metrics:

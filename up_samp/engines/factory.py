@@ -1,4 +1,4 @@
-"""UP's factory, asked for engines by name and by what they prove."""
+"""UP's factory, asked for engines by name."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from typing import Any
 
 import unified_planning.environment as up_environment
 from unified_planning.engines import Engine, Factory
-from unified_planning.engines.mixins.oneshot_planner import OptimalityGuarantee
 from unified_planning.environment import Environment
 from unified_planning.exceptions import UPNoRequestedEngineAvailableException
 
@@ -15,7 +14,7 @@ from up_samp.scheduling.quirks import no_engine
 
 
 def tell_by_name(factory: Factory) -> None:
-    """Let UP's own factory name the engines there are, and ask engines what they prove."""
+    """Let UP's own factory name the engines there are."""
     if type(factory) is Factory:
         factory.__class__ = _Factory
 
@@ -32,9 +31,7 @@ def engine_named(name: str, environment: Environment | None = None) -> type[Engi
 
 
 class _Factory(Factory):  # type: ignore[misc]
-    """UP's factory, which names the engines there are where one is not, and where optimal plans are
-    asked for by a problem's kind passes over engines that prove none of this kind.
-    """
+    """UP's factory, which names the engines there are where one is not."""
 
     def _get_engine_class(
         self, operation_mode: Any, name: str | None = None, *args: Any, **kwargs: Any
@@ -42,11 +39,3 @@ class _Factory(Factory):  # type: ignore[misc]
         if name is not None and name not in self._engines:
             raise UPNoRequestedEngineAvailableException(no_engine(name, self.engines))
         return super()._get_engine_class(operation_mode, name, *args, **kwargs)
-
-    def _engine_satisfies_conditions(
-        self, engine: Any, mode: Any, kind: Any, guarantee: Any, *others: Any
-    ) -> bool:
-        proves = getattr(engine, "proves", None)
-        if guarantee is OptimalityGuarantee.SOLVED_OPTIMALLY and proves and not proves(kind):
-            return False
-        return bool(super()._engine_satisfies_conditions(engine, mode, kind, guarantee, *others))

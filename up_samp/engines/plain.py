@@ -26,7 +26,8 @@ from up_samp.scheduling import open_scheduler
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.search.resolve import start_of
 from up_samp.upio import build_schedule, read_problem, relax
-from up_samp.validation import validate_schedule
+from up_samp.upio.objective import measure_of, only_makespan
+from up_samp.validation import validate_schedule, value_of
 
 
 def schedule_plainly(
@@ -61,6 +62,25 @@ def schedule_plainly(
     return _to_result(engine, problem, report)
 
 
+def worth_of(
+    problem: Any, report: ScheduleReport, plan: Schedule | None
+) -> tuple[dict[str, str], bool]:
+    """Return what is told of a schedule's worth and its bound, and whether the validator's value of
+    the plan is the one that the scheduler claims.
+    """
+    if only_makespan(problem):
+        bound = {} if report.bound is None else {"lower_bound": str(report.bound)}
+        return bound, True
+    measure = measure_of(problem, lambda schedule: value_of(problem, schedule))
+    told = {"objective": measure.name}
+    if report.bound is not None:
+        told["value_bound"] = measure.told(report.bound)
+    if plan is None:
+        return told, True
+    cost = measure.cost(plan)
+    return {**told, "value": measure.told(cost)}, cost == report.cost
+
+
 def _check(problem: Any, schedule: Schedule) -> list[str]:
     return [str(v) for v in validate_schedule(problem, schedule).violations]
 
@@ -83,8 +103,10 @@ def _to_result(engine: Any, problem: Any, report: ScheduleReport) -> PlanGenerat
         "preset": engine.params.preset,
         "seconds_per_unit": repr(engine.params.seconds_per_unit),
     }
-    if report.bound is not None:
-        metrics["lower_bound"] = str(report.bound)
+    told, honest = worth_of(problem, report, plan)
+    metrics |= told
+    if not honest and status is PlanGenerationResultStatus.SOLVED_OPTIMALLY:
+        status = PlanGenerationResultStatus.SOLVED_SATISFICING
     if plan is not None and report.schedule is not None:
         metrics["makespan"] = str(report.schedule.makespan)
     level = LogLevel.ERROR if report.status is ScheduleStatus.ERROR else LogLevel.INFO

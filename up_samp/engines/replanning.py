@@ -34,6 +34,9 @@ class ReplanningFace(DirectFace, ReplannerMixin, PlanRepairerMixin):  # type: ig
         """Take the problem of a replanner (without its kind where it would be computed in vain)."""
         if not isinstance(problem, SchedulingProblem):
             raise UnsupportedError(f"a {type(problem).__name__}: scheduling problems are replanned")
+        from up_samp.upio.objective import check_copied
+
+        check_copied(problem)
         if self._takes(problem):
             self._problem = problem.clone()
             self._error_on_failed_checks = error_on_failed_checks

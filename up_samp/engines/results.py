@@ -18,10 +18,12 @@ from up_samp.model import Deadline, ScheduleStatus
 from up_samp.model.errors import short
 from up_samp.model.refinement import Layer
 from up_samp.search.params import Parameters
+from up_samp.upio.objective import MAKESPAN
 
 if TYPE_CHECKING:
     from up_samp.search.conclusion import Conclusion
     from up_samp.search.history import History, ProgressEvent
+    from up_samp.search.knowledge import Bounds
     from up_samp.search.search import Search
 
 
@@ -101,7 +103,7 @@ def metrics_of(params: Parameters, search: Search) -> dict[str, str]:
     history, bounds = search.history, search.bounds
     metrics = {
         "preset": params.preset,
-        "lower_bound": str(bounds.lower),
+        **_bound(bounds),
         "bound_kind": (
             "relative to the motion planner's durations" if bounds.relative else "absolute"
         ),
@@ -117,8 +119,8 @@ def metrics_of(params: Parameters, search: Search) -> dict[str, str]:
         "seconds_per_unit": repr(params.seconds_per_unit),
         **history.stages.metrics(),
     }
-    if bounds.relative and bounds.absolute:
-        metrics["absolute_bound"] = str(bounds.absolute)
+    if bounds.relative and bounds.absolute > bounds.measure.least:
+        metrics["absolute_bound"] = bounds.measure.told(bounds.absolute)
     if history.without_traffic is not None:
         metrics["without_traffic"] = str(history.without_traffic)
     if history.recognised or history.left_over:
@@ -131,8 +133,18 @@ def metrics_of(params: Parameters, search: Search) -> dict[str, str]:
     if bounds.incumbent is not None:
         makespan = bounds.incumbent.schedule.makespan
         metrics["makespan"] = str(makespan)
-        metrics["gap"] = f"{1 - bounds.lower / makespan if makespan else 0:.4f}"
+        if bounds.measure.name == MAKESPAN:
+            metrics["gap"] = f"{1 - bounds.lower / makespan if makespan else 0:.4f}"
     return metrics
+
+
+def _bound(bounds: Bounds) -> dict[str, str]:
+    """Return the bound on the makespan, or what else is asked for, with its bound and value."""
+    measure = bounds.measure
+    if measure.name == MAKESPAN:
+        return {"lower_bound": str(bounds.lower)}
+    told = {"objective": measure.name, "value_bound": measure.told(bounds.lower)}
+    return told if bounds.upper is None else {**told, "value": measure.told(bounds.upper)}
 
 
 def with_progress(params: Parameters, stream: IO[str]) -> Parameters:

@@ -6,6 +6,7 @@ import logging
 import math
 import warnings
 from collections.abc import Callable, Generator, Iterator
+from fractions import Fraction
 from functools import partial
 from typing import IO, TYPE_CHECKING, Any
 
@@ -34,6 +35,7 @@ from up_samp.engines.results import (
     with_progress,
 )
 from up_samp.model import (
+    CandidateSchedule,
     Deadline,
     EngineError,
     MotionModel,
@@ -117,8 +119,6 @@ PASSED_ON = (
 it and some cannot, which a kind does not tell (numbers that are assigned, counted, or read over
 intervals; effects on conditions; durations of parameters): engines that are asked by name try."""
 
-_OTHER_METRICS = ("ACTIONS_COST", "FINAL_VALUE", "PLAN_LENGTH", "OVERSUBSCRIPTION")
-
 
 def samp_kind(engine: Any) -> ProblemKind:
     """Return what an engine's kind (a UP engine class) becomes with compilers and motions."""
@@ -127,12 +127,6 @@ def samp_kind(engine: Any) -> ProblemKind:
         return ProblemKind({*kind.features, "SAMP"}, version=kind.version)
     own = {f for f in PASSED_ON if f in kind.features}
     return ProblemKind({*COMPILED, *own, "SAMP"}, version=kind.version)
-
-
-def proves_optima(problem_kind: ProblemKind) -> bool:
-    """Return whether optima of such problems are proven: with motions, of the makespan alone."""
-    features = problem_kind.features
-    return "SAMP" not in features or not any(m in features for m in _OTHER_METRICS)
 
 
 # schedulers, motion planners and the validator are imported when a problem is solved: UP imports
@@ -205,13 +199,6 @@ class SampRefine(ReplanningFace, MetaEngine, OneshotPlannerMixin, AnytimePlanner
             return True
         return bool(cls._engine_class.satisfies(OptimalityGuarantee.SOLVED_OPTIMALLY))
 
-    @classmethod
-    def proves(cls, problem_kind: ProblemKind) -> bool:
-        """Return whether plans of such problems can be proven optimal: UP's factory, as ours asks
-        it beside :meth:`satisfies`, which knows no problem.
-        """
-        return cls.satisfies(OptimalityGuarantee.SOLVED_OPTIMALLY) and proves_optima(problem_kind)
-
     @staticmethod
     def ensures(anytime_guarantee: AnytimeGuarantee) -> bool:
         """Return whether plans get better and better (they do)."""
@@ -220,15 +207,6 @@ class SampRefine(ReplanningFace, MetaEngine, OneshotPlannerMixin, AnytimePlanner
     # ------------------------------------------------------------------ solving
     def _is_direct(self, problem: Any) -> bool:
         return isinstance(problem, SchedulingMotionProblem)
-
-    def _check_metric(self, problem: Any) -> None:
-        super()._check_metric(problem)
-        others = [m for m in problem.quality_metrics if not m.is_minimize_makespan()]
-        if self.optimality_metric_required and others and self._is_direct(problem):
-            raise UnsupportedError(
-                f"an optimal plan with motions by the metric '{others[0]}': only the makespan is "
-                "proven; ask without the guarantee"
-            )
 
     def _solve_directly(self, call: Call) -> PlanGenerationResult:
         if call.heuristic is not None:
@@ -381,7 +359,8 @@ class SampRefine(ReplanningFace, MetaEngine, OneshotPlannerMixin, AnytimePlanner
         start: Plan | None,
     ) -> Search:
         from up_samp.search.session import Wrapped, open_search
-        from up_samp.validation import validate_plan, validate_schedule
+        from up_samp.upio.plan import build_schedule
+        from up_samp.validation import validate_plan, validate_schedule, value_of
 
         params = self.params
         if stream is not None and params.progress is None:
@@ -394,6 +373,9 @@ class SampRefine(ReplanningFace, MetaEngine, OneshotPlannerMixin, AnytimePlanner
                 Refusal(v.kind, v.what, v.activities, v.objects, v.time) for v in verdict.violations
             ]
 
+        def worth(schedule: CandidateSchedule) -> int | Fraction:
+            return value_of(problem, build_schedule(problem, schedule))
+
         def check_schedule(relaxed: Any, schedule: Schedule) -> list[str]:
             return [str(v) for v in validate_schedule(relaxed, schedule).violations]
 
@@ -403,6 +385,7 @@ class SampRefine(ReplanningFace, MetaEngine, OneshotPlannerMixin, AnytimePlanner
             params,
             deadline,
             check_plan=check_plan,
+            worth=worth,
             start=start,
         )
 

@@ -29,7 +29,7 @@ from up_samp.model.motion import (
     Trajectory,
     interpolate,
 )
-from up_samp.model.objective import Objective
+from up_samp.model.objective import MetricMeaning
 from up_samp.model.refusal import Refusal
 from up_samp.model.schedule import (
     CandidateSchedule,
@@ -50,9 +50,9 @@ __all__ = [
     "GroupQuery",
     "GroupReport",
     "Kinematics",
+    "MetricMeaning",
     "MotionModel",
     "Movable",
-    "Objective",
     "OutOfTimeError",
     "Outcome",
     "PathQuery",

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
 
 @dataclass(frozen=True)
-class Objective:
-    """A class of UP metrics, said twice, as scheduler and validator share nothing.
+class MetricMeaning:
+    """A class of UP metrics, said twice, as what plans and what judges share nothing.
 
-    ``scheduled``: (metric, terms of the CP-SAT model) -> the linear expression to minimise.
-    ``judged``: (metric, timeline of a schedule) -> the metric's value.
+    ``parts``: (metric, problem) -> the :class:`up_samp.upio.objective.Part` whose weighted sum is
+    minimised (``sign`` 1) or maximised (-1). ``judged``: (metric, timeline of a schedule) -> the
+    metric's value. ``name`` is for people.
     """
 
     metric: type
-    scheduled: Callable[[Any, Any], Any]
+    name: str
+    sign: int
+    parts: Callable[[Any, Any], Iterable[Any]]
     judged: Callable[[Any, Any], Any]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from fractions import Fraction
 
 from up_samp.model.bodies import Configuration
 
@@ -40,7 +41,8 @@ class ScheduleStatus(enum.Enum):
 
 @dataclass(frozen=True)
 class ScheduleReport:
-    """A scheduler's answer. ``bound`` is a proven lower bound on the makespan if there is one.
+    """A scheduler's answer. ``bound``: a proven lower bound on what is minimised (the makespan, or
+    the cost of an objective); ``cost``: what our own scheduler says that the schedule costs.
     ``late`` says of a schedule that it is the best at the deadline, and the search was not over.
     ``recognised`` and ``left_over`` tell which structures the scheduler found in the problem.
     ``refuted`` tells of an error of ours: what was claimed at first, and was refuted.
@@ -48,13 +50,14 @@ class ScheduleReport:
 
     status: ScheduleStatus
     schedule: CandidateSchedule | None = None
-    bound: int | None = None
+    bound: int | Fraction | None = None
     message: str = ""
     seconds: float = 0.0
     late: bool = False
     recognised: tuple[str, ...] = ()
     left_over: tuple[str, ...] = ()
     refuted: str = ""
+    cost: int | Fraction | None = None
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from fractions import Fraction
 from typing import TYPE_CHECKING, Any, Protocol
 
 from up_samp.model import (
@@ -27,7 +28,7 @@ class Scheduler(Protocol):
         *,
         optimal: bool = True,
         hint: CandidateSchedule | None = None,
-        lower_bound: int | None = None,
+        lower_bound: int | Fraction | None = None,
     ) -> ScheduleReport:
         """Schedule the problem as it is now (it may have grown since the last call)."""
         ...

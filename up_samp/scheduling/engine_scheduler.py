@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from up_samp.model import (
@@ -78,7 +79,7 @@ class EngineScheduler:
         *,
         optimal: bool = True,
         hint: CandidateSchedule | None = None,
-        lower_bound: int | None = None,
+        lower_bound: int | Fraction | None = None,
     ) -> ScheduleReport:
         """Schedule the problem as it is now.
 
@@ -99,7 +100,7 @@ class EngineScheduler:
         self,
         runner: Any,
         deadline: Deadline,
-        lower_bound: int | None,
+        lower_bound: int | Fraction | None,
         started: float,
         *,
         apart: bool,
@@ -210,7 +211,11 @@ class EngineScheduler:
         return self._worker
 
     def _judge(
-        self, answer: WorkerAnswer, compiled: Compiled, lower_bound: int | None, started: float
+        self,
+        answer: WorkerAnswer,
+        compiled: Compiled,
+        lower_bound: int | Fraction | None,
+        started: float,
     ) -> ScheduleReport:
         """Turn the worker's answer into a report that can be believed."""
         from up_samp.scheduling.schedules import complete
@@ -306,6 +311,6 @@ def _engine_stops(deadline: Deadline) -> float | None:
 
 
 def _report(
-    status: ScheduleStatus, bound: int | None, started: float, message: str = ""
+    status: ScheduleStatus, bound: int | Fraction | None, started: float, message: str = ""
 ) -> ScheduleReport:
     return ScheduleReport(status, None, bound, message, time.monotonic() - started)

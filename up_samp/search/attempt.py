@@ -144,7 +144,7 @@ def record(search: Search, report: ScheduleReport, check: Check, learned: list[R
         Round(
             number=len(history.rounds) + 1,
             makespan=None if schedule is None else schedule.makespan,
-            lower_bound=bounds.lower,
+            lower_bound=bounds.told_lower(),
             upper_bound=bounds.upper,
             refinements=len(learned),
             seconds_scheduler=history.seconds_scheduler,

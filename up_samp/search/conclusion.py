@@ -138,11 +138,13 @@ def stands(search: Search, *, nothing: Sequence[Refinement] | None = None) -> bo
     recognised.
     """
     bounds = search.bounds
-    claim, best = bounds.lower if nothing is None else None, bounds.incumbent
-    beaten = claim is not None and best is not None and claim > best.schedule.makespan
+    claim, best = bounds.told_lower() if nothing is None else None, bounds.incumbent
+    beaten = claim is not None and bounds.upper is not None and claim > bounds.upper
     # what was doubted and stood may still be beaten by a plan that came later
     ours = search.problem.native and (beaten or bounds.lower > bounds.stood)
     if search.plain or not (ours or nothing is not None):
+        return True
+    if nothing is None and claim is None:
         return True
     if beaten:
         assert best is not None
@@ -226,14 +228,15 @@ def conclude(search: Search) -> SearchResult:
         )
     if not bounds.met:
         return SearchResult(Conclusion.SOLVED, _stopped_early(search))
-    makespan, bound = bounds.incumbent.schedule.makespan, bounds.lower
     active, prover = search.knowledge.active, search.prover
+    bound, cost, makespan = bounds.lower, bounds.upper, bounds.incumbent.schedule.makespan
     native = search.problem.native
     believed = stands(search) if native else not prover.sooner_than(active, makespan)
-    if believed and bound <= makespan:
+    assert cost is not None
+    if believed and bound <= cost:
         return SearchResult(Conclusion.OPTIMAL)
     bounds.forget()
-    what = "plan" if bound > makespan else "schedule that agrees with all that is known"
+    what = "plan" if bound > cost else "schedule that agrees with all that is known"
     return SearchResult(
-        Conclusion.SOLVED, f"the lower bound {bound} is not believed: there is a shorter {what}"
+        Conclusion.SOLVED, f"the lower bound {bound} is not believed: there is a better {what}"
     )

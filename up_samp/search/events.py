@@ -6,13 +6,14 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from up_samp.model.refinement import Refinement
 from up_samp.search.history import ProgressEvent
 from up_samp.system.files import write_whole
+from up_samp.upio.objective import Measure, Number
 
 if TYPE_CHECKING:
     from up_samp.model import Refusal, ScheduleReport
@@ -23,18 +24,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class State:
-    """Where a search is. Bounds are makespans in units, times in s since its start.
+    """Where a search is. Bounds are costs by ``measure`` (makespans in units; of what is maximised,
+    with the other sign; None: there is none), times in s since its start.
 
     ``last_plan_at`` and ``last_plan_round``: when the best plan was found (None: there is none).
     """
 
     rounds: int
     restarts: int
-    lower_bound: int
-    upper_bound: int | None
+    lower_bound: Number | None
+    upper_bound: Number | None
     elapsed: float
     last_plan_at: float | None = None
     last_plan_round: int | None = None
+    measure: Measure = field(default_factory=lambda: Measure(lambda s: s.makespan))
 
 
 class Phase(enum.Enum):
@@ -216,7 +219,8 @@ class ProgressObserver(Observer):
 
     def _tell(self, state: State, phase: str, message: str) -> None:
         bounds = state.lower_bound, state.upper_bound
-        self.show(ProgressEvent(state.rounds, phase, message, *bounds, state.elapsed))
+        named = state.measure.name, state.measure.sign
+        self.show(ProgressEvent(state.rounds, phase, message, *bounds, state.elapsed, *named))
 
     def on_stage(self, event: StageEvent) -> None:
         """Show what begins."""
@@ -230,9 +234,10 @@ class ProgressObserver(Observer):
             self._tell(event.state, "round", message)
 
     def on_plan(self, event: PlanEvent) -> None:
-        """Show a plan's makespan."""
-        makespan = event.incumbent.schedule.makespan
-        self._tell(event.state, "plan", f"plan with makespan {makespan}")
+        """Show what a plan is worth."""
+        measure, cost = event.state.measure, event.state.upper_bound
+        told = "-" if cost is None else measure.told(cost)
+        self._tell(event.state, "plan", f"plan with {measure.name} {told}")
 
     def on_refusal(self, event: RefusalEvent) -> None:
         """Show what the validator had against a plan."""
@@ -274,7 +279,8 @@ def _candidate(event: RoundEvent, number: int) -> list[str]:
     report, state = event.report, event.state
     if report is None:
         return ["before the first schedule"]
-    best = "none" if state.upper_bound is None else f"makespan {state.upper_bound}"
+    cost, measure = state.upper_bound, state.measure
+    best = "none" if cost is None else f"{measure.name} {measure.told(cost)}"
     lines = [
         f"round {number}: schedule {report.status.value}, lower bound {state.lower_bound}, "
         f"best plan: {best}"

@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
+from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -80,14 +81,29 @@ def peak_memory() -> float | None:
 
 @dataclass(frozen=True)
 class ProgressEvent:
-    """One step of the search, for progress displays. Bounds are makespans in units."""
+    """One step of the search, for progress displays. Bounds are costs by the objective that is
+    ``named``: makespans in units; of what is maximised, with the other sign.
+    """
 
     round: int
     phase: str
     message: str
-    lower_bound: int | None
-    upper_bound: int | None
+    lower_bound: int | Fraction | None
+    upper_bound: int | Fraction | None
     elapsed: float
+    named: str = "makespan"
+    sign: int = 1
+
+    @property
+    def bounds(self) -> str:
+        """What is known of the objective, in the user's values ("": nothing)."""
+        least, most = (">=", self.lower_bound), ("<=", self.upper_bound)
+        if self.sign < 0:
+            least, most = (">=", self.upper_bound), ("<=", self.lower_bound)
+        other = self.named != "makespan"
+        known = [(op, v) for op, v in (least, most) if v or (other and v is not None)]
+        told = [f"{op} {self.sign * v}" for op, v in known if v is not None]
+        return f"{self.named} {', '.join(told)}" if told else ""
 
 
 @dataclass
@@ -96,8 +112,8 @@ class Round:
 
     number: int
     makespan: int | None
-    lower_bound: int | None
-    upper_bound: int | None
+    lower_bound: int | Fraction | None
+    upper_bound: int | Fraction | None
     refinements: int
     seconds_scheduler: float
     seconds_motion: float
@@ -177,7 +193,7 @@ class History:
 
     def write_json(self, path: str | Path) -> None:
         """Write the history as JSON."""
-        write_whole(Path(path), json.dumps(self.to_dict(), indent=1) + "\n")
+        write_whole(Path(path), json.dumps(self.to_dict(), indent=1, default=float) + "\n")
 
     def write_csv(self, path: str | Path) -> None:
         """Write one line a round."""

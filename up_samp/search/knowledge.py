@@ -10,6 +10,9 @@ from up_samp.model.refinement import Refinement, Strength
 from up_samp.search.facts import Signature
 from up_samp.search.history import History
 from up_samp.upio import Relaxation, SampSchedule, write_refinement
+from up_samp.upio.objective import Measure, Number
+
+Cost = Number | float
 
 
 @dataclass
@@ -91,18 +94,26 @@ class Incumbent:
 
 @dataclass
 class Bounds:
-    """Makespans in units: ``absolute`` is the best lower one that does not rest on the motion
-    planner's durations. ``stated``: something that does was told to the scheduler.
+    """What plans cost (makespans in units): ``absolute`` is the best lower bound that does not rest
+    on the motion planner's durations. ``stated``: something that does was told to the scheduler.
     """
 
-    lower: int = 0
-    absolute: int = 0
+    measure: Measure = field(default_factory=lambda: Measure(lambda s: s.makespan))
+    lower: Cost = 0
+    absolute: Cost = 0
     stated: bool = False
-    beside: int = 0
+    beside: Cost = 0
     """What is known beside the scheduling problem that the scheduler is told."""
-    stood: int = -1
+    stood: Cost = -1
     """The greatest lower bound that was doubted, and not refuted."""
     incumbent: Incumbent | None = None
+    _costs: tuple[Incumbent, Number] | None = None
+
+    @staticmethod
+    def by(measure: Measure) -> Bounds:
+        """Return the bounds of plans of which nothing is known yet."""
+        least = measure.least
+        return Bounds(measure, lower=least, absolute=least, beside=least, stood=least - 1)
 
     @property
     def relative(self) -> bool:
@@ -110,19 +121,28 @@ class Bounds:
         return self.lower > self.absolute
 
     @property
-    def upper(self) -> int | None:
-        """Makespan of the best plan so far."""
-        return None if self.incumbent is None else self.incumbent.schedule.makespan
+    def upper(self) -> Number | None:
+        """What the best plan so far costs."""
+        best = self.incumbent
+        if best is None:
+            return None
+        if self._costs is None or self._costs[0] is not best:
+            self._costs = best, self.measure.cost(best.schedule)
+        return self._costs[1]
 
-    def raise_lower(self, units: int, *, relative: bool) -> None:
+    def raise_lower(self, cost: Cost, *, relative: bool) -> None:
         """Take note of a lower bound; ``relative``: it rests on the planner's durations."""
         if not relative:
-            self.absolute = max(self.absolute, units)
-        self.lower = max(self.lower, units)
+            self.absolute = max(self.absolute, cost)
+        self.lower = max(self.lower, cost)
+
+    def told_lower(self) -> Number | None:
+        """Return the lower bound, if there is one."""
+        return None if isinstance(self.lower, float) else self.lower
 
     def forget(self) -> None:
         """Drop the lower bounds."""
-        self.lower = self.absolute = self.beside = 0
+        self.lower = self.absolute = self.beside = self.measure.least
 
     @property
     def met(self) -> bool:
@@ -131,7 +151,7 @@ class Bounds:
 
     def improves(self, schedule: CandidateSchedule) -> bool:
         """Return whether a plan with this schedule would be the best so far."""
-        return self.upper is None or schedule.makespan < self.upper
+        return self.upper is None or self.measure.cost(schedule) < self.upper
 
     def keep(self, found: Incumbent) -> bool:
         """Make a valid plan the incumbent, if it is the best so far; return whether it is."""

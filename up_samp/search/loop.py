@@ -41,7 +41,7 @@ _NEAR = 5
 
 
 def solve(search: Search, *, optimal: bool) -> Generator[Incumbent, None, SearchResult]:
-    """Search for a plan; with ``optimal`` go on until its makespan meets the lower bound.
+    """Search for a plan; with ``optimal`` go on until it meets the lower bound.
 
     Yields each plan that is better than all before it, and returns how the search ended.
     """
@@ -133,7 +133,7 @@ def get_schedule(search: Search, *, optimal: bool) -> ScheduleReport:
         pace.deadline(search.budget, planned=planned, proving=proving),
         optimal=proving,
         hint=bounds.incumbent.schedule if bounds.incumbent else search.start,
-        lower_bound=None if guessing else bounds.lower,
+        lower_bound=None if guessing else bounds.told_lower(),
     )
     search.budget.seconds_scheduler += report.seconds
     if report.recognised or report.left_over:

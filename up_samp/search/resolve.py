@@ -37,6 +37,7 @@ from up_samp.search.search import Search
 from up_samp.search.tuning import RepairTuning
 from up_samp.search.world import groups_of, motion_key
 from up_samp.upio import Itinerary, Relaxation, read_itinerary
+from up_samp.upio.objective import only_makespan
 from up_samp.upio.restrict import restrict
 
 Next = Callable[[CandidateSchedule], "CandidateSchedule | None"]
@@ -319,7 +320,7 @@ def slack(search: Search, schedule: CandidateSchedule) -> CandidateSchedule:
     that are not critical can give way.
     """
     relaxation = search.knowledge.relaxation
-    if not _only_makespan(relaxation):
+    if not only_makespan(relaxation.problem):
         return schedule
     return spread(search, restrict(relaxation, search.facts.snapshot, schedule), schedule)
 
@@ -354,11 +355,6 @@ def _prefer(problem: SchedulingProblem, goals: dict[object, int], until: int) ->
     problem.add_quality_metric(Oversubscription(goals, problem.environment))
 
 
-def _only_makespan(relaxation: Relaxation) -> bool:
-    """Return whether nothing but the makespan is to be made smaller."""
-    return all(m.is_minimize_makespan() for m in relaxation.problem.quality_metrics)
-
-
 # ------------------------------------------------------------------ needless motions
 
 
@@ -374,7 +370,7 @@ def prune_motions(search: Search, plan: Incumbent) -> Incumbent | None:
     search.tell.stage(Phase.TIDY)
     relaxation = search.knowledge.relaxation
     weights = _worth_of_leaving_out(relaxation, plan.schedule)
-    if not weights or not _only_makespan(relaxation):
+    if not weights or not only_makespan(relaxation.problem):
         return None
     problem = _with_motions_optional(relaxation, plan.schedule, weights, plan.schedule.makespan)
     small = Subproblem(search, problem, _EFFORT)
@@ -406,7 +402,7 @@ def prune_candidate(search: Search, schedule: CandidateSchedule) -> CandidateSch
     own, told = search.own_relaxation(), search.knowledge.relaxation
     for relaxation, factor in ((own, 2), (told, 1)):
         weights = _worth_of_leaving_out(relaxation, schedule)
-        if not weights or not _only_makespan(relaxation):
+        if not weights or not only_makespan(relaxation.problem):
             return schedule
         problem = _with_motions_optional(relaxation, schedule, weights, factor * schedule.makespan)
         few = Subproblem(search, problem, _LEAN_EFFORT).schedule(schedule)

@@ -26,6 +26,7 @@ from up_samp.search.stopping import StopCriterion
 from up_samp.search.tuning import SearchTuning
 from up_samp.system.workers import Workers
 from up_samp.upio import Itinerary, Relaxation, SampSchedule, write_refinement
+from up_samp.upio.objective import Measure
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,8 @@ class Problem:
 
     ``relax`` makes the relaxation anew, without refinements; ``schedule`` opens a scheduler on one,
     for the attempt of that number (``native``: our own, which knows unary places); ``build`` makes
-    the UP plan of a schedule and its trajectories; ``judge`` is the independent validator.
+    the UP plan of a schedule and its trajectories; ``judge`` is the independent validator;
+    ``measure`` tells what a schedule costs.
     """
 
     relax: Callable[[], Relaxation]
@@ -88,6 +90,7 @@ class Problem:
     build: Callable[[CandidateSchedule, Mapping[str, Trajectory]], SampSchedule]
     judge: Callable[[SampSchedule], list[Refusal]]
     native: bool
+    measure: Measure = field(default_factory=lambda: Measure(lambda s: s.makespan))
 
 
 @dataclass

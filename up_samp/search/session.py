@@ -44,6 +44,7 @@ from up_samp.search.stopping import runtime_of
 from up_samp.system.workers import Workers
 from up_samp.tuning import tuning_of
 from up_samp.upio import Relaxation, SampSchedule, build_plan, read_problem, relax, trajectory_key
+from up_samp.upio.objective import Number, measure_of, only_makespan
 
 
 def check_start_poses(snapshot: Snapshot, service: MotionService) -> None:
@@ -118,11 +119,13 @@ def open_search(
     deadline: Deadline,
     *,
     check_plan: PlanCheck,
+    worth: Callable[[CandidateSchedule], Number],
     start: Plan | None = None,
 ) -> Search:
     """Read the problem, check its geometry, relax it and open a scheduler on the relaxation.
 
-    ``start`` is a plan to begin from; it need not be one of this problem.
+    ``worth`` is what the problem's metric makes of a schedule; ``start`` is a plan to begin from,
+    it need not be one of this problem.
 
     Raises :class:`ProblemError` where the problem is wrong, before any search.
     """
@@ -154,11 +157,13 @@ def open_search(
         partial(to_plan, problem, snapshot, params.margin),
         check_plan,
         wrapped.native,
+        measure_of(problem, worth),
     )
     with stages.of(READING):
         workers = None if params.executor is None else Workers(params.executor)
         search = assemble(asked, service, params, deadline, workers)
-        if wrapped.native and params.incumbents and params.components is None and start is None:
+        whole = params.components is not None or not only_makespan(problem)
+        if wrapped.native and params.incumbents and not whole and start is None:
             inner = partial(open_thin, wrapped, params, service, workers)
             large = large_of(problem, snapshot, inner, search.tuning.large)
             search.in_parts = None if large is None else partial(solve_large, large)
@@ -225,7 +230,7 @@ def assemble(
     tuning = tuning_of(params.tuning)
     mine = tuning.search
     facts = Facts(relaxation.snapshot, relaxation.choices)
-    history, bounds = History(), Bounds()
+    history, bounds = History(), Bounds.by(problem.measure)
     knowledge = Knowledge(relaxation, history)
     budget = Budget(deadline, params.query_seconds)
     crew = None if workers is None else Crew(workers, service)
@@ -276,8 +281,9 @@ def state_of(history: History, bounds: Bounds, deadline: Deadline) -> State:
     return State(
         rounds=len(history.rounds),
         restarts=history.restarts,
-        lower_bound=bounds.lower,
+        lower_bound=bounds.told_lower(),
         upper_bound=bounds.upper,
+        measure=bounds.measure,
         elapsed=deadline.elapsed(),
         last_plan_at=history.last_plan_at,
         last_plan_round=history.last_plan_round,

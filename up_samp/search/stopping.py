@@ -105,7 +105,7 @@ class MaxRounds(Criterion):
 
 @dataclass(frozen=True)
 class Gap(Criterion):
-    """Stops when the best plan's makespan is at most this share above what is proven: with 0.1, a
+    """Stops when the best plan is at most this share worse than what is proven: with 0.1, a
     makespan of 100 where 90 is a lower bound.
     """
 
@@ -116,8 +116,10 @@ class Gap(Criterion):
 
     def __call__(self, state: State) -> bool:
         """Return whether the gap is small enough."""
-        upper = state.upper_bound
-        return upper is not None and upper - state.lower_bound <= self.share * upper
+        upper, lower = state.upper_bound, state.lower_bound
+        if upper is None or lower is None:
+            return False
+        return float(upper - lower) <= self.share * abs(float(upper))
 
 
 @dataclass(frozen=True)

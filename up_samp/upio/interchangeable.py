@@ -19,6 +19,7 @@ from unified_planning.model.scheduling import Activity, SchedulingProblem
 
 from up_samp.model import check_time
 from up_samp.upio.expressions import activity_named
+from up_samp.upio.objective import only_makespan
 from up_samp.upio.relaxation import Relaxation
 
 _UNORDERED = frozenset((Op.AND, Op.OR, Op.EQUALS, Op.IFF, Op.PLUS, Op.TIMES))
@@ -33,7 +34,7 @@ def interchangeable(relaxation: Relaxation) -> list[tuple[str, ...]]:
     Looks at the relaxation as it is: ask before anything is learned of single activities.
     """
     problem = relaxation.problem
-    if not all(m.is_minimize_makespan() for m in problem.quality_metrics):
+    if not only_makespan(problem):
         return []
     keys = _Keys(relaxation.problem)
     alike: dict[Any, list[Activity]] = {}

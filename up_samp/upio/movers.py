@@ -24,6 +24,7 @@ from unified_planning.model.scheduling import Activity, SchedulingProblem
 from unified_planning.model.timing import DurationInterval
 
 from up_samp.model import ProblemError, UnsupportedError
+from up_samp.upio.objective import check_copied
 from up_samp.upio.plan import SampSchedule
 from up_samp.upio.read_maps import LIMITS
 from up_samp.upio.spans import conditions_of
@@ -82,6 +83,7 @@ def settle_movers(problem: SchedulingMotionProblem) -> Settled | None:
     choosing = {a.name: found for a in problem.motion_activities if (found := movers(a))}
     if not choosing:
         return None
+    check_copied(problem)
     settled = problem.clone()
     names = {a.name for a in problem.activities}
     copies: dict[str, str] = {}

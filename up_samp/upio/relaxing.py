@@ -30,6 +30,7 @@ from unified_planning.model.timing import (
 
 from up_samp.model import ProblemError, UnsupportedError, check_time
 from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
+from up_samp.upio.objective import objective_of, only_makespan
 from up_samp.upio.relaxation import Relaxation, choose, told_fluents
 from up_samp.upio.rewrite import Rewriter
 from up_samp.upio.spans import closed, conditions_of, inner, own_end, whole
@@ -128,8 +129,10 @@ def relax(
             )
         )
         plain._activities.append(copy)
-    for metric in problem.quality_metrics:
-        plain.add_quality_metric(metric)
+    if problem.quality_metrics and only_makespan(problem):
+        plain.add_quality_metric(problem.quality_metrics[0])
+    elif (objective := objective_of(problem)) is not None:
+        plain.add_quality_metric(objective.rewritten(rewriter))
     told = {str(e): rewriter(e) for e in told_fluents(problem)}
     check_fluents(problem, rewriter)
     relaxation = Relaxation(plain, snapshot, rewriter, {}, told_fluents=told)

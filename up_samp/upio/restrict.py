@@ -13,6 +13,7 @@ from unified_planning.model.scheduling.chronicle import Chronicle
 from up_samp.model import CandidateSchedule
 from up_samp.model.snapshot import Snapshot
 from up_samp.upio.expressions import walk
+from up_samp.upio.objective import objective_of, only_makespan
 from up_samp.upio.relaxation import Relaxation
 
 
@@ -90,6 +91,11 @@ def restricted(
         fix.constraints(activity, copy)
         target._activities.append(copy)
     fix.constraints(source._base, target._base)
+    if not only_makespan(source):
+        objective = objective_of(source)
+        assert objective is not None
+        target.clear_quality_metrics()
+        target.add_quality_metric(objective.decided(fix, schedule.times.keys()))
     return target
 
 

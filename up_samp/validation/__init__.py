@@ -4,8 +4,9 @@ It shares no map reading, collision checking, timing or scheduling code with the
 accepts was found right twice. The rules are stated in :mod:`up_samp.validation.semantics`.
 """
 
+from up_samp.validation.metrics import value_of
 from up_samp.validation.plan import judge_plan, validate_plan
 from up_samp.validation.schedule import validate_schedule
 from up_samp.validation.verdict import Verdict, Violation
 
-__all__ = ["Verdict", "Violation", "judge_plan", "validate_plan", "validate_schedule"]
+__all__ = ["Verdict", "Violation", "judge_plan", "validate_plan", "validate_schedule", "value_of"]

@@ -108,9 +108,11 @@ def _first_failure(
     timeline: StateTimeline,
     reading: Reading,
     times_of: Mapping[str, set[int]],
+    *,
+    surely: bool = False,
 ) -> int | None:
-    """Return the first instant at which a condition is false. Looking at the first instant and
-    where a fluent that it mentions gets a new value is enough.
+    """Return the first instant at which a condition is false (``surely``: not true). Looking at the
+    first instant and where a fluent that it mentions gets a new value is enough.
     """
     instants = {condition.first}
     for name in _fluents_in(condition.node):
@@ -118,18 +120,26 @@ def _first_failure(
         instants |= {t for t in new if condition.first < t <= condition.seen}
     for instant in sorted(instants):
         reader = _reader_at(timeline, instant, reading, condition.owner)
-        if reader.value(condition.node) is False:
+        value = reader.value(condition.node)
+        if value is False or (surely and value is not True):
             return instant
     return None
 
 
 def holds_throughout(interval: Any, node: Any, timeline: StateTimeline, reading: Reading) -> bool:
-    """Return whether an expression holds at every instant of a global time interval."""
+    """Return whether an expression is true at every instant of a global time interval (of a
+    half-open one as a condition: also what is seen in its last unit).
+    """
     found = _instants(interval, None, timeline, reading)
     if found is None:
         return False
-    condition = _Condition(None, node, *found, found[1])
-    return _first_failure(condition, timeline, reading, _new_values(timeline, reading)) is None
+    if found[0] > found[1]:
+        return True
+    half_open = interval.is_right_open() and reading is Reading.LATER
+    seen = found[1] + half_open * timeline.decisions.instant
+    condition = _Condition(None, node, *found, seen)
+    new = _new_values(timeline, reading)
+    return _first_failure(condition, timeline, reading, new, surely=True) is None
 
 
 def interference(problem: Any, timeline: StateTimeline) -> Iterator[Violation]:

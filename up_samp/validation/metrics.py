@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 from unified_planning.model import metrics
 
 from up_samp.extensions import parts
-from up_samp.model import UnsupportedError
+from up_samp.model import ProblemError, UnsupportedError
 from up_samp.validation.conditions import holds_throughout
-from up_samp.validation.timeline import Reading, StateTimeline
+from up_samp.validation.schedule import read_decisions
+from up_samp.validation.timeline import Reading, StateTimeline, build_timeline
 from up_samp.validation.values import Reader, Value, plain
 
 
@@ -40,4 +42,22 @@ def evaluate_metric(metric: Any, timeline: StateTimeline) -> Value:
             if holds_throughout(interval, goal, timeline, Reading.LATER)
         )
         return plain(sum(reached))
+    if isinstance(metric, metrics.MinimizeActionCosts):
+        return plain(sum(_costs(metric, timeline)))
     raise UnsupportedError(f"the metric '{metric}' has no meaning for schedules")
+
+
+def _costs(metric: Any, timeline: StateTimeline) -> Iterator[Value]:
+    """Yield what each present activity costs, by fluents as they were at first."""
+    if metric.default is None:
+        raise UnsupportedError(f"the metric '{metric}' says not what an activity costs: by default")
+    for name in timeline.decisions.times:
+        yield Reader(timeline.decisions, timeline.initial, name).value(metric.default)
+
+
+def value_of(problem: Any, plan: Any) -> Value:
+    """Return the value of the problem's (only) metric for a schedule."""
+    decisions, wrong = read_decisions(problem, plan)
+    if decisions is None:
+        raise ProblemError(f"this is no schedule of the problem: {wrong[0]}")
+    return evaluate_metric(problem.quality_metrics[0], build_timeline(problem, decisions))

@@ -4,6 +4,7 @@ nothing is, is asked for a schedule that cannot be if they hold.
 
 from __future__ import annotations
 
+import math
 import threading
 
 from unified_planning.model.scheduling import SchedulingProblem
@@ -13,18 +14,19 @@ from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.solve.attempts import NO_PRESOLVE, Attempts, Orders
 from up_samp.scheduling.cpsat.solve.runner import SolverRun
 from up_samp.scheduling.cpsat.tuning import StagesTuning
+from up_samp.upio.objective import Number
 
 
 def sooner(
     problem: SchedulingProblem,
-    before: int | None,
+    before: Number | None,
     deadline: Deadline,
     *,
     seed: int,
     tuning: StagesTuning,
 ) -> CandidateSchedule | None:
-    """Return a schedule that ends before a time (``None``: any schedule), if the plain model of a
-    problem has one that is found with little effort. Large problems are not looked at.
+    """Return a schedule that costs less (ends before a time; ``None``: any schedule), if the plain
+    model of a problem has one that is found with little effort. Large problems are not looked at.
     """
     said = sum(len(part.scoped_constraints) for part in (problem._base, *problem.activities))
     if said > tuning.doubted or deadline.expired():
@@ -34,15 +36,16 @@ def sooner(
     except (OutOfTimeError, UnsupportedError):
         return None
     orders = Orders(SolverRun(seed, 1), False, tuning, threading.Event())
-    attempts = Attempts(model, orders, deadline, 0, left=NO_PRESOLVE)
-    attempts.below(model.limit if before is None else before - 1)
+    attempts = Attempts(model, orders, deadline, None, left=NO_PRESOLVE)
+    attempts.below(None if before is None else math.ceil(before * model.scale) - 1)
     return attempts.best
 
 
-def refuted_by(bound: int | None, schedule: CandidateSchedule) -> str:
+def refuted_by(bound: Number | None, schedule: CandidateSchedule) -> str:
     """Return in words what a schedule refutes: a lower bound, or that there is none (``None``)."""
     claim = "that there is no schedule" if bound is None else f"the lower bound {bound}"
     return (
         f"refuted: {claim} rests on what was recognised in the problem, but there is a schedule "
-        f"that ends at {schedule.makespan}; this is an error of up_samp's, please report it"
+        f"for less (it ends at {schedule.makespan}); this is an error of up_samp's, please report "
+        "it"
     )

@@ -15,7 +15,9 @@ from up_samp.model import Deadline, OutOfTimeError, UnsupportedError, check_time
 from up_samp.scheduling.cpsat.encode.disjunctions import Disjunctions, find_groups, merge_forms
 from up_samp.scheduling.cpsat.encode.durations import LIMITS, constant_bounds, constants, least
 from up_samp.scheduling.cpsat.encode.forms import TRUE, Form, Lin, Literal, constant, disjunction
-from up_samp.scheduling.cpsat.encode.horizon import Horizon, objective_of
+from up_samp.scheduling.cpsat.encode.fractions import scales_of
+from up_samp.scheduling.cpsat.encode.horizon import Horizon
+from up_samp.scheduling.cpsat.encode.objective import Encoding, ends_in_time
 from up_samp.scheduling.cpsat.encode.recognition import find_histories, find_milestones, find_unary
 from up_samp.scheduling.cpsat.encode.states import Key, Read, States, StateVar
 from up_samp.scheduling.cpsat.encode.store import ModelStore
@@ -30,6 +32,8 @@ from up_samp.scheduling.cpsat.normal import (
     normal_form,
 )
 from up_samp.scheduling.cpsat.problem import Additions, Watcher
+from up_samp.upio.objective import objective_of, only_makespan
+from up_samp.upio.spans import with_timings
 
 T = TypeVar("T")
 
@@ -84,7 +88,11 @@ class ScheduleModel:
         """State variables that disjunctions say as well: they have no timeline."""
         self.implied: dict[Key, list[Read]] = {}
         """What clauses ask of state variables: it is stated by these clauses alone."""
-        self.objective: Lin | None = None
+        self.asked = None if only_makespan(problem) else objective_of(problem)
+        """What is minimised or maximised (``None``: the makespan, or nothing)."""
+        self.objective = Lin(())
+        self.scale = 1
+        """What is minimised is ``objective``; costs are that divided by ``scale``."""
         self.disjunctions = Disjunctions()
         self.stated: list[Form] = []
         """What was stated at first, but for disjunctions of pairs."""
@@ -106,6 +114,7 @@ class ScheduleModel:
             self.world.object_types.append(obj.type)
         self.world.makespan = self.store.integer(0, LIMITS.placeholder)
         self.horizon.timepoint(self.world.makespan)
+        self.world.scales = scales_of(problem)
         self.states = States(self.world, problem, constant(0))
         groups = [] if self.plain else find_groups(form.parts, form.presences)
         self.variables = Variables(self.world, self.states, self.horizon, form.presences, groups)
@@ -188,7 +197,11 @@ class ScheduleModel:
         self.disjunctions.emit_loads(self.store, Lin(((self.world.makespan, 1),)))
 
     def _metric(self, draft: ModelDraft) -> None:
-        self.objective = objective_of(self.problem, self.states, self._exact_makespan)
+        makespan = Lin(((self.world.makespan, 1),))
+        self.objective = makespan
+        if self.asked is not None:
+            self.objective, self.scale = Encoding(self.states).cost(self.asked)
+            self.horizon.certain &= ends_in_time(self.problem, self.asked)
 
     def _rest(self, draft: ModelDraft) -> None:
         for form in self._in_time(draft.rest):
@@ -297,8 +310,11 @@ class ScheduleModel:
         )
         for timing, _, _ in parts.effects:
             horizon.beside(countable(int(abs(timing.delay))))
-        for span, _, _ in parts.conditions:
+        asked = () if self.asked is None else self.asked.parts
+        timed = [with_timings(p.interval) for p in asked if p.interval is not None]
+        for span in [*(span for span, _, _ in parts.conditions), *timed]:
             horizon.beside(int(abs(span.lower.delay) + abs(span.upper.delay)))
+        horizon.total += sum(constants(p.node) for p in asked)
         # room for what may be appended later, so that growing seldom means rebuilding
         self.limit = max(2 * horizon.bound() + 100, self.limit_at_least)
         if self.limit > LIMITS.latest:
@@ -308,6 +324,7 @@ class ScheduleModel:
             )
         delays = [int(abs(t.delay)) for t, _, _ in parts.effects]
         delays += [int(abs(s.upper.delay)) for s, _, _ in parts.conditions]
+        delays += [int(abs(s.upper.delay)) for s in timed]
         self.states.far = constant(self.limit + max(delays, default=0) + 2)
         for var in self.time_variables():
             self.store.rebound(var, 0, self.limit)

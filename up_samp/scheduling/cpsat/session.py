@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import logging
+import math
 import os
 import threading
+from collections.abc import Callable
 from dataclasses import replace
+from fractions import Fraction
+from functools import partial
 
 from unified_planning.model.scheduling import SchedulingProblem
 
@@ -17,12 +21,15 @@ from up_samp.scheduling.cpsat.explain import Explanation, explain
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.problem import Watcher
 from up_samp.scheduling.cpsat.routing.dispatch import Memory
-from up_samp.scheduling.cpsat.solve.attempts import Attempts, Orders, Progress
+from up_samp.scheduling.cpsat.solve.attempts import Attempts, Orders
 from up_samp.scheduling.cpsat.solve.runner import SolverRun
 from up_samp.scheduling.cpsat.solve.strategy import Solve, solve
 from up_samp.scheduling.cpsat.tuning import CpsatTuning
+from up_samp.upio.objective import Number, plain_number
 
 log = logging.getLogger(__name__)
+Told = Callable[[CandidateSchedule, "Number | None"], None]
+"""Called with each better schedule, and the bound."""
 
 
 class CpsatSession:
@@ -61,7 +68,7 @@ class CpsatSession:
         self.settings = SolverRun(seed, workers or os.cpu_count() or 1)
         self.effort = effort
         self.tuning = tuning or CpsatTuning()
-        self.bound = 0
+        self.bound: float | Fraction = -math.inf
         self.rebuilds = 0
         self._watcher = Watcher(problem)
         self._model: ScheduleModel | None = None
@@ -72,11 +79,6 @@ class CpsatSession:
         """What was recognised when the model was last built."""
         self._interrupted = threading.Event()
 
-    @property
-    def minimizes_makespan(self) -> bool:
-        """Whether the problem asks for the shortest schedule."""
-        return any(m.is_minimize_makespan() for m in self.problem.quality_metrics)
-
     def close(self) -> None:
         """Do nothing: a session keeps no processes."""
 
@@ -86,8 +88,8 @@ class CpsatSession:
         *,
         optimal: bool = True,
         hint: CandidateSchedule | None = None,
-        lower_bound: int | None = None,
-        on_solution: Progress | None = None,
+        lower_bound: Number | None = None,
+        on_solution: Told | None = None,
     ) -> ScheduleReport:
         """Solve the problem as it is now.
 
@@ -95,7 +97,7 @@ class CpsatSession:
         :param optimal: search to the proven optimum of the metric; otherwise return a first good
             schedule. Without a metric there is no optimum, and a good schedule is returned.
         :param hint: a schedule to start from (default: the last one).
-        :param lower_bound: a proven lower bound on the makespan.
+        :param lower_bound: a proven lower bound on what is minimised.
         :param on_solution: told of each better schedule.
         """
         report = self._answer(deadline, optimal, hint, lower_bound, on_solution)
@@ -115,8 +117,8 @@ class CpsatSession:
         deadline: Deadline,
         optimal: bool,
         hint: CandidateSchedule | None,
-        lower_bound: int | None,
-        on_solution: Progress | None,
+        lower_bound: Number | None,
+        on_solution: Told | None,
     ) -> ScheduleReport:
         """Return what is found, be it right or not."""
         started = deadline.elapsed()
@@ -124,17 +126,19 @@ class CpsatSession:
             model = self._update(deadline)
         except OutOfTimeError:
             return ScheduleReport(ScheduleStatus.OUT_OF_TIME, seconds=deadline.elapsed() - started)
-        self.bound = max(self.bound, lower_bound or 0)
+        if lower_bound is not None:
+            self.bound = max(self.bound, lower_bound)
         wants_optimum = optimal and bool(self.problem.quality_metrics)
         orders = Orders(
             self.settings,
             wants_optimum,
             self.tuning.stages,
             self._interrupted,
-            on_solution,
+            None if on_solution is None else partial(self._tell, model, on_solution),
             self.tuning.bounds,
         )
-        whole = Attempts(model, orders, deadline, self.bound, left=self.effort)
+        start = None if math.isinf(self.bound) else math.ceil(self.bound * model.scale)
+        whole = Attempts(model, orders, deadline, start, left=self.effort)
         guess = hint if hint is not None else self._last
         search = Solve(
             whole,
@@ -154,15 +158,16 @@ class CpsatSession:
 
     def recognise_nothing(self) -> None:
         """Go on with the plain model, and forget what was proven otherwise."""
-        self.plain, self._model, self.bound, self.explanation = True, None, 0, Explanation((), ())
+        self.plain, self._model, self.bound = True, None, -math.inf
+        self.explanation = Explanation((), ())
 
     def _refuted(self, report: ScheduleReport, deadline: Deadline) -> str:
         """Return what is wrong with a claim ("": nothing that is known)."""
         none = report.status is ScheduleStatus.INFEASIBLE
-        if not none and not report.bound:
+        if not none and report.bound is None:
             return ""
-        best = report.schedule
-        if best is None or report.bound is None or report.bound <= best.makespan:
+        best, cost = report.schedule, report.cost
+        if best is None or report.bound is None or cost is None or report.bound <= cost:
             best = sooner(
                 self.problem,
                 None if none else report.bound,
@@ -176,7 +181,7 @@ class CpsatSession:
     def _update(self, deadline: Deadline) -> ScheduleModel:
         parts = self._watcher.look()
         if self._model is None or not self._model.only_tightened(parts):
-            self.bound, self._bounded, self._memory = 0, False, {}
+            self.bound, self._bounded, self._memory = -math.inf, False, {}
         if self._model is not None and self._model.can_grow(parts):
             # a model that the time ended in the middle of is not used any more
             grown, self._model = self._model, None
@@ -198,14 +203,33 @@ class CpsatSession:
                 return ScheduleReport(ScheduleStatus.INFEASIBLE, seconds=seconds)
             message = f"no schedule ends by {model.limit}; longer ones were not tried"
             return ScheduleReport(ScheduleStatus.NOT_FOUND, message=message, seconds=seconds)
-        self.bound = max(self.bound, search.bound)
-        bound = self.bound or None
+        # a schedule that is longer than the horizon is no better, but may have more of other things
+        all_seen = model.horizon.certain or search.minimizes_makespan
+        if all_seen:
+            self.bound = max(self.bound, cost_of(model, search.bound))
+        bound = self._told(model)
         if search.best is None:
             return ScheduleReport(ScheduleStatus.OUT_OF_TIME, bound=bound, seconds=seconds)
         self._last = search.best
-        # a schedule that is longer than the horizon is no better, but may have more of other things
-        all_seen = model.horizon.certain or search.minimizes_makespan
         proven = search.proven and search.orders.optimal and all_seen
         status = ScheduleStatus.OPTIMAL if proven else ScheduleStatus.FOUND
         late = not proven and search.deadline.expired()
-        return ScheduleReport(status, search.best, bound, seconds=seconds, late=late)
+        cost = cost_of(model, search.value)
+        return ScheduleReport(status, search.best, bound, seconds=seconds, late=late, cost=cost)
+
+    def _told(self, model: ScheduleModel) -> Number | None:
+        """Return the bound, if it says anything: no schedule ends before 0."""
+        nothing = math.isinf(self.bound) or (model.asked is None and not self.bound)
+        return None if nothing else plain_number(self.bound)
+
+    def _tell(
+        self, model: ScheduleModel, tell: Told, schedule: CandidateSchedule, bound: int
+    ) -> None:
+        if model.horizon.certain or model.asked is None:
+            self.bound = max(self.bound, cost_of(model, bound))
+        tell(schedule, self._told(model))
+
+
+def cost_of(model: ScheduleModel, number: int) -> Number:
+    """Return a number of a model's objective as a cost."""
+    return plain_number(Fraction(number, model.scale))

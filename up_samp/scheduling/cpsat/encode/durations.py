@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -88,6 +89,8 @@ def constants(node: FNode) -> int:
     """Return the sum of the magnitudes of the constants in ``node``."""
     if node.is_int_constant():
         return abs(int(node.constant_value()))
+    if node.is_real_constant():
+        return math.ceil(abs(node.constant_value()))
     if node.is_timing_exp():
         return int(abs(node.timing().delay)) + 1
     return sum(constants(a) for a in node.args)

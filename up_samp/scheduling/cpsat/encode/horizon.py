@@ -1,29 +1,15 @@
-"""How long a schedule may have to be (a bound that loses neither feasibility nor optimality), and
-the objective.
-"""
+"""How long a schedule may have to be: a bound that loses neither feasibility nor optimality."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from typing import Any
+from collections.abc import Iterable
 
 from unified_planning.model import FNode
-from unified_planning.model import metrics as up
 
-from up_samp.extensions import parts
-from up_samp.model import UnsupportedError
 from up_samp.scheduling.cpsat.encode.durations import LIMITS
-from up_samp.scheduling.cpsat.encode.forms import TRUE, Cmp, Form, Lin, comparisons, constant
-from up_samp.scheduling.cpsat.encode.states import States
+from up_samp.scheduling.cpsat.encode.forms import Cmp, Form, Lin, comparisons
 from up_samp.scheduling.cpsat.encode.store import ModelStore
-from up_samp.scheduling.cpsat.encode.terms import (
-    ActivityVars,
-    Terms,
-    World,
-    indicator,
-    int_bounds,
-    times,
-)
+from up_samp.scheduling.cpsat.encode.terms import ActivityVars, Terms, World, int_bounds
 from up_samp.scheduling.cpsat.normal import Precondition
 
 
@@ -110,46 +96,3 @@ class Horizon:
         """Return a time by which a schedule can be over, if there is one at all."""
         longest = self.total + self.origin + sum(self._into.values())
         return longest if self.certain else 3 * longest + 100
-
-
-# ------------------ The objective of a schedule
-
-
-def objective_of(problem: Any, states: States, exact: Callable[[], None]) -> Lin | None:
-    """Return what to minimise (``None``: the makespan or nothing).
-
-    :param exact: makes the makespan variable exact, where something else is minimised.
-    """
-    metrics = list(problem.quality_metrics)
-    if not metrics:
-        return None
-    if len(metrics) > 1:
-        raise UnsupportedError("cpsat takes one quality metric, not several")
-    metric = metrics[0]
-    if isinstance(metric, up.MinimizeMakespan):
-        return None
-    known = OBJECTIVES | {o.metric: o.scheduled for o in parts("objectives").values()}
-    if type(metric) not in known:
-        raise UnsupportedError(f"cpsat does not support the metric '{metric}'")
-    terms = Terms(states.world, states.reader(None, TRUE, states.far, states.far))
-    return known[type(metric)](metric, terms)
-
-
-def _oversubscription(metric: up.Oversubscription, terms: Terms) -> Lin:
-    total = constant(0)
-    for goal, gain in metric.goals.items():
-        literal = terms.world.store.equivalent(terms.form(goal), terms.form(goal, False))
-        if not isinstance(gain, int):
-            raise UnsupportedError(f"cpsat takes integer gains only, not {gain}")
-        total = total.plus(indicator(literal), -gain)
-    return total
-
-
-OBJECTIVES: dict[type, Callable[[Any, Terms], Lin]] = {
-    up.MinimizeExpressionOnFinalState: lambda metric, terms: terms.linear(metric.expression),
-    up.MaximizeExpressionOnFinalState: lambda metric, terms: times(
-        terms.linear(metric.expression), -1
-    ),
-    up.Oversubscription: _oversubscription,
-}
-"""What is minimised for each class of metrics beside the makespan."""

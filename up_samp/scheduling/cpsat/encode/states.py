@@ -29,10 +29,11 @@ from up_samp.scheduling.cpsat.encode.terms import (
     World,
     fluents_in,
     has_decisions,
-    int_bounds,
+    number_bounds,
     unless_decided,
 )
 from up_samp.upio.expressions import conjuncts, fluent_told
+from up_samp.upio.spans import with_timings
 
 Key = tuple[Any, ...]
 
@@ -138,7 +139,7 @@ class GroundFluents:
             values: list[int] | None = self.world.values_of(tpe)
             bounds = (min(values), max(values)) if values else (0, 0)
         else:
-            bounds = int_bounds(tpe)
+            bounds = number_bounds(tpe, self.world.scales.get(fluent.name, 1))
             few = bounds[1] - bounds[0] < LIMITS.domain
             values = list(range(bounds[0], bounds[1] + 1)) if few else None
         return StateVar(key, bounds, values, self._initial(fluent, args))
@@ -159,7 +160,8 @@ class GroundFluents:
             value = self.defaults.get(fluent)
         if value is None:
             return None
-        return Terms(self.world, no_fluents).linear(value).const
+        scale = self.world.scales.get(fluent.name, 1)
+        return Terms(self.world, no_fluents).at_scale(value, scale).const
 
     def grounds(self, node: FNode, terms: Terms) -> Iterator[tuple[Literal, StateVar]]:
         """Yield (literal, variable) for each ground fluent that ``node`` may stand for."""
@@ -400,7 +402,8 @@ class States(Readings):
         if condition != TRUE:
             opposite = reading.form(effect.condition, False)
             active = self.store.all_of([active, *self._literals(condition, opposite)])
-        value = reading.linear(effect.value)._replace(needs=())
+        scale = self.world.scales.get(effect.fluent.fluent().name, 1)
+        value = reading.at_scale(effect.value, scale)._replace(needs=())
         if effect.is_decrease():
             value = constant(0).plus(value, -1)
         number = None if owner is None else owner.index
@@ -436,6 +439,19 @@ class States(Readings):
     def add_condition(self, span: TimeInterval, node: FNode, owner: ActivityVars | None) -> None:
         """Register the reads of a condition."""
         check_time()
+        needs, some, lo, hi, until = self._span(span, owner)
+        active = self.store.all_of([*needs, some])
+        if active != FALSE:
+            for part in conjuncts(node):
+                self._require(part, owner, active, (lo, hi, until))
+
+    def _span(
+        self, span: TimeInterval, owner: ActivityVars | None
+    ) -> tuple[list[Literal], Literal, Lin, Lin, Lin]:
+        """Return what an interval needs, whether it holds an instant, its first and last one, and
+        until when values count: what is set in the last unit of a half-open interval is seen inside
+        of it.
+        """
         terms = Terms(self.world, no_fluents, owner)
         lo, hi, nonempty = self._instants(span, terms)
         needs = [*lo.needs, *hi.needs] + ([] if owner is None else [owner.present])
@@ -443,17 +459,20 @@ class States(Readings):
         low, high = nonempty
         gap = high.plus(low, -1)._replace(needs=())
         least, most = self.difference(gap, constant(0))
-        if most < 0:
-            return
-        some = TRUE
-        if least < 0:
+        some = TRUE if most >= 0 else FALSE
+        if least < 0 <= most:
             opposite = compare(gap.shift(1), "<=")
             some = self.store.equivalent(compare(constant(0).plus(gap, -1), "<="), opposite)
-        active = self.store.all_of([*needs, some])
-        # what is set in the last unit of a half-open interval is seen inside of it
-        until = hi.shift(1) if span.is_right_open() else hi
-        for part in conjuncts(node):
-            self._require(part, owner, active, (lo, hi, until))
+        return needs, some, lo, hi, hi.shift(1) if span.is_right_open() else hi
+
+    def instants_of(self, span: TimeInterval) -> tuple[list[Literal], Literal, Lin, Lin]:
+        """Return the same of an interval of the problem's own, but for its last instant."""
+        needs, some, lo, _, until = self._span(with_timings(span), None)
+        return needs, some, lo, until
+
+    def read_by(self, node: FNode) -> Iterator[tuple[Literal, StateVar]]:
+        """Yield the state variables that an expression of the problem's own may read."""
+        return self._all_grounds(node, None)
 
     def _instants(self, span: TimeInterval, terms: Terms) -> tuple[Lin, Lin, tuple[Lin, Lin]]:
         """Return the first and last instant, and the two by which to tell whether there is any.

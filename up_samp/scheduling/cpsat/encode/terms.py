@@ -93,6 +93,8 @@ class World:
     makespan: int = -1
     makespan_used: bool = False
     timings: dict[FNode, Lin] = field(default_factory=dict)
+    scales: dict[str, int] = field(default_factory=dict)
+    """Fluent of a real type -> what its values are multiplied by, to be whole numbers."""
     equalities: dict[tuple[int, bool], Form] = field(default_factory=dict)
     """Of parameters and objects: (number of the node, whether it holds) -> what that says."""
 
@@ -112,6 +114,18 @@ def int_bounds(tpe: Type) -> tuple[int, int]:
         raise UnsupportedError(f"values of type '{tpe}' are not supported by cpsat (integers are)")
     low = -LIMITS.magnitude if tpe.lower_bound is None else int(tpe.lower_bound)
     high = LIMITS.magnitude if tpe.upper_bound is None else int(tpe.upper_bound)
+    return countable(low), countable(high)
+
+
+def number_bounds(tpe: Type, scale: int) -> tuple[int, int]:
+    """Return the bounds of a numeric type, whose values are multiplied by ``scale``."""
+    if not tpe.is_real_type():
+        return int_bounds(tpe)
+    low, high = -LIMITS.magnitude, LIMITS.magnitude
+    if tpe.lower_bound is not None:
+        low = math.ceil(tpe.lower_bound * scale)
+    if tpe.upper_bound is not None:
+        high = math.floor(tpe.upper_bound * scale)
     return countable(low), countable(high)
 
 
@@ -136,12 +150,9 @@ class Terms:
     # -- numbers, objects and times ----------------------------------------------------------
     def linear(self, node: FNode) -> Lin:
         """Return ``node`` (a number, time, object or Boolean) as an integer expression."""
-        total, scale = self._scaled(node)
-        if scale != 1:
-            raise UnsupportedError(f"the fraction in '{node}' is not supported here by cpsat")
-        return total
+        return self.at_scale(node, 1)
 
-    def _scaled(self, node: FNode) -> tuple[Lin, int]:
+    def scaled(self, node: FNode) -> tuple[Lin, int]:
         """Return (expression, d) with node = expression / d."""
         kind = node.node_type
         if kind in (Op.PLUS, Op.MINUS):
@@ -149,21 +160,30 @@ class Terms:
         if kind is Op.TIMES:
             return self._product(node)
         if kind is Op.DIV:
-            top, scale = self._scaled(node.arg(0))
-            by, other = self._scaled(node.arg(1))
+            top, scale = self.scaled(node.arg(0))
+            by, other = self.scaled(node.arg(1))
             if by.terms or by.const == 0:
                 raise UnsupportedError(f"cpsat divides by non-zero constants only, not '{node}'")
             return times(top, other if by.const > 0 else -other), scale * abs(by.const)
         if kind is Op.REAL_CONSTANT:
             value = Fraction(node.constant_value())
             return constant(value.numerator), value.denominator
+        if kind is Op.FLUENT_EXP:
+            return self.read(node), self.world.scales.get(node.fluent().name, 1)
         if kind is Op.TIMING_EXP:
             known = self.world.timings.get(node)
             return (known, 1) if known is not None else self._rational_time(node)
         return self._atom(node), 1
 
+    def at_scale(self, node: FNode, scale: int) -> Lin:
+        """Return ``scale`` times ``node`` as an integer expression."""
+        total, own = self.scaled(node)
+        if scale % own:
+            raise UnsupportedError(f"the fraction in '{node}' is not supported here by cpsat")
+        return times(total, scale // own)
+
     def _sum(self, node: FNode) -> tuple[Lin, int]:
-        parts = [self._scaled(a) for a in node.args]
+        parts = [self.scaled(a) for a in node.args]
         scale = math.lcm(*(d for _, d in parts))
         total = times(parts[0][0], scale // parts[0][1])
         sign = -1 if node.node_type is Op.MINUS else 1
@@ -172,9 +192,9 @@ class Terms:
         return total, scale
 
     def _product(self, node: FNode) -> tuple[Lin, int]:
-        total, scale = self._scaled(node.arg(0))
+        total, scale = self.scaled(node.arg(0))
         for arg in node.args[1:]:
-            other, d = self._scaled(arg)
+            other, d = self.scaled(arg)
             if other.terms and total.terms:
                 total = self._multiply(total, other)
             elif other.terms:
@@ -301,8 +321,8 @@ class Terms:
         return disjunction([both, neither])
 
     def _difference(self, node: FNode) -> Lin:
-        left, d = self._scaled(node.arg(0))
-        right, e = self._scaled(node.arg(1))
+        left, d = self.scaled(node.arg(0))
+        right, e = self.scaled(node.arg(1))
         if d == e:
             return left.plus(right, -1)
         scale = math.lcm(d, e)

@@ -67,7 +67,7 @@ def hint_values(model: ScheduleModel, schedule: CandidateSchedule) -> dict[int, 
 # ------------------ Attempts at one model
 
 
-Progress = Callable[[CandidateSchedule, "int | None"], None]
+Progress = Callable[[CandidateSchedule, int], None]
 
 _SMALL = 20_000
 """Constraints up to which two full searches, one thread alone and quick proofs are tried: they must
@@ -108,8 +108,9 @@ class Orders:
 
 @dataclass
 class Attempts:
-    """What is known of one model: ``bound`` and ``best`` grow. Efforts are in CP-SAT's
-    deterministic time, so that with one worker the same seed gives the same schedule.
+    """What is known of one model: ``bound`` (of what is minimised: the makespan, or ``objective``
+    of the model) and ``best`` grow. Efforts are in CP-SAT's deterministic time, so that with one
+    worker the same seed gives the same schedule.
 
     ``left``: effort that is left for all attempts together (``None``: no limit). ``relaxed``: it is
     the model of a routing relaxation, which leaves the way home out of its activities.
@@ -118,22 +119,27 @@ class Attempts:
     model: ScheduleModel
     orders: Orders
     deadline: Deadline
-    bound: int
+    start: int | None
+    """A proven bound to begin with."""
     left: float | None = None
     relaxed: bool = False
     best: CandidateSchedule | None = None
     value: int = 0
-    """The makespan of ``best``, with the way home where moves were taken out."""
+    """What ``best`` costs: its makespan, with the way home where moves were taken out, or its
+    ``objective``.
+    """
     known: dict[int, int] = field(default_factory=dict)
     """Values of variables in a schedule to start from: hints."""
+    bound: int = 0
     infeasible: bool = False
     proven: bool = False
     invalid: str = ""
 
     def __post_init__(self) -> None:
-        self.minimizes_makespan = self.model.objective is None
-        store = self.model.store
-        objective = self.model.objective or Lin(((self.model.world.makespan, 1),))
+        self.minimizes_makespan = self.model.asked is None
+        store, objective = self.model.store, self.model.objective
+        least = store.range(objective)[0]
+        self.bound = least if self.start is None else max(self.start, least)
         store.model.minimize(store.expression(objective))
 
     # -- what is known -------------------------------------------------------------------------
@@ -153,8 +159,8 @@ class Attempts:
         return self.size <= _SMALL
 
     def met(self) -> bool:
-        """Whether the schedule's makespan is the proven bound."""
-        if self.minimizes_makespan and self.best is not None and self.value <= self.bound:
+        """Whether the best schedule costs what is the proven bound."""
+        if self.best is not None and self.value <= self.bound:
             self.proven = True
         return self.proven
 
@@ -280,10 +286,21 @@ class Attempts:
                 return True
         return False
 
-    def below(self, cap: int) -> None:
-        """Look for some schedule that ends by ``cap``, from nothing that is known."""
-        if cap >= 0:
-            self._run(self.model.capped(cap), profiles.ONE_PRESOLVE_PASS, None, first=True)
+    def below(self, most: int | None) -> None:
+        """Look for some schedule that costs at most so much (``None``: for any), from nothing that
+        is known.
+        """
+        capped = self.minimizes_makespan and most is not None
+        cap = self.model.limit if most is None or not capped else most
+        if cap < 0:
+            return
+        model = self.model.capped(cap)
+        if most is not None and not capped:
+            store, cost = self.model.store, self.model.objective
+            some = [model.get_int_var_from_proto_index(store.position(v)) for v, _ in cost.terms]
+            total = cp_model.LinearExpr.weighted_sum(some, [c for _, c in cost.terms])
+            model.add_linear_constraint(total, cp_model.INT_MIN, most - cost.const)
+        self._run(model, profiles.ONE_PRESOLVE_PASS, None, first=True)
 
     def improve(
         self, cap: int, profile: Profile, effort: float | None, *, hinted: bool = True
@@ -301,10 +318,9 @@ class Attempts:
             self.infeasible = True
         if answer.status == cp_model.OPTIMAL:
             self.proven = True
-        if self.minimizes_makespan and math.isfinite(answer.bound) and answer.values is not None:
+        told = answer.values is not None or answer.status == cp_model.UNKNOWN
+        if told and math.isfinite(answer.bound):
             self.bound = max(self.bound, math.ceil(answer.bound - 1e-6))
-        elif self.minimizes_makespan and answer.status == cp_model.UNKNOWN:
-            self.bound = max(self.bound, math.ceil(max(answer.bound, 0) - 1e-6))
 
     # -- running -------------------------------------------------------------------------------
     def _run(
@@ -320,9 +336,9 @@ class Attempts:
         def improved(values: list[int], objective: float, bound: float) -> bool:
             self._take(values)
             if progress is not None and self.best is not None:
-                if self.minimizes_makespan and not first and math.isfinite(bound):
+                if not first and math.isfinite(bound):
                     self.bound = max(self.bound, math.ceil(bound - 1e-6))
-                progress(self.best, self.bound or None)
+                progress(self.best, self.bound)
             return False
 
         answer = run(
@@ -347,7 +363,10 @@ class Attempts:
         value = schedule.makespan
         if self.relaxed:
             value = values[store.position(self.model.world.makespan)]
-        if self.best is None or value < self.value or not self.minimizes_makespan:
+        elif not self.minimizes_makespan:
+            cost = self.model.objective
+            value = cost.const + sum(c * values[store.position(v)] for v, c in cost.terms)
+        if self.best is None or value < self.value:
             self.best, self.value = schedule, value
             self.known = {v: values[p] for v, p in store.positions() if v and p < len(values)}
 

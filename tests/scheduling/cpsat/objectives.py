@@ -1,0 +1,94 @@
+"""Random problems with each sort of metric, to compare with brute force."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+from unified_planning.model import ClosedTimeInterval, GlobalEndTiming, GlobalStartTiming
+from unified_planning.model.metrics import (
+    MaximizeExpressionOnFinalState,
+    MinimizeActionCosts,
+    MinimizeExpressionOnFinalState,
+    Oversubscription,
+    TemporalOversubscription,
+)
+from unified_planning.model.scheduling import SchedulingProblem
+
+from tests.scheduling.cpsat.random_problems import _INTERVALS, HORIZON, Maker
+from tests.shuffled import shuffled
+
+SORTS = ("least", "most", "goals", "timed", "costs", "weighted", "fractions")
+
+
+class MetricMaker(Maker):
+    """Draws a problem with a metric of one sort."""
+
+    def __init__(self, seed: int, sort: str) -> None:
+        super().__init__(seed)
+        self.sort = sort
+        self.features |= {"fluents", "numbers", "params"}
+
+    def fluents(self) -> None:
+        super().fluents()
+        if self.sort == "fractions":
+            tpe, first = self.tm.RealType(0, 9), self.r.choice([Fraction(1, 2), Fraction(2)])
+        else:
+            tpe, first = self.tm.IntType(0, 30), 0
+        self.done = self.p.add_fluent("done", tpe, default_initial_value=first)
+
+    def inside(self, a) -> None:
+        super().inside(a)
+        amount = self.r.randint(1, 5)
+        if self.sort == "fractions":
+            amount = self.em.Real(Fraction(amount, self.r.choice([2, 3])))
+        if self.chance(0.8):
+            a.add_increase_effect(a.end, self.done(), amount)
+        if self.sort == "fractions" and self.chance(0.4):
+            least = self.em.Real(Fraction(self.r.randint(1, 4), 2))
+            a.add_condition(self.interval(a), self.em.LE(self.done(), self.em.Plus(least, 1)))
+
+    def gain(self):
+        return self.r.choice([1, 2, 3, Fraction(1, 2), -1, 4])
+
+    def goal(self):
+        condition = self.condition(None)
+        return condition if condition is not None and self.chance(0.6) else self.formula(1)
+
+    def span(self):
+        r = self.r
+        if self.chance(0.5):
+            return self.interval(r.choice(self.activities))
+        shape, first = r.choice(_INTERVALS), r.randint(0, 3)
+        last = GlobalStartTiming(first + r.randint(0, 3))
+        if self.chance(0.3):
+            return ClosedTimeInterval(GlobalStartTiming(first), GlobalEndTiming())
+        return shape(GlobalStartTiming(first), last)
+
+    def metric(self) -> None:
+        r, em, n = self.r, self.em, self.numbers[0]
+        if self.sort == "goals":
+            goals = {self.goal(): self.gain() for _ in range(r.randint(2, 4))}
+            self.p.add_quality_metric(Oversubscription(goals))
+        elif self.sort == "timed":
+            timed = {(self.span(), self.condition(None)): self.gain() for _ in range(3)}
+            self.p.add_quality_metric(TemporalOversubscription(timed))
+        elif self.sort == "costs":
+            default = r.choice([1, em.Real(Fraction(3, 2)), -2])
+            self.p.add_quality_metric(MinimizeActionCosts({}, default))
+        elif self.sort == "weighted":
+            # times are no numbers to UP, but variables are
+            latest = em.ParameterExp(self.p.add_variable("latest", self.tm.IntType(0, HORIZON)))
+            self.p.add_constraint(em.LE(em.TimingExp(GlobalEndTiming()), latest))
+            both = em.Times(r.choice([1, 2]), self.done())
+            told = em.Minus(em.Plus(em.Times(2, latest), n), both)
+            self.p.add_quality_metric(MinimizeExpressionOnFinalState(told))
+        else:
+            kind = {"least": MinimizeExpressionOnFinalState, "most": MaximizeExpressionOnFinalState}
+            told = em.Minus(em.Times(2, n), self.done())
+            sort = self.sort if self.sort in kind else r.choice(sorted(kind))
+            self.p.add_quality_metric(kind[sort](told))
+
+
+def problem_with(sort: str, seed: int) -> SchedulingProblem:
+    """Return the problem of a seed with a metric of a sort."""
+    return shuffled(MetricMaker(seed, sort).make(), seed).problem

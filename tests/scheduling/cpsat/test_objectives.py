@@ -1,0 +1,55 @@
+"""Metrics other than the makespan: proven values are those that brute force finds."""
+
+from fractions import Fraction
+
+import pytest
+from unified_planning.engines import PlanGenerationResultStatus as Status
+from unified_planning.shortcuts import OneshotPlanner, get_environment
+
+from tests.oracles.brute_force_schedule import solve as brute_force
+from tests.scheduling.cpsat.objectives import SORTS, problem_with
+from tests.scheduling.cpsat.random_problems import HORIZON
+from up_samp.validation import validate_schedule, value_of
+
+OPTIMALLY = "SOLVED_OPTIMALLY"
+
+
+def disagreement(sort, seed):
+    """Return what differs from brute force on one problem (None: nothing)."""
+    problem = problem_with(sort, seed)
+    metric = problem.quality_metrics[0]
+    best = brute_force(problem, HORIZON)
+    planner = OneshotPlanner(problem_kind=problem.kind, optimality_guarantee=OPTIMALLY)
+    with planner:
+        assert planner.name in ("cpsat", "samp-refine[cpsat]")
+        result = planner.solve(problem, timeout=60)
+    if best is None:
+        proven = result.status is Status.UNSOLVABLE_PROVEN
+        return None if proven else f"{result.status}, but there is no schedule"
+    if result.status is not Status.SOLVED_OPTIMALLY:
+        return f"{result.status} {result.metrics} {result.log_messages}, best {best}"
+    if not validate_schedule(problem, result.plan).valid:
+        return "invalid"
+    maximal = "minimize" not in str(metric)
+    wanted = -best.value if maximal else best.value
+    value = value_of(problem, result.plan)
+    told = Fraction(result.metrics["value"]), Fraction(result.metrics["value_bound"])
+    return None if (value, *told) == (wanted,) * 3 else f"{value}, told {told}, best {wanted}"
+
+
+@pytest.fixture(autouse=True)
+def _silent(monkeypatch):
+    monkeypatch.setattr(get_environment(), "credits_stream", None)
+
+
+@pytest.mark.parametrize("sort", SORTS)
+def test_proven_values_are_those_of_brute_force(sort):
+    found = {seed: disagreement(sort, seed) for seed in range(20)}
+    assert not {seed: why for seed, why in found.items() if why is not None}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("sort", SORTS)
+def test_proven_values_are_those_of_brute_force_on_many(sort):
+    found = {seed: disagreement(sort, seed) for seed in range(1000, 1300)}
+    assert not {seed: why for seed, why in found.items() if why is not None}

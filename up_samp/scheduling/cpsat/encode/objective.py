@@ -1,0 +1,173 @@
+"""The objective as a linear expression: each part of :mod:`up_samp.upio.objective`."""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+from typing import Any
+
+from unified_planning.model import FNode
+from unified_planning.model.operators import OperatorKind as Op
+
+from up_samp.model import UnsupportedError
+from up_samp.scheduling.cpsat.encode.forms import (
+    TRUE,
+    Cmp,
+    Form,
+    Lin,
+    Literal,
+    compare,
+    conjunction,
+    constant,
+)
+from up_samp.scheduling.cpsat.encode.states import States
+from up_samp.scheduling.cpsat.encode.terms import (
+    Terms,
+    fluents_in,
+    indicator,
+    times,
+)
+from up_samp.upio.expressions import walk
+from up_samp.upio.objective import Objective, Part
+
+
+class Encoding:
+    """Makes linear expressions of the parts of an objective."""
+
+    def __init__(self, states: States) -> None:
+        self.states = states
+        self.store = states.store
+        self.final = Terms(states.world, states.reader(None, TRUE, states.far, states.far))
+
+    def cost(self, objective: Objective) -> tuple[Lin, int]:
+        """Return (expression, d): the cost of a schedule is expression / d."""
+        told = [self._part(part) for part in objective.parts]
+        weights = [objective.sign * Fraction(part.weight) for part in objective.parts]
+        shares = [w / d for w, (_, d) in zip(weights, told, strict=True)]
+        scale = math.lcm(1, *(s.denominator for s in shares))
+        total = constant(0)
+        for share, (lin, _) in zip(shares, told, strict=True):
+            total = total.plus(lin, int(share * scale))
+        return total, scale
+
+    def _part(self, part: Part) -> tuple[Lin, int]:
+        if part.activity is not None:
+            return self._paid(part.node, part.activity)
+        if part.interval is not None:
+            return indicator(self._throughout(part)), 1
+        if part.node.type.is_bool_type():
+            return indicator(self._holds(self.final, part.node)), 1
+        lin, scale = self.final.scaled(part.node)
+        return self._always_there(lin, part.node), scale
+
+    def _always_there(self, lin: Lin, node: FNode) -> Lin:
+        if any(need != TRUE for need in lin.needs):
+            raise UnsupportedError(
+                f"the metric's '{node}' has no value where an activity that it reads is absent"
+            )
+        return lin._replace(needs=())
+
+    def _paid(self, node: FNode, name: str) -> tuple[Lin, int]:
+        """Return what an activity costs, if it is present."""
+        activity = self.states.world.activities[name]
+        changing = [f for f in fluents_in(node) if f.fluent().name in self.states.dynamic]
+        if changing:
+            raise UnsupportedError(f"the cost of activity '{name}' reads '{changing[0]}', a change")
+        still = self.states.reader(activity, activity.present, constant(0), constant(0))
+        lin, scale = Terms(self.states.world, still, activity).scaled(node)
+        other = tuple(need for need in lin.needs if need != activity.present)
+        lin = self._always_there(lin._replace(needs=other), node)
+        present = activity.present
+        if present == TRUE:
+            return lin, scale
+        if not lin.terms:
+            return times(indicator(present), lin.const), scale
+        low, high = self.store.range(lin)
+        paid = Lin(((self.store.integer(min(0, low), max(0, high)), 1),))
+        self.store.enforce(compare(paid.plus(lin, -1), "=="), (present,))
+        self.store.enforce(compare(paid, "=="), (~present,))
+        return paid, scale
+
+    # -- goals -----------------------------------------------------------------------------------
+    def _holds(self, terms: Terms, node: FNode) -> Literal:
+        """Return a literal that is true exactly if ``node`` is true; what an absent activity leaves
+        open is not.
+        """
+        form = known(terms.form(node))
+        return self.store.equivalent(form, negated(form))
+
+    def _throughout(self, part: Part) -> Literal:
+        """Return a literal that is true exactly if a goal holds throughout its interval: at the
+        first instant, and after each effect inside on what it reads.
+        """
+        states, store = self.states, self.store
+        needs, some, lo, until = states.instants_of(part.interval)
+        instants = [(some, lo)]
+        writes = {id(w): w for _, state in states.read_by(part.node) for w in state.writes}
+        for write in writes.values():
+            after = write.time.shift(1)
+            inside = [
+                store.equivalent(lo.le(write.time), after.le(lo)),
+                store.equivalent(after.le(until), until.le(write.time)),
+            ]
+            instants.append((store.all_of([some, write.active, *inside]), after))
+        held = []
+        for active, instant in instants:
+            seen = states.reader(None, active, instant, instant, loose=True)
+            now = self._holds(Terms(states.world, seen), part.node)
+            held.append(store.any_of([~active, now]))
+        return store.all_of([*needs, *held])
+
+
+def known(form: Form) -> Form:
+    """Return a form that is true only if all is there that its comparisons need."""
+    if form.__class__ is Cmp:
+        return conjunction([form._replace(needs=()), *form.needs])
+    if form.__class__ is tuple:
+        return (form[0], *map(known, form[1:]))
+    return form
+
+
+def negated(form: Form) -> Form:
+    """Return the negation of a form whose comparisons need nothing."""
+    if form.__class__ is int:
+        return ~form
+    if form.__class__ is Cmp:
+        if form.op != "<=":
+            return form._replace(op="!=" if form.op == "==" else "==")
+        # not (e <= 0): 1 - e <= 0
+        return Cmp(tuple((v, -c) for v, c in form.terms), 1 - form.const, "<=")
+    return ("|" if form[0] == "&" else "&", *map(negated, form[1:]))
+
+
+def ends_in_time(problem: Any, objective: Objective) -> bool:
+    """Return whether it is known that later times than are needed for some schedule bring nothing:
+    sums in which times count as costs, goals that compare them. (What an effect writes down of a
+    time may count in any way.)
+    """
+    if any(_times_in(effect.value) for _, effect, _ in problem.all_effects()):
+        return False
+    return all(_ends(part.node, objective.sign * part.weight) for part in objective.parts)
+
+
+def _times_in(node: FNode) -> bool:
+    return any(n.node_type is Op.TIMING_EXP for n in walk(node))
+
+
+def _ends(node: FNode, weight: int | Fraction) -> bool:
+    if not _times_in(node):
+        return True
+    if node.type.is_bool_type():
+        return not any(n.node_type in (Op.TIMES, Op.DIV) for n in walk(node))
+    if node.node_type is Op.TIMING_EXP:
+        return weight >= 0
+    if node.node_type is Op.PLUS:
+        return all(_ends(arg, weight) for arg in node.args)
+    if node.node_type is Op.MINUS:
+        return _ends(node.arg(0), weight) and _ends(node.arg(1), -weight)
+    if node.node_type is Op.TIMES:
+        timed = [arg for arg in node.args if _times_in(arg)]
+        others = [Fraction(a.constant_value()) for a in node.args if a.is_constant()]
+        if len(timed) == 1 and len(others) == len(node.args) - 1:
+            return _ends(timed[0], weight * math.prod(others))
+    return False

@@ -1,0 +1,212 @@
+"""What is minimised or maximised, told once: a metric as a weighted sum of parts.
+
+Everything that asks for an objective reads it here: the encoding (``scheduling/cpsat/encode/
+objective.py``) makes each part a linear expression, bounds and incumbents are costs of it, messages
+say its name. A new metric is a row of ``METRICS``. (The validator has rules of its own, and says
+what a plan is worth.)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+from unified_planning.model import FNode, TimeInterval, metrics
+from unified_planning.model.timing import GlobalEndTiming
+
+from up_samp.extensions import parts as from_outside
+from up_samp.model import UnsupportedError
+
+Number = int | Fraction
+
+
+@dataclass(frozen=True)
+class Part:
+    """``weight`` times what ``node`` is worth: a number in the end, or 1 if it holds then.
+
+    With an ``interval`` it is 1 if it holds throughout; with an ``activity`` (a name) it counts if
+    that is present, and may read its parameters and times.
+    """
+
+    weight: Number
+    node: FNode
+    interval: TimeInterval | None = None
+    activity: str | None = None
+
+
+class Objective(metrics.PlanQualityMetric):  # type: ignore[misc]
+    """A sum of parts to be minimised (``sign`` 1) or maximised (-1). A UP metric itself, so that a
+    relaxation can carry it. Costs are ``sign`` times values: the less, the better.
+    """
+
+    def __init__(self, name: str, sign: int, parts: Iterable[Part], environment: Any) -> None:
+        super().__init__(environment)
+        self.name = name
+        self.sign = sign
+        self.parts = tuple(parts)
+
+    def __repr__(self) -> str:
+        return f"{'maximize' if self.sign < 0 else 'minimize'} {self.name}"
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Objective) and (self.name, self.sign, self.parts) == (
+            other.name,
+            other.sign,
+            other.parts,
+        )
+
+    def __hash__(self) -> int:
+        return hash((self.name, self.sign))
+
+    def rewritten(self, rewrite: Callable[[FNode], FNode]) -> Objective:
+        """Return it with each expression rewritten."""
+        parts = (Part(p.weight, rewrite(p.node), p.interval, p.activity) for p in self.parts)
+        return Objective(self.name, self.sign, parts, self.environment)
+
+    def decided(self, fix: Callable[..., FNode], present: Container[str]) -> Objective:
+        """Return it where presence is decided: without what absent activities cost. ``fix`` tells
+        what is left of a condition; what an absent activity leaves open is no goal reached.
+        """
+        parts = []
+        for part in self.parts:
+            ends = () if part.interval is None else (part.interval.lower, part.interval.upper)
+            named = [part.activity, *(getattr(t, "timepoint", t).container for t in ends)]
+            if any(name is not None and name not in present for name in named):
+                continue
+            holds = part.node.type.is_bool_type()
+            node = fix(part.node, positive=False) if holds else part.node
+            parts.append(Part(part.weight, node, part.interval, part.activity))
+        return Objective(self.name, self.sign, parts, self.environment)
+
+
+# ------------------ One row for each metric of UP
+
+
+def _makespan(metric: Any, problem: Any) -> Iterator[Part]:
+    manager = problem.environment.expression_manager
+    yield Part(1, manager.TimingExp(GlobalEndTiming()))
+
+
+def _final(metric: Any, problem: Any) -> Iterator[Part]:
+    yield Part(1, metric.expression)
+
+
+def _goals(metric: Any, problem: Any) -> Iterator[Part]:
+    for goal, gain in metric.goals.items():
+        yield Part(plain_number(gain), goal)
+
+
+def _timed_goals(metric: Any, problem: Any) -> Iterator[Part]:
+    for (interval, goal), gain in metric.goals.items():
+        yield Part(plain_number(gain), goal, interval)
+
+
+def _costs(metric: Any, problem: Any) -> Iterator[Part]:
+    if metric.default is None:  # UP takes no activities for actions with costs of their own
+        raise UnsupportedError(f"the metric '{metric}' says not what an activity costs: by default")
+    for activity in problem.activities:
+        yield Part(1, metric.default, activity=activity.name)
+
+
+def _same(metric: Any, problem: Any) -> Iterator[Part]:
+    yield from metric.parts
+
+
+@dataclass(frozen=True)
+class Row:
+    """How a metric is told; ``name`` is for people."""
+
+    name: str
+    sign: int
+    parts: Callable[[Any, Any], Iterable[Part]]
+
+
+MAKESPAN = "makespan"
+METRICS: Mapping[type, Row] = {
+    metrics.MinimizeMakespan: Row(MAKESPAN, 1, _makespan),
+    metrics.MinimizeExpressionOnFinalState: Row("final value", 1, _final),
+    metrics.MaximizeExpressionOnFinalState: Row("final value", -1, _final),
+    metrics.Oversubscription: Row("gain", -1, _goals),
+    metrics.TemporalOversubscription: Row("gain", -1, _timed_goals),
+    metrics.MinimizeActionCosts: Row("cost", 1, _costs),
+}
+
+
+def objective_of(problem: Any) -> Objective | None:
+    """Return what a problem asks for (None: just some plan).
+
+    :raises UnsupportedError: for a metric without a row, or several of them.
+    """
+    told = list(problem.quality_metrics)
+    if not told:
+        return None
+    if len(told) > 1:
+        raise UnsupportedError("one quality metric at a time, not several: add them up in one")
+    metric = told[0]
+    if isinstance(metric, Objective):
+        return metric
+    row = {**METRICS, **{o.metric: o for o in from_outside("objectives").values()}}.get(
+        type(metric)
+    )
+    if row is None:
+        raise UnsupportedError(f"the metric '{metric}' has no meaning for schedules")
+    return Objective(row.name, row.sign, row.parts(metric, problem), problem.environment)
+
+
+def check_copied(problem: Any) -> None:
+    """Refuse a problem that UP cannot copy.
+
+    :raises UnsupportedError: by its metric's name.
+    """
+    for metric in problem.quality_metrics:
+        if isinstance(metric, metrics.MinimizeActionCosts):
+            raise UnsupportedError(
+                f"UP cannot copy a schedule's problem with the metric '{metric}', which is needed "
+                "for replanning, and where a parameter says what moves: say it as gains of "
+                "Not(activity.present)"
+            )
+
+
+def only_makespan(problem: Any) -> bool:
+    """Return whether nothing but the makespan is to be made smaller."""
+    return all(m.is_minimize_makespan() for m in problem.quality_metrics)
+
+
+def plain_number(number: Any) -> Number:
+    """Return a number exactly, whole ones as such."""
+    exact = Fraction(number)
+    return int(exact) if exact.denominator == 1 else exact
+
+
+# ------------------ What plans cost, by a problem's objective
+
+
+@dataclass(frozen=True)
+class Measure:
+    """How plans are compared: by ``cost`` of a schedule, the less the better. ``least``: what no
+    plan costs less than, whatever the problem. ``name`` and ``sign`` tell it to people.
+    """
+
+    cost: Callable[[Any], Number]
+    name: str = MAKESPAN
+    sign: int = 1
+    least: float = 0
+
+    def told(self, cost: float | Fraction) -> str:
+        """Return a cost as the value that a user knows."""
+        return "-" if math.isinf(cost) else f"{plain_number(self.sign * cost)}"
+
+
+def measure_of(problem: Any, worth: Callable[[Any], Number]) -> Measure:
+    """Return how schedules of a problem are compared: by their makespan, or by what they are
+    ``worth`` (the metric's value).
+    """
+    if only_makespan(problem):
+        return Measure(lambda schedule: schedule.makespan)
+    objective = objective_of(problem)
+    assert objective is not None
+    sign = objective.sign
+    return Measure(lambda schedule: sign * worth(schedule), objective.name, sign, -math.inf)
