@@ -92,7 +92,7 @@ class Looks:
     def __init__(self, most):
         self.most, self.done = most, 0
 
-    def __call__(self):
+    def expired(self):
         self.done += 1
         return self.done > self.most
 
@@ -117,8 +117,8 @@ def test_a_large_fleets_bound_ends_soon_when_its_time_is_over():
     model = ScheduleModel(write(store(4, 6), Style()))
     work = find_work(model, find_routes(model))
     whole = Looks(10**9)
-    best = bound_by_assignment(work, 0, over=whole)
-    bounds = [bound_by_assignment(work, 0, over=Looks(n)) for n in range(whole.done + 1)]
+    best = bound_by_assignment(work, 0, deadline=whole)
+    bounds = [bound_by_assignment(work, 0, deadline=Looks(n)) for n in range(whole.done + 1)]
     assert bounds == sorted(bounds)
     assert bounds[0] < bounds[-1] == best
 
@@ -128,7 +128,7 @@ def test_labels_that_are_compared_for_long_look_at_the_clock():
     some = LabelTable.first(np.zeros((1, 1), dtype=np.int32)).rows([0] * 1000)
     for row in range(1000):
         some.free[row] = some.leave[row] = row
-    assert len(some.undominated(BoundsTuning())) == 1
+    assert len(some.undominated(BoundsTuning(), Deadline.never())) == 1
     looks = Looks(0)
     assert len(some.undominated(BoundsTuning(), looks)) == 1000
     assert looks.done == 1
