@@ -19,7 +19,6 @@ ROOT = Path(__file__).resolve().parent.parent
 FAST = (
     "export",
     "fleet/importers",
-    "geometry",
     "motion/curves",
     "plotting",
     "refinement",

@@ -3,6 +3,7 @@
 import importlib.metadata
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -27,7 +28,9 @@ from up_samp.motion import Leg
 from up_samp.refinement import rules
 from up_samp.scheduling.cpsat.encode.forms import constant
 from up_samp.search import FirstPlan, MaxRounds
-from up_samp.search.neighbourhoods import CHOICES, Descent, Freed
+from up_samp.search.neighbourhoods import CHOICES, Descent, DescentSettings, Freed
+from up_samp.search.params import Parameters
+from up_samp.search.presets import components_of
 from up_samp.upio.objective import Part
 from up_samp.validation import Violation, validate_plan
 
@@ -227,11 +230,12 @@ def test_a_neighbourhood(tmp_path):
         return everybody(view, chance, size)
 
     problem = crossing(tmp_path)
-    tuning = {"search": {"neighbourhoods": {"activities": 0, "stale": 60, "first_share": 0.5}}}
     with extended("neighbourhoods", "everybody", counted):
         assert Descent().choices == (*CHOICES, counted)
-        params = {"neighbourhoods": True, "optimal": True, "tuning": tuning}
-        result = solve(problem, stop=MaxRounds(4), **params)
+        at_once = Descent(DescentSettings(activities=0, first_share=0.5))
+        usual = components_of(Parameters(optimal=True), native=True)
+        components = replace(usual, improvers=(at_once,))
+        result = solve(problem, stop=MaxRounds(4), optimal=True, components=components)
     assert validate_plan(problem, result.plan).valid
     assert asked
 

@@ -25,6 +25,7 @@ from up_samp.execution.lives import DriveCells, Life, drives_of
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.io.floors import map_number, side_by_side
 from up_samp.io.plan_dict import PlanDict
+from up_samp.model import avoids
 from up_samp.model.frames import Frame
 from up_samp.scheduling.partial_order.orders import constraint_texts
 from up_samp.upio.movers import named_as_planned
@@ -204,7 +205,9 @@ def contacts_of(record: dict[str, Any]) -> list[Contact]:
     for one, other in itertools.combinations(lives, 2):
         for a, b in itertools.product(lives[one], lives[other]):
             low, high = max(a.since, b.since), min(a.until, b.until)
-            heeded = (a.activity and _heeds(a, other)) or (b.activity and _heeds(b, one))
+            heeded = (a.activity and avoids(a.avoid, other)) or (
+                b.activity and avoids(b.avoid, one)
+            )
             together = a.activity and (a.activity, a.carrier) == (b.activity, b.carrier)
             if (
                 other in a.loads
@@ -327,10 +330,6 @@ def _decimal(text: str) -> str:
 
 def _far(a: tuple[float, ...], b: tuple[float, ...]) -> bool:
     return a[2] < b[0] or b[2] < a[0] or a[3] < b[1] or b[3] < a[1]
-
-
-def _heeds(piece: _Piece, name: str) -> bool:
-    return piece.avoid is None or name in piece.avoid
 
 
 def _life(record: dict[str, Any], name: str, shapes: Mapping[str, JudgedShape]) -> list[_Piece]:

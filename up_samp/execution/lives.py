@@ -21,7 +21,7 @@ from up_samp.execution.graph import At, Event
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.io.floors import side_by_side
 from up_samp.io.sampling import rows_trajectory
-from up_samp.model import Body, Configuration, Kinematics, MotionModel, UnsupportedError
+from up_samp.model import Body, Configuration, Kinematics, MotionModel, UnsupportedError, avoids
 from up_samp.motion.fleet.conflicts import Hull
 from up_samp.motion.fleet.paths import Path, hull_of, path_of, resting_path
 from up_samp.upio.rides import laden_body
@@ -281,11 +281,6 @@ def _drive(item: Mapping[str, Any], body: Body) -> DriveCells:
     return DriveCells(item["activity"], item["object"], path, trajectory.start, avoid)
 
 
-def heeds(avoid: frozenset[str] | None, name: str) -> bool:
-    """Return whether a motion must keep clear of the object ``name``."""
-    return avoid is None or name in avoid
-
-
 def concerned(one: Life, k: int, other: Life, m: int) -> bool:
     """Return whether piece ``k`` of one life and piece ``m`` of another must not meet.
 
@@ -297,8 +292,8 @@ def concerned(one: Life, k: int, other: Life, m: int) -> bool:
         return False
     if _aboard(one, a, b) or _aboard(other, b, a):
         return False
-    return any(heeds(d.avoid, other.object) for d in _near(one, k)) or any(
-        heeds(d.avoid, one.object) for d in _near(other, m)
+    return any(avoids(d.avoid, other.object) for d in _near(one, k)) or any(
+        avoids(d.avoid, one.object) for d in _near(other, m)
     )
 
 

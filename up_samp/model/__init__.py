@@ -27,6 +27,7 @@ from up_samp.model.motion import (
     Rest,
     TimedMotion,
     Trajectory,
+    avoids,
     interpolate,
 )
 from up_samp.model.objective import MetricMeaning
@@ -69,6 +70,7 @@ __all__ = [
     "TimedMotion",
     "Trajectory",
     "UnsupportedError",
+    "avoids",
     "check_time",
     "in_force",
     "interpolate",

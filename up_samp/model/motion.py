@@ -150,6 +150,13 @@ class PathReport:
     complete: bool = False
 
 
+def avoids(avoid: frozenset[str] | None, *names: str) -> bool:
+    """Return whether a motion with this ``avoid`` set (None: it keeps clear of everything) has to
+    keep clear of each of the objects ``names``.
+    """
+    return avoid is None or avoid.issuperset(names)
+
+
 @dataclass(frozen=True)
 class Rest:
     """A named body that rests at a configuration during ``[since, until]`` (s, plan time)."""

@@ -10,7 +10,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
-from up_samp.model import GroupQuery, GroupReport, Outcome, PathQuery, ScheduledMotion, Trajectory
+from up_samp.model import (
+    GroupQuery,
+    GroupReport,
+    Outcome,
+    PathQuery,
+    ScheduledMotion,
+    Trajectory,
+    avoids,
+)
 from up_samp.model.refinement import Refinement, Strength
 from up_samp.motion.crew import can_be_sent
 from up_samp.refinement import rules, timed
@@ -304,5 +312,5 @@ def _alike(
     ``blockers`` too, as far as the cuts are stated for them.
     """
     mine, *others = checker.cuts.alike(checker.motions.facts, motion)
-    heeding = [c for c in others if c.task.avoid is None or blockers <= c.task.avoid]
+    heeding = [c for c in others if avoids(c.task.avoid, *blockers)]
     return tuple(sorted([mine, *heeding], key=lambda c: (c.activity, c.given)))

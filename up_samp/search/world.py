@@ -18,6 +18,7 @@ from up_samp.model import (
     Rest,
     ScheduledMotion,
     TimedMotion,
+    avoids,
 )
 from up_samp.model.snapshot import MotionTask, Snapshot, TermKind
 from up_samp.search.facts import Facts, MotionCase
@@ -57,7 +58,7 @@ def instant_obstacles(
     for name, place in snapshot.initial.items():
         if name in motion.moved or name in facts.drivers:
             continue
-        if motion.avoid is not None and name not in motion.avoid:
+        if not avoids(motion.avoid, name):
             continue
         resting = _resting_at(facts, itinerary, name, motion.start, motion.end)
         if resting is not None or not (name in facts.instant or name in facts.loads):
@@ -164,7 +165,7 @@ def _presence(
     # at rest beside its loads it is the same body, as long as nobody else takes one of them and
     # whoever keeps clear of it keeps clear of them
     others = [m for m in group if m is not motion and m.object != motion.object]
-    same = all(m.avoid is None or loads <= m.avoid for m in others)
+    same = all(avoids(m.avoid, *loads) for m in others)
     taken = [m for m in group if m is not motion and loads & m.moved]
     if before is not None or not same or any(m.start < motion.start for m in taken):
         since = facts.seconds(motion.start)
@@ -387,7 +388,7 @@ def _once_and_for_all(facts: Facts) -> Iterator[tuple[str, str]]:
 
 def _is_shut(facts: Facts, service: MotionService, task: MotionTask, thing: str) -> bool:
     """Return whether it is proven that a motion cannot be made before a thing is moved."""
-    if task.avoid is not None and thing not in task.avoid:
+    if not avoids(task.avoid, thing):
         return False
     closed = facts.placed(thing, facts.snapshot.initial[thing])
     body = facts.snapshot.body(task.activity, task.index, task.object)

@@ -77,8 +77,8 @@ def followed(problem, seed, times=3):
         rules = rules_of(problem)
         if rules is not None:
             memory = copy.deepcopy(session._memory)
-            remembered = with_lefts(rules, 10**6, lambda: False, memory).lefts
-            afresh = with_lefts(rules, 10**6, lambda: False).lefts
+            remembered = with_lefts(rules, 10**6, Deadline.never(), memory).lefts
+            afresh = with_lefts(rules, 10**6, Deadline.never()).lefts
             assert (remembered <= afresh).all(), case
             kept += sum(map(len, session._memory.values()))
         tighten(problem, rng)

@@ -22,6 +22,7 @@ from up_samp.model import (
     TimedMotion,
     Trajectory,
     UnsupportedError,
+    avoids,
 )
 from up_samp.motion.fleet.conflicts import wished
 from up_samp.motion.fleet.flyers import Flight, among_shadows, coordinate_flights, first_contact
@@ -52,9 +53,8 @@ def one_decides(runs: IntArray) -> bool:
     return True
 
 
-def heeds(one: TimedMotion, other: TimedMotion) -> bool:
-    """Return whether a motion keeps clear of the other one's body."""
-    return one.avoid is None or other.object in one.avoid
+def _avoid_each_other(one: TimedMotion, other: TimedMotion) -> bool:
+    return avoids(one.avoid, other.object) and avoids(other.avoid, one.object)
 
 
 def order_decides(
@@ -65,7 +65,7 @@ def order_decides(
     """
     if first.body.flies or second.body.flies:
         return False
-    if not (heeds(first, second) and heeds(second, first)):
+    if not _avoid_each_other(first, second):
         return False
     workspace = workspace_of(service)
     ways = [workspace.path(m.body, m.poses, (), deadline) for m in (first, second)]
@@ -129,7 +129,7 @@ def _is_tried_out(group: Group, root: Node) -> bool:
     if len(root.runs) != 2 or group.least > 0.0:
         return False
     one, other = group.motions.values()
-    if one.object == other.object or not (heeds(one, other) and heeds(other, one)):
+    if one.object == other.object or not _avoid_each_other(one, other):
         return False
     paths = [root.runs[m.name].path for m in (one, other)]
     if not one_decides(group.workspace.conflicts(*paths)):

@@ -39,6 +39,7 @@ from up_samp.model import (
     Rest,
     TimedMotion,
     Trajectory,
+    avoids,
 )
 from up_samp.motion.fleet.conflicts import CLEARANCES, eased, wished
 from up_samp.motion.fleet.paths import TIMES
@@ -107,9 +108,9 @@ class Flight:
         """Return the pose (7 numbers) of the mesh at time ``t``."""
         return in_space(self.trajectory.at(t))
 
-    def heeds(self, other: Flight) -> bool:
+    def avoids(self, other: Flight) -> bool:
         """Return whether it has to keep clear of ``other`` while it is busy."""
-        return self.busy is not None and (self.avoid is None or other.object in self.avoid)
+        return self.busy is not None and avoids(self.avoid, other.object)
 
 
 def in_space(pose: Configuration) -> Configuration:
@@ -161,7 +162,7 @@ def first_contact(a: Flight, b: Flight, wish: float) -> float:
     """
     if a.object == b.object:
         return math.inf
-    spans = [x.busy for x, y in ((a, b), (b, a)) if x.busy is not None and x.heeds(y)]
+    spans = [x.busy for x, y in ((a, b), (b, a)) if x.busy is not None and x.avoids(y)]
     margin = -1.0
     for low, high in sorted(spans):
         low, high = max(low, a.since, b.since), min(high, a.until, b.until)
@@ -312,7 +313,7 @@ class PrioritisedFlyers:
         ends = []
         if wide:
             for other in self.motions.values():
-                if other.object != motion.object and _names(motion, other.object):
+                if other.object != motion.object and avoids(motion.avoid, other.object):
                     ends += [Placed(other.object, other.body, p) for p in _ends(other)]
         tried = []
         for chosen in (always, ever):
@@ -330,7 +331,7 @@ class PrioritisedFlyers:
     def _rests(self, motion: TimedMotion, release: float) -> list[Rest]:
         """Return what rests at some time of a motion's window."""
         due = max(motion.due, release)
-        rests = [r for r in self.rests if _names(motion, r.name)]
+        rests = [r for r in self.rests if avoids(motion.avoid, r.name)]
         return [r for r in rests if r.since < due and r.until > motion.release]
 
     def fly(
@@ -457,10 +458,6 @@ def flight_of(motion: TimedMotion, path: Trajectory, since: float, start: float)
         (motion.release, max(motion.due, arrival)),
         motion.avoid,
     )
-
-
-def _names(motion: TimedMotion, name: str) -> bool:
-    return motion.avoid is None or name in motion.avoid
 
 
 def _ends(motion: TimedMotion) -> tuple[Configuration, Configuration]:

@@ -30,6 +30,7 @@ from up_samp.model import (
     Rest,
     TimedMotion,
     Trajectory,
+    avoids,
 )
 from up_samp.motion.fleet.deadlocks import Drives, untie
 from up_samp.motion.fleet.detours import pass_by
@@ -71,7 +72,7 @@ class Coupling:
         parked = [
             Placed(other.object, other.body, self.places[i][state[i]])
             for i, other in enumerate(self.motions)
-            if i != robot and (motion.avoid is None or other.object in motion.avoid)
+            if i != robot and avoids(motion.avoid, other.object)
         ]
         poses = (self.places[robot][state[robot]], self.places[robot][there])
         static = parked_all_the_time(motion, self.world)

@@ -13,13 +13,13 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
-from up_samp.model import Body, Configuration, Deadline, Placed, Rest, TimedMotion
+from up_samp.model import Body, Configuration, Deadline, Placed, Rest, TimedMotion, avoids
 from up_samp.motion.fleet.detours import Stand, is_good, met_at_full_speed, ways_past
 from up_samp.motion.fleet.one_robot import Attempt, plan_one
 from up_samp.motion.fleet.paths import Path
 from up_samp.motion.fleet.priority_search import Group, alone, climb
 from up_samp.motion.fleet.speed import Window, fit
-from up_samp.motion.fleet.timed_path import TimedPath, avoids, pair_flags, pose_at
+from up_samp.motion.fleet.timed_path import TimedPath, pair_flags, pose_at
 from up_samp.motion.fleet.workspace import KnownPaths, PathPlanner, rest_run, workspace_of
 
 DETOURS = 1

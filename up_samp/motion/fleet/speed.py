@@ -22,6 +22,7 @@ from up_samp.model import (
     Configuration,
     Placed,
     TimedMotion,
+    avoids,
 )
 from up_samp.motion.fleet.paths import (
     TIMES,
@@ -36,7 +37,6 @@ from up_samp.motion.fleet.timed_path import (
     Speeds,
     TimedPath,
     Timing,
-    avoids,
     natural_timing,
     pose_at,
     run_of,

@@ -18,6 +18,7 @@ from up_samp.model import (
     TimedMotion,
     Trajectory,
     UnsupportedError,
+    avoids,
 )
 from up_samp.motion.fleet.paths import A_AVOIDS, B_AVOIDS, TIMES, Path, occupancy, path_of
 
@@ -189,11 +190,6 @@ class TimedPath:
         if start >= times[-1]:
             return pose_at(self.path, -1)
         return None
-
-
-def avoids(avoid: frozenset[str] | None, name: str) -> bool:
-    """Return whether a motion with this ``avoid`` set must keep clear of the object ``name``."""
-    return avoid is None or name in avoid
 
 
 def pose_at(path: Path, index: int) -> Configuration:

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from up_samp.model import MotionModel, PathQuery, Placed, ScheduledMotion
+from up_samp.model import MotionModel, PathQuery, Placed, ScheduledMotion, avoids
 from up_samp.model.refinement import Layer, Refinement, Strength
 from up_samp.refinement import paper_rules
 from up_samp.refinement.rules import Reason
@@ -81,7 +81,7 @@ class PaperCuts:
             for signature in same
             if str(signature[1][0]) in reached and str(signature[1][1]) not in reached
             for case in facts.by_signature[signature]
-            if case.task.avoid is None or found.blockers <= case.task.avoid
+            if avoids(case.task.avoid, *found.blockers)
         ]
         return sorted(cases, key=lambda c: (c.activity, c.given)), found.blockers
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from up_samp.model import Deadline, FixedMotion, ScheduledMotion, TimedMotion
+from up_samp.model import Deadline, FixedMotion, ScheduledMotion, TimedMotion, avoids
 from up_samp.model.refinement import Given, Refinement, Strength
 from up_samp.model.snapshot import MotionTask
 from up_samp.refinement import rules
@@ -151,14 +151,14 @@ def _same_pairs(
     yield mine
     if a.constraint or b.constraint:
         return
-    if not (_heeds(a, b.object) and _heeds(b, a.object)):
+    if not _each_other(a, b):
         return
     for one in failure.alike(facts, a):
         for two in failure.alike(facts, b):
             x, y = one.task, two.task
             if x.moved & y.moved or (one, two) == mine or _contradict(one.given, two.given):
                 continue
-            if x.index == y.index == 0 and _heeds(x, y.object) and _heeds(y, x.object):
+            if x.index == y.index == 0 and _each_other(x, y):
                 yield one, two
 
 
@@ -168,8 +168,8 @@ def _contradict(one: Given, two: Given) -> bool:
     return any(values.get(name, value) != value for name, value in two)
 
 
-def _heeds(motion: ScheduledMotion | MotionTask, name: str) -> bool:
-    return motion.avoid is None or name in motion.avoid
+def _each_other(a: ScheduledMotion | MotionTask, b: ScheduledMotion | MotionTask) -> bool:
+    return avoids(a.avoid, b.object) and avoids(b.avoid, a.object)
 
 
 def _widest(offset: int, step: int, reach: int, works: Callable[[int], bool]) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from up_samp.model import Rest, ScheduledMotion, TimedMotion
+from up_samp.model import Rest, ScheduledMotion, TimedMotion, avoids
 from up_samp.model.refinement import Layer, Refinement, Strength
 from up_samp.refinement import rules
 from up_samp.refinement.rules import Reason
@@ -26,7 +26,7 @@ def door_cuts(failure: Failure, late: str) -> list[Refinement]:
     motion, timed = failure.scheduled[late], failure.timed[late]
     found = []
     for name in sorted(facts.instant):
-        if motion.avoid is not None and name not in motion.avoid:
+        if not avoids(motion.avoid, name):
             continue
         for since, place, until in _periods(facts, itinerary, name):
             if not (since <= motion.start and motion.start < until <= motion.end):

@@ -22,6 +22,7 @@ from up_samp.model import (
     TimedMotion,
     Trajectory,
     UnsupportedError,
+    avoids,
 )
 from up_samp.motion.fleet.reservations import ReservationTable
 from up_samp.motion.fleet.timed_path import TimedPath
@@ -103,7 +104,7 @@ def _beside_changes(itinerary: Itinerary) -> Iterable[Difference]:
     """
     for motion in itinerary.motions:
         for change in itinerary.changes:
-            if motion.avoid is not None and change.object not in motion.avoid:
+            if not avoids(motion.avoid, change.object):
                 continue
             if change.time >= motion.end:
                 yield Difference(("end", motion.activity), ("end", change.activity), 0)

@@ -19,7 +19,8 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from up_samp.model.snapshot import MotionTask, Snapshot
+from up_samp.model import avoids
+from up_samp.model.snapshot import Snapshot
 from up_samp.motion import MotionService
 from up_samp.search.fleet.jobs import Jobs, WorkMode
 from up_samp.search.fleet_bound.work import JobMode, JobWork, Leg
@@ -126,11 +127,7 @@ def _one_at_most(place: str, work: JobWork, snapshot: Snapshot, service: MotionS
     if not all(service.overlap(bodies[a], pose, bodies[b], pose) for a, b in pairs):
         return False
     coming = (t for r in fleet.robots for t in work.drives(r) if t.terms[-1].name == place)
-    return all(_heeds(task, fleet.robots) for task in coming)
-
-
-def _heeds(task: MotionTask, robots: Sequence[str]) -> bool:
-    return task.avoid is None or set(robots) - {task.object} <= task.avoid
+    return all(avoids(t.avoid, *(set(fleet.robots) - {t.object})) for t in coming)
 
 
 def _anywhere(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from up_samp.model import Deadline, Outcome, PathQuery
+from up_samp.model import Deadline, Outcome, PathQuery, avoids
 from up_samp.model.refinement import Refinement, Strength
 from up_samp.model.snapshot import MotionTask
 from up_samp.refinement import rules
@@ -111,7 +111,5 @@ def duration_of(
 def _among_fixed(facts: Facts, cases: Sequence[MotionCase]) -> PathQuery:
     """Return the question for the motion that all of ``cases`` are, among the fixed obstacles."""
     # what is said of all equivalent motions may count on what all of them heed only
-    obstacles = tuple(
-        o for o in facts.fixed if all(c.task.avoid is None or o.name in c.task.avoid for c in cases)
-    )
+    obstacles = tuple(o for o in facts.fixed if all(avoids(c.task.avoid, o.name) for c in cases))
     return PathQuery(*facts.signature(cases[0]), obstacles)

@@ -24,6 +24,7 @@ from up_samp.model import (
     MotionModel,
     PathQuery,
     TimedMotion,
+    avoids,
     check_time,
 )
 from up_samp.model.refinement import Refinement, Strength
@@ -139,7 +140,7 @@ def are_apart(one: MotionCase, other: MotionCase) -> bool:
     given = dict(one.given)
     if any(given.get(name, value) != value for name, value in other.given):
         return False
-    return (a.avoid is None or b.object in a.avoid) and (b.avoid is None or a.object in b.avoid)
+    return avoids(a.avoid, b.object) and avoids(b.avoid, a.object)
 
 
 def _planar(*bodies: Body) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 
+from up_samp.model import avoids
 from up_samp.model.refinement import Refinement
 from up_samp.model.snapshot import MotionTask, TermKind
 from up_samp.refinement import rules
@@ -36,7 +37,7 @@ def _resting_nodes(facts: Facts) -> list[tuple[str, str]]:
     for name in sorted(facts.drivers):
         tasks = [t for t in snapshot.tasks if t.object == name]
         ends = [_places(facts, task, i) for task in tasks for i in (0, -1)]
-        heeds = all(t.avoid is None or t.avoid >= facts.drivers - {name} for t in tasks)
+        heeds = all(avoids(t.avoid, *(facts.drivers - {name})) for t in tasks)
         if all(ends) and heeds and name not in elsewise:
             nodes |= {(name, place) for places in ends for place in places}
             nodes.add((name, snapshot.initial[name]))

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Iterator
 from functools import partial
 
-from up_samp.model import Placed
+from up_samp.model import Placed, avoids
 from up_samp.model.refinement import Refinement, end_of, start_of
 from up_samp.model.snapshot import TermKind
 from up_samp.refinement import rules
@@ -20,7 +20,7 @@ def unreachable(motions: Motions) -> list[Refinement]:
     for obstacle, configuration in _instant_places(motions.facts):
         placed = motions.facts.placed(obstacle, configuration)
         for signature, cases in motions.facts.by_signature.items():
-            heeding = [c for c in cases if c.task.avoid is None or obstacle in c.task.avoid]
+            heeding = [c for c in cases if avoids(c.task.avoid, obstacle)]
             if heeding and not (signature[0].flies or placed.body.flies):
                 found += _certify(motions, signature, heeding, placed, configuration)
     return found

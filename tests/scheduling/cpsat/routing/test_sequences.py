@@ -212,8 +212,8 @@ def test_sequences_among_few_beginnings_become_schedules():
         work = find_work(model, find_routes(model))
         bound = bound_by_work(model, work)
         some = bound.sequences.anew(10**6)
-        assert not some.sought(bound.value - 1, 100, lambda: False)
-        assert some.sought(bound.value + 3, 100, lambda: False)
+        assert not some.sought(bound.value - 1, 100, Deadline.never())
+        assert some.sought(bound.value + 3, 100, Deadline.never())
         schedule = times_of(model, work, some, some.found[0])
         assert bound.value <= schedule.makespan <= bound.value + 3
         assert not validate_schedule(problem, build_schedule(problem, schedule)).violations
@@ -243,8 +243,8 @@ def test_twins_are_told_apart_by_nothing():
     alone = Sequences(sequences.rules, 10**6)
     alone.__dict__["twins"] = replace(sequences.twins, groups=[])
     for some in (alone, twins := sequences.anew(10**6)):
-        assert some.refuted(found.value - 1, lambda: False)
-        assert not some.refuted(found.value + 2, lambda: False)
+        assert some.refuted(found.value - 1, Deadline.never())
+        assert not some.refuted(found.value + 2, Deadline.never())
     assert twins.seen[0] < alone.seen[0]
     for some in (alone, twins):
         for path in some.found:
@@ -301,7 +301,7 @@ def test_no_more_is_left_than_any_schedule_shows():
     problem = Still(shop(3, 2, 2, seed=2), Style(), 0, narrow=True).problem
     model = ScheduleModel(problem)
     found = bound_by_work(model, find_work(model, find_routes(model)))
-    rules = with_lefts(found.sequences.rules, 10**6, lambda: False)
+    rules = with_lefts(found.sequences.rules, 10**6, Deadline.never())
     opening = [task.opens is not None for task in rules.programme.tasks]
     assert rules.aside == sum(1 << task for task, opens in enumerate(opening) if opens)
     wanted = (tail for tail, opens in zip(rules.tails, opening, strict=True) if not opens)
@@ -309,7 +309,7 @@ def test_no_more_is_left_than_any_schedule_shows():
     tight = set()
     for late in range(0, 30, 3):
         some = found.sequences.anew(10**6)
-        assert some.sought(found.value + late, 20 + late, lambda: False)
+        assert some.sought(found.value + late, 20 + late, Deadline.never())
         for path in some.found:
             tight |= {0} if checked(rules, path) else set()
     assert tight
@@ -321,12 +321,12 @@ def test_what_was_found_out_of_what_is_left_is_kept():
     model = ScheduleModel(problem)
     rules = bound_by_work(model, find_work(model, find_routes(model))).sequences.rules
     memory = {}
-    full = with_lefts(rules, 10**6, lambda: False, memory).lefts
-    short = with_lefts(rules, 200, lambda: False).lefts
+    full = with_lefts(rules, 10**6, Deadline.never(), memory).lefts
+    short = with_lefts(rules, 200, Deadline.never()).lefts
     assert (short <= full).all()
     assert 0 < short[0] < full[0]
     with mock.patch.object(Sequences, "refuted", side_effect=AssertionError):
-        assert (with_lefts(rules, 10**6, lambda: False, memory).lefts == full).all()
+        assert (with_lefts(rules, 10**6, Deadline.never(), memory).lefts == full).all()
 
 
 def checked(rules, path):

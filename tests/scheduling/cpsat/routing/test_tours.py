@@ -177,15 +177,15 @@ def test_tours_of_job_shops_are_schedules(size):
     problem = relax(samp, read_problem(samp)).problem
     model = ScheduleModel(problem)
     work = find_work(model, find_routes(model))
-    tour = improve(work, 50, 0, lambda: False)
+    tour = improve(work, 50, 0, Deadline.never())
     assert not validate_schedule(problem, build_schedule(problem, tour.schedule)).violations
-    again = improve(work, 50, 0, lambda: False)
+    again = improve(work, 50, 0, Deadline.never())
     assert again.schedule == tour.schedule
 
 
 def check_tour_without(model, absent):
     problem = model.problem
-    tour = improve(find_work(model, find_routes(model)), 0, 0, lambda: False)
+    tour = improve(find_work(model, find_routes(model)), 0, 0, Deadline.never())
     assert absent not in tour.schedule.times
     assert not validate_schedule(problem, build_schedule(problem, tour.schedule)).violations
 
@@ -197,7 +197,7 @@ def test_tours_do_without_what_never_happens(kind):
     model = ScheduleModel(problem)
     watcher = Watcher(problem)
     watcher.look()
-    tour = improve(find_work(model, find_routes(model)), 0, 0, lambda: False)
+    tour = improve(find_work(model, find_routes(model)), 0, 0, Deadline.never())
     absent = min((times, n) for n, times in tour.schedule.times.items() if n.startswith(kind))[1]
     problem.add_constraint(Not(problem.get_activity(absent).present))
     model.grow(watcher.look())

@@ -91,7 +91,7 @@ class Looks:
     def __init__(self, most):
         self.most, self.done = most, 0
 
-    def __call__(self):
+    def expired(self):
         self.done += 1
         return self.done > self.most
 
@@ -116,8 +116,8 @@ def test_a_large_fleets_bound_ends_soon_when_its_time_is_over():
     model = ScheduleModel(write(store(4, 6), Style()))
     work = find_work(model, find_routes(model))
     whole = Looks(10**9)
-    best = bound_by_assignment(work, 0, over=whole)
-    bounds = [bound_by_assignment(work, 0, over=Looks(n)) for n in range(whole.done + 1)]
+    best = bound_by_assignment(work, 0, deadline=whole)
+    bounds = [bound_by_assignment(work, 0, deadline=Looks(n)) for n in range(whole.done + 1)]
     assert bounds == sorted(bounds)
     assert bounds[0] < bounds[-1] == best
 

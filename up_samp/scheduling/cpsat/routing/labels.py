@@ -5,12 +5,13 @@ extended, and which differ only in robots that are alike.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from up_samp.model import Deadline
 from up_samp.scheduling.cpsat.encode.durations import INFINITE
 from up_samp.scheduling.cpsat.routing.rules import NEVER, SequenceChoice, SequenceRules, StateChange
 
@@ -82,28 +83,29 @@ class LabelTable:
         columns = zip(*(labels._columns() for labels in some), strict=True)
         return LabelTable(*(np.concatenate(column) for column in columns))
 
-    def undominated(self, over: Callable[[], bool] = lambda: False) -> LabelTable:
+    def undominated(self, deadline: Deadline | None = None) -> LabelTable:
         """Return the labels without those that another one is at least as good as: the same is
         done by the same, nothing later, nobody further on its way, with no more moves used up.
 
         Each is compared with a few ones before it in an order in which better ones come
         first, and again with others where many fall away, so some that are dominated may be left;
-        more of them, if the time is ``over``.
+        more of them, if the ``deadline`` comes.
         """
         sums = self.free.sum(1) + self.leave.sum(1) + self.ready.sum((1, 2), dtype=np.int64)
         mine = self.rows(np.lexsort((sums, *self.last.T, self.done)))
+        deadline = deadline or Deadline.never()
         first, last = 1, _NEAR
         for _ in range(_ROUNDS):
-            worse = mine._worse(range(first, last + 1), over)
+            worse = mine._worse(range(first, last + 1), deadline)
             left = len(mine) - int(worse.sum())
-            if left == len(mine) or over():
+            if left == len(mine) or deadline.expired():
                 break
             # those that were further off are nearer now
             first, mine = 1 + last * left // len(mine), mine.rows(~worse)
             last = first + _NEAR
         return mine
 
-    def _worse(self, shifts: range, over: Callable[[], bool]) -> Any:
+    def _worse(self, shifts: range, deadline: Deadline) -> Any:
         """Return which rows are dominated by one that is so many rows before."""
         worse = np.zeros(len(self), dtype=bool)
         same = (self.done[1:] == self.done[:-1]) & (self.last[1:] == self.last[:-1]).all(1)
@@ -111,7 +113,7 @@ class LabelTable:
         for shift in (s for s in shifts if s < len(self)):
             near = group[shift:] == group[:-shift]
             a = np.flatnonzero(near & ~worse[shift:])
-            if over() or not near.any():
+            if deadline.expired() or not near.any():
                 break
             b = a + shift
             better = (self.free[a] <= self.free[b]).all(1)

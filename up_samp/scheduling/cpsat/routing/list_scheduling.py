@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from up_samp.model import CandidateSchedule
+from up_samp.model import CandidateSchedule, Deadline
 from up_samp.scheduling.cpsat.encode.states import Key
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.dispatch import RoutedTask, RoutedWork, UnitPlace
@@ -330,7 +329,7 @@ def improve(
     work: RoutedWork,
     rounds: int,
     seed: int,
-    over: Callable[[], bool],
+    deadline: Deadline,
     *,
     start: list[Step] | None = None,
     enough: int = 0,
@@ -346,7 +345,7 @@ def improve(
     heat = 0.08 * max(1.0, best.cost)
     cooling = 0.05 ** (1 / max(1, rounds))
     for _ in range(rounds):
-        if over() or best.schedule.makespan <= enough:
+        if deadline.expired() or best.schedule.makespan <= enough:
             break
         new = decode(work, _neighbour(work, current.sequence, rng))
         heat *= cooling

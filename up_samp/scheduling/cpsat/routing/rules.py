@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from up_samp.model import Deadline
 from up_samp.scheduling.cpsat.encode.durations import INFINITE
 from up_samp.scheduling.cpsat.routing.dispatch import RoutedTask, RoutedWork
 from up_samp.scheduling.cpsat.routing.route import Route, way_back
@@ -152,7 +153,7 @@ class Programme:
         tasks = [work.tasks[t] for t in wanted]
         return Programme(work.routes, tasks, before, layers, [sorted(some) for some in spots])
 
-    def tables(self, over: Callable[[], bool], *, anywhere: bool = False) -> dict[int, Any] | None:
+    def tables(self, deadline: Deadline, *, anywhere: bool = False) -> dict[int, Any] | None:
         """Return the table of each set; ``None`` if there is no time. ``anywhere``: travellers may
         begin wherever they like.
         """
@@ -164,7 +165,9 @@ class Programme:
         tables = {self.layers[-1][0]: end}
         for layer in reversed(self.layers[:-1]):
             for count, done in enumerate(layer):
-                if count % 100 == 0 and over():  # a look costs, and some layers are large
+                if (
+                    count % 100 == 0 and deadline.expired()
+                ):  # a look costs, and some layers are large
                     return None
                 best = np.full(shape, INFINITE)
                 for number, needs in enumerate(self.before):
@@ -491,11 +494,11 @@ class SequenceRules:
         ways = [replace(w, hop=0 * w.hop, leading=0 * w.leading) for w in self.ways]
         return replace(self, ways=ways, changes=[None] * len(self.changes))
 
-    def anywhere(self, over: Callable[[], bool]) -> SequenceRules | None:
+    def anywhere(self, deadline: Deadline) -> SequenceRules | None:
         """Return the rules for travellers who may begin wherever they like; ``None`` if there is no
         time. Whose beginning is that of anybody is as near to everywhere, and free for all.
         """
-        tables = self.programme.tables(over, anywhere=True)
+        tables = self.programme.tables(deadline, anywhere=True)
         if tables is None:
             return None
         starts = {route.initial for route in self.programme.routes}

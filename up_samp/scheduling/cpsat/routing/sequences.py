@@ -22,12 +22,12 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
+from up_samp.model import Deadline
 from up_samp.scheduling.cpsat.routing.labels import LabelTable, Steps, Twins
 from up_samp.scheduling.cpsat.routing.rules import NEVER, SequenceRules
 
@@ -76,17 +76,17 @@ class Sequences:
         """Whether all beginnings that may be looked at were."""
         return self.seen[0] > self.most
 
-    def refuted(self, end: int, over: Callable[[], bool]) -> bool:
+    def refuted(self, end: int, deadline: Deadline) -> bool:
         """Return whether it is proven that no schedule ends by ``end``."""
-        return self._search(end, over) is None
+        return self._search(end, deadline) is None
 
-    def sought(self, end: int, width: int, over: Callable[[], bool]) -> bool:
+    def sought(self, end: int, width: int, deadline: Deadline) -> bool:
         """Look for a sequence that may end by ``end`` among the most promising beginnings of each
         length, ``width`` of them (a beam search); return whether one was ``found``.
         """
-        return bool(self._search(end, over, width))
+        return bool(self._search(end, deadline, width))
 
-    def _search(self, end: int, over: Callable[[], bool], width: int = 0) -> bool | None:
+    def _search(self, end: int, deadline: Deadline, width: int = 0) -> bool | None:
         """Return whether some sequence may end by ``end``; ``None`` if there is none, ``False`` if
         it was not found out.
         """
@@ -102,7 +102,7 @@ class Sequences:
             for start in range(0, len(labels), _AT_ONCE):
                 some = labels.rows(slice(start, start + _AT_ONCE))
                 for choice in range(len(self.rules.choices)):
-                    if over() or self.is_spent:
+                    if deadline.expired() or self.is_spent:
                         return False
                     more = [found for found in steps.continued(some, choice) if len(found)]
                     self.seen[0] += sum(map(len, more))
@@ -110,7 +110,7 @@ class Sequences:
             labels = steps.hopeful(LabelTable.joined(following)) if following else labels.rows([])
             if not len(labels):
                 return None
-            labels = self.twins.ordered(labels).undominated(over)
+            labels = self.twins.ordered(labels).undominated(deadline)
             if 0 < width < len(labels):
                 total = labels.spent.sum(1) + self.rules.rest(labels.done, labels.last)
                 labels = labels.rows(np.sort(np.argsort(total, kind="stable")[:width]))
@@ -147,15 +147,15 @@ class Sequences:
         return Twins.of(self.rules, anywhere=self.begun is not None)
 
 
-def raised(sequences: Sequences, known: int, over: Callable[[], bool], value: int = 0) -> int:
+def raised(sequences: Sequences, known: int, deadline: Deadline, value: int = 0) -> int:
     """Return the best lower bound that is proven from ``known`` on, up to the ``value`` of a
     schedule (0: there is none), in steps that cost a few times as much each.
     """
     low, step, high = known, 1, value or 4 * known + 1000
     costs: list[tuple[int, int]] = []
-    while low < high and not sequences.is_spent and not over():
+    while low < high and not sequences.is_spent and not deadline.expired():
         end, before = min(low + step, high) - 1, sequences.seen[0]
-        if sequences.refuted(end, over):
+        if sequences.refuted(end, deadline):
             low = end + 1
             costs.append((end, sequences.seen[0] - before))
             step = _step(costs, sequences.most - sequences.seen[0])

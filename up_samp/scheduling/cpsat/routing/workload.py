@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
 from ortools.sat.python import cp_model
 
+from up_samp.model import Deadline
 from up_samp.scheduling.cpsat.encode.durations import INFINITE
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.dispatch import (
@@ -49,7 +50,7 @@ def aside_of(programme: Programme) -> int:
 def with_lefts(
     rules: SequenceRules,
     most: int,
-    over: Callable[[], bool],
+    deadline: Deadline,
     memory: Memory | None = None,
 ) -> SequenceRules:
     """Return the rules with what is left of each set of tasks, as far as ``most`` beginnings and
@@ -59,7 +60,7 @@ def with_lefts(
     Assumes: what a ``memory`` holds was found of the same tasks when no more was stated.
     """
     aside = aside_of(rules.programme)
-    free = rules.anywhere(over)
+    free = rules.anywhere(deadline)
     if free is None:
         return rules
     free = replace(free, aside=aside, lefts=rules.lefts.copy())
@@ -71,9 +72,13 @@ def with_lefts(
         if known is None:
             known = _of_more(free, done)
             sequences = replace(looked, begun=done)
-            while not over() and not looked.is_spent and sequences.refuted(known, over):
+            while (
+                not deadline.expired()
+                and not looked.is_spent
+                and sequences.refuted(known, deadline)
+            ):
                 known += 1
-            if not over() and not looked.is_spent:
+            if not deadline.expired() and not looked.is_spent:
                 found[done] = known
         free.lefts[free.row(done)] = known
     lefts = free.lefts[free.row(rules.sets | aside)]
@@ -178,24 +183,23 @@ def _share(
     return TaskShare(first, later, way_back(route, places, route.final))
 
 
-def bound_by_assignment(
-    work: RoutedWork, known: int, over: Callable[[], bool] = lambda: False
-) -> int:
+def bound_by_assignment(work: RoutedWork, known: int, deadline: Deadline | None = None) -> int:
     """Return a lower bound on the makespan, at least ``known``: the first that is not refuted, or
-    less if the time is ``over``.
+    less if the ``deadline`` comes.
 
     Assumes: a traveller comes to each task from its start or from another task that is done.
     """
+    deadline = deadline or Deadline.never()
     costs = shares(work)
     if not costs or any(not mine for mine in costs):
         return known
     most = max(known, sum(max(share.most for share in mine.values()) for mine in costs))
     low = max(known, max(min(s.least for s in mine.values()) for mine in costs))
     step = 1
-    while low < most and not over() and _refuted(costs, low + step - 1):
+    while low < most and not deadline.expired() and _refuted(costs, low + step - 1):
         low, step = low + step, 2 * step
     high = low + step - 1
-    while low < high and not over():
+    while low < high and not deadline.expired():
         middle = (low + high - 1) // 2
         if _refuted(costs, middle):
             low = middle + 1
@@ -313,7 +317,7 @@ def bound_by_work(
     model: ScheduleModel,
     work: RoutedWork,
     known: int = 0,
-    over: Callable[[], bool] = lambda: False,
+    deadline: Deadline | None = None,
     *,
     value: int = 0,
     tuning: BoundsTuning | None = None,
@@ -324,14 +328,14 @@ def bound_by_work(
     time.
 
     :param known: a lower bound.
-    :param over: tells that the time is up.
+    :param deadline: when to give up with what is known (None: never).
     :param value: the makespan of a schedule (0: there is none); no more is asked for.
     """
-    tuning = tuning or BoundsTuning()
+    tuning, deadline = tuning or BoundsTuning(), deadline or Deadline.never()
     programme = Programme.of(work, _STATES) or Programme.of(work, _STATES, doors=False)
     if programme is None:
-        return WorkBound(bound_by_assignment(work, known, over))
-    tables = programme.tables(over)
+        return WorkBound(bound_by_assignment(work, known, deadline))
+    tables = programme.tables(deadline)
     if tables is None or programme.start(tables) >= INFINITE:
         return WorkBound(known)
     counted = {id(task) for task in programme.tasks}
@@ -348,12 +352,12 @@ def bound_by_work(
     labels = tuning.labels
     sequences = Sequences(rules, min(labels, tuning.unaided))
     if labels:
-        known = raised(sequences.plain(), known, over, value)
-        known = raised(sequences, known, over, value)
-    if sequences.is_spent and labels > tuning.unaided and not over():
-        rules = with_lefts(rules, labels // 2, over, work.lefts)
+        known = raised(sequences.plain(), known, deadline, value)
+        known = raised(sequences, known, deadline, value)
+    if sequences.is_spent and labels > tuning.unaided and not deadline.expired():
+        rules = with_lefts(rules, labels // 2, deadline, work.lefts)
         sequences = Sequences(rules, labels)
-        known = raised(sequences, known, over, value)
+        known = raised(sequences, known, deadline, value)
     return WorkBound(known, sequences)
 
 

@@ -128,12 +128,12 @@ def _find_routes(search: Solve) -> None:
 def _bound_by_work(search: Solve) -> None:
     whole = search.whole
     assert search.work is not None
-    ends = search.share().expired
+    deadline = search.share()
     tuning = whole.orders.bounds
     labels = _LABELS_AGAIN if search.again else tuning.labels
     tuning = replace(tuning, labels=labels if search.optimal else 0)
     found = bound_by_work(
-        whole.model, search.work, whole.bound, ends, value=whole.value, tuning=tuning
+        whole.model, search.work, whole.bound, deadline, value=whole.value, tuning=tuning
     )
     whole.bound, search.sequences = found.value, found.sequences
     some = found.sequences
@@ -172,10 +172,10 @@ def _seek_sequences(search: Solve) -> None:
     """
     whole = search.whole
     assert search.sequences is not None
-    over = search.share().expired
+    deadline = search.share()
     width = _BEAM if search.optimal else _BEAM // 5
     sequences = search.sequences.anew(sys.maxsize)
-    while not whole.over() and sequences.sought(whole.value - 1, width, over):
+    while not whole.over() and sequences.sought(whole.value - 1, width, deadline):
         if not _realize_one(search, sequences):
             return
 
@@ -199,7 +199,7 @@ def _anneal_tours(search: Solve) -> None:
     rounds = 0 if few else tuning.tour_rounds * len(work.tasks)
     deadline = search.share()
     seed, bound = search.whole.orders.run.seed, search.whole.bound
-    tour = improve(work, rounds, seed, deadline.expired, start=_steps(search), enough=bound)
+    tour = improve(work, rounds, seed, deadline, start=_steps(search), enough=bound)
     if tour is not None:
         search.whole.realize(tour.schedule)
         search.expected = max(search.expected, search.whole.value)
