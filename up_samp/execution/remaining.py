@@ -26,7 +26,7 @@ from up_samp.execution.build import planned_of
 from up_samp.execution.graph import At, Event
 from up_samp.execution.lives import DriveCells
 from up_samp.execution.state import FloorState, TaskPhase
-from up_samp.execution.substitute import Substitution, ValuesNow, later_by, names_in
+from up_samp.execution.substitute import Substitution, ValuesNow, later_by, names_in, parts_of
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.io.floors import map_number, side_by_side
 from up_samp.io.plan_dict import PlanDict
@@ -83,7 +83,7 @@ class Involved:
 
     def about(self, node: FNode) -> frozenset[str]:
         """Return the movable objects that an expression speaks of, or of whose whereabouts."""
-        return _objects(node) | {self.told[n] for n in _parts(node) if n in self.told}
+        return _objects(node) | {self.told[n] for n in parts_of(node) if n in self.told}
 
 
 def _spoken(activity: Activity) -> Iterator[FNode]:
@@ -93,16 +93,8 @@ def _spoken(activity: Activity) -> Iterator[FNode]:
         yield from (e.fluent for e in effects)
 
 
-def _parts(node: FNode) -> Iterator[FNode]:
-    stack = [node]
-    while stack:
-        item = stack.pop()
-        yield item
-        stack += item.args
-
-
 def _objects(node: FNode) -> frozenset[str]:
-    objects = (n.object() for n in _parts(node) if n.is_object_exp())
+    objects = (n.object() for n in parts_of(node) if n.is_object_exp())
     return frozenset(o.name for o in objects if isinstance(o, MovableObject))
 
 
@@ -128,7 +120,7 @@ def _rivals(problem: SchedulingMotionProblem) -> dict[str, set[str]]:
             pair = names_in(constraint) | ({owner} if owner else set())
             points = {
                 (n.timing().timepoint.container or owner, n.timing().is_from_start())
-                for n in _parts(constraint)
+                for n in parts_of(constraint)
                 if n.is_timing_exp()
             }
             if len(pair) == 2 and len(points) == 4:
@@ -381,7 +373,11 @@ class _Builder:
             if not a.optional and a.name in self.gone and a.name not in self.surprise.cancelled
         ]
         self.surely = {a.name for a in problem.activities if not a.optional}
-        self.past = self._past()
+        self.exact = self._over()
+        self.past = {
+            name: (math.floor(start + 1e-9), math.floor(end + 1e-9))
+            for name, (start, end) in self.exact.items()
+        }
         self.values = ValuesNow(self.planned, state, self.unit, self.since, self.gone)
 
     # ------------------------------------------------------------------ what has happened
@@ -425,30 +421,17 @@ class _Builder:
                 found.add(name)
         return frozenset(found)
 
-    def _past(self) -> dict[str, tuple[int, int | None]]:
-        """Return starts and ends that are over (units, rounded down)."""
-        found: dict[str, tuple[int, int | None]] = {}
-        for name, phase in self.state.phase.items():
-            if phase is TaskPhase.WAITING or name in self.gone:
-                continue
-            start = self.state.fired[Event(At.START, name)]
-            end = self.state.fired.get(Event(At.END, name))
-            if phase is TaskPhase.DONE and end is not None:
-                found[name] = (self._units(start), self._units(end))
-        return found
-
-    def _exact(self) -> dict[str, tuple[float, float]]:
+    def _over(self) -> dict[str, tuple[float, float]]:
         """Return when what is over really started and ended (units)."""
+        fired = self.state.fired
         return {
             name: (
-                self.state.fired[Event(At.START, name)] / self.unit,
-                self.state.fired[Event(At.END, name)] / self.unit,
+                fired[Event(At.START, name)] / self.unit,
+                fired[Event(At.END, name)] / self.unit,
             )
-            for name in self.past
+            for name, phase in self.state.phase.items()
+            if phase is TaskPhase.DONE and name not in self.gone
         }
-
-    def _units(self, seconds: float) -> int:
-        return math.floor(seconds / self.unit + 1e-9)
 
     def _running(self) -> list[str]:
         return [
@@ -468,7 +451,7 @@ class _Builder:
             self.gone,
             self._known_values(),
             frozenset(running),
-            self._exact(),
+            self.exact,
         )
         target._base._constraints = self._constraints(fix, self.source._base, None)
         self._timed(target._base)
