@@ -144,15 +144,14 @@ def _check(args: argparse.Namespace) -> int:
     from up_samp.fleet import read_problem_file
     from up_samp.fleet.checks import Level, check_fleet
     from up_samp.fleet.picture import draw_fleet
+    from up_samp.plotting.style import saved
 
     records, folder = read_problem_file(args.problem), args.problem.parent
     findings = check_fleet(records, folder)
     for finding in findings:
         print(finding)
-    figure = draw_fleet(records, folder, findings).get_figure(root=True)
-    assert figure is not None
     picture = args.out or args.problem.with_suffix(".check.png")
-    figure.savefig(picture)
+    saved(draw_fleet(records, folder, findings), picture)
     errors = sum(f.level is Level.ERROR for f in findings)
     warnings = sum(f.level is Level.WARNING for f in findings)
     what = f"{len(records.robots)} robots, {len(records.orders)} orders, {len(records.tasks)} tasks"

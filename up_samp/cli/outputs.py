@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from up_samp.io import PlanDict, write_plan
-from up_samp.system.files import whole
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+    pass
 
 
 def write_outputs(
@@ -25,25 +24,17 @@ def write_outputs(
     where the plan has no objects to show on it.
     """
     from up_samp.plotting import plot_gantt, plot_map, write_gif, write_html  # matplotlib is slow
+    from up_samp.plotting.style import saved
 
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     if plan_file:
         written.append(write_plan(folder / "plan.json", plan))
-    written.append(folder / "gantt.png")
-    _save(plot_gantt(plan), written[-1])
+    written.append(saved(plot_gantt(plan), folder / "gantt.png"))
     if not plan["objects"]:
         return written
-    written.append(folder / "map.png")
-    _save(plot_map(plan, places=places), written[-1])
+    written.append(saved(plot_map(plan, places=places), folder / "map.png"))
     written.append(write_html(plan, folder / "animation.html", places=places))
     if gif:
         written.append(write_gif(plan, folder / "animation.gif"))
     return written
-
-
-def _save(ax: Axes, path: Path) -> None:
-    figure = ax.get_figure(root=True)
-    assert figure is not None
-    with whole(path) as stream:
-        figure.savefig(stream, format="png")

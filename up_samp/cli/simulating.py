@@ -20,8 +20,6 @@ from up_samp.model import ProblemError, SampError
 from up_samp.tuning import tuning_of
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from up_samp.execution import Delays, Dependencies, ExecutionTuning, Simulation
 
 
@@ -193,6 +191,7 @@ def write_runs(
 ) -> list[Path]:
     """Write ``runs.csv``, the median run's record and pictures; return the files."""
     from up_samp.plotting import plot_executed, plot_makespans
+    from up_samp.plotting.style import saved
 
     folder.mkdir(parents=True, exist_ok=True)
     files = [folder / "runs.csv"]
@@ -216,15 +215,8 @@ def write_runs(
         mine = sorted((r for r in runs if r.policy == policy), key=lambda r: r.makespan)
         middle = mine[len(mine) // 2]
         files.append(write_plan(folder / f"executed-{policy}.json", middle.record))
-        files.append(folder / f"executed-{policy}.png")
-        _save(plot_executed(plan, middle.record), files[-1])
-    files.append(folder / "makespans.png")
+        picture = plot_executed(plan, middle.record)
+        files.append(saved(picture, folder / f"executed-{policy}.png"))
     spans = {p: [r.makespan for r in runs if r.policy == p] for p in _policies(runs)}
-    _save(plot_makespans(spans, runs[0].planned), files[-1])
+    files.append(saved(plot_makespans(spans, runs[0].planned), folder / "makespans.png"))
     return files
-
-
-def _save(ax: Axes, path: Path) -> None:
-    figure = ax.get_figure(root=True)
-    assert figure is not None
-    figure.savefig(path)

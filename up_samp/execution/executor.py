@@ -12,12 +12,12 @@ from unified_planning.plans import Schedule
 
 from up_samp.execution.build import Dependencies, dependencies_of, with_sides
 from up_samp.execution.files import dependencies_from_plan, event_from_list, event_to_list
-from up_samp.execution.forecast import Forecast, forecast, routes_of
+from up_samp.execution.forecast import routes_of
 from up_samp.execution.graph import At, Event, Graph
 from up_samp.execution.lives import drives_of
 from up_samp.execution.meetings import Narrow
 from up_samp.execution.remaining import Remaining, Surprise, remaining_problem
-from up_samp.execution.reorder import Proposal, adopt, planned_sides, propose
+from up_samp.execution.reorder import Followed, Proposal, adopt, propose
 from up_samp.execution.reports import (
     TAKEN,
     Command,
@@ -42,7 +42,7 @@ from up_samp.model.execution_tuning import ExecutionTuning
 from up_samp.model.frames import Frame
 
 
-class Executor:
+class Executor(Followed):
     """The state of a plan on the floor: pure Python in, plain values out, no threads.
 
     ``plan`` is a plan dictionary with ``dependencies``, or any plan of ``problem``. Call ``update``
@@ -89,10 +89,7 @@ class Executor:
         self.routes = routes_of(graph, self.state.ways)
         self.tuning = tuning or ExecutionTuning()
         self.pace = RobotPace()
-        self.sides: dict[tuple[str, str, int], bool] = {}
-        """Components that are passed on another side than planned (see ``reorder``)."""
-        self.turned: frozenset[int] = frozenset()
-        """Choices that are the other way round than planned, by their number."""
+        self.sides, self.turned = {}, frozenset()
         self._drives = drives_of(self.dependencies.lives)
         self._drivers = {robot for _, robot in self._drives}
         self._told: dict[str, float] = {}
@@ -109,11 +106,6 @@ class Executor:
     def narrow(self) -> tuple[Narrow | Squeezed, ...]:
         """Where less than the localisation error is covered: the plan has no room for more."""
         return *self.dependencies.narrow, *self.state.squeezed
-
-    @cached_property
-    def open_sides(self) -> dict[tuple[str, str, int], bool]:
-        """The components that could be passed on either side, with the plan's side."""
-        return planned_sides(self.dependencies)
 
     def propose_order(self) -> Proposal | None:
         """Return another order of who goes first that is forecast to end sooner, see
@@ -196,11 +188,6 @@ class Executor:
         return remaining_problem(self.problem, self.plan, self.state, self._drives, surprise)
 
     # ------------------------------------------------------------------ what is told
-
-    @property
-    def now(self) -> float:
-        """The latest time told (s)."""
-        return self.state.now
 
     def update(
         self,
@@ -509,12 +496,6 @@ class Executor:
 
     # ------------------------------------------------------------------ what will be
 
-    def retime(self) -> Forecast:
-        """Return when everything happens as soon as possible from now on: the longest path over
-        the graph, with the bodies' speed profiles and the paces seen so far.
-        """
-        return forecast(self.state, self.routes, self.pace)
-
     def predicted_makespan(self) -> float:
         """Return when the last activity will end (s)."""
         return self.retime().makespan
@@ -551,6 +532,8 @@ class Executor:
 
 
 FORMAT, VERSION = "up-samp-execution", 1
+_KEPT: dict[str, type] = {"progress": float, "told": float, "since": float, "at_end": bool}
+"""What is kept of a motion under way."""
 
 
 def saved(executor: Executor) -> dict[str, Any]:
@@ -568,15 +551,7 @@ def saved(executor: Executor) -> dict[str, Any]:
         "done": [n for n, phase in state.phase.items() if phase is TaskPhase.DONE],
         "fired": [[event_to_list(event), time] for event, time in state.fired.items()],
         "motions": [
-            {
-                "activity": w.activity,
-                "object": w.object,
-                "progress": w.progress,
-                "told": w.told,
-                "since": w.since,
-                "at_end": w.at_end,
-            }
-            for w in begun
+            {key: getattr(w, key) for key in ("activity", "object", *_KEPT)} for w in begun
         ],
         "heard": dict(executor._told),
         "held": dict(executor._held),
@@ -615,8 +590,8 @@ def resume(executor: Executor, known: Mapping[str, Any], graph: Graph | None = N
                 f"what was saved speaks of '{entry['activity']}' of '{entry['object']}', which the "
                 "plan has not"
             )
-        way.progress, way.told = float(entry["progress"]), float(entry["told"])
-        way.since, way.at_end = float(entry["since"]), bool(entry["at_end"])
+        for key, kind in _KEPT.items():
+            setattr(way, key, kind(entry[key]))
     _begun(executor, known["running"], known["done"])
     executor._told = {robot: float(time) for robot, time in known["heard"].items()}
     executor._held = dict(known["held"])

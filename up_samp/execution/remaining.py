@@ -385,7 +385,11 @@ class _Builder:
             if not a.optional and a.name in self.gone and a.name not in self.surprise.cancelled
         ]
         self.surely = {a.name for a in problem.activities if not a.optional}
-        self.past = self._past()
+        self.exact = self._over()
+        self.past = {
+            name: (math.floor(start + 1e-9), math.floor(end + 1e-9))
+            for name, (start, end) in self.exact.items()
+        }
         self.values = ValuesNow(self.planned, state, self.unit, self.since, self.gone)
 
     # ------------------------------------------------------------------ what has happened
@@ -429,30 +433,17 @@ class _Builder:
                 found.add(name)
         return frozenset(found)
 
-    def _past(self) -> dict[str, tuple[int, int | None]]:
-        """Return starts and ends that are over (units, rounded down)."""
-        found: dict[str, tuple[int, int | None]] = {}
-        for name, phase in self.state.phase.items():
-            if phase is TaskPhase.WAITING or name in self.gone:
-                continue
-            start = self.state.fired[Event(At.START, name)]
-            end = self.state.fired.get(Event(At.END, name))
-            if phase is TaskPhase.DONE and end is not None:
-                found[name] = (self._units(start), self._units(end))
-        return found
-
-    def _exact(self) -> dict[str, tuple[float, float]]:
+    def _over(self) -> dict[str, tuple[float, float]]:
         """Return when what is over really started and ended (units)."""
+        fired = self.state.fired
         return {
             name: (
-                self.state.fired[Event(At.START, name)] / self.unit,
-                self.state.fired[Event(At.END, name)] / self.unit,
+                fired[Event(At.START, name)] / self.unit,
+                fired[Event(At.END, name)] / self.unit,
             )
-            for name in self.past
+            for name, phase in self.state.phase.items()
+            if phase is TaskPhase.DONE and name not in self.gone
         }
-
-    def _units(self, seconds: float) -> int:
-        return math.floor(seconds / self.unit + 1e-9)
 
     def _running(self) -> list[str]:
         return [
@@ -472,7 +463,7 @@ class _Builder:
             self.gone,
             self._known_values(),
             frozenset(running),
-            self._exact(),
+            self.exact,
         )
         target._base._constraints = self._constraints(fix, self.source._base, None)
         self._timed(target._base)

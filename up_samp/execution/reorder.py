@@ -7,12 +7,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from functools import cached_property
+from typing import NamedTuple
 
 from ortools.sat.python import cp_model
 
 from up_samp.execution.build import Dependencies, steps_by, with_sides
-from up_samp.execution.forecast import Forecast, ObjectRoutes, routes_of
+from up_samp.execution.forecast import Forecast, ObjectRoutes, forecast, routes_of
 from up_samp.execution.graph import MEETING, At, Event, Graph, Precedence, topological
 from up_samp.execution.lives import Stay
 from up_samp.execution.meetings import Meeting, Step, switched
@@ -66,13 +67,11 @@ _MOST = 60
 """Decisions that are looked at, the earliest ones."""
 WORTH = 0.5
 """s by which all has to be over sooner."""
-_PAUSE = 4.0
-"""s between two looks."""
 REACTION = 0.5
 """Seconds that pass before a robot obeys a new command."""
 
 
-class Followed(Protocol):
+class Followed:
     """What the orders of a plan under way hang on: an executor is one."""
 
     dependencies: Dependencies
@@ -81,29 +80,25 @@ class Followed(Protocol):
     tuning: ExecutionTuning
     pace: RobotPace
     sides: dict[Key, bool]
+    """Components that are passed on another side than planned."""
     turned: frozenset[int]
+    """Choices that are the other way round than planned, by their number."""
 
     @property
     def now(self) -> float:
         """The latest time told (s)."""
-        ...
+        return self.state.now
 
-    @property
+    @cached_property
     def open_sides(self) -> dict[Key, bool]:
         """The components that could be passed on either side, with the plan's side."""
-        ...
+        return planned_sides(self.dependencies)
 
     def retime(self) -> Forecast:
-        """Return when everything happens as soon as possible from now on."""
-        ...
-
-    def predicted_makespan(self) -> float:
-        """Return when the last activity will end (s)."""
-        ...
-
-    def reorder(self) -> int:
-        """Decide again who goes first, at once; return how many decisions changed."""
-        ...
+        """Return when everything happens as soon as possible from now on: the longest path over
+        the graph, with the bodies' speed profiles and the paces seen so far.
+        """
+        return forecast(self.state, self.routes, self.pace)
 
 
 @dataclass(frozen=True)
@@ -527,28 +522,3 @@ def _solve(executor: Followed, ahead: Forecast, decisions: list[Decision]) -> di
     if status not in (cp_model.OPTIMAL, cp_model.FEASIBLE):
         return {}
     return {d.key: bool(solver.boolean_value(x)) for d, x in zip(decisions, literals, strict=True)}
-
-
-class Reorderer:
-    """Reorders when the predicted makespan has grown by more than a threshold since it last did,
-    but not too often (``executor.tuning.reorder``).
-    """
-
-    def __init__(self) -> None:
-        self.known: float | None = None
-        self.since = -math.inf
-
-    def __call__(self, executor: Followed) -> int:
-        """Look at the executor; return how many orders were changed."""
-        tuning = executor.tuning.reorder
-        if executor.now < self.since + _PAUSE:
-            return 0
-        ahead = executor.predicted_makespan()
-        if self.known is None:
-            self.known = min(ahead, executor.state.graph.planned)
-        if ahead < self.known + tuning.threshold:
-            return 0
-        self.since = executor.now
-        changed = executor.reorder()
-        self.known = executor.predicted_makespan()
-        return changed

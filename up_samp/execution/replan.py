@@ -78,40 +78,28 @@ def _fresh(name: str, taken: set[str]) -> str:
 
 def _later(record: PlanDict, begin: float, unit: float) -> dict[str, list[dict[str, Any]]]:
     """Return what happened, ``begin`` s later."""
-    return {
-        "activities": [
-            {
-                **a,
-                "start": round(a["start"] + begin / unit, 9),
-                "end": round(a["end"] + begin / unit, 9),
-            }
-            for a in record["activities"]
-        ],
-        "motions": [
-            {**m, "samples": [[round(r[0] + begin, 6), *r[1:]] for r in m["samples"]]}
-            for m in record["motions"]
-        ],
-        "changes": [{**c, "time": round(c["time"] + begin, 6)} for c in record["changes"]],
-        "waits": [
-            {**w, "since": round(w["since"] + begin, 6), "until": round(w["until"] + begin, 6)}
-            for w in record["waits"]
-        ],
-        "rides": list(record.get("rides", ())),
+    times = {
+        "activities": (("start", "end"), begin / unit, 9),
+        "changes": (("time",), begin, 6),
+        "waits": (("since", "until"), begin, 6),
     }
+    found = {
+        part: [{**e, **{key: round(e[key] + by, digits) for key in keys}} for e in record[part]]
+        for part, (keys, by, digits) in times.items()
+    }
+    found["motions"] = [
+        {**m, "samples": [[round(r[0] + begin, 6), *r[1:]] for r in m["samples"]]}
+        for m in record["motions"]
+    ]
+    return {**found, "rides": list(record.get("rides", ()))}
 
 
 def _renamed(
     entries: Sequence[Mapping[str, Any]], names: Mapping[str, str]
 ) -> list[dict[str, Any]]:
     """Return entries with their activities' names in the whole record."""
-    found = []
-    for entry in entries:
-        changed = dict(entry)
-        for key in ("name", "activity"):
-            if key in entry:
-                changed[key] = names[entry[key]]
-        found.append(changed)
-    return found
+    keys = ("name", "activity")
+    return [{**e, **{key: names[e[key]] for key in keys if key in e}} for e in entries]
 
 
 # ------------------ Plan what is left anew, and go on: on a simulated floor, leg by leg

@@ -12,7 +12,6 @@ from typing import Any, Literal
 from up_samp.execution.build import Dependencies
 from up_samp.execution.executor import Executor
 from up_samp.execution.judge import Contact, Drivings, broken_rules, contacts_of, record_of
-from up_samp.execution.reorder import Reorderer
 from up_samp.execution.reports import Do, Go, Hold
 from up_samp.execution.state import TaskPhase
 from up_samp.execution.timetable import Timetable
@@ -24,6 +23,8 @@ from up_samp.model.execution_tuning import ExecutionTuning, FloorTuning
 
 _PATIENCE = 30.0
 """Times as long as planned, and 60 s more, may a run take."""
+_PAUSE = 4.0
+"""s between two looks at who goes first."""
 _STILL = 5.0
 """s in which nothing happens, though nothing is disturbed: a deadlock."""
 
@@ -437,6 +438,31 @@ class Floor:
             if end <= self.now + 1e-9 and may.get(name, False):
                 self.executive.done(name, self.now)
                 del self.ends[name]
+
+
+class Reorderer:
+    """Reorders when the predicted makespan has grown by more than a threshold since it last did,
+    but not too often (``executor.tuning.reorder``).
+    """
+
+    def __init__(self) -> None:
+        self.known: float | None = None
+        self.since = -math.inf
+
+    def __call__(self, executor: Executor) -> int:
+        """Look at the executor; return how many orders were changed."""
+        tuning = executor.tuning.reorder
+        if executor.now < self.since + _PAUSE:
+            return 0
+        ahead = executor.predicted_makespan()
+        if self.known is None:
+            self.known = min(ahead, executor.state.graph.planned)
+        if ahead < self.known + tuning.threshold:
+            return 0
+        self.since = executor.now
+        changed = executor.reorder()
+        self.known = executor.predicted_makespan()
+        return changed
 
 
 def floor_of(executor: Executor, delays: Delays, seed: int) -> Floor:

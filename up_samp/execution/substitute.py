@@ -156,15 +156,15 @@ _COMPARISONS = (Op.LE, Op.LT, Op.EQUALS)
 class Substitution:
     """Rewrites expressions for a clock that starts ``shift`` units later.
 
-    ``past`` maps activities that are over, or have begun, to their start and end (units, old clock;
-    ``None``: still to come), ``gone`` are activities that cannot happen any more, ``values`` known
-    parameters of what is over. What has no value because an activity is gone neither breaks nor
-    helps a constraint (Kleene's logic, as the validator reads it).
+    ``past`` maps activities that are over to their start and end (units, old clock), ``gone`` are
+    activities that cannot happen any more, ``values`` known parameters of what is over. What has no
+    value because an activity is gone neither breaks nor helps a constraint (Kleene's logic, as the
+    validator reads it).
     """
 
     environment: Environment
     shift: int
-    past: Mapping[str, tuple[int, int | None]]
+    past: Mapping[str, tuple[int, int]]
     gone: frozenset[str]
     values: Mapping[str, FNode]
     mandatory: frozenset[str] = frozenset()
@@ -315,8 +315,7 @@ class Substitution:
         if point.container in self.past:
             start, end = self.past[point.container]
             time = start if point.kind == TimepointKind.START else end
-            if time is not None:
-                return m.Int(int(time + timing.delay)), 0
+            return m.Int(int(time + timing.delay)), 0
         return node, 1
 
 

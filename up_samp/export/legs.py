@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import shapely
 
 from up_samp.export.precision import PRECISION
 from up_samp.io import PlanDict
@@ -99,29 +100,8 @@ def simplified(points: FloatArray, tolerance: float) -> FloatArray:
 
     Douglas and Peucker, 1973. The first and the last point stay.
     """
-    keep = {0, len(points) - 1}
-    todo = [(0, len(points) - 1)]
-    while todo:
-        first, last = todo.pop()
-        if last - first < 2:
-            continue
-        gaps = _gaps(points[first + 1 : last], points[first], points[last])
-        worst = int(np.argmax(gaps))
-        if gaps[worst] > tolerance:
-            middle = first + 1 + worst
-            keep.add(middle)
-            todo += [(first, middle), (middle, last)]
-    return points[sorted(keep)]
-
-
-def _gaps(points: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return the distances of points to the straight line between ``a`` and ``b``."""
-    along = b - a
-    squared = float(along @ along)
-    share = np.zeros(len(points)) if squared == 0 else (points - a) @ along / squared
-    foot = a + np.clip(share, 0.0, 1.0)[:, None] * along
-    gaps: FloatArray = np.hypot(*(points - foot).T)
-    return gaps
+    line = shapely.LineString(points).simplify(tolerance, preserve_topology=False)
+    return np.asarray(line.coords, dtype=np.float64)
 
 
 def robots_of(plan: PlanDict) -> list[str]:

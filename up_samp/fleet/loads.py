@@ -9,7 +9,6 @@ load on. Orders that carry one load on share its stands.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -18,6 +17,7 @@ from shapely.geometry import Polygon
 from up_samp.fleet.outlines import body_of, placed, still
 from up_samp.fleet.records import Attached, FleetRecords, Order, Pose, RobotType, Stop
 from up_samp.model import Body
+from up_samp.model.frames import Frame
 from up_samp.upio.rides import laden_body
 
 MARK = "@"
@@ -122,9 +122,7 @@ def is_stand_of(name: str, load: str) -> bool:
 
 def load_pose(attached: Attached, robot: Pose) -> Pose:
     """Return where a load is while its robot is at a pose."""
-    c, s = math.cos(robot[2]), math.sin(robot[2])
-    x, y, turned = attached.offset
-    return robot[0] + c * x - s * y, robot[1] + s * x + c * y, robot[2] + turned
+    return Frame(*robot).of(attached.offset)
 
 
 NEAR = 0.02

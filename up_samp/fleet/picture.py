@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Polygon
 
 from up_samp.fleet.checks import Finding, Level
@@ -17,7 +16,15 @@ from up_samp.fleet.loads import load_pose, loads_of
 from up_samp.fleet.outlines import placed
 from up_samp.fleet.records import FleetRecords, Outline, Pose
 from up_samp.plotting.background import background_of
-from up_samp.plotting.style import FIXTURE, INK, PlacedLabel, color_of, mixed, place_labels
+from up_samp.plotting.style import (
+    FIXTURE,
+    INK,
+    PlacedLabel,
+    color_of,
+    figure_axes,
+    mixed,
+    place_labels,
+)
 
 WRONG = "#c1121f"
 
@@ -31,7 +38,7 @@ def draw_fleet(
     left, right, bottom, top = ground.extent
     if ax is None:
         height = min(max(11.0 * (top - bottom) / (right - left), 3.0), 16.0) + 1.0
-        ax = Figure(figsize=(12.0, height), layout="constrained", dpi=120).add_subplot()
+        ax = figure_axes(12.0, height, dpi=120)
     ax.imshow(ground.pixels, extent=ground.extent, interpolation="nearest", zorder=0)
     ax.set(xlim=(left, right), ylim=(bottom, top), xlabel="x [m]", ylabel="y [m]")
     ax.set_aspect("equal")

@@ -23,6 +23,7 @@ from up_samp.fleet.statements import Kind, Written
 from up_samp.io import PlanDict, result_to_dict, write_plan
 from up_samp.model import SampError
 from up_samp.plotting import places_of, plot_gantt, plot_map, write_html
+from up_samp.plotting.style import saved as save_figure
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +149,5 @@ def solve_problem(
 def saved(ax: Axes, file: str | PathLike[str] | None) -> Axes:
     """Save a picture, if ``file`` names one; return its axes."""
     if file is not None:
-        figure = ax.get_figure(root=True)
-        assert figure is not None
-        figure.savefig(file)
+        save_figure(ax, Path(file))
     return ax

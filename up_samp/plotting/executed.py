@@ -7,12 +7,11 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 from matplotlib.ticker import MaxNLocator
 
 from up_samp.plotting.rows import Row, rows_of
-from up_samp.plotting.style import INK, OTHER, SIZES, color_of, mixed
+from up_samp.plotting.style import INK, OTHER, SIZES, color_of, figure_axes, mixed
 from up_samp.plotting.tracks import horizon
 
 WAIT = "#C1121F"
@@ -29,10 +28,7 @@ def plot_executed(plan: dict[str, Any], record: dict[str, Any], ax: Axes | None 
     real = {row.name: row for row in rows_of(record)}
     names = list(planned)
     if ax is None:
-        figure = Figure(
-            figsize=(13.0, min(1.6 + 0.8 * len(names), 40.0)), layout="constrained", dpi=130
-        )
-        ax = figure.add_subplot()
+        ax = figure_axes(13.0, min(1.6 + 0.8 * len(names), 40.0))
     end = max(horizon(plan), horizon(record))
     ax.set_xlim(-0.004 * end, 1.012 * end)
     ax.set_ylim(len(names), 0.0)
@@ -135,8 +131,7 @@ def plot_makespans(
     one.
     """
     if ax is None:
-        figure = Figure(figsize=(8.0, 4.0), layout="constrained", dpi=130)
-        ax = figure.add_subplot()
+        ax = figure_axes(8.0, 4.0)
     everything = [m for values in makespans.values() for m in values]
     bins = np.histogram_bin_edges([planned, *everything], bins=24)
     if bins[-1] - bins[0] < 1e-6:

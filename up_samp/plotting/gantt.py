@@ -5,13 +5,21 @@ from __future__ import annotations
 from typing import Any
 
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
 from up_samp.plotting.rows import Bar, Row, rows_of
-from up_samp.plotting.style import INK, OTHER, SIZES, drawn, ink_on, mixed, with_short_names
+from up_samp.plotting.style import (
+    INK,
+    OTHER,
+    SIZES,
+    drawn,
+    figure_axes,
+    ink_on,
+    mixed,
+    with_short_names,
+)
 from up_samp.plotting.tracks import horizon
 
 
@@ -26,9 +34,7 @@ def plot_gantt(plan: dict[str, Any], ax: Axes | None = None) -> Axes:
     rows = rows_of(plan)
     heights = [row.lanes * SIZES.lane + SIZES.headroom for row in rows]
     if ax is None:
-        tall = 1.9 + 0.42 * sum(heights)
-        figure = Figure(figsize=(13.0, min(tall, 40.0)), layout="constrained", dpi=130)
-        ax = figure.add_subplot()
+        ax = figure_axes(13.0, min(1.9 + 0.42 * sum(heights), 40.0))
     end = horizon(plan)
     ax.set_xlim(-0.004 * end, 1.012 * end)
     ax.set_ylim(max(sum(heights), 1.0), 0.0)

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from matplotlib import patheffects
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Polygon
 from matplotlib.transforms import Bbox
@@ -20,6 +19,7 @@ from up_samp.plotting.style import (
     INK,
     PlacedLabel,
     color_of,
+    figure_axes,
     mixed,
     place_labels,
     with_short_names,
@@ -54,7 +54,7 @@ def plot_map(
     if ax is None:
         width = 13.0
         height = min(max(0.95 * width * (top - bottom) / (right - left), 2.5), 20.0) + 1.1
-        ax = Figure(figsize=(width, height), layout="constrained", dpi=130).add_subplot()
+        ax = figure_axes(width, height)
     ax.imshow(ground.pixels, extent=ground.extent, interpolation="nearest", zorder=0)
     ax.set_xlim(left, right)
     ax.set_ylim(bottom, top)

@@ -6,12 +6,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from matplotlib.text import Annotation, Text
 from matplotlib.transforms import Bbox
+
+from up_samp.system.files import whole
 
 
 @dataclass(frozen=True)
@@ -89,6 +93,24 @@ def ink_on(color: str) -> str:
     ]
     luminance = 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
     return "#FFFFFF" if 1.05 / (luminance + 0.05) >= (luminance + 0.05) / 0.05 else INK
+
+
+# ------------------ Figures of their own, and files of them
+
+
+def figure_axes(width: float, height: float, dpi: int = 130) -> Axes:
+    """Return the axes of a new figure of that size (inches)."""
+    return Figure(figsize=(width, height), layout="constrained", dpi=dpi).add_subplot()
+
+
+def saved(ax: Axes, path: Path) -> Path:
+    """Write the figure of some axes to a file, by its ending (PNG without one); return the file."""
+    path = path if path.suffix else path.with_suffix(".png")
+    figure = ax.get_figure(root=True)
+    assert figure is not None
+    with whole(path) as stream:
+        figure.savefig(stream, format=path.suffix[1:])
+    return path
 
 
 # ------------------ Names short enough to be drawn

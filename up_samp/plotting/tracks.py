@@ -44,7 +44,6 @@ class ObjectTrack:
     """
 
     name: str
-    type_name: str
     footprint: tuple[tuple[float, float], ...]
     initial: tuple[float, float, float] | None
     legs: tuple[TrackPiece, ...]
@@ -106,7 +105,6 @@ def tracks_of(plan: dict[str, Any]) -> list[ObjectTrack]:
         tracks.append(
             ObjectTrack(
                 name,
-                entry["type"],
                 tuple((float(x), float(y)) for x, y in entry["footprint"]),
                 None if entry["initial"] is None else flat(entry["initial"]),
                 tuple(sorted(legs, key=lambda leg: float(leg.times[0]))),

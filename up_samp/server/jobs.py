@@ -20,7 +20,6 @@ import threading
 import time
 import uuid
 from collections import OrderedDict, deque
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -90,7 +89,7 @@ class QueueFullError(Exception):
 @dataclass(eq=False)
 class Job:
     """One request (``body``, as it was sent; ``seconds`` for its search) and what came of it.
-    ``changed`` guards all fields and tells of each event.
+    ``lock`` guards all fields.
     """
 
     kind: str
@@ -105,7 +104,7 @@ class Job:
     """What the best plan's event said."""
     end: Event | None = None
     group: ProcessGroup | None = None
-    changed: threading.Condition = field(default_factory=threading.Condition)
+    lock: Any = field(default_factory=threading.RLock)
 
     @property
     def size(self) -> int:
@@ -114,7 +113,7 @@ class Job:
 
     def status(self) -> dict[str, Any]:
         """Return where the job is, its bounds and its ending, as JSON would hold it."""
-        with self.changed:
+        with self.lock:
             last = next((e for e in reversed(self.events) if e["event"] == "progress"), {})
             end = self.end or {}
             return {
@@ -129,44 +128,23 @@ class Job:
 
     def since(self, number: int) -> tuple[list[Event], bool]:
         """Return the events from ``number`` on, and whether the job has ended."""
-        with self.changed:
+        with self.lock:
             return self.events[number:], self.state in ENDED
-
-    def follow(self, begin: int = 0) -> Iterator[tuple[int, Event] | None]:
-        """Yield numbered events from ``begin`` on as they come, None every second without one;
-        end with the job.
-        """
-        number = begin
-        while True:
-            with self.changed:
-                if number >= len(self.events) and self.state not in ENDED:
-                    self.changed.wait(timeout=1.0)
-                new = self.events[number:]
-                over = self.state in ENDED
-            if not new and not over:
-                yield None
-            for event in new:
-                yield number, event
-                number += 1
-            if over and number >= len(self.events):
-                return
 
     def add(self, event: Event, plan: bytes | None = None) -> None:
         """Take in what the job's process told."""
-        with self.changed:
+        with self.lock:
             if plan is not None:
                 self.plan, self.told = plan, event
             if event["event"] == "end":
                 self.end = event
             self.events.append(event)
-            self.changed.notify_all()
 
     def ended(self, state: JobState) -> None:
         """Say how it ended."""
-        with self.changed:
+        with self.lock:
             if self.state not in ENDED:
                 self.state = state
-            self.changed.notify_all()
 
 
 class JobQueue:
@@ -251,7 +229,7 @@ class JobQueue:
         with self._lock:
             if job in self._waiting:
                 self._waiting.remove(job)
-        with job.changed:
+        with job.lock:
             group = None if job.state in ENDED else job.group
             job.ended(JobState.STOPPED)
         if group is not None:
@@ -291,7 +269,7 @@ class JobQueue:
     def _run(self, job: Job) -> None:
         folder = Path(tempfile.mkdtemp(prefix="up-samp-job-"))
         try:
-            with job.changed:
+            with job.lock:
                 if job.state is not JobState.WAITING:
                     return
                 job.state = JobState.RUNNING
