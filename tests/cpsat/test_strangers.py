@@ -43,6 +43,11 @@ def test_no_answers_to_a_stranger_contradict():
     assert wrong(range(40)) == {}
 
 
+def test_who_may_stay_where_it_is_need_not_go_anywhere():
+    """A trip to the yard or the gate begins in the yard: it was taken for one to the gate."""
+    assert wrong([1030]) == {}
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("block", range(6))
 def test_no_answers_to_many_strangers_contradict(block):

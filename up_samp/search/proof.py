@@ -34,6 +34,7 @@ from up_samp.search.budget import Budget
 from up_samp.search.tuning import ProofTuning
 from up_samp.upio import Relaxation, write_refinement
 
+
 @dataclass(frozen=True)
 class Demand:
     """A constraint, a condition or a longest duration of the problem. ``owner`` is its activity
