@@ -194,3 +194,18 @@ def test_altered_files_are_imported_or_refused_by_name(sample, first, count, tmp
             refused.append(str(error))
     assert refused
     assert all(str(file) in text and len(text) < 3000 for text in refused)
+
+
+@pytest.mark.parametrize("seed", [35, 295])
+def test_long_words_of_a_file_are_not_told_whole(seed, tmp_path):
+    """A node is called by 5,001 digits where it is listed, or where it is meant."""
+    for beside in SAMPLES.iterdir():
+        (tmp_path / beside.name).write_text(beside.read_text())
+    data = json.loads((SAMPLES / "small.lif.json").read_text())
+    file = tmp_path / "x.lif.json"
+    file.write_text(json.dumps(altered(data, random.Random(seed))))
+    assert LONG in file.read_text()
+    with pytest.raises(SampError) as told:
+        import_file(file, tmp_path / "out")
+    assert str(file) in str(told.value)
+    assert len(str(told.value)) < 1000

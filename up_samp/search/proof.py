@@ -35,9 +35,6 @@ from up_samp.search.tuning import ProofTuning
 from up_samp.upio import Relaxation, write_refinement
 from up_samp.upio.expressions import walk
 
-LONG = 1_000_000
-"""Units that stand for any duration where a longest one is lifted."""
-
 
 @dataclass(frozen=True)
 class Demand:
@@ -56,7 +53,7 @@ class Demand:
         if self.place is None:
             assert self.owner is not None
             activity = relaxation.activities[self.owner]
-            upper = max(LONG, activity.duration.upper.constant_value())
+            upper = max(1_000_000, activity.duration.upper.constant_value())
             activity.set_duration_bounds(activity.duration.lower, upper)
         elif isinstance(self.place, int):
             _chronicle(relaxation, self.owner)._constraints[self.place] = (true, [])

@@ -602,7 +602,7 @@ def _route(model: ScheduleModel, place: RoutePlace, lengths: Lengths) -> Route:
         moves,
         stops,
         late,
-        odd={name_of(c): c.odd for c in place.changes if c.odd},
+        odd={name_of(c): why for c in place.changes if (why := c.odd or _may_stay(c))},
         free=place.free,
         never=never,
         lag=_lag(bound),
@@ -640,6 +640,15 @@ def _moves(change: Mover, lengths: Lengths) -> Iterator[Move]:
             least = lengths.least(activity, values)
             if least < INFINITE and origins != {to}:
                 yield Move(activity.name, origins, to, least, tuple(values.items()))
+
+
+def _may_stay(change: Mover) -> str:
+    """Return why a change is no plain move if its variables let it lead back to where it begins:
+    that is none of its moves, so it need not make one.
+    """
+    if change.origin is None and (change.target is None or len(change.origins) != 1):
+        return ""
+    return "may stay where it is" if change.origins & change.targets else ""
 
 
 def _stops(
