@@ -111,9 +111,13 @@ class Motions:
         if best is not None and best.arrival <= enough:
             return best
         proposer = self.workspace.proposer
-        proposed = None if proposer is None else proposer.propose(motion, window.release, others)
-        if proposed is not None and proposed not in ways:
-            ways.append(proposed)
+        for wide in (False, True):
+            if proposer is None or (best is not None and best.arrival <= enough):
+                break
+            proposed = proposer.propose(motion, window.release, others, wide=wide)
+            if proposed is not None and proposed not in ways:
+                ways.append(proposed)
+                best = fit(self.workspace, motion, window, proposed, others, best)
         for way in sorted(ways, key=lambda way: (way.fastest, way.number)):
             best = fit(self.workspace, motion, window, way, others, best)
         self._forget(name, best)

@@ -346,9 +346,18 @@ class Proposer:
         self.expanded = 0
 
     def propose(
-        self, motion: TimedMotion, release: float, others: Sequence[TimedPath], most: int = 40_000
+        self,
+        motion: TimedMotion,
+        release: float,
+        others: Sequence[TimedPath],
+        *,
+        wide: bool = False,
+        most: int = 40_000,
     ) -> Path | None:
-        """Return a way of a motion among the runs of others, if one is found that it can drive."""
+        """Return a way of a motion among the runs of others, if one is found that it can drive.
+
+        :param wide: bodies are the discs around them, not discs of about their size.
+        """
         able = abilities_of(motion.body)
         if able.free or len(motion.poses) != 2:
             return None
@@ -362,7 +371,7 @@ class Proposer:
                 break
         else:
             return None
-        safe = self._safe(motion, lattice, others)
+        safe = self._safe(motion, lattice, others, wide)
         for flip in _sides(motion, able):
             task = _timed_task(motion, release, (source, target, to_go), flip)
             rows, done = search(lattice, task, safe, most)
@@ -401,18 +410,21 @@ class Proposer:
 
         return self._tasks.get_or((motion.body, motion.poses, lattice.radius), made)
 
-    def _safe(self, motion: TimedMotion, lattice: Lattice, others: Sequence[TimedPath]) -> Safe:
+    def _safe(
+        self, motion: TimedMotion, lattice: Lattice, others: Sequence[TimedPath], wide: bool
+    ) -> Safe:
         """Return when places are free, then the start, then the goal."""
         count = lattice.free.size
         parts = []
-        mine = _disc(motion.body)
+        size = _around if wide else _disc
+        mine = size(motion.body)
         ends = np.array([p[:2] for p in motion.poses])
         for other in others:
             if other.object == motion.object:
                 continue
             if not pair_flags(motion.object, motion.avoid, other.object, other.avoid):
                 continue
-            reach = mine + _disc(other.path.body) + self._scene.margin
+            reach = mine + size(other.path.body) + self._scene.margin
             parts.append(self._visited(lattice, other, reach))
             parts += _visited_ends(other, ends, reach, count)
         rows = np.concatenate(parts) if parts else np.empty((0, 3))
@@ -442,6 +454,11 @@ def _disc(body: Body) -> float:
     """Return the radius (m) of the disc that stands for a body."""
     hull = hull_of(body)
     return 0.5 * (hull.radius + hull.core)
+
+
+def _around(body: Body) -> float:
+    """Return the radius (m) of the disc around a body."""
+    return hull_of(body).radius
 
 
 def _links(lattice: Lattice, pose: Configuration, sign: int) -> Links:
