@@ -11,6 +11,18 @@ from up_samp.model.tunable import Tunables, one_each, tunable
 class LadderTuning(Tunables):
     """Who goes first, with more and more effort (``motion/fleet/priority_search.py``)."""
 
+    first: int = tunable(
+        20, "motions", "planned for each one of a group, with who is in the way ejected", least=0
+    )
+    again: int = tunable(
+        15,
+        "motions",
+        "planned again for each one where somebody is late, or all much later than alone",
+        least=0,
+    )
+    enough: float = tunable(
+        1.15, "factor", "of the arrivals alone with which a group on time is content", least=1
+    )
     nodes: tuple[int, ...] = one_each(
         (60, 8, 6, 12),
         "nodes",

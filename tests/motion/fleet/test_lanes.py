@@ -9,7 +9,8 @@ from tests.motion.fleet.independent import judge, limits_of
 from up_samp.benchmarks import tight_places as tight
 from up_samp.model import Deadline, GroupQuery, Kinematics, TimedMotion, Trajectory
 from up_samp.motion.fleet import coordinate
-from up_samp.motion.fleet.paths import path_of
+from up_samp.motion.fleet.paths import path_of, safe_intervals
+from up_samp.motion.fleet.speed import tune
 from up_samp.motion.fleet.workspace import workspace_of
 from up_samp.motion.service import MotionService
 from up_samp.validation.kinematics import motion_violations
@@ -80,16 +81,37 @@ def test_a_fast_one_overtakes_in_the_open(tmp_path):
     assert not report.late
 
 
-@pytest.mark.parametrize(("radius", "tunable"), [(1.5, False), (2.0, False), (20.0, True)])
-def test_speeds_are_tuned_only_where_bends_leave_the_acceleration_over(radius, tunable):
-    angles = np.linspace(0.0, 6.0 / radius, 61)
-    poses = np.stack([radius * np.sin(angles), radius * (1 - np.cos(angles)), 0 * angles], axis=1)
-    path = path_of(Trajectory(np.linspace(0.0, 12.0, 61), poses), tight.omni())
-    assert path.tunable is tunable
-
-
-def test_speeds_are_not_tuned_where_a_body_begins_to_turn_on_its_way():
+def turning_on_its_way():
     x = np.linspace(0.0, 2.0, 41)
-    poses = np.stack([x, 0 * x, 0.75 * np.maximum(0.0, x - 1.0) ** 2], axis=1)
-    path = path_of(Trajectory(np.linspace(0.0, 8.0, 41), poses), tight.omni())
-    assert not path.tunable  # where it turns, less of its speed is left for the way
+    return np.stack([x, 0 * x, 0.75 * np.maximum(0.0, x - 1.0) ** 2], axis=1)
+
+
+def on_a_circle(radius):
+    angles = np.linspace(0.0, 2.0, 121)
+    arc = np.stack([radius * np.sin(angles), radius * (1 - np.cos(angles)), 0 * angles], axis=1)
+    straight = np.linspace(0.0, 2.0, 41)[1:, None]
+    way = np.array([np.cos(2.0), np.sin(2.0), 0.0])
+    return np.concatenate([straight[::-1] * [-1.0, 0.0, 0.0], arc, arc[-1] + straight * way])
+
+
+def round_a_sharp_corner():
+    there = np.stack([np.linspace(0.0, 2.0, 41), np.zeros(41), np.zeros(41)], axis=1)
+    on = np.stack([np.full(40, 2.0), np.linspace(0.05, 2.0, 40), np.zeros(40)], axis=1)
+    return np.concatenate([there, on])
+
+
+@pytest.mark.parametrize(
+    "poses",
+    [on_a_circle(1.5), on_a_circle(4.0), turning_on_its_way(), round_a_sharp_corner()],
+    ids=["tight", "wide", "turning", "corner"],
+)
+@pytest.mark.parametrize("closed", [(), (3.0, 9.0)])
+def test_a_body_that_slides_keeps_to_its_limits_at_tuned_speeds(poses, closed):
+    body = tight.omni()
+    steps = np.hypot(*np.diff(poses[:, :2], axis=0).T)
+    path = path_of(Trajectory(np.append(0.0, np.cumsum(steps / 0.5)), poses), body)
+    assert path.tunable
+    rows = np.array([(path.cells // 2, *closed)]) if closed else np.empty((0, 3))
+    found = tune(path, safe_intervals(rows, path.cells), 0.0, -math.inf).trajectory
+    assert not list(motion_violations("go", limits_of("r", body), found.times, found.poses))
+    assert np.abs(found.poses[-1] - poses[-1]).max() < 1e-9

@@ -24,8 +24,15 @@ from up_samp.model import (
     UnsupportedError,
     avoids,
 )
+from up_samp.motion.budget import WorkBudget
 from up_samp.motion.fleet.conflicts import wished
 from up_samp.motion.fleet.flyers import Flight, among_shadows, coordinate_flights, first_contact
+from up_samp.motion.fleet.neighbourhoods import (
+    Motions,
+    arrivals_and_lateness,
+    first_runs,
+    improve,
+)
 from up_samp.motion.fleet.one_robot import Attempt, failed, nothing, sample_one
 from up_samp.motion.fleet.paths import Path
 from up_samp.motion.fleet.priority_search import Group, Node, alone, climb, window_of
@@ -115,10 +122,38 @@ def _coordinated(
     root, attempt, name = alone(group)
     if root is None:
         return _hopeless(name, attempt, deadline, time.monotonic() - began)
-    climb(group, root)
+    _decide(group, root, seed)
+    if group.best is None or not group.finished():
+        climb(group, root)
     conflict = _shrunk(group, root, query) if _is_bad(group) else frozenset()
     report = _report(group, conflict, time.monotonic() - began)
     return replace(report, exhaustive=_is_tried_out(group, root))
+
+
+def _decide(group: Group, root: Node, seed: int) -> None:
+    """Plan a group whose members meet one after the other, with ejection; where somebody is late
+    then, or all are much later than alone, a few of them again.
+    """
+    if not root.conflicts:
+        return
+    effort = group.workspace.tuning.ladder
+    budget = WorkBudget(group.deadline, effort.first * len(root.runs))
+    cost = arrivals_and_lateness(group.motions)
+    ways = {name: [run.path] for name, run in root.runs.items()}
+    motions = Motions(group.workspace, group.motions, group.world, cost, budget, ways)
+    runs = first_runs(motions)
+    if runs is None:
+        return
+    group.best = Node(runs)
+    group.least = group.lateness(root.runs)
+    least = sum(group.motions[n].release + motions.alone(n) for n in runs)
+    for turn in range(effort.again):
+        told = sum(run.arrival for run in group.best.runs.values())
+        if group.deadline.expired() or (group.finished() and told <= effort.enough * least):
+            return
+        motions.budget = WorkBudget(group.deadline, len(runs))
+        found = improve(motions, group.best.runs, list(runs), seed + turn)
+        group.best = Node(found)
 
 
 def _is_tried_out(group: Group, root: Node) -> bool:

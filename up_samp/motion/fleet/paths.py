@@ -343,17 +343,22 @@ BoolArray = npt.NDArray[np.bool_]
 class PathCut:
     """How paths are cut. Steps shorter than ``tiny`` (m) carry no shape of their own; a change of
     the direction of the twist by ``kink`` ends a stretch of constant curvature; where the direction
-    of an omnidirectional body changes by ``corner`` (rad) from sample to sample, it must stop;
-    ``bent`` is the share of the acceleration that a bend may take on a path whose speed is tuned
-    with all of it: the two are at right angles, so that together they take 0.5 % more; ``levels``:
+    of a body with its own equations changes by ``corner`` (rad) from sample to sample, it must
+    stop; ``levels``:
     speed levels that the tuning aims at (see :mod:`up_samp.motion.fleet.speed`); ``least``: those
-    below the top speed of a tight arc, at least.
+    below the top speed of a tight arc, at least. An omnidirectional body bends where its direction
+    changes by ``straight`` from sample to sample; there it keeps to one speed, ``held`` of the one
+    that its planner chose. It rests where that would be less than ``slow`` of its top speed, and
+    where its direction changes by ``sharp``.
     """
 
     tiny: float = 1e-7
     kink: float = 1e-6
     corner: float = 0.1
-    bent: float = 0.1
+    straight: float = 1e-4
+    held: float = 0.95
+    sharp: float = 0.35
+    slow: float = 0.3
     levels: int = 20
     least: int = 2
 
@@ -366,13 +371,11 @@ def path_steps(poses: FloatArray, body: Body, radius: float) -> FloatArray:
     kin = body.kinematics
     moves = twists(poses)
     ways, turns = np.hypot(moves[:, 0], moves[:, 1]), np.abs(moves[:, 2])
-    if kin.model is MotionModel.PIVOT:
-        return np.where(ways < FINE.spot * turns, turns * kin.v_max / kin.omega_max, ways)
-    turn_metre = radius
+    if abilities_of(body).sideways:  # chords: between samples it goes straight on, see ``poses_at``
+        ways = np.hypot(*np.diff(poses[:, :2], axis=0).T)
     if abilities_of(body).pivots:
-        turn_metre = kin.v_max / kin.omega_max
-    elif kin.model is MotionModel.REEDSSHEPP:
-        turn_metre = 0.0
+        return np.where(ways < FINE.spot * turns, turns * kin.v_max / kin.omega_max, ways)
+    turn_metre = 0.0 if kin.model is MotionModel.REEDSSHEPP else radius
     return np.asarray(np.maximum(ways, turn_metre * turns))
 
 
@@ -410,27 +413,57 @@ def kinks_and_stops(poses: FloatArray, s: FloatArray, body: Body) -> tuple[BoolA
             stop[1:-1] = unit[:-1, 0] * unit[1:, 0] < 0
         elif model is MotionModel.PIVOT:  # it turns at will, but on the spot it rests
             stop[1:-1] = np.diff(rolls_of(poses, body.kinematics).kinds) != 0
-        else:
+        elif not abilities_of(body).sideways:
             # a velocity may not jump: chords of smooth curves turn little from sample to sample
             chord = np.diff(poses, axis=0) / np.diff(s)[:, None]
             stop[1:-1] = np.abs(np.diff(chord, axis=0)).max(axis=1) > CUT.corner
     return kink, stop
 
 
-def bends_hard(poses: FloatArray, s: FloatArray, stop: BoolArray, body: Body) -> bool:
-    """Return whether going on at full speed where the way bends, or where it begins to turn more or
-    less on its way, takes more acceleration than what speeding up or braking leaves over.
+def bends_of(
+    poses: FloatArray, s: FloatArray, times: FloatArray, body: Body
+) -> tuple[FloatArray, BoolArray, BoolArray]:
+    """Return how an omnidirectional body gets along a way that was driven at ``times`` (n,): top
+    speeds (m/s) between samples, whether it keeps to one speed there, and where it has to rest.
+
+    What was driven keeps to the limits, so a bend may be driven at one speed that is not more.
     """
-    steps = np.diff(s)
-    way = np.diff(poses[:, :2], axis=0) / steps[:, None]
-    change = np.hypot(*np.diff(way, axis=0).T)
-    mean = 0.5 * (steps[1:] + steps[:-1])
-    moving = (steps[1:] > CUT.tiny) & (steps[:-1] > CUT.tiny) & ~stop[1:-1]
     kin = body.kinematics
-    most = CUT.bent * kin.a_max / kin.v_max**2
-    # tuned motions follow constant twists: who turns on a straight way would sway from side to side
-    turn = np.where(np.hypot(*way.T) > 1e-6, np.abs(np.diff(poses[:, 2])) / steps, 0.0)
-    return bool(np.any(change[moving] > most * mean[moving]) or np.any(turn > most))
+    step, gone = np.diff(s), np.diff(poses[:, :2], axis=0)
+    turn, way = np.abs(np.diff(poses[:, 2])), np.hypot(*gone.T)
+    spot = way < FINE.spot * turn
+    tops = np.where(spot, kin.v_max, np.minimum(kin.v_max, kin.omega_max * way / (turn + 1e-12)))
+    driven = np.minimum(step / np.diff(times), kin.v_max)
+    unit = np.where(spot[:, None], 0.0, gone / np.maximum(way, CUT.tiny)[:, None])
+    change = np.hypot(*np.diff(unit, axis=0).T)
+    bend = change > CUT.straight
+    speed = CUT.held * np.minimum(driven[1:], driven[:-1])
+    slow = bend & (speed < CUT.slow * kin.v_max)
+    rests = (spot[1:] != spot[:-1]) | slow | (change > CUT.sharp)
+    bend &= ~rests
+    steady = np.zeros(len(step), dtype=np.bool_)
+    for side in (slice(None, -1), slice(1, None)):
+        steady[side] |= bend
+        tops[side] = np.where(bend, np.minimum(tops[side], speed), tops[side])
+    return tops, steady, np.concatenate([[True], rests, [True]])
+
+
+def ways_at(poses: FloatArray, s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the direction per metre (n, 2) in which an omnidirectional body comes to each sample
+    of its way, and that in which it leaves: where it does not rest, that of a straight piece
+    beside it, else the mean of both sides.
+    """
+    unit = np.diff(poses[:, :2], axis=0) / np.diff(s)[:, None]
+    change = np.concatenate([[0.0], np.hypot(*np.diff(unit, axis=0).T), [0.0]])
+    bend = change > CUT.straight
+    before, after = np.concatenate([unit[:1], unit]), np.concatenate([unit, unit[-1:]])
+    begins = bend & ~np.append(False, bend[:-1])
+    ends = bend & ~np.append(bend[1:], False)
+    mean = 0.5 * (before + after)
+    way = np.where((begins & ~ends)[:, None], before, mean)
+    way = np.where((ends & ~begins)[:, None], after, way)
+    sharp = (change > CUT.sharp)[:, None]
+    return np.where(sharp, before, way), np.where(sharp, after, way)
 
 
 # ------------------ Fixed paths, cut into short cells: the geometry that speed tuning and
@@ -488,6 +521,8 @@ class Path:
     """``s`` at each sample of ``natural``."""
     tops: FloatArray
     """Top speeds (m/s) between samples, shape (n - 1,): tight arcs have lower ones."""
+    steady: BoolArray
+    """Between which samples the body keeps to one speed, shape (n - 1,)."""
     cleared: set[tuple[Ring, Configuration]] = field(default_factory=set)
     """Resting bodies (footprint, pose) that the path's planner has proven it keeps clear of."""
     number: int = field(default_factory=lambda: next(_numbers))
@@ -527,6 +562,18 @@ class Path:
         return caps
 
     @cached_property
+    def held(self) -> BoolArray:
+        """In which cells the body keeps to one speed, shape (cells,)."""
+        held = np.zeros(self.cells, dtype=np.bool_)
+        for k in np.flatnonzero(self.steady):
+            held |= (self.edges[:-1] < self.s[k + 1] - 1e-9) & (self.edges[1:] > self.s[k] + 1e-9)
+        return held
+
+    @cached_property
+    def _ways(self) -> tuple[FloatArray, FloatArray]:
+        return ways_at(self.poses, self.s)
+
+    @cached_property
     def rests(self) -> tuple[tuple[Ring, Configuration], tuple[Ring, Configuration]]:
         """The body (footprint, pose) where it rests at first, and in the end."""
         first, last = (tuple(float(x) for x in self.poses[i]) for i in (0, -1))
@@ -563,12 +610,23 @@ class Path:
         )
 
     def poses_at(self, s: FloatArray) -> FloatArray:
-        """Return the poses, shape (k, 3), at the parameters ``s`` (k,), along constant twists."""
+        """Return the poses, shape (k, 3), at the parameters ``s`` (k,), along constant twists; of a
+        body that moves sideways along cubics (Hermite), which keep its direction from jumping.
+        """
         if len(self.s) == 1:
             return np.repeat(self.poses, len(s), axis=0)
         i = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2)
         share = np.clip((s - self.s[i]) / (self.s[i + 1] - self.s[i]), 0.0, 1.0)
-        out = partway(self.poses[i], self.poses[i + 1], share)
+        if abilities_of(self.body).sideways:
+            u, step = share[:, None], (self.s[i + 1] - self.s[i])[:, None]
+            a, b = self.poses[i], self.poses[i + 1]
+            out = a + u * (b - a)
+            d = b[:, :2] - a[:, :2]
+            comes, leaves = self._ways
+            p, q = leaves[i] * step - d, d - comes[i + 1] * step
+            out[:, :2] += u * (1 - u) * ((1 - u) * p + u * q)
+        else:
+            out = partway(self.poses[i], self.poses[i + 1], share)
         out[s <= self.s[0]] = self.poses[0]
         out[s >= self.s[-1]] = self.poses[-1]
         return out
@@ -581,7 +639,6 @@ def path_of(trajectory: Trajectory, body: Body, waypoints: Sequence[Configuratio
     between exactly, at any speed.
     """
     poses = np.asarray(trajectory.poses, dtype=np.float64)
-    model = body.kinematics.model
     natural_s = np.concatenate([[0.0], np.cumsum(path_steps(poses, body, hull_of(body).radius))])
     keep = kept_samples(natural_s)
     s, kept = natural_s[keep], poses[keep]
@@ -590,10 +647,10 @@ def path_of(trajectory: Trajectory, body: Body, waypoints: Sequence[Configuratio
     if tunable:
         stop |= _pauses(trajectory, natural_s, s)
         kink |= stop | _waypoints(trajectory, natural_s, s, waypoints[1:-1])
-    if model is MotionModel.SE2 and bends_hard(kept, s, stop, body):
-        # speeds are tuned along a path for speed alone: a blended corner would be taken too fast
-        tunable = False
-    tops = top_speeds(kept, body)
+    tops, steady = top_speeds(kept, body), np.zeros(len(kept) - 1, dtype=np.bool_)
+    if abilities_of(body).sideways and len(kept) > 1:
+        tops, steady, rests = bends_of(kept, s, trajectory.times[keep], body)
+        stop |= rests
     edges, halt = _cells(s, stop, tops, body)
     return Path(
         body,
@@ -607,6 +664,7 @@ def path_of(trajectory: Trajectory, body: Body, waypoints: Sequence[Configuratio
         trajectory.shifted(-trajectory.start),
         natural_s,
         tops,
+        steady,
     )
 
 
@@ -666,7 +724,8 @@ def _cells(
         top, length = float(tops[low:high].min()), float(s[high] - s[low])
         size = wish
         if top < kin.v_max:  # cells so short that there are speeds below the slowest arc's
-            size = min(wish, top**2 / (2 * kin.a_max * CUT.least))
+            least = 1 if abilities_of(body).sideways else CUT.least
+            size = min(wish, top**2 / (2 * kin.a_max * least))
         count = 2 * max(1, math.ceil(length / size / 2))
         edges.append(np.linspace(s[low], s[high], count + 1)[:-1])
         halt += [True] + [False] * (count - 1)

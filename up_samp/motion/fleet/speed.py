@@ -115,22 +115,25 @@ def _grown(rows: FloatArray) -> FloatArray:
 
 class TunedPath(NamedTuple):
     """A path to be tuned, by vertex: where it is (``edges``, m), whether the body must rest there
-    (``halt``), its top speed there (``caps``, m/s).
+    (``halt``), its top speed there (``caps``, m/s); by cell whether it keeps to one speed
+    (``held``).
     """
 
     edges: FloatArray
     halt: BoolArray
     caps: FloatArray
+    held: BoolArray
 
 
 class Cell(NamedTuple):
     """A cell on the way: its length ``ds`` (m), when it is ``free``, the ``latest`` time (s) at
-    which its end is worth reaching.
+    which its end is worth reaching, whether it is ``held`` at one speed.
     """
 
     ds: float
     free: FloatArray
     latest: float
+    held: bool
 
 
 @inner
@@ -179,6 +182,8 @@ def _arrivals(
     v1 = speed_of(level, can, cell.ds)
     # a level up or down or the same; never from rest to rest
     for other in range(abs(level - 1), min(level + 1, width - 2) + 1):
+        if cell.held and other != level:
+            continue
         begin = _times(before, other if other > 0 else width - 1)
         if len(begin) > 0:
             tau = _crossing(speed_of(other, can, cell.ds), v1, can.a, cell.ds)
@@ -231,7 +236,8 @@ def reachable(way: TunedPath, can: Speeds, safe: Safe, release: float, horizon: 
     lo, hi = np.empty(8 * MOST), np.empty(8 * MOST)
     for i in range(1, m + 1):
         ds, cap = edges[i] - edges[i - 1], most[i]
-        cell = Cell(ds, _free(safe, i), horizon - (edges[m] - edges[i]) / can.v)
+        latest = horizon - (edges[m] - edges[i]) / can.v
+        cell = Cell(ds, _free(safe, i), latest, way.held[i - 1])
         for k in range(width):
             count = 0
             if k == width - 1:
@@ -277,12 +283,13 @@ def _came(came: FloatArray, free: FloatArray, t: float) -> float:
 
 @kernel
 def backtrack(
-    edges: FloatArray, can: Speeds, safe: Safe, reachable: Reached, arrival: float
+    way: TunedPath, can: Speeds, safe: Safe, reachable: Reached, arrival: float
 ) -> tuple[bool, Levels]:
     """Return whether there is a timing that arrives at ``arrival``, and that.
 
     Of several predecessors the fastest is taken, so waits fall as early as they can.
     """
+    edges = way.edges
     m = len(edges) - 1
     width = (len(reachable.slots) - 1) // (m + 1)
     level = np.zeros(m + 1, dtype=np.int64)
@@ -296,6 +303,8 @@ def backtrack(
         free = _free(safe, i)
         found = False
         for before in range(min(k + 1, width - 2), abs(k - 1) - 1, -1):
+            if way.held[i - 1] and before != k:
+                continue
             begin = t - _crossing(speed_of(before, can, ds), v1, can.a, ds)
             source = (i - 1) * width + (before if before > 0 else width - 1)
             options = _times(reachable, source)
@@ -328,7 +337,7 @@ def tune(
     """
     kin = path.body.kinematics
     can = Speeds(kin.v_max * SHARE, kin.a_max * SHARE)
-    way = TunedPath(path.edges, path.halt, path.caps * SHARE)
+    way = TunedPath(path.edges, path.halt, path.caps * SHARE, path.held)
     reached = reachable(way, can, safe, release, horizon)
     width = (len(reached.slots) - 1) // (path.cells + 1)
     last = path.cells * width
@@ -336,7 +345,7 @@ def tune(
     times = [max(float(lo), goal_free) for lo, hi in arrivals if hi >= goal_free]
     if not times or min(times) > horizon:
         return None
-    found, levels = backtrack(path.edges, can, safe, reached, min(times))
+    found, levels = backtrack(way, can, safe, reached, min(times))
     return sampled(path, levels, can) if found else None
 
 

@@ -1,0 +1,52 @@
+"""Many robots at once: ejection and large-neighbourhood search over motions."""
+
+import numpy as np
+
+from tests.motion.independent import judge
+from up_samp.benchmarks import tight_places as tight
+from up_samp.model import Deadline, GroupReport, Outcome
+from up_samp.motion.budget import WorkBudget
+from up_samp.motion.fleet.neighbourhoods import (
+    Motions,
+    arrivals_and_lateness,
+    first_runs,
+    improve,
+)
+from up_samp.motion.fleet.workspace import workspace_of
+from up_samp.motion.service import MotionService
+
+
+def planned(traffic, plans):
+    service = MotionService(traffic.grid)
+    workspace = workspace_of(service)
+    motions = {m.name: m for m in traffic.query.motions}
+    ways = {n: [workspace.path(m.body, m.poses, (), Deadline.never())] for n, m in motions.items()}
+    budget = WorkBudget(Deadline.never(), 200)
+    problem = Motions(workspace, motions, (), arrivals_and_lateness(motions), budget, ways)
+    runs = first_runs(problem)
+    problem.budget = WorkBudget(Deadline.never(), plans)
+    return problem, runs, improve(problem, runs, list(runs), seed=1)
+
+
+def test_arrivals_get_earlier_and_the_plan_stays_valid(tmp_path):
+    traffic = tight.errands(tight.pillars(), tight.omni(), 8, 2)
+    problem, runs, better = planned(traffic, 60)
+    assert problem.total(better) <= problem.total(runs)
+    assert problem.budget.used >= 60
+    found = {name: run.timing.trajectory for name, run in better.items()}
+    judge(traffic, GroupReport(Outcome.FOUND, found), tmp_path)
+
+
+def test_same_seed_same_plan():
+    traffic = tight.errands(tight.pillars(), tight.omni(), 5, 4)
+    (_, _, first), (_, _, second) = planned(traffic, 30), planned(traffic, 30)
+    for name, run in first.items():
+        assert np.array_equal(run.timing.trajectory.times, second[name].timing.trajectory.times)
+
+
+def test_nobody_is_moved_who_may_not_be():
+    traffic = tight.errands(tight.pillars(), tight.omni(), 6, 5)
+    problem, runs, _ = planned(traffic, 0)
+    problem.budget = WorkBudget(Deadline.never(), 30)
+    better = improve(problem, runs, ["go0", "go1"])
+    assert all(better[name] is runs[name] for name in runs if name not in ("go0", "go1"))

@@ -1,0 +1,327 @@
+"""Many robots at once: prioritised planning that ejects who is in the way, then large-neighbourhood
+search over motions (MAPF-LNS and MAPF-LNS2; Li, Chen, Harabor, Stuckey, Koenig 2021 and 2022).
+
+Each motion is planned among all others' runs: on the ways that are known for it, and on one that a
+search in space and time proposes (:mod:`up_samp.motion.fleet.space_time`), with the exact timing of
+:func:`up_samp.motion.fleet.speed.fit`. Work is counted in motions planned.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import random
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from up_samp.model import TimedMotion
+from up_samp.motion.budget import WorkBudget
+from up_samp.motion.fleet.paths import TIMES, Path
+from up_samp.motion.fleet.speed import Window, fit
+from up_samp.motion.fleet.timed_path import TimedPath, natural_timing, run_of
+from up_samp.motion.fleet.workspace import Workspace
+
+FloatArray = npt.NDArray[np.float64]
+Cost = Callable[[str, float], float]
+"""What it costs that a motion (by name) arrives at a time (s)."""
+
+LATE = 100.0
+"""What a second costs after a motion's due; before, it costs 1."""
+
+
+def arrivals_and_lateness(motions: Mapping[str, TimedMotion]) -> Cost:
+    """Return the cost by which a second counts 1, and ``LATE`` after a motion's due."""
+
+    def cost(name: str, arrival: float) -> float:
+        return arrival + LATE * max(0.0, arrival - motions[name].due - TIMES.on_time)
+
+    return cost
+
+
+@dataclass(frozen=True)
+class Choices:
+    """How it is searched. A motion that is so much later (s) than alone is given other ways;
+    so many ways are ``known`` for each; who is in the way is ejected for a ``price`` (s), more
+    each time it has been by ``more``; ``sizes`` of neighbourhoods.
+    """
+
+    late: float = 0.2
+    known: int = 8
+    price: float = 8.0
+    more: float = 4.0
+    sizes: tuple[int, ...] = (2, 3, 4, 5, 6, 8)
+
+
+CHOICES = Choices()
+
+
+@dataclass
+class Motions:
+    """Motions to be planned among each other and what is there for good (``world``)."""
+
+    workspace: Workspace
+    motions: Mapping[str, TimedMotion]
+    world: Sequence[TimedPath]
+    cost: Cost
+    budget: WorkBudget
+    ways: dict[str, list[Path]] = field(default_factory=dict)
+    """The ways that are known for each motion; the first is the best one alone."""
+
+    def __post_init__(self) -> None:
+        self.after: dict[str, list[str]] = {}
+        """The later motions of the same object, by name."""
+        byobject: dict[str, list[str]] = {}
+        for name in sorted(self.motions, key=lambda n: (self.motions[n].release, n)):
+            byobject.setdefault(self.motions[name].object, []).append(name)
+        for names in byobject.values():
+            for k, name in enumerate(names):
+                self.after[name] = names[k + 1 :]
+        self.before = {n: k for names in byobject.values() for k, n in itertools.pairwise(names)}
+
+    def alone(self, name: str) -> float:
+        """Return the least seconds that a motion is known to take."""
+        return min(way.natural.duration for way in self.ways[name])
+
+    def window(self, name: str, runs: Mapping[str, TimedPath]) -> Window:
+        """Return when a motion may happen: after its object's last one."""
+        motion, previous = self.motions[name], self.before.get(name)
+        if previous is None or previous not in runs:
+            return Window(motion.present_from, motion.release)
+        arrival = runs[previous].arrival
+        since = max(motion.present_from, arrival) if motion.present_from > -math.inf else arrival
+        release = max(motion.release, arrival)
+        return Window(min(since, release), release)
+
+    def plan(
+        self, name: str, runs: Mapping[str, TimedPath], without: Iterable[str] = ()
+    ) -> TimedPath | None:
+        """Return the earliest run found of a motion among ``runs``, but those ``without``."""
+        self.budget.used += 1
+        motion, window = self.motions[name], self.window(name, runs)
+        gone = {name, *without}
+        others = [*self.world, *(run for n, run in runs.items() if n not in gone)]
+        best: TimedPath | None = None
+        ways = self.ways[name]
+        enough = window.release + self.alone(name) + CHOICES.late
+        for way in sorted(ways, key=lambda way: (way.fastest, way.number))[:2]:
+            best = fit(self.workspace, motion, window, way, others, best)
+        if best is not None and best.arrival <= enough:
+            return best
+        proposer = self.workspace.proposer
+        for wide in (False, True):
+            if proposer is None or (best is not None and best.arrival <= enough):
+                break
+            proposed = proposer.propose(motion, window.release, others, wide=wide)
+            if proposed is not None and proposed not in ways:
+                ways.append(proposed)
+                best = fit(self.workspace, motion, window, proposed, others, best)
+        for way in sorted(ways, key=lambda way: (way.fastest, way.number)):
+            best = fit(self.workspace, motion, window, way, others, best)
+        self._forget(name, best)
+        return best
+
+    def _forget(self, name: str, best: TimedPath | None) -> None:
+        """Keep the ways that were of use last, and the best one alone."""
+        ways = self.ways[name]
+        if best is not None and best.path in ways[1:]:
+            ways.remove(best.path)
+            ways.insert(1, best.path)
+        del ways[CHOICES.known :]
+
+    def met(self, run: TimedPath, runs: Mapping[str, TimedPath]) -> list[str]:
+        """Return which runs one meets."""
+        meeting = self.workspace.meeting
+        return [n for n in sorted(runs) if n != run.name and meeting(run, runs[n])[0] < math.inf]
+
+    def ideal(self, name: str, runs: Mapping[str, TimedPath]) -> TimedPath:
+        """Return the run of a motion on its best way as if nobody were there."""
+        motion, window = self.motions[name], self.window(name, runs)
+        way = min(self.ways[name], key=lambda way: way.natural.duration)
+        return run_of(motion, way, natural_timing(way, window.release), window.since)
+
+    def total(self, runs: Mapping[str, TimedPath]) -> float:
+        """Return the cost of all runs."""
+        return sum(self.cost(n, runs[n].arrival) for n in sorted(runs))
+
+
+def first_runs(problem: Motions) -> dict[str, TimedPath] | None:
+    """Return runs of all motions that keep clear of each other, if found within the budget: one
+    motion after the other, those with the least time to spare first; who is in the way of a motion
+    is ejected where that is cheaper, and planned again.
+    """
+    motions = problem.motions
+    price = dict.fromkeys(motions, CHOICES.price)
+
+    def spare(name: str) -> tuple[float, str]:
+        motion = motions[name]
+        return motion.due - motion.release - problem.alone(name), name
+
+    queue = sorted(motions, key=spare)
+    runs: dict[str, TimedPath] = {}
+    while queue:
+        if problem.budget.spent():
+            return None
+        ready = (n for n in queue if problem.before.get(n) is None or problem.before[n] in runs)
+        name = next(ready)
+        queue.remove(name)
+        run, gone = _inserted(problem, name, runs, price)
+        if run is None:
+            return None
+        for other in gone:
+            price[other] += CHOICES.more
+            for follower in (other, *problem.after[other]):
+                if runs.pop(follower, None) is not None:
+                    queue.append(follower)
+        runs[name] = run
+        if name in gone:
+            return None
+    return runs
+
+
+def _inserted(
+    problem: Motions, name: str, runs: Mapping[str, TimedPath], price: Mapping[str, float]
+) -> tuple[TimedPath | None, list[str]]:
+    """Return the cheapest run of a motion, and who has to go for it."""
+    best, gone = problem.plan(name, runs), list[str]()
+    ideal = problem.ideal(name, runs)
+    mine = problem.motions[name].object
+    least = math.inf if best is None else best.arrival
+    if least <= ideal.arrival + CHOICES.late:
+        return best, gone
+    met = [n for n in problem.met(ideal, runs) if problem.motions[n].object != mine]
+    options = [[n] for n in met] if len(met) > 1 else []
+    if all(math.isinf(problem.workspace.meeting(ideal, w)[0]) for w in problem.world):
+        options.append(met)
+    for option in options:
+        bill = sum(price[n] for n in option)
+        if ideal.arrival + bill >= least or not option:
+            continue
+        run = ideal if option is met else problem.plan(name, runs, option)
+        if run is not None and run.arrival + bill < least:
+            best, gone, least = run, option, run.arrival + bill
+    if best is None:
+        # nothing is in the way for good: who meets the best way among the world has to go
+        run = problem.plan(name, {k: runs[k] for k in runs if problem.motions[k].object == mine})
+        if run is not None:
+            return run, [n for n in problem.met(run, runs) if problem.motions[n].object != mine]
+    return best, gone
+
+
+# ------------------ Large-neighbourhood search
+
+
+def improve(
+    problem: Motions, runs: Mapping[str, TimedPath], movable: Sequence[str], seed: int = 0
+) -> dict[str, TimedPath]:
+    """Return runs that cost no more: until the budget is spent, those of a few ``movable`` motions
+    are taken out and planned again among the others, and kept if they cost less.
+    """
+    search = _Search(problem, dict(runs), sorted(movable), random.Random(seed))
+    while not problem.budget.spent() and len(search.movable) > 0:
+        search.step()
+    return search.runs
+
+
+class _Search:
+    """The incumbent of a large-neighbourhood search, and how well each neighbourhood did."""
+
+    def __init__(
+        self,
+        problem: Motions,
+        runs: dict[str, TimedPath],
+        movable: Sequence[str],
+        rng: random.Random,
+    ) -> None:
+        self.problem, self.runs, self.movable, self.rng = problem, runs, movable, rng
+        self.scores = {choose: 1.0 for choose in (self.delayed, self.nearby, self.anybody)}
+
+    def step(self) -> None:
+        """Try one neighbourhood."""
+        choices = list(self.scores)
+        [choose] = self.rng.choices(choices, [self.scores[c] for c in choices])
+        size = min(self.rng.choice(CHOICES.sizes), len(self.movable))
+        names = self._whole(choose(size))
+        old = sum(self.problem.cost(n, self.runs[n].arrival) for n in names)
+        found = self._again(names, old)
+        gain = 0.0
+        if found is not None:
+            new = sum(self.problem.cost(n, found[n].arrival) for n in names)
+            gain = old - new
+            if gain >= 0.0:
+                self.runs.update(found)
+        score = self.scores[choose]
+        self.scores[choose] = min(3.0, score + 0.5) if gain > 0.01 else max(0.3, 0.95 * score)
+
+    def _whole(self, names: Iterable[str]) -> list[str]:
+        """Return motions with the later ones of the same objects."""
+        found = dict.fromkeys(names)
+        for name in list(found):
+            found.update(dict.fromkeys(self.problem.after[name]))
+        return list(found)
+
+    def _again(self, names: Sequence[str], most: float) -> dict[str, TimedPath] | None:
+        """Return runs of motions planned again one after the other that cost at most so much."""
+        problem = self.problem
+        kept = {n: run for n, run in self.runs.items() if n not in names}
+        order = list(names)
+        if self.rng.random() < 0.5:
+            order.sort(key=lambda n: self._delay(n), reverse=True)
+        else:
+            self.rng.shuffle(order)
+        order.sort(key=lambda n: len(problem.after[n]), reverse=True)
+        least = {n: problem.cost(n, problem.motions[n].release + problem.alone(n)) for n in order}
+        bill = sum(least.values())
+        found: dict[str, TimedPath] = {}
+        for name in order:
+            run = problem.plan(name, {**kept, **found})
+            if run is None:
+                return None
+            bill += problem.cost(name, run.arrival) - least[name]
+            if bill > most + 1e-9:
+                return None
+            found[name] = run
+        return found
+
+    def _delay(self, name: str) -> float:
+        problem, run = self.problem, self.runs[name]
+        return run.arrival - problem.motions[name].release - problem.alone(name)
+
+    def _one_delayed(self) -> str:
+        weights = [max(self._delay(n), 0.0) + 0.02 for n in self.movable]
+        return self.rng.choices(self.movable, weights)[0]
+
+    def delayed(self, size: int) -> list[str]:
+        """Return a motion that is late, those that hold it up, and those that hold these up."""
+        name = self._one_delayed()
+        found, todo = [name], [name]
+        while todo and len(found) < size:
+            ideal = self.problem.ideal(todo.pop(0), self.runs)
+            met = [n for n in self.problem.met(ideal, self.runs) if n not in found]
+            met = [n for n in met if n in self.movable]
+            self.rng.shuffle(met)
+            met = met[: size - len(found)]
+            found += met
+            todo += met
+        return found
+
+    def nearby(self, size: int) -> list[str]:
+        """Return a motion that is late, and those that are nearest to it at one time."""
+        name = self._one_delayed()
+        run = self.runs[name]
+        t = self.rng.uniform(run.timing.trajectory.start, run.arrival)
+        here = run.timing.trajectory.at(t)
+
+        def away(other: str) -> tuple[float, str]:
+            return math.dist(here[:2], self.runs[other].timing.trajectory.at(t)[:2]), other
+
+        others = sorted((n for n in self.movable if n != name), key=away)
+        return [name, *others[: size - 1]]
+
+    def anybody(self, size: int) -> list[str]:
+        """Return any motions, one of them late."""
+        name = self._one_delayed()
+        others = [n for n in self.movable if n != name]
+        return [name, *self.rng.sample(others, min(size - 1, len(others)))]

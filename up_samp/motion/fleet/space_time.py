@@ -1,0 +1,789 @@
+"""One robot's way among reservations: safe intervals over a lattice of places (SIPP; Phillips and
+Likhachev 2011), with what stopping and turning cost.
+
+The lattice knows bodies as discs, and speeds as full or none: it proposes which side to pass on,
+and whom to let go first. The way is then cut to what the body can drive
+(:func:`up_samp.motion.fleet.space_time.drivable`) and timed exactly by those who ask.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import numpy.typing as npt
+
+from up_samp.geometry import sweeps
+from up_samp.geometry.memory import Memory
+from up_samp.geometry.records import WorldData, inner, kernel
+from up_samp.geometry.scene import Scene
+from up_samp.model import Body, Configuration, Kinematics, TimedMotion, Trajectory
+from up_samp.motion.curves.arcs import merged, nodes_of
+from up_samp.motion.curves.reeds_shepp import fastest
+from up_samp.motion.curves.rolling import rolled, rolling_radius, thinned
+from up_samp.motion.curves.trapezoid import trajectory_of
+from up_samp.motion.fleet.paths import (
+    Abilities,
+    Path,
+    Safe,
+    abilities_of,
+    hull_of,
+    path_of,
+    safe_intervals,
+)
+from up_samp.motion.fleet.speed import tune
+from up_samp.motion.fleet.timed_path import TimedPath, pair_flags
+from up_samp.motion.guides.search_space import search_box, widest_shape
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+
+STEP = 0.7
+"""Circumscribed radii between places of the lattice."""
+
+PLACES = 60_000
+"""Places of a lattice, at most: on larger floors no ways are proposed."""
+
+SAMPLE = 0.2
+"""Seconds between the moments at which a run is looked at."""
+
+LINKS = 1.6
+"""Steps from an end to the places that it is joined to, at most."""
+
+WAYS = np.array(
+    [(i, j) for i in range(-2, 3) for j in range(-2, 3) if math.gcd(i, j) == 1], dtype=np.int64
+)
+"""Steps to the neighbours of a place: 16 directions."""
+
+
+class Lattice(NamedTuple):
+    """Places ``step`` m apart from the corner ``x``, ``y`` (m) on, row by row; those that are
+    ``free`` (rows, cols) for a disc of a ``radius`` (m) among what is fixed.
+    """
+
+    x: float
+    y: float
+    step: float
+    radius: float
+    free: BoolArray
+
+
+@kernel
+def visits(
+    lattice: Lattice, times: FloatArray, poses: FloatArray, ends: FloatArray, reach: float
+) -> FloatArray:
+    """Return when places are within ``reach`` m of a body that is there during ``ends`` (2,), and
+    at ``poses`` (n, 3) at ``times`` (n,) (s): rows (place, from, until).
+    """
+    rows, cols = lattice.free.shape
+    open_from = np.full(rows * cols, np.inf)
+    open_until = np.full(rows * cols, -np.inf)
+    out = np.empty((1024, 3))
+    used = 0
+    n = len(times)
+    wide = int(reach / lattice.step) + 1
+    for k in range(n + 1):
+        # one row at the end closes what is still open
+        at = times[min(k, n - 1)]
+        low = ends[0] if k == 0 else 0.5 * (times[k - 1] + at)
+        high = ends[1] if k >= n - 1 else 0.5 * (at + times[k + 1])
+        x, y = poses[min(k, n - 1), 0], poses[min(k, n - 1), 1]
+        col, row = round((x - lattice.x) / lattice.step), round((y - lattice.y) / lattice.step)
+        if k == n:
+            break
+        for j in range(max(0, row - wide), min(rows, row + wide + 1)):
+            for i in range(max(0, col - wide), min(cols, col + wide + 1)):
+                dx, dy = lattice.x + i * lattice.step - x, lattice.y + j * lattice.step - y
+                if dx * dx + dy * dy >= reach * reach:
+                    continue
+                place = j * cols + i
+                if open_until[place] < low - 1e-6:
+                    if open_from[place] < np.inf:
+                        if used == len(out):
+                            more = np.empty((2 * used, 3))
+                            more[:used] = out
+                            out = more
+                        out[used, 0] = place
+                        out[used, 1], out[used, 2] = open_from[place], open_until[place]
+                        used += 1
+                    open_from[place] = low
+                open_until[place] = high
+    for place in range(rows * cols):
+        if open_from[place] < np.inf:
+            if used == len(out):
+                more = np.empty((2 * used, 3))
+                more[:used] = out
+                out = more
+            out[used, 0] = place
+            out[used, 1], out[used, 2] = open_from[place], open_until[place]
+            used += 1
+    return out[:used].copy()
+
+
+class Links(NamedTuple):
+    """The places around an end: their numbers ``place`` (k,), how far they are (``way``, m), and
+    which of the lattice's directions leads there best.
+    """
+
+    place: IntArray
+    way: FloatArray
+    direction: IntArray
+
+
+class Task(NamedTuple):
+    """What one search is about. ``ways`` (k, 2): steps to a place's neighbours; ``to_go``: least
+    seconds from each place to the goal; ``starts`` and ``goals``: seconds that setting off and
+    arriving take by direction; ``top`` speed (m/s), seconds that a ``stop`` costs twice, how long a
+    body may ``lag`` behind full speed (s) without a stop; it is ready at ``release`` (s).
+    """
+
+    ways: IntArray
+    to_go: FloatArray
+    starts: FloatArray
+    goals: FloatArray
+    source: Links
+    target: Links
+    top: float
+    stop: float
+    lag: float
+    release: float
+
+
+@kernel
+def distances(lattice: Lattice, goal: Links, ways: IntArray) -> FloatArray:
+    """Return the metres from each place to a goal (Dijkstra 1959)."""
+    rows, cols = lattice.free.shape
+    far = np.full(rows * cols, np.inf)
+    queue = [(0.0, -1)]
+    queue.pop()
+    for k in range(len(goal.place)):
+        far[goal.place[k]] = goal.way[k]
+        heapq.heappush(queue, (goal.way[k], goal.place[k]))
+    while len(queue) > 0:
+        d, place = heapq.heappop(queue)
+        if d > far[place]:
+            continue
+        for w in range(len(ways)):
+            i, j = place % cols + ways[w, 0], place // cols + ways[w, 1]
+            if i < 0 or j < 0 or i >= cols or j >= rows or not lattice.free[j, i]:
+                continue
+            other = d + lattice.step * np.sqrt(ways[w, 0] ** 2 + ways[w, 1] ** 2)
+            if other < far[j * cols + i] - 1e-9:
+                far[j * cols + i] = other
+                heapq.heappush(queue, (other, j * cols + i))
+    return far
+
+
+@inner
+def _free_at(safe: Safe, place: int, t: float) -> bool:
+    for r in range(safe.head[place], safe.head[place + 1]):
+        if safe.intervals[r, 0] <= t and t <= safe.intervals[r, 1]:
+            return True
+    return False
+
+
+@inner
+def _step(
+    lattice: Lattice, task: Task, links: IntArray, place: int, w: int
+) -> tuple[int, int, float]:
+    """Return where step ``w`` from a place leads (-1: nowhere), in which direction, and how far
+    (m). ``links``: for each place its row among those around the goal, or -1.
+    """
+    rows, cols = lattice.free.shape
+    places = rows * cols
+    if place == places:
+        return task.source.place[w], task.source.direction[w], task.source.way[w]
+    if w == len(task.starts):
+        k = links[place]
+        if k < 0:
+            return -1, 0, 0.0
+        return places + 1, task.target.direction[k], task.target.way[k]
+    i, j = place % cols + task.ways[w, 0], place // cols + task.ways[w, 1]
+    if i < 0 or j < 0 or i >= cols or j >= rows or not lattice.free[j, i]:
+        return -1, 0, 0.0
+    return j * cols + i, w, lattice.step * np.sqrt(task.ways[w, 0] ** 2 + task.ways[w, 1] ** 2)
+
+
+@inner
+def _took(task: Task, d: int, e: int, length: float, begins: bool) -> float:
+    """Return the seconds of a step in direction ``e`` after one in direction ``d``, or from rest;
+    inf where the body would have to turn too far on its way.
+    """
+    took = length / task.top
+    if d == len(task.starts):
+        return took + task.stop + (task.starts[e] if begins else 0.0)
+    a, b, u, v = task.ways[d, 0], task.ways[d, 1], task.ways[e, 0], task.ways[e, 1]
+    turn = 1.0 - (a * u + b * v) / np.sqrt((a * a + b * b) * (u * u + v * v))
+    return np.inf if turn > 1.2 else took + 0.3 * turn
+
+
+@inner
+def _clear_between(
+    lattice: Lattice, task: Task, safe: Safe, place: int, e: int, half: float
+) -> bool:
+    """Return whether a long step passes between two places that are free then."""
+    cols = lattice.free.shape[1]
+    a, b = task.ways[e, 0], task.ways[e, 1]
+    if abs(a) + abs(b) < 3:
+        return True
+    i, j = place % cols, place // cols
+    first = (j + b // 2) * cols + i + a // 2
+    second = (j + (b + 1) // 2) * cols + i + (a + 1) // 2
+    return _free_at(safe, first, half) and _free_at(safe, second, half)
+
+
+@inner
+def _traced(place_of: IntArray, best: FloatArray, parent: IntArray, last: int) -> FloatArray:
+    """Return the rows (place, time) of the way to a state."""
+    dirs = len(best) // max(1, len(place_of))
+    count, key = 0, last
+    while key >= 0:
+        count += 1
+        key = parent[key]
+    found = np.empty((count, 2))
+    key = last
+    for k in range(count - 1, -1, -1):
+        found[k, 0], found[k, 1] = place_of[key // dirs], best[key]
+        key = parent[key]
+    return found
+
+
+@inner
+def _tables(task: Task, safe: Safe, places: int) -> tuple[IntArray, IntArray]:
+    """Return each safe interval's place, and each place's row among those around the goal."""
+    place_of = np.empty(len(safe.intervals), dtype=np.int64)
+    for place in range(places + 2):
+        place_of[safe.head[place] : safe.head[place + 1]] = place
+    links = np.full(places, -1, dtype=np.int64)
+    for k in range(len(task.target.place)):
+        links[task.target.place[k]] = k
+    return place_of, links
+
+
+@kernel
+def search(lattice: Lattice, task: Task, safe: Safe, most: int) -> tuple[FloatArray, int]:
+    """Return the rows (place, arrival s) of a way from the start to the goal (none: not found), and
+    how many states were expanded, ``most`` at most.
+
+    ``safe``: when places are free, then the start, the goal. A state is a safe interval and the
+    direction in which the body moves, or stands.
+    """
+    places = lattice.free.size
+    dirs = len(task.starts) + 1
+    still = dirs - 1
+    best = np.full(len(safe.intervals) * dirs, np.inf)
+    parent = np.full(len(best), -1, dtype=np.int64)
+    place_of, links = _tables(task, safe, places)
+    queue = [(0.0, 0.0, 0)]
+    queue.pop()
+    for r in range(safe.head[places], safe.head[places + 1]):
+        if safe.intervals[r, 0] <= task.release and task.release < safe.intervals[r, 1]:
+            key = r * dirs + still
+            best[key] = task.release
+            heapq.heappush(queue, (task.release, task.release, key))
+    done = 0
+    while len(queue) > 0 and done < most:
+        _, t, key = heapq.heappop(queue)
+        if t > best[key] + 1e-9:
+            continue
+        done += 1
+        r, d = key // dirs, key % dirs
+        place, until = place_of[r], safe.intervals[r, 1]
+        if place == places + 1:
+            return _traced(place_of, best, parent, key), done
+        halted = r * dirs + still
+        if d != still and t + task.stop <= until and t + task.stop < best[halted] - 1e-9:
+            best[halted], parent[halted] = t + task.stop, key
+            f = t + task.stop + task.to_go[place]
+            heapq.heappush(queue, (f, t + task.stop, halted))
+        lag = until - t if d == still else min(task.lag, until - t)
+        for w in range(len(task.source.place) if place == places else dirs):
+            there, e, length = _step(lattice, task, links, place, w)
+            took = _took(task, d, e, length, place == places) if there >= 0 else np.inf
+            if took == np.inf:
+                continue
+            ends = there == places + 1
+            for q in range(safe.head[there], safe.head[there + 1]):
+                low, high = safe.intervals[q, 0], safe.intervals[q, 1]
+                if low > t + took + lag:
+                    break
+                at = max(t + took, low)
+                after = at + task.stop + task.goals[e] if ends else at
+                state = q * dirs + e
+                if at >= high or (ends and high < np.inf) or after >= best[state] - 1e-9:
+                    continue
+                half = at - 0.5 * length / task.top
+                inside = place < places and not ends
+                if inside and not _clear_between(lattice, task, safe, place, e, half):
+                    continue
+                best[state], parent[state] = after, key
+                f = after if ends else after + task.to_go[there]
+                heapq.heappush(queue, (f, after, state))
+    return np.empty((0, 2)), done
+
+
+# ------------------ The lattice of a floor
+
+
+class Proposer:
+    """Proposes ways for bodies on one floor. What a run keeps from others is remembered with it."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._scene = scene
+        self._lattices: Memory[Lattice | None] = Memory(16)
+        self._tasks: Memory[tuple[Links, Links, FloatArray]] = Memory(4_000)
+        self._paths: Memory[Path | None] = Memory(8_000)
+        self._visits: WeakKeyDictionary[TimedPath, dict[tuple[float, float], FloatArray]] = (
+            WeakKeyDictionary()
+        )
+        self.expanded = 0
+
+    def propose(
+        self,
+        motion: TimedMotion,
+        release: float,
+        others: Sequence[TimedPath],
+        *,
+        wide: bool = False,
+        most: int = 40_000,
+    ) -> Path | None:
+        """Return a way of a motion among the runs of others, if one is found that it can drive.
+
+        :param wide: bodies are the discs around them, not discs of about their size.
+        """
+        able = abilities_of(motion.body)
+        if able.free or len(motion.poses) != 2:
+            return None
+        hull = hull_of(motion.body)
+        for radius in (hull.radius, _disc(motion.body)):
+            lattice = self._lattice(motion.body, motion.poses, radius)
+            if lattice is None:
+                return None
+            source, target, to_go = self._task(motion, lattice)
+            if len(source.place) and np.any(np.isfinite(to_go[source.place])):
+                break
+        else:
+            return None
+        safe = self._safe(motion, lattice, others, wide)
+        for flip in _sides(motion, able):
+            task = _timed_task(motion, release, (source, target, to_go), flip)
+            rows, done = search(lattice, task, safe, most)
+            self.expanded += done
+            if len(rows):
+                path = self._drivable(motion, lattice, rows, safe, flip)
+                if path is not None:
+                    return path
+        return None
+
+    def _lattice(self, body: Body, poses: Sequence[Configuration], radius: float) -> Lattice | None:
+        hull = hull_of(body)
+
+        def made() -> Lattice | None:
+            low, high = search_box(self._scene, poses, (), 16 * hull.radius)
+            step = STEP * hull.radius
+            cols, rows = (max(1, math.ceil(v / step) + 1) for v in high - low)
+            if cols * rows > PLACES:
+                return None
+            free = np.ones((rows, cols), dtype=np.bool_)
+            if self._scene.grid is not None:
+                need = radius + self._scene.margin
+                for j, i in itertools.product(range(rows), range(cols)):
+                    at = low[0] + i * step, low[1] + j * step
+                    free[j, i] = self._scene.room(*at) >= need
+            return Lattice(float(low[0]), float(low[1]), step, radius, free)
+
+        where = None if self._scene.grid is not None else tuple(poses)
+        return self._lattices.get_or((body.footprint, where, radius), made)
+
+    def _task(self, motion: TimedMotion, lattice: Lattice) -> tuple[Links, Links, FloatArray]:
+        def made() -> tuple[Links, Links, FloatArray]:
+            ends = [_links(lattice, p, sign) for p, sign in zip(motion.poses, (1, -1), strict=True)]
+            metres = distances(lattice, ends[1], WAYS)
+            return ends[0], ends[1], metres / motion.body.kinematics.v_max
+
+        return self._tasks.get_or((motion.body, motion.poses, lattice.radius), made)
+
+    def _safe(
+        self, motion: TimedMotion, lattice: Lattice, others: Sequence[TimedPath], wide: bool
+    ) -> Safe:
+        """Return when places are free, then the start, then the goal."""
+        count = lattice.free.size
+        parts = []
+        size = _around if wide else _disc
+        mine = size(motion.body)
+        ends = np.array([p[:2] for p in motion.poses])
+        for other in others:
+            if other.object == motion.object:
+                continue
+            if not pair_flags(motion.object, motion.avoid, other.object, other.avoid):
+                continue
+            reach = mine + size(other.path.body) + self._scene.margin
+            parts.append(self._visited(lattice, other, reach))
+            parts += _visited_ends(other, ends, reach, count)
+        rows = np.concatenate(parts) if parts else np.empty((0, 3))
+        return safe_intervals(rows, count)
+
+    def _visited(self, lattice: Lattice, other: TimedPath, reach: float) -> FloatArray:
+        known = self._visits.setdefault(other, {})
+        key = (reach, lattice.step)
+        if key not in known:
+            times, poses = _sampled(other)
+            ends = np.array([other.since, other.until])
+            known[key] = visits(lattice, times, poses, ends, reach)
+        return known[key]
+
+    def _drivable(
+        self, motion: TimedMotion, lattice: Lattice, rows: FloatArray, safe: Safe, flip: bool
+    ) -> Path | None:
+        points = _points(lattice, motion, rows)
+        points = _pulled(self._scene, motion, lattice, points, rows, safe)
+        key = (motion.body, motion.poses, points.tobytes(), flip)
+        return self._paths.get_or(
+            key, lambda: drivable(self._scene, motion.body, motion.poses, points, flip)
+        )
+
+
+def _disc(body: Body) -> float:
+    """Return the radius (m) of the disc that stands for a body."""
+    hull = hull_of(body)
+    return 0.5 * (hull.radius + hull.core)
+
+
+def _around(body: Body) -> float:
+    """Return the radius (m) of the disc around a body."""
+    return hull_of(body).radius
+
+
+def _links(lattice: Lattice, pose: Configuration, sign: int) -> Links:
+    """Return the places around an end, with directions to them (from them, where ``sign`` < 0)."""
+    rows, cols = lattice.free.shape
+    units = WAYS / np.hypot(*WAYS.T)[:, None]
+    place, way, direction = [], [], []
+    col, row = (pose[0] - lattice.x) / lattice.step, (pose[1] - lattice.y) / lattice.step
+    for j in range(max(0, math.floor(row) - 2), min(rows, math.floor(row) + 4)):
+        for i in range(max(0, math.floor(col) - 2), min(cols, math.floor(col) + 4)):
+            dx, dy = i - col, j - row
+            far = math.hypot(dx, dy)
+            if far <= LINKS and lattice.free[j, i]:
+                place.append(j * cols + i)
+                way.append(far * lattice.step)
+                direction.append(int(np.argmax(units @ np.array([sign * dx, sign * dy]))))
+    ints = np.array(place, dtype=np.int64), np.array(direction, dtype=np.int64)
+    return Links(ints[0], np.array(way, dtype=np.float64), ints[1])
+
+
+def _sides(motion: TimedMotion, able: Abilities) -> tuple[bool, ...]:
+    """Return whether to drive ahead or backwards (True), what turns less first."""
+    if able.sideways:
+        return (False,)
+    (x, y, first), (u, v, last) = (pose[:3] for pose in motion.poses)
+    way = math.atan2(v - y, u - x)
+    ahead = math.cos(first - way) + math.cos(last - way) >= 0.0
+    return (False, True) if ahead else (True, False)
+
+
+def _timed_task(
+    motion: TimedMotion, release: float, known: tuple[Links, Links, FloatArray], flip: bool
+) -> Task:
+    kin, able = motion.body.kinematics, abilities_of(motion.body)
+    ways = np.arctan2(WAYS[:, 1], WAYS[:, 0]) + (math.pi if flip else 0.0)
+    costs = []
+    for pose in motion.poses:
+        turn = np.abs(np.remainder(ways - pose[2] + math.pi, 2 * math.pi) - math.pi)
+        if able.sideways:
+            costs.append(np.zeros(len(ways)))
+        elif able.pivots:
+            costs.append(turn / kin.omega_max)
+        else:
+            costs.append(np.maximum(0.0, turn - 0.4) * 2.0 * able.radius / kin.v_max)
+    source, target, to_go = known
+    stop = kin.v_max / (2 * kin.a_max)
+    return Task(
+        WAYS, to_go, costs[0], costs[1], source, target, kin.v_max, stop, 1.2 * stop, float(release)
+    )
+
+
+def _sampled(run: TimedPath) -> tuple[FloatArray, FloatArray]:
+    """Return a run's moments about ``SAMPLE`` s apart, and where it is then."""
+    times, poses = run.timing.trajectory.times, run.timing.trajectory.poses
+    if len(times) == 1:
+        return times, poses
+    count = max(2, math.ceil((times[-1] - times[0]) / SAMPLE) + 1)
+    at = np.linspace(times[0], times[-1], count)
+    rows = np.stack([np.interp(at, times, poses[:, k]) for k in range(3)], axis=1)
+    return at, rows
+
+
+def _visited_ends(other: TimedPath, ends: FloatArray, reach: float, count: int) -> list[FloatArray]:
+    """Return when a run is near the start and the goal, as rows of the places after the others."""
+    times, poses = _sampled(other)
+    edges = np.concatenate([[other.since], 0.5 * (times[1:] + times[:-1]), [other.until]])
+    found = []
+    for k in range(2):
+        near = np.hypot(poses[:, 0] - ends[k, 0], poses[:, 1] - ends[k, 1]) < reach
+        near = np.flatnonzero(near)
+        if len(near):
+            found.append(np.stack([np.full(len(near), count + k), edges[near], edges[near + 1]], 1))
+    return found
+
+
+def _points(lattice: Lattice, motion: TimedMotion, rows: FloatArray) -> FloatArray:
+    """Return the corners (k, 2) of a way over places, each place once."""
+    cols = lattice.free.shape[1]
+    count = lattice.free.size
+    keep = np.concatenate([[True], np.diff(rows[:, 0]) != 0])
+    places = rows[keep, 0].astype(np.int64)
+    inside = places < count
+    points = np.empty((len(places), 2))
+    points[:, 0] = lattice.x + (places % cols) * lattice.step
+    points[:, 1] = lattice.y + (places // cols) * lattice.step
+    points[~inside & (places == count)] = motion.poses[0][:2]
+    points[~inside & (places == count + 1)] = motion.poses[-1][:2]
+    return points
+
+
+def _pulled(
+    scene: Scene,
+    motion: TimedMotion,
+    lattice: Lattice,
+    points: FloatArray,
+    rows: FloatArray,
+    safe: Safe,
+) -> FloatArray:
+    """Return a way without the corners that can be left out, as far as the lattice tells."""
+    arrive = np.array([rows[rows[:, 0] == p, 1].min() for p in dict.fromkeys(rows[:, 0])])
+    if len(arrive) != len(points):  # it comes by the same place twice
+        return points
+    need = lattice.radius + scene.margin
+    keep = pulled(lattice, points, arrive, safe, scene.data.clearance, _frame(scene), need)
+    return points[keep]
+
+
+def _frame(scene: Scene) -> FloatArray:
+    if scene.grid is None:
+        return np.zeros(0)
+    x, y, yaw = scene.grid.origin
+    return np.array([x, y, math.cos(yaw), math.sin(yaw), scene.grid.resolution])
+
+
+@kernel
+def pulled(
+    lattice: Lattice,
+    points: FloatArray,
+    arrive: FloatArray,
+    safe: Safe,
+    room: npt.NDArray[np.float32],
+    frame: FloatArray,
+    need: float,
+) -> IntArray:
+    """Return which corners of a way to keep: each leads straight on to the farthest one that it can
+    reach, at times between those of the way.
+    """
+    n = len(points)
+    rows, cols = lattice.free.shape
+    keep = np.empty(n, dtype=np.int64)
+    keep[0], used, i = 0, 1, 0
+    while i < n - 1:
+        best = i + 1
+        for j in range(i + 2, n):
+            dx, dy = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1]
+            length = np.sqrt(dx * dx + dy * dy)
+            count = int(length / (0.5 * lattice.step)) + 1
+            fine = True
+            for k in range(1, count):
+                share = k / count
+                x, y = points[i, 0] + share * dx, points[i, 1] + share * dy
+                if len(frame) > 0:
+                    u = (x - frame[0]) * frame[2] + (y - frame[1]) * frame[3]
+                    v = -(x - frame[0]) * frame[3] + (y - frame[1]) * frame[2]
+                    a, b = int(u / frame[4]), int(v / frame[4])
+                    if a < 0 or b < 0 or b >= room.shape[0] or a >= room.shape[1]:
+                        fine = False
+                        break
+                    if (
+                        room[b, a] < need
+                        and k * length / count > 2 * lattice.step
+                        and ((count - k) * length / count > 2 * lattice.step)
+                    ):
+                        fine = False
+                        break
+                col = min(cols - 1, max(0, round((x - lattice.x) / lattice.step)))
+                row = min(rows - 1, max(0, round((y - lattice.y) / lattice.step)))
+                t = arrive[i] + share * (arrive[j] - arrive[i])
+                if lattice.free[row, col] and not _free_at(safe, row * cols + col, t):
+                    fine = False
+                    break
+            if fine:
+                best = j
+        keep[used] = best
+        used += 1
+        i = best
+    return keep[:used].copy()
+
+
+# ------------------ What a body can drive of a way
+
+
+def drivable(
+    scene: Scene, body: Body, poses: tuple[Configuration, ...], points: FloatArray, flip: bool
+) -> Path | None:
+    """Return a path of a body along corners (k, 2), with its corners rounded, if the map allows."""
+    kin, able = body.kinematics, abilities_of(body)
+    shape = widest_shape(scene, body, poses, ())
+    if shape is None:
+        return None
+    world, least = scene.world(shape), 1e-3 * float(shape.data.slack[2])
+    if able.sideways:
+        radius = kin.v_max**2 / kin.a_max
+        rows = _rounded(points, radius)
+        return None if rows is None else _slid(body, poses, rows, world, least)
+    if able.pivots:
+        rows = _rounded(points, rolling_radius(kin))
+        if rows is None:
+            return None
+        rows = _turned(poses, rows, flip)
+        rows = thinned(rows, kin)
+        if sweeps.samples_free(world, rows, least) >= 0:
+            return None
+        return path_of(rolled(rows, kin), body, poses)
+    arcs = _steered(poses, points, kin.turning_radius, kin, flip)
+    if arcs is None or sweeps.path_free(world, np.array(poses[0], dtype=np.float64), arcs) >= 0:
+        return None
+    end = nodes_of(np.array(poses[0], dtype=np.float64), arcs)[-1]
+    if math.dist(end[:2], poses[1][:2]) > 1e-7:
+        return None
+    return path_of(trajectory_of(poses, [arcs], kin), body, poses)
+
+
+def _rounded(points: FloatArray, radius: float) -> FloatArray | None:
+    """Return a way (n, 3) along corners with arcs of up to ``radius`` m in them; headings are the
+    directions of travel. Where it turns back there is no arc.
+    """
+    parts = [np.append(points[0], 0.0)[None, :]]
+    for i in range(len(points) - 1):
+        gone = points[i + 1] - points[i]
+        size = float(np.hypot(*gone))
+        if size < 1e-9:
+            return None
+        way = math.atan2(gone[1], gone[0])
+        if i == 0:
+            parts[0][0, 2] = way
+        if i + 2 == len(points):
+            parts.append(np.array([[*points[-1], way]]))
+            break
+        ahead = points[i + 2] - points[i + 1]
+        turn = math.remainder(math.atan2(ahead[1], ahead[0]) - way, 2 * math.pi)
+        if abs(turn) < 1e-6:
+            continue
+        if abs(turn) > 2.4:
+            parts.append(np.array([[*points[i + 1], way]]))
+            continue
+        half = math.tan(0.5 * abs(turn))
+        reach = min(radius * half, 0.45 * size, 0.45 * float(np.hypot(*ahead)))
+        r = reach / half
+        corner = points[i + 1] - reach * gone / size
+        count = max(2, math.ceil(r * abs(turn) / 0.05), math.ceil(abs(turn) / 0.08))
+        arcs = np.array([[math.copysign(1.0 / r, turn), r * abs(turn) / count]] * count)
+        parts.append(nodes_of(np.array([*corner, way]), arcs))
+    return np.concatenate(parts)
+
+
+def _slid(
+    body: Body,
+    poses: tuple[Configuration, ...],
+    rows: FloatArray,
+    world: WorldData,
+    least: float,
+) -> Path | None:
+    """Return the path of a body that moves sideways along a way, turning where there is room."""
+    kin = body.kinematics
+    turn = math.remainder(poses[1][2] - poses[0][2], 2 * math.pi)
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(rows[:, :2], axis=0).T))])
+    length = float(way[-1])
+    takes = min(length, abs(turn) * kin.v_max / kin.omega_max)
+    # samples on straight pieces: to turn evenly, and as a bend keeps the speed up to the next one
+    counts = [max(1, math.ceil((b - a) / 0.06)) for a, b in itertools.pairwise(way)]
+    parts = [
+        np.linspace(*ends, count + 1)[:-1]
+        for ends, count in zip(itertools.pairwise(way), counts, strict=True)
+    ]
+    at = np.concatenate([*parts, way[-1:]])
+    for first in dict.fromkeys((0.0, length - takes, 0.5 * (length - takes))):
+        x, y = (np.interp(at, way, rows[:, k]) for k in (0, 1))
+        share = np.clip((at - first) / max(takes, 1e-9), 0.0, 1.0)
+        found = np.stack([x, y, poses[0][2] + turn * share], axis=1)
+        found[0], found[-1, :2] = poses[0], poses[1][:2]
+        if sweeps.samples_free(world, found, least) < 0:
+            return _timed_slide(body, poses, found, rows)
+    return None
+
+
+def _timed_slide(
+    body: Body, poses: tuple[Configuration, ...], rows: FloatArray, arcs: FloatArray
+) -> Path | None:
+    """Return the path along a way, with the fastest timing that its bends allow."""
+    kin = body.kinematics
+    gone = np.diff(rows[:, :2], axis=0)
+    steps = np.hypot(*gone.T)
+    way = np.unwrap(np.arctan2(gone[:, 1], gone[:, 0]))
+    bend = np.abs(np.diff(way)) / (0.5 * (steps[1:] + steps[:-1]))
+    bend = np.concatenate([[0.0], np.where(np.abs(np.diff(way)) > 0.35, 0.0, bend), [0.0]])
+    sharp = np.maximum(bend[1:], bend[:-1])
+    speeds = np.minimum(kin.v_max, np.sqrt(kin.a_max / np.maximum(sharp, 1e-9)))
+    times = np.concatenate([[0.0], np.cumsum(steps / speeds)])
+    path = path_of(Trajectory(times, rows), body, poses)
+    timing = tune(path, safe_intervals(np.empty((0, 3)), path.cells), 0.0, -math.inf)
+    if timing is None:
+        return None
+    return replace(path, natural=timing.trajectory, natural_s=timing.s)
+
+
+def _turned(poses: tuple[Configuration, ...], rows: FloatArray, flip: bool) -> FloatArray:
+    """Return a way with turns on the spot where it begins, turns back and ends."""
+    rows = rows.copy()
+    if flip:
+        rows[:, 2] += math.pi
+    rows[:, 2] = np.unwrap(rows[:, 2])
+    rows[:, 2] += poses[0][2] + math.remainder(rows[0, 2] - poses[0][2], 2 * math.pi) - rows[0, 2]
+    parts = [np.array([poses[0][:3]], dtype=np.float64)]
+    for a, b in itertools.pairwise(rows):
+        parts.append(a[None, :])
+        way = math.atan2(b[1] - a[1], b[0] - a[0]) + (math.pi if flip else 0.0)
+        if abs(math.remainder(way - a[2], 2 * math.pi)) > 1.0:  # it turned back here
+            turned = b.copy()
+            turned[:2] = a[:2]
+            parts.append(turned[None, :])
+    last = rows[-1].copy()
+    parts.append(last[None, :])
+    end = np.array([*poses[1][:2], last[2] + math.remainder(poses[1][2] - last[2], 2 * math.pi)])
+    parts.append(end[None, :])
+    return np.concatenate(parts)
+
+
+def _steered(
+    poses: tuple[Configuration, ...], points: FloatArray, radius: float, kin: Kinematics, flip: bool
+) -> FloatArray | None:
+    """Return a car's arcs from pose to pose by way of the middles of straight pieces."""
+    marks = [poses[0]]
+    for a, b in itertools.pairwise(points):
+        way = math.atan2(b[1] - a[1], b[0] - a[0]) + (math.pi if flip else 0.0)
+        size = math.dist(a, b)
+        if size >= 2.0 * radius and len(points) > 2:
+            marks += [(*(a + 0.4 * (b - a)), way), (*(a + 0.6 * (b - a)), way)]
+        else:
+            marks.append((*(0.5 * (a + b)), way))
+    marks.append(poses[1])
+    found = []
+    for p, q in itertools.pairwise(marks):
+        arcs = fastest(p, q, radius, kin.v_max, kin.a_max)[1]
+        if np.abs(arcs[:, 1]).sum() > 2.0 * math.dist(p[:2], q[:2]) + 6 * radius:
+            return None
+        found.append(arcs)
+    return merged(np.concatenate(found))
