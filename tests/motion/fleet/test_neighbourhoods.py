@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tests.motion.independent import judge
+from tests.motion.fleet.independent import judge
 from up_samp.benchmarks import tight_places as tight
 from up_samp.model import Deadline, GroupReport, Outcome
 from up_samp.motion.budget import WorkBudget
