@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.cpsat.strangers import stranger
+from tests.scheduling.cpsat.strangers import stranger
 from tests.shuffled import shuffled
 from up_samp.model import Deadline, ScheduleStatus
 from up_samp.scheduling.cpsat import CpsatSession
