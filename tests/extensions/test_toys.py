@@ -31,7 +31,7 @@ from up_samp.search import FirstPlan, MaxRounds
 from up_samp.search.neighbourhoods import CHOICES, Descent, DescentSettings, Freed
 from up_samp.search.params import Parameters
 from up_samp.search.presets import components_of
-from up_samp.upio.objective import Part
+from up_samp.upio.objective import ObjectivePart
 from up_samp.validation import Violation, validate_plan
 
 get_environment().credits_stream = None
@@ -158,7 +158,7 @@ class TotalStart(MinimizeExpressionOnFinalState):
 def starts_of(metric, problem):
     manager = problem.environment.expression_manager
     for activity in problem.activities:
-        yield Part(1, manager.TimingExp(Timing(0, activity.start)))
+        yield ObjectivePart(1, manager.TimingExp(Timing(0, activity.start)))
 
 
 TOTAL = MetricMeaning(

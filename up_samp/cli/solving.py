@@ -45,26 +45,7 @@ def add_solver_arguments(parser: argparse.ArgumentParser, *, out: str | None, gi
     parser.add_argument(
         "--preset", choices=sorted(PRESETS), default="default", help="how to learn from failures"
     )
-    until = parser.add_mutually_exclusive_group()
-    until.add_argument(
-        "--optimal", action="store_true", help="go on until the plan is proven optimal"
-    )
-    until.add_argument("--first", action="store_true", help="stop at the first plan")
-    until.add_argument(
-        "--patience",
-        type=float,
-        default=None,
-        metavar="SHARE",
-        help="stop when so large a share of the time so far brought no better plan (default: 1; "
-        "with --timeout: go on to its end)",
-    )
-    parser.add_argument(
-        "--timeout",
-        type=_seconds,
-        default=None,
-        metavar="S",
-        help="seconds for the best plan that is found in them (default: 120 at most)",
-    )
+    _add_ends(parser)
     parser.add_argument("--seed", type=int, default=0, metavar="N")
     parser.add_argument(
         "--tuning",
@@ -89,6 +70,30 @@ def add_solver_arguments(parser: argparse.ArgumentParser, *, out: str | None, gi
         "what the problem file says)",
     )
     _add_output_arguments(parser, out=out, gif=gif)
+
+
+def _add_ends(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say when to stop."""
+    until = parser.add_mutually_exclusive_group()
+    until.add_argument(
+        "--optimal", action="store_true", help="go on until the plan is proven optimal"
+    )
+    until.add_argument("--first", action="store_true", help="stop at the first plan")
+    until.add_argument(
+        "--patience",
+        type=float,
+        default=None,
+        metavar="SHARE",
+        help="stop when so large a share of the time so far brought no better plan (default: 1; "
+        "with --timeout: go on to its end)",
+    )
+    parser.add_argument(
+        "--timeout",
+        type=_seconds,
+        default=None,
+        metavar="S",
+        help="seconds for the best plan that is found in them (default: 120 at most)",
+    )
 
 
 def _add_output_arguments(parser: argparse.ArgumentParser, *, out: str | None, gif: bool) -> None:

@@ -11,9 +11,9 @@ from typing import Any
 class MetricMeaning:
     """A class of UP metrics, said twice, as what plans and what judges share nothing.
 
-    ``parts``: (metric, problem) -> the :class:`up_samp.upio.objective.Part` whose weighted sum is
-    minimised (``sign`` 1) or maximised (-1). ``judged``: (metric, timeline of a schedule) -> the
-    metric's value. ``name`` is for people.
+    ``parts``: (metric, problem) -> the :class:`up_samp.upio.objective.ObjectivePart` whose weighted
+    sum is minimised (``sign`` 1) or maximised (-1). ``judged``: (metric, timeline of a schedule) ->
+    the metric's value. ``name`` is for people.
     """
 
     metric: type

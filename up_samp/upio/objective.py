@@ -24,7 +24,7 @@ Number = int | Fraction
 
 
 @dataclass(frozen=True)
-class Part:
+class ObjectivePart:
     """``weight`` times what ``node`` is worth: a number in the end, or 1 if it holds then.
 
     With an ``interval`` it is 1 if it holds throughout; with an ``activity`` (a name) it counts if
@@ -42,7 +42,9 @@ class Objective(metrics.PlanQualityMetric):  # type: ignore[misc]
     relaxation can carry it. Costs are ``sign`` times values: the less, the better.
     """
 
-    def __init__(self, name: str, sign: int, parts: Iterable[Part], environment: Any) -> None:
+    def __init__(
+        self, name: str, sign: int, parts: Iterable[ObjectivePart], environment: Any
+    ) -> None:
         super().__init__(environment)
         self.name = name
         self.sign = sign
@@ -63,7 +65,9 @@ class Objective(metrics.PlanQualityMetric):  # type: ignore[misc]
 
     def rewritten(self, rewrite: Callable[[FNode], FNode]) -> Objective:
         """Return it with each expression rewritten."""
-        parts = (Part(p.weight, rewrite(p.node), p.interval, p.activity) for p in self.parts)
+        parts = (
+            ObjectivePart(p.weight, rewrite(p.node), p.interval, p.activity) for p in self.parts
+        )
         return Objective(self.name, self.sign, parts, self.environment)
 
     def decided(self, fix: Callable[..., FNode], present: Container[str]) -> Objective:
@@ -78,60 +82,60 @@ class Objective(metrics.PlanQualityMetric):  # type: ignore[misc]
                 continue
             holds = part.node.type.is_bool_type()
             node = fix(part.node, positive=False) if holds else part.node
-            parts.append(Part(part.weight, node, part.interval, part.activity))
+            parts.append(ObjectivePart(part.weight, node, part.interval, part.activity))
         return Objective(self.name, self.sign, parts, self.environment)
 
 
 # ------------------ One row for each metric of UP
 
 
-def _makespan(metric: Any, problem: Any) -> Iterator[Part]:
+def _makespan(metric: Any, problem: Any) -> Iterator[ObjectivePart]:
     manager = problem.environment.expression_manager
-    yield Part(1, manager.TimingExp(GlobalEndTiming()))
+    yield ObjectivePart(1, manager.TimingExp(GlobalEndTiming()))
 
 
-def _final(metric: Any, problem: Any) -> Iterator[Part]:
-    yield Part(1, metric.expression)
+def _final(metric: Any, problem: Any) -> Iterator[ObjectivePart]:
+    yield ObjectivePart(1, metric.expression)
 
 
-def _goals(metric: Any, problem: Any) -> Iterator[Part]:
+def _goals(metric: Any, problem: Any) -> Iterator[ObjectivePart]:
     for goal, gain in metric.goals.items():
-        yield Part(plain_number(gain), goal)
+        yield ObjectivePart(plain_number(gain), goal)
 
 
-def _timed_goals(metric: Any, problem: Any) -> Iterator[Part]:
+def _timed_goals(metric: Any, problem: Any) -> Iterator[ObjectivePart]:
     for (interval, goal), gain in metric.goals.items():
-        yield Part(plain_number(gain), goal, interval)
+        yield ObjectivePart(plain_number(gain), goal, interval)
 
 
-def _costs(metric: Any, problem: Any) -> Iterator[Part]:
+def _costs(metric: Any, problem: Any) -> Iterator[ObjectivePart]:
     if metric.default is None:  # UP takes no activities for actions with costs of their own
         raise UnsupportedError(f"the metric '{metric}' says not what an activity costs: by default")
     for activity in problem.activities:
-        yield Part(1, metric.default, activity=activity.name)
+        yield ObjectivePart(1, metric.default, activity=activity.name)
 
 
-def _same(metric: Any, problem: Any) -> Iterator[Part]:
+def _same(metric: Any, problem: Any) -> Iterator[ObjectivePart]:
     yield from metric.parts
 
 
 @dataclass(frozen=True)
-class Row:
+class MetricRow:
     """How a metric is told; ``name`` is for people."""
 
     name: str
     sign: int
-    parts: Callable[[Any, Any], Iterable[Part]]
+    parts: Callable[[Any, Any], Iterable[ObjectivePart]]
 
 
 MAKESPAN = "makespan"
-METRICS: Mapping[type, Row] = {
-    metrics.MinimizeMakespan: Row(MAKESPAN, 1, _makespan),
-    metrics.MinimizeExpressionOnFinalState: Row("final value", 1, _final),
-    metrics.MaximizeExpressionOnFinalState: Row("final value", -1, _final),
-    metrics.Oversubscription: Row("gain", -1, _goals),
-    metrics.TemporalOversubscription: Row("gain", -1, _timed_goals),
-    metrics.MinimizeActionCosts: Row("cost", 1, _costs),
+METRICS: Mapping[type, MetricRow] = {
+    metrics.MinimizeMakespan: MetricRow(MAKESPAN, 1, _makespan),
+    metrics.MinimizeExpressionOnFinalState: MetricRow("final value", 1, _final),
+    metrics.MaximizeExpressionOnFinalState: MetricRow("final value", -1, _final),
+    metrics.Oversubscription: MetricRow("gain", -1, _goals),
+    metrics.TemporalOversubscription: MetricRow("gain", -1, _timed_goals),
+    metrics.MinimizeActionCosts: MetricRow("cost", 1, _costs),
 }
 
 

@@ -7,7 +7,7 @@ from up_samp.benchmarks import tight_places as tight
 from up_samp.model import Deadline, GroupReport, Outcome
 from up_samp.motion.budget import WorkBudget
 from up_samp.motion.fleet.neighbourhoods import (
-    Motions,
+    MovingGroup,
     arrivals_and_lateness,
     first_runs,
     improve,
@@ -22,7 +22,7 @@ def planned(traffic, plans):
     motions = {m.name: m for m in traffic.query.motions}
     ways = {n: [workspace.path(m.body, m.poses, (), Deadline.never())] for n, m in motions.items()}
     budget = WorkBudget(Deadline.never(), 200)
-    problem = Motions(workspace, motions, (), arrivals_and_lateness(motions), budget, ways)
+    problem = MovingGroup(workspace, motions, (), arrivals_and_lateness(motions), budget, ways)
     runs = first_runs(problem)
     problem.budget = WorkBudget(Deadline.never(), plans)
     return problem, runs, improve(problem, runs, list(runs), seed=1)

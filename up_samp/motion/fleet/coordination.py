@@ -28,7 +28,7 @@ from up_samp.motion.budget import WorkBudget
 from up_samp.motion.fleet.conflicts import wished
 from up_samp.motion.fleet.flyers import Flight, among_shadows, coordinate_flights, first_contact
 from up_samp.motion.fleet.neighbourhoods import (
-    Motions,
+    MovingGroup,
     arrivals_and_lateness,
     first_runs,
     improve,
@@ -140,7 +140,7 @@ def _decide(group: Group, root: Node, seed: int) -> None:
     budget = WorkBudget(group.deadline, effort.first * len(root.runs))
     cost = arrivals_and_lateness(group.motions)
     ways = {name: [run.path] for name, run in root.runs.items()}
-    motions = Motions(group.workspace, group.motions, group.world, cost, budget, ways)
+    motions = MovingGroup(group.workspace, group.motions, group.world, cost, budget, ways)
     runs = first_runs(motions)
     if runs is None:
         return

@@ -20,6 +20,7 @@ import numpy.typing as npt
 from up_samp.model import TimedMotion
 from up_samp.motion.budget import WorkBudget
 from up_samp.motion.fleet.paths import TIMES, Path
+from up_samp.motion.fleet.space_time import proposer_of
 from up_samp.motion.fleet.speed import Window, fit
 from up_samp.motion.fleet.timed_path import TimedPath, natural_timing, run_of
 from up_samp.motion.fleet.workspace import Workspace
@@ -59,7 +60,7 @@ CHOICES = Choices()
 
 
 @dataclass
-class Motions:
+class MovingGroup:
     """Motions to be planned among each other and what is there for good (``world``)."""
 
     workspace: Workspace
@@ -110,7 +111,7 @@ class Motions:
             best = fit(self.workspace, motion, window, way, others, best)
         if best is not None and best.arrival <= enough:
             return best
-        proposer = self.workspace.proposer
+        proposer = proposer_of(self.workspace)
         for wide in (False, True):
             if proposer is None or (best is not None and best.arrival <= enough):
                 break
@@ -147,7 +148,7 @@ class Motions:
         return sum(self.cost(n, runs[n].arrival) for n in sorted(runs))
 
 
-def first_runs(problem: Motions) -> dict[str, TimedPath] | None:
+def first_runs(problem: MovingGroup) -> dict[str, TimedPath] | None:
     """Return runs of all motions that keep clear of each other, if found within the budget: one
     motion after the other, those with the least time to spare first; who is in the way of a motion
     is ejected where that is cheaper, and planned again.
@@ -182,7 +183,7 @@ def first_runs(problem: Motions) -> dict[str, TimedPath] | None:
 
 
 def _inserted(
-    problem: Motions, name: str, runs: Mapping[str, TimedPath], price: Mapping[str, float]
+    problem: MovingGroup, name: str, runs: Mapping[str, TimedPath], price: Mapping[str, float]
 ) -> tuple[TimedPath | None, list[str]]:
     """Return the cheapest run of a motion, and who has to go for it."""
     best, gone = problem.plan(name, runs), list[str]()
@@ -214,7 +215,7 @@ def _inserted(
 
 
 def improve(
-    problem: Motions, runs: Mapping[str, TimedPath], movable: Sequence[str], seed: int = 0
+    problem: MovingGroup, runs: Mapping[str, TimedPath], movable: Sequence[str], seed: int = 0
 ) -> dict[str, TimedPath]:
     """Return runs that cost no more: until the budget is spent, those of a few ``movable`` motions
     are taken out and planned again among the others, and kept if they cost less.
@@ -230,7 +231,7 @@ class _Search:
 
     def __init__(
         self,
-        problem: Motions,
+        problem: MovingGroup,
         runs: dict[str, TimedPath],
         movable: Sequence[str],
         rng: random.Random,

@@ -39,6 +39,7 @@ from up_samp.motion.fleet.paths import (
 )
 from up_samp.motion.fleet.speed import tune
 from up_samp.motion.fleet.timed_path import TimedPath, pair_flags
+from up_samp.motion.fleet.workspace import Workspace
 from up_samp.motion.guides.search_space import search_box, widest_shape
 
 FloatArray = npt.NDArray[np.float64]
@@ -137,7 +138,7 @@ class Links(NamedTuple):
     direction: IntArray
 
 
-class Task(NamedTuple):
+class Errand(NamedTuple):
     """What one search is about. ``ways`` (k, 2): steps to a place's neighbours; ``to_go``: least
     seconds from each place to the goal; ``starts`` and ``goals``: seconds that setting off and
     arriving take by direction; ``top`` speed (m/s), seconds that a ``stop`` costs twice, how long a
@@ -191,7 +192,7 @@ def _free_at(safe: Safe, place: int, t: float) -> bool:
 
 @inner
 def _step(
-    lattice: Lattice, task: Task, links: IntArray, place: int, w: int
+    lattice: Lattice, task: Errand, links: IntArray, place: int, w: int
 ) -> tuple[int, int, float]:
     """Return where step ``w`` from a place leads (-1: nowhere), in which direction, and how far
     (m). ``links``: for each place its row among those around the goal, or -1.
@@ -212,7 +213,7 @@ def _step(
 
 
 @inner
-def _took(task: Task, d: int, e: int, length: float, begins: bool) -> float:
+def _took(task: Errand, d: int, e: int, length: float, begins: bool) -> float:
     """Return the seconds of a step in direction ``e`` after one in direction ``d``, or from rest;
     inf where the body would have to turn too far on its way.
     """
@@ -226,7 +227,7 @@ def _took(task: Task, d: int, e: int, length: float, begins: bool) -> float:
 
 @inner
 def _clear_between(
-    lattice: Lattice, task: Task, safe: Safe, place: int, e: int, half: float
+    lattice: Lattice, task: Errand, safe: Safe, place: int, e: int, half: float
 ) -> bool:
     """Return whether a long step passes between two places that are free then."""
     cols = lattice.free.shape[1]
@@ -256,7 +257,7 @@ def _traced(place_of: IntArray, best: FloatArray, parent: IntArray, last: int) -
 
 
 @inner
-def _tables(task: Task, safe: Safe, places: int) -> tuple[IntArray, IntArray]:
+def _tables(task: Errand, safe: Safe, places: int) -> tuple[IntArray, IntArray]:
     """Return each safe interval's place, and each place's row among those around the goal."""
     place_of = np.empty(len(safe.intervals), dtype=np.int64)
     for place in range(places + 2):
@@ -268,7 +269,7 @@ def _tables(task: Task, safe: Safe, places: int) -> tuple[IntArray, IntArray]:
 
 
 @kernel
-def search(lattice: Lattice, task: Task, safe: Safe, most: int) -> tuple[FloatArray, int]:
+def search(lattice: Lattice, task: Errand, safe: Safe, most: int) -> tuple[FloatArray, int]:
     """Return the rows (place, arrival s) of a way from the start to the goal (none: not found), and
     how many states were expanded, ``most`` at most.
 
@@ -298,11 +299,10 @@ def search(lattice: Lattice, task: Task, safe: Safe, most: int) -> tuple[FloatAr
         place, until = place_of[r], safe.intervals[r, 1]
         if place == places + 1:
             return _traced(place_of, best, parent, key), done
-        halted = r * dirs + still
-        if d != still and t + task.stop <= until and t + task.stop < best[halted] - 1e-9:
-            best[halted], parent[halted] = t + task.stop, key
-            f = t + task.stop + task.to_go[place]
-            heapq.heappush(queue, (f, t + task.stop, halted))
+        halted, stood = r * dirs + still, t + task.stop
+        if d != still and stood <= until and stood < best[halted] - 1e-9:
+            best[halted], parent[halted] = stood, key
+            heapq.heappush(queue, (stood + task.to_go[place], stood, halted))
         lag = until - t if d == still else min(task.lag, until - t)
         for w in range(len(task.source.place) if place == places else dirs):
             there, e, length = _step(lattice, task, links, place, w)
@@ -330,6 +330,17 @@ def search(lattice: Lattice, task: Task, safe: Safe, most: int) -> tuple[FloatAr
 
 
 # ------------------ The lattice of a floor
+
+
+_proposers: WeakKeyDictionary[Workspace, Proposer | None] = WeakKeyDictionary()
+
+
+def proposer_of(workspace: Workspace) -> Proposer | None:
+    """Return who proposes ways among reservations, if there is a scene to search in."""
+    if workspace not in _proposers:
+        scene = workspace.scene
+        _proposers[workspace] = None if scene is None else Proposer(scene)
+    return _proposers[workspace]
 
 
 class Proposer:
@@ -491,7 +502,7 @@ def _sides(motion: TimedMotion, able: Abilities) -> tuple[bool, ...]:
 
 def _timed_task(
     motion: TimedMotion, release: float, known: tuple[Links, Links, FloatArray], flip: bool
-) -> Task:
+) -> Errand:
     kin, able = motion.body.kinematics, abilities_of(motion.body)
     ways = np.arctan2(WAYS[:, 1], WAYS[:, 0]) + (math.pi if flip else 0.0)
     costs = []
@@ -505,7 +516,7 @@ def _timed_task(
             costs.append(np.maximum(0.0, turn - 0.4) * 2.0 * able.radius / kin.v_max)
     source, target, to_go = known
     stop = kin.v_max / (2 * kin.a_max)
-    return Task(
+    return Errand(
         WAYS, to_go, costs[0], costs[1], source, target, kin.v_max, stop, 1.2 * stop, float(release)
     )
 
@@ -561,9 +572,8 @@ def _pulled(
     arrive = np.array([rows[rows[:, 0] == p, 1].min() for p in dict.fromkeys(rows[:, 0])])
     if len(arrive) != len(points):  # it comes by the same place twice
         return points
-    need = lattice.radius + scene.margin
-    keep = pulled(lattice, points, arrive, safe, scene.data.clearance, _frame(scene), need)
-    return points[keep]
+    room = Room(scene.data.clearance, _frame(scene), lattice.radius + scene.margin)
+    return points[pulled(lattice, np.column_stack((points, arrive)), safe, room)]
 
 
 def _frame(scene: Scene) -> FloatArray:
@@ -573,54 +583,68 @@ def _frame(scene: Scene) -> FloatArray:
     return np.array([x, y, math.cos(yaw), math.sin(yaw), scene.grid.resolution])
 
 
-@kernel
-def pulled(
-    lattice: Lattice,
-    points: FloatArray,
-    arrive: FloatArray,
-    safe: Safe,
-    room: npt.NDArray[np.float32],
-    frame: FloatArray,
-    need: float,
-) -> IntArray:
-    """Return which corners of a way to keep: each leads straight on to the farthest one that it can
-    reach, at times between those of the way.
+class Room(NamedTuple):
+    """What is free on the map around cells (rows, cols), in m; ``frame``: x, y, cos, sin of its
+    corner and m of a cell (empty: there is no map); ``need``: what a body needs.
     """
-    n = len(points)
+
+    around: npt.NDArray[np.float32]
+    frame: FloatArray
+    need: float
+
+
+@inner
+def _free_around(room: Room, x: float, y: float) -> float:
+    """Return what is free on the map around a point, in m; -1 off the map."""
+    frame = room.frame
+    u = (x - frame[0]) * frame[2] + (y - frame[1]) * frame[3]
+    v = -(x - frame[0]) * frame[3] + (y - frame[1]) * frame[2]
+    a, b = int(u / frame[4]), int(v / frame[4])
+    if a < 0 or b < 0 or b >= room.around.shape[0] or a >= room.around.shape[1]:
+        return -1.0
+    return float(room.around[b, a])
+
+
+@inner
+def _straight(
+    lattice: Lattice, run: FloatArray, ends: tuple[int, int], safe: Safe, room: Room
+) -> bool:
+    """Return whether a body can go straight between two corners of a ``run`` (x, y, arrival) where
+    the map has room (near the corners it need not), at times at which it is safe.
+    """
+    i, j = ends
     rows, cols = lattice.free.shape
+    dx, dy = run[j, 0] - run[i, 0], run[j, 1] - run[i, 1]
+    length = np.sqrt(dx * dx + dy * dy)
+    count = int(length / (0.5 * lattice.step)) + 1
+    for k in range(1, count):
+        share = k / count
+        x, y = run[i, 0] + share * dx, run[i, 1] + share * dy
+        if len(room.frame) > 0:
+            around = _free_around(room, x, y)
+            amid = min(share, 1.0 - share) * length > 2 * lattice.step
+            if around < 0.0 or (around < room.need and amid):
+                return False
+        col = min(cols - 1, max(0, round((x - lattice.x) / lattice.step)))
+        row = min(rows - 1, max(0, round((y - lattice.y) / lattice.step)))
+        t = run[i, 2] + share * (run[j, 2] - run[i, 2])
+        if lattice.free[row, col] and not _free_at(safe, row * cols + col, t):
+            return False
+    return True
+
+
+@kernel
+def pulled(lattice: Lattice, run: FloatArray, safe: Safe, room: Room) -> IntArray:
+    """Return which corners of a ``run`` (x, y, arrival) to keep: each leads straight on to the
+    farthest one that it can reach, at times between those of the way.
+    """
+    n = len(run)
     keep = np.empty(n, dtype=np.int64)
     keep[0], used, i = 0, 1, 0
     while i < n - 1:
         best = i + 1
         for j in range(i + 2, n):
-            dx, dy = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1]
-            length = np.sqrt(dx * dx + dy * dy)
-            count = int(length / (0.5 * lattice.step)) + 1
-            fine = True
-            for k in range(1, count):
-                share = k / count
-                x, y = points[i, 0] + share * dx, points[i, 1] + share * dy
-                if len(frame) > 0:
-                    u = (x - frame[0]) * frame[2] + (y - frame[1]) * frame[3]
-                    v = -(x - frame[0]) * frame[3] + (y - frame[1]) * frame[2]
-                    a, b = int(u / frame[4]), int(v / frame[4])
-                    if a < 0 or b < 0 or b >= room.shape[0] or a >= room.shape[1]:
-                        fine = False
-                        break
-                    if (
-                        room[b, a] < need
-                        and k * length / count > 2 * lattice.step
-                        and ((count - k) * length / count > 2 * lattice.step)
-                    ):
-                        fine = False
-                        break
-                col = min(cols - 1, max(0, round((x - lattice.x) / lattice.step)))
-                row = min(rows - 1, max(0, round((y - lattice.y) / lattice.step)))
-                t = arrive[i] + share * (arrive[j] - arrive[i])
-                if lattice.free[row, col] and not _free_at(safe, row * cols + col, t):
-                    fine = False
-                    break
-            if fine:
+            if _straight(lattice, run, (i, j), safe, room):
                 best = j
         keep[used] = best
         used += 1

@@ -47,7 +47,6 @@ from up_samp.motion.tuning import FleetTuning, MotionTuning
 
 if TYPE_CHECKING:
     from up_samp.motion.fleet.sipp import SafeIntervalPlanner
-    from up_samp.motion.fleet.space_time import Proposer
 
 
 IntArray = npt.NDArray[np.int64]
@@ -154,13 +153,6 @@ class Workspace:
         return (
             SafeIntervalPlanner(self.scene, self.tuning.plane) if self.scene is not None else None
         )
-
-    @cached_property
-    def proposer(self) -> Proposer | None:
-        """Who proposes ways among reservations, if the service has a scene to search in."""
-        from up_samp.motion.fleet.space_time import Proposer
-
-        return Proposer(self.scene) if self.scene is not None else None
 
     def path(
         self,

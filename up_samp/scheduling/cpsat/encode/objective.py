@@ -28,7 +28,7 @@ from up_samp.scheduling.cpsat.encode.terms import (
     times,
 )
 from up_samp.upio.expressions import walk
-from up_samp.upio.objective import Objective, Part
+from up_samp.upio.objective import Objective, ObjectivePart
 
 
 class Encoding:
@@ -50,7 +50,7 @@ class Encoding:
             total = total.plus(lin, int(share * scale))
         return total, scale
 
-    def _part(self, part: Part) -> tuple[Lin, int]:
+    def _part(self, part: ObjectivePart) -> tuple[Lin, int]:
         if part.activity is not None:
             return self._paid(part.node, part.activity)
         if part.interval is not None:
@@ -96,7 +96,7 @@ class Encoding:
         form = known(terms.form(node))
         return self.store.equivalent(form, negated(form))
 
-    def _throughout(self, part: Part) -> Literal:
+    def _throughout(self, part: ObjectivePart) -> Literal:
         """Return a literal that is true exactly if a goal holds throughout its interval: at the
         first instant, and after each effect inside on what it reads.
         """
