@@ -381,11 +381,10 @@ class SampRefine(ReplanningFace, MetaEngine, OneshotPlannerMixin, AnytimePlanner
 
         return open_search(
             problem,
-            Wrapped(self._engine_class, self.engine_params, check_schedule, self._native),
+            Wrapped(self._engine_class, self.engine_params, check_schedule, self._native, worth),
             params,
             deadline,
             check_plan=check_plan,
-            worth=worth,
             start=start,
         )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -103,13 +104,15 @@ PlanCheck = Callable[[SampSchedule], list[Refusal]]
 class Wrapped:
     """The engine that schedules, with its parameters and the judge of its schedules.
 
-    ``native``: it is our own.
+    ``native``: it is our own. ``worth`` is what the problem's metric makes of a schedule, asked
+    where that is another one than the makespan.
     """
 
     engine: Any
     params: Mapping[str, Any]
     check: ScheduleCheck
     native: bool
+    worth: Callable[[CandidateSchedule], Number] = operator.attrgetter("makespan")
 
 
 def open_search(
@@ -119,13 +122,11 @@ def open_search(
     deadline: Deadline,
     *,
     check_plan: PlanCheck,
-    worth: Callable[[CandidateSchedule], Number],
     start: Plan | None = None,
 ) -> Search:
     """Read the problem, check its geometry, relax it and open a scheduler on the relaxation.
 
-    ``worth`` is what the problem's metric makes of a schedule; ``start`` is a plan to begin from,
-    it need not be one of this problem.
+    ``start`` is a plan to begin from, it need not be one of this problem.
 
     Raises :class:`ProblemError` where the problem is wrong, before any search.
     """
@@ -157,7 +158,7 @@ def open_search(
         partial(to_plan, problem, snapshot, params.margin),
         check_plan,
         wrapped.native,
-        measure_of(problem, worth),
+        measure_of(problem, wrapped.worth),
     )
     with stages.of(READING):
         workers = None if params.executor is None else Workers(params.executor)

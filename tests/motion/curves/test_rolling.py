@@ -23,11 +23,11 @@ from up_samp.motion import MotionService
 from up_samp.motion.curves.reeds_shepp import run_time
 from up_samp.motion.curves.rolling import rolled, rolling_time, rows_of, thinned
 from up_samp.motion.curves.straight import timed_chain
-from up_samp.motion.fleet.moves import ShortMove, drive, in_step
 from up_samp.motion.fleet.paths import path_of, safe_intervals
 from up_samp.motion.fleet.roadmap import _part
 from up_samp.motion.fleet.speed import tune
 from up_samp.motion.legs import is_sound, parking_clears
+from up_samp.motion.moves import ShortMove, drive, in_step
 from up_samp.motion.planners.pivoting import PivotPlanner, PivotSettings
 from up_samp.motion.planners.rounding import RoundedWay
 from up_samp.motion.protocol import LegQuery

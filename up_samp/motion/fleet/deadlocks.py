@@ -15,12 +15,12 @@ import shapely
 from up_samp.geometry.scene import Scene
 from up_samp.model import Body, Configuration, Deadline, Placed, TimedMotion, Trajectory, avoids
 from up_samp.motion.fleet.conflicts import kept, sweeps_meet, swept_in_step
-from up_samp.motion.fleet.moves import ShortMove, drive, in_step
 from up_samp.motion.fleet.paths import Path, abilities_of, hull_of, path_of
 from up_samp.motion.fleet.roadmap import Roadmap, RoadmapEdge, cells_of
 from up_samp.motion.fleet.speed import parked_all_the_time
 from up_samp.motion.fleet.timed_path import TimedPath
 from up_samp.motion.fleet.workspace import Workspace
+from up_samp.motion.moves import ShortMove, drive, in_step
 from up_samp.motion.tuning import KnotsTuning
 
 State = tuple[int, ...]

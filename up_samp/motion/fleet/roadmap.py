@@ -23,9 +23,9 @@ from up_samp.motion.curves.reeds_shepp import fastest
 from up_samp.motion.curves.trapezoid import limits_of, runs_of
 from up_samp.motion.fleet.conflicts import Hull, Swept, sweep_table
 from up_samp.motion.fleet.lanes import arcs_between
-from up_samp.motion.fleet.moves import ShortMove, steer, straight_move
 from up_samp.motion.fleet.paths import Path, abilities_of, hull_of
 from up_samp.motion.guides.search_space import widest_shape
+from up_samp.motion.moves import ShortMove, steer, straight_move
 from up_samp.motion.tuning import RoadmapTuning
 
 FloatArray = npt.NDArray[np.float64]

@@ -3,7 +3,7 @@ Likhachev 2011), with what stopping and turning cost.
 
 The lattice knows bodies as discs, and speeds as full or none: it proposes which side to pass on,
 and whom to let go first. The way is then cut to what the body can drive
-(:func:`up_samp.motion.fleet.space_time.drivable`) and timed exactly by those who ask.
+(:func:`up_samp.motion.fleet.detours.drivable`) and timed exactly by those who ask.
 """
 
 from __future__ import annotations
@@ -12,35 +12,28 @@ import heapq
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
 
-from up_samp.geometry import sweeps
 from up_samp.geometry.memory import Memory
-from up_samp.geometry.records import WorldData, inner, kernel
+from up_samp.geometry.records import inner, kernel
 from up_samp.geometry.scene import Scene
-from up_samp.model import Body, Configuration, Kinematics, TimedMotion, Trajectory
-from up_samp.motion.curves.arcs import merged, nodes_of
-from up_samp.motion.curves.reeds_shepp import fastest
-from up_samp.motion.curves.rolling import rolled, rolling_radius, thinned
-from up_samp.motion.curves.trapezoid import trajectory_of
+from up_samp.model import Body, Configuration, TimedMotion
+from up_samp.motion.fleet.detours import drivable
 from up_samp.motion.fleet.paths import (
     Abilities,
     Path,
     Safe,
     abilities_of,
     hull_of,
-    path_of,
     safe_intervals,
 )
-from up_samp.motion.fleet.speed import tune
 from up_samp.motion.fleet.timed_path import TimedPath, pair_flags
 from up_samp.motion.fleet.workspace import Workspace
-from up_samp.motion.guides.search_space import search_box, widest_shape
+from up_samp.motion.guides.search_space import search_box
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -268,6 +261,21 @@ def _tables(task: Errand, safe: Safe, places: int) -> tuple[IntArray, IntArray]:
     return place_of, links
 
 
+@inner
+def _begun(
+    task: Errand, safe: Safe, places: int, dirs: int, best: FloatArray
+) -> list[tuple[float, float, int]]:
+    """Return a queue of where the body stands as it is released, and set when it is there."""
+    queue = [(0.0, 0.0, 0)]
+    queue.pop()
+    for r in range(safe.head[places], safe.head[places + 1]):
+        if safe.intervals[r, 0] <= task.release and task.release < safe.intervals[r, 1]:
+            key = r * dirs + dirs - 1
+            best[key] = task.release
+            heapq.heappush(queue, (task.release, task.release, key))
+    return queue
+
+
 @kernel
 def search(lattice: Lattice, task: Errand, safe: Safe, most: int) -> tuple[FloatArray, int]:
     """Return the rows (place, arrival s) of a way from the start to the goal (none: not found), and
@@ -276,19 +284,12 @@ def search(lattice: Lattice, task: Errand, safe: Safe, most: int) -> tuple[Float
     ``safe``: when places are free, then the start, the goal. A state is a safe interval and the
     direction in which the body moves, or stands.
     """
-    places = lattice.free.size
-    dirs = len(task.starts) + 1
+    places, dirs = lattice.free.size, len(task.starts) + 1
     still = dirs - 1
     best = np.full(len(safe.intervals) * dirs, np.inf)
     parent = np.full(len(best), -1, dtype=np.int64)
     place_of, links = _tables(task, safe, places)
-    queue = [(0.0, 0.0, 0)]
-    queue.pop()
-    for r in range(safe.head[places], safe.head[places + 1]):
-        if safe.intervals[r, 0] <= task.release and task.release < safe.intervals[r, 1]:
-            key = r * dirs + still
-            best[key] = task.release
-            heapq.heappush(queue, (task.release, task.release, key))
+    queue = _begun(task, safe, places, dirs, best)
     done = 0
     while len(queue) > 0 and done < most:
         _, t, key = heapq.heappop(queue)
@@ -303,7 +304,7 @@ def search(lattice: Lattice, task: Errand, safe: Safe, most: int) -> tuple[Float
         if d != still and stood <= until and stood < best[halted] - 1e-9:
             best[halted], parent[halted] = stood, key
             heapq.heappush(queue, (stood + task.to_go[place], stood, halted))
-        lag = until - t if d == still else min(task.lag, until - t)
+        latest = until if d == still else min(t + task.lag, until)
         for w in range(len(task.source.place) if place == places else dirs):
             there, e, length = _step(lattice, task, links, place, w)
             took = _took(task, d, e, length, place == places) if there >= 0 else np.inf
@@ -312,20 +313,19 @@ def search(lattice: Lattice, task: Errand, safe: Safe, most: int) -> tuple[Float
             ends = there == places + 1
             for q in range(safe.head[there], safe.head[there + 1]):
                 low, high = safe.intervals[q, 0], safe.intervals[q, 1]
-                if low > t + took + lag:
+                if low > latest + took:
                     break
                 at = max(t + took, low)
                 after = at + task.stop + task.goals[e] if ends else at
                 state = q * dirs + e
                 if at >= high or (ends and high < np.inf) or after >= best[state] - 1e-9:
                     continue
-                half = at - 0.5 * length / task.top
-                inside = place < places and not ends
+                inside, half = place < places and not ends, at - 0.5 * length / task.top
                 if inside and not _clear_between(lattice, task, safe, place, e, half):
                     continue
                 best[state], parent[state] = after, key
-                f = after if ends else after + task.to_go[there]
-                heapq.heappush(queue, (f, after, state))
+                to_go = 0.0 if ends else task.to_go[there]
+                heapq.heappush(queue, (after + to_go, after, state))
     return np.empty((0, 2)), done
 
 
@@ -650,164 +650,3 @@ def pulled(lattice: Lattice, run: FloatArray, safe: Safe, room: Room) -> IntArra
         used += 1
         i = best
     return keep[:used].copy()
-
-
-# ------------------ What a body can drive of a way
-
-
-def drivable(
-    scene: Scene, body: Body, poses: tuple[Configuration, ...], points: FloatArray, flip: bool
-) -> Path | None:
-    """Return a path of a body along corners (k, 2), with its corners rounded, if the map allows."""
-    kin, able = body.kinematics, abilities_of(body)
-    shape = widest_shape(scene, body, poses, ())
-    if shape is None:
-        return None
-    world, least = scene.world(shape), 1e-3 * float(shape.data.slack[2])
-    if able.sideways:
-        radius = kin.v_max**2 / kin.a_max
-        rows = _rounded(points, radius)
-        return None if rows is None else _slid(body, poses, rows, world, least)
-    if able.pivots:
-        rows = _rounded(points, rolling_radius(kin))
-        if rows is None:
-            return None
-        rows = _turned(poses, rows, flip)
-        rows = thinned(rows, kin)
-        if sweeps.samples_free(world, rows, least) >= 0:
-            return None
-        return path_of(rolled(rows, kin), body, poses)
-    arcs = _steered(poses, points, kin.turning_radius, kin, flip)
-    if arcs is None or sweeps.path_free(world, np.array(poses[0], dtype=np.float64), arcs) >= 0:
-        return None
-    end = nodes_of(np.array(poses[0], dtype=np.float64), arcs)[-1]
-    if math.dist(end[:2], poses[1][:2]) > 1e-7:
-        return None
-    return path_of(trajectory_of(poses, [arcs], kin), body, poses)
-
-
-def _rounded(points: FloatArray, radius: float) -> FloatArray | None:
-    """Return a way (n, 3) along corners with arcs of up to ``radius`` m in them; headings are the
-    directions of travel. Where it turns back there is no arc.
-    """
-    parts = [np.append(points[0], 0.0)[None, :]]
-    for i in range(len(points) - 1):
-        gone = points[i + 1] - points[i]
-        size = float(np.hypot(*gone))
-        if size < 1e-9:
-            return None
-        way = math.atan2(gone[1], gone[0])
-        if i == 0:
-            parts[0][0, 2] = way
-        if i + 2 == len(points):
-            parts.append(np.array([[*points[-1], way]]))
-            break
-        ahead = points[i + 2] - points[i + 1]
-        turn = math.remainder(math.atan2(ahead[1], ahead[0]) - way, 2 * math.pi)
-        if abs(turn) < 1e-6:
-            continue
-        if abs(turn) > 2.4:
-            parts.append(np.array([[*points[i + 1], way]]))
-            continue
-        half = math.tan(0.5 * abs(turn))
-        reach = min(radius * half, 0.45 * size, 0.45 * float(np.hypot(*ahead)))
-        r = reach / half
-        corner = points[i + 1] - reach * gone / size
-        count = max(2, math.ceil(r * abs(turn) / 0.05), math.ceil(abs(turn) / 0.08))
-        arcs = np.array([[math.copysign(1.0 / r, turn), r * abs(turn) / count]] * count)
-        parts.append(nodes_of(np.array([*corner, way]), arcs))
-    return np.concatenate(parts)
-
-
-def _slid(
-    body: Body,
-    poses: tuple[Configuration, ...],
-    rows: FloatArray,
-    world: WorldData,
-    least: float,
-) -> Path | None:
-    """Return the path of a body that moves sideways along a way, turning where there is room."""
-    kin = body.kinematics
-    turn = math.remainder(poses[1][2] - poses[0][2], 2 * math.pi)
-    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(rows[:, :2], axis=0).T))])
-    length = float(way[-1])
-    takes = min(length, abs(turn) * kin.v_max / kin.omega_max)
-    # samples on straight pieces: to turn evenly, and as a bend keeps the speed up to the next one
-    counts = [max(1, math.ceil((b - a) / 0.06)) for a, b in itertools.pairwise(way)]
-    parts = [
-        np.linspace(*ends, count + 1)[:-1]
-        for ends, count in zip(itertools.pairwise(way), counts, strict=True)
-    ]
-    at = np.concatenate([*parts, way[-1:]])
-    for first in dict.fromkeys((0.0, length - takes, 0.5 * (length - takes))):
-        x, y = (np.interp(at, way, rows[:, k]) for k in (0, 1))
-        share = np.clip((at - first) / max(takes, 1e-9), 0.0, 1.0)
-        found = np.stack([x, y, poses[0][2] + turn * share], axis=1)
-        found[0], found[-1, :2] = poses[0], poses[1][:2]
-        if sweeps.samples_free(world, found, least) < 0:
-            return _timed_slide(body, poses, found, rows)
-    return None
-
-
-def _timed_slide(
-    body: Body, poses: tuple[Configuration, ...], rows: FloatArray, arcs: FloatArray
-) -> Path | None:
-    """Return the path along a way, with the fastest timing that its bends allow."""
-    kin = body.kinematics
-    gone = np.diff(rows[:, :2], axis=0)
-    steps = np.hypot(*gone.T)
-    way = np.unwrap(np.arctan2(gone[:, 1], gone[:, 0]))
-    bend = np.abs(np.diff(way)) / (0.5 * (steps[1:] + steps[:-1]))
-    bend = np.concatenate([[0.0], np.where(np.abs(np.diff(way)) > 0.35, 0.0, bend), [0.0]])
-    sharp = np.maximum(bend[1:], bend[:-1])
-    speeds = np.minimum(kin.v_max, np.sqrt(kin.a_max / np.maximum(sharp, 1e-9)))
-    times = np.concatenate([[0.0], np.cumsum(steps / speeds)])
-    path = path_of(Trajectory(times, rows), body, poses)
-    timing = tune(path, safe_intervals(np.empty((0, 3)), path.cells), 0.0, -math.inf)
-    if timing is None:
-        return None
-    return replace(path, natural=timing.trajectory, natural_s=timing.s)
-
-
-def _turned(poses: tuple[Configuration, ...], rows: FloatArray, flip: bool) -> FloatArray:
-    """Return a way with turns on the spot where it begins, turns back and ends."""
-    rows = rows.copy()
-    if flip:
-        rows[:, 2] += math.pi
-    rows[:, 2] = np.unwrap(rows[:, 2])
-    rows[:, 2] += poses[0][2] + math.remainder(rows[0, 2] - poses[0][2], 2 * math.pi) - rows[0, 2]
-    parts = [np.array([poses[0][:3]], dtype=np.float64)]
-    for a, b in itertools.pairwise(rows):
-        parts.append(a[None, :])
-        way = math.atan2(b[1] - a[1], b[0] - a[0]) + (math.pi if flip else 0.0)
-        if abs(math.remainder(way - a[2], 2 * math.pi)) > 1.0:  # it turned back here
-            turned = b.copy()
-            turned[:2] = a[:2]
-            parts.append(turned[None, :])
-    last = rows[-1].copy()
-    parts.append(last[None, :])
-    end = np.array([*poses[1][:2], last[2] + math.remainder(poses[1][2] - last[2], 2 * math.pi)])
-    parts.append(end[None, :])
-    return np.concatenate(parts)
-
-
-def _steered(
-    poses: tuple[Configuration, ...], points: FloatArray, radius: float, kin: Kinematics, flip: bool
-) -> FloatArray | None:
-    """Return a car's arcs from pose to pose by way of the middles of straight pieces."""
-    marks = [poses[0]]
-    for a, b in itertools.pairwise(points):
-        way = math.atan2(b[1] - a[1], b[0] - a[0]) + (math.pi if flip else 0.0)
-        size = math.dist(a, b)
-        if size >= 2.0 * radius and len(points) > 2:
-            marks += [(*(a + 0.4 * (b - a)), way), (*(a + 0.6 * (b - a)), way)]
-        else:
-            marks.append((*(0.5 * (a + b)), way))
-    marks.append(poses[1])
-    found = []
-    for p, q in itertools.pairwise(marks):
-        arcs = fastest(p, q, radius, kin.v_max, kin.a_max)[1]
-        if np.abs(arcs[:, 1]).sum() > 2.0 * math.dist(p[:2], q[:2]) + 6 * radius:
-            return None
-        found.append(arcs)
-    return merged(np.concatenate(found))

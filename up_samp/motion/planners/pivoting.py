@@ -22,10 +22,10 @@ from up_samp.motion.budget import WorkBudget
 from up_samp.motion.curves.rolling import rolled, rolling_radius, rolling_time, rows_of
 from up_samp.motion.curves.straight import timed_chain
 from up_samp.motion.curves.trajectories import at_rest
-from up_samp.motion.fleet.moves import ShortMove, corners_of, steer
 from up_samp.motion.fleet.roadmap import Roadmap, cells_of
 from up_samp.motion.guides.cost_to_go import Fields, field_value
 from up_samp.motion.guides.search_space import search_box, widest_shape
+from up_samp.motion.moves import ShortMove, corners_of, steer
 from up_samp.motion.planners.car import CarPlanner, CarSettings
 from up_samp.motion.planners.rounding import RoundedWay, Rounding
 from up_samp.motion.protocol import Leg, LegQuery

@@ -8,7 +8,7 @@ import pytest
 
 from tests.motion.fleet.independent import limits_of
 from up_samp.benchmarks import tight_places as tight
-from up_samp.motion.fleet.moves import in_step, steer
+from up_samp.motion.moves import in_step, steer
 from up_samp.validation.kinematics import motion_violations
 
 GOALS = [(3.0, 0.0, 0.0), (5.0, 2.0, 0.6), (-4.0, 1.0, -0.3)]
