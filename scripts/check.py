@@ -23,7 +23,6 @@ FAST = (
     "plotting",
     "refinement",
     "scheduling/compilers",
-    "scheduling/cpsat/normal",
     "scheduling/partial_order",
     "upio",
     "validation",
