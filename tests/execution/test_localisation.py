@@ -148,7 +148,7 @@ def test_the_margin_that_a_plan_was_made_with_covers_the_error(yaml):
     rng = np.random.default_rng(2)
     for seed, pattern in enumerate((PATTERNS[1], PATTERNS[2])):
         floor = floor_of(Executor(plan, problem), pattern, seed)
-        while floor.goes_on(300.0):
+        while floor.goes_on:
             floor.step()
         for _ in range(4):
             angles = rng.uniform(0.0, 2 * np.pi, len(robots))

@@ -14,7 +14,7 @@ from tests.metamorphic.sites import store
 from tests.upio.hall import Hall
 from up_samp.benchmarks import instance
 from up_samp.execution import Delays, Executor, Surprise, dependencies_of, solve_remaining
-from up_samp.execution.simulate import Floor, draw
+from up_samp.execution.simulate import Floor, draw, floor_of
 from up_samp.fleet import Fleet
 from up_samp.fleet.starter import write_starter
 from up_samp.io import result_to_dict
@@ -145,8 +145,7 @@ def test_the_rest_of_the_starter_is_solved_when_one_of_its_robots_breaks_down(tm
     plan = fleet.solve(60).data
     found = dependencies_of(fleet.problem, plan)
     executor = Executor(plan, fleet.problem, dependencies=found)
-    luck = draw(Delays(), ("r1", "r2"), found.graph.tasks, plan["makespan"], 3)
-    floor = Floor(executor, found, luck)
+    floor = floor_of(executor, Delays(), 3)
     while floor.now < 12.0:
         floor.step()
     x, y, theta = executor.remaining_problem().poses["r1"]

@@ -163,7 +163,9 @@ def warehouse(
 class _Work(ProblemOnMap):
     """A warehouse problem under construction."""
 
-    def __init__(self, title: str, plan: WarehouseLayout, *, compact: bool, metric: bool) -> None:
+    def __init__(
+        self, title: str, plan: WarehouseLayout, *, compact: bool, metric: bool = True
+    ) -> None:
         file = drawn_map(f"warehouse-{len(plan.docks)}", plan.size, plan.walls)
         super().__init__(title, str(file), metric=metric)
         self.plan, self.compact = plan, compact

@@ -11,10 +11,7 @@ import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-
-import shapely
-from shapely.geometry import Polygon
-from shapely.geometry.base import BaseGeometry
+from typing import TYPE_CHECKING
 
 from up_samp.model import (
     Body,
@@ -25,6 +22,9 @@ from up_samp.model import (
     UnsupportedError,
 )
 from up_samp.model.snapshot import ChangeTask, MotionTask, Ride, Term, TermKind
+
+if TYPE_CHECKING:
+    from shapely.geometry.base import BaseGeometry
 
 
 @dataclass(frozen=True)
@@ -206,7 +206,10 @@ def _joined(
     """Return the outline of robot and loads: their union where that is one polygon without holes,
     else their convex hull (what holds them together is somewhere in between).
     """
-    parts = [Polygon(body.footprint), *(_placed(b.footprint, at) for b, at in loads)]
+    import shapely  # engines that are only named need no geometry
+
+    shapes = [body.footprint, *(_placed(b.footprint, at) for b, at in loads)]
+    parts = [shapely.Polygon(shape) for shape in shapes]
     outline = shapely.union_all(parts)
     if not _simple(outline):
         closed = shapely.union_all([p.buffer(NEARNESS.grain, join_style="mitre") for p in parts])
@@ -218,9 +221,11 @@ def _joined(
 
 
 def _simple(outline: BaseGeometry) -> bool:
-    return isinstance(outline, Polygon) and not outline.interiors
+    return outline.geom_type == "Polygon" and not outline.interiors
 
 
-def _placed(footprint: Sequence[tuple[float, float]], at: Configuration) -> Polygon:
+def _placed(
+    footprint: Sequence[tuple[float, float]], at: Configuration
+) -> list[tuple[float, float]]:
     c, s = math.cos(at[2]), math.sin(at[2])
-    return Polygon([(at[0] + c * x - s * y, at[1] + s * x + c * y) for x, y in footprint])
+    return [(at[0] + c * x - s * y, at[1] + s * x + c * y) for x, y in footprint]
