@@ -602,7 +602,7 @@ def _route(model: ScheduleModel, place: RoutePlace, lengths: Lengths) -> Route:
         moves,
         stops,
         late,
-        odd={name_of(c): why for c in place.changes if (why := c.odd or _may_stay(c))},
+        odd={name_of(c): why for c in place.changes if (why := c.odd or _may_stay(c, lengths))},
         free=place.free,
         never=never,
         lag=_lag(bound),
@@ -642,13 +642,18 @@ def _moves(change: Mover, lengths: Lengths) -> Iterator[Move]:
                 yield Move(activity.name, origins, to, least, tuple(values.items()))
 
 
-def _may_stay(change: Mover) -> str:
+def _may_stay(change: Mover, lengths: Lengths) -> str:
     """Return why a change is no plain move if its variables let it lead back to where it begins:
     that is none of its moves, so it need not make one.
     """
     if change.origin is None and (change.target is None or len(change.origins) != 1):
         return ""
-    return "may stay where it is" if change.origins & change.targets else ""
+    assert change.activity is not None
+    for place in change.origins & change.targets:
+        there = {var: place for var in (change.origin, change.target) if var is not None}
+        if lengths.least(change.activity, there) < INFINITE:
+            return "may stay where it is"
+    return ""
 
 
 def _stops(
