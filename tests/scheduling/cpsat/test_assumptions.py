@@ -299,15 +299,16 @@ def a_visit_or_something_else():
 
 
 def a_move_that_may_stay(at_a=1, *, stated=False):
-    """Where it goes is left open, also to where it begins: far away (``at_a``), or not."""
+    """It goes to C, or to where it begins, which lasts ``at_a``: a visit to C if it cannot."""
     trip = Trip("ABC", before=LE)
     trip.moves(("B", "A", 4), ("C", "A", 6))
     far = trip.problem.add_fluent(Fluent("far", IntType(0, 99), spot=trip.spot))
-    for place, length in zip("ABC", (at_a, 3, 2), strict=True):
+    for place, length in zip("ABC", (at_a, 3, 4), strict=True):
         trip.problem.set_initial_value(far(trip.spots[place]), length)
     go = trip.problem.add_activity("go", 1)
     to = go.add_parameter("to", trip.spot)
     go.set_duration_bounds(far(to), 5)
+    go.add_constraint(Not(Equals(to, trip.spots["B"])))
     if stated:
         go.add_constraint(Not(Equals(trip.spots["A"], to)))
     go.add_condition(whole(go), trip.here("A"))
@@ -506,13 +507,15 @@ def test_a_move_that_cannot_stay_is_a_move_still(leaves):
     problem = a_move_that_may_stay(**leaves)
     (route,) = find_routes(ScheduleModel(problem))
     assert "go" not in route.odd
-    assert {m.to for m in route.moves if m.name == "go"} == {1, 2}
-    assert answer(problem) == answer(problem, plain=True) == (ScheduleStatus.OPTIMAL, 10)
+    assert {m.to for m in route.moves if m.name == "go"} == {2}
+    assert [places for _, places in route.visits] == [{2}]
+    assert answer(problem) == answer(problem, plain=True) == (ScheduleStatus.OPTIMAL, 13)
 
 
 def test_a_move_that_may_stay_is_none():
     (route,) = find_routes(ScheduleModel(a_move_that_may_stay()))
     assert route.odd == {"go": "may stay where it is"}
+    assert route.visits == []
     assert answer(a_move_that_may_stay(), plain=True) == (ScheduleStatus.OPTIMAL, 3)
 
 
