@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import random
 from collections.abc import Callable, Hashable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 from unified_planning.model import (
@@ -46,6 +46,7 @@ from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.plans import MotionSchedule, Schedule
 
 from up_samp.fleet.records import FleetRecords
+from up_samp.model.objective import Cost, MinimizeCosts
 from up_samp.upio.objective import Objective, ObjectivePart
 from up_samp.upio.plan import SampSchedule
 
@@ -306,6 +307,8 @@ class _Shuffler(_Listing):
     def _metric(self, metric: Any) -> Any:
         if isinstance(metric, MinimizeMakespan):
             return MinimizeMakespan(self.env)
+        if isinstance(metric, MinimizeCosts):
+            return MinimizeCosts(map(self._cost, self.order(metric.costs)), self.env)
         if isinstance(metric, MinimizeExpressionOnFinalState | MaximizeExpressionOnFinalState):
             return type(metric)(self(metric.expression), self.env)
         if isinstance(metric, Oversubscription):
@@ -325,10 +328,14 @@ class _Shuffler(_Listing):
             return Objective(metric.name, metric.sign, parts, self.env)
         raise NotImplementedError(f"{metric} is not shuffled")
 
+    def _cost(self, cost: Cost) -> Cost:
+        name = None if cost.activity is None else self.name("activity", cost.activity)
+        return replace(cost, node=self(cost.node), activity=name)
+
     def _part(self, part: ObjectivePart) -> ObjectivePart:
         span = None if part.interval is None else self.span(part.interval)
         name = None if part.activity is None else self.name("activity", part.activity)
-        return ObjectivePart(part.weight, self(part.node), span, name)
+        return replace(part, node=self(part.node), interval=span, activity=name)
 
     # -- activities ------------------------------------------------------------------------------
     def _activity(self, old: Any) -> None:

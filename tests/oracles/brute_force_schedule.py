@@ -13,6 +13,8 @@ from fractions import Fraction
 from unified_planning.model.operators import OperatorKind as Op
 from unified_planning.model.timing import TimepointKind
 
+from up_samp.model.objective import MinimizeCosts
+
 UNKNOWN = None
 
 
@@ -291,6 +293,8 @@ class _Judge:
         def read(key):
             return _at(states, last + 1)[key]
 
+        if isinstance(metric, MinimizeCosts):
+            return sum(self.cost(cost, choice, read) for cost in metric.costs)
         if metric.is_minimize_expression_on_final_state():
             return self.value(metric.expression, choice, None, read)
         if metric.is_minimize_action_costs():
@@ -305,6 +309,16 @@ class _Judge:
                 if self.throughout(span, goal, choice, states, last)
             )
         return -self.value(metric.expression, choice, None, read)
+
+    def cost(self, cost, choice, read):
+        """Return one cost of a sum: nothing, where its activity is absent."""
+        activities = {a.name: a for a in self.problem.activities}
+        if cost.activity is not None and choice.times[cost.activity] is None:
+            return 0
+        value = self.value(cost.node, choice, activities.get(cost.activity), read)
+        if cost.node.type.is_bool_type():
+            return cost.weight if value is True else 0
+        return cost.weight * (max(0, value) if cost.positive else value)
 
     def costs(self, metric, choice):
         """Return what the present activities cost, by the fluents' first values."""

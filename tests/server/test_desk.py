@@ -17,7 +17,8 @@ WRONG = b'{"problem": 1}'
 
 def ask(desk):
     answer, body = desk.ask("plan", WRONG)
-    assert answer["faults"] and body == b""
+    assert answer["faults"]
+    assert body == b""
     return desk._group.process.pid if desk._group is not None else None
 
 
@@ -26,7 +27,9 @@ def test_one_process_answers_all_questions_also_of_a_parent_that_holds_much():
     held = bytearray(b"x" * (700 * 2**20))
     with Desk(JobLimits()) as desk:
         pids = {ask(desk) for _ in range(3)}
-    assert len(held) and len(pids) == 1 and None not in pids
+    assert len(held)
+    assert len(pids) == 1
+    assert None not in pids
 
 
 @pytest.mark.skipif(not hasattr(os, "waitid"), reason="the system does not tell who has ended")
@@ -51,4 +54,5 @@ def test_the_peak_is_this_program_s_own():
     held = bytearray(b"x" * (300 * 2**20))
     code = "from up_samp.system.memory import peak_memory as peak; print(peak())"
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert len(held) and 5.0 < float(told.stdout) < 200.0
+    assert len(held)
+    assert 5.0 < float(told.stdout) < 200.0

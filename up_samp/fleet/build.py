@@ -15,7 +15,8 @@ from unified_planning.shortcuts import MinimizeMakespan
 
 from up_samp.fleet.drives import Drives
 from up_samp.fleet.jobs import JobRules, add_loads
-from up_samp.fleet.records import FleetRecords
+from up_samp.fleet.objective import add_objective
+from up_samp.fleet.records import FleetRecords, Weights
 from up_samp.fleet.site import Site
 from up_samp.fleet.statements import Written, one_at_a_time
 from up_samp.fleet.work import Work
@@ -42,6 +43,8 @@ def write_problem(records: FleetRecords, folder: Path) -> Written:
     JobRules(site, work).add()
     for robot, activities in work.busy.items():
         one_at_a_time(site.problem, robot, activities)
-    if records.objective == "makespan":
+    if isinstance(records.objective, Weights):
+        add_objective(site, work, records.objective)
+    elif records.objective == "makespan":
         site.problem.add_quality_metric(MinimizeMakespan())
     return Written(site.problem, site.meanings)

@@ -22,6 +22,7 @@ from up_samp.fleet.records import (
     Outline,
     Stop,
     Task,
+    Weights,
     corners_of,
 )
 from up_samp.model import ProblemError
@@ -342,6 +343,10 @@ def _job(records: FleetRecords, job: Order | Task, path: Path) -> Iterator[Fault
         yield Fault((*path, "penalty"), text)
     if job.penalty is not None and not job.optional:
         yield Fault((*path, "penalty"), "only what is optional: true has a penalty")
+    late = isinstance(records.objective, Weights) and records.objective.tardiness
+    if job.due is not None and not late:
+        text = "counts only where the objective says so (objective: {tardiness: 10})"
+        yield Fault((*path, "due"), text)
 
 
 def _loads(records: FleetRecords, order: Order, path: Path) -> Iterator[Fault]:
@@ -405,6 +410,13 @@ def _shape_fault(outline: Outline) -> str | None:
     return f"touches or crosses itself at ({point}); list its corners in order, once around"
 
 
+def _weights(records: FleetRecords) -> Iterator[Fault]:
+    """An objective of several terms weighs one of them at least."""
+    if isinstance(records.objective, Weights) and not any(vars(records.objective).values()):
+        text = f"give a weight above 0 to one of {', '.join(vars(records.objective))}, or say none"
+        yield Fault(("objective",), text)
+
+
 CHECKS: tuple[Callable[[FleetRecords], Iterator[Fault]], ...] = (
     same_names,
     _robots,
@@ -416,4 +428,5 @@ CHECKS: tuple[Callable[[FleetRecords], Iterator[Fault]], ...] = (
     _orders,
     _tasks,
     _circles,
+    _weights,
 )

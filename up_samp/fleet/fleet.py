@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
@@ -35,6 +35,7 @@ from up_samp.fleet.records import (
     Robot,
     RobotType,
     Task,
+    Weights,
     Zone,
 )
 from up_samp.fleet.result import FleetResult, saved, solve_problem
@@ -52,7 +53,8 @@ class Fleet:
     problem.
 
     :param map: a ROS ``map_server`` YAML file.
-    :param objective: ``"makespan"`` or ``"none"``.
+    :param objective: ``"makespan"``, ``"none"``, or weights of several terms, as in
+        ``{"tardiness": 10, "driving": 0.1}`` (see :class:`Weights`).
     :param seconds_per_unit: the schedule's unit: durations are rounded up to it.
     :param margin: clearance in m that motions keep from walls and from each other.
     """
@@ -65,7 +67,7 @@ class Fleet:
         map: str | PathLike[str],
         *,
         name: str = "fleet",
-        objective: str = "makespan",
+        objective: str | Mapping[str, float] | Weights = "makespan",
         seconds_per_unit: float = 1.0,
         margin: float = PRECISION.margin,
     ) -> None:

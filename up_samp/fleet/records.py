@@ -298,7 +298,8 @@ class Order:
     must have; ``robots``: who may do it (none named: all). ``after``: orders and
     tasks that have ended before. ``priority``: an order of a higher one begins no later than those
     of lower ones. ``optional``: it may be left out, which counts as ``penalty`` more seconds of
-    makespan.
+    makespan (of cost, where the objective weighs several terms). ``due``: what it ends later is its
+    tardiness (s), which counts ``weight`` times, if it counts at all (see :class:`Weights`).
     """
 
     __pydantic_config__ = STRICT
@@ -313,6 +314,8 @@ class Order:
     priority: Annotated[int, NUMBER] = 0
     optional: bool = False
     penalty: Positive | None = None
+    due: Moment | None = None
+    weight: Positive = 1.0
 
 
 @dataclass(frozen=True)
@@ -350,6 +353,38 @@ class Task:
     priority: Annotated[int, NUMBER] = 0
     optional: bool = False
     penalty: Positive | None = None
+    due: Moment | None = None
+    weight: Positive = 1.0
+
+
+@dataclass(frozen=True)
+class Weights:
+    """An objective of several terms: what each counts, 0 where nothing is said.
+
+    ``makespan``: a second until all is over. ``tardiness``: a second that a job ends after it is
+    ``due``, times its ``weight``. ``completion``: a second until a job ends, times its ``weight``.
+    ``driving``: a second that a robot drives. ``robots``: a robot that leaves where it starts.
+    """
+
+    __pydantic_config__ = STRICT
+    makespan: Rate = 0.0
+    tardiness: Rate = 0.0
+    completion: Rate = 0.0
+    driving: Rate = 0.0
+    robots: Rate = 0.0
+
+
+def _objective(value: Any) -> Any:
+    """Let only one of the two forms through, so that errors are about that one."""
+    if isinstance(value, Mapping | Weights) or value in ("makespan", "none"):
+        return value
+    raise ValueError("give makespan, none, or weights such as {tardiness: 10, driving: 0.1}")
+
+
+AnyObjective = Annotated[
+    Literal["makespan", "none"] | Weights,
+    BeforeValidator(_objective, json_schema_input_type=Literal["makespan", "none"] | Weights),
+]
 
 
 @dataclass(frozen=True)
@@ -371,7 +406,7 @@ class FleetRecords:
     resources: Mapping[Name, Resource] = field(default_factory=dict)
     orders: tuple[Order, ...] = ()
     tasks: tuple[Task, ...] = ()
-    objective: Literal["makespan", "none"] = "makespan"
+    objective: AnyObjective = "makespan"
     format: Literal["up-samp-problem"] = "up-samp-problem"
     version: Literal[1] = 1
 

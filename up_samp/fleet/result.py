@@ -6,6 +6,7 @@ import tempfile
 import webbrowser
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
@@ -22,8 +23,10 @@ from up_samp.engines.registration import register
 from up_samp.fleet.statements import Kind, Written
 from up_samp.io import PlanDict, result_to_dict, write_plan
 from up_samp.model import SampError
+from up_samp.model.objective import MinimizeCosts
 from up_samp.plotting import places_of, plot_gantt, plot_map, write_html
 from up_samp.plotting.style import saved as save_figure
+from up_samp.validation import terms_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +63,18 @@ class FleetResult:
         :raises SampError: where there is no plan.
         """
         return float(self.data["makespan"]) * self.seconds_per_unit
+
+    @cached_property
+    def costs(self) -> dict[str, float]:
+        """What the plan costs by term, weighted, where the objective weighs several.
+
+        :raises SampError: where there is no plan, or another objective.
+        """
+        if self.plan is None or not any(
+            isinstance(m, MinimizeCosts) for m in self.problem.quality_metrics
+        ):
+            raise SampError("only a plan of an objective of several terms costs something by term")
+        return {term: float(cost) for term, cost in terms_of(self.problem, self.plan).items()}
 
     @property
     def left_out(self) -> list[str]:
@@ -113,11 +128,16 @@ class FleetResult:
         unit = self.seconds_per_unit
         bound = float(metrics.get("lower_bound", 0)) * unit
         lines = [f"{self.status}: all is over after {self.makespan:g} s"]
-        if bound:
+        if any(isinstance(m, MinimizeCosts) for m in self.problem.quality_metrics):
+            told = ", ".join(f"{term} {cost:g}" for term, cost in self.costs.items())
+            lines.append(f"it costs {sum(self.costs.values()):g}: {told}")
+            least = metrics.get("value_bound", "-")
+            lines += [] if least == "-" else [f"no plan costs less than {float(Fraction(least)):g}"]
+        elif bound:
             kind = metrics.get("bound_kind", "")
             lines.append(f"no plan can take less than {bound:g} s ({kind})")
         if self.left_out:
-            lines.append(f"left out, which counts in that time: {', '.join(self.left_out)}")
+            lines.append(f"left out, which counts in that: {', '.join(self.left_out)}")
         drives: dict[str, float] = {}
         for motion in self.data["motions"]:
             samples = motion["samples"]

@@ -51,6 +51,10 @@ def solve(search: Search, *, optimal: bool) -> Generator[Incumbent, None, Search
             yield begun
             if not optimal:
                 return conclude(search)
+    if search.easier is not None:
+        yield from take_over(search, search.easier(search))
+        if not optimal and search.bounds.incumbent is not None:
+            return conclude(search)
     with search.history.stages.of(STATING):
         state_what_is_known(search)
     while not search.budget.deadline.expired():
@@ -95,6 +99,15 @@ def begin_from(search: Search, start: CandidateSchedule) -> Incumbent | None:
         if better is not None or not (learned or refused):
             return better
     return None
+
+
+def take_over(search: Search, plans: Iterator[Incumbent]) -> Iterator[Incumbent]:
+    """Yield those of ``plans``, made for another objective, that are better than all before."""
+    search.tell.stage(Phase.PREPARE, "plans by nothing but the makespan")
+    for one in plans:
+        found = search.plan_of(one.schedule, one.trajectories)
+        if not learn_from_refusal(search, found) and keep_if_better(search, found):
+            yield found
 
 
 def state_durations_of(search: Search, start: CandidateSchedule) -> None:

@@ -120,6 +120,8 @@ class Search:
     """Who does parts of it beside this process."""
     start: CandidateSchedule | None = None
     """What to begin from: see :mod:`up_samp.search.resolve`."""
+    easier: Callable[[Search], Generator[Incumbent, None, Any]] | None = None
+    """Yields plans by an objective that is easier, where nothing was given to begin from."""
     in_parts: Callable[[Search, bool], Generator[Incumbent, None, Any]] | None = None
     """How a large problem is solved: not as a whole, but in parts (``optimal`` or not)."""
     remembered: dict[int, object] = field(default_factory=dict)

@@ -11,6 +11,7 @@ from typing import Any
 
 from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.plans import Plan, Schedule
+from unified_planning.shortcuts import MinimizeMakespan
 
 from up_samp.geometry import OccupancyGrid, lay_out
 from up_samp.model import (
@@ -94,6 +95,10 @@ _TOUR_ROUNDS = 10
 """A task, of annealing over tours of what was dealt out."""
 _RELAXED = 0.1
 """CP-SAT's deterministic time for the routing relaxation of what was dealt out."""
+_EASIER = 0.4
+"""Of the time, at most, for plans that look at the makespan only."""
+_EASIER_PATIENCE = 1.0
+"""Of the time so far: that ends when nothing better has come for so long."""
 NEEDED = ("lower bounds on motions",)
 """What is stated before a plan of a thinned problem is sought."""
 ScheduleCheck = Callable[[Any, Schedule], list[str]]
@@ -123,17 +128,19 @@ def open_search(
     *,
     check_plan: PlanCheck,
     start: Plan | None = None,
+    service: MotionService | None = None,
 ) -> Search:
     """Read the problem, check its geometry, relax it and open a scheduler on the relaxation.
 
-    ``start`` is a plan to begin from, it need not be one of this problem.
+    ``start`` is a plan to begin from, it need not be one of this problem; ``service``: who plans
+    its motions, if that is not to be a new one.
 
     Raises :class:`ProblemError` where the problem is wrong, before any search.
     """
     stages = Stages()
     with stages.of(READING):
         snapshot, grid = lay_out(read_problem(problem, params.seconds_per_unit))
-        service = open_service(snapshot, grid, params)
+        service = service or open_service(snapshot, grid, params)
         check_start_poses(snapshot, service)
 
     def relax_anew() -> Relaxation:
@@ -170,7 +177,33 @@ def open_search(
             search.in_parts = None if large is None else partial(solve_large, large)
     search.history.stages = stages
     search.start = None if start is None else start_of(problem, start)
+    if wrapped.native and params.incumbents and start is None and snapshot.tasks:
+        search.easier = easier_of(problem, wrapped, params)
     return search
+
+
+def easier_of(
+    problem: SchedulingMotionProblem, wrapped: Wrapped, params: Parameters
+) -> Callable[[Search], Generator[Incumbent, None, Any]] | None:
+    """Return what yields plans of the problem with nothing but the makespan, if something else
+    counts: by the makespan a scheduler is led to plans sooner.
+    """
+    if only_makespan(problem) or any(m.is_minimize_action_costs() for m in problem.quality_metrics):
+        return None  # UP cannot copy problems of action costs
+    soon = problem.clone()
+    soon.clear_quality_metrics()
+    soon.add_quality_metric(MinimizeMakespan())
+    mine = replace(params, progress=None, trace=None, observers=(), stop=None, executor=None)
+
+    def plans(search: Search) -> Generator[Incumbent, None, Any]:
+        whole, service = search.budget.deadline, search.motions.service
+        deadline = whole.within(_EASIER * whole.remaining())
+        other = open_search(
+            soon, wrapped, mine, deadline, check_plan=lambda plan: [], service=service
+        )
+        return run(other, optimal=True, patience=_EASIER_PATIENCE)
+
+    return plans
 
 
 def open_thin(

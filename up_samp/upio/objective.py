@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any
 
@@ -19,6 +19,7 @@ from unified_planning.model.timing import GlobalEndTiming
 
 from up_samp.extensions import parts as from_outside
 from up_samp.model import UnsupportedError
+from up_samp.model.objective import MinimizeCosts
 from up_samp.upio.expressions import QuantifierRemover
 
 Number = int | Fraction
@@ -29,13 +30,15 @@ class ObjectivePart:
     """``weight`` times what ``node`` is worth: a number in the end, or 1 if it holds then.
 
     With an ``interval`` it is 1 if it holds throughout; with an ``activity`` (a name) it counts if
-    that is present, and may read its parameters and times.
+    that is present, and may read its parameters and times. ``positive``: it counts as far as it is
+    above 0.
     """
 
     weight: Number
     node: FNode
     interval: TimeInterval | None = None
     activity: str | None = None
+    positive: bool = False
 
 
 class Objective(metrics.PlanQualityMetric):  # type: ignore[misc]
@@ -66,9 +69,7 @@ class Objective(metrics.PlanQualityMetric):  # type: ignore[misc]
 
     def rewritten(self, rewrite: Callable[[FNode], FNode]) -> Objective:
         """Return it with each expression rewritten."""
-        parts = (
-            ObjectivePart(p.weight, rewrite(p.node), p.interval, p.activity) for p in self.parts
-        )
+        parts = (replace(p, node=rewrite(p.node)) for p in self.parts)
         return Objective(self.name, self.sign, parts, self.environment)
 
     def decided(self, fix: Callable[..., FNode], present: Container[str]) -> Objective:
@@ -83,7 +84,7 @@ class Objective(metrics.PlanQualityMetric):  # type: ignore[misc]
                 continue
             holds = part.node.type.is_bool_type()
             node = fix(part.node, positive=False) if holds else part.node
-            parts.append(ObjectivePart(part.weight, node, part.interval, part.activity))
+            parts.append(replace(part, node=node))
         return Objective(self.name, self.sign, parts, self.environment)
 
 
@@ -116,8 +117,9 @@ def _costs(metric: Any, problem: Any) -> Iterator[ObjectivePart]:
         yield ObjectivePart(1, metric.default, activity=activity.name)
 
 
-def _same(metric: Any, problem: Any) -> Iterator[ObjectivePart]:
-    yield from metric.parts
+def _sum(metric: Any, problem: Any) -> Iterator[ObjectivePart]:
+    for cost in metric.costs:
+        yield ObjectivePart(cost.weight, cost.node, activity=cost.activity, positive=cost.positive)
 
 
 @dataclass(frozen=True)
@@ -137,6 +139,7 @@ METRICS: Mapping[type, MetricRow] = {
     metrics.Oversubscription: MetricRow("gain", -1, _goals),
     metrics.TemporalOversubscription: MetricRow("gain", -1, _timed_goals),
     metrics.MinimizeActionCosts: MetricRow("cost", 1, _costs),
+    MinimizeCosts: MetricRow("cost", 1, _sum),
 }
 
 

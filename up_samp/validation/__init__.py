@@ -4,9 +4,17 @@ It shares no map reading, collision checking, timing or scheduling code with the
 accepts was found right twice. The rules are stated in :mod:`up_samp.validation.semantics`.
 """
 
-from up_samp.validation.metrics import value_of
+from up_samp.validation.metrics import terms_of, value_of
 from up_samp.validation.plan import judge_plan, validate_plan
 from up_samp.validation.schedule import validate_schedule
 from up_samp.validation.verdict import Verdict, Violation
 
-__all__ = ["Verdict", "Violation", "judge_plan", "validate_plan", "validate_schedule", "value_of"]
+__all__ = [
+    "Verdict",
+    "Violation",
+    "judge_plan",
+    "terms_of",
+    "validate_plan",
+    "validate_schedule",
+    "value_of",
+]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 
-from unified_planning.model import ClosedTimeInterval, GlobalEndTiming, GlobalStartTiming
+from unified_planning.model import ClosedTimeInterval, GlobalEndTiming, GlobalStartTiming, Timing
 from unified_planning.model.metrics import (
     MaximizeExpressionOnFinalState,
     MinimizeActionCosts,
@@ -16,8 +16,9 @@ from unified_planning.model.scheduling import SchedulingProblem
 
 from tests.scheduling.cpsat.random_problems import _INTERVALS, HORIZON, Maker
 from tests.shuffled import shuffled
+from up_samp.model.objective import Cost, MinimizeCosts
 
-SORTS = ("least", "most", "goals", "timed", "costs", "weighted", "fractions")
+SORTS = ("least", "most", "goals", "timed", "costs", "weighted", "fractions", "sum")
 
 
 class MetricMaker(Maker):
@@ -64,6 +65,21 @@ class MetricMaker(Maker):
             return ClosedTimeInterval(GlobalStartTiming(first), GlobalEndTiming())
         return shape(GlobalStartTiming(first), last)
 
+    def costs(self):
+        """Yield what plans of a fleet cost: how late, how long and whether activities are done."""
+        r, em = self.r, self.em
+        yield Cost("all", r.choice([0, 1, Fraction(1, 2)]), em.TimingExp(GlobalEndTiming()))
+        yield Cost("goal", self.gain(), self.goal())
+        for a in self.activities:
+            end, start = (em.TimingExp(Timing(0, t)) for t in (a.end, a.start))
+            late = em.Minus(end, r.randint(0, 6))
+            name = a.name if a.optional else None
+            yield Cost("late", r.choice([1, 2, Fraction(1, 3)]), late, name, positive=True)
+            if self.chance(0.4):
+                yield Cost("long", r.choice([1, 2]), em.Minus(end, start), name)
+            if a.optional and self.chance(0.4):
+                yield Cost("there", r.choice([-3, 1, 2]), em.Int(1), a.name)
+
     def metric(self) -> None:
         r, em, n = self.r, self.em, self.numbers[0]
         if self.sort == "goals":
@@ -75,6 +91,8 @@ class MetricMaker(Maker):
         elif self.sort == "costs":
             default = r.choice([1, em.Real(Fraction(3, 2)), -2])
             self.p.add_quality_metric(MinimizeActionCosts({}, default))
+        elif self.sort == "sum":
+            self.p.add_quality_metric(MinimizeCosts(self.costs(), self.p.environment))
         elif self.sort == "weighted":
             # times are no numbers to UP, but variables are
             latest = em.ParameterExp(self.p.add_variable("latest", self.tm.IntType(0, HORIZON)))

@@ -17,7 +17,7 @@ from up_samp.scheduling.cpsat.encode.durations import LIMITS, constant_bounds, c
 from up_samp.scheduling.cpsat.encode.forms import TRUE, Form, Lin, Literal, constant, disjunction
 from up_samp.scheduling.cpsat.encode.fractions import scales_of
 from up_samp.scheduling.cpsat.encode.horizon import Horizon
-from up_samp.scheduling.cpsat.encode.objective import Encoding, ends_in_time
+from up_samp.scheduling.cpsat.encode.objective import Encoding, ends_in_time, lasts
 from up_samp.scheduling.cpsat.encode.recognition import find_histories, find_milestones, find_unary
 from up_samp.scheduling.cpsat.encode.states import Key, Read, States, StateVar
 from up_samp.scheduling.cpsat.encode.store import ModelStore
@@ -32,6 +32,7 @@ from up_samp.scheduling.cpsat.normal import (
     normal_form,
 )
 from up_samp.scheduling.cpsat.problem import Additions, Watcher
+from up_samp.upio.expressions import walk
 from up_samp.upio.objective import objective_of, only_makespan
 from up_samp.upio.spans import with_timings
 
@@ -244,6 +245,8 @@ class ScheduleModel:
         if any(None in constant_bounds(a.duration) for a in parts.activities):
             return False
         horizon = self.horizon
+        if horizon.spread:
+            return False
         before = horizon.bound()
         for activity in parts.activities:
             horizon.total += 2 * (4 + least(activity.duration))
@@ -305,9 +308,9 @@ class ScheduleModel:
         for activity in parts.activities:
             if None in constant_bounds(activity.duration) and activity.name not in parts.vague:
                 horizon.lasting(activity.duration.lower, self.world)
-        horizon.total += len(self.world.activities) * max(
-            self.disjunctions.gaps.values(), default=0
-        )
+        widest = max(self.disjunctions.gaps.values(), default=0)
+        horizon.gap(widest)
+        horizon.total += len(self.world.activities) * widest
         for timing, _, _ in parts.effects:
             horizon.beside(countable(int(abs(timing.delay))))
         asked = () if self.asked is None else self.asked.parts
@@ -315,6 +318,7 @@ class ScheduleModel:
         for span in [*(span for span, _, _ in parts.conditions), *timed]:
             horizon.beside(int(abs(span.lower.delay) + abs(span.upper.delay)))
         horizon.total += sum(constants(p.node) for p in asked)
+        horizon.spread = any(lasts(n) for p in asked for n in walk(p.node))
         # room for what may be appended later, so that growing seldom means rebuilding
         self.limit = max(2 * horizon.bound() + 100, self.limit_at_least)
         if self.limit > LIMITS.latest:

@@ -14,11 +14,19 @@ from up_samp.scheduling.cpsat.normal import Precondition
 
 
 class Horizon:
-    """Collects weights into timepoints."""
+    """Collects weights into timepoints: in the least solution of differences between times, none is
+    later than all weights on a longest path.
+
+    ``spread``: a least solution is not enough, as what lies between two times counts. Then longer
+    gaps between instants than any single weight are closed to that: all differences get smaller.
+    """
 
     def __init__(self, store: ModelStore) -> None:
         self.store = store
         self.certain = True
+        self.spread = False
+        self._instants = 2
+        self._widest = 1
         self.origin = 1
         self.total = 1
         self._into: dict[int, int] = {}
@@ -26,6 +34,7 @@ class Horizon:
 
     def activity(self, activity: ActivityVars) -> None:
         """Count an activity: its shortest duration, and an effect or condition beside it."""
+        self._note(activity.least, 2)
         start = activity.start.terms[0][0]
         if start in self._length:
             return  # an alternative of one that is counted
@@ -51,10 +60,12 @@ class Horizon:
             self.certain = False
         else:
             self.total += max(0, longest)
+            self._note(longest)
 
     def beside(self, delay: int) -> None:
         """Count an effect or a condition with a delay (gaps of 1 + delay may be needed)."""
         self.total += 2 + abs(delay)
+        self._note(2 + abs(delay), 2)
 
     def preconditions(self, preconditions: Iterable[Precondition]) -> None:
         """Count what is said with precedences: gaps before each activity that is named."""
@@ -62,6 +73,7 @@ class Horizon:
             rivals = [*precondition.helpers.values(), precondition.initially or frozenset()]
             named = frozenset(precondition.helpers).union(*rivals)
             self.total += 2 + precondition.gap * (1 + len(named))
+            self._note(2 + precondition.gap)
 
     def forms(self, forms: Iterable[Form]) -> None:
         """Count constraints."""
@@ -74,6 +86,7 @@ class Horizon:
                 if len(times) > 2 or any(abs(c) != 1 for _, c in times):
                     self.certain = False
                 weight = self._weight(cmp, times)
+                self._note(max(weight, abs(cmp.const)))
                 if len(times) == 1:
                     self.origin = max(self.origin, weight)
                     continue
@@ -82,6 +95,14 @@ class Horizon:
                         other = next((v for v, _ in times if v != var), var)
                         short = weight - length.get(other, 0)
                         into[var] = max(into[var], short if short >= 0 else weight)
+
+    def gap(self, gap: int) -> None:
+        """Count a gap that is kept between activities."""
+        self._note(gap)
+
+    def _note(self, weight: int, instants: int = 0) -> None:
+        self._widest = max(self._widest, weight)
+        self._instants += instants
 
     def _weight(self, cmp: Cmp, times: list[tuple[int, int]]) -> int:
         names = {v for v, _ in times}
@@ -95,4 +116,6 @@ class Horizon:
     def bound(self) -> int:
         """Return a time by which a schedule can be over, if there is one at all."""
         longest = self.total + self.origin + sum(self._into.values())
+        if self.spread:
+            longest = max(longest, self._instants * self._widest)
         return longest if self.certain else 3 * longest + 100

@@ -22,6 +22,7 @@ from up_samp.scheduling.cpsat.encode.forms import (
 )
 from up_samp.scheduling.cpsat.encode.states import States
 from up_samp.scheduling.cpsat.encode.terms import (
+    ActivityVars,
     Terms,
     fluents_in,
     indicator,
@@ -52,13 +53,13 @@ class Encoding:
 
     def _part(self, part: ObjectivePart) -> tuple[Lin, int]:
         if part.activity is not None:
-            return self._paid(part.node, part.activity)
+            return self._paid(part, self.states.world.activities[part.activity])
         if part.interval is not None:
             return indicator(self._throughout(part)), 1
         if part.node.type.is_bool_type():
             return indicator(self._holds(self.final, part.node)), 1
         lin, scale = self.final.scaled(part.node)
-        return self._always_there(lin, part.node), scale
+        return self._counted(self._always_there(lin, part.node), TRUE, part), scale
 
     def _always_there(self, lin: Lin, node: FNode) -> Lin:
         if any(need != TRUE for need in lin.needs):
@@ -67,26 +68,42 @@ class Encoding:
             )
         return lin._replace(needs=())
 
-    def _paid(self, node: FNode, name: str) -> tuple[Lin, int]:
+    def _paid(self, part: ObjectivePart, activity: ActivityVars) -> tuple[Lin, int]:
         """Return what an activity costs, if it is present."""
-        activity = self.states.world.activities[name]
-        changing = [f for f in fluents_in(node) if f.fluent().name in self.states.dynamic]
+        changing = [f for f in fluents_in(part.node) if f.fluent().name in self.states.dynamic]
         if changing:
-            raise UnsupportedError(f"the cost of activity '{name}' reads '{changing[0]}', a change")
+            raise UnsupportedError(
+                f"the cost of activity '{activity.name}' reads '{changing[0]}', a change"
+            )
         still = self.states.reader(activity, activity.present, constant(0), constant(0))
-        lin, scale = Terms(self.states.world, still, activity).scaled(node)
+        lin, scale = Terms(self.states.world, still, activity).scaled(part.node)
         other = tuple(need for need in lin.needs if need != activity.present)
-        lin = self._always_there(lin._replace(needs=other), node)
-        present = activity.present
-        if present == TRUE:
-            return lin, scale
+        lin = self._always_there(lin._replace(needs=other), part.node)
+        sizes = self.states.in_sizes(lin)
+        if len(sizes.terms) < len(lin.terms):  # what it takes, not when: closer to what it costs
+            lin = sizes._replace(needs=())
+        return self._counted(lin, activity.present, part), scale
+
+    def _counted(self, lin: Lin, present: Literal, part: ObjectivePart) -> Lin:
+        """Return what is paid: ``lin`` (as far as it is above 0, of a ``positive`` part, which is
+        never less) where ``present`` holds, else nothing.
+        """
         if not lin.terms:
-            return times(indicator(present), lin.const), scale
+            const = max(0, lin.const) if part.positive else lin.const
+            return times(indicator(present), const)
+        if present == TRUE and not part.positive:
+            return lin
         low, high = self.store.range(lin)
-        paid = Lin(((self.store.integer(min(0, low), max(0, high)), 1),))
-        self.store.enforce(compare(paid.plus(lin, -1), "=="), (present,))
-        self.store.enforce(compare(paid, "=="), (~present,))
-        return paid, scale
+        paid = Lin(((self.store.integer(0 if part.positive else min(0, low), max(0, high)), 1),))
+        # paid - lin >= 0, or == 0
+        told = compare(lin.plus(paid, -1), "<=" if part.positive else "==")
+        self.store.enforce(told, () if present == TRUE else (present,))
+        if present != TRUE:
+            self.store.enforce(compare(paid, "=="), (~present,))
+            # a share of its presence costs a share of the least: not known to linear relaxations
+            least = times(indicator(present), max(0, low))
+            self.store.enforce(compare(least.plus(paid, -1), "<="))
+        return paid
 
     # -- goals -----------------------------------------------------------------------------------
     def _holds(self, terms: Terms, node: FNode) -> Literal:
@@ -150,6 +167,16 @@ def ends_in_time(problem: Any, objective: Objective) -> bool:
     return all(_ends(part.node, objective.sign * part.weight) for part in objective.parts)
 
 
+def lasts(node: FNode) -> bool:
+    """Return whether an expression is how long one activity lasts."""
+    if node.node_type is not Op.MINUS or any(a.node_type is not Op.TIMING_EXP for a in node.args):
+        return False
+    end, start = (a.timing() for a in node.args)
+    names = end.timepoint.container, start.timepoint.container
+    sides = end.is_from_end(), start.is_from_start()
+    return all(sides) and names[0] == names[1] is not None and end.delay == start.delay == 0
+
+
 def _times_in(node: FNode) -> bool:
     return any(n.node_type is Op.TIMING_EXP for n in walk(node))
 
@@ -163,6 +190,8 @@ def _ends(node: FNode, weight: int | Fraction) -> bool:
         return weight >= 0
     if node.node_type is Op.PLUS:
         return all(_ends(arg, weight) for arg in node.args)
+    if lasts(node):
+        return weight >= 0
     if node.node_type is Op.MINUS:
         return _ends(node.arg(0), weight) and _ends(node.arg(1), -weight)
     if node.node_type is Op.TIMES:

@@ -522,15 +522,18 @@ class States(Readings):
             one, other = self.by_var.get(a.terms[0][0]), self.by_var.get(b.terms[0][0])
             if one is not other:
                 return self.store.range(gap)
-        for activity in self._mentioned(gap):
+        return self.store.range(self.in_sizes(gap))
+
+    def in_sizes(self, lin: Lin) -> Lin:
+        """Return a sum of times with starts and sizes of activities instead of their ends."""
+        for activity in self._mentioned(lin):
             if len(activity.end.terms) == 1 and activity.end.terms != activity.start.terms:
                 (end, _), (start, _) = activity.end.terms[0], activity.start.terms[0]
-                coefs = dict(gap.terms)
-                coef = coefs.get(end, 0)
+                coef = dict(lin.terms).get(end, 0)
                 if coef:
                     rest = Lin(((start, coef),)).plus(activity.size, coef)
-                    gap = gap.plus(Lin(((end, -coef),))).plus(rest)
-        return self.store.range(gap)
+                    lin = lin.plus(Lin(((end, -coef),))).plus(rest)
+        return lin
 
     def _mentioned(self, lin: Lin) -> list[ActivityVars]:
         owners = {self.by_var[v].index: self.by_var[v] for v, _ in lin.terms if v in self.by_var}

@@ -1,0 +1,105 @@
+"""What a plan costs, where a fleet's objective weighs several terms. A new term is a row of TERMS.
+
+Terms count in seconds (but for what is counted in robots), whatever the schedule's unit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from fractions import Fraction
+from typing import Any
+
+from unified_planning.model.scheduling import Activity
+from unified_planning.model.timing import GlobalEndTiming
+from unified_planning.shortcuts import Minus, Or
+
+from up_samp.fleet.records import Weights
+from up_samp.fleet.site import Site
+from up_samp.fleet.statements import Kind, present
+from up_samp.fleet.work import Work
+from up_samp.model.objective import Cost, MinimizeCosts
+
+Amount = tuple[float, Any, Activity | None]
+"""(seconds or pieces that 1 stands for, expression in units, whose presence it needs)."""
+
+
+def add_objective(site: Site, work: Work, weights: Weights) -> None:
+    """State the weighted sum of terms that is to be minimised, in a site's problem whose activities
+    are all there.
+    """
+    told: Mapping[str, float] = vars(weights) | {"left_out": 1.0}
+    manager = site.problem.environment.expression_manager
+    costs = []
+    for term, amounts in TERMS.items():
+        for each, node, activity in amounts(site, work) if told[term] else ():
+            (node,) = manager.auto_promote(node)
+            weight = Fraction(str(told[term])) * Fraction(str(each))
+            name = None if activity is None or not activity.optional else activity.name
+            costs.append(Cost(term, weight, node, name, positive=term == "tardiness"))
+    site.problem.add_quality_metric(MinimizeCosts(costs, site.problem.environment))
+
+
+# ------------------ One function for each term
+
+
+def _makespan(site: Site, work: Work) -> Iterator[Amount]:
+    manager = site.problem.environment.expression_manager
+    yield site.records.seconds_per_unit, manager.TimingExp(GlobalEndTiming()), None
+
+
+def _tardiness(site: Site, work: Work) -> Iterator[Amount]:
+    """How much later than due jobs end, each by its own weight."""
+    unit = site.records.seconds_per_unit
+    for job in site.records.jobs:
+        if job.due is not None:
+            for a in work.ends(job.id):
+                yield unit * job.weight, Minus(a.end, site.down(job.due)), a
+
+
+def _completion(site: Site, work: Work) -> Iterator[Amount]:
+    """When jobs end, each by its own weight."""
+    for job in site.records.jobs:
+        for a in work.ends(job.id):
+            yield site.records.seconds_per_unit * job.weight, a.end, a
+
+
+def _driving(site: Site, work: Work) -> Iterator[Amount]:
+    """How long robots drive, all together."""
+    for a in _drives(site):
+        yield site.records.seconds_per_unit, Minus(a.end, a.start), a
+
+
+def _robots(site: Site, work: Work) -> Iterator[Amount]:
+    """How many robots leave where they start."""
+    of_robot: dict[str, list[Activity]] = {}
+    for a in _drives(site):
+        of_robot.setdefault(site.meanings[a.name].robot, []).append(a)
+    for drives in of_robot.values():
+        yield 1.0, Or(present(*drives)), None
+
+
+def _left_out(site: Site, work: Work) -> Iterator[Amount]:
+    """The penalties of optional jobs that are not done."""
+    penalties = {job.id: job.penalty for job in site.records.jobs}
+    for a in site.problem.activities:
+        meaning = site.meanings[a.name]
+        penalty = penalties.get(meaning.what)
+        if meaning.kind is Kind.LEAVE and penalty is not None:
+            yield penalty, 1, a
+
+
+TERMS: Mapping[str, Callable[[Site, Work], Iterable[Amount]]] = {
+    "makespan": _makespan,
+    "tardiness": _tardiness,
+    "completion": _completion,
+    "driving": _driving,
+    "robots": _robots,
+    "left_out": _left_out,
+}
+"""By the names that a problem file gives them; what is left out counts by its penalties."""
+
+
+def _drives(site: Site) -> Iterator[Activity]:
+    for a in site.problem.activities:
+        if site.meanings[a.name].kind in (Kind.MOVE, Kind.CARRY):
+            yield a
