@@ -119,24 +119,16 @@ def _same(metric: Any, problem: Any) -> Iterator[ObjectivePart]:
     yield from metric.parts
 
 
-@dataclass(frozen=True)
-class MetricRow:
-    """How a metric is told; ``name`` is for people."""
-
-    name: str
-    sign: int
-    parts: Callable[[Any, Any], Iterable[ObjectivePart]]
-
-
 MAKESPAN = "makespan"
-METRICS: Mapping[type, MetricRow] = {
-    metrics.MinimizeMakespan: MetricRow(MAKESPAN, 1, _makespan),
-    metrics.MinimizeExpressionOnFinalState: MetricRow("final value", 1, _final),
-    metrics.MaximizeExpressionOnFinalState: MetricRow("final value", -1, _final),
-    metrics.Oversubscription: MetricRow("gain", -1, _goals),
-    metrics.TemporalOversubscription: MetricRow("gain", -1, _timed_goals),
-    metrics.MinimizeActionCosts: MetricRow("cost", 1, _costs),
+METRICS: Mapping[type, tuple[str, int, Callable[[Any, Any], Iterable[ObjectivePart]]]] = {
+    metrics.MinimizeMakespan: (MAKESPAN, 1, _makespan),
+    metrics.MinimizeExpressionOnFinalState: ("final value", 1, _final),
+    metrics.MaximizeExpressionOnFinalState: ("final value", -1, _final),
+    metrics.Oversubscription: ("gain", -1, _goals),
+    metrics.TemporalOversubscription: ("gain", -1, _timed_goals),
+    metrics.MinimizeActionCosts: ("cost", 1, _costs),
 }
+"""By class: what it is called, 1 to minimise or -1 to maximise, and how its parts are told."""
 
 
 def objective_of(problem: Any) -> Objective | None:
@@ -152,12 +144,12 @@ def objective_of(problem: Any) -> Objective | None:
     metric = told[0]
     if isinstance(metric, Objective):
         return metric
-    row = {**METRICS, **{o.metric: o for o in from_outside("objectives").values()}}.get(
-        type(metric)
-    )
+    others = {o.metric: (o.name, o.sign, o.parts) for o in from_outside("objectives").values()}
+    row = {**METRICS, **others}.get(type(metric))
     if row is None:
         raise UnsupportedError(f"the metric '{metric}' has no meaning for schedules")
-    return Objective(row.name, row.sign, row.parts(metric, problem), problem.environment)
+    name, sign, parts = row
+    return Objective(name, sign, parts(metric, problem), problem.environment)
 
 
 def check_copied(problem: Any) -> None:
