@@ -19,6 +19,7 @@ from unified_planning.model.timing import GlobalEndTiming
 
 from up_samp.extensions import parts as from_outside
 from up_samp.model import UnsupportedError
+from up_samp.upio.expressions import QuantifierRemover
 
 Number = int | Fraction
 
@@ -132,9 +133,10 @@ METRICS: Mapping[type, tuple[str, int, Callable[[Any, Any], Iterable[ObjectivePa
 
 
 def objective_of(problem: Any) -> Objective | None:
-    """Return what a problem asks for (None: just some plan).
+    """Return what a problem asks for (None: just some plan), without quantifiers.
 
-    :raises UnsupportedError: for a metric without a row, or several of them.
+    :raises UnsupportedError: for a metric without a row, several of them, or what is said of all
+        numbers.
     """
     told = list(problem.quality_metrics)
     if not told:
@@ -142,14 +144,14 @@ def objective_of(problem: Any) -> Objective | None:
     if len(told) > 1:
         raise UnsupportedError("one quality metric at a time, not several: add them up in one")
     metric = told[0]
-    if isinstance(metric, Objective):
-        return metric
     others = {o.metric: (o.name, o.sign, o.parts) for o in from_outside("objectives").values()}
     row = {**METRICS, **others}.get(type(metric))
-    if row is None:
+    if row is not None:
+        name, sign, parts = row
+        metric = Objective(name, sign, parts(metric, problem), problem.environment)
+    elif not isinstance(metric, Objective):
         raise UnsupportedError(f"the metric '{metric}' has no meaning for schedules")
-    name, sign, parts = row
-    return Objective(name, sign, parts(metric, problem), problem.environment)
+    return metric.rewritten(QuantifierRemover(problem))
 
 
 def check_copied(problem: Any) -> None:
