@@ -113,7 +113,7 @@ TIGHT = {
     "room of nine, seven": ("omni",),
     "corner": ("omni",),
 }
-"""The bodies for which each case of ``up_samp/benchmarks/tight_places.py`` makes sense."""
+"""The bodies for which each case of ``tests/motion/fleet/tight_places.py`` makes sense."""
 FLOORS = (
     *("logistics-dc-all-r2-i3", "logistics-do-oc-r3-i4", "logistics-dc-all-r3-i6"),
     *("jobshop-r2-j2-m2", "jobshop-r3-j3-m2", "jobshop-r3-j3-m4", "transport-dc-r2-j2-m2"),

@@ -226,11 +226,14 @@ def alone(traffic: Any) -> float | None:
     return total
 
 
+TIGHT = ("tests.motion.fleet.tight_places", "up_samp.benchmarks.tight_places")
+
+
 def tight_place(case: str) -> Values:
-    """A tight place of ``up_samp/benchmarks/tight_places.py`` with one kind of body; who gets
+    """A tight place of ``tests/motion/fleet/tight_places.py`` with one kind of body; who gets
     through is judged by the validator's own checks.
     """
-    from up_samp.benchmarks import tight_places
+    tight_places = helper(".", *TIGHT)
 
     name, _, body = case.rpartition(", ")
     traffic = tight_places.CASES[name].build(tight_places.BODIES[body]())
@@ -247,7 +250,7 @@ def tight_place(case: str) -> Values:
 
 def errands(case: str) -> Values:
     """Random errands of so many robots on one map ("pillars, omni, 10", or "..., st-rrt*")."""
-    from up_samp.benchmarks import tight_places
+    tight_places = helper(".", *TIGHT)
 
     name, body, robots, *method = case.split(", ")
     how = {"method": method[0]} if method else {}

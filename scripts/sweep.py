@@ -180,7 +180,7 @@ def arrivals(traffic: Any, tuning: Table, **how: Any) -> Values:
 
 def tight(name: str, tuning: Table) -> Values:
     """A tight place."""
-    from up_samp.benchmarks import tight_places
+    from tests.motion.fleet import tight_places
 
     case, _, body = name.rpartition(", ")
     return arrivals(tight_places.CASES[case].build(tight_places.BODIES[body]()), tuning)
@@ -188,7 +188,7 @@ def tight(name: str, tuning: Table) -> Values:
 
 def errands(name: str, tuning: Table) -> Values:
     """Random errands on a map."""
-    from up_samp.benchmarks import tight_places
+    from tests.motion.fleet import tight_places
 
     place, body, robots, seed, *method = name.split(", ")
     grid = {"pillars": tight_places.pillars, "aisles": tight_places.aisles}[place]()

@@ -9,7 +9,8 @@ import scipy.ndimage
 import yaml
 from PIL import Image
 
-from up_samp.benchmarks import families, freeze, instance, instances, job_shop, logistics, maps
+from tests.benchmarks import freeze
+from up_samp.benchmarks import families, instance, instances, job_shop, logistics, maps
 from up_samp.benchmarks.jobshop import draw_shop, frozen_shops
 from up_samp.benchmarks.logistics import layout
 from up_samp.benchmarks.places import box, check_poses, duration_bounds

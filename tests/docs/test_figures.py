@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from up_samp.benchmarks import instances, tight_places
+from tests.motion.fleet import tight_places
+from up_samp.benchmarks import instances
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted((ROOT / "docs").glob("*.md"))

@@ -118,5 +118,6 @@ def test_the_figures_do_not_grow(package):
     assert not grown, f"(now, at most): {grown}; see scripts/house.py"
     # a tunable that no sweep shows to matter becomes a constant beside its use
     assert package.tunables + package.constants <= NUMBERS
-    # imports are lines, too: fewer files have fewer of them
-    assert package.branches / package.lines < 0.2705
+    # imports are lines, too, and so are problems built line by line: those that tests alone build
+    # lie beside the tests, and what is left has fewer branches, but more for each line
+    assert package.branches / package.lines < 0.272

@@ -23,6 +23,7 @@ from unified_planning.shortcuts import (
 )
 from unified_planning.test.examples.scheduling import get_example_problems
 
+from tests.benchmarks.cases import choice, drive
 from tests.scheduling.compilers.test_own_effects import FOUND, drawn
 from tests.scheduling.cpsat.random_problems import random_problem
 from up_samp.engines.factory import engine_named
@@ -31,7 +32,6 @@ from up_samp.scheduling import known_engines, open_scheduler
 from up_samp.scheduling.compilers.pipeline import chain, compilers_for
 from up_samp.scheduling.compilers.read import read_problem
 from up_samp.scheduling.quirks import quirks_of
-from up_samp.test_cases.cases import choice, drive
 from up_samp.validation import validate_plan
 
 SOLVED = (Status.SOLVED_SATISFICING, Status.SOLVED_OPTIMALLY)

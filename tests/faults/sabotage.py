@@ -57,8 +57,8 @@ def a_robot_with_a_law(at: int, error: str = "RuntimeError"):
     """Return a problem whose one robot obeys such a law."""
     from unified_planning.model.motion import MotionModels, MovableObject
 
+    from tests.benchmarks.scene import SceneBuilder
     from up_samp.benchmarks.places import box
-    from up_samp.test_cases.scene import SceneBuilder
 
     scene = SceneBuilder("law")
     start, goal = scene.place("start", (4.0, 10.0, 0.0)), scene.place("goal", (9.0, 10.0, 0.0))

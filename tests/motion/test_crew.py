@@ -9,8 +9,8 @@ from multiprocessing import get_context
 import numpy as np
 import pytest
 
+from tests.motion.fleet import tight_places as tight
 from tests.oracles.odd_executors import Backwards, Killing
-from up_samp.benchmarks import tight_places as tight
 from up_samp.model import Body, Deadline, Kinematics, MotionModel, Outcome, PathQuery
 from up_samp.motion.crew import Crew, can_be_sent
 from up_samp.motion.service import MotionService

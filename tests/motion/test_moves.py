@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 
+from tests.motion.fleet import tight_places as tight
 from tests.motion.fleet.independent import limits_of
-from up_samp.benchmarks import tight_places as tight
 from up_samp.motion.moves import in_step, steer
 from up_samp.validation.kinematics import motion_violations
 

@@ -11,6 +11,7 @@ from unified_planning.engines.mixins.oneshot_planner import OptimalityGuarantee
 from unified_planning.model.motion import MotionModels, MovableObject
 from unified_planning.shortcuts import OneshotPlanner
 
+from tests.benchmarks.scene import SceneBuilder
 from tests.fuzz.cases import Case, Robot, Style
 from tests.fuzz.floors import rooms
 from tests.fuzz.problems import build
@@ -31,7 +32,6 @@ from up_samp.motion import MotionService
 from up_samp.motion.planners.car import CarPlanner
 from up_samp.search.events import Observer
 from up_samp.search.facts import LATE, Facts
-from up_samp.test_cases.scene import SceneBuilder
 from up_samp.validation import validate_plan
 from up_samp.validation.tolerances import TOLERANCES
 

@@ -39,9 +39,7 @@ from up_samp.benchmarks.places import (
 from up_samp.benchmarks.published.form import PUBLISHED, Published
 from up_samp.benchmarks.routes import (
     FluentRoutes,
-    Passage,
     PrecedenceRoutes,
-    RouteEncoding,
     apart,
     at_start,
     before,
@@ -90,7 +88,7 @@ class Family(ProblemOnMap):
         self.doors: list[MovableObject] = []
         self.busy: dict[str, list[Activity]] = {}
         self._door_at: Fluent | None = None
-        self.routes: RouteEncoding = (FluentRoutes if self.with_fluents else PrecedenceRoutes)(
+        self.routes = (FluentRoutes if self.with_fluents else PrecedenceRoutes)(
             self.problem, self.pose_type, self.robot_type
         )
 
@@ -160,7 +158,7 @@ class Family(ProblemOnMap):
                 dynamic_obstacles_at_start=[r for r in self.robots if r is not robot],
             )
         )
-        self.routes.move(Passage(robot, a, origin, to, implied))
+        self.routes.move(robot, a, (origin, to), implied)
         self.busy[robot.name].append(a)
         return a
 

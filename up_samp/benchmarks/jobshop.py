@@ -13,6 +13,8 @@ import itertools
 import json
 import math
 import random
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 from unified_planning.model.motion import ConfigurationObject, SchedulingMotionProblem
@@ -80,13 +82,8 @@ def frozen_shops() -> dict[str, Shop]:
     return {name: shop_from_json(entry) for name, entry in data.items()}
 
 
-def shop_to_json(shop: Shop) -> dict[str, object]:
-    """Return ``shop`` as plain JSON data."""
-    return {"jobs": shop.jobs, "machines": shop.machines, "starts": shop.starts}
-
-
 def shop_from_json(entry: dict[str, Any]) -> Shop:
-    """Return the shop that :func:`shop_to_json` wrote."""
+    """Return the shop that ``data/jobshop.json`` has."""
 
     def poses(key: str) -> tuple[Pose, ...]:
         return tuple((float(x), float(y), float(theta)) for x, y, theta in entry[key])
@@ -127,7 +124,7 @@ def job_shop(
     """
     data = shop(robots, jobs, machines, seed)
     doors = [shop_door(i) for i in range(machines)]
-    _check(data, doors)
+    check(data, doors)
     title = name or instance_name(robots, jobs, machines) + (f"-s{seed}" if seed else "")
     if is_published(encoding):
         return published_job_shop(title, data, doors, encoding, metric)
@@ -176,9 +173,19 @@ def _operations(family: Family, data: Shop, stands: list[ConfigurationObject]) -
                 family.one_at_a_time((a, b))
 
 
-def _check(data: Shop, doors: list[FamilyDoor]) -> None:
-    poses = {f"start{r}": pose for r, pose in enumerate(data.starts)}
+def check(
+    data: Shop,
+    doors: list[FamilyDoor],
+    others: Mapping[str, Pose] = MappingProxyType({}),
+    *,
+    closed: bool = True,
+) -> None:
+    """Check where robots stand: at first, at machines, at buttons, and at ``others``. ``closed``:
+    there are doors that they could stand in.
+    """
+    poses = dict(others) | {f"start{r}": pose for r, pose in enumerate(data.starts)}
     poses |= {f"machine{m}": pose for m, pose in enumerate(data.machines)}
     poses |= {f"button{i}": door.button for i, door in enumerate(doors)}
     size = job_shop_size(len(doors))
-    check_poses(size, job_shop_walls(len(doors)), poses, doors=doors)
+    walls = job_shop_walls(len(doors))
+    check_poses(size, walls, poses, doors=doors if closed else ())

@@ -141,45 +141,29 @@ def _picks(
     button: ConfigurationObject | None,
     items: int,
 ) -> None:
-    """Add who picks what: every item is picked by exactly one robot."""
-    hands = Hands(family)
+    """Add who picks what: every item is picked by exactly one robot.
+
+    With fluents a pick needs free hands and fills them, and every move home ends with free hands.
+    Without them nothing has to be said of hands: from a pose at the shelf a robot can only drive
+    home, and there it can pick only what stands there.
+    """
+    free = Fluent("robot_is_free", BoolType(), robot=family.robot_type)
+    if family.with_fluents:
+        family.problem.add_fluent(free, default_initial_value=True)
     picks: list[list[Activity]] = [[] for _ in range(items)]
     for robot, depot in zip(family.robots, depots, strict=True):
         homeward = _moves(family, robot, depot, shelves, button)
-        hands.empty_after(robot, homeward)
+        for move in homeward if family.with_fluents else ():
+            move.add_effect(move.end, free(robot), TRUE())
         for (item, side), shelf in shelves.items():
             pick = family.work(robot, f"pick_{robot.name}_i{item}_{side}", shelf, 1)
-            hands.fill(robot, pick)
+            if family.with_fluents:
+                pick.add_condition(at_start(pick), free(robot))
+                pick.add_effect(pick.end, free(robot), FALSE())
             picks[item].append(pick)
         family.routes.end(robot, depot)
     for choices in picks:
         family.exactly_one(choices)
-
-
-class Hands:
-    """What robots carry, with fluents: ``robot_is_free``; a pick needs and takes free hands.
-
-    Without fluents nothing has to be said: from a pose at the shelf a robot can only drive home,
-    and there it can pick only what stands there.
-    """
-
-    def __init__(self, family: Family) -> None:
-        self.free: Fluent | None = None
-        if family.with_fluents:
-            self.free = Fluent("robot_is_free", BoolType(), robot=family.robot_type)
-            family.problem.add_fluent(self.free, default_initial_value=True)
-
-    def fill(self, robot: MovableObject, pick: Activity) -> None:
-        """``pick`` needs free hands and fills them."""
-        if self.free is not None:
-            pick.add_condition(at_start(pick), self.free(robot))
-            pick.add_effect(pick.end, self.free(robot), FALSE())
-
-    def empty_after(self, robot: MovableObject, homeward: list[MotionActivity]) -> None:
-        """Every homeward move ends with free hands."""
-        if self.free is not None:
-            for move in homeward:
-                move.add_effect(move.end, self.free(robot), TRUE())
 
 
 def _shelf_places(

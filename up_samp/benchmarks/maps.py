@@ -30,9 +30,6 @@ Rectangle = tuple[float, float, float, float]
 LOGISTICS_SIZE = (100.0, 65.0)
 LOGISTICS_SHELVES: tuple[Rectangle, ...] = ((52.0, 35.0, 100.0, 40.0), (52.0, 20.0, 100.0, 25.0))
 
-HALL_SIZE = (40.0, 20.0)
-HALL_DIVIDER: tuple[Rectangle, ...] = ((19.5, 0.0, 20.5, 8.0), (19.5, 12.0, 20.5, 20.0))
-
 
 @dataclass(frozen=True)
 class JobShopPlan:
@@ -54,13 +51,6 @@ SHOP = JobShopPlan()
 def logistics_walls() -> list[Rectangle]:
     """Return what is occupied on the logistics map: the outer wall and two long shelves."""
     return [*outer_wall(*LOGISTICS_SIZE), *LOGISTICS_SHELVES]
-
-
-def hall_walls(*, divided: bool) -> list[Rectangle]:
-    """Return what is occupied in a small hall (40 x 20 m); ``divided`` puts a wall with an opening
-    of 4 m into its middle. For examples and test cases.
-    """
-    return [*outer_wall(*HALL_SIZE), *(HALL_DIVIDER if divided else ())]
 
 
 def job_shop_walls(cells: int) -> list[Rectangle]:
@@ -124,11 +114,6 @@ def cache_folder() -> Path:
         return Path(own) / "maps"
     base = os.environ.get("XDG_CACHE_HOME")
     return (Path(base) if base else Path.home() / ".cache") / "up_samp" / "maps"
-
-
-def hall_map(*, divided: bool) -> Path:
-    """Return the YAML file of the small hall."""
-    return DATA / ("rooms.yaml" if divided else "hall.yaml")
 
 
 def logistics_map() -> Path:

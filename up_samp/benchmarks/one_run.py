@@ -142,10 +142,6 @@ def sweep(
 
 
 # ------------------ One benchmark run in a process of its own
-# One benchmark run in a process of its own: ``python -m up_samp.benchmarks.one_run OUT < SPEC``.
-# Reads a ``RunSpec`` as JSON from stdin, writes the record as JSON to the file OUT. Whatever goes
-# wrong becomes part of the record; a process that dies leaves no record, and its parent says so.
-
 
 VERSIONS = ("up-samp", "unified-planning", "ortools", "up-aries", "up-cpse", "ompl", "numba")
 

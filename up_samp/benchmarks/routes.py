@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Protocol
 
 from unified_planning.model import (
     ClosedTimeInterval,
@@ -48,43 +47,12 @@ def scope_of(*activities: Activity) -> list[FNode]:
     return [a.present for a in activities if a.optional]
 
 
-@dataclass(frozen=True)
-class Passage:
-    """``activity`` takes ``robot`` from ``origin`` to ``to``.
-
-    ``implied``: other precedences say already that the robot is at ``origin`` then.
-    """
-
-    robot: MovableObject
-    activity: Activity
-    origin: ConfigurationObject
-    to: ConfigurationObject
-    implied: bool = False
-
-
-class RouteEncoding(Protocol):
-    """Where robots are: one of the two encodings. Call ``finish`` after everything was told."""
-
-    def start(self, robot: MovableObject, place: ConfigurationObject) -> None:
-        """``robot`` starts at ``place``."""
-
-    def move(self, passage: Passage) -> None:
-        """Add a move."""
-
-    def stand(
-        self, robot: MovableObject, a: Activity, place: ConfigurationObject, implied: bool = False
-    ) -> None:
-        """``robot`` stands at ``place`` throughout ``a`` (``implied``: see :class:`Passage`)."""
-
-    def end(self, robot: MovableObject, place: ConfigurationObject) -> None:
-        """``robot`` is at ``place`` when everything is over."""
-
-    def finish(self) -> None:
-        """State what could not be stated before all activities were known."""
+Ends = tuple[ConfigurationObject, ConfigurationObject]
+"""Where a move begins and ends."""
 
 
 class FluentRoutes:
-    """``robot_at(robot)`` holds the place; moves change it at their end."""
+    """``robot_at(robot)`` holds the place; moves change it at their end. ``finish`` comes last."""
 
     def __init__(self, problem: SchedulingMotionProblem, pose_type: Type, robot_type: Type) -> None:
         self.problem = problem
@@ -92,29 +60,31 @@ class FluentRoutes:
         problem.add_fluent(self.robot_at)
 
     def start(self, robot: MovableObject, place: ConfigurationObject) -> None:
-        """See :class:`RouteEncoding`."""
+        """``robot`` starts at ``place``."""
         self.problem.set_initial_value(self.robot_at(robot), place)
 
-    def move(self, passage: Passage) -> None:
-        """See :class:`RouteEncoding`."""
-        a, at = passage.activity, self.robot_at(passage.robot)
-        a.add_condition(at_start(a), Equals(at, passage.origin))
-        a.add_effect(a.end, at, passage.to)
+    def move(self, robot: MovableObject, a: Activity, ends: Ends, implied: bool = False) -> None:
+        """``a`` takes ``robot`` from one place to another. ``implied``: other precedences say
+        already that the robot is there then.
+        """
+        at, (origin, to) = self.robot_at(robot), ends
+        a.add_condition(at_start(a), Equals(at, origin))
+        a.add_effect(a.end, at, to)
 
     def stand(
         self, robot: MovableObject, a: Activity, place: ConfigurationObject, implied: bool = False
     ) -> None:
-        """See :class:`RouteEncoding`."""
+        """``robot`` stands at ``place`` throughout ``a`` (``implied``: see ``move``)."""
         a.add_condition(throughout(a), Equals(self.robot_at(robot), place))
 
     def end(self, robot: MovableObject, place: ConfigurationObject) -> None:
-        """See :class:`RouteEncoding`."""
+        """``robot`` is at ``place`` when everything is over."""
         self.problem.add_condition(
             TimePointInterval(GlobalEndTiming()), Equals(self.robot_at(robot), place)
         )
 
     def finish(self) -> None:
-        """See :class:`RouteEncoding`."""
+        """State what could not be stated before all activities were known."""
 
 
 @dataclass
@@ -152,30 +122,30 @@ class PrecedenceRoutes:
         return self.itineraries.setdefault(robot.name, _Itinerary())
 
     def start(self, robot: MovableObject, place: ConfigurationObject) -> None:
-        """See :class:`RouteEncoding`."""
+        """``robot`` starts at ``place``."""
         self._of(robot).start = place.name
 
-    def move(self, passage: Passage) -> None:
-        """See :class:`RouteEncoding`."""
-        itinerary, a, origin = self._of(passage.robot), passage.activity, passage.origin.name
+    def move(self, robot: MovableObject, a: Activity, ends: Ends, implied: bool = False) -> None:
+        """``a`` takes ``robot`` from one place to another."""
+        itinerary, (origin, to) = self._of(robot), (place.name for place in ends)
         itinerary.departures.setdefault(origin, []).append(a)
-        itinerary.arrivals.setdefault(passage.to.name, []).append(a)
-        if not passage.implied:
+        itinerary.arrivals.setdefault(to, []).append(a)
+        if not implied:
             itinerary.needs.append((a, origin))
 
     def stand(
         self, robot: MovableObject, a: Activity, place: ConfigurationObject, implied: bool = False
     ) -> None:
-        """See :class:`RouteEncoding`."""
+        """``robot`` stands at ``place`` throughout ``a`` (``implied``: see ``move``)."""
         if not implied:
             self._of(robot).needs.append((a, place.name))
 
     def end(self, robot: MovableObject, place: ConfigurationObject) -> None:
-        """See :class:`RouteEncoding`."""
+        """``robot`` is at ``place`` when everything is over."""
         self._of(robot).end = place.name
 
     def finish(self) -> None:
-        """See :class:`RouteEncoding`."""
+        """State what could not be stated before all activities were known."""
         for itinerary in self.itineraries.values():
             for a, place in itinerary.needs:
                 if self._helpers_are_shorter(itinerary, place):

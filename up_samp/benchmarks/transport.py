@@ -24,8 +24,8 @@ from unified_planning.shortcuts import And, Equals, Iff, Or, UserType
 from up_samp.benchmarks import jobshop
 from up_samp.benchmarks.builder import Encoding, Family
 from up_samp.benchmarks.logistics import DoorState
-from up_samp.benchmarks.maps import job_shop_map, job_shop_size, job_shop_walls
-from up_samp.benchmarks.places import Pose, Shop, check_poses
+from up_samp.benchmarks.maps import job_shop_map, job_shop_size
+from up_samp.benchmarks.places import Pose, Shop
 from up_samp.benchmarks.routes import at_start, before, scope_of
 from up_samp.model import ProblemError
 
@@ -123,8 +123,10 @@ def transport(
     spots = pallet_poses(jobs, machines)
     pallets = [family.place(f"pallet{j}", pose) for j, pose in enumerate(spots)]
     closed = door == "closed"
-    _check(shop, spots, closed)
-    doors = [jobshop.shop_door(i) for i in range(machines)] if closed else []
+    doors = [jobshop.shop_door(i) for i in range(machines)]
+    pallet_places = {f"pallet{j}": pose for j, pose in enumerate(spots)}
+    jobshop.check(shop, doors, pallet_places, closed=closed)
+    doors = doors if closed else []
     buttons = jobshop.add_doors(family, doors)
     hands = Loads(family, pallets)
     _empty_moves(family, hands, starts, [*stands, *pallets, *buttons])
@@ -254,13 +256,3 @@ def _legs(
         unloads.append(unload)
     family.exactly_one(loads)
     return loads, unloads
-
-
-def _check(shop: Shop, pallets: list[Pose], closed: bool) -> None:
-    doors = [jobshop.shop_door(i) for i in range(len(shop.machines))]
-    poses = {f"start{r}": pose for r, pose in enumerate(shop.starts)}
-    poses |= {f"machine{m}": pose for m, pose in enumerate(shop.machines)}
-    poses |= {f"pallet{j}": pose for j, pose in enumerate(pallets)}
-    poses |= {f"button{i}": door.button for i, door in enumerate(doors)}
-    size = job_shop_size(len(shop.machines))
-    check_poses(size, job_shop_walls(len(shop.machines)), poses, doors=doors if closed else ())

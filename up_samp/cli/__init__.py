@@ -13,7 +13,6 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
-from typing import NamedTuple
 
 from up_samp.system.imports import load_unified_planning, own_the_process
 from up_samp.system.interrupts import interrupt_behind
@@ -28,46 +27,33 @@ class Exit(enum.IntEnum):
     TERMINATED = 143
 
 
-class Command(NamedTuple):
-    """A command: what it does in a line, and the function that adds its arguments, which is
-    imported when somebody gives the command.
-    """
-
-    help: str
-    module: str
-    function: str
-
-
 COMMANDS = {
-    name: Command(text, f"up_samp.{module}", f"add_{name}")
-    for name, module, text in (
-        ("demo", "cli.commands", "two robots, a closed door, four items"),
-        ("new", "cli.commands", "write a problem file and a map to begin with"),
-        (
-            "check", "cli.commands",
-            "look at a problem file before solving: what overlaps, what is reachable",
-        ),
-        (
-            "import", "cli.commands",
-            "make a problem file from a Moving AI, LIF, RMF, JSPLIB, DXF ... file",
-        ),
-        ("solve", "cli.commands", "solve a problem of your own, or an instance"),
-        ("validate", "cli.commands", "check a plan file against its problem"),
-        ("draw", "cli.commands", "draw a plan file: charts, map, animation"),
-        (
-            "simulate", "cli.simulating",
-            "execute a plan on a floor with delays: how long, who waits, who collides",
-        ),
-        ("export", "cli.commands", "write a plan file in another format"),
-        ("serve", "cli.commands", "plan for others on this machine, over HTTP"),
-        ("engines", "cli.commands", "list the registered engines that schedule"),
-        (
-            "warmup", "cli.commands",
-            "compile the motion kernels now, so that no first solve waits for them",
-        ),
-        ("bench", "benchmarks.cli", "run the benchmark families and report on them"),
-    )
+    "demo": ("cli.commands", "two robots, a closed door, four items"),
+    "new": ("cli.commands", "write a problem file and a map to begin with"),
+    "check": (
+        "cli.commands", "look at a problem file before solving: what overlaps, what is reachable",
+    ),
+    "import": (
+        "cli.commands", "make a problem file from a Moving AI, LIF, RMF, JSPLIB, DXF ... file",
+    ),
+    "solve": ("cli.commands", "solve a problem of your own, or an instance"),
+    "validate": ("cli.commands", "check a plan file against its problem"),
+    "draw": ("cli.commands", "draw a plan file: charts, map, animation"),
+    "simulate": (
+        "cli.simulating",
+        "execute a plan on a floor with delays: how long, who waits, who collides",
+    ),
+    "export": ("cli.commands", "write a plan file in another format"),
+    "serve": ("cli.commands", "plan for others on this machine, over HTTP"),
+    "engines": ("cli.commands", "list the registered engines that schedule"),
+    "warmup": (
+        "cli.commands", "compile the motion kernels now, so that no first solve waits for them",
+    ),
+    "bench": ("benchmarks.cli", "run the benchmark families and report on them"),
 }  # fmt: skip
+"""The module whose ``add_NAME`` adds a command's arguments (it is imported when somebody gives the
+command), and what the command does in a line.
+"""
 
 
 def make_parser(words: Sequence[str]) -> argparse.ArgumentParser:
@@ -83,11 +69,11 @@ def make_parser(words: Sequence[str]) -> argparse.ArgumentParser:
         "--debug", action="store_true", help="show where an error comes from (a traceback)"
     )
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for name, command in COMMANDS.items():
-        own = commands.add_parser(name, help=command.help)
+    for name, (module, text) in COMMANDS.items():
+        own = commands.add_parser(name, help=text)
         if name in words:
             load_unified_planning()
-            getattr(importlib.import_module(command.module), command.function)(own)
+            getattr(importlib.import_module(f"up_samp.{module}"), f"add_{name}")(own)
     return parser
 
 

@@ -14,7 +14,6 @@ from unified_planning.model.motion import SchedulingMotionProblem
 
 from up_samp.benchmarks import logistics
 from up_samp.benchmarks.builder import ENCODINGS
-from up_samp.cli.outputs import write_outputs
 from up_samp.cli.problems import (
     add_problem_arguments,
     find_problem,
@@ -23,7 +22,13 @@ from up_samp.cli.problems import (
     settings_of,
 )
 from up_samp.cli.progress import table
-from up_samp.cli.solving import add_solver_arguments, describe, judge, solve_and_show
+from up_samp.cli.solving import (
+    add_solver_arguments,
+    describe,
+    judge,
+    solve_and_show,
+    write_outputs,
+)
 from up_samp.execution import dependency_faults
 from up_samp.execution.check import refuse
 from up_samp.export import FORMATS, export_plan

@@ -8,7 +8,7 @@ import statistics
 from collections.abc import Callable, Sequence
 from functools import cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from unified_planning.exceptions import UPException
 
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from up_samp.execution import Delays, Dependencies, ExecutionTuning, Simulation
 
 
+FailedRun = tuple[str, int, str]
+"""Policy and seed of a run that could not be carried out, and why."""
 POLICIES = ("timed", "coarse", "staircase", "reorder", "replan")
 
 
@@ -109,21 +111,13 @@ def _simulate(args: argparse.Namespace) -> int:
             try:
                 runs.append(run(seed))
             except (SampError, UPException) as error:
-                failed.append(FailedRun(policy, seed, " ".join(str(error).split())))
+                failed.append((policy, seed, " ".join(str(error).split())))
     print(_table(policies, runs, failed))
     if args.out is not None:
         files = write_runs(plan, runs, args.out, failed)
         print("\n".join(str(f) for f in files))
     bad = any(r.contacts or r.broken or not r.finished for r in runs if r.policy != "timed")
     return 1 if bad or failed else 0
-
-
-class FailedRun(NamedTuple):
-    """A run that could not be carried out, and why."""
-
-    policy: str
-    seed: int
-    why: str
 
 
 def _executions(
@@ -155,7 +149,7 @@ def _table(
     for policy in policies:
         mine = [r for r in runs if r.policy == policy]
         ratios = sorted(r.ratio for r in mine if r.finished)
-        lost = [f for f in failed if f.policy == policy]
+        lost = [(seed, why) for name, seed, why in failed if name == policy]
         rows.append(
             [
                 policy,
@@ -172,8 +166,8 @@ def _table(
                 str(sum(r.replans for r in mine)),
             ]
         )
-        for why in dict.fromkeys(f.why for f in lost):
-            seeds = ", ".join(str(f.seed) for f in lost if f.why == why)
+        for why in dict.fromkeys(why for _, why in lost):
+            seeds = ", ".join(str(seed) for seed, its in lost if its == why)
             reasons.append(f"{policy} failed (seed {seeds}): {why}")
     header = (
         "policy", "runs", "unfinished", "median", "worst", "waiting", "collisions", "unsafe",
@@ -207,8 +201,8 @@ def write_runs(
                  f"{r.waiting:.4f}", r.collisions, r.deadlock, r.finished, r.reorders, r.replans,
                  ""]
             )  # fmt: skip
-        for f in failed:
-            writer.writerow([f.policy, f.seed, *[""] * 9, f.why])
+        for policy, seed, why in failed:
+            writer.writerow([policy, seed, *[""] * 9, why])
     if not runs:
         return files
     for policy in _policies(runs):

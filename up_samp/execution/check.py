@@ -284,9 +284,9 @@ def graph_needs(graph: Graph, *, orders: bool = False) -> list[Precedence]:
     ]
 
 
-def named(what: str, items: Sequence[object], most: int = 12) -> list[str]:
+def named(items: Sequence[object], most: int = 12) -> list[str]:
     """Return faults in words, the first ``most`` of them one by one."""
-    found = [f"{what}{item}" for item in items[:most]]
+    found = [str(item) for item in items[:most]]
     if len(items) > most:
         found.append(f"... and {len(items) - most} more of the kind")
     return found
@@ -301,7 +301,7 @@ def graph_faults(told: Graph, made: Graph) -> list[str]:
     """
     lost = lacking(told.tasks, graph_needs(told, orders=True), graph_needs(made, orders=True))
     every = lacking(told.tasks, graph_needs(told), graph_needs(made))
-    found = named("", list(dict.fromkeys([*lost, *every])))
+    found = named(list(dict.fromkeys([*lost, *every])))
     own = {(n.first, n.then): n.lag for n in graph_needs(made)}
     broken = [
         need
@@ -316,7 +316,7 @@ def graph_faults(told: Graph, made: Graph) -> list[str]:
         )
     ]
     found += named(
-        "", [f"the plan itself does not keep that {n.then} waits for {n.first}" for n in broken]
+        [f"the plan itself does not keep that {n.then} waits for {n.first}" for n in broken]
     )
     return [*found, *_bound_faults(told, made), *_task_faults(told, made)]
 
@@ -333,7 +333,7 @@ def _bound_faults(told: Graph, made: Graph) -> list[str]:
             lost.append(
                 f"no bound says that {then} is at most {b.most:g} s after {first} ({b.why})"
             )
-    return named("", list(dict.fromkeys(lost)))
+    return named(list(dict.fromkeys(lost)))
 
 
 def _task_faults(told: Graph, made: Graph) -> list[str]:
@@ -348,7 +348,7 @@ def _task_faults(told: Graph, made: Graph) -> list[str]:
         if abs(task.expected - own.expected) > TOLERANCES.rounded:
             lasts = f"{task.expected:g} s in the file, {own.expected:g} s in the plan"
             found.append(f"the task '{name}' lasts {lasts}")
-    return named("", found)
+    return named(found)
 
 
 def refuse(faults: Sequence[str], plan: PlanDict) -> None:

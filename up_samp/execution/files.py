@@ -230,7 +230,7 @@ def _faults_alone(plan: PlanDict, told: Dependencies, *, alone: bool = True) -> 
     if found or not alone:
         return found
     needs = needs_of_motions(plan, told.lives, told.meetings)
-    return faults_named("", lacking(graph.tasks, graph_needs(graph), needs))
+    return faults_named(lacking(graph.tasks, graph_needs(graph), needs))
 
 
 def _as_told(plan: PlanDict) -> Dependencies:

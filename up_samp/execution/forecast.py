@@ -9,15 +9,10 @@ from functools import cached_property
 from up_samp.execution.graph import At, Event, Graph
 from up_samp.execution.state import FloorState, MotionUnderWay, TaskPhase
 
-
-@dataclass(frozen=True)
-class ObjectRoutes:
-    """What a graph's events follow by themselves, with the times these take without disturbance:
-    ``before[k]`` are (event, s, robot); ``speed[k]`` (m/s) is lost if one must stop at ``k``.
-    """
-
-    before: tuple[tuple[tuple[int, float, str], ...], ...]
-    loss: tuple[float, ...]
+Routes = tuple[tuple[tuple[tuple[int, float, str], ...], ...], tuple[float, ...]]
+"""What each event of a graph follows by itself, with the times this takes without disturbance:
+(event, s, robot); and by how much (s) it is late if one must stop there.
+"""
 
 
 @dataclass(frozen=True)
@@ -27,7 +22,7 @@ class Forecast:
     graph: Graph
     now: float
     times: tuple[float, ...]
-    routes: ObjectRoutes
+    routes: Routes
     pace: Mapping[str, float]
 
     @cached_property
@@ -56,7 +51,7 @@ class Forecast:
         return self.latest[end] - self.times[end]
 
 
-def routes_of(graph: Graph, ways: Mapping[tuple[str, str], MotionUnderWay]) -> ObjectRoutes:
+def routes_of(graph: Graph, ways: Mapping[tuple[str, str], MotionUnderWay]) -> Routes:
     """Return travel times between neighbouring events."""
     before: list[list[tuple[int, float, str]]] = [[] for _ in graph.events]
     loss = [0.0] * len(graph.events)
@@ -87,17 +82,17 @@ def routes_of(graph: Graph, ways: Mapping[tuple[str, str], MotionUnderWay]) -> O
             seconds = at_time[then] - at_time.get(first, 0.0)
             who = two.object
         before[then].append((first, seconds, who))
-    return ObjectRoutes(tuple(map(tuple, before)), tuple(loss))
+    return tuple(map(tuple, before)), tuple(loss)
 
 
-def forecast(state: FloorState, routes: ObjectRoutes, pace: Mapping[str, float]) -> Forecast:
+def forecast(state: FloorState, routes: Routes, pace: Mapping[str, float]) -> Forecast:
     """Return when everything happens from now on; ``pace`` scales each robot's speed (1: full)."""
     graph, now = state.graph, state.now
     count = len(graph.events)
     times = [now] * count
     moved = _since_now(state, pace)
     paces = dict(pace)
-    when, before, into = state.when, routes.before, state.into
+    when, (before, loss), into = state.when, routes, state.into
     for k in graph.order:
         past = when[k]
         if past is not None:
@@ -116,7 +111,7 @@ def forecast(state: FloorState, routes: ObjectRoutes, pace: Mapping[str, float])
                 allowed = at
         if allowed > came:
             # it stops at the gate and has to get going again
-            times[k] = allowed + min(routes.loss[k], allowed - came)
+            times[k] = allowed + min(loss[k], allowed - came)
         else:
             times[k] = came
     return Forecast(graph, now, tuple(times), routes, paces)
@@ -145,7 +140,7 @@ def _since_now(state: FloorState, pace: Mapping[str, float]) -> dict[int, float]
 
 
 def _latest(
-    graph: Graph, routes: ObjectRoutes, times: Sequence[float], pace: Mapping[str, float]
+    graph: Graph, routes: Routes, times: Sequence[float], pace: Mapping[str, float]
 ) -> tuple[float, ...]:
     count = len(graph.events)
     horizon = max(times, default=0.0)
@@ -156,7 +151,7 @@ def _latest(
     for edge in graph.edges:
         outgoing[edge.first].append((edge.then, edge.lag))
     for k in range(count):
-        for first, seconds, who in routes.before[k]:
+        for first, seconds, who in routes[0][k]:
             outgoing[first].append((k, seconds / pace.get(who, 1.0)))
     for k in reversed(graph.order):
         for then, seconds in outgoing[k]:

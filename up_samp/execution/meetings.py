@@ -287,21 +287,18 @@ class Step:
     where: tuple[float, float]
 
 
-def steps_of(
-    meeting: Meeting, *, stride: float | None = None, without: Container[int] = ()
-) -> list[Step]:
+def steps_of(meeting: Meeting, *, without: Container[int] = ()) -> list[Step]:
     """Return the steps of a meeting on the side on which the plan passes it.
 
-    Steps less than ``stride`` m apart (default: half of the body's radius) are joined where
-    the plan allows: the later exit is waited for at the earlier entry. Components ``without`` are
-    left out.
+    Steps less than half of the body's radius apart are joined where the plan allows: the later exit
+    is waited for at the earlier entry. Components ``without`` are left out.
     """
     left_out = tuple(c for c in meeting.components if c in without)
-    key = (stride, left_out)
+    key = ("planned", left_out)
     if key not in meeting.memo:
         wanted = ~np.isin(meeting.component, left_out)
-        found = list(_side(meeting, meeting.one_first & wanted, True, stride))
-        found += _side(meeting, ~meeting.one_first & wanted, False, stride)
+        found = list(_side(meeting, meeting.one_first & wanted, True))
+        found += _side(meeting, ~meeting.one_first & wanted, False)
         meeting.memo[key] = found
     return list(cast("list[Step]", meeting.memo[key]))
 
@@ -311,7 +308,7 @@ def switched(meeting: Meeting, component: int, one_first: bool) -> list[Step]:
     key = (component, one_first)
     if key not in meeting.memo:
         chosen = meeting.component == component
-        meeting.memo[key] = list(_side(meeting, chosen, one_first, None, planned=False))
+        meeting.memo[key] = list(_side(meeting, chosen, one_first, planned=False))
     return list(cast("list[Step]", meeting.memo[key]))
 
 
@@ -319,7 +316,6 @@ def _side(
     meeting: Meeting,
     chosen: npt.NDArray[np.bool_],
     one_first: bool,
-    stride: float | None,
     *,
     planned: bool = True,
 ) -> Iterator[Step]:
@@ -338,7 +334,7 @@ def _side(
     steps = _corners(exits, entries)
     out_times = cell_times(leaver, p)[1]
     in_times = cell_times(enterer, q)[0]
-    reach = 0.5 * min(life.hull.radius, follower.hull.radius) if stride is None else stride
+    reach = 0.5 * min(life.hull.radius, follower.hull.radius)
     allowed = in_times if planned else np.full(len(in_times), np.inf)
     for gone, entered in _joined(steps, p, out_times, allowed, reach):
         first, then = _exit(leaver, p, gone), _entry(enterer, q, entered)

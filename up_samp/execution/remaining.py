@@ -27,7 +27,7 @@ from up_samp.execution.build import planned_of
 from up_samp.execution.graph import At, Event
 from up_samp.execution.lives import DriveCells
 from up_samp.execution.state import FloorState, TaskPhase
-from up_samp.execution.substitute import Substitution, ValuesNow, later_by
+from up_samp.execution.substitute import Substitution, ValuesNow, later_by, whole_units
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.io.floors import map_number, side_by_side
 from up_samp.io.plan_dict import PlanDict
@@ -386,10 +386,7 @@ class _Builder:
         ]
         self.surely = {a.name for a in problem.activities if not a.optional}
         self.exact = self._over()
-        self.past = {
-            name: (math.floor(start + 1e-9), math.floor(end + 1e-9))
-            for name, (start, end) in self.exact.items()
-        }
+        self.past = whole_units(self.exact)
         self.values = ValuesNow(self.planned, state, self.unit, self.since, self.gone)
 
     # ------------------------------------------------------------------ what has happened
@@ -459,11 +456,10 @@ class _Builder:
         fix = Substitution(
             self.source.environment,
             self.since,
-            self.past,
+            self.exact,
             self.gone,
             self._known_values(),
             frozenset(running),
-            self.exact,
         )
         target._base._constraints = self._constraints(fix, self.source._base, None)
         self._timed(target._base)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from ortools.sat.python import cp_model
 
 from up_samp.execution.build import Dependencies, steps_by, with_sides
-from up_samp.execution.forecast import Forecast, ObjectRoutes, forecast, routes_of
+from up_samp.execution.forecast import Forecast, Routes, forecast, routes_of
 from up_samp.execution.graph import MEETING, At, Event, Graph, Precedence, topological
 from up_samp.execution.lives import Stay
 from up_samp.execution.meetings import Meeting, Step, switched
@@ -76,7 +76,7 @@ class Followed:
 
     dependencies: Dependencies
     state: FloorState
-    routes: ObjectRoutes
+    routes: Routes
     tuning: ExecutionTuning
     pace: RobotPace
     sides: dict[Key, bool]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -16,6 +17,7 @@ from up_samp.execution.state import FloorState, TaskPhase
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.scheduling.compilers.plain import Expr, show, subexpressions
 from up_samp.scheduling.partial_order.differences import Planned
+from up_samp.upio.expressions import Decided
 
 
 @dataclass(eq=False)
@@ -152,36 +154,36 @@ class ValuesNow:
 _COMPARISONS = (Op.LE, Op.LT, Op.EQUALS)
 
 
-@dataclass
-class Substitution:
+def whole_units(exact: Mapping[str, tuple[float, float]]) -> dict[str, tuple[int, int]]:
+    """Return starts and ends as the schedule's whole units."""
+    return {n: (math.floor(a + 1e-9), math.floor(b + 1e-9)) for n, (a, b) in exact.items()}
+
+
+class Substitution(Decided):
     """Rewrites expressions for a clock that starts ``shift`` units later.
 
-    ``past`` maps activities that are over to their start and end (units, old clock), ``gone`` are
-    activities that cannot happen any more, ``values`` known parameters of what is over. What has no
-    value because an activity is gone neither breaks nor helps a constraint (Kleene's logic, as the
-    validator reads it).
+    ``exact`` maps activities that are over to their start and end (units, old clock, not rounded:
+    what is over is judged by what really was), ``gone`` are activities that cannot
+    happen any more and so have no times, ``values`` known parameters of what is over,
+    ``mandatory`` activities that have begun: present.
     """
 
-    environment: Environment
-    shift: int
-    past: Mapping[str, tuple[int, int]]
-    gone: frozenset[str]
-    values: Mapping[str, FNode]
-    mandatory: frozenset[str] = frozenset()
-    """Activities that have begun: present."""
-    exact: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """The same as ``past`` (units), not rounded: what is over is judged by what really was."""
-    _memo: dict[tuple[FNode, bool], FNode] = field(default_factory=dict)
+    def __init__(
+        self,
+        environment: Environment,
+        shift: int,
+        exact: Mapping[str, tuple[float, float]],
+        gone: frozenset[str],
+        values: Mapping[str, FNode],
+        mandatory: frozenset[str],
+    ) -> None:
+        super().__init__(environment)
+        self.shift, self.past, self.exact = shift, whole_units(exact), exact
+        self.gone, self.values, self.mandatory = gone, values, mandatory
 
-    def __call__(self, node: FNode, positive: bool = True) -> FNode:
-        """Return the expression from now on; what has no value counts as ``positive``."""
-        key = (node, positive)
-        if key not in self._memo:
-            self._memo[key] = self._fix(node, positive)
-        return self._memo[key]
-
-    def _fix(self, node: FNode, positive: bool) -> FNode:
-        m = self.environment.expression_manager
+    def leaf(self, node: FNode, positive: bool) -> FNode:
+        """See :class:`Decided`."""
+        m = self.manager
         if node.is_present_exp():
             name = node.presence().container
             if name in self.gone:
@@ -192,37 +194,14 @@ class Substitution:
             return self.values.get(node.parameter().name, node)
         if node.node_type in _COMPARISONS:
             return self._comparison(node, positive)
-        if not node.args:
+        parts = tuple(self(a, positive) for a in node.args)
+        if parts == tuple(node.args):
             return node
-        if node.is_not():
-            inner = self(node.arg(0), not positive)
-            return m.Bool(not inner.constant_value()) if inner.is_bool_constant() else m.Not(inner)
-        if node.is_implies():
-            return self(m.Or(m.Not(node.arg(0)), node.arg(1)), positive)
-        if node.is_iff():
-            a, b = node.args
-            both = m.And(m.Or(m.Not(a), b), m.Or(m.Not(b), a))
-            return self(both, positive)
-        parts = [self(a, positive) for a in node.args]
-        if node.is_and():
-            kept = [a for a in parts if not a.is_true()]
-            if any(a.is_false() for a in kept):
-                return m.FALSE()
-            return m.And(kept) if kept else m.TRUE()
-        if node.is_or():
-            kept = [a for a in parts if not a.is_false()]
-            if any(a.is_true() for a in kept):
-                return m.TRUE()
-            return m.Or(kept) if kept else m.FALSE()
-        if tuple(parts) == tuple(node.args):
-            return node
-        return m.create_node(
-            node_type=node.node_type, args=tuple(parts), payload=node._content.payload
-        )
+        return m.create_node(node_type=node.node_type, args=parts, payload=node._content.payload)
 
     def _comparison(self, node: FNode, positive: bool) -> FNode:
         """Return a comparison on the new clock; times without a partner are moved by the shift."""
-        m = self.environment.expression_manager
+        m = self.manager
         left, right = (self._side(a) for a in node.args)
         if left is None or right is None:
             return m.Bool(positive)
@@ -239,7 +218,7 @@ class Substitution:
         return self._compared(node, m.Plus(one, m.Int(gap)), two)
 
     def _compared(self, node: FNode, one: FNode, two: FNode) -> FNode:
-        m = self.environment.expression_manager
+        m = self.manager
         if one.is_int_constant() and two.is_int_constant():
             a, b = one.int_constant_value(), two.int_constant_value()
             kind = node.node_type
@@ -275,7 +254,7 @@ class Substitution:
         """Return an arithmetic expression with past times put in, and how many of the times in it
         are still to come (``None``: it has no value).
         """
-        m = self.environment.expression_manager
+        m = self.manager
         if node.is_timing_exp():
             return self._timing(node)
         if node.is_parameter_exp():
@@ -305,7 +284,7 @@ class Substitution:
         return fixed, total
 
     def _timing(self, node: FNode) -> tuple[FNode, int] | None:
-        m = self.environment.expression_manager
+        m = self.manager
         timing = node.timing()
         point = timing.timepoint
         if point.container in self.gone:

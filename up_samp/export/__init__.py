@@ -16,13 +16,13 @@ from up_samp.io.floors import maps_of, moved
 from up_samp.model import ProblemError, UnsupportedError
 
 FORMATS = {
-    "csv": "up_samp.export.tables",
-    "vda5050": "up_samp.export.vda5050",
-    "vda5050-3": "up_samp.export.vda5050_later",
-    "mcap": "up_samp.export.mcap_file",
-    "nav2": "up_samp.export.nav2",
+    "csv": ("tables", "export"),
+    "vda5050": ("vda5050", "export"),
+    "vda5050-3": ("vda5050", "export_later"),
+    "mcap": ("mcap_file", "export"),
+    "nav2": ("nav2", "export"),
 }
-"""Formats and the modules whose ``export(plan, folder)`` writes them."""
+"""Formats, and the modules and functions ``(plan, folder) -> files`` that write them."""
 
 
 def export_plan(plan: PlanDict, to: str, folder: str | PathLike[str]) -> list[Path]:
@@ -35,7 +35,9 @@ def export_plan(plan: PlanDict, to: str, folder: str | PathLike[str]) -> list[Pa
     """
     if to not in FORMATS:
         raise ProblemError(f"there is no format '{to}'; known are {', '.join(FORMATS)}")
-    export: Callable[[PlanDict, Path], list[Path]] = importlib.import_module(FORMATS[to]).export
+    module, function = FORMATS[to]
+    export: Callable[[PlanDict, Path], list[Path]]
+    export = getattr(importlib.import_module(f"up_samp.export.{module}"), function)
     check_motions(plan)
     maps = maps_of(plan)
     if len(maps) > 1:

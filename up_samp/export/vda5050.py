@@ -80,6 +80,11 @@ def export(plan: PlanDict, folder: Path, version: str = VERSION) -> list[Path]:
     return written
 
 
+def export_later(plan: PlanDict, folder: Path) -> list[Path]:
+    """Write the same as orders of version 3.0."""
+    return export(plan, folder, LATER)
+
+
 def later(message: Message) -> Message:
     """Return a message in the words of version 3.0: other names, and no ends of edges."""
     edges = []
@@ -241,34 +246,31 @@ class _Release:
     waits: tuple[StepWait, ...]
 
 
-@dataclass(frozen=True)
-class _Seen:
-    """Where an event is seen: ``robot`` has passed a node, or finished (begun) an action."""
-
-    robot: str
-    sequence: int
-    action: str = ""
-    status: str = ""
+Seen = tuple[str, int, Message]
+"""Where an event is seen: a robot, the sequenceId of the node that it has come to by then, and what
+its state says: that it has passed the node, or finished (begun) an action.
+"""
 
 
-def _where_seen(orders: Sequence[_Order]) -> dict[Event, list[_Seen]]:
+def _where_seen(orders: Sequence[_Order]) -> dict[Event, list[Seen]]:
     """Return how each event of the plan's dependencies shows in the robots' states."""
-    seen: dict[Event, list[_Seen]] = {}
+    seen: dict[Event, list[Seen]] = {}
     for order in orders:
         for number, step in enumerate(order.steps, start=1):
-            action = "" if step.piece is not None else f"{order.robot}:{step.activity}"
-            for event in step.begins:
-                # begun is known for sure once it is over; a drive that has begun is not reported
-                status = "RUNNING" if action else ""
-                seen.setdefault(event, []).append(_Seen(order.robot, 2 * number, action, status))
-            for event in step.happens:
-                status = "FINISHED" if action else ""
-                seen.setdefault(event, []).append(_Seen(order.robot, 2 * number, action, status))
+            # begun is known for sure once it is over; a drive that has begun is not reported
+            for events, status in ((step.begins, "RUNNING"), (step.happens, "FINISHED")):
+                sign: Message = {"lastNodeSequenceId": 2 * number}
+                if step.piece is None:
+                    action = f"{order.robot}:{step.activity}"
+                    sign = {"actionId": action, "actionStatus": status}
+                sign = {"serialNumber": order.robot, **sign}
+                for event in events:
+                    seen.setdefault(event, []).append((order.robot, 2 * number, sign))
     return seen
 
 
 def _sorted(
-    releases: Sequence[_Release], seen: dict[Event, list[_Seen]], others: Sequence[RobotStep]
+    releases: Sequence[_Release], seen: dict[Event, list[Seen]], others: Sequence[RobotStep]
 ) -> list[_Release]:
     """Return the messages in an order in which each waits only for what earlier ones release.
 
@@ -289,7 +291,7 @@ def _sorted(
 
 def _can_go(
     release: _Release,
-    seen: dict[Event, list[_Seen]],
+    seen: dict[Event, list[Seen]],
     released: dict[str, int],
     known: set[Event],
     left: Sequence[_Release],
@@ -299,12 +301,12 @@ def _can_go(
     return all(
         w.event in known
         or w.event[0] == "origin"
-        or all(released.get(s.robot, -1) >= s.sequence for s in seen.get(w.event, ()))
+        or all(released.get(robot, -1) >= last for robot, last, _ in seen.get(w.event, ()))
         for w in release.waits
     )
 
 
-def _listed(release: _Release, seen: dict[Event, list[_Seen]]) -> Message:
+def _listed(release: _Release, seen: dict[Event, list[Seen]]) -> Message:
     return {
         "file": release.file,
         "serialNumber": release.robot,
@@ -312,14 +314,7 @@ def _listed(release: _Release, seen: dict[Event, list[_Seen]]) -> Message:
     }
 
 
-def _condition(wait: StepWait, seen: dict[Event, list[_Seen]]) -> Message:
+def _condition(wait: StepWait, seen: dict[Event, list[Seen]]) -> Message:
     """Return what has to be seen before a message may be sent."""
-    signs = []
-    for sign in seen.get(wait.event, ()):
-        entry: Message = {"serialNumber": sign.robot}
-        if sign.action:
-            entry |= {"actionId": sign.action, "actionStatus": sign.status}
-        else:
-            entry |= {"lastNodeSequenceId": sign.sequence}
-        signs.append(entry)
+    signs = [dict(sign) for *_, sign in seen.get(wait.event, ())]
     return {"event": list(wait.event), "seconds": wait.lag, "seen": signs, "why": wait.why}

@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 
 from up_samp.fleet.loads import load_of, place_of, ridden, with_load
-from up_samp.fleet.outlines import body_of, still
+from up_samp.fleet.outlines import kept_out
 from up_samp.fleet.records import Battery, Charger, FleetRecords
 from up_samp.fleet.statements import Kind, Written
 from up_samp.geometry import load_map
 from up_samp.io.sampling import rows_trajectory
-from up_samp.model import Deadline, PathQuery, Placed, Trajectory
+from up_samp.model import Deadline, PathQuery, Trajectory
 from up_samp.motion import MotionService
 
 MOST_STEPS, WAY_SECONDS, PATIENCE = 60, 10.0, 60.0
@@ -71,14 +71,8 @@ class Meter:
         records = self._records
         mine, order = records.robot_types[kind], ridden(records, origin, to)
         load = None if order is None else load_of(records, order)
-        body = body_of(mine) if load is None else with_load(mine, load)
         poses = tuple(records.places[place_of(p)].pose for p in (origin, to))
-        zones = tuple(
-            Placed(name, still(zone.polygon), (0.0, 0.0, 0.0))
-            for name, zone in records.zones.items()
-            if kind in zone.keep_out
-        )
-        query = PathQuery(body, poses, zones)
+        query = PathQuery(with_load(mine, load), poses, kept_out(records, kind))
         share = 1.0 if self._in_vain < PATIENCE else 0.1
         deadline = Deadline.after(share * WAY_SECONDS)
         way = self._service.plan(query, deadline).trajectory

@@ -14,12 +14,21 @@ from typing import NamedTuple
 from shapely import STRtree, box
 from shapely.geometry import Polygon
 
-from up_samp.fleet.abilities import able, carries, needs_robot
 from up_samp.fleet.faults import NO_ROBOT
 from up_samp.fleet.loads import ends_of, load_of, load_pose, loads_of, place_of, with_load
-from up_samp.fleet.outlines import body_of, placed, still
-from up_samp.fleet.records import Attached, FleetRecords, Order, Pose, Task
-from up_samp.fleet.visits import Role, visits_of
+from up_samp.fleet.outlines import body_of, kept_out, placed, still
+from up_samp.fleet.records import (
+    Attached,
+    FleetRecords,
+    Order,
+    Pose,
+    Task,
+    able,
+    carries,
+    needs_robot,
+)
+from up_samp.fleet.statements import Kind
+from up_samp.fleet.visits import visits_of
 from up_samp.geometry import load_map
 from up_samp.model import Body, Deadline, Outcome, PathQuery, Placed
 from up_samp.motion import MotionService
@@ -106,13 +115,6 @@ class _Checker:
             Placed(name, still(d.leaf), tuple(d.closed)) for name, d in self.records.doors.items()
         )
 
-    def zones(self, kind: str) -> tuple[Placed, ...]:
-        return tuple(
-            Placed(name, still(zone.polygon), (0.0, 0.0, 0.0))
-            for name, zone in self.records.zones.items()
-            if kind in zone.keep_out
-        )
-
     def poses(self) -> Iterator[Finding]:
         """Where robots would stand in walls, doors or zones."""
         found: dict[str, dict[str, list[str]]] = {}
@@ -124,7 +126,7 @@ class _Checker:
                     yield Finding(Level.WARNING, name, text)
                 at = f"at {_show(pose)} a robot of type '{kind}'"
                 wall, hit = self.service.pose_blockers(
-                    self.bodies[kind], pose, (*self.doors(), *self.zones(kind))
+                    self.bodies[kind], pose, (*self.doors(), *kept_out(self.records, kind))
                 )
                 blocked = found.setdefault(name, {}).setdefault(kind, [])
                 if wall:
@@ -286,7 +288,7 @@ class _Checker:
                 name
                 for name in shut
                 if any(
-                    visit.role is Role.OPEN
+                    visit.kind is Kind.OPEN
                     and visit.what == name
                     and any(self._reaches(robot, place_of(p), shut) for p in visit.places)
                     for robot in self.records.robots
@@ -302,7 +304,7 @@ class _Checker:
         """Return whether no proof says that the robot cannot get there past doors that are shut."""
         mine = self.records.robots[robot]
         ends = self.places[mine.start], self.places[place]
-        around = (*self.zones(mine.type), *(d for d in self.doors() if d.name in shut))
+        around = (*kept_out(self.records, mine.type), *(d for d in self.doors() if d.name in shut))
         return self.service.certificate(self.bodies[mine.type], ends, around) is None
 
     def ways(self) -> Iterator[Finding]:
@@ -317,17 +319,17 @@ class _Checker:
     def _ways(self, robot: str, reach: set[str]) -> Iterator[Finding]:
         mine = self.records.robots[robot]
         body, start = self.bodies[mine.type], self.places[mine.start]
-        zones = self.zones(mine.type)
-        used: dict[str, set[Role]] = {}
+        zones = kept_out(self.records, mine.type)
+        used: dict[str, set[Kind]] = {}
         for visit in self.visits[robot]:
             for place in map(place_of, visit.places):
-                used.setdefault(place, set()).add(visit.role)
+                used.setdefault(place, set()).add(visit.kind)
         for place, roles in used.items():
             goal = self.places[place]
             if self._reaches(robot, place, self.shut):
                 reach.add(place)
             else:
-                level = Level.ERROR if Role.END in roles else Level.WARNING
+                level = Level.ERROR if Kind.END in roles else Level.WARNING
                 text = f"robot '{robot}' can never get there from '{mine.start}' (proven)"
                 if self._reaches(robot, place, frozenset()):
                     text += f": nobody can open {_and(self.shut)}"
@@ -345,7 +347,7 @@ class _Checker:
         """Which doors have to be open for a drive."""
         kind = self.records.robots[robot].type
         for door in self.doors():
-            around = (*self.zones(kind), door)
+            around = (*kept_out(self.records, kind), door)
             proof = self.service.certificate(self.bodies[kind], (start, goal), around)
             if proof is None:
                 continue
@@ -389,7 +391,7 @@ class _Checker:
         kind = self.records.robots[robot].type
         body = with_load(self.records.robot_types[kind], load)
         ends = self.places[origin], self.places[to]
-        around = (*self.zones(kind), *(d for d in self.doors() if d.name in self.shut))
+        around = (*kept_out(self.records, kind), *(d for d in self.doors() if d.name in self.shut))
         return self.service.certificate(body, ends, around) is not None
 
     def loads(self) -> Iterator[Finding]:

@@ -13,7 +13,6 @@ from typing import Any
 from shapely.geometry import Polygon
 from shapely.validation import explain_validity
 
-from up_samp.fleet.abilities import able, carries, needs_robot, with_skills
 from up_samp.fleet.records import (
     FIGURES,
     Attached,
@@ -23,7 +22,11 @@ from up_samp.fleet.records import (
     Stop,
     Task,
     Weights,
+    able,
+    carries,
     corners_of,
+    needs_robot,
+    with_skills,
 )
 from up_samp.model import ProblemError
 

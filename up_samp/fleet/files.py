@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from difflib import get_close_matches
 from functools import cache
@@ -194,14 +194,13 @@ def read_problem_text(
     if not isinstance(root, yaml.MappingNode):
         raise FleetError((), f"{path}: a problem file has keys such as map, robots and orders")
     data = _plain(path, root)
-    lines = _Lines(path, root)
     try:
         records = checked_records(data, map_file)
     except FleetError as error:
-        raise lines.error(error.faults) from error
+        raise _error(path, root, error.faults) from error
     faults = [] if folder is None else list(_map_faults(records, folder))
     if faults:
-        raise lines.error(faults)
+        raise _error(path, root, faults)
     return records
 
 
@@ -370,29 +369,23 @@ def _plain(path: File, root: yaml.Node) -> Any:
         loader.dispose()
 
 
-class _Lines:
-    """Where in the file a path leads."""
+def _error(path: File, root: yaml.Node, faults: Sequence[Fault]) -> FleetError:
+    """Return an error that tells file and line of each fault."""
+    return FleetError(faults, told(faults, lambda f: f"{path}:{_line(root, f.path)}: {f}"))
 
-    def __init__(self, path: File, root: yaml.Node) -> None:
-        self.path = path
-        self.root = root
 
-    def error(self, faults: tuple[Fault, ...] | list[Fault]) -> FleetError:
-        """Return an error that tells file and line of each fault."""
-        return FleetError(faults, told(faults, lambda f: f"{self.path}:{self.line(f.path)}: {f}"))
-
-    def line(self, path: Path) -> int:
-        """Return the line of the deepest part of ``path`` that is written in the file."""
-        node, line = self.root, self.root.start_mark.line
-        for part in path:
-            if isinstance(node, yaml.MappingNode):
-                found = next(((k, v) for k, v in node.value if k.value == str(part)), None)
-                if found is None:
-                    break
-                line, node = found[0].start_mark.line, found[1]
-            elif isinstance(node, yaml.SequenceNode) and isinstance(part, int):
-                node = node.value[part]
-                line = node.start_mark.line
-            else:
+def _line(root: yaml.Node, path: Path) -> int:
+    """Return the line of the deepest part of ``path`` that is written in the file."""
+    node, line = root, root.start_mark.line
+    for part in path:
+        if isinstance(node, yaml.MappingNode):
+            found = next(((k, v) for k, v in node.value if k.value == str(part)), None)
+            if found is None:
                 break
-        return int(line) + 1
+            line, node = found[0].start_mark.line, found[1]
+        elif isinstance(node, yaml.SequenceNode) and isinstance(part, int):
+            node = node.value[part]
+            line = node.start_mark.line
+        else:
+            break
+    return int(line) + 1

@@ -25,14 +25,14 @@ from up_samp.fleet.statements import (
     present,
     together,
 )
-from up_samp.fleet.visits import ENDS, Role, fits
+from up_samp.fleet.visits import ENDS, fits
 from up_samp.fleet.work import Work
 
 
 def add_loads(site: Site, work: Work, robot: str) -> None:
     """State what fits on a robot at a time."""
     kind = site.kind_of(robot)
-    mine = {v.what for v in work.visits[robot] if v.role is Role.PICKUP}
+    mine = {v.what for v in work.visits[robot] if v.kind is Kind.PICKUP}
     orders = [o for o in site.records.orders if o.id in mine]
     if len(orders) > 1 and not any(
         fits(pair, kind.capacity) for pair in itertools.combinations(orders, 2)
@@ -122,30 +122,30 @@ class JobRules:
                     ends_before(self._problem, pick, deliver)
         for task in self._records.tasks:
             if task.at:
-                self._done_once(task, self._work.of(task.id, Role.TASK), "task")
+                self._done_once(task, self._work.of(task.id, Kind.TASK), "task")
             elif task.optional or task.modes:
                 self._done_once(task, self._work.begins(task.id), "task")
 
     def _able(self, order: Order) -> list[str]:
         """Return the robots that may do an order."""
         visits = self._work.activities
-        found = [v.robot for v in visits if v.what == order.id and v.role is Role.PICKUP]
+        found = [v.robot for v in visits if v.what == order.id and v.kind is Kind.PICKUP]
         return list(dict.fromkeys(found))
 
     def _linked(self) -> None:
         """Parts are where their machines are, and loads are taken on where they were put."""
         for order in self._records.orders:
-            for role, stop in zip(ENDS, (order.pickup, order.delivery), strict=True):
+            for kind, stop in zip(ENDS, (order.pickup, order.delivery), strict=True):
                 for mode, machine in self._work.machines.get(stop.task or "", {}).items():
-                    for a in self._work.option(order.id, role, mode):
+                    for a in self._work.option(order.id, kind, mode):
                         only_with(self._problem, a, machine)
             if isinstance(order.attached, str):
                 for place in {v.option for v in self._work.activities if v.what == order.id}:
                     self._taken_on(order.id, order.attached, place)
 
     def _taken_on(self, order: str, before: str, place: str) -> None:
-        put = self._work.option(before, Role.DELIVERY, place)
-        for a in self._work.option(order, Role.PICKUP, place) if place else ():
+        put = self._work.option(before, Kind.DELIVERY, place)
+        for a in self._work.option(order, Kind.PICKUP, place) if place else ():
             self._problem.add_constraint(Or(Not(a.present), *(b.present for b in put)))
 
     def _done_once(self, job: Order | Task, activities: Sequence[Activity], part: str) -> None:

@@ -9,9 +9,6 @@ load on. Orders that carry one load on share its stands.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
-
 from shapely.geometry import Polygon
 
 from up_samp.fleet.outlines import body_of, placed, still
@@ -42,49 +39,42 @@ def place_of(name: str) -> str:
     return name.partition(MARK)[0]
 
 
-@dataclass(frozen=True)
-class Option:
-    """Poses at one of which an order's pickup or delivery may be. ``name`` tells options apart of
-    which something else hangs: a mode, or where a load is taken on.
-    """
-
-    name: str
-    poses: tuple[str, ...]
+Options = dict[str, tuple[str, ...]]
+"""Poses at one of which an order's pickup or delivery may be, by a name that tells options apart of
+which something else hangs: a mode, or where a load is taken on.
+"""
 
 
-def options_of(records: FleetRecords, order: Order) -> tuple[list[Option], list[Option]]:
+def options_of(records: FleetRecords, order: Order) -> tuple[Options, Options]:
     """Return what an order's pickup and delivery may be."""
     return _options(records, order, order.pickup, False), _options(
         records, order, order.delivery, True
     )
 
 
-def _options(records: FleetRecords, order: Order, stop: Stop, into: bool) -> list[Option]:
+def _options(records: FleetRecords, order: Order, stop: Stop, into: bool) -> Options:
     if stop.task is not None:
         modes = records.task_of[stop.task].modes
-        return [
-            Option(name, mode.input if into else mode.output or mode.input)
-            for name, mode in modes.items()
-        ]
+        return {n: mode.input if into else mode.output or mode.input for n, mode in modes.items()}
     if order.attached is None:
-        return [Option("", stop.at)]
+        return {"": stop.at}
     load = load_name(records, order)
     stands = tuple(f"{p}{MARK}{load}" for p in stop.at)
     taken_on = order.id in records.takers
     chosen = taken_on if into else isinstance(order.attached, str)
     if chosen:
-        return [Option(place_of(p), (p,)) for p in stands]
-    return [Option("", stands)]
+        return {place_of(p): (p,) for p in stands}
+    return {"": stands}
 
 
 def ends_of(records: FleetRecords, order: Order) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return the names of an order's poses: at its pickups and at its deliveries."""
     pickups, deliveries = options_of(records, order)
-    return _poses(pickups), _poses(deliveries)
+    return _once(pickups), _once(deliveries)
 
 
-def _poses(options: Iterable[Option]) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(p for option in options for p in option.poses))
+def _once(options: Options) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(p for poses in options.values() for p in poses))
 
 
 def poses_of(records: FleetRecords) -> dict[str, Pose]:
@@ -138,6 +128,7 @@ def is_under(kind: RobotType, attached: Attached) -> bool:
     return bool(load.distance(robot) < NEAR)
 
 
-def with_load(kind: RobotType, attached: Attached) -> Body:
-    """Return a robot with a load on it, as one body."""
-    return laden_body(body_of(kind), [(still(attached.footprint), attached.offset)])
+def with_load(kind: RobotType, attached: Attached | None) -> Body:
+    """Return a robot with a load on it (if there is one), as one body."""
+    loads = [] if attached is None else [(still(attached.footprint), attached.offset)]
+    return laden_body(body_of(kind), loads) if loads else body_of(kind)

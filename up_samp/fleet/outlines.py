@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import numpy.typing as npt
 from unified_planning.model import Type
 from unified_planning.model.motion import MotionModels, MovableObject
 from unified_planning.shortcuts import MovableType
 
-from up_samp.fleet.records import Outline, Pose, RobotType, corners_of
-from up_samp.model import Body, Kinematics, MotionModel
+from up_samp.fleet.records import FleetRecords, Outline, Pose, RobotType, corners_of
+from up_samp.model import Body, Kinematics, MotionModel, Placed
+from up_samp.model.frames import Frame
 from up_samp.upio.read_maps import read_movable
 
 MODELS = {
@@ -23,9 +22,7 @@ MODELS = {
 
 def placed(outline: Outline, pose: Pose) -> npt.NDArray[np.float64]:
     """Return an outline's corners at a pose, shape (n, 2)."""
-    x, y, theta = pose
-    c, s = math.cos(theta), math.sin(theta)
-    return np.asarray([(x + c * u - s * v, y + s * u + c * v) for u, v in corners_of(outline)])
+    return Frame(*pose).points(corners_of(outline))
 
 
 def body_of(kind: RobotType) -> Body:
@@ -56,3 +53,13 @@ def _limits(kind: RobotType) -> dict[str, float]:
 def still(outline: Outline) -> Body:
     """Return the body of something that does not drive."""
     return Body(tuple(corners_of(outline)), Kinematics(MotionModel.SE2))
+
+
+def area_of(records: FleetRecords, zone: str) -> Placed:
+    """Return a zone as an obstacle."""
+    return Placed(zone, still(records.zones[zone].polygon), (0.0, 0.0, 0.0))
+
+
+def kept_out(records: FleetRecords, kind: str) -> tuple[Placed, ...]:
+    """Return the zones that robots of a type must keep out of, as obstacles."""
+    return tuple(area_of(records, n) for n, zone in records.zones.items() if kind in zone.keep_out)

@@ -5,7 +5,7 @@ Lengths in m, angles in rad, times in s; poses are ``(x, y, theta)`` in the map'
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Annotated, Any, ClassVar, Literal
@@ -447,3 +447,31 @@ class FleetRecords:
             if isinstance(order.attached, str):
                 found[order.attached] = (*found.get(order.attached, ()), order)
         return found
+
+
+# ------------------ Which robots can do which jobs
+
+
+def carries(kind: RobotType, order: Order) -> bool:
+    """Return whether a robot of this type can carry the order's load."""
+    return all(kind.capacity.get(k, 0) >= n for k, n in order.load.items())
+
+
+def needs_robot(job: Order | Task) -> bool:
+    """Return whether a robot does it."""
+    return not isinstance(job, Task) or bool(job.at)
+
+
+def able(records: FleetRecords, job: Order | Task) -> list[str]:
+    """Return the robots that have the skills and are among those named."""
+    return with_skills(records, job.skills, job.robots)
+
+
+def with_skills(records: FleetRecords, skills: Iterable[str], robots: Collection[str]) -> list[str]:
+    """Return the robots that have all ``skills``, among ``robots`` if any are named."""
+    needed = set(skills)
+    return [
+        name
+        for name, robot in records.robots.items()
+        if (not robots or name in robots) and needed <= set(robot.skills)
+    ]

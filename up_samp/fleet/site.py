@@ -34,11 +34,10 @@ from up_samp.fleet.loads import (
     ridden,
     with_load,
 )
-from up_samp.fleet.outlines import body_of, movable, placed, still
+from up_samp.fleet.outlines import area_of, movable, placed
 from up_samp.fleet.records import Attached, FleetRecords, Outline, Pose, RobotType, corners_of
 from up_samp.fleet.statements import Meaning
 from up_samp.geometry import load_map
-from up_samp.model import Placed
 from up_samp.motion import MotionService
 
 
@@ -89,17 +88,14 @@ class Crowd:
         if load is not None and any(self._inside(kind, p, load) for p in (origin, to)):
             return Passing.THROUGH
         poses = [self._records.places[place_of(p)].pose for p in (origin, to)]
-        zone = self._records.zones[self.zone]
-        area = Placed(self.zone, still(zone.polygon), (0.0, 0.0, 0.0))
-        mine = self._records.robot_types[kind]
-        body = body_of(mine) if load is None else with_load(mine, load)
-        proof = self._service.certificate(body, poses, (area,))
+        body = with_load(self._records.robot_types[kind], load)
+        proof = self._service.certificate(body, poses, (area_of(self._records, self.zone),))
         return Passing.AROUND if proof is None else Passing.THROUGH
 
     def _inside(self, kind: str, place: str, load: Attached | None = None) -> bool:
         mine, pose = self._records.robot_types[kind], self._records.places[place_of(place)].pose
-        body = body_of(mine) if load is None else with_load(mine, load)
-        return bool(self._polygon.intersects(Polygon(placed(body.footprint, pose))))
+        corners = placed(with_load(mine, load).footprint, pose)
+        return bool(self._polygon.intersects(Polygon(corners)))
 
     @cached_property
     def _service(self) -> MotionService:

@@ -20,8 +20,11 @@ from up_samp.fleet.loads import MARK
 
 
 class Kind(enum.Enum):
-    """What happens in an activity."""
+    """What happens in an activity, or what a robot is at a place for."""
 
+    START = "start"
+    END = "end"
+    PARK = "park"
     MOVE = "move"
     CARRY = "carry"
     PICKUP = "pick"

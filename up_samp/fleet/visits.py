@@ -7,27 +7,21 @@ activity that happens once at most, so there are as many of it as may be needed,
 
 from __future__ import annotations
 
-import enum
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from up_samp.fleet.abilities import able, carries, needs_robot
 from up_samp.fleet.faults import earlier_than
 from up_samp.fleet.loads import options_of, ridden
-from up_samp.fleet.records import Charger, FleetRecords, Order, RobotType
-
-
-class Role(enum.Enum):
-    """What a visit is for."""
-
-    START = "start"
-    END = "end"
-    PARK = "park"
-    PICKUP = "pick"
-    DELIVERY = "deliver"
-    TASK = "task"
-    OPEN = "open"
-    CHARGE = "charge"
+from up_samp.fleet.records import (
+    Charger,
+    FleetRecords,
+    Order,
+    RobotType,
+    able,
+    carries,
+    needs_robot,
+)
+from up_samp.fleet.statements import Kind
 
 
 @dataclass(frozen=True)
@@ -38,7 +32,7 @@ class Visit:
     """
 
     robot: str
-    role: Role
+    kind: Kind
     what: str
     places: tuple[str, ...]
     number: int = 0
@@ -47,47 +41,47 @@ class Visit:
     @property
     def name(self) -> str:
         """The name of its activity."""
-        if self.role is Role.TASK:
+        if self.kind is Kind.TASK:
             return f"{self.what}_{self.robot}"
-        if self.role is Role.CHARGE:
+        if self.kind is Kind.CHARGE:
             return f"charge_{self.robot}_at_{self.what}_{self.number + 1}"
-        name = f"{self.role.value}_{self.what}_{self.robot}"
-        if self.role is Role.OPEN and self.number:
+        name = f"{self.kind.value}_{self.what}_{self.robot}"
+        if self.kind is Kind.OPEN and self.number:
             return f"{name}_{self.number + 1}"
         return f"{name}_at_{self.option}" if self.option else name
 
 
-WORK = (Role.PICKUP, Role.DELIVERY, Role.TASK, Role.OPEN, Role.CHARGE)
-"""Roles that are activities; at the others a robot only is."""
+WORK = (Kind.PICKUP, Kind.DELIVERY, Kind.TASK, Kind.OPEN, Kind.CHARGE)
+"""Kinds that are activities; at the others a robot only is."""
 
-ENDS = (Role.PICKUP, Role.DELIVERY)
+ENDS = (Kind.PICKUP, Kind.DELIVERY)
 
 
 def visits_of(records: FleetRecords, robot: str) -> list[Visit]:
     """Return all visits that ``robot`` may make, its start first."""
     mine = records.robots[robot]
     kind = records.robot_types[mine.type]
-    visits = [Visit(robot, Role.START, mine.start, (mine.start,))]
+    visits = [Visit(robot, Kind.START, mine.start, (mine.start,))]
     for order in records.orders:
         if robot in able(records, order) and carries(kind, order):
-            for role, options in zip(ENDS, options_of(records, order), strict=True):
-                for option in options:
-                    visits.append(Visit(robot, role, order.id, option.poses, 0, option.name))
+            for kind_, options in zip(ENDS, options_of(records, order), strict=True):
+                for name, poses in options.items():
+                    visits.append(Visit(robot, kind_, order.id, poses, 0, name))
     for task in records.tasks:
         if needs_robot(task) and robot in able(records, task):
-            visits.append(Visit(robot, Role.TASK, task.id, task.at))
+            visits.append(Visit(robot, Kind.TASK, task.id, task.at))
     for name, door in records.doors.items():
         if set(door.skills) <= set(mine.skills):
             visits += [
-                Visit(robot, Role.OPEN, name, door.opened_from, i) for i in range(door.times)
+                Visit(robot, Kind.OPEN, name, door.opened_from, i) for i in range(door.times)
             ]
     for place, charger in chargers_of(records, robot):
-        visits += [Visit(robot, Role.CHARGE, place, (place,), i) for i in range(charger.times)]
+        visits += [Visit(robot, Kind.CHARGE, place, (place,), i) for i in range(charger.times)]
     for place in _parking(records, robot):
         times = max(1, records.places[place].park)
-        visits += [Visit(robot, Role.PARK, place, (place,), i) for i in range(times)]
+        visits += [Visit(robot, Kind.PARK, place, (place,), i) for i in range(times)]
     if mine.end is not None:
-        visits.append(Visit(robot, Role.END, mine.end, (mine.end,)))
+        visits.append(Visit(robot, Kind.END, mine.end, (mine.end,)))
     return visits
 
 
@@ -116,22 +110,22 @@ class Successions:
 
     def possible(self, a: Visit, b: Visit) -> bool:
         """Return whether ``b`` may be the next visit after ``a``."""
-        if a == b or b.role is Role.START or a.role is Role.END:
+        if a == b or b.kind is Kind.START or a.kind is Kind.END:
             return False
-        if a.role is Role.START and b.role is Role.DELIVERY:
+        if a.kind is Kind.START and b.kind is Kind.DELIVERY:
             return False
-        if a.role is b.role is Role.PARK:
+        if a.kind is b.kind is Kind.PARK:
             return False
         if a.what in self._orders and a.what == b.what:
-            return (a.role, b.role) == ENDS
-        if self._rides(a, Role.PICKUP) or self._rides(b, Role.DELIVERY):
+            return (a.kind, b.kind) == ENDS
+        if self._rides(a, Kind.PICKUP) or self._rides(b, Kind.DELIVERY):
             return False  # from the one to the other, and nowhere else
-        if a.role in WORK and b.what in self._after.get(a.what, ()):
+        if a.kind in WORK and b.what in self._after.get(a.what, ()):
             return False
         if a.what in self._orders and b.what in self._orders:
-            apart = a.role is Role.DELIVERY and b.role is Role.PICKUP
+            apart = a.kind is Kind.DELIVERY and b.kind is Kind.PICKUP
             return apart or self.together(a.what, b.what)
-        return not (b.role is Role.END and a.role is Role.PICKUP)
+        return not (b.kind is Kind.END and a.kind is Kind.PICKUP)
 
     def drivable(self, a: Visit, origin: str, b: Visit, to: str) -> bool:
         """Return whether the robot drives from the one to the other at these poses; where a load
@@ -139,10 +133,10 @@ class Successions:
         """
         return origin != to and (a.what == b.what or ridden(self._records, origin, to) is None)
 
-    def _rides(self, visit: Visit, role: Role) -> bool:
-        """Return whether a visit has that role in an order whose load travels with the robot."""
+    def _rides(self, visit: Visit, kind: Kind) -> bool:
+        """Return whether a visit is of that kind, of an order whose load travels with the robot."""
         order = self._orders.get(visit.what)
-        return visit.role is role and order is not None and order.attached is not None
+        return visit.kind is kind and order is not None and order.attached is not None
 
     def together(self, a: str, b: str) -> bool:
         """Return whether the robot can carry both orders' loads at the same time."""

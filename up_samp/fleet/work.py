@@ -21,7 +21,7 @@ from up_samp.fleet.statements import (
     present,
     while_there,
 )
-from up_samp.fleet.visits import WORK, Role, Visit, visits_of
+from up_samp.fleet.visits import WORK, Visit, visits_of
 
 
 @dataclass(frozen=True)
@@ -50,40 +50,40 @@ class Work:
         self.busy: dict[str, list[Activity]] = {r: [] for r in self._records.robots}
         for visits in self.visits.values():
             for visit in visits:
-                if visit.role is Role.CHARGE:
+                if visit.kind is Kind.CHARGE:
                     self._charge(visit)
-                elif visit.role in WORK:
+                elif visit.kind in WORK:
                     self._work(visit)
         for task in self._records.tasks:
             if not task.at:
                 self._machine(task)
 
-    def of(self, what: str, *roles: Role) -> list[Activity]:
-        """Return the activities of a job in some roles: one for each robot that may do it."""
-        return [a for v, a in self.activities.items() if v.what == what and v.role in roles]
+    def of(self, what: str, *kinds: Kind) -> list[Activity]:
+        """Return the activities of a job of some kinds: one for each robot that may do it."""
+        return [a for v, a in self.activities.items() if v.what == what and v.kind in kinds]
 
     def sides(self, robot: str, order: str) -> tuple[list[Activity], list[Activity]]:
         """Return a robot's pickups and deliveries of an order: one of each happens, or none."""
         mine = [(v, self.activities[v]) for v in self.visits[robot] if v.what == order]
-        picks = [a for v, a in mine if v.role is Role.PICKUP]
-        return picks, [a for v, a in mine if v.role is Role.DELIVERY]
+        picks = [a for v, a in mine if v.kind is Kind.PICKUP]
+        return picks, [a for v, a in mine if v.kind is Kind.DELIVERY]
 
-    def option(self, order: str, role: Role, name: str) -> list[Activity]:
+    def option(self, order: str, kind: Kind, name: str) -> list[Activity]:
         """Return the activities of one option of an order's pickup or delivery."""
         visits = self.activities.items()
-        return [a for v, a in visits if (v.what, v.role, v.option) == (order, role, name)]
+        return [a for v, a in visits if (v.what, v.kind, v.option) == (order, kind, name)]
 
     def begins(self, job: str) -> list[Activity]:
         """Return the activities of which one begins a job."""
         if job in self.machines:
             return list(self.machines[job].values())
-        return self.of(job, Role.PICKUP, Role.TASK)
+        return self.of(job, Kind.PICKUP, Kind.TASK)
 
     def ends(self, job: str) -> list[Activity]:
         """Return the activities of which one ends a job."""
         if job in self.machines:
             return list(self.machines[job].values())
-        return self.of(job, Role.DELIVERY, Role.TASK)
+        return self.of(job, Kind.DELIVERY, Kind.TASK)
 
     def _work(self, visit: Visit) -> None:
         """Add what a robot does at one of a visit's places."""
@@ -91,7 +91,7 @@ class Work:
         length, window, resources = self._figures(visit)
         units = site.up(length)
         name = site.fresh(visit.name, meaning_of(visit))
-        if visit.role is Role.OPEN:
+        if visit.kind is Kind.OPEN:
             a: Any = site.problem.add_motion_activity(name, units, optional=True)
             opened, state = site.places[f"{visit.what}.open"], site.at[visit.what]
             a.add_motion_effect(site.doors[visit.what], opened)
@@ -113,7 +113,7 @@ class Work:
         if door.closes is None:
             return
         meaning = Meaning(Kind.CLOSE, visit.what)
-        name = site.fresh(visit.name.replace(Role.OPEN.value, "close", 1), meaning)
+        name = site.fresh(visit.name.replace(Kind.OPEN.value, "close", 1), meaning)
         a: Any = problem.add_motion_activity(name, site.up(door.closes), optional=True)
         only_with(problem, a, opening)
         problem.add_constraint(Equals(opening.end, a.start), present(opening, a))
@@ -161,14 +161,14 @@ class Work:
 
     def _figures(self, visit: Visit) -> tuple[float, tuple[float, float] | None, tuple[str, ...]]:
         """Return how long a visit lasts (s), its window and its resources."""
-        if visit.role is Role.OPEN:
+        if visit.kind is Kind.OPEN:
             return self._records.doors[visit.what].seconds, None, ()
-        if visit.role is Role.TASK:
+        if visit.kind is Kind.TASK:
             task = self._records.task_of[visit.what]
             assert task.duration is not None
             return task.duration, task.window, task.resources
         order = self._records.order_of[visit.what]
-        stop: Stop = order.pickup if visit.role is Role.PICKUP else order.delivery
+        stop: Stop = order.pickup if visit.kind is Kind.PICKUP else order.delivery
         return stop.service, stop.window, stop.resources
 
     def _limit(
@@ -183,13 +183,4 @@ class Work:
 
 def meaning_of(visit: Visit) -> Meaning:
     """Return what the activities of a visit stand for."""
-    return Meaning(_KINDS[visit.role], visit.what, visit.robot)
-
-
-_KINDS = {
-    Role.PICKUP: Kind.PICKUP,
-    Role.DELIVERY: Kind.DELIVERY,
-    Role.TASK: Kind.TASK,
-    Role.OPEN: Kind.OPEN,
-    Role.CHARGE: Kind.CHARGE,
-}
+    return Meaning(visit.kind, visit.what, visit.robot)

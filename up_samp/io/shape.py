@@ -99,6 +99,16 @@ def model(value: Any) -> str | None:
     return None if isinstance(value, str) and value in names else f"one of {', '.join(names)}"
 
 
+def table(value: Any) -> str | None:
+    """Check an object."""
+    return None if isinstance(value, dict) else "an object"
+
+
+def several(value: Any) -> str | None:
+    """Check a list."""
+    return None if isinstance(value, list) else "a list"
+
+
 PLAN: Mapping[str, Check] = {
     "problem": text,
     "engine": text,
@@ -106,12 +116,19 @@ PLAN: Mapping[str, Check] = {
     "makespan": number,
     "lower_bound": optional(number),
     "seconds_per_unit": positive,
-    "map": lambda v: None if isinstance(v, dict) else "an object",
-    "objects": lambda v: None if isinstance(v, list) else "a list",
-    "activities": lambda v: None if isinstance(v, list) else "a list",
-    "motions": lambda v: None if isinstance(v, list) else "a list",
-    "changes": lambda v: None if isinstance(v, list) else "a list",
+    "map": table,
+    "objects": several,
+    "activities": several,
+    "motions": several,
+    "changes": several,
 }
+OPEN: Mapping[str, Check] = {
+    "parameters": values,
+    "margin": distance,
+    "rides": several,
+    "maps": several,
+}
+"""Fields that a plan need not have."""
 ENTRIES: Mapping[str, Mapping[str, Check]] = {
     "objects": {
         "name": text,
@@ -128,6 +145,8 @@ ENTRIES: Mapping[str, Mapping[str, Check]] = {
         "time": number,
         "configuration": numbers(3, 7),
     },
+    "rides": {"activity": text, "object": text, "carrier": text, "offset": numbers(3)},
+    "maps": {"yaml": text},
 }
 MAYBE: Mapping[str, Mapping[str, Check]] = {
     "objects": {
@@ -142,6 +161,8 @@ MAYBE: Mapping[str, Mapping[str, Check]] = {
     "activities": {"parameters": values},
     "motions": {"map": index},
     "changes": {"map": index},
+    "rides": {},
+    "maps": {"frame": numbers(3), "height": number},
 }
 """Fields that an entry need not have."""
 
@@ -150,12 +171,12 @@ def check_shape(plan: Mapping[str, Any], label: str) -> None:
     """Raise :class:`ProblemError` that names the first field that is missing or of a wrong type."""
     for key, check in PLAN.items():
         _need(plan, key, check, label, "")
-    _check_maps(plan, label)
-    _maybe(plan, "parameters", values, label, "")
-    _maybe(plan, "margin", distance, label, "")
-    _check_rides(plan, label)
+    for key, check in (("yaml", optional(text)), *MAYBE["maps"].items()):
+        _maybe(plan["map"], key, check, label, "'map'")
+    for key, check in OPEN.items():
+        _maybe(plan, key, check, label, "")
     for key, checks in ENTRIES.items():
-        for i, entry in enumerate(plan[key]):
+        for i, entry in enumerate(plan.get(key, ())):
             where = f"entry {i} of '{key}'"
             if not isinstance(entry, dict):
                 _refuse(label, where, "an object", entry)
@@ -165,20 +186,6 @@ def check_shape(plan: Mapping[str, Any], label: str) -> None:
                 _maybe(entry, field, check, label, where)
     for motion in plan["motions"]:
         _check_samples(motion, label)
-
-
-def _check_maps(plan: Mapping[str, Any], label: str) -> None:
-    entries = plan.get("maps", [])
-    if not isinstance(entries, list):
-        _refuse(label, "'maps'", "a list", entries)
-    for where, entry in (("'map'", plan["map"]), *(("an entry of 'maps'", e) for e in entries)):
-        if not isinstance(entry, dict):
-            _refuse(label, where, "an object", entry)
-        _maybe(entry, "yaml", optional(text), label, where)
-        _maybe(entry, "frame", numbers(3), label, where)
-        _maybe(entry, "height", number, label, where)
-    for entry in entries:
-        _need(entry, "yaml", text, label, "an entry of 'maps'")
 
 
 def _need(entry: Mapping[str, Any], key: str, check: Check, label: str, where: str) -> None:
@@ -198,19 +205,6 @@ def _maybe(entry: Mapping[str, Any], key: str, check: Check, label: str, where: 
 def _refuse(label: str, field: str, wanted: str, value: Any) -> None:
     said = repr(short(value)) if isinstance(value, str) else short(value)
     raise ProblemError(f"{label}: {field} cannot be {said}: it must be {wanted}")
-
-
-def _check_rides(plan: Mapping[str, Any], label: str) -> None:
-    rides = plan.get("rides", [])
-    if not isinstance(rides, list):
-        _refuse(label, "'rides'", "a list", rides)
-    for i, ride in enumerate(rides):
-        where = f"entry {i} of 'rides'"
-        if not isinstance(ride, dict):
-            _refuse(label, where, "an object", ride)
-        for field in ("activity", "object", "carrier"):
-            _need(ride, field, text, label, where)
-        _need(ride, "offset", numbers(3), label, where)
 
 
 def _check_samples(motion: Mapping[str, Any], label: str) -> None:

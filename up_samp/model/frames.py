@@ -39,6 +39,12 @@ class Frame:
         x, y, yaw = (float(v) for v in self.out(pose))
         return x, y, yaw
 
+    def points(self, given: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Return points (n, 2) in this frame, such as corners, as points in the other one."""
+        x, y = np.asarray(given, dtype=np.float64).reshape(-1, 2).T
+        c, s = math.cos(self.yaw), math.sin(self.yaw)
+        return np.column_stack((self.x + c * x - s * y, self.y + s * x + c * y))
+
     def after(self, inner: Frame) -> Frame:
         """Return the frame that ``inner``, a frame in this one, is in the other one."""
         return self if inner.is_identity else Frame(*self.of((inner.x, inner.y, inner.yaw)))

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from up_samp.model.frames import Frame
+
 FloatArray = npt.NDArray[np.float64]
 
 
@@ -73,10 +75,7 @@ def placed(
 ) -> FloatArray:
     """Return the corners (n, 2) of a footprint at a pose; a small square where it has none."""
     corners = footprint or ((-0.2, -0.2), (0.2, -0.2), (0.2, 0.2), (-0.2, 0.2))
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    turn = np.array([[c, s], [-s, c]])
-    moved: FloatArray = np.asarray(corners, dtype=np.float64) @ turn + np.asarray(pose[:2])
-    return moved
+    return Frame(*pose).points(corners)
 
 
 def flat(row: Sequence[float]) -> tuple[float, float, float]:

@@ -15,8 +15,7 @@ import weakref
 from typing import IO, Any
 
 from up_samp.model import Deadline, EngineError
-from up_samp.scheduling.patience import PATIENCE
-from up_samp.scheduling.worker import _LENGTH, WorkerAnswer, WorkerTask, packed
+from up_samp.scheduling.worker import _LENGTH, PATIENCE, WorkerAnswer, WorkerTask, packed
 from up_samp.system import child
 
 

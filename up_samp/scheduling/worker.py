@@ -30,8 +30,22 @@ from unified_planning.model.scheduling import SchedulingProblem
 
 from up_samp.model import UnsupportedError
 from up_samp.scheduling.compilers.plain import PlainProblem
-from up_samp.scheduling.patience import PATIENCE
 from up_samp.system import child
+
+
+@dataclass(frozen=True)
+class Patience:
+    """Times (s) that the system and known engines set, not ours to tune."""
+
+    grace: float = 0.5
+    """Seconds that an engine gets beyond its deadline to hand over what it has."""
+    one_wait: float = 1e6
+    """Longest time (s) of one wait: the system counts milliseconds, in 32 bits."""
+    engine_limit: float = 2.0e6
+    """Longest time limit (s) for an engine: aries counts milliseconds in 32 bits."""
+
+
+PATIENCE = Patience()
 
 
 class SlimWriter:
@@ -136,23 +150,18 @@ def receive(stream: IO[bytes]) -> Any:
     return pickle.loads(data)
 
 
-class _Engines:
-    """Engine instances by class and parameters, made once."""
-
-    def __init__(self) -> None:
-        self._engines: dict[tuple[str, str, str], Any] = {}
-
-    def get(self, task: WorkerTask) -> Any:
-        key = (task.module, task.name, repr(sorted(task.params.items())))
-        if key not in self._engines:
-            found: Any = importlib.import_module(task.module)
-            for part in task.name.split("."):
-                found = getattr(found, part)
-            self._engines[key] = found(**task.params)
-        return self._engines[key]
+def engine_of(task: WorkerTask, known: dict[tuple[str, str, str], Any]) -> Any:
+    """Return the engine of a task: one for each class and parameters, kept in ``known``."""
+    key = (task.module, task.name, repr(sorted(task.params.items())))
+    if key not in known:
+        found: Any = importlib.import_module(task.module)
+        for part in task.name.split("."):
+            found = getattr(found, part)
+        known[key] = found(**task.params)
+    return known[key]
 
 
-def run(task: WorkerTask, engines: _Engines) -> WorkerAnswer:
+def run(task: WorkerTask, engines: dict[tuple[str, str, str], Any]) -> WorkerAnswer:
     """Solve one task; every failure of the engine becomes an answer."""
     from up_samp.model import UnsupportedError
     from up_samp.scheduling.compilers.write import write_problem
@@ -161,7 +170,7 @@ def run(task: WorkerTask, engines: _Engines) -> WorkerAnswer:
     started = time.monotonic()
     try:
         os.environ.update(task.environment)
-        engine = engines.get(task)
+        engine = engine_of(task, engines)
         problem = write_problem(task.problem)
         if task.message_limit is not None:
             slim_down(engine, problem, task.message_limit)
@@ -227,7 +236,7 @@ def main() -> None:
     import unified_planning.shortcuts as shortcuts
 
     shortcuts.get_environment().credits_stream = None
-    engines = _Engines()
+    engines: dict[tuple[str, str, str], Any] = {}
     while True:
         answer = run(tasks.get(), engines)
         _clean(folder)

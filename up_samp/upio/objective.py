@@ -122,25 +122,17 @@ def _sum(metric: Any, problem: Any) -> Iterator[ObjectivePart]:
         yield ObjectivePart(cost.weight, cost.node, activity=cost.activity, positive=cost.positive)
 
 
-@dataclass(frozen=True)
-class MetricRow:
-    """How a metric is told; ``name`` is for people."""
-
-    name: str
-    sign: int
-    parts: Callable[[Any, Any], Iterable[ObjectivePart]]
-
-
 MAKESPAN = "makespan"
-METRICS: Mapping[type, MetricRow] = {
-    metrics.MinimizeMakespan: MetricRow(MAKESPAN, 1, _makespan),
-    metrics.MinimizeExpressionOnFinalState: MetricRow("final value", 1, _final),
-    metrics.MaximizeExpressionOnFinalState: MetricRow("final value", -1, _final),
-    metrics.Oversubscription: MetricRow("gain", -1, _goals),
-    metrics.TemporalOversubscription: MetricRow("gain", -1, _timed_goals),
-    metrics.MinimizeActionCosts: MetricRow("cost", 1, _costs),
-    MinimizeCosts: MetricRow("cost", 1, _sum),
+METRICS: Mapping[type, tuple[str, int, Callable[[Any, Any], Iterable[ObjectivePart]]]] = {
+    metrics.MinimizeMakespan: (MAKESPAN, 1, _makespan),
+    metrics.MinimizeExpressionOnFinalState: ("final value", 1, _final),
+    metrics.MaximizeExpressionOnFinalState: ("final value", -1, _final),
+    metrics.Oversubscription: ("gain", -1, _goals),
+    metrics.TemporalOversubscription: ("gain", -1, _timed_goals),
+    metrics.MinimizeActionCosts: ("cost", 1, _costs),
+    MinimizeCosts: ("cost", 1, _sum),
 }
+"""By class: what it is called, 1 to minimise or -1 to maximise, and how its parts are told."""
 
 
 def objective_of(problem: Any) -> Objective | None:
@@ -155,10 +147,11 @@ def objective_of(problem: Any) -> Objective | None:
     if len(told) > 1:
         raise UnsupportedError("one quality metric at a time, not several: add them up in one")
     metric = told[0]
-    rows = {**METRICS, **{o.metric: o for o in from_outside("objectives").values()}}
-    row = rows.get(type(metric))
+    others = {o.metric: (o.name, o.sign, o.parts) for o in from_outside("objectives").values()}
+    row = {**METRICS, **others}.get(type(metric))
     if row is not None:
-        metric = Objective(row.name, row.sign, row.parts(metric, problem), problem.environment)
+        name, sign, parts = row
+        metric = Objective(name, sign, parts(metric, problem), problem.environment)
     elif not isinstance(metric, Objective):
         raise UnsupportedError(f"the metric '{metric}' has no meaning for schedules")
     return metric.rewritten(QuantifierRemover(problem))

@@ -12,7 +12,7 @@ from unified_planning.model.scheduling.chronicle import Chronicle
 
 from up_samp.model import CandidateSchedule
 from up_samp.model.snapshot import Snapshot
-from up_samp.upio.expressions import walk
+from up_samp.upio.expressions import Decided, walk
 from up_samp.upio.objective import objective_of, only_makespan
 from up_samp.upio.relaxation import Relaxation
 
@@ -99,13 +99,10 @@ def restricted(
     return target
 
 
-class PresenceFixer:
-    """Replaces presence by constants and drops what speaks of absent activities.
-
-    Start, end and parameters of an absent activity have no value; a relation over them is neither
-    true nor false, and a constraint that is not false holds (Kleene's logic, as the validator
-    reads it). So such a relation counts as true where it stands, and as false under a negation.
-    Of ``orders`` nothing is kept: which of several is there is decided.
+class PresenceFixer(Decided):
+    """Replaces presence by constants and drops what speaks of absent activities: their starts,
+    ends and parameters have no value. Of ``orders`` nothing is kept: which of several is there is
+    decided.
     """
 
     def __init__(
@@ -115,14 +112,13 @@ class PresenceFixer:
         free: frozenset[str],
         orders: Set[FNode] = frozenset(),
     ):
+        super().__init__(problem.environment)
         self.orders = orders
         self.free = {a.name for a in problem.activities if a.optional and a.name in free}
-        self.manager = problem.environment.expression_manager
         self.present = set(schedule.times)
         gone = [a for a in problem.activities if a.name not in self.present]
         self.gone = {a.name for a in gone}
         self.gone_parameters = {p.name for a in gone for p in a.parameters}
-        self.memo: dict[tuple[FNode, bool], FNode] = {}
 
     def constraints(self, source: Chronicle, target: Chronicle) -> None:
         """Copy constraints with presence decided."""
@@ -138,57 +134,25 @@ class PresenceFixer:
                 kept = [self(s, positive=False) for s in scope]
                 target._constraints.append((fixed, [s for s in kept if not s.is_true()]))
 
-    def __call__(self, expression: FNode, *, positive: bool = True) -> FNode:
-        """Return an expression with presence decided; ``positive``: not under a negation."""
-        done = self.memo.get((expression, positive))
-        if done is None:
-            done = self.memo[expression, positive] = self._fix(expression, positive)
-        return done
+    def leaf(self, node: FNode, positive: bool) -> FNode:
+        """See :class:`Decided`."""
+        if node.is_present_exp():
+            name = node.presence().container
+            return node if name in self.free else self.manager.Bool(name in self.present)
+        return self.manager.Bool(positive) if self._unknown(node) else node
 
-    def _fix(self, expression: FNode, positive: bool) -> FNode:
+    def iff(self, node: FNode, positive: bool) -> FNode:
+        """See :class:`Decided`: with a constant on one side where the other one is known."""
         m = self.manager
-        if expression.is_present_exp():
-            name = expression.presence().container
-            return expression if name in self.free else m.Bool(name in self.present)
-        if expression.is_and() or expression.is_or():
-            return self._join(expression, positive)
-        if expression.is_not():
-            inner = self(expression.arg(0), positive=not positive)
-            return m.Bool(not inner.constant_value()) if inner.is_bool_constant() else m.Not(inner)
-        if expression.is_implies():
-            return self(m.Or(m.Not(expression.arg(0)), expression.arg(1)), positive=positive)
-        if expression.is_iff():
-            return self._fix_iff(expression, positive)
-        return m.Bool(positive) if self._unknown(expression) else expression
-
-    def _join(self, expression: FNode, positive: bool) -> FNode:
-        m = self.manager
-        decided = expression.is_or()
-        kept = []
-        for argument in expression.args:
-            fixed = self(argument, positive=positive)
-            if fixed.is_bool_constant():
-                if fixed.constant_value() == decided:
-                    return m.Bool(decided)
-            else:
-                kept.append(fixed)
-        if not kept:
-            return m.Bool(not decided)
-        return m.Or(kept) if decided else m.And(kept)
-
-    def _fix_iff(self, expression: FNode, positive: bool) -> FNode:
-        m = self.manager
-        left, right = expression.args
-        if not (self._unknown(left) or self._unknown(right)):
-            one, two = self(left), self(right)
-            for constant, other in ((one, two), (two, one)):
-                if constant.is_bool_constant():
-                    if constant.is_true():
-                        return other
-                    return m.FALSE() if other.is_true() else m.Not(other)
-            return m.Iff(one, two)
-        both = m.And(m.Implies(left, right), m.Implies(right, left))
-        return self(both, positive=positive)
+        if any(map(self._unknown, node.args)):
+            return super().iff(node, positive)
+        one, two = map(self, node.args)
+        for constant, other in ((one, two), (two, one)):
+            if constant.is_true():
+                return other
+            if constant.is_false():
+                return m.FALSE() if other.is_true() else m.Not(other)
+        return m.Iff(one, two)
 
     def _unknown(self, expression: FNode) -> bool:
         """Return whether something in it belongs to an absent activity."""

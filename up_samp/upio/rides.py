@@ -20,6 +20,7 @@ from up_samp.model import (
     ProblemError,
     UnsupportedError,
 )
+from up_samp.model.frames import Frame
 from up_samp.model.snapshot import ChangeTask, MotionTask, Ride, Term, TermKind
 
 if TYPE_CHECKING:
@@ -207,7 +208,7 @@ def _joined(
     """
     import shapely  # engines that are only named need no geometry
 
-    shapes = [body.footprint, *(_placed(b.footprint, at) for b, at in loads)]
+    shapes = [body.footprint, *(Frame(*at).points(b.footprint) for b, at in loads)]
     parts = [shapely.Polygon(shape) for shape in shapes]
     outline = shapely.union_all(parts)
     if not _simple(outline):
@@ -221,10 +222,3 @@ def _joined(
 
 def _simple(outline: BaseGeometry) -> bool:
     return outline.geom_type == "Polygon" and not outline.interiors
-
-
-def _placed(
-    footprint: Sequence[tuple[float, float]], at: Configuration
-) -> list[tuple[float, float]]:
-    c, s = math.cos(at[2]), math.sin(at[2])
-    return [(at[0] + c * x - s * y, at[1] + s * x + c * y) for x, y in footprint]

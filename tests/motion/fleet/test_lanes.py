@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from tests.motion.fleet import tight_places as tight
 from tests.motion.fleet.independent import judge, limits_of
-from up_samp.benchmarks import tight_places as tight
 from up_samp.model import Deadline, GroupQuery, Kinematics, TimedMotion, Trajectory
 from up_samp.motion.fleet import coordinate
 from up_samp.motion.fleet.paths import path_of, safe_intervals

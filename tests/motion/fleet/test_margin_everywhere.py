@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 import shapely
 
+from tests.motion.fleet import tight_places as tight
 from tests.motion.fleet.spacetime_oracle import placed, room
-from up_samp.benchmarks import tight_places as tight
 from up_samp.model import (
     Body,
     Deadline,

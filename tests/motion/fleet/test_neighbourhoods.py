@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from tests.motion.fleet import tight_places as tight
 from tests.motion.fleet.independent import judge
-from up_samp.benchmarks import tight_places as tight
 from up_samp.model import Deadline, GroupReport, Outcome
 from up_samp.motion.budget import WorkBudget
 from up_samp.motion.fleet.neighbourhoods import (

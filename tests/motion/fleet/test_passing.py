@@ -4,8 +4,8 @@ import math
 
 import pytest
 
+from tests.motion.fleet import tight_places as tight
 from tests.motion.fleet.independent import judge
-from up_samp.benchmarks import tight_places as tight
 from up_samp.model import Deadline, GroupQuery, TimedMotion
 from up_samp.motion.fleet import coordinate
 from up_samp.motion.fleet.detours import pass_by

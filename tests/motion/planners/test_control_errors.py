@@ -6,9 +6,9 @@ import pytest
 from unified_planning.model.motion import MotionModels, MovableObject
 from unified_planning.shortcuts import OneshotPlanner
 
+from tests.benchmarks.scene import SceneBuilder
 from up_samp.benchmarks.places import box
 from up_samp.model import ProblemError
-from up_samp.test_cases.scene import SceneBuilder
 
 
 def at_once(q, u, qdot):

@@ -25,8 +25,8 @@ from unified_planning.shortcuts import (
     OneshotPlanner,
 )
 
+from tests.benchmarks.scene import hall_map
 from up_samp.benchmarks.instances import instance
-from up_samp.benchmarks.maps import hall_map
 from up_samp.model import Body, Kinematics, MotionModel
 from up_samp.model.refinement import Strength
 from up_samp.search.statements.handovers import proven_gap

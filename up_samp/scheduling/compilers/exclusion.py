@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import itertools
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 from up_samp.model import UnsupportedError
@@ -99,7 +99,7 @@ def find_resources(problem: PlainProblem) -> list[PlainResource]:
     for fluent, changes in effects.items():
         if fluent in read or len(fluent) > 2:
             continue
-        amounts = _amounts(changes)
+        amounts = amounts_taken(changes)
         tpe, initial = problem.fluents[fluent[1]].type, problem.initial_value(fluent)
         if amounts is None or initial[0] != "int" or tpe[1] is None:
             continue
@@ -122,7 +122,7 @@ def _read_expressions(problem: PlainProblem) -> Iterator[Expr]:
         yield from effect.fluent[2:]
 
 
-def _amounts(effects: list[Effect]) -> dict[str, int] | None:
+def amounts_taken(effects: Iterable[Effect]) -> dict[str, int] | None:
     """Return who takes how much, if all effects are the two halves of ``uses``."""
     taken: dict[str, int] = defaultdict(int)
     given: dict[str, int] = defaultdict(int)
@@ -168,12 +168,10 @@ def _not_all_at_once(problem: PlainProblem, users: tuple[str, ...]) -> Expr:
 # ------------------ Cliques of activities that are pairwise apart
 
 
-@dataclass(frozen=True)
-class Clique:
-    """Of any two members that are present, one ends ``gap`` or more before the other starts."""
-
-    members: tuple[str, ...]
-    gap: int
+Clique = tuple[tuple[str, ...], int]
+"""Members, and a gap: of any two that are present, one ends that much or more before the other
+starts.
+"""
 
 
 def disjunctive_pair(constraint: Expr, optional: frozenset[str]) -> tuple[str, str, int] | None:
@@ -206,7 +204,7 @@ def find_cliques(pairs: dict[tuple[str, str], int], order: list[str]) -> list[Cl
     """Return cliques of three and more of one gap among ``pairs`` (sorted names -> gap)."""
     number = {name: i for i, name in enumerate(order)}
     return [
-        Clique(tuple(order[i] for i in members), gap)
+        (tuple(order[i] for i in members), gap)
         for gap in sorted(set(pairs.values()))
         for members in clique_cover(
             graph_of((number[a], number[b]) for (a, b), g in pairs.items() if g == gap)
@@ -269,23 +267,23 @@ def _with_tokens(
     types, objects = dict(problem.types), dict(problem.objects)
     fluents, conditions, effects = dict(problem.fluents), [], []
     covered: set[Expr] = set()
-    for clique in cliques:
+    for members, gap in cliques:
         token_type = fresh("Token", taken)
         types[token_type] = None
         idle = fresh("nobody", taken)
         objects[idle] = token_type
         token = fresh("token", taken)
         fluents[token] = Fluent(("user", token_type), (), ("obj", idle))
-        for i, name in enumerate(clique.members):
+        for i, name in enumerate(members):
             mine = fresh(f"{token}_{name}", taken)
             objects[mine] = token_type
             effects.append(Effect(start(name), "assign", ("flu", token), ("obj", mine), owner=name))
             upper = problem.activity(name).upper[1]
-            if upper + clique.gap >= 2:
+            if upper + gap >= 2:
                 held = ("eq", ("flu", token), ("obj", mine))
-                low, high = start(name, 1), end(name, clique.gap - 1)
+                low, high = start(name, 1), end(name, gap - 1)
                 conditions.append(Condition(low, high, held, name))
-            for other in clique.members[:i]:
+            for other in members[:i]:
                 covered.add(pairs[min(name, other), max(name, other)][1])
     return replace(
         problem,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -382,22 +383,25 @@ def _half_constant(operator: str, operands: list[Expr]) -> Expr:
     return (operator, *operands)
 
 
+_FOLDED: Mapping[str, tuple[str, Callable[[list[int]], Any]]] = {
+    "not": ("bool", lambda v: not v[0]),
+    "implies": ("bool", lambda v: not v[0] or bool(v[1])),
+    "iff": ("bool", lambda v: v[0] == v[1]),
+    "eq": ("bool", lambda v: v[0] == v[1]),
+    "le": ("bool", lambda v: v[0] <= v[1]),
+    "lt": ("bool", lambda v: v[0] < v[1]),
+    "plus": ("int", sum),
+    "minus": ("int", lambda v: v[0] - v[1]),
+    "times": ("int", math.prod),
+}
+"""What operators make of constants, and of what kind that is."""
+
+
 def _constant(operator: str, values: list[int]) -> Expr:
-    if operator == "not":
-        return ("bool", not values[0])
-    if operator == "implies":
-        return ("bool", not values[0] or bool(values[1]))
-    if operator in ("iff", "eq"):
-        return ("bool", values[0] == values[1])
-    if operator in ("le", "lt"):
-        return ("bool", values[0] <= values[1] if operator == "le" else values[0] < values[1])
-    if operator == "plus":
-        return integer(sum(values))
-    if operator == "minus":
-        return integer(values[0] - values[1])
-    if operator == "times":
-        return integer(values[0] * values[1])
-    raise UnsupportedError(f"operator {operator} in a condition")
+    if operator not in _FOLDED:
+        raise UnsupportedError(f"operator {operator} in a condition")
+    kind, fold = _FOLDED[operator]
+    return (kind, fold(values))
 
 
 # ------------------ Names that nothing in a problem has yet

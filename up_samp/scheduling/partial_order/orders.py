@@ -12,6 +12,7 @@ from unified_planning.model.scheduling import SchedulingProblem
 
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.model.snapshot import Snapshot
+from up_samp.scheduling.compilers.exclusion import amounts_taken
 from up_samp.scheduling.compilers.plain import Effect, Expr, show, subexpressions
 from up_samp.scheduling.compilers.read import read_constraints
 from up_samp.scheduling.partial_order.differences import (
@@ -504,18 +505,7 @@ def _capacity(planned: Planned, key: Expr, writes: list[_Write]) -> int | None:
     their end (``None``: the fluent is something else).
     """
     type_ = planned.problem.fluents[key[1]].type
-    if type_[0] != "int":
-        return None
-    taken: dict[str, int] = {}
-    given: dict[str, int] = {}
-    for w in writes:
-        effect = w.effect
-        if effect.owner is None or w.delay or effect.kind == "assign" or effect.value[0] != "int":
-            return None
-        amount = effect.value[1] if effect.kind == "decrease" else -effect.value[1]
-        side = taken if w.point[0] == "start" else given
-        side[effect.owner] = side.get(effect.owner, 0) + amount
-    if any(taken.get(n, 0) <= 0 or given.get(n, 0) != -taken[n] for n in taken | given):
+    if type_[0] != "int" or amounts_taken(w.effect for w in writes) is None:
         return None
     initial = planned.value(planned.problem.initial_value(key))
     return int(initial - (type_[1] if type_[1] is not None else 0))

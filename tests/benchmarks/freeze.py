@@ -1,4 +1,4 @@
-"""Writes the files that are frozen with the package: ``python -m up_samp.benchmarks.freeze``."""
+"""Writes the files that are frozen with the package: ``python -m tests.benchmarks.freeze``."""
 
 from __future__ import annotations
 
@@ -18,13 +18,11 @@ PAPER_JOB_SHOPS = tuple(
 def write(folder: Path) -> None:
     """Draw the paper's maps and job shops into ``folder``."""
     maps.write_map(folder, "logistics", maps.draw(maps.LOGISTICS_SIZE, maps.logistics_walls()))
-    for name, divided in (("hall", False), ("rooms", True)):
-        maps.write_map(folder, name, maps.draw(maps.HALL_SIZE, maps.hall_walls(divided=divided)))
     for cells in (1, 2, 4, 6):
         grid = maps.draw(maps.job_shop_size(cells), maps.job_shop_walls(cells))
         maps.write_map(folder, f"jobshop-{cells}", grid)
     shops = {
-        jobshop.instance_name(r, j, m): jobshop.shop_to_json(jobshop.draw_shop(r, j, m, 0))
+        jobshop.instance_name(r, j, m): vars(jobshop.draw_shop(r, j, m, 0))
         for r, j, m in PAPER_JOB_SHOPS
     }
     rows = ",\n".join(f'"{name}": {json.dumps(shop)}' for name, shop in shops.items())

@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from unified_planning.model.motion import (
     SE2,
@@ -19,8 +20,17 @@ from unified_planning.model.motion import (
 from unified_planning.plans import MotionSchedule
 from unified_planning.shortcuts import MovableType
 
-from up_samp.benchmarks.maps import hall_map
+from up_samp.benchmarks.maps import drawn_map, outer_wall
 from up_samp.benchmarks.places import FamilyDoor, Pose, ProblemOnMap, box
+
+HALL = (40.0, 20.0)
+DIVIDER = ((19.5, 0.0, 20.5, 8.0), (19.5, 12.0, 20.5, 20.0))
+
+
+def hall_map(*, divided: bool) -> Path:
+    """Return the YAML file of a hall of 40 x 20 m; ``divided``: a wall with an opening of 4 m."""
+    walls = [*outer_wall(*HALL), *(DIVIDER if divided else ())]
+    return drawn_map("two-rooms" if divided else "one-room", HALL, walls)
 
 
 @dataclass(frozen=True)

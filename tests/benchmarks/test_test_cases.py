@@ -2,7 +2,7 @@
 
 import pytest
 
-from up_samp.test_cases import get_test_cases
+from tests.benchmarks.cases import get_test_cases
 from up_samp.validation import validate_plan
 
 CASES = get_test_cases()

@@ -1,4 +1,7 @@
-"""The test cases. Each function tells why its optimum is what it is.
+"""Small SAMP problems with known optima, for Unified Planning's engine report:
+``PYTHONPATH=. python benchmarks/scheduling/up_report.py ENGINES -p tests.benchmarks.cases``.
+
+Each function tells why its optimum is what it is.
 
 A robot drives straight over d >= 4 m, rest to rest, in d / 2 + 2 s (v_max 2 m/s, a_max 1 m/s^2);
 no motion is faster. Where the optimum should not hang on how good a planner is, the duration's
@@ -14,7 +17,7 @@ from unified_planning.model.motion import MotionModels
 from unified_planning.shortcuts import LT, Equals, Not, Or
 from unified_planning.test import TestCase
 
-from up_samp.test_cases.scene import SceneBuilder, plan, straight
+from tests.benchmarks.scene import SceneBuilder, plan, straight
 
 WEST = (5.0, 10.0, 0.0)
 EAST = (22.0, 10.0, 0.0)
