@@ -40,8 +40,9 @@ def compilers_for(quirks: Quirks, *, apart: bool = False) -> list[Compiler]:
 
     ``apart`` says once more, by differences, that effects keep out of others' conditions.
     """
-    passes: list[Compiler] = [] if quirks.times_of_others else [refuse_times_of_others]
-    passes += [compile_rules, compile_ground]
+    passes: list[Compiler] = [compile_rules, compile_ground]
+    if not quirks.times_of_others:
+        passes.append(refuse_times_of_others)
     if quirks.assignments:  # the precedences below say it themselves
         passes.append(compile_ends)
     passes += [compile_dense, compile_stillness, compile_support]
