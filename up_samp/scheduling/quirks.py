@@ -25,6 +25,7 @@ class Quirks:
         resources_with_variable_durations: counts resources rightly then.
         intervals_of_numbers: takes conditions on numbers over intervals.
         empty_intervals: takes a condition over an empty interval as none.
+        times_of_others: conditions and effects may be at times of other activities.
         products: multiplies by constants.
         reports_variables: returns values of variables that belong to no activity.
         proves_unsolvable: its ``UNSOLVABLE_PROVEN`` is a proof.
@@ -41,6 +42,7 @@ class Quirks:
     resources_with_variable_durations: bool = True
     intervals_of_numbers: bool = True
     empty_intervals: bool = True
+    times_of_others: bool = True
     products: bool = True
     reports_variables: bool = True
     proves_unsolvable: bool = True
@@ -60,6 +62,7 @@ _ARIES = Quirks(
     resources_with_variable_durations=False,
     intervals_of_numbers=False,  # its server crashes
     empty_intervals=False,
+    times_of_others=False,  # takes them for its own, or never: calls the wrong plan optimal
     products=False,  # "Unsupported operator up:times"
     reports_variables=False,
     proves_unsolvable=False,

@@ -461,10 +461,17 @@ def _rebuilt(problem: PlainProblem, constraints: list[Expr], settled: dict[Expr,
         problem,
         activities=activities,
         constraints=tuple(constraints),
+        # at times of whom there is not, nothing is asked for and nothing happens
         conditions=tuple(
-            c for c in left.conditions if c.expression != TRUE and c.owner not in gone
+            c
+            for c in left.conditions
+            if c.expression != TRUE and gone.isdisjoint((c.owner, c.low[2], c.high[2]))
         ),
-        effects=tuple(e for e in left.effects if e.condition != FALSE and e.owner not in gone),
+        effects=tuple(
+            e
+            for e in left.effects
+            if e.condition != FALSE and gone.isdisjoint((e.owner, e.time[2]))
+        ),
         variables={n: t for n, t in problem.variables.items() if n not in values},
     )
 

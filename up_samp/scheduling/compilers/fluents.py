@@ -166,10 +166,9 @@ def _grounded(
 
 def _timeless(problem: PlainProblem, condition: Condition) -> Expr:
     """Return the constraint that a condition without fluents amounts to: it holds, or its owner
-    is absent, or its interval empty.
+    or who has its times is absent, or its interval empty.
     """
-    ways = [condition.expression]
-    ways.append(negation(problem.presence(condition.owner)))
+    ways = [condition.expression, *problem.missing(condition)]
     if not never_empty(problem, condition):
         ways.append(empty(problem, condition))
     return disjunction(ways)

@@ -409,6 +409,22 @@ class _IntervalCompiler:
 # moves to another one, as above, that spans its interval up to there.
 
 
+def refuse_times_of_others(problem: PlainProblem) -> Compiled:
+    """Return the problem if all conditions and effects are at times of who has them, or the plan's.
+
+    Raises:
+        UnsupportedError: others' times, by name.
+    """
+    some: list[tuple[str, str | None, Expr]] = [
+        *(("condition", c.owner, time) for c in problem.conditions for time in (c.low, c.high)),
+        *(("effect", e.owner, e.time) for e in problem.effects),
+    ]
+    for what, owner, time in some:
+        if time[2] not in (None, owner):
+            raise UnsupportedError(f"the {what} of {owner or 'the problem'} at {show(time)}")
+    return Compiled(problem)
+
+
 def compile_ends(problem: PlainProblem) -> Compiled:
     """Say conditions before the plan's end from an activity that comes with it.
 

@@ -20,6 +20,7 @@ from up_samp.scheduling.compilers.intervals import (
     compile_intervals,
     compile_stillness,
     compile_support,
+    refuse_times_of_others,
 )
 from up_samp.scheduling.compilers.optional import (
     compile_anchor,
@@ -40,6 +41,8 @@ def compilers_for(quirks: Quirks, *, apart: bool = False) -> list[Compiler]:
     ``apart`` says once more, by differences, that effects keep out of others' conditions.
     """
     passes: list[Compiler] = [compile_rules, compile_ground]
+    if not quirks.times_of_others:
+        passes.append(refuse_times_of_others)
     if quirks.assignments:  # the precedences below say it themselves
         passes.append(compile_ends)
     passes += [compile_dense, compile_stillness, compile_support]

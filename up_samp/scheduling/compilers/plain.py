@@ -254,6 +254,13 @@ class PlainProblem:
         there = owner in self._by_name and self._by_name[owner].optional
         return ("pres", owner) if there else TRUE
 
+    def missing(self, condition: Condition) -> list[Expr]:
+        """Return the ways in which a condition asks nothing: whose it is, or whose times it names,
+        is not there.
+        """
+        whose = dict.fromkeys((condition.owner, condition.low[2], condition.high[2]))
+        return [negation(self.presence(name)) for name in whose]
+
     def happens(self, effect: Effect) -> Expr:
         """Return that an effect happens: its owner is there, and its condition holds."""
         return conjunction([self.presence(effect.owner), effect.condition])

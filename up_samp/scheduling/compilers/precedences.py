@@ -152,7 +152,7 @@ class _PrecedenceCompiler:
 
     def _void(self, condition: Condition) -> list[Expr]:
         """Return the ways in which a condition asks nothing."""
-        ways = [negation(self.problem.presence(condition.owner))]
+        ways = self.problem.missing(condition)
         if not never_empty(self.problem, condition):
             ways.append(empty(self.problem, condition))
         return ways

@@ -186,6 +186,8 @@ class _ProblemReader:
         fluent, value, condition = (
             self.expression(e) for e in (effect.fluent, effect.value, effect.condition)
         )
+        if time[2] in self.optional - {owner}:  # it happens if there is such a time
+            condition = conjunction([("pres", time[2]), condition])
         return Effect(time, kind, fluent, value, condition, owner)
 
     def _timing(self, timing: Timing, owner: str | None) -> Expr:
