@@ -32,11 +32,16 @@ from up_samp.scheduling.cpsat.solve.attempts import Attempts, hint_values
 
 _SHARE = 0.35
 """Of the time that is left: for bounds without search, for tours, for the routing relaxation."""
+_NEAR = 1.05
+"""Schedules that end by so many times the bound are tried to be proven before better bounds are
+sought: with more between them CP-SAT proves nothing in that time."""
 _LABELS_AGAIN = 150_000
 """Beginnings of sequences that proofs may look at if bounds were sought before."""
 _BEAM = 500
 """Beginnings of each length among which sequences are sought that end before the schedule in hand:
 a fifth of them where the optimum is not asked for."""
+_WIDEST = 20_000
+"""The same, where none was found among fewer."""
 _FEW_TASKS = 8
 """Up to so many, the relaxation is solved sooner than tours are annealed."""
 _RELAXED_PROOF = 20.0
@@ -110,6 +115,19 @@ def _has_guess(search: Solve) -> bool:
     return guess is not None and bool(guess.times) and search.whole.minimizes_makespan
 
 
+def _is_near(search: Solve) -> bool:
+    """Whether there is a proof from the schedule that was given: it is near the bound, as far as
+    that is known.
+    """
+    return _has_guess(search) and search.whole.value <= _NEAR * (search.whole.bound or sys.maxsize)
+
+
+def _is_still_to_prove(search: Solve) -> bool:
+    """The same, once bounds were sought; where none are, it is tried anyhow."""
+    near = _is_near(search) or (_has_guess(search) and search.work is None)
+    return near and QUICKLY not in search.done
+
+
 def _realize_guess(search: Solve) -> None:
     """The same activities again, if they still fit, are mostly near the optimum."""
     assert search.guess is not None
@@ -168,15 +186,20 @@ def _realize_one(search: Solve, sequences: Sequences) -> bool:
 
 def _seek_sequences(search: Solve) -> None:
     """Seek sequences that end before the schedule in hand, among a few promising beginnings, as
-    long as they lead to better ones.
+    long as they lead to better ones; among more and more, where the optimum is asked for.
     """
     whole = search.whole
     assert search.sequences is not None
     deadline = search.share()
     width = _BEAM if search.optimal else _BEAM // 5
     sequences = search.sequences.anew(sys.maxsize)
-    while not whole.over() and sequences.sought(whole.value - 1, width, deadline):
-        if not _realize_one(search, sequences):
+    while not whole.over() and not deadline.expired():
+        if sequences.sought(whole.value - 1, width, deadline):
+            if not _realize_one(search, sequences):
+                return
+        elif search.optimal and width < _WIDEST:
+            width *= 4
+        else:
             return
 
 
@@ -282,12 +305,13 @@ def _finish(search: Solve) -> None:
     search.whole.finish(None if search.optimal else _CONTENT)
 
 
-FIRST = "find a first schedule"
+FIRST, QUICKLY = "find a first schedule", "prove it quickly"
 STAGES = (
     Stage("make the given schedule fit", _has_guess, _realize_guess),
-    Stage("prove it quickly", _has_guess, lambda s: s.whole.prove_quickly()),
+    Stage(QUICKLY, _is_near, lambda s: s.whole.prove_quickly()),
     Stage("look for routes", lambda s: True, _find_routes),
     Stage("bound by work", lambda s: s.work is not None, _bound_by_work),
+    Stage("prove it after all", _is_still_to_prove, lambda s: s.whole.prove_quickly()),
     Stage(
         "follow the bound",
         lambda s: _met_by(s) and s.whole.best is not None,
