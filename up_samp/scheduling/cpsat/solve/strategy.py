@@ -32,7 +32,7 @@ from up_samp.scheduling.cpsat.solve.attempts import Attempts, hint_values
 
 _SHARE = 0.35
 """Of the time that is left: for bounds without search, for tours, for the routing relaxation."""
-_NEAR = 1.05
+_NEAR = 1.1
 """Schedules that end by so many times the bound are tried to be proven before better bounds are
 sought: with more between them CP-SAT proves nothing in that time."""
 _LABELS_AGAIN = 150_000
