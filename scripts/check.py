@@ -68,9 +68,7 @@ def commands(arguments: list[str]) -> list[list[str]]:
     return [
         *STYLE,
         TYPES,
-        # the service starts limited processes: what other tests leave behind must not reach them
-        pytest("tests/server", *arguments),
-        pytest("--ignore=tests/server", *arguments),
+        pytest(*arguments),
     ]
 
 

@@ -105,7 +105,7 @@ def fleet(size: str, tuning: Table) -> Values:
     from up_samp.benchmarks.warehouse import warehouse
 
     robots, orders = map(int, size.split("x"))
-    large = {"activities": 1, **tuning.get("search", {}).get("large", {})}
+    large = {**tuning.get("search", {}).get("large", {}), "activities": 1}
     tuning = {**tuning, "search": {**tuning.get("search", {}), "large": large}}
     return solved(warehouse(robots, orders, encoding="compact"), tuning, optimal=False)
 

@@ -46,6 +46,7 @@ from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.plans import MotionSchedule, Schedule
 
 from up_samp.fleet.records import FleetRecords
+from up_samp.upio.objective import Objective, ObjectivePart
 from up_samp.upio.plan import SampSchedule
 
 COMMUTATIVE = {Op.AND, Op.OR, Op.EQUALS, Op.IFF, Op.PLUS, Op.TIMES}
@@ -319,7 +320,15 @@ class _Shuffler(_Listing):
         if isinstance(metric, MinimizeActionCosts):
             assert not metric.costs  # UP takes no activities for actions here
             return MinimizeActionCosts({}, self(metric.default), self.env)
+        if isinstance(metric, Objective):
+            parts = [self._part(part) for part in self.order(metric.parts)]
+            return Objective(metric.name, metric.sign, parts, self.env)
         raise NotImplementedError(f"{metric} is not shuffled")
+
+    def _part(self, part: ObjectivePart) -> ObjectivePart:
+        span = None if part.interval is None else self.span(part.interval)
+        name = None if part.activity is None else self.name("activity", part.activity)
+        return ObjectivePart(part.weight, self(part.node), span, name)
 
     # -- activities ------------------------------------------------------------------------------
     def _activity(self, old: Any) -> None:

@@ -334,15 +334,16 @@ def add_warmup(parser: argparse.ArgumentParser) -> None:
 
 def _warmup(args: argparse.Namespace) -> int:
     from up_samp.geometry import kernel_cache
-    from up_samp.motion.compile import PARTS_FOR, missing, parts_for, precompile
+    from up_samp.model import MotionModel
+    from up_samp.motion.compile import missing, parts_for, precompile
 
     def report(ready: int, of: int) -> None:
         print(f"{ready} of {of} parts compiled", file=sys.stderr, flush=True)
 
-    wanted = parts_for(PARTS_FOR)
+    wanted = parts_for(MotionModel)
     if missing(wanted) and not kernel_cache.can_write():
         return 1
-    seconds = precompile(PARTS_FOR, report=report)
+    seconds = precompile(MotionModel, report=report)
     left = missing(wanted)
     print(f"kernels are in {kernel_cache.folder()} ({seconds:.0f} s)")
     return 1 if left else 0

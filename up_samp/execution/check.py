@@ -46,7 +46,7 @@ def motion_faults(plan: PlanDict) -> list[str]:
     for motion in plan["motions"]:
         entry = bodies[motion["object"]]
         rows = np.asarray(motion["samples"], dtype=np.float64)
-        if entry["model"] == MotionModel.CONTROL.value or "v_max" not in entry:
+        if MotionModel(entry["model"]).mobility.own_law or "v_max" not in entry:
             continue
         far = np.hypot(*np.diff(rows[:, 1:3], axis=0).T)
         most = 2.0 * float(entry["v_max"]) * np.diff(rows[:, 0]) + TOLERANCES.grip

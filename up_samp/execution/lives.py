@@ -198,7 +198,7 @@ def lives_of(plan: Mapping[str, Any]) -> dict[str, Life]:
     laden = laden_bodies(plan, bodies)
     for entry in plan["objects"]:
         body = bodies[entry["name"]]
-        if body.kinematics.model is MotionModel.SE3 and plan["motions"]:
+        if body.flies and plan["motions"]:
             raise UnsupportedError(
                 f"object '{entry['name']}' is a free flyer (SE3): dependency graphs are for bodies "
                 "that move in the plane"

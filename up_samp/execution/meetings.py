@@ -21,7 +21,7 @@ import numpy.typing as npt
 from up_samp.execution.graph import At, Event
 from up_samp.execution.lives import DriveCells, Life, Piece, Stay, concerned, pairs_of
 from up_samp.execution.tolerances import TOLERANCES
-from up_samp.model import MotionModel, ProblemError, UnsupportedError
+from up_samp.model import ProblemError, UnsupportedError
 from up_samp.motion.fleet.conflicts import Swept, conflicting_cells
 from up_samp.motion.fleet.paths import Path
 
@@ -408,7 +408,7 @@ def _entry(piece: Piece, path: Path, cell: int) -> Event | None:
     """Return the event that enters a cell (``None``: the motion before the rest says it)."""
     if isinstance(piece, DriveCells):
         progress = float(path.edges[cell])
-        if path.body.kinematics.model is MotionModel.CONTROL:
+        if path.body.mobility.own_law:
             progress = float(path.s[path.stop & (path.s <= progress + 1e-9)][-1])
         return Event(At.LEAVE, piece.activity, piece.object, _rounded(progress))
     return piece.enter

@@ -18,7 +18,7 @@ from up_samp.execution.graph import MEETING, At, Event, Graph, Precedence, topol
 from up_samp.execution.lives import Stay
 from up_samp.execution.meetings import Meeting, Step, switched
 from up_samp.execution.state import FloorState, RobotPace, TaskPhase
-from up_samp.model import MotionModel, ProblemError
+from up_samp.model import ProblemError
 from up_samp.model.execution_tuning import ExecutionTuning
 
 Key = tuple[str, str, int]
@@ -49,7 +49,7 @@ def _free(meeting: Meeting) -> bool:
     that is put elsewhere, no body that cannot wait on its way.
     """
     for life, piece in ((meeting.one, meeting.a), (meeting.other, meeting.b)):
-        if life.body.kinematics.model is MotionModel.CONTROL or not life.drives:
+        if life.body.mobility.own_law or not life.drives:
             return False
         if isinstance(piece, Stay) and (
             math.isinf(piece.since) or math.isinf(piece.until) or piece.enter or piece.leave

@@ -18,7 +18,7 @@ import numpy.typing as npt
 import shapely
 
 from up_samp.geometry.maps import SIZES, OccupancyGrid, load_map
-from up_samp.model import Configuration, MotionModel, UnsupportedError
+from up_samp.model import Configuration, UnsupportedError
 from up_samp.model.frames import Frame, PlacedMap
 from up_samp.model.snapshot import Snapshot, TermKind
 
@@ -63,7 +63,7 @@ def lay_out(snapshot: Snapshot) -> tuple[Snapshot, OccupancyGrid | None]:
 
 
 def _in_space(snapshot: Snapshot) -> bool:
-    return any(o.body.kinematics.model is MotionModel.SE3 for o in snapshot.objects.values())
+    return any(o.body.flies for o in snapshot.objects.values())
 
 
 def _moved(

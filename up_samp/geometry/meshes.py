@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from up_samp.geometry.maps import OccupancyGrid
 from up_samp.geometry.scene import placed_polygons
-from up_samp.model import Body, Configuration, MotionModel, ProblemError, UnsupportedError
+from up_samp.model import Body, Configuration, ProblemError, UnsupportedError
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -168,7 +168,7 @@ def mesh_of(body: Body, pose: Configuration, low: float, high: float) -> tuple[M
     A body that moves in the plane stands as a prism from ``low`` to ``high``, or up to its own
     height where it has one.
     """
-    if body.kinematics.model is not MotionModel.SE3:
+    if not body.flies:
         rest = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
         top = min(high, body.height)
         return prism(placed_polygons(body, pose), min(low, top - 1.0), top), rest
@@ -274,6 +274,6 @@ def meets_walls(grid: OccupancyGrid, body: Body, pose: Configuration) -> bool:
 
 def _tall(bodies: Sequence[Body], heights: Sequence[float]) -> tuple[float, float]:
     """Return a floor and a sky (m) below and above all bodies with meshes at these heights."""
-    meshes = [b.mesh for b in bodies if b.kinematics.model is MotionModel.SE3]
+    meshes = [b.mesh for b in bodies if b.flies]
     reach = 2 * max((load_mesh(m).radius for m in meshes if m is not None), default=1.0) + 1.0
     return min(heights) - reach, max(heights) + reach

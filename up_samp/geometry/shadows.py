@@ -34,7 +34,7 @@ def on_the_floor(placed: Sequence[Placed], height: float) -> tuple[Placed, ...]:
     """
     flat: list[Placed] = []
     for one in placed:
-        if one.body.kinematics.model is MotionModel.SE3:
+        if one.body.flies:
             flat += shadows(one, height)
         else:
             flat.append(one)

@@ -17,7 +17,7 @@ from unified_planning.plans import Schedule
 from up_samp.io.floors import described_map
 from up_samp.io.precision import PRECISION
 from up_samp.io.sampling import path_trajectory, trajectory_rows
-from up_samp.model import Configuration, MotionModel, Movable, ProblemError, Trajectory
+from up_samp.model import Configuration, Movable, ProblemError, Trajectory
 from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
 from up_samp.upio.movers import named_as_planned
 from up_samp.upio.plan import trajectory_key
@@ -206,7 +206,7 @@ def _object(movable: Movable, snapshot: Snapshot) -> dict[str, Any]:
     }
     if place is not None:
         entry |= on_map(snapshot, snapshot.map_of[place])
-    if limits.model is not MotionModel.REEDSSHEPP:
+    if not limits.mobility.steers:
         entry["omega_max"] = _plain(limits.omega_max)
     if math.isfinite(movable.body.height):
         entry["height"] = _plain(movable.body.height)

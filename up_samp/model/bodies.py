@@ -12,9 +12,39 @@ Configuration = tuple[float, ...]
 """``(x, y, theta)`` for SE2, ``(x, y, z, qx, qy, qz, qw)`` for SE3, in the world frame."""
 
 
+@dataclass(frozen=True)
+class Mobility:
+    """What bodies of a motion model can do.
+
+    ``flies``: through space, else it moves in the plane. ``sideways``: in any direction at any
+    heading (omnidirectional). ``pivots``: it turns on the spot. ``steers``: it turns only as it
+    drives, no tighter than its turning radius (a car). ``own_law``: none of this is known, it has
+    its own equations of motion.
+    """
+
+    flies: bool = False
+    sideways: bool = False
+    pivots: bool = False
+    steers: bool = False
+    own_law: bool = False
+
+    @property
+    def rolls(self) -> bool:
+        """Whether it drives along its heading between turns on the spot (two driven wheels)."""
+        return self.pivots and not self.sideways
+
+    @property
+    def size(self) -> int:
+        """How many numbers a configuration has."""
+        return 7 if self.flies else 3
+
+
 class MotionModel(enum.Enum):
     """How a body moves. ``PIVOT`` drives along its heading and turns on the spot (two driven
     wheels); a problem states it as REEDSSHEPP with ``turning_radius`` 0.
+
+    What is planned for each of them and how stands in :mod:`up_samp.motion.models`; elsewhere it
+    counts what a body can do, not what its model is called.
     """
 
     REEDSSHEPP = "REEDSSHEPP"
@@ -22,6 +52,20 @@ class MotionModel(enum.Enum):
     SE2 = "SE2"
     SE3 = "SE3"
     CONTROL = "CONTROL"
+
+    @property
+    def mobility(self) -> Mobility:
+        """What bodies of this model can do."""
+        return _MOBILITY[self]
+
+
+_MOBILITY = {
+    MotionModel.REEDSSHEPP: Mobility(steers=True),
+    MotionModel.PIVOT: Mobility(pivots=True),
+    MotionModel.SE2: Mobility(sideways=True, pivots=True),
+    MotionModel.SE3: Mobility(flies=True),
+    MotionModel.CONTROL: Mobility(own_law=True),
+}
 
 
 @dataclass(frozen=True)
@@ -57,6 +101,16 @@ class Kinematics:
             if not (isinstance(value, (int, float)) and math.isfinite(value) and value > 0):
                 raise ValueError(f"{name} must be a positive finite number, not {value!r}")
 
+    @property
+    def mobility(self) -> Mobility:
+        """What a body with these limits can do."""
+        return self.model.mobility
+
+    @property
+    def bend_radius(self) -> float:
+        """The tightest turn while driving (m); 0 for what turns on the spot."""
+        return 0.0 if self.mobility.pivots else self.turning_radius
+
 
 @dataclass(frozen=True)
 class Body:
@@ -73,9 +127,14 @@ class Body:
     height: float = math.inf
 
     @property
+    def mobility(self) -> Mobility:
+        """What it can do."""
+        return self.kinematics.mobility
+
+    @property
     def flies(self) -> bool:
-        """Whether it moves in space (SE3)."""
-        return self.kinematics.model is MotionModel.SE3
+        """Whether it moves in space."""
+        return self.mobility.flies
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,7 @@ import llvmlite.binding
 
 from up_samp.geometry import kernel_cache
 from up_samp.model import MotionModel
+from up_samp.motion.models import MODELS
 from up_samp.system import child
 from up_samp.system.files import write_whole
 
@@ -67,13 +68,6 @@ shares with others); only the ratios count.
 
 PARTS = tuple(SECONDS)
 
-PARTS_FOR: dict[MotionModel, tuple[str, ...]] = {
-    MotionModel.REEDSSHEPP: ("paths", "shortcuts", "bounds", "groups", "knots", "search"),
-    MotionModel.SE2: ("planar", "bounds", "groups", "knots"),
-    MotionModel.PIVOT: ("paths", "shortcuts", "planar", "bounds", "groups", "knots"),
-}
-"""Parts that bodies of each motion model need."""
-
 SEVERAL = ("groups", "knots", "search")
 """Parts that only problems with several moving bodies need."""
 
@@ -93,7 +87,7 @@ def parts_for(models: Iterable[MotionModel], *, several: bool = True) -> list[st
     """
     wanted = set(models)
     found = dict.fromkeys(
-        part for model in PARTS_FOR if model in wanted for part in PARTS_FOR[model]
+        part for model, row in MODELS.items() if model in wanted for part in row.kernels
     )
     return [part for part in found if several or part not in SEVERAL]
 

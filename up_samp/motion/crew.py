@@ -20,7 +20,6 @@ from up_samp.model import (
     Deadline,
     GroupQuery,
     GroupReport,
-    MotionModel,
     PathQuery,
 )
 from up_samp.motion.protocol import Leg, LegQuery
@@ -182,4 +181,4 @@ def can_be_sent(body: Body) -> bool:
     """Return whether a body's motions can be planned by any worker: its shape is no file of this
     machine, its control law no function of this process.
     """
-    return body.kinematics.model not in (MotionModel.SE3, MotionModel.CONTROL)
+    return not (body.flies or body.mobility.own_law)

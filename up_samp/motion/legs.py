@@ -18,7 +18,6 @@ from up_samp.model import (
     Configuration,
     Deadline,
     Kinematics,
-    MotionModel,
     Outcome,
     PathQuery,
     PathReport,
@@ -72,9 +71,14 @@ def _same(pose: FloatArray, wanted: Configuration) -> bool:
     return float(np.abs(off).max()) < ALLOWED.end
 
 
+def _in_plane(body: Body) -> bool:
+    """Return whether a body moves in the plane by no law of its own: obstacles count by sweeps."""
+    return not (body.flies or body.mobility.own_law)
+
+
 def _is_clear(scene: Scene, query: LegQuery, trajectory: Trajectory) -> bool:
     poses = trajectory.poses.copy()  # numba compiles anew for arrays that cannot be written
-    if query.body.kinematics.model is MotionModel.SE3:
+    if query.body.flies:
         from up_samp.motion.planners.flyer import FlyerWorld
 
         air = FlyerWorld(scene, query.body, (query.start, query.goal), query.obstacles)
@@ -94,9 +98,9 @@ def keeps_limits(trajectory: Trajectory, kinematics: Kinematics) -> bool:
         return True
     dt = np.diff(trajectory.times)
     d = np.diff(trajectory.poses, axis=0)
-    if kinematics.model is MotionModel.REEDSSHEPP:
+    if kinematics.mobility.steers:
         speed, bends = _car_speeds(trajectory.poses, dt, kinematics)
-    elif kinematics.model is MotionModel.PIVOT:
+    elif kinematics.mobility.rolls:
         speed, bends = _pivot_speeds(trajectory.poses, dt, kinematics)
     else:
         size = 2 if d.shape[1] == 3 else 3
@@ -168,14 +172,14 @@ def strung(scene: Scene, query: PathQuery, legs: Sequence[Leg]) -> tuple[Traject
     parts = [leg.trajectory for leg in legs if leg.trajectory is not None]
     if len(parts) < 2:
         return (parts[0] if parts else at_rest(query.poses[0])), True
-    if kinematics.model is MotionModel.REEDSSHEPP:
+    if kinematics.mobility.steers:
         return driven_through(parts, kinematics), True
-    if kinematics.model is MotionModel.PIVOT:
+    if kinematics.mobility.rolls:
         return pivoted_through(parts, kinematics), True
-    if kinematics.model is MotionModel.SE3:
+    if kinematics.mobility.flies:
         return flown_through(parts, kinematics)
     whole = joined(parts)
-    if kinematics.model is MotionModel.SE2:
+    if kinematics.mobility.sideways:
         from up_samp.motion.planners.gliding import glide_through
 
         ways = [leg.corners for leg in legs if leg.corners is not None]
@@ -189,7 +193,6 @@ def strung(scene: Scene, query: PathQuery, legs: Sequence[Leg]) -> tuple[Traject
 # ------------------ Legs from the cache or from planners
 
 
-PLANAR = (MotionModel.REEDSSHEPP, MotionModel.PIVOT, MotionModel.SE2)
 _LAZY_ROUNDS = 3
 """Of planning around the objects in the way before all of them count."""
 _QUICK_EFFORT = 20_000
@@ -279,7 +282,7 @@ class Legs:
         ``complete``: whether those asked before have finished their searches.
         """
         body, obstacles = query.body, query.obstacles
-        chosen: tuple[Placed, ...] = () if body.kinematics.model in PLANAR else obstacles
+        chosen: tuple[Placed, ...] = () if _in_plane(body) else obstacles
         for attempt in range(_LAZY_ROUNDS + 1):
             if attempt == _LAZY_ROUNDS:
                 chosen = obstacles
@@ -371,7 +374,7 @@ class Legs:
             if not entry.among <= here:
                 continue
             rest = [p for p in obstacles if not obstacle_key([p]) <= entry.among]
-            if rest and body.kinematics.model not in PLANAR:
+            if rest and not _in_plane(body):
                 continue
             if not entry.checked:
                 ends = (query.goal, query.start) if swap else (query.start, query.goal)
@@ -405,7 +408,7 @@ class Legs:
         unknown).
         """
         body, obstacles = query.body, query.obstacles
-        if body.kinematics.model not in PLANAR or not obstacles:
+        if not _in_plane(body) or not obstacles:
             return frozenset(p.name for p in obstacles)
         alone = replace(query, obstacles=())
         for name in planner_names(self.settings.planner, body):

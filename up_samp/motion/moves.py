@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from up_samp.model import Body, Configuration, Kinematics, MotionModel, Trajectory
+from up_samp.model import Body, Configuration, Kinematics, Trajectory
 from up_samp.motion.curves.arcs import length_of, merged, nodes_of, reversed_arcs
 from up_samp.motion.curves.reeds_shepp import fastest, run_time
 from up_samp.motion.curves.rolling import rolled, rolls_of
@@ -24,7 +24,6 @@ from up_samp.motion.curves.trapezoid import (
     trajectory_of,
 )
 from up_samp.motion.curves.twists import partway
-from up_samp.motion.fleet.paths import abilities_of
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -71,7 +70,7 @@ def arc_moves(start: FloatArray, arcs: FloatArray, kinematics: Kinematics) -> li
 
 def steer(body: Body, start: Configuration, goal: Configuration) -> list[ShortMove]:
     """Return moves that lead from one pose to another one nearby, among nothing."""
-    kin, able = body.kinematics, abilities_of(body)
+    kin, able = body.kinematics, body.mobility
     p, q = (np.array(pose[:3], dtype=np.float64) for pose in (start, goal))
     if not able.pivots:
         return arc_moves(p, fastest(start, goal, *limits_of(kin))[1], kin)
@@ -99,7 +98,7 @@ def drive(moves: Sequence[ShortMove], kinematics: Kinematics) -> Trajectory:
     if len(arcs) == len(moves):
         ends = [tuple(float(v) for v in row) for row in (moves[0].rows[0], moves[-1].rows[-1])]
         return trajectory_of(ends, [merged(np.concatenate(arcs))], kinematics)
-    if kinematics.model is MotionModel.PIVOT:
+    if kinematics.mobility.rolls:
         return rolled(corners_of(moves), kinematics)
     return timed_chain(corners_of(moves), kinematics)
 
@@ -122,7 +121,7 @@ def in_step(moves: Sequence[ShortMove], kinematics: Sequence[Kinematics]) -> lis
     found = []
     for move, kin in zip(moves, kinematics, strict=True):
         start = move.rows[0]
-        if move.arcs is None and kin.model is MotionModel.PIVOT:
+        if move.arcs is None and kin.mobility.rolls:
             first, last = (np.repeat(row[None], len(shares), axis=0) for row in move.rows)
             rows = partway(first, last, shares)
         elif move.arcs is None:
@@ -136,7 +135,7 @@ def in_step(moves: Sequence[ShortMove], kinematics: Sequence[Kinematics]) -> lis
 
 def _shares_of(move: ShortMove, kinematics: Kinematics) -> tuple[float, float]:
     """Return top speed and acceleration of a move with one twist, in shares of it."""
-    if kinematics.model is MotionModel.PIVOT:
+    if kinematics.mobility.rolls:
         rolls = rolls_of(move.rows, kinematics)
         size = float(rolls.sizes[0])
         a = math.inf if abs(rolls.kinds[0]) == 2 else kinematics.a_max / size

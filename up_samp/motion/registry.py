@@ -6,11 +6,11 @@ import functools
 import importlib.util
 import logging
 from collections.abc import Callable
-from typing import Any
 
 from up_samp.extensions import parts
 from up_samp.geometry import Scene
-from up_samp.model import Body, MotionModel, ProblemError, UnsupportedError
+from up_samp.model import Body, ProblemError
+from up_samp.motion.models import MODELS, made_by
 from up_samp.motion.protocol import MotionPlanner
 
 log = logging.getLogger(__name__)
@@ -27,23 +27,8 @@ PLANNERS: dict[str, str | Factory] = {
 """Planners by name: ``module:factory`` (imported when needed) or a factory(scene, seed). Beside
 these, OMPL's planners are known by their own names (see :mod:`up_samp.motion.planners.ompl`), and
 those from outside (:mod:`up_samp.extensions`); one of these that has a ``default_for`` plans for
-these motion models.
+these motion models, one that has a ``quick`` has a form of it that gives up after little work.
 """
-
-DEFAULTS: dict[MotionModel, str] = {
-    MotionModel.REEDSSHEPP: "car",
-    MotionModel.PIVOT: "pivot",
-    MotionModel.SE2: "planar",
-    MotionModel.SE3: "se3",
-    MotionModel.CONTROL: "control",
-}
-"""Who plans for which motion model when nothing else is asked for."""
-
-SECOND_OPINIONS: dict[MotionModel, tuple[str, ...]] = {
-    MotionModel.REEDSSHEPP: ("RRTConnect",),
-    MotionModel.SE2: ("RRTConnect",),
-}
-"""Planners asked after the default one found nothing, before the answer is "out of time"."""
 
 
 def make_planner(name: str, scene: Scene, seed: int) -> MotionPlanner:
@@ -60,11 +45,7 @@ def make_planner(name: str, scene: Scene, seed: int) -> MotionPlanner:
             raise ProblemError(
                 f"there is no motion planner '{name}'; known are default, {known}"
             ) from error
-    factory: Any = planners[name]
-    if isinstance(factory, str):
-        module, _, attribute = factory.partition(":")
-        factory = getattr(importlib.import_module(module), attribute)
-    planner: MotionPlanner = factory(scene, seed)
+    planner: MotionPlanner = made_by(planners[name])(scene, seed)
     return planner
 
 
@@ -74,13 +55,11 @@ def planner_names(name: str, body: Body) -> tuple[str, ...]:
         return (name,)
     model = body.kinematics.model
     added = parts("planners").items()
-    defaults = DEFAULTS | {m: n for n, made in added for m in getattr(made, "default_for", ())}
-    if model not in defaults:
-        raise UnsupportedError(f"no motion planner for the motion model {model.name}")
-    others = SECOND_OPINIONS.get(model, ())
+    replaced = {m: n for n, made in added for m in getattr(made, "default_for", ())}
+    first, *others = MODELS[model].planners
     if others and not has_ompl():
-        others = tuple(n for n in others if n in PLANNERS)
-    return (defaults[model], *others)
+        others = [n for n in others if n in PLANNERS]
+    return (replaced.get(model, first), *others)
 
 
 @functools.cache

@@ -16,7 +16,6 @@ from up_samp.model import (
     Deadline,
     GroupQuery,
     GroupReport,
-    MotionModel,
     Outcome,
     PathQuery,
     PathReport,
@@ -110,7 +109,7 @@ class MotionService:
         self, body: Body, poses: Sequence[Configuration], obstacles: Sequence[Placed]
     ) -> PathReport | None:
         """Return a proof that the motion is impossible, with blockers and alternatives, or None."""
-        if body.kinematics.model is MotionModel.SE3:
+        if body.flies:
             return None
         began = time.monotonic()
         proof = self.certifier.prove(body, poses, self.met_by(body, obstacles))
@@ -121,7 +120,7 @@ class MotionService:
     ) -> tuple[bool, frozenset[str]]:
         """Return whether a body at a pose overlaps the map, and the obstacles that it overlaps."""
         hit = {p.name for p in obstacles if self.overlap(body, pose, p.body, p.pose)}
-        if body.kinematics.model is MotionModel.SE3:
+        if body.flies:
             from up_samp.geometry.meshes import meets_walls
 
             return self.grid is not None and meets_walls(self.grid, body, pose), frozenset(hit)

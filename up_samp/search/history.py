@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import csv
 import json
-import sys
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -18,15 +17,11 @@ from typing import TYPE_CHECKING, Any
 
 from up_samp.model.refinement import Layer, Refinement
 from up_samp.system.files import write_whole
+from up_samp.system.memory import peak_memory
 
 if TYPE_CHECKING:
     from up_samp.search.budget import Budget
 
-
-try:
-    import resource
-except ImportError:  # not on Windows: memory is not told there
-    resource = None  # type: ignore[assignment]
 
 READING, STATING, SCHEDULING = "reading", "stating", "scheduling"
 BUILDING = "building"
@@ -65,14 +60,6 @@ class Stages:
         found = {f"seconds_{s}": f"{v:.3f}" for s, v in self.seconds.items()}
         found |= {f"cpu_{s}": f"{v:.3f}" for s, v in self.cpu.items()}
         return found | {f"mib_{s}": f"{v:.0f}" for s, v in self.peak.items()}
-
-
-def peak_memory() -> float | None:
-    """Return the most memory (MiB) that this process has held so far; None where it is unknown."""
-    if resource is None:
-        return None
-    held = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return held / (1024.0 * 1024.0 if sys.platform == "darwin" else 1024.0)
 
 
 # ------------------ What happened in a search

@@ -13,7 +13,6 @@ from up_samp.model import (
     Body,
     Configuration,
     GroupQuery,
-    MotionModel,
     Placed,
     Rest,
     ScheduledMotion,
@@ -293,7 +292,7 @@ def _meeting(
 
 def near(body: Body, pose: Configuration, other: Body, there: Configuration) -> bool:
     """Return whether two placed bodies may overlap at all: a cheap test before the exact one."""
-    if MotionModel.SE3 in (body.kinematics.model, other.kinematics.model):
+    if body.flies or other.flies:
         return True
     reach = sum(max(math.hypot(*p) for p in b.footprint) for b in (body, other))
     return math.hypot(pose[0] - there[0], pose[1] - there[1]) <= reach

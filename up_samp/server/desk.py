@@ -65,6 +65,8 @@ class Desk:
                 body = group.process.stdout.read(answer.get("size", 0))
                 if not answer or len(body) < answer.get("size", 0):
                     raise EOFError
+                if answer.pop("last"):
+                    self._leave()
                 return answer, body
             except (OSError, EOFError) as error:
                 self._leave()
@@ -76,7 +78,7 @@ class Desk:
     def _come(self) -> ProcessGroup:
         if self._closed:
             raise DeskError("the service ends")
-        if self._group is None or self._group.process.returncode is not None:
+        if self._group is None or self._group.ended():
             self._leave()
             self._folder = Path(tempfile.mkdtemp(prefix="up-samp-desk-"))
             self._group = started((*WORKER, "desk"), str(self.limits.look_memory), self._folder)

@@ -27,6 +27,7 @@ from up_samp.server.requests import (
     read_request,
     records_of,
 )
+from up_samp.system.memory import peak_memory
 
 QUIET_SECONDS = 0.2
 """Progress is told so often at most, unless a bound moves."""
@@ -212,26 +213,17 @@ def answer_all(teller: Teller) -> int:
         except Exception as error:
             text = f"internal error, {type(error).__name__}: {error}"[:500]
             said, body = {"faults": [{"loc": ["body"], "msg": text, "type": "internal"}]}, b""
-        teller.tell(**said, size=len(body))
+        last = (peak_memory() or 0.0) > _LARGE
+        teller.tell(**said, size=len(body), last=last)
         teller.stream.buffer.write(body)
         teller.stream.buffer.flush()
-        if peak_memory() > _LARGE:
+        if last:
             return 0
     return 0
 
 
-_LARGE = 512 * 2**20
-"""A process at the desk that has needed so many bytes is followed by a new one."""
-
-
-def peak_memory() -> int:
-    """Return the most bytes of memory that this process has had; 0 where that is not known."""
-    try:
-        import resource
-    except ImportError:  # not a POSIX system
-        return 0
-    unit = 1 if sys.platform == "darwin" else 1024
-    return unit * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+_LARGE = 512.0
+"""MiB: a process at the desk that has held so much says that its answer is its last, and ends."""
 
 
 def main() -> int:

@@ -118,16 +118,20 @@ class ProcessGroup:
         self.process = subprocess.Popen(command, start_new_session=True, **given)
         self._lock = threading.Lock()
 
+    def ended(self) -> bool:
+        """Return whether the process has ended, as far as the system can tell before it is ended
+        from here.
+        """
+        with self._lock:
+            if self.process.returncode is not None:
+                return True
+            options = os.WEXITED | os.WNOWAIT | os.WNOHANG if hasattr(os, "waitid") else 0
+            return bool(options) and os.waitid(os.P_PID, self.process.pid, options) is not None
+
     def settle(self, seconds: float) -> None:
         """Wait until the process ends by itself, so long at most (where the system can tell)."""
         until = time.monotonic() + seconds
-        while hasattr(os, "waitid") and time.monotonic() < until:
-            with self._lock:
-                if self.process.returncode is not None:
-                    return
-                options = os.WEXITED | os.WNOWAIT | os.WNOHANG
-                if os.waitid(os.P_PID, self.process.pid, options) is not None:
-                    return
+        while hasattr(os, "waitid") and time.monotonic() < until and not self.ended():
             time.sleep(0.01)
 
     def end(self) -> int:

@@ -19,6 +19,7 @@ from unified_planning.model.timing import GlobalEndTiming
 
 from up_samp.extensions import parts as from_outside
 from up_samp.model import UnsupportedError
+from up_samp.upio.expressions import QuantifierRemover
 
 Number = int | Fraction
 
@@ -140,9 +141,10 @@ METRICS: Mapping[type, MetricRow] = {
 
 
 def objective_of(problem: Any) -> Objective | None:
-    """Return what a problem asks for (None: just some plan).
+    """Return what a problem asks for (None: just some plan), without quantifiers.
 
-    :raises UnsupportedError: for a metric without a row, or several of them.
+    :raises UnsupportedError: for a metric without a row, several of them, or what is said of all
+        numbers.
     """
     told = list(problem.quality_metrics)
     if not told:
@@ -150,14 +152,13 @@ def objective_of(problem: Any) -> Objective | None:
     if len(told) > 1:
         raise UnsupportedError("one quality metric at a time, not several: add them up in one")
     metric = told[0]
-    if isinstance(metric, Objective):
-        return metric
-    row = {**METRICS, **{o.metric: o for o in from_outside("objectives").values()}}.get(
-        type(metric)
-    )
-    if row is None:
+    rows = {**METRICS, **{o.metric: o for o in from_outside("objectives").values()}}
+    row = rows.get(type(metric))
+    if row is not None:
+        metric = Objective(row.name, row.sign, row.parts(metric, problem), problem.environment)
+    elif not isinstance(metric, Objective):
         raise UnsupportedError(f"the metric '{metric}' has no meaning for schedules")
-    return Objective(row.name, row.sign, row.parts(metric, problem), problem.environment)
+    return metric.rewritten(QuantifierRemover(problem))
 
 
 def check_copied(problem: Any) -> None:

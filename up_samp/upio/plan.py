@@ -123,15 +123,15 @@ def up_path(trajectory: Trajectory, model: MotionModel) -> SE2Path | SE3Path | S
     poses for others.
     """
     poses = trajectory.poses
-    if model is MotionModel.SE3:
+    if model.mobility.flies:
         return SE3Path([SE3(*p) for p in poses.tolist()])
-    if model is MotionModel.SE2:
+    if model.mobility.sideways:
         return SE2Path([SE2(*p) for p in poses.tolist()])
     steps = np.diff(trajectory.times)
     moves = np.diff(poses, axis=0)
     middle = poses[:-1, 2] + 0.5 * moves[:, 2]
     across = moves[:, 1] * np.cos(middle) - moves[:, 0] * np.sin(middle)
-    if model is MotionModel.CONTROL and np.abs(across).max(initial=0.0) > 1e-6:  # m
+    if model.mobility.own_law and np.abs(across).max(initial=0.0) > 1e-6:  # m
         return SE2Path([SE2(*p) for p in poses.tolist()])
     chord = moves[:, 0] * np.cos(middle) + moves[:, 1] * np.sin(middle)
     half = 0.5 * moves[:, 2]

@@ -21,7 +21,6 @@ from unified_planning.model.motion import (
 
 from up_samp.model import (
     Configuration,
-    MotionModel,
     ProblemError,
     UnsupportedError,
 )
@@ -290,14 +289,14 @@ def _check_initial(floor: RideFloor, users: Users) -> None:
 def _check_dimensions(floor: RideFloor, users: Users) -> None:
     for name, place in floor.initial.items():
         model = floor.objects[name].body.kinematics.model
-        if len(floor.configurations[place]) != (7 if model is MotionModel.SE3 else 3):
+        if len(floor.configurations[place]) != model.mobility.size:
             raise ProblemError(
                 f"object '{name}' starts at '{place}', which is of the wrong type for it "
                 f"({model.value})"
             )
     for activity, name, terms in users:
         body = floor.objects[name].body
-        size = 7 if body.kinematics.model is MotionModel.SE3 else 3
+        size = body.mobility.size
         for term in terms:
             if term.kind is not TermKind.CONSTANT:
                 continue

@@ -69,7 +69,7 @@ def read_maps(
 
 def check_flat(maps: Sequence[PlacedMap], objects: Mapping[str, Movable]) -> None:
     """Raise :class:`UnsupportedError` where something in space meets several maps."""
-    flyers = [n for n, o in objects.items() if o.body.kinematics.model is MotionModel.SE3]
+    flyers = [n for n, o in objects.items() if o.body.flies]
     if len(maps) > 1 and flyers:
         raise UnsupportedError(
             f"object '{min(flyers)}' is in space (SE3) and the problem has several maps "
@@ -117,11 +117,6 @@ def _frame(type_name: str, given: Any) -> tuple[Frame, float]:
 # ------------------ Read what moves: footprint or mesh, limits, and the law of its motion
 
 
-_MODELS = {
-    MotionModels.REEDSSHEPP: MotionModel.REEDSSHEPP,
-    MotionModels.SE2: MotionModel.SE2,
-    MotionModels.SE3: MotionModel.SE3,
-}
 _PARAMETERS = ("turning_radius", "v_max", "a_max", "omega_max")
 _HEIGHT = "height"
 _BICYCLE = {"v_min", "v_max", "phi_min", "phi_max"}
@@ -133,11 +128,11 @@ def read_movable(obj: MovableObject) -> Movable:
     :raises ProblemError: where the model, the footprint or a parameter is wrong.
     :raises UnsupportedError: where it is right but beyond this package.
     """
-    if obj.motion_model not in _MODELS:
+    if not isinstance(obj.motion_model, MotionModels):
         raise ProblemError(f"object '{obj.name}': unknown motion model {obj.motion_model!r}")
-    model = _MODELS[obj.motion_model]
+    model = MotionModel[obj.motion_model.name]
     footprint = obj.footprint
-    if footprint is None and model is not MotionModel.SE3:
+    if footprint is None and not model.mobility.flies:
         raise ProblemError(f"object '{obj.name}' needs a footprint to move in the plane")
     corners = _corners(obj.name, footprint or ())
     if footprint is not None and (
@@ -145,7 +140,7 @@ def read_movable(obj: MovableObject) -> Movable:
     ):
         raise ProblemError(f"object '{obj.name}': a footprint needs three or more finite corners")
     mesh = obj.geometric_model
-    if mesh is not None and model is MotionModel.SE3 and not os.path.isfile(mesh):
+    if mesh is not None and model.mobility.flies and not os.path.isfile(mesh):
         raise ProblemError(f"object '{obj.name}': geometric model '{mesh}' is not a file")
     body = Body(corners, _read_kinematics(obj, model), mesh, _read_height(obj, model))
     return Movable(obj.name, obj.type.name, body)
@@ -154,7 +149,7 @@ def read_movable(obj: MovableObject) -> Movable:
 def _read_height(obj: MovableObject, model: MotionModel) -> float:
     """Return how high (m) a body that moves in the plane is: to the sky where it is not said."""
     height = (obj.motion_parameters or {}).get(_HEIGHT, math.inf)
-    if _HEIGHT in (obj.motion_parameters or {}) and model is MotionModel.SE3:
+    if _HEIGHT in (obj.motion_parameters or {}) and model.mobility.flies:
         raise ProblemError(f"object '{obj.name}': its mesh tells its height, not '{_HEIGHT}'")
     try:
         value = float(height)
@@ -193,7 +188,7 @@ def _read_kinematics(obj: MovableObject, model: MotionModel) -> Kinematics:
         )
     try:
         numbers: dict[str, Any] = {k: float(v) for k, v in given.items()}
-        if model is MotionModel.REEDSSHEPP and numbers.get("turning_radius") == 0.0:
+        if model.mobility.steers and numbers.get("turning_radius") == 0.0:
             if obj.control_model is not None:
                 raise ProblemError(
                     f"object '{obj.name}': turning_radius 0 (turns on the spot) and a control "
@@ -237,7 +232,7 @@ def _bicycle(
     # a bicycle drives along its heading: a body that could move anywhere is a car with it
     return replace(
         limits,
-        model=MotionModel.REEDSSHEPP if limits.model is MotionModel.SE2 else limits.model,
+        model=MotionModel.REEDSSHEPP if limits.mobility.sideways else limits.model,
         turning_radius=max(limits.turning_radius, radius) if "turning_radius" in own else radius,
         v_max=min(limits.v_max, speed) if "v_max" in own else speed,
     )

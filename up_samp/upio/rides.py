@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING
 from up_samp.model import (
     Body,
     Configuration,
-    MotionModel,
     Movable,
     ProblemError,
     UnsupportedError,
@@ -53,7 +52,7 @@ class RideFloor:
 
     def planar(self, name: str) -> bool:
         """Return whether an object moves in the plane."""
-        return self.objects[name].body.kinematics.model is not MotionModel.SE3
+        return not self.objects[name].body.flies
 
 
 def find_rides(

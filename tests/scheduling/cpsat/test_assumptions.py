@@ -16,6 +16,7 @@ from unified_planning.shortcuts import (
     And,
     BoolType,
     Equals,
+    Fluent,
     Iff,
     Implies,
     IntType,
@@ -30,6 +31,8 @@ from tests.scheduling.cpsat.test_lower_bounds import Trip, new_problem
 from tests.scheduling.cpsat.truth import answer, bound_without_search, collapsed_optimum
 from up_samp.model import Deadline, ScheduleStatus
 from up_samp.scheduling.cpsat import CpsatSession
+from up_samp.scheduling.cpsat.model import ScheduleModel
+from up_samp.scheduling.cpsat.routing.detection import find_routes
 
 AB = (("A", "B", 3), ("B", "A", 3))
 WAYS = tuple((a, b, abs(ord(a) - ord(b)) + 1) for a, b in itertools.permutations("ABC", 2))
@@ -295,6 +298,27 @@ def a_visit_or_something_else():
     return trip.done()
 
 
+def a_move_that_may_stay(at_a=1, *, stated=False):
+    """It goes to C, or to where it begins, which lasts ``at_a``: a visit to C if it cannot."""
+    trip = Trip("ABC", before=LE)
+    trip.moves(("B", "A", 4), ("C", "A", 6))
+    far = trip.problem.add_fluent(Fluent("far", IntType(0, 99), spot=trip.spot))
+    for place, length in zip("ABC", (at_a, 3, 4), strict=True):
+        trip.problem.set_initial_value(far(trip.spots[place]), length)
+    go = trip.problem.add_activity("go", 1)
+    to = go.add_parameter("to", trip.spot)
+    go.set_duration_bounds(far(to), 5)
+    go.add_constraint(Not(Equals(to, trip.spots["B"])))
+    if stated:
+        go.add_constraint(Not(Equals(trip.spots["A"], to)))
+    go.add_condition(whole(go), trip.here("A"))
+    go.add_effect(go.end, trip.at[0](), to)
+    trip.busy[0].append(go)
+    back = trip.stop("back", "A", 1)
+    trip.problem.add_constraint(LE(go.end, back.start))
+    return trip.done()
+
+
 def room(*, gives="AB", starts="AA", free=1):
     """B holds one traveller at a time, as far as those who leave it give it back."""
     trip = Trip("AB", before=LE, starts=starts)
@@ -427,6 +451,7 @@ BROKEN = {
     "least": [a_length_for_company],
     "find_entries": [one_way_in_needs_nothing, a_way_in_that_opens_itself],
     "_find_closed_off": [one_way_in_needs_nothing],
+    "_may_stay": [a_move_that_may_stay],
     "find_still": [a_move_that_keeps_nothing_still],
     "find_visits": [a_visit_or_something_else],
     "_find_returns": [to_one_after_the_other],
@@ -475,6 +500,23 @@ def test_broken_assumptions_change_no_answer(case):
     if truth[1] is not None:
         assert quick is None or quick <= truth[1]
         assert relaxed is None or 0 <= relaxed <= truth[1]
+
+
+@pytest.mark.parametrize("leaves", [{"at_a": 6}, {"at_a": 99}, {"stated": True}])
+def test_a_move_that_cannot_stay_is_a_move_still(leaves):
+    problem = a_move_that_may_stay(**leaves)
+    (route,) = find_routes(ScheduleModel(problem))
+    assert "go" not in route.odd
+    assert {m.to for m in route.moves if m.name == "go"} == {2}
+    assert [places for _, places in route.visits] == [{2}]
+    assert answer(problem) == answer(problem, plain=True) == (ScheduleStatus.OPTIMAL, 13)
+
+
+def test_a_move_that_may_stay_is_none():
+    (route,) = find_routes(ScheduleModel(a_move_that_may_stay()))
+    assert route.odd == {"go": "may stay where it is"}
+    assert route.visits == []
+    assert answer(a_move_that_may_stay(), plain=True) == (ScheduleStatus.OPTIMAL, 3)
 
 
 def test_what_is_kept_is_forgotten_when_more_may_happen():

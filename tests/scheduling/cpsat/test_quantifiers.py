@@ -21,6 +21,9 @@ from unified_planning.shortcuts import (
     Object,
     OneshotPlanner,
     Or,
+    Oversubscription,
+    TemporalOversubscription,
+    Timing,
     UserType,
     Variable,
 )
@@ -120,6 +123,32 @@ def test_numbers_are_not_quantified_over():
         result = planner.solve(yard.problem, timeout=20)
     assert result.status is Status.UNSUPPORTED_PROBLEM
     assert "quantifies over objects only" in result.log_messages[-1].message
+
+
+@pytest.mark.parametrize("engine", ["cpsat", "samp-refine[cpsat]"])
+@pytest.mark.parametrize("timed", [False, True])
+def test_what_is_wished_for_may_quantify(engine, timed):
+    """Two of three bays are free at first; whoever works takes one and frees all in the end."""
+    problem = SchedulingProblem("wishes")
+    bay = UserType("bay")
+    bays = [problem.add_object(f"bay{k}", bay) for k in range(BAYS)]
+    free = problem.add_fluent("free", BoolType(), default_initial_value=False, b=bay)
+    for one in bays[1:]:
+        problem.set_initial_value(free(one), True)
+    work = problem.add_activity("work", 2, optional=True)
+    v = Variable("v", bay)
+    work.add_effect(work.end, free(v), True, forall=[v])
+    all_free, none = Forall(free(v), v), Not(Exists(free(v), v))
+    span = ClosedTimeInterval(Timing(1, work.end), Timing(1, work.end))
+    if timed:
+        metric = TemporalOversubscription({(span, all_free): 3, (span, none): 5})
+    else:
+        metric = Oversubscription({all_free: 3, none: 5, Not(all_free): 1})
+    problem.add_quality_metric(metric)
+    with OneshotPlanner(name=engine, params={"workers": 1}) as planner:
+        result = planner.solve(problem, timeout=20)
+    assert result.status is Status.SOLVED_OPTIMALLY
+    assert int(result.metrics["value"]) == 3
 
 
 @pytest.mark.parametrize("written_out", [False, True])

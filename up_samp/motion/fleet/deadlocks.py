@@ -15,7 +15,7 @@ import shapely
 from up_samp.geometry.scene import Scene
 from up_samp.model import Body, Configuration, Deadline, Placed, TimedMotion, Trajectory, avoids
 from up_samp.motion.fleet.conflicts import kept, sweeps_meet, swept_in_step
-from up_samp.motion.fleet.paths import Path, abilities_of, hull_of, path_of
+from up_samp.motion.fleet.paths import Path, hull_of, path_of
 from up_samp.motion.fleet.roadmap import Roadmap, RoadmapEdge, cells_of
 from up_samp.motion.fleet.speed import parked_all_the_time
 from up_samp.motion.fleet.timed_path import TimedPath
@@ -500,7 +500,7 @@ def untie(
     of different names.
     """
     scene = workspace.scene
-    if scene is None or any(abilities_of(m.body).free for m in motions):
+    if scene is None or any(m.body.mobility.own_law for m in motions):
         return None
     paths = [alone[m.name].path if m.name in alone else None for m in motions]
     knot = Knot(workspace, scene, motions, world, paths, deadline, seed)

@@ -33,7 +33,6 @@ from up_samp.motion.fleet.lanes import lane_offsets
 from up_samp.motion.fleet.paths import (
     TIMES,
     Path,
-    abilities_of,
     path_of,
     safe_intervals,
     shared_stretch,
@@ -313,7 +312,7 @@ def drivable(
     scene: Scene, body: Body, poses: tuple[Configuration, ...], points: FloatArray, flip: bool
 ) -> Path | None:
     """Return a path of a body along corners (k, 2), with its corners rounded, if the map allows."""
-    kin, able = body.kinematics, abilities_of(body)
+    kin, able = body.kinematics, body.mobility
     shape = widest_shape(scene, body, poses, ())
     if shape is None:
         return None

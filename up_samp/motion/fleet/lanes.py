@@ -16,7 +16,7 @@ from up_samp.motion.curves.blending import pieces
 from up_samp.motion.curves.reeds_shepp import CarLimits, fastest
 from up_samp.motion.curves.rolling import rolled, rolling_radius, rows_of, thinned
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
-from up_samp.motion.fleet.paths import Path, abilities_of, path_of
+from up_samp.motion.fleet.paths import Path, path_of
 from up_samp.motion.planners.car_shortcuts import settle
 from up_samp.motion.planners.gliding import Glider
 
@@ -36,8 +36,8 @@ def shifted_lane(scene: Scene, path: Path, first: float, last: float, offset: fl
     """Return ``path`` moved sideways by ``offset`` m (left > 0) on [first, last] (m along it), if
     the map allows it. For a path without waypoints.
     """
-    able = abilities_of(path.body)
-    if able.free:
+    able = path.body.mobility
+    if able.own_law:
         return None
     if able.sideways:
         return _beside(scene, path, first, last, offset)

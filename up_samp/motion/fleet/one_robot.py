@@ -19,7 +19,6 @@ import numpy.typing as npt
 from up_samp.model import (
     Deadline,
     FixedMotion,
-    MotionModel,
     Outcome,
     PathReport,
     Placed,
@@ -117,7 +116,7 @@ def sample_one(
     seed: int = 0,
 ) -> Attempt:
     """Return a safe run of a car's ``motion`` by ST-RRT* alone, its speed tuned afterwards."""
-    if motion.body.kinematics.model is not MotionModel.REEDSSHEPP or len(motion.poses) != 2:
+    if not motion.body.mobility.steers or len(motion.poses) != 2:
         raise UnsupportedError(
             f"ST-RRT* plans cars from one pose to another; '{motion.name}' is something else"
         )

@@ -17,36 +17,10 @@ import numpy.typing as npt
 
 from up_samp.geometry.records import inner, kernel
 from up_samp.geometry.shapes import Shape, shape_of
-from up_samp.model import Body, Configuration, MotionModel, Trajectory
+from up_samp.model import Body, Configuration, Trajectory
 from up_samp.motion.curves.rolling import FINE, rolls_of
 from up_samp.motion.curves.twists import partway, twists
 from up_samp.motion.fleet.conflicts import Hull, Swept, sweep_table
-
-
-@dataclass(frozen=True)
-class Abilities:
-    """``sideways``: it moves in any direction at any heading. ``pivots``: it turns on the spot.
-    ``radius``: the tightest turn while driving (m; 0 where it pivots). ``free``: none of this is
-    known, the body has its own equations of motion.
-    """
-
-    sideways: bool
-    pivots: bool
-    radius: float
-    free: bool = False
-
-
-def abilities_of(body: Body) -> Abilities:
-    """Return what a planar body can do."""
-    kin = body.kinematics
-    if kin.model is MotionModel.SE2:
-        return Abilities(sideways=True, pivots=True, radius=0.0)
-    if kin.model is MotionModel.PIVOT:
-        return Abilities(sideways=False, pivots=True, radius=0.0)
-    if kin.model is MotionModel.REEDSSHEPP:
-        return Abilities(sideways=False, pivots=False, radius=kin.turning_radius)
-    return Abilities(sideways=False, pivots=False, radius=kin.turning_radius, free=True)
-
 
 # ------------------ Compiled bookkeeping in time
 # Compiled bookkeeping in time: who is in which cell when, and what that leaves free. ``occupied``
@@ -371,18 +345,18 @@ def path_steps(poses: FloatArray, body: Body, radius: float) -> FloatArray:
     kin = body.kinematics
     moves = twists(poses)
     ways, turns = np.hypot(moves[:, 0], moves[:, 1]), np.abs(moves[:, 2])
-    if abilities_of(body).sideways:  # chords: between samples it goes straight on, see ``poses_at``
+    if body.mobility.sideways:  # chords: between samples it goes straight on, see ``poses_at``
         ways = np.hypot(*np.diff(poses[:, :2], axis=0).T)
-    if abilities_of(body).pivots:
+    if body.mobility.pivots:
         return np.where(ways < FINE.spot * turns, turns * kin.v_max / kin.omega_max, ways)
-    turn_metre = 0.0 if kin.model is MotionModel.REEDSSHEPP else radius
+    turn_metre = 0.0 if kin.mobility.steers else radius
     return np.asarray(np.maximum(ways, turn_metre * turns))
 
 
 def top_speeds(poses: FloatArray, body: Body) -> FloatArray:
     """Return the top speeds (m/s) between the poses of a path."""
     tops = np.full(len(poses) - 1, body.kinematics.v_max)
-    if body.kinematics.model is MotionModel.PIVOT and len(poses) > 1:
+    if body.mobility.rolls and len(poses) > 1:
         rolls = rolls_of(poses, body.kinematics)
         tops = np.where(np.abs(rolls.kinds) == 2, tops, rolls.tops)
     return tops
@@ -403,17 +377,17 @@ def kept_samples(s: FloatArray) -> IntArray:
 
 def kinks_and_stops(poses: FloatArray, s: FloatArray, body: Body) -> tuple[BoolArray, BoolArray]:
     """Return where the twist's direction jumps, and where the body must therefore rest."""
-    n, model = len(s), body.kinematics.model
+    n = len(s)
     kink, stop = np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_)
     kink[0] = kink[-1] = stop[0] = stop[-1] = True
     if n > 2:
         unit = twists(poses) / np.diff(s)[:, None]
         kink[1:-1] = np.abs(np.diff(unit, axis=0)).max(axis=1) > CUT.kink
-        if model is MotionModel.REEDSSHEPP:
+        if body.mobility.steers:
             stop[1:-1] = unit[:-1, 0] * unit[1:, 0] < 0
-        elif model is MotionModel.PIVOT:  # it turns at will, but on the spot it rests
+        elif body.mobility.rolls:  # it turns at will, but on the spot it rests
             stop[1:-1] = np.diff(rolls_of(poses, body.kinematics).kinds) != 0
-        elif not abilities_of(body).sideways:
+        elif not body.mobility.sideways:
             # a velocity may not jump: chords of smooth curves turn little from sample to sample
             chord = np.diff(poses, axis=0) / np.diff(s)[:, None]
             stop[1:-1] = np.abs(np.diff(chord, axis=0)).max(axis=1) > CUT.corner
@@ -541,7 +515,7 @@ class Path:
     def fastest(self) -> float:
         """A time (s) that no timing of the path beats (a car's natural timing is the fastest)."""
         kin = self.body.kinematics
-        if kin.model is MotionModel.REEDSSHEPP or not self.tunable:
+        if kin.mobility.steers or not self.tunable:
             return self.natural.duration
         return self.length / kin.v_max
 
@@ -617,7 +591,7 @@ class Path:
             return np.repeat(self.poses, len(s), axis=0)
         i = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2)
         share = np.clip((s - self.s[i]) / (self.s[i + 1] - self.s[i]), 0.0, 1.0)
-        if abilities_of(self.body).sideways:
+        if self.body.mobility.sideways:
             u, step = share[:, None], (self.s[i + 1] - self.s[i])[:, None]
             a, b = self.poses[i], self.poses[i + 1]
             out = a + u * (b - a)
@@ -643,12 +617,12 @@ def path_of(trajectory: Trajectory, body: Body, waypoints: Sequence[Configuratio
     keep = kept_samples(natural_s)
     s, kept = natural_s[keep], poses[keep]
     kink, stop = kinks_and_stops(kept, s, body)
-    tunable = not abilities_of(body).free
+    tunable = not body.mobility.own_law
     if tunable:
         stop |= _pauses(trajectory, natural_s, s)
         kink |= stop | _waypoints(trajectory, natural_s, s, waypoints[1:-1])
     tops, steady = top_speeds(kept, body), np.zeros(len(kept) - 1, dtype=np.bool_)
-    if abilities_of(body).sideways and len(kept) > 1:
+    if body.mobility.sideways and len(kept) > 1:
         tops, steady, rests = bends_of(kept, s, trajectory.times[keep], body)
         stop |= rests
     edges, halt = _cells(s, stop, tops, body)
@@ -724,7 +698,7 @@ def _cells(
         top, length = float(tops[low:high].min()), float(s[high] - s[low])
         size = wish
         if top < kin.v_max:  # cells so short that there are speeds below the slowest arc's
-            least = 1 if abilities_of(body).sideways else CUT.least
+            least = 1 if body.mobility.sideways else CUT.least
             size = min(wish, top**2 / (2 * kin.a_max * least))
         count = 2 * max(1, math.ceil(length / size / 2))
         edges.append(np.linspace(s[low], s[high], count + 1)[:-1])

@@ -23,7 +23,7 @@ from up_samp.motion.curves.reeds_shepp import fastest
 from up_samp.motion.curves.trapezoid import limits_of, runs_of
 from up_samp.motion.fleet.conflicts import Hull, Swept, sweep_table
 from up_samp.motion.fleet.lanes import arcs_between
-from up_samp.motion.fleet.paths import Path, abilities_of, hull_of
+from up_samp.motion.fleet.paths import Path, hull_of
 from up_samp.motion.guides.search_space import widest_shape
 from up_samp.motion.moves import ShortMove, steer, straight_move
 from up_samp.motion.tuning import RoadmapTuning
@@ -49,7 +49,7 @@ def lattice_of(
     body: Body, ends: Sequence[Configuration], box: Box, cell: float, tuning: RoadmapTuning
 ) -> Tensor | LatticeState:
     """Return the lattice for a body in a box."""
-    if not abilities_of(body).pivots:
+    if not body.mobility.pivots:
         x, y, _ = ends[0]
         return LatticeState(body, (x, y), cell, tuning)
     headings = dict.fromkeys(round(math.remainder(p[2], 2 * math.pi), 12) for p in ends)
@@ -89,7 +89,7 @@ class Tensor:
         self.body = body
         self.xs, self.ys = xs, ys
         self.headings = np.array(headings)
-        self.sideways = abilities_of(body).sideways
+        self.sideways = body.mobility.sideways
 
     def pose(self, key: Key) -> Configuration:
         """Return the pose of a place."""
@@ -275,9 +275,9 @@ def cells_of(body: Body, tuning: RoadmapTuning) -> tuple[float, float, float, fl
     """Return grains (m) of a lattice for a body, coarse to fine. At the first one neighbours can
     turn on the spot at the same time.
     """
-    shape, able = shape_of(body), abilities_of(body)
+    shape, able = shape_of(body), body.mobility
     inner = shape.inner[2]
-    most = math.inf if able.pivots else 0.5 * able.radius
+    most = math.inf if able.pivots else 0.5 * body.kinematics.bend_radius
     cells = (tuning.roomy * shape.circumscribed, 2.0 * inner, inner, 0.5 * inner)
     return tuple(min(cell, most) for cell in cells)  # type: ignore[return-value]
 
@@ -303,7 +303,7 @@ class Roadmap:
         shape = widest_shape(scene, body, ends, static)
         self.scene, self.body, self.hull = scene, body, hull_of(body)
         self.usable = shape is not None
-        self._pivots = abilities_of(body).pivots
+        self._pivots = body.mobility.pivots
         self.shape: Shape = shape if shape is not None else scene.shape(body)
         self._world = scene.world(self.shape, static)
         self.poses: list[Configuration] = []
@@ -314,7 +314,7 @@ class Roadmap:
         self._known: dict[int, list[RoadmapEdge]] = {}
         self._free: dict[Key, bool] = {}
         self.cell, self.tuning = cell, tuning
-        self._box = box or box_around(ends, paths, self.hull.radius, abilities_of(body).radius)
+        self._box = box or box_around(ends, paths, self.hull.radius, body.kinematics.bend_radius)
         self.lattice = lattice_of(body, ends, self._box, self.cell, tuning)
         self.places: dict[Configuration, int] = {}
         self._rests: dict[int, RoadmapEdge] = {}
@@ -485,7 +485,7 @@ class Roadmap:
                 continue
             moves = steer(self.body, pose, self.lattice.pose(key))
             way = sum(float(steps_of(m.rows, 0.0).sum()) for m in moves)
-            limit = self.tuning.local * max(self.cell, abilities_of(self.body).radius)
+            limit = self.tuning.local * max(self.cell, self.body.kinematics.bend_radius)
             if way <= limit and all(self._sweeps_free(m.rows) for m in moves):
                 self._link(node, self._lattice_place(key), moves)
                 joined += 1
@@ -512,7 +512,7 @@ class Roadmap:
 
     def _along(self, path: Path, first: float, last: float) -> ShortMove:
         """Return the move between two marks of a path, straight where the body can."""
-        if abilities_of(self.body).sideways:
+        if self.body.mobility.sideways:
             start, goal = path.poses_at(np.array([first, last]))
             move = straight_move(start, goal, self.body.kinematics)
             if self._sweeps_free(move.rows):
@@ -530,8 +530,8 @@ def _part(path: Path, first: float, last: float) -> ShortMove:
     rows = path.poses_at(np.concatenate([[first], inside, [last]]))
     v, a = path.body.kinematics.v_max, path.body.kinematics.a_max
     seconds = (last - first) / v + v / a
-    able = abilities_of(path.body)
-    arcs = None if able.pivots or able.free else arcs_between(path, first, last)
+    able = path.body.mobility
+    arcs = None if able.pivots or able.own_law else arcs_between(path, first, last)
     return ShortMove(rows, seconds, arcs)
 
 

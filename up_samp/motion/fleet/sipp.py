@@ -22,7 +22,7 @@ from up_samp.geometry.kernels import advance
 from up_samp.geometry.records import WorldData, inner, kernel
 from up_samp.geometry.scene import Scene
 from up_samp.geometry.sweeps import arc_free
-from up_samp.model import Configuration, Deadline, MotionModel, Placed, TimedMotion
+from up_samp.model import Configuration, Deadline, Placed, TimedMotion
 from up_samp.motion.curves.arcs import merged, nodes_of
 from up_samp.motion.curves.reeds_shepp import Pose, connect, fastest
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
@@ -373,7 +373,7 @@ class SafeIntervalPlanner:
         Only for cars with two poses; ``goal_free`` is when the goal stays free for good (s).
         """
         body = motion.body
-        if body.kinematics.model is not MotionModel.REEDSSHEPP or len(motion.poses) != 2:
+        if not body.mobility.steers or len(motion.poses) != 2:
             return [], False
         dry = False
         for level in range(len(STEPS)):
@@ -398,7 +398,7 @@ class SafeIntervalPlanner:
     ) -> list[Path]:
         """Like :meth:`paths`, by ST-RRT*: the range of arrivals doubles until one is found."""
         body = motion.body
-        if body.kinematics.model is not MotionModel.REEDSSHEPP or len(motion.poses) != 2:
+        if not body.mobility.steers or len(motion.poses) != 2:
             return []
         world = self.scene.world(self.scene.shape(body), static)
         me = self._me(motion, others, release, goal_free)

@@ -21,13 +21,11 @@ import numpy.typing as npt
 from up_samp.geometry.memory import Memory
 from up_samp.geometry.records import inner, kernel
 from up_samp.geometry.scene import Scene
-from up_samp.model import Body, Configuration, TimedMotion
+from up_samp.model import Body, Configuration, Mobility, TimedMotion
 from up_samp.motion.fleet.detours import drivable
 from up_samp.motion.fleet.paths import (
-    Abilities,
     Path,
     Safe,
-    abilities_of,
     hull_of,
     safe_intervals,
 )
@@ -369,8 +367,8 @@ class Proposer:
 
         :param wide: bodies are the discs around them, not discs of about their size.
         """
-        able = abilities_of(motion.body)
-        if able.free or len(motion.poses) != 2:
+        able = motion.body.mobility
+        if able.own_law or len(motion.poses) != 2:
             return None
         hull = hull_of(motion.body)
         for radius in (hull.radius, _disc(motion.body)):
@@ -490,7 +488,7 @@ def _links(lattice: Lattice, pose: Configuration, sign: int) -> Links:
     return Links(ints[0], np.array(way, dtype=np.float64), ints[1])
 
 
-def _sides(motion: TimedMotion, able: Abilities) -> tuple[bool, ...]:
+def _sides(motion: TimedMotion, able: Mobility) -> tuple[bool, ...]:
     """Return whether to drive ahead or backwards (True), what turns less first."""
     if able.sideways:
         return (False,)
@@ -503,7 +501,7 @@ def _sides(motion: TimedMotion, able: Abilities) -> tuple[bool, ...]:
 def _timed_task(
     motion: TimedMotion, release: float, known: tuple[Links, Links, FloatArray], flip: bool
 ) -> Errand:
-    kin, able = motion.body.kinematics, abilities_of(motion.body)
+    kin, able = motion.body.kinematics, motion.body.mobility
     ways = np.arctan2(WAYS[:, 1], WAYS[:, 0]) + (math.pi if flip else 0.0)
     costs = []
     for pose in motion.poses:
@@ -513,7 +511,7 @@ def _timed_task(
         elif able.pivots:
             costs.append(turn / kin.omega_max)
         else:
-            costs.append(np.maximum(0.0, turn - 0.4) * 2.0 * able.radius / kin.v_max)
+            costs.append(np.maximum(0.0, turn - 0.4) * 2.0 * kin.bend_radius / kin.v_max)
     source, target, to_go = known
     stop = kin.v_max / (2 * kin.a_max)
     return Errand(

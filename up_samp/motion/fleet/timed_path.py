@@ -14,7 +14,6 @@ from up_samp.model import (
     Body,
     Configuration,
     FixedMotion,
-    MotionModel,
     TimedMotion,
     Trajectory,
     UnsupportedError,
@@ -228,7 +227,7 @@ def run_of(motion: TimedMotion, path: Path, timing: Timing, since: float) -> Tim
 
 def planar(body: Body) -> None:
     """Refuse bodies that do not move in the plane."""
-    if body.kinematics.model is MotionModel.SE3:
+    if body.flies:
         raise UnsupportedError(
             "coordinating several bodies in space-time is for planar bodies; one here is SE3"
         )

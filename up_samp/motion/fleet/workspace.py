@@ -6,7 +6,7 @@ import itertools
 import math
 import weakref
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 from weakref import WeakKeyDictionary
@@ -42,7 +42,9 @@ from up_samp.motion.fleet.paths import (
 from up_samp.motion.fleet.timed_path import NOBODY, TimedPath, Timing, pair_flags, planar, pose_at
 from up_samp.motion.guides.search_space import widest_shape
 from up_samp.motion.legs import strung
+from up_samp.motion.models import MODELS, made_by
 from up_samp.motion.protocol import Leg, LegQuery, MotionPlanner
+from up_samp.motion.registry import PLANNERS
 from up_samp.motion.tuning import FleetTuning, MotionTuning
 
 if TYPE_CHECKING:
@@ -131,6 +133,7 @@ class Workspace:
         self.truncated = 0
         """How often a path's search was cut short; what came of it is not remembered."""
         self._paths: Memory[Path | PathReport] = Memory(paths)
+        self._quick: dict[MotionModel, MotionPlanner | None] = {}
         self._drives: Memory[Path] = Memory(paths)
         self._lanes: Memory[Path | None] = Memory(paths)
         self._rests: Memory[Path] = Memory(paths)
@@ -225,7 +228,7 @@ class Workspace:
         obstacles: tuple[Placed, ...],
         deadline: Deadline,
     ) -> Path | None:
-        quick = self._quick.get(body.kinematics.model)
+        quick = self._quick_planner(body)
         if quick is None or self.scene is None:
             path = self.path(body, poses, obstacles, deadline.within(self.tuning.detours.quick))
             return path if isinstance(path, Path) else None
@@ -251,26 +254,15 @@ class Workspace:
 
     def detours_quickly(self, body: Body) -> bool:
         """Return whether there is a planner for detours of a body that stops after little work."""
-        return body.kinematics.model in self._quick
+        return self._quick_planner(body) is not None
 
-    @cached_property
-    def _quick(self) -> dict[MotionModel, MotionPlanner]:
-        """Planners that give up after little work, by motion model."""
-        from up_samp.motion.planners.car import CarPlanner, CarSettings
-        from up_samp.motion.planners.omni import PlanarPlanner, PlanarSettings
-        from up_samp.motion.planners.pivoting import PivotPlanner, PivotSettings
-
-        if self.scene is None:
-            return {}
-        car = CarSettings((0.7,), (8_000,), rounds=400, patience=120)
-        few = PlanarSettings((1.0,), (16,), (20_000,), tight=None, rounds=200, shifts=(0.25,))
-        slider = replace(few, roundabout=math.inf, tries=1)
-        pivot = PivotSettings(places=(400, 1, 1, 1))
-        return {
-            MotionModel.REEDSSHEPP: CarPlanner(self.scene, 0, car),
-            MotionModel.PIVOT: PivotPlanner(self.scene, 0, pivot),
-            MotionModel.SE2: PlanarPlanner(self.scene, 0, slider),
-        }
+    def _quick_planner(self, body: Body) -> MotionPlanner | None:
+        """Return the planner of a body's motion model that gives up after little work, if any."""
+        model = body.kinematics.model
+        if model not in self._quick and self.scene is not None:
+            made = getattr(made_by(PLANNERS[MODELS[model].planners[0]]), "quick", None)
+            self._quick[model] = None if made is None else made(self.scene, 0)
+        return self._quick.get(model)
 
     @cached_property
     def scene(self) -> Scene | None:

@@ -91,6 +91,11 @@ class CarPlanner:
         self.fields = Fields(scene)
         self._trees: Memory[hybrid.Tree] = Memory(4)
 
+    @classmethod
+    def quick(cls, scene: Scene, seed: int = 0) -> CarPlanner:
+        """Return a planner that gives up after little work, for detours."""
+        return cls(scene, seed, CarSettings((0.7,), (8_000,), rounds=400, patience=120))
+
     def leg(self, query: LegQuery, deadline: Deadline) -> Leg:
         """Return a fast motion between two poses among resting obstacles."""
         budget = WorkBudget(deadline, query.effort)

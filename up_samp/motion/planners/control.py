@@ -18,7 +18,6 @@ from up_samp.model import (
     Body,
     Configuration,
     Deadline,
-    MotionModel,
     Placed,
     ProblemError,
     Trajectory,
@@ -169,7 +168,7 @@ def control_leg(
     Deterministic for ``seed`` unless the deadline cuts in.
     """
     body, start, goal = query.body, query.start, query.goal
-    if body.kinematics.model is not MotionModel.CONTROL:
+    if not body.mobility.own_law:
         raise ProblemError(f"no control model: {body.kinematics.model.value}")
     name = canonical(planner, control=True)
     world = ControlWorld(scene, body, (start, goal), query.obstacles, seed)

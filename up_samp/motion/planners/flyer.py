@@ -31,7 +31,6 @@ from up_samp.model import (
     Body,
     Configuration,
     Deadline,
-    MotionModel,
     Placed,
     ProblemError,
     interpolate,
@@ -74,7 +73,7 @@ class FlyerWorld:
         poses: Sequence[Configuration],
         obstacles: tuple[Placed, ...],
     ) -> None:
-        if body.kinematics.model is not MotionModel.SE3:
+        if not body.flies:
             raise ProblemError(f"not a free flyer: {body.kinematics.model.value}")
         self.body, self.obstacles = body, obstacles
         self.margin = scene.margin
@@ -103,7 +102,7 @@ class FlyerWorld:
         """
         points = [np.array(p[:3]) for p in poses]
         for placed in self.obstacles:
-            if placed.body.kinematics.model is MotionModel.SE3:
+            if placed.body.flies:
                 mesh, pose = mesh_of(placed.body, placed.pose, 0.0, 0.0)
                 centre = np.array(pose[:3])
                 points += [centre - mesh.radius, centre + mesh.radius]

@@ -89,6 +89,12 @@ class PlanarPlanner:
         self.settings = settings or PlanarSettings()
         self.fields = Fields(scene)
 
+    @classmethod
+    def quick(cls, scene: Scene, seed: int = 0) -> PlanarPlanner:
+        """Return a planner that gives up after little work, for detours."""
+        few = PlanarSettings((1.0,), (16,), (20_000,), tight=None, rounds=200, shifts=(0.25,))
+        return cls(scene, seed, replace(few, roundabout=math.inf, tries=1))
+
     def leg(self, query: LegQuery, deadline: Deadline) -> Leg:
         """Return a fast motion between two poses among resting obstacles."""
         budget = WorkBudget(deadline, query.effort)

@@ -5,7 +5,6 @@ A search that ends without a path is never a proof.
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -16,11 +15,11 @@ from up_samp.geometry import Scene
 from up_samp.model import (
     Configuration,
     Deadline,
-    MotionModel,
     PathQuery,
     ProblemError,
     UnsupportedError,
 )
+from up_samp.motion.models import MODELS, made_by
 from up_samp.motion.planners.ompl_planar import OmplSettings, PlanarWorld, search
 from up_samp.motion.planners.ompl_solve import ONE_TREE, OmplLeg, canonical, known_planners
 from up_samp.motion.protocol import Leg, LegQuery
@@ -29,28 +28,17 @@ PLANNERS = known_planners()
 """Names of the geometric planners that the installed OMPL offers."""
 
 
-_LEGS = {
-    MotionModel.REEDSSHEPP: ("ompl_planar", "planar_leg"),
-    MotionModel.SE2: ("ompl_planar", "planar_leg"),
-    MotionModel.SE3: ("flyer", "flyer_leg"),
-    MotionModel.CONTROL: ("control", "control_leg"),
-}
-"""By motion model: the module, and the function."""
-
-
 def ompl_leg(
     scene: Scene, query: LegQuery, deadline: Deadline, *, planner: str, seed: int
 ) -> OmplLeg:
     """Return a motion from rest to rest by OMPL's ``planner``."""
-    model = query.body.kinematics.model
-    if model not in _LEGS:
+    where = MODELS[query.body.kinematics.model].ompl
+    if not where:
         raise UnsupportedError(
             f"the motion planner '{planner}' is OMPL's, which has no paths for bodies that turn on "
             "the spot (turning_radius 0): leave 'path_planner' at 'default'"
         )
-    module, function = _LEGS[model]
-    leg = getattr(importlib.import_module(f"up_samp.motion.planners.{module}"), function)
-    found: OmplLeg = leg(scene, query, deadline, planner=planner, seed=seed)
+    found: OmplLeg = made_by(where)(scene, query, deadline, planner=planner, seed=seed)
     return found
 
 

@@ -21,7 +21,6 @@ from up_samp.model import (
     Body,
     Configuration,
     Deadline,
-    MotionModel,
     Placed,
     Trajectory,
     UnsupportedError,
@@ -99,10 +98,10 @@ class PlanarWorld:
         obstacles: tuple[Placed, ...],
         settings: OmplSettings,
     ) -> None:
-        if body.kinematics.model is MotionModel.SE3:
+        if body.flies:
             raise UnsupportedError("a free flyer (SE3) does not move in the plane")
         self.scene, self.body, self.obstacles = scene, body, obstacles
-        self.car = body.kinematics.model is MotionModel.REEDSSHEPP
+        self.car = body.mobility.steers
         self.settings = settings
         self.hits = np.zeros(len(obstacles) + 1, dtype=np.int64)
         self.radius = limits_of(body.kinematics).radius

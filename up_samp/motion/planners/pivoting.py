@@ -65,6 +65,11 @@ class PivotPlanner:
         self.fields = Fields(scene)
         self._car = CarPlanner(scene, seed, QUICK_CAR)
 
+    @classmethod
+    def quick(cls, scene: Scene, seed: int = 0) -> PivotPlanner:
+        """Return a planner that gives up after little work, for detours."""
+        return cls(scene, seed, PivotSettings(places=(400, 1, 1, 1)))
+
     def leg(self, query: LegQuery, deadline: Deadline) -> Leg:
         """Return a fast motion between two poses among resting obstacles."""
         body, ends = query.body, (query.start, query.goal)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from up_samp.geometry.cells import distances_to
 from up_samp.geometry.memory import Memory
 from up_samp.geometry.shapes import core_of, shape_of
-from up_samp.model import Body, Configuration, Kinematics, MotionModel, Placed
+from up_samp.model import Body, Configuration, Kinematics, Placed
 from up_samp.motion.proofs.certificates import Certifier
 from up_samp.motion.proofs.regions import Regions
 
@@ -40,7 +40,7 @@ class AfterOpening:
         ``leg_length(a, b)`` bounds the way (m) of each leg after the one that is closed.
         """
         # nothing is known of how fast a body under its own equations of motion can be
-        if self._certifier.scene.grid is None or body.kinematics.model is MotionModel.CONTROL:
+        if self._certifier.scene.grid is None or body.mobility.own_law:
             return 0.0
         body = core_of(body)
         regions, _ = self._certifier._at(body, (placed,))
@@ -84,7 +84,7 @@ def _driven(distance: float, body: Body) -> float:
     """
     x, y, _ = shape_of(body).inner
     least = distance - 2.0 * math.hypot(x, y)
-    if body.kinematics.model is MotionModel.REEDSSHEPP:
+    if body.mobility.steers:
         radius = body.kinematics.turning_radius
         least = max(least, distance / math.hypot(1.0 + abs(y) / radius, x / radius))
     return max(0.0, least)

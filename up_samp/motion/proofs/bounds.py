@@ -15,7 +15,7 @@ from up_samp.geometry import Scene
 from up_samp.geometry.memory import Memory
 from up_samp.geometry.records import along
 from up_samp.geometry.shapes import core_of, shape_of
-from up_samp.model import Body, Configuration, MotionModel, Placed
+from up_samp.model import Body, Configuration, Mobility, Placed
 from up_samp.motion.curves.reeds_shepp import run_time, shortest
 from up_samp.motion.guides.visibility import Visibility
 from up_samp.motion.proofs.certificates import Certifier
@@ -48,11 +48,11 @@ class DurationBounds:
         0 for bodies with their own equations of motion (nothing is known about their speed).
         """
         kin = body.kinematics
-        if kin.model is MotionModel.CONTROL:
+        if kin.mobility.own_law:
             return 0.0
         legs = list(itertools.pairwise(poses))
         length = sum(self.way(body, a, b, obstacles) for a, b in legs)
-        spin = sum(_turn(kin.model, a, b) for a, b in legs) / kin.omega_max
+        spin = sum(_turn(kin.mobility, a, b) for a, b in legs) / kin.omega_max
         return max(run_time(length, kin.v_max, kin.a_max), spin) * (1 - 1e-9)
 
     def way(
@@ -64,10 +64,10 @@ class DurationBounds:
     ) -> float:
         """Return metres that no way of a body's reference point between two poses can beat."""
         kin = body.kinematics
-        if kin.model is MotionModel.SE3:
+        if kin.mobility.flies:
             return math.dist(start[:3], goal[:3])
         length = self.length(body, start, goal, obstacles)
-        if kin.model is MotionModel.REEDSSHEPP:
+        if kin.mobility.steers:
             length = max(length, shortest(start, goal, kin.turning_radius)[0])
         return length
 
@@ -106,14 +106,14 @@ class DurationBounds:
         return Visibility(self.certifier.blocked(radius, obstacles), self.scene.grid.resolution)
 
 
-def _turn(model: MotionModel, start: Configuration, goal: Configuration) -> float:
+def _turn(able: Mobility, start: Configuration, goal: Configuration) -> float:
     """Return radians that a body which may turn on the spot turns at least (a car's turns are in
     the length of its way).
     """
-    if model is MotionModel.SE3:
+    if able.flies:
         dot = abs(sum(a * b for a, b in zip(start[3:], goal[3:], strict=True)))
         norm = math.hypot(*start[3:]) * math.hypot(*goal[3:])
         return 2 * math.acos(min(1.0, dot / norm))
-    if model in (MotionModel.SE2, MotionModel.PIVOT):
+    if able.pivots:
         return abs(math.remainder(goal[2] - start[2], 2 * math.pi))
     return 0.0

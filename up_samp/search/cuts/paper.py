@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from up_samp.model import MotionModel, PathQuery, Placed, ScheduledMotion, avoids
+from up_samp.model import PathQuery, Placed, ScheduledMotion, avoids
 from up_samp.model.refinement import Layer, Refinement, Strength
 from up_samp.refinement import paper_rules
 from up_samp.refinement.rules import Reason
@@ -63,8 +63,8 @@ class PaperCuts:
         """Return the motions that an RRT tells impossible with this one, and what blocked it."""
         facts, budget = motions.facts, motions.budget
         body = facts.body(motion)
-        planar = body.kinematics.model in (MotionModel.REEDSSHEPP, MotionModel.SE2)
-        if not planar or len(motion.poses) != 2:
+        able = body.mobility
+        if not (able.steers or able.sideways) or len(motion.poses) != 2:
             return [], frozenset()
         from up_samp.motion.planners.ompl import explore  # not everywhere is OMPL
 

@@ -21,7 +21,6 @@ from up_samp.model import (
     Configuration,
     Deadline,
     FixedMotion,
-    MotionModel,
     PathQuery,
     TimedMotion,
     avoids,
@@ -144,7 +143,7 @@ def are_apart(one: MotionCase, other: MotionCase) -> bool:
 
 
 def _planar(*bodies: Body) -> bool:
-    return all(b.kinematics.model is not MotionModel.SE3 for b in bodies)
+    return all(not b.flies for b in bodies)
 
 
 def proven_gap(leaving: Signature, coming: Signature) -> float:
@@ -169,9 +168,9 @@ def proven_gap(leaving: Signature, coming: Signature) -> float:
 def _pull(body: Body, disc: tuple[float, float, float]) -> float | None:
     """Return half of the acceleration (m/s^2) of a disc's centre, at most; None: not bounded."""
     kinematics, off = body.kinematics, math.hypot(disc[0], disc[1])
-    if kinematics.model is MotionModel.REEDSSHEPP:
+    if kinematics.mobility.steers:
         return kinematics.a_max / 2 * (1 + off / kinematics.turning_radius)
-    if kinematics.model is MotionModel.SE2 and off < 1e-3:
+    if kinematics.mobility.sideways and off < 1e-3:
         return kinematics.a_max / 2
     return None
 

@@ -209,7 +209,8 @@ class Lengths:
         parts = (p for n in range(len(some)) for p in itertools.combinations(some, n + 1))
         forms = [form for part in parts for form in self._with.get(frozenset(part), ())]
         forms += [form for var in values for form in self._others.get(var, ())]
-        return max([least, *(implied_length(form, activity, values) for form in forms)])
+        least = max([least, *(implied_length(form, activity, values) for form in forms)])
+        return least if activity.most is None or least <= activity.most else INFINITE
 
     def _by_fluents(self, activity: ActivityVars, values: Values) -> int:
         """Return the duration's lower bound where it is told by fluents that never change."""
@@ -645,6 +646,8 @@ def _moves(change: Mover, lengths: Lengths) -> Iterator[Move]:
 def _may_stay(change: Mover, lengths: Lengths) -> str:
     """Return why a change is no plain move if its variables let it lead back to where it begins:
     that is none of its moves, so it need not make one.
+
+    Assumes: a move's variables do not let it lead back to where it begins, or its length does not.
     """
     if change.origin is None and (change.target is None or len(change.origins) != 1):
         return ""
