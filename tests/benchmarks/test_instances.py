@@ -17,7 +17,7 @@ from up_samp.benchmarks.kitting import kitting_floor
 from up_samp.benchmarks.logistics import layout
 from up_samp.benchmarks.navigation import navigation_floor
 from up_samp.benchmarks.one_run import select
-from up_samp.benchmarks.places import Floor, box, duration_bounds, outline
+from up_samp.benchmarks.places import FamilyFloor, box, duration_bounds, outline
 from up_samp.benchmarks.report import table_drawn
 from up_samp.model import ProblemError
 
@@ -170,7 +170,7 @@ def test_what_was_drawn_is_reported_by_seed():
 
 
 def test_poses_in_walls_or_too_close_are_refused():
-    floor = Floor("bare", (10, 10), [(0, 0, 1, 10)])
+    floor = FamilyFloor("bare", (10, 10), [(0, 0, 1, 10)])
     with pytest.raises(ProblemError, match="wall"):
         floor.check({"a": (1.5, 5, 0)})
     with pytest.raises(ProblemError, match="wall"):

@@ -32,7 +32,7 @@ from unified_planning.shortcuts import Equals, MovableType, Not, Or
 from up_samp.benchmarks.places import (
     CAR,
     FamilyDoor,
-    Floor,
+    FamilyFloor,
     ProblemOnMap,
     duration_bounds,
 )
@@ -74,7 +74,7 @@ class Family(ProblemOnMap):
     def __init__(
         self,
         name: str,
-        floor: Floor,
+        floor: FamilyFloor,
         *,
         a_max: float,
         encoding: Encoding,

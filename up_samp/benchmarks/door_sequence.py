@@ -15,7 +15,7 @@ from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.shortcuts import Or
 
 from up_samp.benchmarks.maps import outer_wall
-from up_samp.benchmarks.places import DOWN, UP, FamilyDoor, Floor, Pose, box, draw_footprint
+from up_samp.benchmarks.places import DOWN, UP, FamilyDoor, FamilyFloor, Pose, box
 from up_samp.benchmarks.published.form import Form, Manner, Published
 from up_samp.model import ProblemError
 
@@ -28,7 +28,7 @@ MIDDLE, BUTTON = 15.0, 4.1
 MOST_ROBOTS, MOST_DOORS = 6, 5
 
 
-def sequence_floor(doors: int, rng: random.Random | None = None, name: str = "") -> Floor:
+def sequence_floor(doors: int, rng: random.Random | None = None, name: str = "") -> FamilyFloor:
     """Return the building, with walls 0.6 m thick, one gap of 5 m in each, and doors, 1 x 6 m, that
     open by 6 m along their wall: the usual one, or one drawn from ``rng``.
     """
@@ -43,9 +43,8 @@ def sequence_floor(doors: int, rng: random.Random | None = None, name: str = "")
         x = round(x, 2)
         button = (round(x - BUTTON, 2), y, DOWN)
         leaves.append(FamilyDoor(f"door{i}", box(1, 6), (x, y, 0.0), (x, y + 6, 0.0), button))
-    if rng is None:
-        return Floor(f"doors-{doors}", size, walls, leaves)
-    return Floor(name, size, walls, leaves, draw_footprint(rng))
+    floor = FamilyFloor(name or f"doors-{doors}", size, walls, leaves)
+    return floor if rng is None else floor.reshaped(rng)
 
 
 def door_sequence(
@@ -89,7 +88,7 @@ def door_sequence(
     return form.finish()
 
 
-def _draw(floor: Floor, robots: int, seed: int) -> tuple[dict[str, Pose], dict[str, Pose]]:
+def _draw(floor: FamilyFloor, robots: int, seed: int) -> tuple[dict[str, Pose], dict[str, Pose]]:
     """Draw starts before the first door and goals behind the last one, 4 m apart each."""
     rng = random.Random(f"doors-{robots}-{len(floor.doors)}-{seed}")
     (width, _), taken = floor.size, [leaf.button for leaf in floor.doors]

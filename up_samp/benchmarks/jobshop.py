@@ -22,16 +22,7 @@ from unified_planning.model.scheduling import Activity
 
 from up_samp.benchmarks.builder import Encoding, Family, is_published
 from up_samp.benchmarks.maps import DATA, WALL, outer_wall
-from up_samp.benchmarks.places import (
-    DOWN,
-    UP,
-    FamilyDoor,
-    Floor,
-    Pose,
-    Shop,
-    box,
-    draw_footprint,
-)
+from up_samp.benchmarks.places import DOWN, UP, FamilyDoor, FamilyFloor, Pose, Shop, box
 from up_samp.benchmarks.published.jobshop import published_job_shop
 from up_samp.model import ProblemError
 
@@ -45,7 +36,7 @@ HALL, THICK, GAP = 31.5, 1.0, 5.0
 """Where the hall ends (y), thickness of the wall above it, and width of the gaps in it (m)."""
 
 
-def shop_floor(cells: int, rng: random.Random | None = None, name: str = "") -> Floor:
+def shop_floor(cells: int, rng: random.Random | None = None, name: str = "") -> FamilyFloor:
     """Return the floor with ``cells`` machine rooms above one hall: the paper's, or one drawn from
     ``rng``. Robots can drive from anywhere to anywhere, with all doors open.
     """
@@ -76,8 +67,8 @@ def shop_floor(cells: int, rng: random.Random | None = None, name: str = "") -> 
         FamilyDoor(f"door{i}", box(1, 6), (x, line, UP), (x + to, line, UP), button)
         for i, (x, to, button) in enumerate(zip(middles, slide, buttons, strict=True))
     ]
-    shape = {} if rng is None else {"footprint": draw_footprint(rng)}
-    return Floor(name or f"jobshop-{cells}", (ROOM * cells, HEIGHT), walls + blocks, doors, **shape)
+    floor = FamilyFloor(name or f"jobshop-{cells}", (ROOM * cells, HEIGHT), walls + blocks, doors)
+    return floor if rng is None else floor.reshaped(rng)
 
 
 def draw_shop(robots: int, jobs: int, machines: int, seed: int) -> Shop:

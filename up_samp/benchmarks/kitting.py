@@ -20,7 +20,7 @@ from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import GE, LE, BoolType, Iff, Implies, Not, Or, Plus
 
 from up_samp.benchmarks.maps import outer_wall
-from up_samp.benchmarks.places import DOWN, UP, FamilyDoor, Floor, Pose, box, draw_footprint
+from up_samp.benchmarks.places import DOWN, UP, FamilyDoor, FamilyFloor, Pose, box
 from up_samp.benchmarks.published.form import Form, Manner, Published
 from up_samp.model import ProblemError
 
@@ -39,7 +39,7 @@ UNLOAD_WITHIN = (10, 20)
 """When to unload: units after the preparation's start."""
 
 
-def kitting_floor(doors: int, rng: random.Random | None = None, name: str = "") -> Floor:
+def kitting_floor(doors: int, rng: random.Random | None = None, name: str = "") -> FamilyFloor:
     """Return the building, with walls 0.6 m thick and gaps of 4.4 m at the doors (even ones below
     the aisle, odd ones above it): the usual one, or one drawn from ``rng``.
     """
@@ -63,9 +63,8 @@ def kitting_floor(doors: int, rng: random.Random | None = None, name: str = "") 
     for pair in range(doors // 2 + 1):
         x = round(25.0 - ROOM / 2 + ROOM * pair, 1)
         walls += [(x - 0.2, 0.0, x + 0.2, lines[0]), (x - 0.2, lines[1], x + 0.2, size[1])]
-    if rng is None:
-        return Floor(f"kitting-{doors}", size, walls, leaves)
-    return Floor(name, size, walls, leaves, draw_footprint(rng))
+    floor = FamilyFloor(name or f"kitting-{doors}", size, walls, leaves)
+    return floor if rng is None else floor.reshaped(rng)
 
 
 def kitting(
@@ -89,13 +88,7 @@ def kitting(
     title = f"kitting-r{robots}-k{kits}-p{parts}-d{doors}" + (f"-s{seed}" if seed else "")
     rng = random.Random(title) if seed else None
     floor = kitting_floor(doors, rng, title)
-    starts = {f"robot{r}_start": (4.0, 6.0 + 6.0 * r, 0.0) for r in range(robots)}
-    names = [f"kit{k}_part{s}" for k, s in itertools.product(range(kits), range(parts))]
-    spots = dict(zip(names, _spots(len(names), doors), strict=True))
-    if rng is not None:
-        taken = [leaf.button for leaf in floor.doors]
-        starts = {n: floor.spot(rng, (3, 3, 14, HALL[1] - 3), (0.0, UP), taken) for n in starts}
-        spots = dict(zip(names, _drawn_spots(floor, len(names), rng, taken), strict=True))
+    starts, spots = _places(floor, robots, [(k, s) for k in range(kits) for s in range(parts)], rng)
     floor.check(starts | spots | {f"{leaf.name}_button": leaf.button for leaf in floor.doors})
     manner = Manner(
         floor,
@@ -137,6 +130,19 @@ def _check_sizes(robots: int, kits: int, parts: int, doors: int) -> None:
         )
 
 
+def _places(
+    floor: FamilyFloor, robots: int, parts: Sequence[tuple[int, int]], rng: random.Random | None
+) -> tuple[dict[str, Pose], dict[str, Pose]]:
+    """Return where robots start, and where the ``parts`` (kit, number) lie."""
+    starts = {f"robot{r}_start": (4.0, 6.0 + 6.0 * r, 0.0) for r in range(robots)}
+    spots = _spots(len(parts), len(floor.doors))
+    if rng is not None:
+        taken = [leaf.button for leaf in floor.doors]
+        starts = {n: floor.spot(rng, (3, 3, 14, HALL[1] - 3), (0.0, UP), taken) for n in starts}
+        spots = _drawn_spots(floor, len(parts), rng, taken)
+    return starts, {f"kit{k}_part{s}": spot for (k, s), spot in zip(parts, spots, strict=True)}
+
+
 def _spots(count: int, doors: int) -> list[Pose]:
     """Deal the parts to the rooms in turn: up to 3 in a row, 2 rows."""
     spots: list[Pose] = []
@@ -149,7 +155,9 @@ def _spots(count: int, doors: int) -> list[Pose]:
     return spots
 
 
-def _drawn_spots(floor: Floor, count: int, rng: random.Random, taken: list[Pose]) -> list[Pose]:
+def _drawn_spots(
+    floor: FamilyFloor, count: int, rng: random.Random, taken: list[Pose]
+) -> list[Pose]:
     """Draw where the parts lie: anywhere in the rooms, which have as many as each other."""
     rooms = list(range(len(floor.doors)))
     rng.shuffle(rooms)

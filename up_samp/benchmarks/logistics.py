@@ -25,16 +25,7 @@ from unified_planning.shortcuts import FALSE, TRUE, BoolType
 
 from up_samp.benchmarks.builder import Encoding, Family, is_published
 from up_samp.benchmarks.maps import outer_wall
-from up_samp.benchmarks.places import (
-    DOWN,
-    UP,
-    FamilyDoor,
-    Floor,
-    Layout,
-    Pose,
-    box,
-    draw_footprint,
-)
+from up_samp.benchmarks.places import DOWN, UP, FamilyDoor, FamilyFloor, Layout, Pose, box
 from up_samp.benchmarks.published.logistics import published_logistics
 from up_samp.benchmarks.routes import at_start
 from up_samp.model import ProblemError
@@ -67,7 +58,7 @@ def shelved_floor(
     depths: tuple[float, float] = (5.0, 5.0),
     button: tuple[float, float] = (46.0, 30.0),
     name: str = "logistics",
-) -> Floor:
+) -> FamilyFloor:
     """Return the floor with two shelves of some ``depths`` (m) from ``left`` (x) to the wall, a
     ``corridor`` between them (y), and a door at its end that slides up.
     """
@@ -76,7 +67,7 @@ def shelved_floor(
     closed = (left - 0.5, (low + high) / 2, 0.0)
     opened = (left - 0.5, closed[1] + high - low, 0.0)
     door = FamilyDoor("door", box(1, high - low), closed, opened, (*button, 0.0))
-    return Floor(name, SIZE, [*outer_wall(*SIZE), *shelves], (door,))
+    return FamilyFloor(name, SIZE, [*outer_wall(*SIZE), *shelves], (door,))
 
 
 def layout(robots: int, items: int, seed: int = 0) -> Layout:
@@ -111,9 +102,7 @@ def _drawn(robots: int, items: int, seed: int) -> Layout:
     left, low, high = round(left, 1), round(low, 1), round(low + rng.choice((9, 10, 12)), 1)
     depths = (rng.choice((3.0, 5.0, 7.0)), rng.choice((3.0, 5.0, 7.0)))
     button = round(left - rng.uniform(4, 12), 1), round(rng.uniform(low, high), 1)
-    floor = replace(
-        shelved_floor(left, (low, high), depths, button, own), footprint=draw_footprint(rng)
-    )
+    floor = shelved_floor(left, (low, high), depths, button, own).reshaped(rng)
     taken = [floor.doors[0].button]
     depots = [
         floor.spot(rng, (4, 46, left - 8, SIZE[1] - 4), (UP, DOWN), taken) for _ in range(robots)

@@ -14,7 +14,7 @@ import random
 from unified_planning.model.motion import MotionModels, SchedulingMotionProblem
 
 from up_samp.benchmarks.maps import outer_wall
-from up_samp.benchmarks.places import Floor, Pose, draw_footprint
+from up_samp.benchmarks.places import FamilyFloor, Pose
 from up_samp.benchmarks.published.form import Form, Manner, Published
 from up_samp.model import ProblemError
 
@@ -31,7 +31,7 @@ def hall_floor(robot: int) -> float:
     return robot * (HALL[1] + THICK)
 
 
-def navigation_floor(robots: int, rng: random.Random | None = None, name: str = "") -> Floor:
+def navigation_floor(robots: int, rng: random.Random | None = None, name: str = "") -> FamilyFloor:
     """Return the building: the usual one, or one drawn from ``rng``."""
     size = HALL[0], robots * HALL[1] + (robots - 1) * THICK
     walls = outer_wall(*size)
@@ -39,9 +39,8 @@ def navigation_floor(robots: int, rng: random.Random | None = None, name: str = 
         low, high = hall_floor(r) - THICK, hall_floor(r)
         left = CORRIDOR[0] if rng is None else round(rng.uniform(4, 32), 1)
         walls += [(0.0, low, left, high), (left + CORRIDOR[1], low, HALL[0], high)]
-    if rng is None:
-        return Floor(f"navigation-{robots}", size, walls)
-    return Floor(name, size, walls, footprint=draw_footprint(rng))
+    floor = FamilyFloor(name or f"navigation-{robots}", size, walls)
+    return floor if rng is None else floor.reshaped(rng)
 
 
 def navigation(
@@ -49,8 +48,8 @@ def navigation(
     *,
     encoding: Published = "fluents",
     metric: bool = True,
-    seed: int = 0,
     name: str | None = None,
+    seed: int = 0,
 ) -> SchedulingMotionProblem:
     """Build a navigation problem: one optional move per robot, that has to be made."""
     if not 1 <= robots <= MOST_ROBOTS:

@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import shapely
@@ -83,7 +83,7 @@ def outline(footprint: Sequence[tuple[float, float]], pose: Pose) -> shapely.Pol
 
 
 @dataclass(frozen=True)
-class Floor:
+class FamilyFloor:
     """Where a problem happens: the name of its map, ``size`` and ``walls`` (m), its doors, and the
     footprint of the robots that drive there (m, body frame).
     """
@@ -148,6 +148,12 @@ class Floor:
                     return pose
         raise ProblemError(f"there is no room for one more robot in {region} of {self.name}")
 
+    def reshaped(self, rng: random.Random) -> FamilyFloor:
+        """Return the floor for robots of a shape that is drawn."""
+        return replace(
+            self, footprint=box(rng.choice((1.2, 1.6, 2.0, 2.4)), rng.choice((0.8, 1.0, 1.2)))
+        )
+
 
 @dataclass(frozen=True)
 class Shop:
@@ -157,7 +163,7 @@ class Shop:
     ``starts[r]`` are poses (x, y, theta; m, rad).
     """
 
-    floor: Floor
+    floor: FamilyFloor
     jobs: tuple[tuple[tuple[int, int], ...], ...]
     machines: tuple[Pose, ...]
     starts: tuple[Pose, ...]
@@ -167,15 +173,10 @@ class Shop:
 class Layout:
     """Where things are: ``depots[r]``, ``inner[i]`` and ``outer[i]`` (x, y, theta; m, rad)."""
 
-    floor: Floor
+    floor: FamilyFloor
     depots: tuple[Pose, ...]
     inner: tuple[Pose, ...]
     outer: tuple[Pose, ...]
-
-
-def draw_footprint(rng: random.Random) -> tuple[tuple[float, float], ...]:
-    """Draw the footprint of robots."""
-    return box(rng.choice((1.2, 1.6, 2.0, 2.4)), rng.choice((0.8, 1.0, 1.2)))
 
 
 # ------------------ A problem under construction on one map: what every family begins with

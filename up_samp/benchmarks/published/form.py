@@ -34,7 +34,7 @@ from unified_planning.model.motion import (
 from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import GE, LE, And, Equals, Implies, MovableType, Not, Or
 
-from up_samp.benchmarks.places import FamilyDoor, Floor, ProblemOnMap, duration_bounds
+from up_samp.benchmarks.places import FamilyDoor, FamilyFloor, ProblemOnMap, duration_bounds
 from up_samp.model import ProblemError
 
 
@@ -170,7 +170,7 @@ class Manner:
     ``bounds`` are every move's, units, where they do not come from the distance.
     """
 
-    floor: Floor
+    floor: FamilyFloor
     guess: float
     early: int = 1
     model: MotionModels = MotionModels.REEDSSHEPP

@@ -40,7 +40,7 @@ _LABELS_AGAIN = 150_000
 _BEAM = 500
 """Beginnings of each length among which sequences are sought that end before the schedule in hand:
 a fifth of them where the optimum is not asked for."""
-_WIDEST = 20_000
+_WIDEST = 2_000
 """The same, where none was found among fewer."""
 _FEW_TASKS = 8
 """Up to so many, the relaxation is solved sooner than tours are annealed."""
