@@ -28,8 +28,8 @@ from up_samp.model import ProblemError
 
 MOST = {"robots": 5, "jobs": 6, "machines": 6}
 """How large a job shop may be."""
-ACCELERATION = 1.0
-"""What the robots can do at most (m/s^2)."""
+ACCELERATION, APART = 1.0, 4.0
+"""What the robots can do at most (m/s^2), and how far apart they start at least (m)."""
 ROOM, HEIGHT = 50.0, 50.0
 """Width of a machine room, and height of the whole (m)."""
 HALL, THICK, GAP = 31.5, 1.0, 5.0
@@ -103,7 +103,7 @@ def draw_shop(robots: int, jobs: int, machines: int, seed: int) -> Shop:
     while len(starts) < robots:
         x = round(rng.uniform(4, floor.size[0] - 4), 2)
         pose = (x, rng.choice(rows), rng.choice((UP, DOWN)))
-        near = any(math.dist(pose[:2], other[:2]) < 4.0 for other in taken)
+        near = any(math.dist(pose[:2], other[:2]) < APART for other in taken)
         if not near and not floor.fault(pose):
             taken.append(pose)
             starts.append(pose)

@@ -35,8 +35,6 @@ CAR = {"turning_radius": 1.0, "v_max": 2.0}
 
 UP, DOWN = math.pi / 2, -math.pi / 2
 """Headings."""
-_DRAWS = 10_000
-"""Poses that are drawn before there is no room for another one."""
 
 
 @dataclass(frozen=True)
@@ -139,7 +137,7 @@ class FamilyFloor:
         """Draw a pose in ``region`` where a robot can stand, ``apart`` (m) from those that are
         ``taken``, which it joins.
         """
-        for _ in range(_DRAWS):
+        for _ in range(10_000):
             x, y = (round(rng.uniform(region[i], region[i + 2]), 2) for i in (0, 1))
             if all(math.dist((x, y), other[:2]) >= apart for other in taken):
                 pose = (x, y, rng.choice(headings))

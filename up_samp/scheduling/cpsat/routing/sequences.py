@@ -44,8 +44,6 @@ _STEEP = 4.0
 """How many times as many beginnings as the last proof the next one may cost..."""
 _CHEAP = 2_000
 """...or as this many, which cost next to nothing."""
-_FAR = 8
-"""By how much more time is refuted after a first proof that cost next to nothing."""
 
 
 @dataclass(frozen=True)
@@ -192,7 +190,7 @@ def _step(costs: list[tuple[int, int]], left: int) -> int:
     labels), ``left`` is what more there may be.
     """
     if len(costs) < 2:
-        return _FAR if costs[-1][1] < _CHEAP else 1
+        return 8 if costs[-1][1] < _CHEAP else 1  # the end that is found says how far it was
     (one, few), (other, many) = costs[-2:]
     growth = math.log(max(many, 2) / max(few, 1)) / (other - one)
     dear = min(_STEEP * max(many, _CHEAP), left / 2)

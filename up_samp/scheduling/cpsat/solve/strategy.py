@@ -32,16 +32,11 @@ from up_samp.scheduling.cpsat.solve.attempts import Attempts, hint_values
 
 _SHARE = 0.35
 """Of the time that is left: for bounds without search, for tours, for the routing relaxation."""
-_NEAR = 1.1
-"""Schedules that end by so many times the bound are tried to be proven before better bounds are
-sought: with more between them CP-SAT proves nothing in that time."""
 _LABELS_AGAIN = 150_000
 """Beginnings of sequences that proofs may look at if bounds were sought before."""
 _BEAM = 500
 """Beginnings of each length among which sequences are sought that end before the schedule in hand:
 a fifth of them where the optimum is not asked for."""
-_WIDEST = 2_000
-"""The same, where none was found among fewer."""
 _FEW_TASKS = 8
 """Up to so many, the relaxation is solved sooner than tours are annealed."""
 _RELAXED_PROOF = 20.0
@@ -116,10 +111,10 @@ def _has_guess(search: Solve) -> bool:
 
 
 def _is_near(search: Solve) -> bool:
-    """Whether there is a proof from the schedule that was given: it is near the bound, as far as
-    that is known.
+    """Whether there may be a quick proof from the schedule that was given: it ends within a tenth
+    of the bound, as far as that is known. With more between them CP-SAT proves nothing in that time.
     """
-    return _has_guess(search) and search.whole.value <= _NEAR * (search.whole.bound or sys.maxsize)
+    return _has_guess(search) and search.whole.value <= 1.1 * (search.whole.bound or sys.maxsize)
 
 
 def _is_still_to_prove(search: Solve) -> bool:
@@ -186,20 +181,15 @@ def _realize_one(search: Solve, sequences: Sequences) -> bool:
 
 def _seek_sequences(search: Solve) -> None:
     """Seek sequences that end before the schedule in hand, among a few promising beginnings, as
-    long as they lead to better ones; among more and more, where the optimum is asked for.
+    long as they lead to better ones.
     """
     whole = search.whole
     assert search.sequences is not None
     deadline = search.share()
     width = _BEAM if search.optimal else _BEAM // 5
     sequences = search.sequences.anew(sys.maxsize)
-    while not whole.over() and not deadline.expired():
-        if sequences.sought(whole.value - 1, width, deadline):
-            if not _realize_one(search, sequences):
-                return
-        elif search.optimal and width < _WIDEST:
-            width *= 4
-        else:
+    while not whole.over() and sequences.sought(whole.value - 1, width, deadline):
+        if not _realize_one(search, sequences):
             return
 
 
