@@ -112,7 +112,7 @@ def _has_guess(search: Solve) -> bool:
 
 def _is_near(search: Solve) -> bool:
     """Whether there may be a quick proof from the schedule that was given: it ends within a tenth
-    of the bound, as far as that is known. With more between them CP-SAT proves nothing in that time.
+    of the bound, as far as that is known. With more between them CP-SAT proves nothing soon.
     """
     return _has_guess(search) and search.whole.value <= 1.1 * (search.whole.bound or sys.maxsize)
 
