@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 from up_samp.benchmarks import jobshop, maps
+from up_samp.benchmarks.logistics import shelved_floor
 
 PAPER_JOB_SHOPS = tuple(
     (robots, jobs, machines)
@@ -17,14 +18,13 @@ PAPER_JOB_SHOPS = tuple(
 
 def write(folder: Path) -> None:
     """Draw the paper's maps and job shops into ``folder``."""
-    maps.write_map(folder, "logistics", maps.draw(maps.LOGISTICS_SIZE, maps.logistics_walls()))
-    for cells in (1, 2, 4, 6):
-        grid = maps.draw(maps.job_shop_size(cells), maps.job_shop_walls(cells))
-        maps.write_map(folder, f"jobshop-{cells}", grid)
-    shops = {
-        jobshop.instance_name(r, j, m): vars(jobshop.draw_shop(r, j, m, 0))
-        for r, j, m in PAPER_JOB_SHOPS
-    }
+    for floor in (shelved_floor(), *map(jobshop.shop_floor, (1, 2, 4, 6))):
+        maps.write_map(folder, floor.name, maps.draw(floor.size, floor.walls))
+    shops = {}
+    for r, j, m in PAPER_JOB_SHOPS:
+        shop = jobshop.draw_shop(r, j, m, 0)
+        told = {"jobs": shop.jobs, "machines": shop.machines, "starts": shop.starts}
+        shops[jobshop.instance_name(r, j, m)] = told
     rows = ",\n".join(f'"{name}": {json.dumps(shop)}' for name, shop in shops.items())
     (folder / "jobshop.json").write_text(f"{{\n{rows}\n}}\n", encoding="utf-8")
 

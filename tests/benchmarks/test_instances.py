@@ -1,6 +1,7 @@
 """The 132 instances of the paper: names, sizes, figures, frozen files, free and reachable poses."""
 
 import math
+import random
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +12,14 @@ from PIL import Image
 
 from tests.benchmarks import freeze
 from up_samp.benchmarks import families, instance, instances, job_shop, logistics, maps
-from up_samp.benchmarks.jobshop import draw_shop, frozen_shops
+from up_samp.benchmarks.door_sequence import sequence_floor
+from up_samp.benchmarks.jobshop import draw_shop, frozen_shops, shop_poses
+from up_samp.benchmarks.kitting import kitting_floor
 from up_samp.benchmarks.logistics import layout
-from up_samp.benchmarks.places import box, check_poses, duration_bounds
+from up_samp.benchmarks.navigation import navigation_floor
+from up_samp.benchmarks.one_run import select
+from up_samp.benchmarks.places import FamilyFloor, box, duration_bounds, outline
+from up_samp.benchmarks.report import table_drawn
 from up_samp.model import ProblemError
 
 
@@ -118,57 +124,106 @@ def test_frozen_files_are_what_the_code_draws(tmp_path):
 def test_other_sizes_are_drawn_into_the_cache(tmp_path, monkeypatch):
     monkeypatch.setenv("UP_SAMP_CACHE", str(tmp_path))
     problem = job_shop(1, 1, 3, seed=5)
-    yaml_file = problem.user_type("pose").occupancy_map.filename
-    assert yaml_file == str(tmp_path / "maps" / "jobshop-3.yaml")
-    assert yaml.safe_load(Path(yaml_file).read_text())["image"] == "jobshop-3.png"
-    assert maps.job_shop_map(3) == tmp_path / "maps" / "jobshop-3.yaml"
-    assert job_shop(1, 1, 3, seed=5).name == "jobshop-r1-j1-m3-s5"
+    yaml_file = Path(problem.user_type("pose").occupancy_map.filename)
+    assert yaml_file.parent == tmp_path / "maps"
+    assert yaml.safe_load(yaml_file.read_text())["image"] == yaml_file.with_suffix(".png").name
+    assert draw_shop(1, 1, 3, 5).floor.yaml == str(yaml_file)
+    assert problem.name == "jobshop-r1-j1-m3-s5"
 
 
-def test_seeds_deal_other_layouts():
+def test_seeds_draw_other_instances():
     assert layout(3, 8, 0) != layout(3, 8, 1) == layout(3, 8, 1)
-    assert sorted(layout(3, 8, 1).inner) == sorted(layout(3, 8, 0).inner)
     assert len(set(layout(10, 16).inner)) == 16
-    assert draw_shop(2, 2, 2, 1) != draw_shop(2, 2, 2, 2)
+    assert draw_shop(2, 2, 2, 1) == draw_shop(2, 2, 2, 1)
+    for seeds in ((1, 2), (0, 1)):
+        one, other = (draw_shop(2, 2, 2, seed) for seed in seeds)
+        assert one.jobs != other.jobs
+        assert one.machines != other.machines
+        assert one.floor.walls != other.floor.walls
+        assert one.floor.doors != other.floor.doors
+    assert len({draw_shop(1, 1, 1, seed).floor.footprint for seed in range(8)}) > 2
+
+
+@pytest.mark.parametrize("name", ["navigation-r3", "kitting-r2-k1-p2-d2", "doors-r2-d2"])
+def test_published_families_draw_from_seeds(name):
+    frozen, *drawn = select([name], seeds=(0, 1, 1, 2))
+    assert [i.name for i in drawn] == [f"{name}-s1", f"{name}-s2"]
+    one, same, other = drawn[0].build(), drawn[0].build(), drawn[1].build()
+    assert one == same
+    assert one.name == f"{name}-s1"
+    floors = [p.user_type("pose").occupancy_map.filename for p in (frozen.build(), one, other)]
+    assert len(set(floors)) == 3
+
+
+def test_what_was_drawn_is_reported_by_seed():
+    record = {
+        "engine": "e", "status": "SOLVED_OPTIMALLY", "valid": True, "makespan": 100,
+        "metrics": {"lower_bound": 90}, "optimal": True,
+    }  # fmt: skip
+    names = ("jobshop-r1-j1-m1", "jobshop-r1-j1-m1-s2", "jobshop-r1-j1-m2-s2")
+    plain = {"encoding": "fluents", "preset": "default", "number": 0, "timeout": 60.0}
+    plain |= {"memory": 1, "tuning": ""}
+    records = [record | plain | {"instance": name} for name in names]
+    records[2] = records[2] | {"status": "TIMEOUT", "valid": None}
+    table = table_drawn(records).splitlines()
+    assert table[0].endswith("| seed 0 | seed 2 |")
+    assert table[2].endswith("| 1 / 1 of 1, gap 10.0% | 1 / 1 of 2, gap 10.0% |")
 
 
 def test_poses_in_walls_or_too_close_are_refused():
-    walls = [(0, 0, 1, 10)]
+    floor = FamilyFloor("bare", (10, 10), [(0, 0, 1, 10)])
     with pytest.raises(ProblemError, match="wall"):
-        check_poses((10, 10), walls, {"a": (1.5, 5, 0)})
+        floor.check({"a": (1.5, 5, 0)})
     with pytest.raises(ProblemError, match="wall"):
-        check_poses((10, 10), walls, {"a": (9.5, 5, 0)})
+        floor.check({"a": (9.5, 5, 0)})
     with pytest.raises(ProblemError, match="a and b"):
-        check_poses((10, 10), walls, {"a": (5, 5, 0), "b": (5, 6, 0)})
-    check_poses((10, 10), walls, {"a": (5, 5, 0), "b": (5, 7, 0)})
+        floor.check({"a": (5, 5, 0), "b": (5, 6, 0)})
+    floor.check({"a": (5, 5, 0), "b": (5, 7, 0)})
 
 
-def free_for_a_turning_robot(yaml_file, open_doors):
-    """Label the cells where a robot could even turn on the spot; returns (labels, to_cell)."""
-    meta = yaml.safe_load(Path(yaml_file).read_text())
-    image = np.asarray(Image.open(maps.DATA / meta["image"]).convert("L"))[::-1]
-    free = image > 127
-    for (x0, y0), (x1, y1) in open_doors:
+def parts_of(floor):
+    """Label the cells where a robot could even turn on the spot with all doors open; return what
+    tells the part of a pose.
+    """
+    free = ~maps.draw(floor.size, floor.walls)[::-1]
+    for door in floor.doors:
+        (x0, y0, x1, y1) = outline(door.footprint, door.open).bounds
         free[round(y0 * 10) : round(y1 * 10), round(x0 * 10) : round(x1 * 10)] = False
     reach = scipy.ndimage.distance_transform_edt(np.pad(free, 1))[1:-1, 1:-1]
-    labels, _ = scipy.ndimage.label(reach > math.hypot(1, 0.5) * 10 + 1.5)
-    return labels, lambda p: labels[int(p[1] * 10), int(p[0] * 10)]
+    radius = max(math.hypot(*corner) for corner in floor.footprint)
+    labels, _ = scipy.ndimage.label(reach > radius * 10 + 1.5)
+    return lambda p: int(labels[int(p[1] * 10), int(p[0] * 10)])
+
+
+def are_joined(floor, poses):
+    """A disc of the footprint's circumradius can be at all poses, and discs connect them: a
+    Reeds-Shepp car, which is small-time locally controllable, can follow such a way.
+    """
+    part = parts_of(floor)
+    parts = {part(p) for p in (*poses, *(door.button for door in floor.doors))}
+    return len(parts) == 1 and 0 not in parts
 
 
 def test_all_places_are_reachable():
-    # A disc of the footprint's circumradius can be there, and discs connect all places: a
-    # Reeds-Shepp car, which is small-time locally controllable, can follow such a way.
-    labels, cell = free_for_a_turning_robot(maps.logistics_map(), [((51, 35), (52, 45))])
     spots = layout(10, 16)
-    found = {int(cell(p)) for p in (*spots.depots, *spots.inner, *spots.outer, (46, 30, 0))}
-    assert found == {int(labels[300, 300])}
+    assert are_joined(spots.floor, (*spots.depots, *spots.inner, *spots.outer))
     for name, shop in frozen_shops().items():
-        cells = len(shop.machines)
-        doors = [((18 + 50 * i, 31.5), (24 + 50 * i, 32.5)) for i in range(cells)]
-        labels, cell = free_for_a_turning_robot(maps.job_shop_map(cells), doors)
-        buttons = [(25 + 50 * i, 29) for i in range(cells)]
-        found = {int(cell(p)) for p in (*shop.starts, *shop.machines, *buttons)}
-        assert found == {int(labels[100, 100])}, name
+        assert are_joined(shop.floor, shop_poses(shop).values()), name
+
+
+@pytest.mark.parametrize("seed", range(1, 6))
+def test_all_places_that_are_drawn_are_reachable(seed):
+    for size in ((1, 1), (2, 8), (3, 8), (10, 16)):
+        spots = layout(*size, seed)
+        assert are_joined(spots.floor, (*spots.depots, *spots.inner, *spots.outer)), size
+    for size in ((1, 3, 1), (3, 3, 2), (2, 2, 4), (3, 3, 6)):
+        shop = draw_shop(*size, seed)
+        shop.floor.check(shop_poses(shop))
+        assert are_joined(shop.floor, shop_poses(shop).values()), size
+    for floor in (sequence_floor, kitting_floor):
+        assert are_joined(floor(2, random.Random(seed), "drawn"), [(4.0, 6.0, 0.0)])
+    part = parts_of(navigation_floor(3, random.Random(seed), "drawn"))
+    assert part((4.0, 6.0)) == part((36.0, 36.0)) != 0
 
 
 def test_box():

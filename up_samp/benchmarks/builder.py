@@ -31,8 +31,8 @@ from unified_planning.shortcuts import Equals, MovableType, Not, Or
 
 from up_samp.benchmarks.places import (
     CAR,
-    ROBOT_FOOTPRINT,
     FamilyDoor,
+    FamilyFloor,
     ProblemOnMap,
     duration_bounds,
 )
@@ -72,14 +72,15 @@ class Family(ProblemOnMap):
     def __init__(
         self,
         name: str,
-        map_yaml: str,
+        floor: FamilyFloor,
         *,
         a_max: float,
         encoding: Encoding,
         metric: bool,
     ) -> None:
         check_encoding(encoding, LEAN)
-        super().__init__(name, map_yaml, metric=metric)
+        super().__init__(name, floor.yaml, metric=metric)
+        self.floor = floor
         self.a_max = a_max
         self.with_fluents = encoding == "lean"
         self.robot_type = MovableType("robot")
@@ -97,7 +98,7 @@ class Family(ProblemOnMap):
         robot = MovableObject(
             name,
             self.robot_type,
-            footprint=list(ROBOT_FOOTPRINT),
+            footprint=list(self.floor.footprint),
             motion_model=MotionModels.REEDSSHEPP,
             motion_parameters={**CAR, "a_max": self.a_max},
         )

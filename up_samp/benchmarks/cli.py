@@ -54,6 +54,14 @@ def _add_run(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
     sweeper.add_argument("--timeout", type=float, default=60.0, metavar="S", help="s per run")
     sweeper.add_argument("--memory", type=int, default=20_000, metavar="MB", help="MB per run")
     sweeper.add_argument("--runs", type=int, default=1, metavar="N", help="repetitions (seeds)")
+    sweeper.add_argument(
+        "--seeds",
+        nargs="+",
+        type=int,
+        default=[0],
+        metavar="N",
+        help="draw the instances anew from these seeds, all but their sizes (0: as they are)",
+    )
     sweeper.add_argument("--jobs", type=int, default=1, metavar="J", help="runs at a time")
     sweeper.add_argument("--cluster", metavar="ADDRESS", help="a Dask scheduler to run on")
     sweeper.add_argument(
@@ -83,7 +91,7 @@ def _run(args: argparse.Namespace) -> int:
     from up_samp.benchmarks.one_run import select, sweep
 
     specs = sweep(
-        select(args.names),
+        select(args.names, args.seeds),
         args.engines,
         encodings=args.encodings,
         presets=args.preset,

@@ -2,7 +2,8 @@
 
 A name says everything: ``logistics-dc-all-r2-i4`` (door closed or ``do``, open; all sides or
 ``oc``, corridor only; robots; items), ``jobshop-r2-j2-m4`` (robots, jobs, machines),
-``transport-dc-r2-j2-m2``, ``transport-ft06-do-r3``; ``-s7`` at the end asks for seed 7.
+``transport-dc-r2-j2-m2``, ``transport-ft06-do-r3``; ``-s7`` at the end asks for seed 7: another
+instance of these sizes, with places, orders, durations, walls and robots' shapes drawn anew.
 ``warehouse-r5-o10`` (robots, orders), ``warehouse-compact-r5-o10``: empty moves start at a fluent.
 ``navigation-r4``, ``kitting-r2-k2-p3-d2`` (robots, kits, parts, doors; ``-op``: with an operator)
 and ``doors-r3-d2`` (robots, doors) exist in published forms only: ``lean`` means ``fluents`` there.
@@ -59,8 +60,7 @@ _FORMS: dict[str, tuple[str, Build]] = {
 }  # fmt: skip
 """How the names of each family go on (sizes in the builder's order), and what builds it."""
 
-_UNSEEDED = ("navigation", "kitting")
-_PUBLISHED_ONLY = (*_UNSEEDED, "doors")
+_PUBLISHED_ONLY = ("navigation", "kitting", "doors")
 
 
 def instance(name: str) -> Instance:
@@ -74,8 +74,6 @@ def instance(name: str) -> Instance:
     if found is None or make is None:
         raise ProblemError(f"there is no instance {name!r}; `instances(family)` lists them")
     options = _options(found)
-    if family in _UNSEEDED and options.pop("seed"):
-        raise ProblemError(f"instance {name!r}: the family {family} has no seeds")
     compact = options.pop("compact", False)
     sizes = [int(size) for size in re.findall(r"-[a-rt-z](\d+)", name)]
 

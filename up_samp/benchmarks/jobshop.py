@@ -4,6 +4,8 @@
 i, whose button is in the hall. Geometry and figures are the paper's (Tosello et al., Experimental
 Evaluation), after the job shop with transportation (Nouri, Driss and Ghedira 2016); what the text
 leaves open is drawn from a seed and frozen in ``data/jobshop.json`` for the paper's 36 instances.
+Seeds other than 0 draw the floor, too: gaps, doors, buttons and machines anywhere, blocks in the
+hall, robots of other shapes.
 """
 
 from __future__ import annotations
@@ -13,16 +15,14 @@ import itertools
 import json
 import math
 import random
-from collections.abc import Mapping
-from types import MappingProxyType
 from typing import Any
 
 from unified_planning.model.motion import ConfigurationObject, SchedulingMotionProblem
 from unified_planning.model.scheduling import Activity
 
 from up_samp.benchmarks.builder import Encoding, Family, is_published
-from up_samp.benchmarks.maps import DATA, SHOP, job_shop_map, job_shop_size, job_shop_walls
-from up_samp.benchmarks.places import FamilyDoor, Pose, Shop, box, check_poses
+from up_samp.benchmarks.maps import DATA, WALL, outer_wall
+from up_samp.benchmarks.places import DOWN, UP, FamilyDoor, FamilyFloor, Pose, Shop, box
 from up_samp.benchmarks.published.jobshop import published_job_shop
 from up_samp.model import ProblemError
 
@@ -30,24 +30,53 @@ MOST = {"robots": 5, "jobs": 6, "machines": 6}
 """How large a job shop may be."""
 ACCELERATION, APART = 1.0, 4.0
 """What the robots can do at most (m/s^2), and how far apart they start at least (m)."""
+ROOM, HEIGHT = 50.0, 50.0
+"""Width of a machine room, and height of the whole (m)."""
+HALL, THICK, GAP = 31.5, 1.0, 5.0
+"""Where the hall ends (y), thickness of the wall above it, and width of the gaps in it (m)."""
 
-_UP = math.pi / 2
 
-
-def shop_door(i: int) -> FamilyDoor:
-    """Return door ``i``, in the gap of room ``i``."""
-    x = SHOP.room_width * i
-    return FamilyDoor(
-        f"door{i}", box(1, 6), (25 + x, 32.0, _UP), (21 + x, 32.0, _UP), (25 + x, 29.0, _UP)
-    )
+def shop_floor(cells: int, rng: random.Random | None = None, name: str = "") -> FamilyFloor:
+    """Return the floor with ``cells`` machine rooms above one hall: the paper's, or one drawn from
+    ``rng``. Robots can drive from anywhere to anywhere, with all doors open.
+    """
+    lefts = [ROOM * i for i in range(cells)]
+    middles, hall, slide, blocks = [x + ROOM / 2 for x in lefts], HALL, [-4.0] * cells, []
+    buttons = [(x, hall - 2.5, UP) for x in middles]
+    if rng is not None:
+        middles = [round(x + rng.uniform(12, ROOM - 12), 1) for x in lefts]
+        hall += rng.choice((-3.0, 0.0, 3.0))
+        slide = [rng.choice((-4.0, 4.0)) for _ in lefts]
+        for x in lefts:
+            left, low = round(x + rng.uniform(5, 35), 1), round(rng.uniform(2.5, 4), 1)
+            blocks.append((left, low, left + rng.choice((4, 7, 10)), low + 2.0))
+        buttons = [
+            (
+                round(x + rng.uniform(-9, 9), 1),
+                round(hall - rng.uniform(2.5, 6), 1),
+                rng.choice((UP, DOWN)),
+            )
+            for x in middles
+        ]
+    walls = outer_wall(ROOM * cells, HEIGHT)
+    for a, b in itertools.pairwise([-GAP / 2, *middles, ROOM * cells + GAP / 2]):
+        walls.append((a + GAP / 2, hall, b - GAP / 2, hall + THICK))
+    walls += [(x - WALL, hall + THICK, x + WALL, HEIGHT) for x in lefts[1:]]
+    line = hall + THICK / 2
+    doors = [
+        FamilyDoor(f"door{i}", box(1, 6), (x, line, UP), (x + to, line, UP), button)
+        for i, (x, to, button) in enumerate(zip(middles, slide, buttons, strict=True))
+    ]
+    floor = FamilyFloor(name or f"jobshop-{cells}", (ROOM * cells, HEIGHT), walls + blocks, doors)
+    return floor if rng is None else floor.reshaped(rng)
 
 
 def draw_shop(robots: int, jobs: int, machines: int, seed: int) -> Shop:
     """Draw a job shop; the same arguments always give the same one.
 
-    Machine i stands uniformly in [22, 30] + 50 i by [35, 47], heading up or down. Each job visits
-    all machines once in a random order, for 1 to 10 units each. Robots start in the hall on the
-    rows y = 25 or y = 20, at least 4 m apart.
+    Each job visits all machines once in a random order, for 1 to 10 units each. Machine i stands
+    uniformly in [22, 30] + 50 i by [35, 47], heading up or down (anywhere in its room, if the floor
+    is drawn, too). Robots start on two rows in the hall, at least 4 m apart.
     """
     for (what, most), n in zip(MOST.items(), (robots, jobs, machines), strict=True):
         if not 1 <= n <= most:
@@ -58,21 +87,27 @@ def draw_shop(robots: int, jobs: int, machines: int, seed: int) -> Shop:
         order = list(range(machines))
         rng.shuffle(order)
         routes.append(tuple((m, rng.randint(1, 10)) for m in order))
+    own = f"{instance_name(robots, jobs, machines)}-s{seed}"
+    floor = shop_floor(machines, random.Random(f"{own}-floor") if seed else None, own * bool(seed))
+    taken = [door.button for door in floor.doors]
+    low, high = floor.doors[0].closed[1], floor.size[1]
+    room = (22, low + 3, 30, high - 3) if seed == 0 else (4, low + 4, ROOM - 4, high - 4)
     places = tuple(
-        (
-            round(rng.uniform(22, 30) + SHOP.room_width * i, 2),
-            round(rng.uniform(35, 47), 2),
-            rng.choice((_UP, -_UP)),
+        floor.spot(
+            rng, (room[0] + ROOM * i, room[1], room[2] + ROOM * i, room[3]), (UP, DOWN), taken
         )
         for i in range(machines)
     )
+    rows = (low - 12.0, low - 7.0)
     starts: list[Pose] = []
     while len(starts) < robots:
-        x = round(rng.uniform(4, job_shop_size(machines)[0] - 4), 2)
-        pose = (x, rng.choice((20.0, 25.0)), rng.choice((_UP, -_UP)))
-        if all(math.dist(pose[:2], other[:2]) >= APART for other in starts):
+        x = round(rng.uniform(4, floor.size[0] - 4), 2)
+        pose = (x, rng.choice(rows), rng.choice((UP, DOWN)))
+        near = any(math.dist(pose[:2], other[:2]) < APART for other in taken)
+        if not near and not floor.fault(pose):
+            taken.append(pose)
             starts.append(pose)
-    return Shop(tuple(routes), places, tuple(starts))
+    return Shop(floor, tuple(routes), places, tuple(starts))
 
 
 @functools.cache
@@ -89,7 +124,7 @@ def shop_from_json(entry: dict[str, Any]) -> Shop:
         return tuple((float(x), float(y), float(theta)) for x, y, theta in entry[key])
 
     jobs = tuple(tuple((int(m), int(d)) for m, d in route) for route in entry["jobs"])
-    return Shop(jobs, poses("machines"), poses("starts"))
+    return Shop(shop_floor(len(entry["machines"])), jobs, poses("machines"), poses("starts"))
 
 
 def instance_name(robots: int, jobs: int, machines: int) -> str:
@@ -123,18 +158,16 @@ def job_shop(
     :mod:`up_samp.benchmarks.builder`; for the other encodings see ``logistics``.
     """
     data = shop(robots, jobs, machines, seed)
-    doors = [shop_door(i) for i in range(machines)]
-    check(data, doors)
+    data.floor.check(shop_poses(data))
     title = name or instance_name(robots, jobs, machines) + (f"-s{seed}" if seed else "")
     if is_published(encoding):
-        return published_job_shop(title, data, doors, encoding, metric)
-    yaml = str(job_shop_map(machines))
-    family = Family(title, yaml, a_max=ACCELERATION, encoding=encoding, metric=metric)
+        return published_job_shop(title, data, encoding, metric)
+    family = Family(title, data.floor, a_max=ACCELERATION, encoding=encoding, metric=metric)
     starts = [family.place(f"start{r}", pose) for r, pose in enumerate(data.starts)]
     for r, start in enumerate(starts):
         family.robot(f"r{r}", start)
     stands = [family.place(f"machine{m}", pose) for m, pose in enumerate(data.machines)]
-    buttons = add_doors(family, doors)
+    buttons = add_doors(family)
     for robot, start in zip(family.robots, starts, strict=True):
         for origin, to in itertools.permutations([start, *stands, *buttons], 2):
             family.move(robot, origin, to)
@@ -142,10 +175,10 @@ def job_shop(
     return family.finish()
 
 
-def add_doors(family: Family, doors: list[FamilyDoor]) -> list[ConfigurationObject]:
-    """Add closed ``doors`` that any robot may open; return the places of their buttons."""
+def add_doors(family: Family) -> list[ConfigurationObject]:
+    """Add the floor's doors, which any robot may open; return the places of their buttons."""
     buttons = []
-    for i, door in enumerate(doors):
+    for i, door in enumerate(family.floor.doors):
         leaf, closed, opened = family.door(door, prefix=door.name)
         button = family.place(f"button{i}", door.button)
         family.open_door(f"open_{door.name}", leaf, closed, opened, button)
@@ -173,19 +206,8 @@ def _operations(family: Family, data: Shop, stands: list[ConfigurationObject]) -
                 family.one_at_a_time((a, b))
 
 
-def check(
-    data: Shop,
-    doors: list[FamilyDoor],
-    others: Mapping[str, Pose] = MappingProxyType({}),
-    *,
-    closed: bool = True,
-) -> None:
-    """Check where robots stand: at first, at machines, at buttons, and at ``others``. ``closed``:
-    there are doors that they could stand in.
-    """
-    poses = dict(others) | {f"start{r}": pose for r, pose in enumerate(data.starts)}
+def shop_poses(data: Shop) -> dict[str, Pose]:
+    """Return where robots stand, by name."""
+    poses = {f"start{r}": pose for r, pose in enumerate(data.starts)}
     poses |= {f"machine{m}": pose for m, pose in enumerate(data.machines)}
-    poses |= {f"button{i}": door.button for i, door in enumerate(doors)}
-    size = job_shop_size(len(doors))
-    walls = job_shop_walls(len(doors))
-    check_poses(size, walls, poses, doors=doors if closed else ())
+    return poses | {f"button{i}": door.button for i, door in enumerate(data.floor.doors)}

@@ -5,13 +5,13 @@ pair 9.2 m wide; doors come in pairs, slide open by 7 m to the left, and have th
 aisle, 1.5 m before them (robots stand along the wall there). A kit's parts are loaded in order by
 one robot (a bool variable of the problem says by which); unloading happens while the kit's
 unloading is being prepared. Where parts lie in the rooms, and where robots start, is this package's
-own choice.
+own choice, and drawn from seeds other than 0, as are how wide the aisle is and the robots' shape.
 """
 
 from __future__ import annotations
 
 import itertools
-import math
+import random
 from collections.abc import Sequence
 
 from unified_planning.model import Parameter
@@ -19,8 +19,8 @@ from unified_planning.model.motion import ConfigurationObject, MotionModels, Sch
 from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import GE, LE, BoolType, Iff, Implies, Not, Or, Plus
 
-from up_samp.benchmarks.maps import Rectangle, drawn_map, outer_wall
-from up_samp.benchmarks.places import FamilyDoor, Pose, box, check_poses
+from up_samp.benchmarks.maps import outer_wall
+from up_samp.benchmarks.places import DOWN, UP, FamilyDoor, FamilyFloor, Pose, box
 from up_samp.benchmarks.published.form import Form, Manner, Published
 from up_samp.model import ProblemError
 
@@ -37,43 +37,34 @@ LOADING, UNLOADING, PREPARING = 5, 5, 30
 """Units that loading a part, unloading and preparing an unloading take."""
 UNLOAD_WITHIN = (10, 20)
 """When to unload: units after the preparation's start."""
-_UP = math.pi / 2
 
 
-def kitting_doors(doors: int) -> list[FamilyDoor]:
-    """Return the doors: even ones below the aisle, odd ones above it."""
-    found = []
+def kitting_floor(doors: int, rng: random.Random | None = None, name: str = "") -> FamilyFloor:
+    """Return the building, with walls 0.6 m thick and gaps of 4.4 m at the doors (even ones below
+    the aisle, odd ones above it): the usual one, or one drawn from ``rng``.
+    """
+    lines = [LOWER, UPPER]
+    if rng is not None:
+        lines = [round(LOWER - rng.uniform(0, 2), 1), round(UPPER + rng.uniform(0, 2), 1)]
+    size = (HALL[0] + ROOM * (doors // 2 - 1), HALL[1])
+    leaves = []
     for i in range(doors):
-        x = 25.0 + ROOM * (i // 2)
-        y, inward = (LOWER, 1.0) if i % 2 == 0 else (UPPER, -1.0)
+        x, y, inward = 25.0 + ROOM * (i // 2), lines[i % 2], (1.0, -1.0)[i % 2]
         button = (x, round(y + inward * BEFORE, 3), 0.0)
-        found.append(FamilyDoor(f"door{i}", box(1, 4.2), (x, y, _UP), (x - SLIDE, y, _UP), button))
-    return found
-
-
-def kitting_size(doors: int) -> tuple[float, float]:
-    """Return width and height of the building, m."""
-    return HALL[0] + ROOM * (doors // 2 - 1), HALL[1]
-
-
-def kitting_walls(doors: int) -> list[Rectangle]:
-    """Return what is occupied: walls 0.6 m thick with gaps of 4.4 m at the doors."""
-    width, height = kitting_size(doors)
-    walls = outer_wall(width, height)
-    for y in (LOWER, UPPER):
+        leaves.append(FamilyDoor(f"door{i}", box(1, 4.2), (x, y, UP), (x - SLIDE, y, UP), button))
+    walls = outer_wall(*size)
+    for y in lines:
         left = 25.0 - ROOM / 2
         for pair in range(doors // 2):
             x = 25.0 + ROOM * pair
             walls.append((round(left, 1), y - 0.3, x - 2.2, y + 0.3))
             left = x + 2.2
-        walls.append((round(left, 1), y - 0.3, width, y + 0.3))
+        walls.append((round(left, 1), y - 0.3, size[0], y + 0.3))
     for pair in range(doors // 2 + 1):
         x = round(25.0 - ROOM / 2 + ROOM * pair, 1)
-        walls += [
-            (x - 0.2, 0.0, x + 0.2, LOWER),
-            (x - 0.2, UPPER, x + 0.2, height),
-        ]
-    return walls
+        walls += [(x - 0.2, 0.0, x + 0.2, lines[0]), (x - 0.2, lines[1], x + 0.2, size[1])]
+    floor = FamilyFloor(name or f"kitting-{doors}", size, walls, leaves)
+    return floor if rng is None else floor.reshaped(rng)
 
 
 def kitting(
@@ -85,6 +76,7 @@ def kitting(
     encoding: Published = "fluents",
     operator: bool = False,
     metric: bool = True,
+    seed: int = 0,
     name: str | None = None,
 ) -> SchedulingMotionProblem:
     """Build a kitting problem.
@@ -93,24 +85,23 @@ def kitting(
     :param operator: loading and unloading need the one operator, too.
     """
     _check_sizes(robots, kits, parts, doors)
-    size, walls, leaves = kitting_size(doors), kitting_walls(doors), kitting_doors(doors)
-    starts = {f"robot{r}_start": (4.0, 6.0 + 6.0 * r, 0.0) for r in range(robots)}
-    spots = _spots(kits, parts, doors)
-    buttons = {f"{leaf.name}_button": leaf.button for leaf in leaves}
-    check_poses(size, walls, {**starts, **spots, **buttons}, doors=leaves)
+    title = f"kitting-r{robots}-k{kits}-p{parts}-d{doors}" + (f"-s{seed}" if seed else "")
+    rng = random.Random(title) if seed else None
+    floor = kitting_floor(doors, rng, title)
+    starts, spots = _places(floor, robots, [(k, s) for k in range(kits) for s in range(parts)], rng)
+    floor.check(starts | spots | {f"{leaf.name}_button": leaf.button for leaf in floor.doors})
     manner = Manner(
-        str(drawn_map(f"kitting-{doors}", size, walls)),
+        floor,
         guess=1.0,
         early=0,
         model=MotionModels.SE2,
     )
-    title = name or f"kitting-r{robots}-k{kits}-p{parts}-d{doors}"
-    form = Form(title, manner, encoding, metric)
+    form = Form(name or title, manner, encoding, metric)
     homes = [form.place(key, pose) for key, pose in starts.items()]
     for home in homes:
         form.robot(home)
     places = {key: form.place(key, pose) for key, pose in spots.items()}
-    stops = [form.door(leaf).button for leaf in leaves]
+    stops = [form.door(leaf).button for leaf in floor.doors]
     for robot in form.robots:
         for origin, to in itertools.permutations([robot.start, *places.values(), *stops], 2):
             form.move(robot, origin, to)
@@ -139,15 +130,43 @@ def _check_sizes(robots: int, kits: int, parts: int, doors: int) -> None:
         )
 
 
-def _spots(kits: int, parts: int, doors: int) -> dict[str, Pose]:
+def _places(
+    floor: FamilyFloor, robots: int, parts: Sequence[tuple[int, int]], rng: random.Random | None
+) -> tuple[dict[str, Pose], dict[str, Pose]]:
+    """Return where robots start, and where the ``parts`` (kit, number) lie."""
+    starts = {f"robot{r}_start": (4.0, 6.0 + 6.0 * r, 0.0) for r in range(robots)}
+    spots = _spots(len(parts), len(floor.doors))
+    if rng is not None:
+        taken = [leaf.button for leaf in floor.doors]
+        starts = {n: floor.spot(rng, (3, 3, 14, HALL[1] - 3), (0.0, UP), taken) for n in starts}
+        spots = _drawn_spots(floor, len(parts), rng, taken)
+    return starts, {f"kit{k}_part{s}": spot for (k, s), spot in zip(parts, spots, strict=True)}
+
+
+def _spots(count: int, doors: int) -> list[Pose]:
     """Deal the parts to the rooms in turn: up to 3 in a row, 2 rows."""
-    spots: dict[str, Pose] = {}
-    for n, (k, s) in enumerate(itertools.product(range(kits), range(parts))):
+    spots: list[Pose] = []
+    for n in range(count):
         room, slot = n % doors, n // doors
         x = round(25.0 + ROOM * (room // 2) + (-3.0, 0.0, 3.0)[slot % 3], 2)
         row = 4.0 * (slot // 3)
-        y, heading = (6.0 - row, -_UP) if room % 2 == 0 else (24.0 + row, _UP)
-        spots[f"kit{k}_part{s}"] = (x, y, heading)
+        y, heading = (6.0 - row, DOWN) if room % 2 == 0 else (24.0 + row, UP)
+        spots.append((x, y, heading))
+    return spots
+
+
+def _drawn_spots(
+    floor: FamilyFloor, count: int, rng: random.Random, taken: list[Pose]
+) -> list[Pose]:
+    """Draw where the parts lie: anywhere in the rooms, which have as many as each other."""
+    rooms = list(range(len(floor.doors)))
+    rng.shuffle(rooms)
+    spots = []
+    for n in range(count):
+        x, y, _ = floor.doors[rooms[n % len(rooms)]].closed
+        low, high = (1.5, y - 2.5) if y < HALL[1] / 2 else (y + 2.5, HALL[1] - 1.5)
+        region = (x - ROOM / 2 + 1, low, x + ROOM / 2 - 1, high)
+        spots.append(floor.spot(rng, region, (UP, DOWN), taken, 3.0))
     return spots
 
 

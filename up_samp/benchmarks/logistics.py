@@ -9,8 +9,8 @@ Space-Time Motion Abstractions", Experimental Evaluation); what its text leaves 
 from __future__ import annotations
 
 import itertools
-import math
 import random
+from dataclasses import replace
 from typing import Literal
 
 from unified_planning.model import Fluent
@@ -24,8 +24,8 @@ from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import FALSE, TRUE, BoolType
 
 from up_samp.benchmarks.builder import Encoding, Family, is_published
-from up_samp.benchmarks.maps import LOGISTICS_SIZE, logistics_map, logistics_walls
-from up_samp.benchmarks.places import FamilyDoor, Layout, Pose, box, check_poses
+from up_samp.benchmarks.maps import outer_wall
+from up_samp.benchmarks.places import DOWN, UP, FamilyDoor, FamilyFloor, Layout, Pose, box
 from up_samp.benchmarks.published.logistics import published_logistics
 from up_samp.benchmarks.routes import at_start
 from up_samp.model import ProblemError
@@ -38,11 +38,11 @@ ACCELERATION = 0.5
 DoorState = Literal["closed", "open"]
 Sides = Literal["all", "corridor"]
 
-DOOR = FamilyDoor("door", box(1, 10), (51.5, 30.0, 0.0), (51.5, 40.0, 0.0), (46.0, 30.0, 0.0))
+SIZE = (100.0, 65.0)
+"""Width and height of the floor, m."""
 
 _COLUMNS = (59.0, 71.0, 83.0, 95.0)
 _EXTRA_COLUMNS = (65.0, 77.0, 89.0, 54.0)
-_UP = math.pi / 2
 _DEPOTS = {
     1: (25.0,),
     2: (20.0, 30.0),
@@ -52,31 +52,68 @@ _DEPOTS = {
 }
 
 
+def shelved_floor(
+    left: float = 52.0,
+    corridor: tuple[float, float] = (25.0, 35.0),
+    depths: tuple[float, float] = (5.0, 5.0),
+    button: tuple[float, float] = (46.0, 30.0),
+    name: str = "logistics",
+) -> FamilyFloor:
+    """Return the floor with two shelves of some ``depths`` (m) from ``left`` (x) to the wall, a
+    ``corridor`` between them (y), and a door at its end that slides up.
+    """
+    (low, high), right = corridor, SIZE[0]
+    shelves = (left, high, right, high + depths[0]), (left, low - depths[1], right, low)
+    closed = (left - 0.5, (low + high) / 2, 0.0)
+    opened = (left - 0.5, closed[1] + high - low, 0.0)
+    door = FamilyDoor("door", box(1, high - low), closed, opened, (*button, 0.0))
+    return FamilyFloor(name, SIZE, [*outer_wall(*SIZE), *shelves], (door,))
+
+
 def layout(robots: int, items: int, seed: int = 0) -> Layout:
     """Return the layout for so many robots (1 to 10) and items (1 to 16).
 
-    Seed 0 is the paper's order of items; any other seed deals the slots of the shelves (8 for up
-    to 8 items, else 16) and the depots at random.
+    Seed 0 is the paper's; any other one draws the floor, where along the shelves items stand, where
+    depots are, and the robots' shape.
     """
     for (what, most), n in zip(MOST.items(), (robots, items), strict=True):
         if not 1 <= n <= most:
             raise ProblemError(f"logistics takes 1 to {most} {what}, not {n}")
+    if seed:
+        return _drawn(robots, items, seed)
     columns = [(x, 0) for x in _COLUMNS] + [(x, 1) for x in _COLUMNS]
     if items > len(columns):
         columns += [(x, 0) for x in _EXTRA_COLUMNS] + [(x, 1) for x in _EXTRA_COLUMNS]
     if robots in _DEPOTS:
-        depots: list[Pose] = [(x, 59.0, _UP) for x in _DEPOTS[robots]]
+        depots: list[Pose] = [(x, 59.0, UP) for x in _DEPOTS[robots]]
     else:
         upper, lower = (robots + 1) // 2, robots // 2
-        depots = [(x, 61.0, _UP) for x in _DEPOTS[upper]]
-        depots += [(x, 57.0, _UP) for x in _DEPOTS[lower]]
-    if seed:
-        rng = random.Random(f"logistics-{robots}-{items}-{seed}")
-        rng.shuffle(columns)
-        rng.shuffle(depots)
+        depots = [(x, 61.0, UP) for x in _DEPOTS[upper]]
+        depots += [(x, 57.0, UP) for x in _DEPOTS[lower]]
     inner: list[Pose] = [(x, (32.0, 27.0)[row], 0.0) for x, row in columns[:items]]
     outer: list[Pose] = [(x, (42.0, 17.0)[row], 0.0) for x, row in columns[:items]]
-    return Layout(tuple(depots), tuple(inner), tuple(outer))
+    return Layout(shelved_floor(), tuple(depots), tuple(inner), tuple(outer))
+
+
+def _drawn(robots: int, items: int, seed: int) -> Layout:
+    own = f"logistics-{robots}-{items}-{seed}"
+    rng = random.Random(own)
+    left, low = rng.uniform(46, 56), rng.uniform(23, 27)
+    left, low, high = round(left, 1), round(low, 1), round(low + rng.choice((9, 10, 12)), 1)
+    depths = (rng.choice((3.0, 5.0, 7.0)), rng.choice((3.0, 5.0, 7.0)))
+    button = round(left - rng.uniform(4, 12), 1), round(rng.uniform(low, high), 1)
+    floor = shelved_floor(left, (low, high), depths, button, own).reshaped(rng)
+    taken = [floor.doors[0].button]
+    depots = [
+        floor.spot(rng, (4, 46, left - 8, SIZE[1] - 4), (UP, DOWN), taken) for _ in range(robots)
+    ]
+    inner: list[Pose] = []
+    outer: list[Pose] = []
+    for _ in range(items):
+        y, beyond = rng.choice(((high - 3, high + depths[0] + 2), (low + 2, low - depths[1] - 3)))
+        inner.append(floor.spot(rng, (left + 4, y, SIZE[0] - 4, y), (0.0,), taken, 3.5))
+        outer.append((inner[-1][0], beyond, 0.0))
+    return Layout(floor, tuple(depots), tuple(inner), tuple(outer))
 
 
 def instance_name(robots: int, items: int, door: DoorState, sides: Sides) -> str:
@@ -114,21 +151,20 @@ def logistics(
         raise ProblemError(f"no such logistics setting: door={door!r}, sides={sides!r}")
     spots = layout(robots, items, seed)
     _check(spots)
+    if door == "open":
+        spots = replace(spots, floor=replace(spots.floor, doors=()))
     title = name or instance_name(robots, items, door, sides) + (f"-s{seed}" if seed else "")
     if is_published(encoding):
-        leaf = DOOR if door == "closed" else None
-        return published_logistics(title, spots, leaf, sides == "all", encoding, metric)
-    family = Family(
-        title, str(logistics_map()), a_max=ACCELERATION, encoding=encoding, metric=metric
-    )
+        return published_logistics(title, spots, sides == "all", encoding, metric)
+    family = Family(title, spots.floor, a_max=ACCELERATION, encoding=encoding, metric=metric)
     shelves = _shelf_places(family, spots, sides)
     depots = [family.place(f"depot{r}", pose) for r, pose in enumerate(spots.depots)]
     for r, depot in enumerate(depots):
         family.robot(f"r{r}", depot)
     button = None
-    if door == "closed":
-        body, closed, opened = family.door(DOOR, prefix="door")
-        button = family.place("button", DOOR.button)
+    for leaf in family.floor.doors:
+        body, closed, opened = family.door(leaf, prefix="door")
+        button = family.place("button", leaf.button)
         family.open_door("open_door", body, closed, opened, button)
     _picks(family, depots, shelves, button, items)
     return family.finish()
@@ -200,6 +236,6 @@ def _check(spots: Layout) -> None:
         ((f"depot{r}", pose) for r, pose in enumerate(spots.depots)),
         ((f"item{i}in", pose) for i, pose in enumerate(spots.inner)),
         ((f"item{i}out", pose) for i, pose in enumerate(spots.outer)),
-        (("button", DOOR.button),),
+        (("button", door.button) for door in spots.floor.doors),
     )
-    check_poses(LOGISTICS_SIZE, logistics_walls(), dict(named), doors=[DOOR])
+    spots.floor.check(dict(named))

@@ -2,15 +2,15 @@
 
 Maps have 0.1 m per pixel; the world frame's origin is the map's lower-left corner, x points right
 and y up, lengths are metres. Free cells are white, occupied cells black. The plans that the paper's
-instances use lie beside this module in ``data/``; any other size is drawn on request into a cache
+instances use lie beside this module in ``data/``; any other one is drawn on request into a cache
 folder (``UP_SAMP_CACHE``, else ``XDG_CACHE_HOME/up_samp``, else ``~/.cache/up_samp``).
 """
 
 from __future__ import annotations
 
 import os
+import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -25,56 +25,6 @@ DATA = Path(__file__).parent / "data"
 
 Rectangle = tuple[float, float, float, float]
 """``(x_min, y_min, x_max, y_max)`` in m."""
-
-
-LOGISTICS_SIZE = (100.0, 65.0)
-LOGISTICS_SHELVES: tuple[Rectangle, ...] = ((52.0, 35.0, 100.0, 40.0), (52.0, 20.0, 100.0, 25.0))
-
-
-@dataclass(frozen=True)
-class JobShopPlan:
-    """The job shop's floor plan (m): rooms side by side above one hall."""
-
-    room_width: float = 50.0
-    hall_top: float = 31.5
-    """Where the hall ends and the wall begins (y)."""
-    room_floor: float = 32.5
-    """Where the wall ends and the rooms begin (y)."""
-    gap: float = 5.0
-    """Width of a gap in the wall."""
-    height: float = 50.0
-
-
-SHOP = JobShopPlan()
-
-
-def logistics_walls() -> list[Rectangle]:
-    """Return what is occupied on the logistics map: the outer wall and two long shelves."""
-    return [*outer_wall(*LOGISTICS_SIZE), *LOGISTICS_SHELVES]
-
-
-def job_shop_walls(cells: int) -> list[Rectangle]:
-    """Return what is occupied on a job-shop map of ``cells`` machine rooms above one hall.
-
-    The wall between hall and rooms is 1 m thick around y = 32 and has one gap of 5 m per room.
-    """
-    width = SHOP.room_width * cells
-    walls = outer_wall(width, SHOP.height)
-    left = 0.0
-    for i in range(cells):
-        centre = SHOP.room_width * i + SHOP.room_width / 2
-        walls.append((left, SHOP.hall_top, centre - SHOP.gap / 2, SHOP.room_floor))
-        left = centre + SHOP.gap / 2
-    walls.append((left, SHOP.hall_top, width, SHOP.room_floor))
-    for i in range(1, cells):
-        x = SHOP.room_width * i
-        walls.append((x - WALL, SHOP.room_floor, x + WALL, SHOP.height))
-    return walls
-
-
-def job_shop_size(cells: int) -> tuple[float, float]:
-    """Return width and height, m, of a job-shop map with ``cells`` machine rooms."""
-    return (SHOP.room_width * cells, SHOP.height)
 
 
 def draw(size: tuple[float, float], walls: Sequence[Rectangle]) -> npt.NDArray[np.bool_]:
@@ -116,27 +66,16 @@ def cache_folder() -> Path:
     return (Path(base) if base else Path.home() / ".cache") / "up_samp" / "maps"
 
 
-def logistics_map() -> Path:
-    """Return the YAML file of the logistics map."""
-    return DATA / "logistics.yaml"
-
-
-def job_shop_map(cells: int) -> Path:
-    """Return the YAML file of the job-shop map with ``cells`` machine rooms."""
-    if cells < 1:
-        raise ValueError(f"a job shop needs at least one machine, not {cells}")
-    frozen = DATA / f"jobshop-{cells}.yaml"
+def drawn_map(name: str, size: tuple[float, float], walls: Sequence[Rectangle]) -> Path:
+    """Return the YAML file of a map of that size (m) with ``walls``: the one that is frozen with
+    the package under that name, else one that is drawn once per machine.
+    """
+    frozen = DATA / f"{name}.yaml"
     if frozen.exists():
         return frozen
-    return drawn_map(f"jobshop-{cells}", job_shop_size(cells), job_shop_walls(cells))
-
-
-def drawn_map(name: str, size: tuple[float, float], walls: Sequence[Rectangle]) -> Path:
-    """Return the YAML file of a map of that size (m) with ``walls``, drawn once per machine."""
-    cached = cache_folder() / f"{name}.yaml"
-    if cached.exists():
-        return cached
-    return write_map(cached.parent, cached.stem, draw(size, walls))
+    told = zlib.crc32(repr((size, *walls)).encode())  # who draws something else reads nothing old
+    cached = cache_folder() / f"{name}-{told:08x}.yaml"
+    return cached if cached.exists() else write_map(cached.parent, cached.stem, draw(size, walls))
 
 
 def outer_wall(width: float, height: float) -> list[Rectangle]:

@@ -2,22 +2,26 @@
 
 ``robots`` halls lie one above the other, with a corridor between neighbours. Each robot drives from
 the left of its hall to the right of it, and heeds all others. Published beside the paper's
-families; the measures of the halls are this package's own.
+families; the measures of the halls are this package's own. Seeds other than 0 draw where corridors
+are, starts, goals, and the robots' shape.
 """
 
 from __future__ import annotations
 
+import math
+import random
+
 from unified_planning.model.motion import MotionModels, SchedulingMotionProblem
 
-from up_samp.benchmarks.maps import Rectangle, drawn_map, outer_wall
-from up_samp.benchmarks.places import Pose, check_poses
+from up_samp.benchmarks.maps import outer_wall
+from up_samp.benchmarks.places import FamilyFloor, Pose
 from up_samp.benchmarks.published.form import Form, Manner, Published
 from up_samp.model import ProblemError
 
 HALL = (40.0, 12.0)
 """Width and height of one hall, m."""
-CORRIDOR = (18.0, 22.0)
-"""Where corridors are (x), m."""
+CORRIDOR = 18.0, 4.0
+"""Where corridors begin (x), and how wide they are, m."""
 THICK, MOST_ROBOTS = 3.0, 10
 """Thickness of what lies between two halls (m: the corridor's length), and how many there are."""
 
@@ -27,18 +31,16 @@ def hall_floor(robot: int) -> float:
     return robot * (HALL[1] + THICK)
 
 
-def navigation_size(robots: int) -> tuple[float, float]:
-    """Return width and height of the building, m."""
-    return HALL[0], robots * HALL[1] + (robots - 1) * THICK
-
-
-def navigation_walls(robots: int) -> list[Rectangle]:
-    """Return what is occupied."""
-    walls = outer_wall(*navigation_size(robots))
+def navigation_floor(robots: int, rng: random.Random | None = None, name: str = "") -> FamilyFloor:
+    """Return the building: the usual one, or one drawn from ``rng``."""
+    size = HALL[0], robots * HALL[1] + (robots - 1) * THICK
+    walls = outer_wall(*size)
     for r in range(1, robots):
         low, high = hall_floor(r) - THICK, hall_floor(r)
-        walls += [(0.0, low, CORRIDOR[0], high), (CORRIDOR[1], low, HALL[0], high)]
-    return walls
+        left = CORRIDOR[0] if rng is None else round(rng.uniform(4, 32), 1)
+        walls += [(0.0, low, left, high), (left + CORRIDOR[1], low, HALL[0], high)]
+    floor = FamilyFloor(name or f"navigation-{robots}", size, walls)
+    return floor if rng is None else floor.reshaped(rng)
 
 
 def navigation(
@@ -47,23 +49,31 @@ def navigation(
     encoding: Published = "fluents",
     metric: bool = True,
     name: str | None = None,
+    seed: int = 0,
 ) -> SchedulingMotionProblem:
     """Build a navigation problem: one optional move per robot, that has to be made."""
     if not 1 <= robots <= MOST_ROBOTS:
         raise ProblemError(f"navigation takes 1 to {MOST_ROBOTS} robots, not {robots}")
-    size, walls = navigation_size(robots), navigation_walls(robots)
+    title = f"navigation-r{robots}" + (f"-s{seed}" if seed else "")
+    rng = random.Random(title)
+    floor = navigation_floor(robots, rng if seed else None, title)
     poses: dict[str, Pose] = {}
     for r in range(robots):
         y = hall_floor(r) + HALL[1] / 2
-        poses |= {f"robot{r}_start": (4.0, y, 0.0), f"robot{r}_goal": (HALL[0] - 4.0, y, 0.0)}
-    check_poses(size, walls, poses)
+        for what, x in (("start", 4.0), ("goal", HALL[0] - 4.0)):
+            place = f"robot{r}_{what}"
+            poses[place] = (x, y, 0.0)
+            if seed:
+                region = (x - 2, y - 4, x + 2, y + 4)
+                poses[place] = floor.spot(rng, region, (0.0, math.pi), [], 0.0)
+    floor.check(poses)
     manner = Manner(
-        str(drawn_map(f"navigation-{robots}", size, walls)),
+        floor,
         guess=0.5,
         model=MotionModels.SE2,
         heed_all=True,
     )
-    form = Form(name or f"navigation-r{robots}", manner, encoding, metric)
+    form = Form(name or title, manner, encoding, metric)
     places = {key: form.place(key, pose) for key, pose in poses.items()}
     for r in range(robots):
         form.robot(places[f"robot{r}_start"])

@@ -99,9 +99,10 @@ class RunSpec:
         return dataclasses.asdict(self)
 
 
-def select(names: Sequence[str]) -> list[Instance]:
+def select(names: Sequence[str], seeds: Sequence[int] = (0,)) -> list[Instance]:
     """Return the instances that ``names`` say: families, ``paper``, instances, or patterns such
-    as ``logistics-oc-*-r1-*``; each once, in the order given.
+    as ``logistics-oc-*-r1-*``; each once, in the order given, and drawn from each of ``seeds`` (0:
+    as it is).
 
     :raises ProblemError: if a name matches nothing.
     """
@@ -116,7 +117,8 @@ def select(names: Sequence[str]) -> list[Instance]:
                 raise ProblemError(f"no instance matches {name!r}")
         else:
             found = [instance(name)]
-        chosen.update((i.name, i) for i in found)
+        drawn = (instance(f"{i.name}-s{seed}") if seed else i for seed in seeds for i in found)
+        chosen.update((i.name, i) for i in drawn)
     return list(chosen.values())
 
 

@@ -5,8 +5,10 @@ problem under construction on one map.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+import random
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import shapely
 import shapely.affinity
@@ -19,17 +21,20 @@ from unified_planning.model.motion import (
 )
 from unified_planning.shortcuts import ConfigurationType, MinimizeMakespan
 
-from up_samp.benchmarks.maps import Rectangle
+from up_samp.benchmarks.maps import Rectangle, drawn_map
 from up_samp.model import ProblemError
 
 Pose = tuple[float, float, float]
 """``(x, y, theta)``: m, m, rad, world frame."""
 
 ROBOT_FOOTPRINT = ((-1.0, -0.5), (1.0, -0.5), (1.0, 0.5), (-1.0, 0.5))
-
+"""Of the paper's robots, and of all that are not drawn from a seed."""
 
 CAR = {"turning_radius": 1.0, "v_max": 2.0}
-"""Motion parameters of the robots of all families (m, m/s), which are 2 x 1 m large."""
+"""Motion parameters of the robots of all families (m, m/s)."""
+
+UP, DOWN = math.pi / 2, -math.pi / 2
+"""Headings."""
 
 
 @dataclass(frozen=True)
@@ -41,28 +46,6 @@ class FamilyDoor:
     closed: Pose
     open: Pose
     button: Pose
-
-
-@dataclass(frozen=True)
-class Shop:
-    """One drawn job shop.
-
-    ``jobs[j]`` is job j's route: (machine, processing time) pairs in order. ``machines[m]`` and
-    ``starts[r]`` are poses (x, y, theta; m, rad).
-    """
-
-    jobs: tuple[tuple[tuple[int, int], ...], ...]
-    machines: tuple[Pose, ...]
-    starts: tuple[Pose, ...]
-
-
-@dataclass(frozen=True)
-class Layout:
-    """Where things are: ``depots[r]``, ``inner[i]`` and ``outer[i]`` (x, y, theta; m, rad)."""
-
-    depots: tuple[Pose, ...]
-    inner: tuple[Pose, ...]
-    outer: tuple[Pose, ...]
 
 
 def box(length: float, width: float) -> tuple[tuple[float, float], ...]:
@@ -97,34 +80,101 @@ def outline(footprint: Sequence[tuple[float, float]], pose: Pose) -> shapely.Pol
     return shapely.affinity.translate(turned, pose[0], pose[1])
 
 
-def check_poses(
-    size: tuple[float, float],
-    walls: Sequence[Rectangle],
-    poses: dict[str, Pose],
-    *,
-    doors: Iterable[FamilyDoor] = (),
-) -> None:
-    """Check that robots may stand at all ``poses`` at the same time: inside the map, out of the
-    walls, clear of every door open or closed, and 0.5 m apart from each other.
-
-    :raises ProblemError: naming the pose that is wrong and what it touches.
+@dataclass(frozen=True)
+class FamilyFloor:
+    """Where a problem happens: the name of its map, ``size`` and ``walls`` (m), its doors, and the
+    footprint of the robots that drive there (m, body frame).
     """
-    room = shapely.box(0, 0, *size)
-    solid = shapely.union_all([shapely.box(*w) for w in walls])
-    leaves = [(d, outline(d.footprint, at)) for d in doors for at in (d.closed, d.open)]
-    standing = {name: outline(ROBOT_FOOTPRINT, pose) for name, pose in poses.items()}
-    for name, robot in standing.items():
-        if not room.contains(robot) or robot.intersects(solid):
-            raise ProblemError(f"a robot cannot stand at {name} {poses[name]}: it is in a wall")
-        for door, leaf in leaves:
-            if robot.intersects(leaf):
-                raise ProblemError(f"a robot cannot stand at {name}: door {door.name} is there")
-    names = list(standing)
-    tree = shapely.STRtree(list(standing.values()))
-    for i, name in enumerate(names):
-        for j in tree.query(standing[name].buffer(0.5), predicate="intersects"):
-            if i < j:
-                raise ProblemError(f"{name} and {names[j]} are less than 0.5 m apart")
+
+    name: str
+    size: tuple[float, float]
+    walls: Sequence[Rectangle]
+    doors: Sequence[FamilyDoor] = ()
+    footprint: tuple[tuple[float, float], ...] = ROBOT_FOOTPRINT
+
+    @property
+    def yaml(self) -> str:
+        """The map's YAML file."""
+        return str(drawn_map(self.name, self.size, self.walls))
+
+    @cached_property
+    def _solid(self) -> shapely.Geometry:
+        return shapely.union_all([shapely.box(*w) for w in self.walls])
+
+    def fault(self, pose: Pose) -> str:
+        """Return why no robot can stand at a pose ("": it can): it has to be inside the map, out
+        of the walls, and clear of every door, be it open or closed.
+        """
+        robot = outline(self.footprint, pose)
+        if not shapely.box(0, 0, *self.size).contains(robot) or robot.intersects(self._solid):
+            return "it is in a wall"
+        leaves = ((d, outline(d.footprint, at)) for d in self.doors for at in (d.closed, d.open))
+        return next((f"door {d.name} is there" for d, leaf in leaves if robot.intersects(leaf)), "")
+
+    def check(self, poses: dict[str, Pose]) -> None:
+        """Check that robots may stand at all ``poses`` at the same time, 0.5 m apart.
+
+        :raises ProblemError: naming the pose that is wrong and what it touches.
+        """
+        for name, pose in poses.items():
+            if fault := self.fault(pose):
+                raise ProblemError(f"a robot cannot stand at {name} {pose}: {fault}")
+        names, standing = list(poses), [outline(self.footprint, p) for p in poses.values()]
+        tree = shapely.STRtree(standing)
+        for i, name in enumerate(names):
+            for j in tree.query(standing[i].buffer(0.5), predicate="intersects"):
+                if i < j:
+                    raise ProblemError(f"{name} and {names[j]} are less than 0.5 m apart")
+
+    def spot(
+        self,
+        rng: random.Random,
+        region: Rectangle,
+        headings: Sequence[float],
+        taken: list[Pose],
+        apart: float = 4.0,
+    ) -> Pose:
+        """Draw a pose in ``region`` where a robot can stand, ``apart`` (m) from those that are
+        ``taken``, which it joins.
+        """
+        for _ in range(10_000):
+            x, y = (round(rng.uniform(region[i], region[i + 2]), 2) for i in (0, 1))
+            if all(math.dist((x, y), other[:2]) >= apart for other in taken):
+                pose = (x, y, rng.choice(headings))
+                if not self.fault(pose):
+                    taken.append(pose)
+                    return pose
+        raise ProblemError(f"there is no room for one more robot in {region} of {self.name}")
+
+    def reshaped(self, rng: random.Random) -> FamilyFloor:
+        """Return the floor for robots of a shape that is drawn."""
+        return replace(
+            self, footprint=box(rng.choice((1.2, 1.6, 2.0, 2.4)), rng.choice((0.8, 1.0, 1.2)))
+        )
+
+
+@dataclass(frozen=True)
+class Shop:
+    """One drawn job shop.
+
+    ``jobs[j]`` is job j's route: (machine, processing time) pairs in order. ``machines[m]`` and
+    ``starts[r]`` are poses (x, y, theta; m, rad).
+    """
+
+    floor: FamilyFloor
+    jobs: tuple[tuple[tuple[int, int], ...], ...]
+    machines: tuple[Pose, ...]
+    starts: tuple[Pose, ...]
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where things are: ``depots[r]``, ``inner[i]`` and ``outer[i]`` (x, y, theta; m, rad)."""
+
+    floor: FamilyFloor
+    depots: tuple[Pose, ...]
+    inner: tuple[Pose, ...]
+    outer: tuple[Pose, ...]
 
 
 # ------------------ A problem under construction on one map: what every family begins with

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import statistics
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -75,6 +76,10 @@ def write(records: Sequence[Record], folder: Path) -> Path:
         "*optimal* columns only if it was also proven optimal (relative to the durations that the "
         "motion planner finds), with the number of valid plans after the slash. Numbers are means "
         "over repeated runs. The paper's figures: 1800 s and 20 GB per instance, three runs.",
+        "## Drawn anew",
+        "Instances of the same sizes from seeds (0: the paper's): runs with a valid plan, with a "
+        "proven optimal one, and the mean of (makespan - lower bound) / makespan.",
+        table_drawn(records),
         "## Coverage over time",
         f"![solved instances over time]({plot.name})",
         "## Where the time goes, and refinements",
@@ -135,6 +140,29 @@ def _solved_cell(part: Sequence[Record], repeats: int) -> str:
     if any(r["optimal"] for r in part):
         cell += f" / {sum(map(solved, part)) / repeats:g}"
     return cell
+
+
+def table_drawn(records: Sequence[Record]) -> str:
+    """Return for each family and engine what was found for each seed that it was drawn from."""
+    cells: dict[tuple[str, str], dict[int, list[Record]]] = {}
+    for r in records:
+        seed = re.search(r"-s(\d+)$", r["instance"])
+        by_seed = cells.setdefault((r["instance"].partition("-")[0], column(r)), {})
+        by_seed.setdefault(int(seed[1]) if seed else 0, []).append(r)
+    seeds = sorted({seed for some in cells.values() for seed in some})
+    rows = [["family", "engine", *(f"seed {seed}" for seed in seeds)]]
+    for (family, title), by_seed in cells.items():
+        rows.append([family, title, *(_drawn_cell(by_seed.get(seed, [])) for seed in seeds)])
+    return _table(rows)
+
+
+def _drawn_cell(part: Sequence[Record]) -> str:
+    if not part:
+        return "not run"
+    plans = [(r["makespan"], r.get("metrics", {}).get("lower_bound", 0)) for r in part if solved(r)]
+    gaps = [max(0.0, 1 - bound / max(1, makespan)) for makespan, bound in plans]
+    mean = f"{statistics.fmean(gaps):.1%}" if gaps else "-"
+    return f"{len(plans)} / {sum(map(proven, part))} of {len(part)}, gap {mean}"
 
 
 def table_effort(records: Sequence[Record]) -> str:

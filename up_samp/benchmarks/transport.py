@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from unified_planning.model import Fluent, Object
 from unified_planning.model.motion import (
@@ -24,7 +24,6 @@ from unified_planning.shortcuts import And, Equals, Iff, Or, UserType
 from up_samp.benchmarks import jobshop
 from up_samp.benchmarks.builder import Encoding, Family
 from up_samp.benchmarks.logistics import DoorState
-from up_samp.benchmarks.maps import job_shop_map, job_shop_size
 from up_samp.benchmarks.places import Pose, Shop
 from up_samp.benchmarks.routes import at_start, before, scope_of
 from up_samp.model import ProblemError
@@ -109,25 +108,22 @@ def transport(
     if data == "ft06":
         jobs, machines = len(FT06), len(FT06[0])
     shop = jobshop.draw_shop(robots, jobs, machines, seed)
+    floor = shop.floor if door == "closed" else replace(shop.floor, doors=())
     own = f"transport-{data}-d{door[0]}-r{robots}" if data else None
     title = own or instance_name(robots, jobs, machines, door)
     family = Family(
         name or title + (f"-s{seed}" if seed else ""),
-        str(job_shop_map(machines)),
+        floor,
         a_max=jobshop.ACCELERATION,
         encoding=encoding,
         metric=metric,
     )
     starts = _starts(family, shop)
     stands = [family.place(f"machine{m}", pose) for m, pose in enumerate(shop.machines)]
-    spots = pallet_poses(jobs, machines)
+    spots = pallet_poses(jobs, floor.size[0])
     pallets = [family.place(f"pallet{j}", pose) for j, pose in enumerate(spots)]
-    closed = door == "closed"
-    doors = [jobshop.shop_door(i) for i in range(machines)]
-    pallet_places = {f"pallet{j}": pose for j, pose in enumerate(spots)}
-    jobshop.check(shop, doors, pallet_places, closed=closed)
-    doors = doors if closed else []
-    buttons = jobshop.add_doors(family, doors)
+    floor.check({**jobshop.shop_poses(shop), **{f"pallet{j}": p for j, p in enumerate(spots)}})
+    buttons = jobshop.add_doors(family)
     hands = Loads(family, pallets)
     _empty_moves(family, hands, starts, [*stands, *pallets, *buttons])
     _jobs(family, hands, FT06 if data == "ft06" else shop.jobs, stands, pallets)
@@ -135,9 +131,8 @@ def transport(
     return family.finish()
 
 
-def pallet_poses(jobs: int, machines: int) -> list[Pose]:
+def pallet_poses(jobs: int, width: float) -> list[Pose]:
     """Return where robots stand at the items' pallets: a row along the hall at y = 8."""
-    width = job_shop_size(machines)[0]
     return [(round(width * (j + 1) / (jobs + 1), 2), 8.0, math.pi / 2) for j in range(jobs)]
 
 

@@ -34,7 +34,7 @@ from unified_planning.model.motion import (
 from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import GE, LE, And, Equals, Implies, MovableType, Not, Or
 
-from up_samp.benchmarks.places import ROBOT_FOOTPRINT, FamilyDoor, ProblemOnMap, duration_bounds
+from up_samp.benchmarks.places import FamilyDoor, FamilyFloor, ProblemOnMap, duration_bounds
 from up_samp.model import ProblemError
 
 
@@ -170,7 +170,7 @@ class Manner:
     ``bounds`` are every move's, units, where they do not come from the distance.
     """
 
-    map_yaml: str
+    floor: FamilyFloor
     guess: float
     early: int = 1
     model: MotionModels = MotionModels.REEDSSHEPP
@@ -185,7 +185,7 @@ class Form(ProblemOnMap):
     def __init__(self, name: str, manner: Manner, encoding: Published, metric: bool) -> None:
         if encoding not in PUBLISHED:
             raise ProblemError(f"encoding must be one of {PUBLISHED}, not {encoding!r}")
-        super().__init__(name, manner.map_yaml, metric=metric)
+        super().__init__(name, manner.floor.yaml, metric=metric)
         self.manner = manner
         self.with_fluents = encoding.startswith("fluents")
         self.with_resources = encoding.endswith("-uses")
@@ -203,11 +203,12 @@ class Form(ProblemOnMap):
     def robot(self, start: ConfigurationObject) -> PublishedRobot:
         """Add a robot that stands at ``start``."""
         name = f"robot{len(self.robots)}"
-        xs = [x for x, _ in ROBOT_FOOTPRINT]
+        footprint = self.manner.floor.footprint
+        xs = [x for x, _ in footprint]
         body = MovableObject(
             name,
             self.robot_type,
-            footprint=list(ROBOT_FOOTPRINT),
+            footprint=list(footprint),
             motion_model=self.manner.model,
             motion_parameters={"turning_radius": self.manner.turning_radius},
             control_model=Bicycle(max(xs) - min(xs)),

@@ -9,21 +9,20 @@ from unified_planning.model.motion import ConfigurationObject, SchedulingMotionP
 from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import GE, And, Implies
 
-from up_samp.benchmarks.maps import job_shop_map
-from up_samp.benchmarks.places import FamilyDoor, Shop
+from up_samp.benchmarks.places import Shop
 from up_samp.benchmarks.published.form import Form, Manner, Published
 
 
 def published_job_shop(
-    name: str, shop: Shop, doors: Sequence[FamilyDoor], encoding: Published, metric: bool
+    name: str, shop: Shop, encoding: Published, metric: bool
 ) -> SchedulingMotionProblem:
     """Build a job shop in a published form (what it asks: ``job_shop``)."""
-    form = Form(name, Manner(str(job_shop_map(len(doors))), guess=1.0), encoding, metric)
+    form = Form(name, Manner(shop.floor, guess=1.0), encoding, metric)
     starts = [form.place(f"robot{r}_start", pose) for r, pose in enumerate(shop.starts)]
     for start in starts:
         form.robot(start)
     machines = [form.place(f"machine{m}", pose) for m, pose in enumerate(shop.machines)]
-    buttons = [form.door(door).button for door in doors]
+    buttons = [form.door(door).button for door in shop.floor.doors]
     for robot in form.robots:
         for origin, to in itertools.permutations([*machines, *starts, *buttons], 2):
             form.move(robot, origin, to)

@@ -9,8 +9,7 @@ from unified_planning.model.motion import ConfigurationObject, SchedulingMotionP
 from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import FALSE, LE, TRUE, And, BoolType, Or
 
-from up_samp.benchmarks.maps import logistics_map
-from up_samp.benchmarks.places import FamilyDoor, Layout
+from up_samp.benchmarks.places import Layout
 from up_samp.benchmarks.published.form import (
     HANDLING,
     Form,
@@ -27,13 +26,12 @@ Shelves = list[list[ConfigurationObject]]
 def published_logistics(
     name: str,
     spots: Layout,
-    door: FamilyDoor | None,
     both_sides: bool,
     encoding: Published,
     metric: bool,
 ) -> SchedulingMotionProblem:
     """Build a logistics problem in a published form (what it asks: ``logistics``)."""
-    form = Form(name, Manner(str(logistics_map()), guess=0.5), encoding, metric)
+    form = Form(name, Manner(spots.floor, guess=0.5), encoding, metric)
     depots = [form.place(f"robot{r}_depot", pose) for r, pose in enumerate(spots.depots)]
     for depot in depots:
         form.robot(depot)
@@ -42,7 +40,7 @@ def published_logistics(
         shelves.append([form.place(f"item{i}_in", pose)])
         if both_sides:
             shelves[-1].append(form.place(f"item{i}_out", spots.outer[i]))
-    buttons = [form.door(door).button] if door is not None else []
+    buttons = [form.door(door).button for door in spots.floor.doors]
     picks: list[list[Activity]] = [[] for _ in shelves]
     for robot in form.robots:
         _moves(form, robot, [p for poses in shelves for p in poses], buttons)

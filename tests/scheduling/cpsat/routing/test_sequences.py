@@ -19,7 +19,7 @@ from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.detection import find_routes
 from up_samp.scheduling.cpsat.routing.dispatch import find_work
 from up_samp.scheduling.cpsat.routing.list_scheduling import decode, steps_of, times_of
-from up_samp.scheduling.cpsat.routing.sequences import Sequences
+from up_samp.scheduling.cpsat.routing.sequences import Sequences, raised
 from up_samp.scheduling.cpsat.routing.workload import WorkBound, bound_by_work, with_lefts
 from up_samp.scheduling.cpsat.solve import strategy
 from up_samp.scheduling.cpsat.tuning import BoundsTuning
@@ -292,6 +292,19 @@ def test_what_is_left_prunes_no_best_sequence_of_many(block):
     for seed in range(3000 + 50 * block, 3050 + 50 * block):
         one, other = bounds_with_and_without_what_is_left(Still(*gated(seed)).problem)
         assert one == other, f"seed {seed}"
+
+
+def test_leaps_end_where_steps_of_one_do():
+    """However far a proof leaps ahead, the bound is the first end that is not refuted."""
+    sites = [Still(*gated(seed)) for seed in range(2000, 2008)]
+    for still in (*sites, Still(shop(2, 2, 2, seed=1), Style(), 0, narrow=True)):
+        model = ScheduleModel(still.problem)
+        rules = bound_by_work(model, find_work(model, find_routes(model))).sequences.rules
+        found = raised(Sequences(rules, 10**6), 0, Deadline.never())
+        one_by_one = Sequences(rules, 10**6)
+        assert one_by_one.refuted(found - 1, Deadline.never())
+        assert not one_by_one.refuted(found, Deadline.never())
+        assert one_by_one.end() == found
 
 
 def test_no_more_is_left_than_any_schedule_shows():

@@ -24,6 +24,7 @@ import itertools
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -114,10 +115,26 @@ class Sequences:
             if 0 < width < len(labels):
                 total = labels.spent.sum(1) + self.rules.rest(labels.done, labels.last)
                 labels = labels.rows(np.sort(np.argsort(total, kind="stable")[:width]))
-        ends = labels.free.max(1)
+        ends = self._ends(labels)
         order = np.argsort(ends, kind="stable")[:_KEPT]
         self.found[:] = [self._path([*layers, labels], int(row)) for row in order]
         return True
+
+    def _ends(self, labels: LabelTable) -> Any:
+        """Return when everybody is where it has to be in the end."""
+        backs = np.array([*(c.back for c in self.rules.choices), 0])
+        ends = labels.free - self.rules.gaps + backs[labels.last]
+        return np.where(labels.last >= 0, ends, 0).max(1)
+
+    def end(self) -> int:
+        """Return when the first sequence ends that was ``found``: the soonest of all, where none
+        were left out.
+        """
+        last: dict[int, int] = {}
+        for number, start in self.found[0]:
+            choice = self.rules.choices[number]
+            last[choice.traveller] = start + int(self.rules.lengths[number]) + choice.back
+        return max(last.values(), default=0)
 
     def _path(self, layers: list[LabelTable], row: int) -> Found:
         """Return how one of the last labels was come to."""
@@ -159,9 +176,12 @@ def raised(sequences: Sequences, known: int, deadline: Deadline, value: int = 0)
             low = end + 1
             costs.append((end, sequences.seen[0] - before))
             step = _step(costs, sequences.most - sequences.seen[0])
+        elif sequences.is_spent or deadline.expired() or not sequences.found:
+            break
         else:
-            high = end
-            step = max(1, (high - low + 1) // 2)
+            # what is found ends as soon as any does, mostly: to refute one unit less is enough
+            high = max(low, min(end, sequences.end()))
+            step = high - low
     return low
 
 
@@ -170,7 +190,7 @@ def _step(costs: list[tuple[int, int]], left: int) -> int:
     labels), ``left`` is what more there may be.
     """
     if len(costs) < 2:
-        return len(costs)
+        return 8 if costs[-1][1] < _CHEAP else 1  # the end that is found says how far it was
     (one, few), (other, many) = costs[-2:]
     growth = math.log(max(many, 2) / max(few, 1)) / (other - one)
     dear = min(_STEEP * max(many, _CHEAP), left / 2)

@@ -70,14 +70,7 @@ def with_lefts(
     for done in sorted(sets, key=lambda some: -some.bit_count()):
         known = found.get(done)
         if known is None:
-            known = _of_more(free, done)
-            sequences = replace(looked, begun=done)
-            while (
-                not deadline.expired()
-                and not looked.is_spent
-                and sequences.refuted(known, deadline)
-            ):
-                known += 1
+            known = raised(replace(looked, begun=done), _of_more(free, done), deadline)
             if not deadline.expired() and not looked.is_spent:
                 found[done] = known
         free.lefts[free.row(done)] = known
