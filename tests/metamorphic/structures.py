@@ -31,13 +31,12 @@ class Structures:
 
 def structures(site: MotionSite, style: MotionStyle, folder) -> Structures:
     """Return what is recognised in a site as it is written in a style."""
-    wrapped = Wrapped("cpsat", {"workers": 1}, lambda *_: [], native=True)
+    wrapped = Wrapped("cpsat", {"workers": 1}, lambda *_: [], lambda *_: [], native=True)
     search = open_search(
         write(site, style, folder),
         wrapped,
         Parameters(),
         Deadline.after(600.0),
-        check_plan=lambda *_: [],
     )
     state_what_is_known(search)
     search.scheduler.close()

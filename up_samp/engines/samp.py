@@ -379,14 +379,9 @@ class SampRefine(ReplanningFace, MetaEngine, OneshotPlannerMixin, AnytimePlanner
         def check_schedule(relaxed: Any, schedule: Schedule) -> list[str]:
             return [str(v) for v in validate_schedule(relaxed, schedule).violations]
 
-        return open_search(
-            problem,
-            Wrapped(self._engine_class, self.engine_params, check_schedule, self._native, worth),
-            params,
-            deadline,
-            check_plan=check_plan,
-            start=start,
-        )
+        engine, own, native = self._engine_class, self.engine_params, self._native
+        wrapped = Wrapped(engine, own, check_schedule, check_plan, native, worth)
+        return open_search(problem, wrapped, params, deadline, start=start)
 
     # ------------------------------------------------------------------ results
     def _intermediate(self, search: Search, incumbent: Incumbent) -> PlanGenerationResult:

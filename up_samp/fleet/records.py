@@ -288,26 +288,19 @@ class Attached:
     offset: Pose = (0.0, 0.0, 0.0)
 
 
-@dataclass(frozen=True)
-class Order:
-    """One robot takes a load from ``pickup`` to ``delivery``.
+@dataclass(frozen=True, kw_only=True)
+class FleetJob:
+    """What orders and tasks have in common.
 
-    ``load``: how many of each kind it takes up of the robot's capacity. ``attached``: it has a
-    footprint, stands on the floor, and is one body with the robot that carries it; or the id of
-    another order, whose load is taken on from where that one puts it. ``skills``: what the robot
-    must have; ``robots``: who may do it (none named: all). ``after``: orders and
-    tasks that have ended before. ``priority``: an order of a higher one begins no later than those
-    of lower ones. ``optional``: it may be left out, which counts as ``penalty`` more seconds of
-    makespan (of cost, where the objective weighs several terms). ``due``: what it ends later is its
-    tardiness (s), which counts ``weight`` times, if it counts at all (see :class:`Weights`).
+    ``skills``: what the robot must have; ``robots``: who may do it (none named: all). ``after``:
+    orders and tasks that have ended before. ``priority``: a job of a higher one begins no later
+    than those of lower ones. ``optional``: it may be left out, which counts as ``penalty`` more
+    seconds of makespan (of cost, where the objective weighs several terms). ``due``: what it ends
+    later is its tardiness (s), which counts ``weight`` times, if it counts at all (see
+    :class:`Weights`).
     """
 
-    __pydantic_config__ = STRICT
     id: Name
-    pickup: AnyStop
-    delivery: AnyStop
-    load: Mapping[Name, Count] = field(default_factory=lambda: {"item": 1})
-    attached: Attached | Name | None = None
     skills: Names = ()
     robots: Names = ()
     after: Names = ()
@@ -316,6 +309,23 @@ class Order:
     penalty: Positive | None = None
     due: Moment | None = None
     weight: Positive = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Order(FleetJob):
+    """One robot takes a load from ``pickup`` to ``delivery``.
+
+    ``load``: how many of each kind it takes up of the robot's capacity. ``attached``: it has a
+    footprint, stands on the floor, and is one body with the robot that carries it; or the id of
+    another order, whose load is taken on from where that one puts it. Beside that see
+    :class:`FleetJob`.
+    """
+
+    __pydantic_config__ = STRICT
+    pickup: AnyStop
+    delivery: AnyStop
+    load: Mapping[Name, Count] = field(default_factory=lambda: {"item": 1})
+    attached: Attached | Name | None = None
 
 
 @dataclass(frozen=True)
@@ -332,29 +342,21 @@ class Mode:
     resources: Names = ()
 
 
-@dataclass(frozen=True)
-class Task:
+@dataclass(frozen=True, kw_only=True)
+class Task(FleetJob):
     """Something that lasts ``duration`` s: done by one robot at one of the places ``at``, or, where
     none is named, by no robot (a machine that works by itself on its ``resources``).
 
-    ``modes`` instead of ``duration``: it is done by one of several machines, by name.
+    ``modes`` instead of ``duration``: it is done by one of several machines, by name. Beside that
+    see :class:`FleetJob`.
     """
 
     __pydantic_config__ = STRICT
-    id: Name
     duration: Seconds | None = None
     at: Names = ()
     modes: Mapping[Name, Mode] = field(default_factory=dict)
-    skills: Names = ()
-    robots: Names = ()
-    after: Names = ()
     resources: Names = ()
     window: Window | None = None
-    priority: Annotated[int, NUMBER] = 0
-    optional: bool = False
-    penalty: Positive | None = None
-    due: Moment | None = None
-    weight: Positive = 1.0
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ PARTS = {
     "unobstructed motions": (0.2, 30.0),
     "gaps at shared places": (0.1, 6.0),
     "interaction profile": (0.05, 6.0),
+    "plans by an easier objective": (0.4, math.inf),
     "motions one at a time": (0.25, math.inf),
     "bounds of large problems": (0.1, math.inf),
 }

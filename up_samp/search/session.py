@@ -95,10 +95,6 @@ _TOUR_ROUNDS = 10
 """A task, of annealing over tours of what was dealt out."""
 _RELAXED = 0.1
 """CP-SAT's deterministic time for the routing relaxation of what was dealt out."""
-_EASIER = 0.4
-"""Of the time, at most, for plans that look at the makespan only."""
-_EASIER_PATIENCE = 1.0
-"""Of the time so far: that ends when nothing better has come for so long."""
 NEEDED = ("lower bounds on motions",)
 """What is stated before a plan of a thinned problem is sought."""
 ScheduleCheck = Callable[[Any, Schedule], list[str]]
@@ -107,7 +103,8 @@ PlanCheck = Callable[[SampSchedule], list[Refusal]]
 
 @dataclass(frozen=True)
 class Wrapped:
-    """The engine that schedules, with its parameters and the judge of its schedules.
+    """The engine that schedules, with its parameters and the judges of its schedules (``check``)
+    and of plans made of them (``judge``).
 
     ``native``: it is our own. ``worth`` is what the problem's metric makes of a schedule, asked
     where that is another one than the makespan.
@@ -116,6 +113,7 @@ class Wrapped:
     engine: Any
     params: Mapping[str, Any]
     check: ScheduleCheck
+    judge: PlanCheck
     native: bool
     worth: Callable[[CandidateSchedule], Number] = operator.attrgetter("makespan")
 
@@ -126,7 +124,6 @@ def open_search(
     params: Parameters,
     deadline: Deadline,
     *,
-    check_plan: PlanCheck,
     start: Plan | None = None,
     service: MotionService | None = None,
 ) -> Search:
@@ -163,7 +160,7 @@ def open_search(
         relax_anew,
         scheduler_for,
         partial(to_plan, problem, snapshot, params.margin),
-        check_plan,
+        wrapped.judge,
         wrapped.native,
         measure_of(problem, wrapped.worth),
     )
@@ -196,12 +193,14 @@ def easier_of(
     mine = replace(params, progress=None, trace=None, observers=(), stop=None, executor=None)
 
     def plans(search: Search) -> Generator[Incumbent, None, Any]:
-        whole, service = search.budget.deadline, search.motions.service
-        deadline = whole.within(_EASIER * whole.remaining())
-        other = open_search(
-            soon, wrapped, mine, deadline, check_plan=lambda plan: [], service=service
+        deadline, service = (
+            search.budget.part("plans by an easier objective"),
+            search.motions.service,
         )
-        return run(other, optimal=True, patience=_EASIER_PATIENCE)
+        # its plans are judged as plans of the whole problem
+        unjudged = replace(wrapped, judge=lambda plan: [])
+        other = open_search(soon, unjudged, mine, deadline, service=service)
+        return run(other, optimal=True, patience=Parameters.patience)
 
     return plans
 

@@ -112,7 +112,7 @@ def opened(problem, seed):
     dealt = dealt_out(jobs, snapshot, seed=seed)
     thin = thinned(problem, decided_by(dealt, [a.name for a in problem.activities]))
     state_order(thin, dealt)
-    wrapped = session.Wrapped("cpsat", {}, lambda problem, plan: [], True)
+    wrapped = session.Wrapped("cpsat", {}, lambda problem, plan: [], lambda plan: [], True)
     search = session.open_thin(wrapped, Parameters(), service, None, thin, Deadline.after(120))
     state_what_is_known(search)
     report = get_schedule(search, optimal=False)

@@ -43,11 +43,9 @@ def search_of(name=NAME, encoding="lean", seed=0):
     """A search that knows bounds on motions, and has no plan."""
     with fresh_environment():
         problem = instance(name).build(encoding, True)
-    wrapped = Wrapped("cpsat", {"workers": 1}, lambda *_: [], True)
-    deadline = Deadline.after(300.0)
-    search = open_search(
-        problem, wrapped, Parameters(seed=seed), deadline, check_plan=partial(refused, problem)
-    )
+    judge = partial(refused, problem)
+    wrapped = Wrapped("cpsat", {"workers": 1}, lambda *_: [], judge, native=True)
+    search = open_search(problem, wrapped, Parameters(seed=seed), Deadline.after(300.0))
     search.learn(search.components.statements[0].find(search))
     return search
 
