@@ -11,19 +11,20 @@ from __future__ import annotations
 import itertools
 import math
 import random
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from up_samp.model import TimedMotion
+from up_samp.model import Rest, TimedMotion
 from up_samp.motion.budget import WorkBudget
 from up_samp.motion.fleet.paths import TIMES, Path
 from up_samp.motion.fleet.space_time import proposer_of
 from up_samp.motion.fleet.speed import Window, fit
 from up_samp.motion.fleet.timed_path import TimedPath, natural_timing, run_of
-from up_samp.motion.fleet.workspace import Workspace
+from up_samp.motion.fleet.workspace import Workspace, rest_run
 
 FloatArray = npt.NDArray[np.float64]
 Cost = Callable[[str, float], float]
@@ -46,13 +47,15 @@ def arrivals_and_lateness(motions: Mapping[str, TimedMotion]) -> Cost:
 class Choices:
     """How it is searched. A motion that is so much later (s) than alone is given other ways;
     so many ways are ``known`` for each; who is in the way is ejected for a ``price`` (s), more
-    each time it has been by ``more``; ``sizes`` of neighbourhoods.
+    each time it has been by ``more``; who has to go again and again gets time to ``leave`` (s);
+    ``sizes`` of neighbourhoods.
     """
 
     late: float = 0.2
     known: int = 8
     price: float = 8.0
     more: float = 4.0
+    leave: float = 3.0
     sizes: tuple[int, ...] = (2, 3, 4, 5, 6, 8)
 
 
@@ -143,6 +146,12 @@ class MovingGroup:
         way = min(self.ways[name], key=lambda way: way.natural.duration)
         return run_of(motion, way, natural_timing(way, window.release), window.since)
 
+    def at_start(self, name: str, seconds: float) -> TimedPath:
+        """Return a motion's object as it rests at the start, until so long after it may leave."""
+        m = self.motions[name]
+        rest = Rest(m.object, m.body, m.poses[0], m.present_from, m.release + seconds)
+        return replace(rest_run(self.workspace, rest), avoid=m.avoid)
+
     def total(self, runs: Mapping[str, TimedPath]) -> float:
         """Return the cost of all runs."""
         return sum(self.cost(n, runs[n].arrival) for n in sorted(runs))
@@ -155,6 +164,7 @@ def first_runs(problem: MovingGroup) -> dict[str, TimedPath] | None:
     """
     motions = problem.motions
     price = dict.fromkeys(motions, CHOICES.price)
+    quarrels = Counter[tuple[str, str]]()
 
     def spare(name: str) -> tuple[float, str]:
         motion = motions[name]
@@ -170,15 +180,16 @@ def first_runs(problem: MovingGroup) -> dict[str, TimedPath] | None:
         queue.remove(name)
         run, gone = _inserted(problem, name, runs, price)
         if run is None:
+            run, gone = _forced(problem, name, runs, quarrels)
+        if run is None or name in gone:
             return None
         for other in gone:
             price[other] += CHOICES.more
+            quarrels.update([(name, other), (other, name)])
             for follower in (other, *problem.after[other]):
                 if runs.pop(follower, None) is not None:
                     queue.append(follower)
         runs[name] = run
-        if name in gone:
-            return None
     return runs
 
 
@@ -188,10 +199,9 @@ def _inserted(
     """Return the cheapest run of a motion, and who has to go for it."""
     best, gone = problem.plan(name, runs), list[str]()
     ideal = problem.ideal(name, runs)
-    mine = problem.motions[name].object
-    least = math.inf if best is None else best.arrival
-    if least <= ideal.arrival + CHOICES.late:
+    if best is None or best.arrival <= ideal.arrival + CHOICES.late:
         return best, gone
+    least, mine = best.arrival, problem.motions[name].object
     met = [n for n in problem.met(ideal, runs) if problem.motions[n].object != mine]
     options = [[n] for n in met] if len(met) > 1 else []
     if all(math.isinf(problem.workspace.meeting(ideal, w)[0]) for w in problem.world):
@@ -203,12 +213,35 @@ def _inserted(
         run = ideal if option is met else problem.plan(name, runs, option)
         if run is not None and run.arrival + bill < least:
             best, gone, least = run, option, run.arrival + bill
-    if best is None:
-        # nothing is in the way for good: who meets the best way among the world has to go
-        run = problem.plan(name, {k: runs[k] for k in runs if problem.motions[k].object == mine})
-        if run is not None:
-            return run, [n for n in problem.met(run, runs) if problem.motions[n].object != mine]
     return best, gone
+
+
+def _forced(
+    problem: MovingGroup,
+    name: str,
+    runs: Mapping[str, TimedPath],
+    quarrels: Mapping[tuple[str, str], int],
+) -> tuple[TimedPath | None, list[str]]:
+    """Return a run of a motion that has none among ``runs``, and who has to go for it.
+
+    Two could eject each other for ever. So with whom it has quarrelled, one ejecting the other, that
+    one keeps its run if there is a way at all, or else gets time to leave its start (Cap, Novak,
+    Kleiner, Selecky 2015, keep starts free), more with each quarrel.
+    """
+    mine = problem.motions[name].object
+    own = {n: run for n, run in runs.items() if problem.motions[n].object == mine}
+    kept = [n for n in runs if (name, n) in quarrels and n not in own]
+    kept.sort(key=lambda n: (-quarrels[name, n], n))
+    starts = {n: problem.at_start(n, CHOICES.leave * quarrels[name, n]) for n in kept}
+    while starts:
+        run = problem.plan(name, {**own, **starts, **{n: runs[n] for n in kept}})
+        if run is not None:
+            return run, [n for n in problem.met(run, runs) if n not in own]
+        if not kept:
+            break
+        del kept[len(kept) // 2 :]
+    run = problem.plan(name, own)
+    return run, [] if run is None else [n for n in problem.met(run, runs) if n not in own]
 
 
 # ------------------ Large-neighbourhood search
