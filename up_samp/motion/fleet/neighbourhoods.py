@@ -118,7 +118,8 @@ class MovingGroup:
         for wide in (False, True):
             if proposer is None or (best is not None and best.arrival <= enough):
                 break
-            proposed = proposer.propose(motion, window.release, others, wide=wide)
+            until = math.inf if best is None else best.arrival
+            proposed = proposer.propose(motion, window.release, others, until=until, wide=wide)
             if proposed is not None and proposed not in ways:
                 ways.append(proposed)
                 best = fit(self.workspace, motion, window, proposed, others, best)
@@ -224,24 +225,24 @@ def _forced(
 ) -> tuple[TimedPath | None, list[str]]:
     """Return a run of a motion that has none among ``runs``, and who has to go for it.
 
-    Two could eject each other for ever. So with whom it has quarrelled, one ejecting the other, that
-    one keeps its run if there is a way at all, or else gets time to leave its start (Cap, Novak,
-    Kleiner, Selecky 2015, keep starts free), more with each quarrel.
+    Two could eject each other for ever. So who has ejected it, or was ejected by it, keeps its run
+    where there is a way at all, or else gets time to leave its start, more each time (Cap, Novak,
+    Kleiner, Selecky 2015, keep clear of starts).
     """
     mine = problem.motions[name].object
     own = {n: run for n, run in runs.items() if problem.motions[n].object == mine}
     kept = [n for n in runs if (name, n) in quarrels and n not in own]
     kept.sort(key=lambda n: (-quarrels[name, n], n))
     starts = {n: problem.at_start(n, CHOICES.leave * quarrels[name, n]) for n in kept}
-    while starts:
+    while True:
         run = problem.plan(name, {**own, **starts, **{n: runs[n] for n in kept}})
         if run is not None:
             return run, [n for n in problem.met(run, runs) if n not in own]
+        if not starts:
+            return None, []
         if not kept:
-            break
+            starts = dict(list(starts.items())[: len(starts) // 2])
         del kept[len(kept) // 2 :]
-    run = problem.plan(name, own)
-    return run, [] if run is None else [n for n in problem.met(run, runs) if n not in own]
 
 
 # ------------------ Large-neighbourhood search

@@ -96,7 +96,7 @@ def visits(
                 if dx * dx + dy * dy >= reach * reach:
                     continue
                 place = j * cols + i
-                if open_until[place] < low - 1e-6:
+                if open_from[place] == np.inf or open_until[place] < low - 1e-6:
                     if open_from[place] < np.inf:
                         if used == len(out):
                             more = np.empty((2 * used, 3))
@@ -133,7 +133,8 @@ class Errand(NamedTuple):
     """What one search is about. ``ways`` (k, 2): steps to a place's neighbours; ``to_go``: least
     seconds from each place to the goal; ``starts`` and ``goals``: seconds that setting off and
     arriving take by direction; ``top`` speed (m/s), seconds that a ``stop`` costs twice, how long a
-    body may ``lag`` behind full speed (s) without a stop; it is ready at ``release`` (s).
+    body may ``lag`` behind full speed (s) without a stop; it is ready at ``release`` (s), and what
+    arrives after ``until`` (s) is of no use.
     """
 
     ways: IntArray
@@ -146,6 +147,7 @@ class Errand(NamedTuple):
     stop: float
     lag: float
     release: float
+    until: float
 
 
 @kernel
@@ -282,8 +284,8 @@ def search(lattice: Lattice, task: Errand, safe: Safe, most: int) -> tuple[Float
     ``safe``: when places are free, then the start, the goal. A state is a safe interval and the
     direction in which the body moves, or stands.
     """
-    places, dirs = lattice.free.size, len(task.starts) + 1
-    still = dirs - 1
+    places, still = lattice.free.size, len(task.starts)
+    dirs = still + 1
     best = np.full(len(safe.intervals) * dirs, np.inf)
     parent = np.full(len(best), -1, dtype=np.int64)
     place_of, links = _tables(task, safe, places)
@@ -309,6 +311,7 @@ def search(lattice: Lattice, task: Errand, safe: Safe, most: int) -> tuple[Float
             if took == np.inf:
                 continue
             ends = there == places + 1
+            inside, to_go = place < places and not ends, 0.0 if ends else task.to_go[there]
             for q in range(safe.head[there], safe.head[there + 1]):
                 low, high = safe.intervals[q, 0], safe.intervals[q, 1]
                 if low > latest + took:
@@ -316,13 +319,12 @@ def search(lattice: Lattice, task: Errand, safe: Safe, most: int) -> tuple[Float
                 at = max(t + took, low)
                 after = at + task.stop + task.goals[e] if ends else at
                 state = q * dirs + e
-                if at >= high or (ends and high < np.inf) or after >= best[state] - 1e-9:
+                if at >= high or (ends and high < np.inf) or after + to_go >= task.until:
                     continue
-                inside, half = place < places and not ends, at - 0.5 * length / task.top
-                if inside and not _clear_between(lattice, task, safe, place, e, half):
+                half, late = at - 0.5 * length / task.top, after >= best[state] - 1e-9
+                if late or (inside and not _clear_between(lattice, task, safe, place, e, half)):
                     continue
                 best[state], parent[state] = after, key
-                to_go = 0.0 if ends else task.to_go[there]
                 heapq.heappush(queue, (after + to_go, after, state))
     return np.empty((0, 2)), done
 
@@ -360,11 +362,13 @@ class Proposer:
         release: float,
         others: Sequence[TimedPath],
         *,
+        until: float = math.inf,
         wide: bool = False,
         most: int = 40_000,
     ) -> Path | None:
         """Return a way of a motion among the runs of others, if one is found that it can drive.
 
+        :param until: what arrives later (s) is of no use.
         :param wide: bodies are the discs around them, not discs of about their size.
         """
         able = motion.body.mobility
@@ -382,7 +386,8 @@ class Proposer:
             return None
         safe = self._safe(motion, lattice, others, wide)
         for flip in _sides(motion, able):
-            task = _timed_task(motion, release, (source, target, to_go), flip)
+            times = float(release), float(until)
+            task = _timed_task(motion, times, (source, target, to_go), flip)
             rows, done = search(lattice, task, safe, most)
             self.expanded += done
             if len(rows):
@@ -499,7 +504,10 @@ def _sides(motion: TimedMotion, able: Mobility) -> tuple[bool, ...]:
 
 
 def _timed_task(
-    motion: TimedMotion, release: float, known: tuple[Links, Links, FloatArray], flip: bool
+    motion: TimedMotion,
+    times: tuple[float, float],
+    known: tuple[Links, Links, FloatArray],
+    flip: bool,
 ) -> Errand:
     kin, able = motion.body.kinematics, motion.body.mobility
     ways = np.arctan2(WAYS[:, 1], WAYS[:, 0]) + (math.pi if flip else 0.0)
@@ -515,7 +523,7 @@ def _timed_task(
     source, target, to_go = known
     stop = kin.v_max / (2 * kin.a_max)
     return Errand(
-        WAYS, to_go, costs[0], costs[1], source, target, kin.v_max, stop, 1.2 * stop, float(release)
+        WAYS, to_go, costs[0], costs[1], source, target, kin.v_max, stop, 1.2 * stop, *times
     )
 
 
