@@ -1,4 +1,4 @@
-"""What there is before anything happens: objects, places, fluents and resources of a problem."""
+"""The site of a problem before anything happens: objects, places, fluents and resources."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What each robot may do where, and which moves that takes.
+"""Visits: what each robot may do where, and which moves that takes.
 
 A *visit* is something a robot does at one of several places. How often a robot may have to drive
 from one place to another follows from which visits can come right after each other: a move is an

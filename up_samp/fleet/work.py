@@ -1,4 +1,4 @@
-"""What happens at places: pickups, deliveries, tasks, doors that are opened, charging, machines."""
+"""Activities at places: pickups, deliveries, tasks, doors, charging, machines, breaks; shifts."""
 
 from __future__ import annotations
 
