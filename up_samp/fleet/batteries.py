@@ -96,9 +96,17 @@ def grains(battery: Battery, amount: float) -> float:
     return amount * battery.grains / battery.capacity
 
 
-def first_level(battery: Battery) -> int:
-    """Return the level at first, in grains above the reserve."""
-    level = battery.capacity if battery.level is None else battery.level
+def first_level(records: FleetRecords, robot: str) -> float:
+    """Return the level of a robot's battery at first, in the user's units."""
+    mine = records.robots[robot]
+    battery = records.robot_types[mine.type].battery
+    assert battery is not None
+    told = (mine.level, battery.level, battery.capacity)
+    return next(level for level in told if level is not None)
+
+
+def above_reserve(battery: Battery, level: float) -> int:
+    """Return what a level is in grains above the reserve."""
     return max(0, math.floor(grains(battery, level) + 1e-9) - _reserve(battery))
 
 
@@ -144,7 +152,7 @@ def levels(
             if who == robot and charger is not None:
                 given = step_of(battery, charger) * battery.capacity / battery.grains
                 changes.append((float(a["end"]) * unit, given))
-        level = battery.capacity if battery.level is None else battery.level
+        level = first_level(records, robot)
         found[robot] = [(0.0, level)]
         for time, change in sorted(changes):
             level += change

@@ -27,6 +27,7 @@ from up_samp.fleet.records import (
     carries,
     needs_robot,
 )
+from up_samp.fleet.spelled_out import spelled_out
 from up_samp.fleet.statements import Kind
 from up_samp.fleet.visits import visits_of
 from up_samp.geometry import load_map
@@ -68,7 +69,7 @@ def check_fleet(
     """
     if not records.robots:
         return [Finding(Level.ERROR, "robots", NO_ROBOT.what)]
-    checker = _Checker(records, folder, seconds_per_drive)
+    checker = _Checker(spelled_out(records), folder, seconds_per_drive)
     stages = (
         checker.poses(), checker.pairs(), checker.left_behind(), checker.loads(), checker.ways(),
         checker.windows(),
@@ -218,20 +219,30 @@ class _Checker:
             yield Finding(Level.WARNING if away else Level.ERROR, end, text)
 
     def windows(self) -> Iterator[Finding]:
-        """Windows that close before anybody can have done what they are for."""
-        for job in self.records.jobs:
-            stops = self._stops(job)
-            if all(window is None for *_, window in stops):
-                continue
-            courses = [self._earliest(robot, stops) for robot in self._fit(job)]
-            for number, (what, *_, window) in enumerate(stops):
-                ready = min((course[number] for course in courses), default=0.0)
-                if window is None or ready <= window[1] + 1e-6:
-                    continue
-                text = f"the window of its {what} closes at {window[1]:g} s; by the shortest "
-                text += f"drives it ends at {ready:.1f} s or later"
+        """Windows and shifts that close before anybody can have done what they are for."""
+        for job in filter(needs_robot, self.records.jobs):
+            text = self._too_late(job)
+            if text is not None:
                 yield Finding(Level.NOTE if job.optional else Level.ERROR, job.id, text)
-                break
+
+    def _too_late(self, job: Order | Task) -> str | None:
+        """Return why no robot can do a job in time, even by the shortest drives."""
+        stops, robots = self._stops(job), self._fit(job)
+        shifts = {r: self.records.robots[r].shift for r in robots}
+        if all(window is None for *_, window in stops) and not any(shifts.values()):
+            return None
+        courses = {robot: self._earliest(robot, job, stops) for robot in robots}
+        for number, (what, *_, window) in enumerate(stops):
+            ready = min((course[number] for course in courses.values()), default=0.0)
+            if window is not None and ready > window[1] + 1e-6:
+                text = f"the window of its {what} closes at {window[1]:g} s; by the shortest "
+                return text + f"drives it ends at {ready:.1f} s or later"
+        over = {r: shift[1] for r, shift in shifts.items() if shift is not None}
+        if robots and all(r in over and courses[r][-1] > over[r] + 1e-6 for r in robots):
+            first = min(course[-1] for course in courses.values())
+            text = f"by the shortest drives it ends at {first:.1f} s or later: the shifts of "
+            return text + f"{', '.join(robots)} end before they could"
+        return None
 
     def _fit(self, job: Order | Task) -> list[str]:
         """Return the robots that may do a job, and can carry what it is about."""
@@ -254,14 +265,15 @@ class _Checker:
             for what, places, stop in ends
         ]
 
-    def _earliest(self, robot: str, stops: Sequence[_Halt]) -> list[float]:
+    def _earliest(self, robot: str, job: Order | Task, stops: Sequence[_Halt]) -> list[float]:
         """Return when a robot may have done what a job is made of, at the earliest (s): it drives
         straight there, through all doors, and nobody is in its way.
         """
-        at, done = [(0.0, self.records.robots[robot].start)], []
+        mine = self.records.robots[robot]
+        at, done = [(0.0 if mine.shift is None else mine.shift[0], mine.start)], []
         for _, places, lasts, window in stops:
             came = [(min(t + self._least(robot, p, to) for t, p in at), to) for to in places]
-            opens = 0.0 if window is None else window[0]
+            opens = max(job.release, 0.0 if window is None else window[0])
             at = [(max(t, opens) + lasts, to) for t, to in came]
             done.append(min(t for t, _ in at))
         return done

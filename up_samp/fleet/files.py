@@ -18,6 +18,7 @@ from pydantic import TypeAdapter, ValidationError
 from up_samp.fleet import records
 from up_samp.fleet.faults import Fault, FleetError, Path, find_faults, told
 from up_samp.fleet.records import FILE_LIMITS, FleetRecords
+from up_samp.fleet.tables import OrderTable, read_orders
 from up_samp.geometry import load_map
 from up_samp.model import ProblemError
 
@@ -194,10 +195,17 @@ def read_problem_text(
     if not isinstance(root, yaml.MappingNode):
         raise FleetError((), f"{path}: a problem file has keys such as map, robots and orders")
     data = _plain(path, root)
+    table = None
+    if isinstance(data.get("orders"), str):
+        if folder is None:
+            text = "list the orders here: there is no folder to read a table from"
+            raise _error(path, root, [Fault(("orders",), text)])
+        table = read_orders(folder / data["orders"])
+        data["orders"] = list(table.orders)
     try:
         records = checked_records(data, map_file)
     except FleetError as error:
-        raise _error(path, root, error.faults) from error
+        raise _error(path, root, error.faults, table) from error
     faults = [] if folder is None else list(_map_faults(records, folder))
     if faults:
         raise _error(path, root, faults)
@@ -369,9 +377,19 @@ def _plain(path: File, root: yaml.Node) -> Any:
         loader.dispose()
 
 
-def _error(path: File, root: yaml.Node, faults: Sequence[Fault]) -> FleetError:
+def _error(
+    path: File, root: yaml.Node, faults: Sequence[Fault], table: OrderTable | None = None
+) -> FleetError:
     """Return an error that tells file and line of each fault."""
-    return FleetError(faults, told(faults, lambda f: f"{path}:{_line(root, f.path)}: {f}"))
+
+    def tell(fault: Fault) -> str:
+        match fault.path:
+            case ("orders", int(row), *inner) if table is not None:
+                there = dataclasses.replace(fault, path=tuple(inner))
+                return f"{table.file}:{table.lines[row]}: {there}"
+        return f"{path}:{_line(root, fault.path)}: {fault}"
+
+    return FleetError(faults, told(faults, tell))
 
 
 def _line(root: yaml.Node, path: Path) -> int:

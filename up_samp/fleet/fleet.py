@@ -39,6 +39,7 @@ from up_samp.fleet.records import (
     Zone,
 )
 from up_samp.fleet.result import FleetResult, saved, solve_problem
+from up_samp.fleet.spelled_out import ids_of
 from up_samp.fleet.statements import Written
 from up_samp.io.precision import PRECISION
 
@@ -122,7 +123,8 @@ class Fleet:
 
     def _list(self, some: list[Any], job: Order | Task) -> None:
         some.append(job)
-        self._by_id[job.id], self._written = job, None
+        self._by_id |= dict.fromkeys(ids_of(job), job)
+        self._written = None
         if isinstance(job, Order) and isinstance(job.attached, str):
             self._takers.setdefault(job.attached, []).append(job)
 
@@ -139,8 +141,10 @@ class Fleet:
         """
         self._named("robot_types", RobotType, name, {"footprint": footprint, **options})
 
-    def add_robot(self, name: str, type: str, start: str, **options: Any) -> None:
-        """Add a robot that is at the place ``start`` at first; options: ``end``, ``skills``."""
+    def add_robot(self, name: str, type: str, start: str | Sequence[float], **options: Any) -> None:
+        """Add a robot that is at ``start`` (a place, or a pose) at first. Options: see
+        :class:`Robot`.
+        """
         self._named("robots", Robot, name, {"type": type, "start": start, **options})
 
     def add_place(
@@ -260,7 +264,9 @@ class Fleet:
         """Add a job: looked at with those that it names alone, however many there are."""
         path = (kind, len(self._jobs[kind]))
         job = read_record(record, data, path)
-        if job.id in self._by_id or any(True for _ in job_faults(self._about(job), job)):
+        if self._by_id.keys() & set(ids_of(job)) or any(
+            True for _ in job_faults(self._about(job), job)
+        ):
             self._take(kind, (*getattr(self._records, kind), job), path)
         else:
             self._list(self._jobs[kind], job)

@@ -15,6 +15,7 @@ from up_samp.fleet.checks import Finding, Level
 from up_samp.fleet.loads import load_pose, loads_of
 from up_samp.fleet.outlines import placed
 from up_samp.fleet.records import FleetRecords, Outline, Pose
+from up_samp.fleet.spelled_out import spelled_out
 from up_samp.plotting.background import background_of
 from up_samp.plotting.style import (
     FIXTURE,
@@ -33,6 +34,7 @@ def draw_fleet(
     records: FleetRecords, folder: Path, findings: Iterable[Finding] = (), ax: Axes | None = None
 ) -> Axes:
     """Draw what ``records`` say; what errors and warnings are about is red. Returns the axes."""
+    records = spelled_out(records)
     site = {"yaml": str(folder / records.map)}
     ground = background_of({"map": site, "objects": [], "motions": [], "changes": []})
     left, right, bottom, top = ground.extent

@@ -20,7 +20,7 @@ from unified_planning.model.motion import (
 )
 from unified_planning.shortcuts import ConfigurationType, Equals, IntType, MovableType, Or
 
-from up_samp.fleet.batteries import first_level, usable
+from up_samp.fleet.batteries import above_reserve, first_level, usable
 from up_samp.fleet.faults import Fault, FleetError
 from up_samp.fleet.loads import (
     MARK,
@@ -187,7 +187,8 @@ class Site:
             self._at_first(name, self.places[robot.start])
             if kind.battery is not None:
                 level = Fluent(f"{name}_battery", IntType(0, usable(kind.battery)))
-                self.problem.add_fluent(level, default_initial_value=first_level(kind.battery))
+                at_first = above_reserve(kind.battery, first_level(self.records, name))
+                self.problem.add_fluent(level, default_initial_value=at_first)
                 self.batteries[name] = level()
             if robot.end is not None:
                 here = [p for n, p in self.places.items() if place_of(n) == robot.end]

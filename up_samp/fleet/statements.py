@@ -33,6 +33,7 @@ class Kind(enum.Enum):
     OPEN = "open"
     CLOSE = "close"
     CHARGE = "charge"
+    BREAK = "break"
     SKIP = "skip"
     LEAVE = "leave out"
 

@@ -10,7 +10,7 @@ from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import Equals, Or
 
 from up_samp.fleet.batteries import step_of, steps_of
-from up_samp.fleet.records import Stop, Task
+from up_samp.fleet.records import Break, Stop, Task
 from up_samp.fleet.site import Site
 from up_samp.fleet.statements import (
     Kind,
@@ -54,9 +54,20 @@ class Work:
                     self._charge(visit)
                 elif visit.kind in WORK:
                     self._work(visit)
+        for robot, mine in self._records.robots.items():
+            for number, rest in enumerate(mine.breaks, 1):
+                self._rest(robot, number, rest)
         for task in self._records.tasks:
             if not task.at:
                 self._machine(task)
+
+    def limit_shifts(self) -> None:
+        """State that robots do nothing and drive nowhere outside their shifts: once all that they
+        may do is there.
+        """
+        for robot, mine in self._records.robots.items():
+            for a in self.busy[robot] if mine.shift is not None else ():
+                self._limit(a, mine.shift, ())
 
     def of(self, what: str, *kinds: Kind) -> list[Activity]:
         """Return the activities of a job of some kinds: one for each robot that may do it."""
@@ -143,6 +154,13 @@ class Work:
                 only_with(problem, a, before)
                 ends_before(problem, before, a)
             before = a
+
+    def _rest(self, robot: str, number: int, rest: Break) -> None:
+        """Add a break: the robot stands wherever it is."""
+        name = self._site.fresh(f"break_{robot}_{number}", Meaning(Kind.BREAK, "", robot))
+        a = self._site.problem.add_activity(name, self._site.up(rest.duration))
+        self._limit(a, rest.window, ())
+        self.busy[robot].append(a)
 
     def _machine(self, task: Task) -> None:
         """Add what no robot does."""
