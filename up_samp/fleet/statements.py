@@ -27,6 +27,7 @@ class Kind(enum.Enum):
     PARK = "park"
     MOVE = "move"
     CARRY = "carry"
+    RIDE = "ride"
     PICKUP = "pick"
     DELIVERY = "deliver"
     TASK = "task"
