@@ -1,4 +1,4 @@
-"""Where two objects' motions exclude each other, and who goes first.
+"""Conflict zones: where two objects' motions exclude each other, and who passes first.
 
 For two motions the *obstacle* is the set of cell pairs in which the swept footprints, with the
 margin, are not shown to be apart (conservative, :mod:`up_samp.motion.fleet.conflicts`). The plan

@@ -1,4 +1,4 @@
-"""What robots are told (drive on, wait, do something), and what they tell: what cannot be is not
+"""Commands to robots (drive on, wait, do something), and their reports: what cannot be is not
 believed.
 """
 

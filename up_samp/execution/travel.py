@@ -1,4 +1,4 @@
-"""How long a body needs along its path when nothing holds it up."""
+"""Speed profiles: how long a body needs along its path when nothing holds it up."""
 
 from __future__ import annotations
 

@@ -21,6 +21,7 @@ from up_samp.model import (
     GroupQuery,
     GroupReport,
     PathQuery,
+    PathReport,
 )
 from up_samp.motion.protocol import Leg, LegQuery
 from up_samp.motion.service import MotionService
@@ -81,7 +82,7 @@ def find_legs(service: MotionService, queries: Sequence[LegQuery], seconds: floa
             found.append(None)
             continue
         leg = service.legs.find(query, deadline)
-        found.append(None if leg.leg is None else (leg.planner, leg.leg))
+        found.append(None if isinstance(leg, PathReport) else leg)
     return found
 
 

@@ -23,7 +23,7 @@ from up_samp.model import (
 )
 from up_samp.motion.cache import MotionCache
 from up_samp.motion.compile import warm_up
-from up_samp.motion.legs import Legs, LegSettings, strung
+from up_samp.motion.legs import Legs, strung
 from up_samp.motion.proofs.bounds import DurationBounds
 from up_samp.motion.proofs.certificates import Certifier
 from up_samp.motion.protocol import Leg, LegQuery
@@ -61,8 +61,7 @@ class MotionService:
         self._flat: Memory[tuple[Placed, ...]] = Memory(self.tuning.fleet.memory.shadows)
         self.certifier = Certifier(self.scene)
         self.bounds = DurationBounds(self.scene, self.certifier)
-        settings = LegSettings(planner, seed)
-        self.legs = Legs(self.scene, settings, self.cache, self.certifier, self.certificate)
+        self.legs = Legs(self.scene, planner, seed, self.cache, self.certifier, self.certificate)
 
     def plan(self, query: PathQuery, deadline: Deadline) -> PathReport:
         """Answer a query: found, proven impossible, not found, or out of time."""
@@ -77,11 +76,10 @@ class MotionService:
             if tuple(start) == tuple(goal):
                 continue
             found = self.legs.find(LegQuery(query.body, start, goal, query.obstacles), deadline)
-            if found.leg is None:
-                assert found.report is not None
-                return _timed(found.report, began)
-            legs.append(found.leg)
-            used = found.planner
+            if isinstance(found, PathReport):
+                return _timed(found, began)
+            used, leg = found
+            legs.append(leg)
         whole, smooth = strung(self.scene, query, legs)
         complete = smooth and all(leg.complete for leg in legs)
         report = PathReport(Outcome.FOUND, whole, planner=used, complete=complete)

@@ -14,7 +14,6 @@ from up_samp.model import Configuration, Deadline, Trajectory
 from up_samp.motion.budget import WorkBudget
 from up_samp.motion.curves.blending import chain_time, moved_corner, pieces
 from up_samp.motion.curves.reeds_shepp import run_time
-from up_samp.motion.curves.trajectories import reversed_trajectory
 from up_samp.motion.guides.cost_to_go import Fields, field_value
 from up_samp.motion.guides.search_space import Guide, SearchGrain, pose_space, widest_shape
 from up_samp.motion.planners import hybrid_astar as hybrid
@@ -111,8 +110,7 @@ class PlanarPlanner:
         back = self._one_way(replace(query, start=query.goal, goal=query.start), shape, budget)
         if back.trajectory is None or back.trajectory.duration > leg.trajectory.duration - GAIN:
             return replace(leg, effort=budget.used, complete=not budget.cut)
-        corners = None if back.corners is None else back.corners[::-1].copy()
-        return replace(back, trajectory=reversed_trajectory(back.trajectory), corners=corners)
+        return back.turned()
 
     def _is_roundabout(self, query: LegQuery, shape: Shape, motion: Trajectory) -> bool:
         """Return whether a motion takes much longer than the shortest way of the disc in the body

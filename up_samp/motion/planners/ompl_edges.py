@@ -14,10 +14,9 @@ import numpy.typing as npt
 
 from up_samp.geometry.kernels import advance, map_clearance, poly_distance
 from up_samp.geometry.records import WorldData, kernel
-from up_samp.geometry.sweeps import between, sweep_travel, travel_ratio
+from up_samp.geometry.sweeps import travel_ratio
 from up_samp.motion.curves.reeds_shepp import CarLimits, Pose, connect
 
-FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 
@@ -86,26 +85,4 @@ def line_edge(world: WorldData, a: Pose, b: Pose, hits: IntArray) -> bool:
         if c >= travel:
             return True
         share += c / travel
-    return True
-
-
-@kernel
-def sweep_edge(world: WorldData, poses: FloatArray, hits: IntArray) -> bool:
-    """Return whether the swept motion through ``poses`` (n, 3), with a constant twist between two
-    of them, keeps the margin.
-    """
-    n = poses.shape[0]
-    if look(world, poses[n - 1, 0], poses[n - 1, 1], poses[n - 1, 2], hits) < 0.0:
-        return False
-    credit = 0.0  # how far the fastest point may still travel unseen
-    for i in range(n - 1):
-        travel = sweep_travel(poses, i, world.shape.radius)
-        done = credit
-        while done < travel:
-            x, y, th = between(poses, i, done / travel)
-            c = look(world, x, y, th, hits)
-            if c < 0.0:
-                return False
-            done += c
-        credit = done - travel
     return True
