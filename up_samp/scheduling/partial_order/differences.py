@@ -124,7 +124,7 @@ class Planned:
 
 
 def constant(value: Any) -> Expr:
-    """Return a truth value (a number, too: equal to 0 or 1), a number or a name as an expression."""
+    """Return a truth value (which equals 0 or 1, too), a number or a name as an expression."""
     if isinstance(value, bool):
         return ("bool", value)
     return ("int", value) if isinstance(value, int) else ("obj", value)
