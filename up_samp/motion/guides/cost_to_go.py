@@ -22,6 +22,7 @@ from up_samp.geometry.records import (
     kernel,
 )
 from up_samp.model import Placed
+from up_samp.motion.guides.heap import pop, push
 from up_samp.motion.guides.visibility import sees
 
 FloatArray = npt.NDArray[np.float64]
@@ -146,28 +147,16 @@ def distances(
     root = np.full((rows, cols), -1, dtype=np.int32)
     done = np.zeros((rows, cols), dtype=np.bool_)
     cap = 8 * rows * cols + 8
-    keys = np.empty(cap, dtype=np.float32)
-    heap = np.empty(cap, dtype=np.int32)
+    # by entry: a cell is entered again when a shorter way to it is found
+    cells, keys = np.empty(cap, dtype=np.int64), np.empty((cap, 1))
+    heap, counters = np.empty(cap, dtype=np.int64), np.zeros(2, dtype=np.int64)
     dist[row, col] = 0.0
     root[row, col] = row * cols + col
-    keys[0], heap[0] = 0.0, row * cols + col
-    size = 1
-    while size > 0:
-        cell = heap[0]
-        size -= 1
-        key, item = keys[size], heap[size]
-        i = 0
-        while True:
-            child = 2 * i + 1
-            if child >= size:
-                break
-            if child + 1 < size and keys[child + 1] < keys[child]:
-                child += 1
-            if keys[child] >= key:
-                break
-            keys[i], heap[i] = keys[child], heap[child]
-            i = child
-        keys[i], heap[i] = key, item
+    keys[0, 0], cells[0] = 0.0, row * cols + col
+    counters[0] = 1
+    push(heap, keys, counters, 0)
+    while counters[1] > 0:
+        cell = cells[pop(heap, keys, counters)]
         r, c = cell // cols, cell % cols
         if done[r, c]:
             continue
@@ -184,12 +173,10 @@ def distances(
                 if not done[nr, nc] and step < dist[nr, nc]:
                     dist[nr, nc] = step
                     root[nr, nc] = root[r, c]
-                    i = size
-                    size += 1
-                    while i > 0 and keys[(i - 1) // 2] > step:
-                        keys[i], heap[i] = keys[(i - 1) // 2], heap[(i - 1) // 2]
-                        i = (i - 1) // 2
-                    keys[i], heap[i] = step, nr * cols + nc
+                    n = counters[0]
+                    counters[0] += 1
+                    keys[n, 0], cells[n] = step, nr * cols + nc
+                    push(heap, keys, counters, n)
     return dist
 
 

@@ -20,9 +20,9 @@ import numpy.typing as npt
 from up_samp.geometry import Scene
 from up_samp.geometry.meshes import (
     Mesh,
-    boxes,
     mesh_of,
     nested,
+    prism,
     surface_distance,
     transform,
     wall_rectangles,
@@ -86,11 +86,10 @@ class FlyerWorld:
             mesh, pose = mesh_of(placed.body, placed.pose, floor, sky)
             self.things.append((mesh, transform(pose), pose))
         if scene.grid is not None:
-            walls = boxes(wall_rectangles(scene.grid), floor, sky)
-            if walls is not None:
-                rest = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
-                self._walls = len(self.things)
-                self.things.append((walls, transform(rest), rest))
+            rest = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+            self._walls = len(self.things)
+            walls = prism(wall_rectangles(scene.grid), floor, sky)
+            self.things.append((walls, transform(rest), rest))
         self._centres = np.array([rest[:3] for *_, rest in self.things]).reshape(-1, 3)
         self._reaches = np.array([m.radius + self.mesh.radius for m, _, _ in self.things])
 

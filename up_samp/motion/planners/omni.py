@@ -15,7 +15,7 @@ from up_samp.motion.budget import WorkBudget
 from up_samp.motion.curves.blending import chain_time, moved_corner, pieces
 from up_samp.motion.curves.reeds_shepp import run_time
 from up_samp.motion.guides.cost_to_go import Fields, field_value
-from up_samp.motion.guides.search_space import Guide, SearchGrain, pose_space, widest_shape
+from up_samp.motion.guides.search_space import pose_space, widest_shape
 from up_samp.motion.planners import hybrid_astar as hybrid
 from up_samp.motion.planners.gliding import Glider
 from up_samp.motion.planners.omni_astar import (
@@ -181,6 +181,7 @@ class PlanarPlanner:
             return np.array([origin, [target[0], target[1], origin[2] + turn]]), False
         problem = self._problem(query, shape, grain)
         tree = hybrid.new_tree(grain.nodes, problem.space.keys)
+        hybrid.plant(tree, origin)
         state = 0
         while state == 0 and not budget.spent():
             before = int(tree.counters[2])
@@ -201,19 +202,16 @@ class PlanarPlanner:
         ends, obstacles, bins = (query.start, query.goal), query.obstacles, grain.bins
         step = grain.step * shape.inner[2]
         cell = min(step, CELL) if grain.tight else step
-        guide = Guide(0, 0.0, self.settings.weight)
-        reach = 16 * shape.circumscribed
-        space = pose_space(self.scene, ends, obstacles, reach, SearchGrain(cell, bins), guide)
+        space = pose_space(self.scene, ends, obstacles, 16 * shape.circumscribed, cell, bins)
         moves = [(i * step, j * step, 0.0) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]
         moves += [(0.0, 0.0, 2 * math.pi / bins), (0.0, 0.0, -2 * math.pi / bins)]
-        (x, y, th), (gx, gy, gth) = (map(float, pose[:3]) for pose in ends)
+        x, y, th = map(float, query.goal[:3])
         return PlanarProblem(
             world=self.scene.world(shape, obstacles),
             limits=planar_limits(query.body.kinematics),
-            start=(x, y, th),
-            goal=(gx, gy, gth),
+            goal=(x, y, th),
             field=self.fields.toward(shape, query.goal, obstacles),
-            space=space,
+            space=space._replace(weight=self.settings.weight),
             steps=np.array(moves),
             tight=grain.tight,
         )
