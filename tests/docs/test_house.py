@@ -103,9 +103,9 @@ LIMITS = {
     "wide_functions": 21,
     "long_files": 0,
     "said_twice": 25,
-    "tunables": 103,
+    "tunables": 73,
 }
-NUMBERS = 299
+NUMBERS = 285
 COUNTS = {"shared_names": 0, "type_circles": 0, "big_rooms": 2}
 """What the figures may be at most: lower them when they fall, never raise them for convenience."""
 

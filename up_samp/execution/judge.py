@@ -1,5 +1,6 @@
-"""Did anybody meet, and was all kept that the problem asks? What was driven, by the validator's own
-geometry and rules.
+"""The judge of what was driven on the floor: did anybody meet, was all kept that the problem asks?
+
+By the validator's own geometry and rules.
 
 What is judged, it shares no code with: tracks, contacts and rules are those of
 :mod:`up_samp.validation`. Of the dependencies it only asks which bounds nobody can keep.

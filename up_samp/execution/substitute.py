@@ -1,4 +1,4 @@
-"""Constraints from now on: what is over is a time that is known, what is gone is absent."""
+"""Constraints of the rest of a problem: what is over is a known time, what is gone is absent."""
 
 from __future__ import annotations
 

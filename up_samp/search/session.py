@@ -32,6 +32,7 @@ from up_samp.search.check import Checker
 from up_samp.search.conclusion import SearchResult
 from up_samp.search.events import Observer, ProgressObserver, State, Telling, TraceObserver
 from up_samp.search.facts import Facts
+from up_samp.search.fleet.sequential import in_order
 from up_samp.search.fleet.solve import large_of, solve_large
 from up_samp.search.history import READING, History, Stages
 from up_samp.search.knowledge import Bounds, Incumbent, Knowledge
@@ -170,7 +171,7 @@ def open_search(
         whole = params.components is not None or not only_makespan(problem)
         if wrapped.native and params.incumbents and not whole and start is None:
             inner = partial(open_thin, wrapped, params, service, workers)
-            large = large_of(problem, snapshot, inner, search.tuning.large)
+            large = large_of(problem, snapshot, inner, search.tuning)
             search.in_parts = None if large is None else partial(solve_large, large)
     search.history.stages = stages
     search.start = None if start is None else start_of(problem, start)
@@ -217,18 +218,16 @@ def open_thin(
     before, motions are decided one after the other, and nobody is told. The plan is not judged.
     """
     tuning = tuning_of(params.tuning)
-    stages = replace(tuning.cpsat.stages, tour_rounds=_TOUR_ROUNDS, relaxed_content=_RELAXED)
-    in_order = replace(tuning.search.in_order, motions=2, share=1.0)
-    quick = replace(
-        tuning,
-        cpsat=replace(tuning.cpsat, stages=stages),
-        search=replace(tuning.search, in_order=in_order),
-    )
-    whole = components_of(params, native=True)
+    hasty = replace(tuning.cpsat, tour_rounds=_TOUR_ROUNDS, relaxed_content=_RELAXED)
+    quick = replace(tuning, cpsat=hasty)
     mine = replace(params, tuning=quick, progress=None, trace=None, observers=())
-    needed = tuple(s for s in whole.statements if s.name in NEEDED)
     usual = components_of(mine, native=True)
-    components = replace(usual, statements=needed, shapers=())
+    components = replace(
+        usual,
+        statements=tuple(s for s in usual.statements if s.name in NEEDED),
+        shapers=(),
+        builders=(partial(in_order, motions=2, share=1.0),) if usual.builders else (),
+    )
     snapshot, _ = lay_out(read_problem(problem, params.seconds_per_unit))
 
     def relax_anew() -> Relaxation:
@@ -261,7 +260,6 @@ def assemble(
     relaxation = problem.relax()
     components = components_of(params, native=problem.native)
     tuning = tuning_of(params.tuning)
-    mine = tuning.search
     facts = Facts(relaxation.snapshot, relaxation.choices)
     history, bounds = History(), Bounds.by(problem.measure)
     knowledge = Knowledge(relaxation, history)
@@ -286,14 +284,14 @@ def assemble(
             thorough=bool(components.repairs),
             seed=params.seed,
         ),
-        prover=Prover(problem.relax, budget, params.seed, mine.proof, tuning.cpsat),
+        prover=Prover(problem.relax, budget, params.seed, tuning.cpsat),
         scheduler=problem.schedule(relaxation, 0),
         components=components,
         restarts=Restarts(params.max_restarts),
         tell=tell,
         stop=params.stop,
         seed=params.seed,
-        tuning=mine,
+        tuning=tuning.search,
         cpsat=tuning.cpsat,
         workers=workers,
     )

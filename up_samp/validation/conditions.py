@@ -1,4 +1,4 @@
-"""Do conditions hold, and does nobody change what another one reads or writes?"""
+"""Conditions of a schedule, and interference: nobody changes what another one reads or writes."""
 
 from __future__ import annotations
 

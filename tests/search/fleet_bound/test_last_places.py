@@ -94,8 +94,8 @@ def bound_of(work, ways, last):
     """Return what is proven, one bound after the other."""
     since = 0
     while True:
-        share = least_share(work, ways, {}, 60.0, last, since)
-        found = max(since, int(-(-(share.units - 1e-6) // 1)))
+        share, _ = least_share(work, ways, {}, 60.0, last, since)
+        found = max(since, int(-(-(share - 1e-6) // 1)))
         if found == since:
             return since
         since = found

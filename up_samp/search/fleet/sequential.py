@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from up_samp.model import (
     CandidateSchedule,
@@ -30,7 +30,6 @@ from up_samp.scheduling.compilers.read import read_problem as read_plain
 from up_samp.scheduling.partial_order import Difference, Earliest, Planned, orders_of
 from up_samp.scheduling.partial_order.differences import HORIZON, ZERO
 from up_samp.search.events import Phase
-from up_samp.search.fleet.tuning import InOrderTuning
 from up_samp.search.knowledge import Incumbent
 from up_samp.search.search import Search
 from up_samp.search.world import groups_of, motion_key, others_first
@@ -49,6 +48,9 @@ _PATIENCE = 1.3
 """Over a motion's time alone, up to which no other way is sought..."""
 GRACE = 3.0
 """...and s more than that."""
+MANY, _SHARE = 14, 0.6
+"""Motions that may meet, from which on a candidate's motions are not first tried as scheduled; and
+the share of the remaining time that they get."""
 _TOGETHER = 4
 """Motions at most, that are decided at once where they wait for each other."""
 
@@ -249,7 +251,7 @@ class FleetSolution:
             found[run.object] = max(found[run.object], arrival)
         return dict(found)
 
-    def cost(self, steep: int) -> tuple[int, float]:
+    def cost(self, steep: float) -> tuple[int, float]:
         """Return the makespan of what is needed and the sum of its ends to the power ``steep``:
         less is better.
         """
@@ -270,27 +272,28 @@ class FleetSolution:
         }
 
 
-@dataclass(frozen=True)
-class InOrder:
-    """The component: see the module. It is for candidates with many motions at once."""
+def in_order(
+    search: Search, itinerary: Itinerary, *, share: float = _SHARE, motions: int | None = None
+) -> Incumbent | None:
+    """Return a plan with the activities of a candidate, or None where none is found: for candidates
+    with many motions at once.
 
-    tuning: InOrderTuning = field(default_factory=InOrderTuning)
-
-    def __call__(self, search: Search, itinerary: Itinerary) -> Incumbent | None:
-        """Return a plan with the activities of a candidate, or None where none is found."""
-        most = max((len(g) for g in groups_of(itinerary.motions)), default=0)
-        if most < self.tuning.motions or not can_decide(search, itinerary):
+    :param share: of the remaining time.
+    :param motions: so many that may meet, at least (``None``: the usual).
+    """
+    most = max((len(g) for g in groups_of(itinerary.motions)), default=0)
+    if most < (MANY if motions is None else motions) or not can_decide(search, itinerary):
+        return None
+    search.tell.stage(Phase.GROUP, count=len(itinerary.motions))
+    deadline = search.budget.share(share, float("inf"))
+    with search.budget.motion_time():
+        times = times_of(search, itinerary)
+        if times is None:
             return None
-        search.tell.stage(Phase.GROUP, count=len(itinerary.motions))
-        deadline = search.budget.share(self.tuning.share, float("inf"))
-        with search.budget.motion_time():
-            times = times_of(search, itinerary)
-            if times is None:
-                return None
-            line = EarliestStartPlanner(search, itinerary, times)
-            if not line.decide(deadline):
-                return None
-        return search.plan_of(line.schedule(), line.trajectories())
+        line = EarliestStartPlanner(search, itinerary, times)
+        if not line.decide(deadline):
+            return None
+    return search.plan_of(line.schedule(), line.trajectories())
 
 
 class EarliestStartPlanner(SequentialPlanner):

@@ -39,6 +39,8 @@ from up_samp.search.search import Search
 from up_samp.search.world import contested, motion_key
 from up_samp.upio import Itinerary
 
+_PAST = 2
+"""Ways past the places where others stand, that are looked for first, for each motion."""
 _TRIES = 200
 """Motions tried for one tour."""
 _PRESSED = 0.8
@@ -126,18 +128,15 @@ class TourPlanner(SequentialPlanner):
         """All robots that drive."""
         return sorted(self._chains)
 
-    def learn_ways_past(self, tries: int, deadline: Deadline) -> None:
-        """Let all motions know ways past the places where others of these tours may stand.
-
-        :param tries: so many ways are looked for, for each.
-        """
+    def learn_ways_past(self, deadline: Deadline) -> None:
+        """Let all motions know ways past the places where others of these tours may stand."""
         bodies = {name: self._facts.body(motion) for name, motion in self._motions.items()}
         where = {(bodies[n].footprint, m.poses[-1]): n for n, m in sorted(self._motions.items())}
         stands = [(bodies[name], pose) for (_, pose), name in where.items()]
         for name in sorted(self._motions):
             if deadline.expired():
                 return
-            self._floor.learn_ways_past(self._timed_as(name, 0.0), stands, deadline, tries)
+            self._floor.learn_ways_past(self._timed_as(name, 0.0), stands, deadline, _PAST)
 
     def pieces(self, robot: str) -> list[list[str]]:
         """Return a robot's motions, cut where they end where no other one has to be."""

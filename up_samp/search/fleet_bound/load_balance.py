@@ -32,14 +32,8 @@ from up_samp.search.fleet_bound.work import JobMode, JobWork, Leg
 FloatArray = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class LoadBalance:
-    """No plan is shorter than ``units``. ``legs``: the drives that the share is made of."""
-
-    units: float
-    legs: frozenset[Leg] = frozenset()
-
-
+LoadBalance = tuple[float, frozenset[Leg]]
+"""Units that no plan is shorter than, and the drives that the share is made of."""
 Comings = Mapping[tuple[int, str], int]
 """What it takes a kind of robots at least to come to a place otherwise than for jobs (units)."""
 
@@ -73,10 +67,10 @@ def least_share(
         options={"time_limit": max(seconds, 0.01)},
     )
     if found.status != 0:
-        return LoadBalance(0.0)
+        return 0.0, frozenset()
     proven = model.proven(found.eqlin.marginals, found.ineqlin.marginals)
     # beyond the limit of a column nothing is proven of it, but of the makespan that it is more
-    return LoadBalance(min(proven, model.most), model.legs(found.x))
+    return min(proven, model.most), model.legs(found.x)
 
 
 @dataclass
