@@ -85,16 +85,11 @@ def mark_near(
     frame: GridFrame,
     polys: PolyData,
     reach: float,
-    only: int,
 ) -> None:
-    """Set the cells whose centre is closer than ``reach`` (m) to an obstacle (of owner ``only``,
-    or of any if negative).
-    """
+    """Set the cells whose centre is closer than ``reach`` (m) to an obstacle."""
     rows, cols = cells.shape
     size = frame.size
     for k in range(polys.counts.shape[0]):
-        if only >= 0 and polys.owner[k] != only:
-            continue
         gx, gy = grid_along(frame, polys.centres[k, 0], polys.centres[k, 1])
         cx, cy = gx / size, gy / size
         span = (polys.centres[k, 2] + reach) / size + 1.0
@@ -188,10 +183,10 @@ def empty_field() -> Field:
 class Fields:
     """Goal-distance fields of one scene, cached by goal cell, body size and obstacles."""
 
-    def __init__(self, scene: Scene, size: int = 256) -> None:
+    def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self._coarse: Memory[FloatArray] = Memory(8)
-        self._fields: Memory[Field] = Memory(size)
+        self._fields: Memory[Field] = Memory(256)
 
     def toward(self, shape: Shape, goal: Sequence[float], obstacles: tuple[Placed, ...]) -> Field:
         """Return the distances (m) of the reference point's disc to ``goal``."""
@@ -218,7 +213,7 @@ class Fields:
         blocked = clear + grid.resolution * math.sqrt(2.0) < shape.inscribed
         reach = max(shape.inscribed - frame.size * math.sqrt(0.5), 0.02)
         if obstacles:
-            mark_near(blocked, frame, self.scene.polys(obstacles), reach, -1)
+            mark_near(blocked, frame, self.scene.polys(obstacles), reach)
         col, row = (math.floor(g / frame.size) for g in along(frame, goal[0], goal[1]))
         if not (0 <= row < blocked.shape[0] and 0 <= col < blocked.shape[1]):
             return Field(np.full(blocked.shape, np.inf, np.float32), frame)

@@ -16,6 +16,9 @@ FloatArray = npt.NDArray[np.float64]
 MARGIN_SHARES = (1.0, 0.25, 0.06, 0.015, 0.004, 0.001)
 """Shares of the clearance margin tried where a start or goal is closer to something than that."""
 
+TOUCHES = "the start or the goal touches the map or an obstacle"
+"""Why there is no motion where not even the least of these can be kept."""
+
 MOST_KEYS = 20_000_000
 
 

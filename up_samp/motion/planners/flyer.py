@@ -37,6 +37,7 @@ from up_samp.model import (
 )
 from up_samp.motion.budget import WorkBudget
 from up_samp.motion.curves.straight import leg_profile, timed_chain, turn_between
+from up_samp.motion.guides.search_space import MARGIN_SHARES, TOUCHES
 from up_samp.motion.planners.ompl_solve import (
     EdgeValidity,
     Validity,
@@ -51,8 +52,6 @@ from up_samp.motion.protocol import Leg, LegQuery
 
 FloatArray = npt.NDArray[np.float64]
 
-MARGIN_SHARES = (1.0, 0.25, 0.06, 0.015)
-"""Shares of the clearance margin tried where a start or goal is closer to something than that."""
 _SHORTCUTS = 300
 """Rounds of shortening..."""
 _PATIENCE = 80
@@ -201,8 +200,7 @@ def flyer_leg(
     body, start, goal = query.body, query.start, query.goal
     world = FlyerWorld(scene, body, (start, goal), query.obstacles)
     if not world.fit_margin() or any(world.swallowed(p) for p in (start, goal)):
-        reason = "the start or the goal touches the map or an obstacle"
-        return Leg(None, reason, complete=True)
+        return Leg(None, TOUCHES, complete=True)
     name, budget = canonical(planner), WorkBudget(deadline)
     space = ob.SE3StateSpace()
     space.setBounds(box_bounds(world.low.tolist(), world.high.tolist()))

@@ -188,6 +188,18 @@ def _point(nodes: FloatArray, n: int, p: float) -> tuple[float, float, float]:
 
 
 @inner
+def _added(out: FloatArray, m: int, pose: FloatArray) -> int:
+    """Write a pose after the first ``m`` of a chain, unless it is where the last one is; return how
+    many there are then.
+    """
+    same = m > 0
+    for d in range(3):
+        out[m, d] = pose[d]
+        same = same and abs(pose[d] - out[m - 1, d]) < 1e-12
+    return m if same else m + 1
+
+
+@inner
 def _bridged(
     nodes: FloatArray, n: int, f: int, g: int, a: FloatArray, b: FloatArray
 ) -> tuple[FloatArray, int]:
@@ -195,21 +207,10 @@ def _bridged(
     out = np.empty((n + 2, 3))
     m = 0
     for k in range(f + 1):
-        for d in range(3):
-            out[m, d] = nodes[k, d]
-        m += 1
-    for pose in (a, b):
-        same = True
-        for d in range(3):
-            out[m, d] = pose[d]
-            same = same and abs(out[m, d] - out[m - 1, d]) < 1e-12
-        m += 0 if same else 1
+        m = _added(out, m, nodes[k])
+    m = _added(out, _added(out, m, a), b)
     for k in range(g, n):
-        same = True
-        for d in range(3):
-            out[m, d] = nodes[k, d]
-            same = same and abs(out[m, d] - out[m - 1, d]) < 1e-12
-        m += 0 if same else 1
+        m = _added(out, m, nodes[k])
     return out, m
 
 
