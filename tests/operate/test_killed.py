@@ -92,9 +92,12 @@ class Floor:
     def __init__(self, folder):
         site = hall(Path(folder), 2).records
         self.site, self.time, self.ended = site, 0.0, False
-        self.robots = SimulatedRobots(
-            {n: site.places[r.start].pose for n, r in site.robots.items()}
-        )
+        poses = {n: site.places[r.start].pose for n, r in site.robots.items()}
+        self.robots = SimulatedRobots(poses)
+
+    def verdict(self, jobs):
+        robots = self.robots
+        return judge_day(self.site, jobs, robots.initial, robots.drives, robots.handled)
 
     def answer(self, what, *given):
         if what == "now":
@@ -112,7 +115,7 @@ class Floor:
                 for k, (t, p, d) in enumerate(wanted)
                 if t <= self.time
             ]
-        self.ended = what == "end"
+        self.ended |= what == "end"
         return None
 
 
