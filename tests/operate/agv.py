@@ -1,4 +1,4 @@
-"""A simulated AGV of VDA 5050, over MQTT: drives what is released, along the edges' trajectories."""
+"""A simulated AGV of VDA 5050, over MQTT: drives what is released, along trajectories."""
 
 import itertools
 import json
@@ -13,7 +13,7 @@ from paho.mqtt.enums import CallbackAPIVersion
 
 
 class Agv:
-    """``speed`` m/s of real time; ``noise`` m; shares of states that are ``lost`` or sent ``twice``,
+    """``speed`` m/s of real time; ``noise`` m; shares of states that are ``lost``, sent ``twice``,
     and ``late``: sent after the next one.
     """
 
@@ -134,9 +134,8 @@ class Agv:
                 goal = node["nodePosition"]
                 points = edge.get("trajectory", {}).get("controlPoints", [])
                 back = edge.get("orientation", 0.0) > 1.0
-                self.way = [(p["x"], p["y"], back) for p in points[1:]] or [
-                    (goal["x"], goal["y"], None)
-                ]
+                self.way = [(p["x"], p["y"], back) for p in points[1:]]
+                self.way = self.way or [(goal["x"], goal["y"], None)]
             x, y, back = self.way[0]
             gap = math.dist((x, y), self.pose[:2])
             if back is not None and gap > 1e-6:

@@ -140,6 +140,7 @@ def _order(plan: PlanDict, robot: str, steps: Sequence[RobotStep], map_id: str) 
 
 
 def node_of(robot: str, number: int, pose: FloatArray, map_id: str) -> Message:
+    """Return a node at a pose; it is not released."""
     return {
         "nodeId": f"{robot}-n{number}",
         "sequenceId": 2 * number,
@@ -164,6 +165,7 @@ def _action(step: RobotStep) -> Message:
 
 
 def edge_of(robot: str, number: int, piece: PathPiece | None) -> Message:
+    """Return the edge that leads to a node, along a piece of a path; it is not released."""
     edge: Message = {
         "edgeId": f"{robot}-e{number}",
         "sequenceId": 2 * number - 1,

@@ -23,7 +23,13 @@ from up_samp.operate.clock import SimulatedClock
 from up_samp.operate.judge import Verdict, judge_day, record_of_day
 from up_samp.operate.loop import Operation, Settings
 from up_samp.operate.records import Job, State
-from up_samp.operate.simulated import Mishaps, SimulatedRobots, SteppedClock
+from up_samp.operate.simulated import (
+    Handled,
+    Mishaps,
+    SimulatedRobots,
+    SteppedClock,
+    driven_until,
+)
 from up_samp.operate.store import Store
 
 NOTICED = 5.0
@@ -53,8 +59,8 @@ class DayPlan:
 @dataclass(frozen=True)
 class DayFigures:
     """What came of a day. Times in s; ``waiting`` is the share of driving time that robots stood
-    though they had a motion to drive, ``planning`` quantiles (median, 95 %, most) of the CPU time of
-    a plan, ``steps`` those of the loop's own time for a step.
+    though they had a motion to drive, ``planning`` quantiles (median, 95 %, most) of the CPU time
+    of a plan, ``steps`` those of the loop's own time for a step.
     """
 
     orders: int
@@ -86,6 +92,7 @@ class DayResult:
     waits: tuple[tuple[float, float, float], ...]
     costs: tuple[tuple[float, float, float, str, bool], ...]
     jobs: tuple[Job, ...]
+    handled: tuple[Handled, ...] = ()
 
 
 def orders_of(site: FleetRecords, plan: DayPlan) -> Iterator[Order | Task]:
@@ -150,7 +157,8 @@ def simulate_day(
         waits = tuple((p[0], p[1], b - a) for w in robots.waits.values() for a, b, p in w)
         map_file = str((fleet.folder / site.map).resolve())
         record = record_of_day(replace(site, map=map_file), robots.initial, robots.drives)
-        return DayResult(plan, figures, verdict, record, waits, tuple(day.costs), jobs)
+        done = tuple(robots.handled)
+        return DayResult(plan, figures, verdict, record, waits, tuple(day.costs), jobs, done)
     finally:
         day.close()
 
@@ -210,7 +218,7 @@ def figures_of(
     for drive in robots.drives:
         rows = np.asarray(drive.rows)
         if len(rows) > 1:
-            driven += rows[-1, 0] - rows[0, 0]
+            driven += driven_until(drive.rows) - rows[0, 0]
             metres += float(np.hypot(*np.diff(rows[:, 1:3], axis=0).T).sum())
     waited = sum(b - a for w in robots.waits.values() for a, b, _ in w)
     last = max((j.done for j in done if j.done is not None), default=0.0)
@@ -280,8 +288,8 @@ def report_text(result: DayResult) -> str:
         "CPU of a step: median {:.1f} ms, 95 % {:.1f} ms, most {:.1f} ms".format(
             *(1000 * s for s in f.steps)
         ),
-        f"judged: {len(v.contacts)} contacts, {len(v.lost)} orders lost, {len(v.twice)} done twice, "
-        f"{len(v.elsewhere)} elsewhere",
+        f"judged: {len(v.contacts)} contacts, {len(v.lost)} orders lost, {len(v.twice)} done "
+        f"twice, {len(v.elsewhere)} elsewhere",
         f"simulated in {f.seconds:g} s",
     ))  # fmt: skip
 

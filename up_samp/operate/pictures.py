@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from up_samp.geometry.maps import load_map
+from up_samp.operate.simulated import driven_until
 from up_samp.plotting.style import saved
 
 if TYPE_CHECKING:
@@ -28,18 +29,18 @@ def draw_gantt(result: DayResult, file: Path) -> Path:
     names = [o["name"] for o in result.record["objects"]]
     ax = _axes(12, 1.2 + 0.32 * len(names))
     for k, name in enumerate(names):
-        spans = [
-            (m["samples"][0][0] / 60.0, (m["samples"][-1][0] - m["samples"][0][0]) / 60.0)
-            for m in result.record["motions"]
-            if m["object"] == name
-        ]
-        ax.broken_barh(spans, (k - 0.35, 0.7), color="#4878a8", linewidth=0)
+        drives = [m["samples"] for m in result.record["motions"] if m["object"] == name]
+        spans = [(rows[0][0] / 60.0, (driven_until(rows) - rows[0][0]) / 60.0) for rows in drives]
+        ax.broken_barh(spans, (k - 0.3, 0.6), color="#4878a8", linewidth=0)
+        mine = [h for h in result.handled if h.robot == name]
+        spans = [(h.start / 60.0, (h.end - h.start) / 60.0) for h in mine]
+        ax.broken_barh(spans, (k - 0.4, 0.8), color="#dd8452", linewidth=0)
     taken = [c[0] / 60.0 for c in result.costs if c[4]]
     ax.plot(taken, [-0.9] * len(taken), "|", color="#c44e52", label="a plan is taken over")
     ax.set_yticks(range(len(names)), names)
     ax.invert_yaxis()
     ax.set_xlabel("min since the day's start")
-    ax.set_title("who drove when")
+    ax.set_title("who drove (blue) and handled orders (orange) when")
     ax.legend(loc="upper right", frameon=False, fontsize=8)
     return _kept(ax, file)
 
@@ -55,9 +56,8 @@ def draw_orders(result: DayResult, file: Path) -> Path:
     ax.set_xlabel("min since the day's start")
     late = ax.twinx()
     done = [j for j in result.jobs if j.done is not None]
-    late.plot(
-        [(j.done or 0.0) / 60.0 for j in done], [j.tardiness for j in done], ".", color="#c44e52"
-    )
+    when = [(j.done or 0.0) / 60.0 for j in done]
+    late.plot(when, [j.tardiness for j in done], ".", color="#c44e52")
     late.set_ylabel("s late", color="#c44e52")
     late.set_ylim(bottom=-1.0)
     ax.set_title("orders")

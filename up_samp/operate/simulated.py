@@ -7,7 +7,7 @@ what they are told, and keep what they really drove, for whoever judges it.
 from __future__ import annotations
 
 import random
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -42,6 +42,15 @@ class Drive:
     robot: str
     activity: str
     rows: list[list[float]]
+
+
+def driven_until(rows: Sequence[Sequence[float]]) -> float:
+    """Return when a robot came to the pose at which a drive ends (s)."""
+    last = rows[-1][1:]
+    k = len(rows) - 1
+    while k and rows[k - 1][1:] == last:
+        k -= 1
+    return float(rows[k][0])
 
 
 @dataclass(frozen=True)

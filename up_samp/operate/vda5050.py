@@ -17,11 +17,12 @@ import math
 import queue
 import ssl
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from typing import Any
 
+import numpy as np
 import paho.mqtt.client as mqtt
 from paho.mqtt.enums import CallbackAPIVersion
 
@@ -29,7 +30,7 @@ from up_samp.execution.executor import Executor
 from up_samp.execution.reports import Command, Go, Hold
 from up_samp.export.steps import stretches_of
 from up_samp.export.vda5050 import edge_of, later, node_of
-from up_samp.fleet.records import FleetRecords
+from up_samp.fleet.records import FleetRecords, corners_of
 from up_samp.model import ProblemError
 from up_samp.operate.records import Pose, Report
 
@@ -56,7 +57,6 @@ class Agv:
     nodes: list[tuple[int, float]] = field(default_factory=list)
     """(sequenceId, progress in m) of the nodes that are released."""
     paused: bool = False
-    headers: Mapping[str, Iterable[int]] = field(default_factory=dict)
     over: float = -math.inf
     """When it was last told that its order is over."""
 
@@ -94,7 +94,7 @@ class MasterControl:
         self.faults: list[str] = []
         """What robots told that does not fit the site file, in words."""
         self._inbox: queue.SimpleQueue[tuple[str, str, bytes]] = queue.SimpleQueue()
-        self._headers: dict[tuple[str, str], Iterable[int]] = {}
+        self._headers: dict[tuple[str, str], itertools.count[int]] = {}
         self._motions: dict[str, Message] = {}
         self._meanings: Mapping[str, Any] = {}
         self._expected: Mapping[str, float] = {}
@@ -174,8 +174,6 @@ class MasterControl:
         ):
             if isinstance(told.get(key), int | float) and told[key] < own - 1e-9 and least:
                 self.faults.append(f"{name}: its {key} is {told[key]:g}, in the site file {own:g}")
-        from up_samp.fleet.records import corners_of
-
         corners = corners_of(kind.footprint)
         for key, axis in (("length", 0), ("width", 1)):
             own = max(c[axis] for c in corners) - min(c[axis] for c in corners)
@@ -262,8 +260,8 @@ class MasterControl:
 
     def _go(self, agv: Agv, command: Go) -> None:
         known = agv.activity == command.motion
-        if not known and not self._begin(agv, command.motion):
-            return
+        if not known:
+            self._begin(agv, command.motion)
         if known and agv.nodes and command.until <= agv.nodes[-1][1] + NEAR:
             return
         motion = self._motions[command.motion]
@@ -290,15 +288,12 @@ class MasterControl:
             return []
         return [self.spacing * k for k in range(1, int(whole / self.spacing) + 1)]
 
-    def _begin(self, agv: Agv, activity: str) -> bool:
-        """Begin an order, or go on with the one that the robot has already (after a restart);
-        False: it has another one, which has to be over first.
-        """
-        name = f"{activity}"
-        agv.activity, agv.order, agv.over = activity, name, -math.inf
-        agv.nodes, agv.update = [], -1
+    def _begin(self, agv: Agv, activity: str) -> None:
+        """Begin an order, or go on with the one that the robot has already (after a restart)."""
+        agv.activity = agv.order = activity
+        agv.nodes, agv.update, agv.over = [], -1, -math.inf
         state = agv.state
-        if state.get("orderId") == name and activity in self._motions:
+        if state.get("orderId") == activity and activity in self._motions:
             agv.update = int(state.get("orderUpdateId", 0))
             last = max(
                 [state.get("lastNodeSequenceId", 0)]
@@ -309,7 +304,6 @@ class MasterControl:
                 if n["sequenceId"] == last
             ]  # fmt: skip
             agv.nodes = [(0, 0.0), (last, self._progress(activity, at, state))]
-        return True
 
     def _progress(self, activity: str, at: list[Any], state: Message) -> float:
         """Return how far along a motion a released node is: where it says, or the robot stands."""
@@ -341,8 +335,6 @@ class MasterControl:
         self._send_order(agv, [node], [])
 
     def _pose(self, motion: Message, at: float) -> Any:
-        import numpy as np
-
         rows, s = np.asarray(motion["samples"])[:, 1:], np.asarray(motion["progress"])
         return [float(np.interp(at, s, rows[:, k])) for k in range(3)]
 
@@ -379,7 +371,7 @@ class MasterControl:
     def _head(self, robot: str, topic: str) -> Message:
         header = self._headers.setdefault((robot, topic), itertools.count())
         return {
-            "headerId": next(iter(header)),
+            "headerId": next(header),
             "timestamp": datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%S.%f")[:-3] + "Z",
             "version": self.version,
             "manufacturer": self.manufacturer,
