@@ -476,12 +476,12 @@ class Operation:
 
     def _look(self, now: float) -> None:
         """Find out whether it is time to plan anew."""
+        if self.waiting() or self.dropped():
+            self.want("orders wait that are in no plan")
         if self.executor is None or now < self._planned_at + RETRY:
             return
         if self.stranded():
             self.want("robots stand that have nothing to do there")
-        if self.waiting() or self.dropped():
-            self.want("orders wait that are in no plan")
         if self.executor.finished:
             return
         if now >= self._planned_at + self.settings.every:
