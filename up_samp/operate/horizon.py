@@ -30,7 +30,8 @@ DELIVERS = (Kind.DELIVERY, Kind.TASK)
 
 @dataclass(frozen=True)
 class Cut:
-    """``kept``: activities that stay, in the plan's order. ``stops``: how far (m) motions that have
+    """``kept``: activities that stay, in the plan's order, with those that are over and that what
+    is under way went past. ``stops``: how far (m) motions that have
     begun still go, where they end early. ``poses``: where each robot, and each door, stands when
     all that is done; ``free``: in how many seconds. ``carrying``: robots that still have an order.
     ``jobs``: orders and tasks that stay as they are.
@@ -159,11 +160,11 @@ class _Cutter:
         kept = self._whole({n for n in (*running, *soon) if self._alive(n)})
         stops = {n: s for n in running if not self._alive(n) if (s := self._stop(n)) is not None}
         order = {n: i for turn in self.turns.values() for i, n in enumerate(turn)}
-        listed = sorted((*kept, *stops), key=lambda n: (order[n], n))
+        listed = sorted((*kept, *stops, *self._past(running)), key=lambda n: (order[n], n))
         free = {}
         for name in listed:
             who = self.meanings[name].robot
-            end = now + 1.0 if name in stops else forecast.span(name)[1]
+            end = now + 1.0 if name in stops else max(now, forecast.span(name)[1])
             free[who] = max(free.get(who, 0.0), end - now)
         return Cut(
             now,
@@ -175,6 +176,19 @@ class _Cutter:
             tuple(sorted({self.meanings[n].what for n in kept if self.meanings[n].what})),
             frozenset(n for n, p in self.state.phase.items() if p is not TaskPhase.WAITING),
         )
+
+    def _past(self, running: list[str]) -> list[str]:
+        """Return what was done since the first motion under way began: where others were then is
+        part of how that motion passed them.
+        """
+        times = self.executor.times()
+        begun = [times[n][0] for n in running if self.state.ways_of[n]]
+        since = min(begun, default=self.state.now)
+        return [
+            n
+            for n, p in self.state.phase.items()
+            if p is TaskPhase.DONE and (times[n][1] or 0.0) > since
+        ]
 
     def _staying(self, robot: str, turn: list[str]) -> list[str]:
         """Return what stays of a robot's work because it is not planned anew."""

@@ -504,7 +504,8 @@ class Operation:
         if self.executor is None:
             return []
         cut = self.cut()
-        busy = {self.meanings[n].robot for n in cut.kept if n not in cut.stops}
+        left = (n for n in cut.kept if n not in cut.stops and not self._is_done(n))
+        busy = {self.meanings[n].robot for n in left}
         found = []
         for name in self.there():
             end = self.site.robots[name].end
