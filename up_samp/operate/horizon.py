@@ -161,7 +161,7 @@ class _Cutter:
         stops = {n: s for n in running if not self._alive(n) if (s := self._stop(n)) is not None}
         order = {n: i for turn in self.turns.values() for i, n in enumerate(turn)}
         listed = sorted((*kept, *stops, *self._past(running)), key=lambda n: (order[n], n))
-        free = {}
+        free: dict[str, float] = {}
         for name in listed:
             who = self.meanings[name].robot
             end = now + 1.0 if name in stops else max(now, forecast.span(name)[1])

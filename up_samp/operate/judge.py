@@ -46,7 +46,9 @@ def judge_day(
     handled: Sequence[Handled],
 ) -> Verdict:
     """Judge a day by its drives and by what was done at places."""
-    lost, twice, elsewhere = [], [], []
+    lost: list[str] = []
+    twice: list[str] = []
+    elsewhere: list[str] = []
     for name, job in jobs.items():
         mine = [h for h in handled if h.what == name]
         ends = [h for h in mine if h.kind in ("deliver", "task")]
@@ -107,7 +109,8 @@ def record_of_day(
             "model": model, "turning_radius": kind.turning_radius, "v_max": kind.v_max,
             "a_max": kind.a_max, "omega_max": kind.omega_max, "initial": list(initial[name]),
         })  # fmt: skip
-    activities, motions = [], []
+    activities: list[dict[str, Any]] = []
+    motions: list[dict[str, Any]] = []
     for k, drive in enumerate(d for d in drives if len(d.rows) > 1):
         name = f"{k}: {drive.activity}"
         since, until = drive.rows[0][0], drive.rows[-1][0]

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
 from shapely.affinity import rotate, translate
 from shapely.geometry import Polygon
 
@@ -25,7 +26,6 @@ from up_samp.fleet.statements import Kind, Meaning
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import ProblemError, SampError
 from up_samp.operate.choice import Choice, choose
-from up_samp.operate.clock import RealClock, SimulatedClock
 from up_samp.operate.horizon import DELIVERS, Cut, Opened, cut_of, first_inside, meanings_of
 from up_samp.operate.planner import Answer, Planner, Question, check_job, check_site
 from up_samp.operate.records import Job, Pose, Report, Shape, State, job_record
@@ -44,6 +44,20 @@ class Robots(Protocol):
 
     def follow(self, executor: Executor) -> None:
         """Take note that commands speak of the motions of another plan from now on."""
+
+
+class Clock(Protocol):
+    """What time it is (s since the day's start), and how it passes."""
+
+    @property
+    def waits(self) -> bool:
+        """Whether time stands while an answer of the planner is due."""
+
+    def now(self) -> float:
+        """Return the time (s)."""
+
+    def sleep(self, seconds: float) -> None:
+        """Let time pass."""
 
 
 class Asked(Protocol):
@@ -109,7 +123,7 @@ class Operation:
         *,
         store: Store,
         robots: Robots,
-        clock: RealClock | SimulatedClock,
+        clock: Clock,
         planner: Asked | None = None,
         settings: Settings | None = None,
     ) -> None:
@@ -389,7 +403,7 @@ class Operation:
         if way is None:
             return self.cut().poses[robot]
         path = self.executor._drives[way.activity, robot].path
-        x, y, theta = (float(v) for v in path.poses_at([way.progress])[0])
+        x, y, theta = (float(v) for v in path.poses_at(np.array([way.progress]))[0])
         return x, y, theta
 
     def _happened(self) -> None:
@@ -516,7 +530,7 @@ class Operation:
 
     def stale(self) -> list[str]:
         """Return robots that are still to do what is cancelled, or was changed."""
-        found = {}
+        found: dict[str, None] = {}
         for name, meaning in self.meanings.items():
             job = self.jobs.get(meaning.what)
             over = job is not None and job.state in (State.WAITING, State.CANCELLED)

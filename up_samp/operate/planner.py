@@ -113,7 +113,8 @@ def problem_records(ask: Question) -> FleetRecords:
         there = name in ask.robots
         robots[name] = replace(robot, start=spot, end=robot.end if there else None)
     idle = [r for r in ask.robots if r not in ask.held]
-    orders, tasks = [], []
+    orders: list[Order] = []
+    tasks: list[Task] = []
     for job in ask.jobs:
         able = tuple(
             r
@@ -124,7 +125,10 @@ def problem_records(ask: Question) -> FleetRecords:
             raise ProblemError(f"nobody is there to do '{job.id}'")
         known = {j.id for j in ask.jobs}
         mine = replace(job, robots=able, after=tuple(n for n in job.after if n in known))
-        (orders if isinstance(mine, Order) else tasks).append(mine)
+        if isinstance(mine, Order):
+            orders.append(mine)
+        else:
+            tasks.append(mine)
     for name, order in ask.held.items():
         if name in ask.robots:
             tasks.append(_brought(order, name))

@@ -260,10 +260,9 @@ class SimulatedRobots:
 class SteppedClock:
     """A simulated clock whose time is also that of simulated robots: they drive while it passes."""
 
-    waits = True
-
     def __init__(self, clock: Any, robots: SimulatedRobots, step: float = 0.1) -> None:
         self.clock, self.robots, self.step = clock, robots, step
+        self.waits: bool = clock.waits
 
     def now(self) -> float:
         """Return the time (s)."""

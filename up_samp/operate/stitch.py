@@ -218,8 +218,8 @@ def _dependencies(
     for entry in said["edges"]:
         first, then = (event_from_list(entry[side]) for side in ("first", "then"))
         if entry["kind"] != MEETING and {first.activity, then.activity} - {""} <= set(names):
-            one, two = (_named(e, names) for e in (first, then))
-            draft.put(one, two, float(entry["lag"]), entry["kind"], entry["why"])
+            pair = (_named(first, names), _named(then, names))
+            draft.put(*pair, float(entry["lag"]), entry["kind"], entry["why"])
     for one, two in _after(kept, known, names, ties):
         first, then = Event(At.END, one), Event(At.START, two)
         draft.put(first, then, TOLERANCES.strict, "object", f"{one} was there before")

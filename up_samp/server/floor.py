@@ -229,10 +229,7 @@ def site_data(day: Operation) -> dict[str, Any]:
     cells = sorted({(int(c) // step, int(r) // step) for r, c in zip(rows, cols, strict=True)})
     return {
         "name": day.site.name,
-        "size": [
-            grid.occupied.shape[1] * grid.resolution,
-            grid.occupied.shape[0] * grid.resolution,
-        ],
+        "size": [width, height],
         "origin": list(grid.origin[:2]),
         "cell": step * grid.resolution,
         "walls": cells,
