@@ -91,7 +91,7 @@ def store_legs(service: MotionService, queries: Sequence[LegQuery], found: Seque
     known = 0
     for query, leg in zip(queries, found, strict=True):
         if leg is not None:
-            service.remember(leg[0], query, leg[1])
+            service.legs.remember(leg[0], query, leg[1])
             known += 1
     return known
 

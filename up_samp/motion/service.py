@@ -26,7 +26,7 @@ from up_samp.motion.compile import warm_up
 from up_samp.motion.legs import Legs, strung
 from up_samp.motion.proofs.bounds import DurationBounds
 from up_samp.motion.proofs.certificates import Certifier
-from up_samp.motion.protocol import Leg, LegQuery
+from up_samp.motion.protocol import LegQuery
 from up_samp.motion.tuning import MotionTuning
 
 
@@ -85,10 +85,6 @@ class MotionService:
         report = PathReport(Outcome.FOUND, whole, planner=used, complete=complete)
         return _timed(report, began)
 
-    def remember(self, name: str, query: LegQuery, leg: Leg) -> None:
-        """Put a leg that ``name`` planned into the cache."""
-        self.legs.remember(name, query, leg)
-
     def lower_bound(
         self,
         body: Body,
@@ -97,7 +93,7 @@ class MotionService:
         obstacles: Sequence[Placed] = (),
     ) -> float:
         """Return seconds that no motion between the two poses can beat."""
-        return self.bounds.duration(body, start, goal, self.met_by(body, obstacles))
+        return self.bounds.through(body, (start, goal), self.met_by(body, obstacles))
 
     def lower_bound_through(self, body: Body, poses: Sequence[Configuration]) -> float:
         """Return seconds that no motion through ``poses`` can beat, stopping there or not."""

@@ -168,7 +168,7 @@ def _other_interference(
     problem: Any, timeline: StateTimeline, by_name: dict[str, list[Change]]
 ) -> Iterator[Violation]:
     """Rule 11 for what effects and durations read."""
-    readings = [(r.time, r.owner, r.keys, r.what) for r in timeline.effect_reads]
+    readings = list(timeline.effect_reads)
     for activity in present_activities(problem, timeline):
         start = timeline.decisions.times[activity.name][0]
         reader = _reader_at(timeline, start, Reading.LATER, activity.name)

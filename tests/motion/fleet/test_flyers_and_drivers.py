@@ -92,7 +92,7 @@ def test_many_drive_under_one_that_hovers(world, monkeypatch):
     for k, y in enumerate((3, 6)):
         cart = world.flat(f"cart{k}", (3, y, 0), motion_parameters=LOW)
         world.move(f"drive{k}", cart, cart.home, world.place(7, y, 0))
-    monkeypatch.setattr("up_samp.search.fleet.sequential.MANY", 2)
+    monkeypatch.setattr("up_samp.search.fleet.improve.MANY", 2)
     result = solved(world)
     assert result.status in FOUND
 

@@ -23,6 +23,7 @@ from up_samp.model import (
     Trajectory,
 )
 from up_samp.motion.budget import WorkBudget
+from up_samp.motion.guides.search_space import TOUCHES
 from up_samp.motion.planners.control_law import ControlPiece, Roller, miss, total
 from up_samp.motion.planners.ompl_planar import PlanarWorld, state_of
 from up_samp.motion.planners.ompl_solve import (
@@ -170,8 +171,7 @@ def control_leg(
     name = canonical(planner, control=True)
     world = ControlWorld(scene, body, (start, goal), query.obstacles, seed)
     if not world.fit_margin():
-        reason = "the start or the goal touches the map or an obstacle"
-        return Leg(None, reason, complete=True)
+        return Leg(None, TOUCHES, complete=True)
     budget = WorkBudget(deadline)
     direct = world.steer(start, goal, _DIRECT, budget)
     pieces: list[ControlPiece] | None = direct

@@ -20,9 +20,9 @@ import numpy.typing as npt
 from up_samp.geometry import Scene
 from up_samp.geometry.meshes import (
     Mesh,
-    boxes,
     mesh_of,
     nested,
+    prism,
     surface_distance,
     transform,
     wall_rectangles,
@@ -37,6 +37,7 @@ from up_samp.model import (
 )
 from up_samp.motion.budget import WorkBudget
 from up_samp.motion.curves.straight import leg_profile, timed_chain, turn_between
+from up_samp.motion.guides.search_space import MARGIN_SHARES, TOUCHES
 from up_samp.motion.planners.ompl_solve import (
     EdgeValidity,
     Validity,
@@ -51,8 +52,6 @@ from up_samp.motion.protocol import Leg, LegQuery
 
 FloatArray = npt.NDArray[np.float64]
 
-MARGIN_SHARES = (1.0, 0.25, 0.06, 0.015)
-"""Shares of the clearance margin tried where a start or goal is closer to something than that."""
 _SHORTCUTS = 300
 """Rounds of shortening..."""
 _PATIENCE = 80
@@ -86,11 +85,10 @@ class FlyerWorld:
             mesh, pose = mesh_of(placed.body, placed.pose, floor, sky)
             self.things.append((mesh, transform(pose), pose))
         if scene.grid is not None:
-            walls = boxes(wall_rectangles(scene.grid), floor, sky)
-            if walls is not None:
-                rest = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
-                self._walls = len(self.things)
-                self.things.append((walls, transform(rest), rest))
+            rest = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+            self._walls = len(self.things)
+            walls = prism(wall_rectangles(scene.grid), floor, sky)
+            self.things.append((walls, transform(rest), rest))
         self._centres = np.array([rest[:3] for *_, rest in self.things]).reshape(-1, 3)
         self._reaches = np.array([m.radius + self.mesh.radius for m, _, _ in self.things])
 
@@ -202,8 +200,7 @@ def flyer_leg(
     body, start, goal = query.body, query.start, query.goal
     world = FlyerWorld(scene, body, (start, goal), query.obstacles)
     if not world.fit_margin() or any(world.swallowed(p) for p in (start, goal)):
-        reason = "the start or the goal touches the map or an obstacle"
-        return Leg(None, reason, complete=True)
+        return Leg(None, TOUCHES, complete=True)
     name, budget = canonical(planner), WorkBudget(deadline)
     space = ob.SE3StateSpace()
     space.setBounds(box_bounds(world.low.tolist(), world.high.tolist()))

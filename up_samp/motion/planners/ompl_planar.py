@@ -1,7 +1,8 @@
 """Legs of cars (REEDSSHEPP) and omnidirectional bodies (SE2) by OMPL's planners.
 
-OMPL searches; every edge is checked whole by one compiled, swept-safe call, which also records what
-stood in the way. The path found is shortened with times in view, and timed from rest to rest.
+OMPL searches; every edge is checked whole by one compiled call, by conservative advancement
+(Mirtich 1996): nothing slips through between two checks. The path found is shortened with times in
+view, and timed from rest to rest.
 (Sucan, Moll & Kavraki, *The Open Motion Planning Library*, 2012.)
 """
 
@@ -17,6 +18,9 @@ import numpy as np
 import numpy.typing as npt
 
 from up_samp.geometry import Scene
+from up_samp.geometry.kernels import advance, map_clearance, poly_distance
+from up_samp.geometry.records import WorldData, kernel
+from up_samp.geometry.sweeps import travel_ratio
 from up_samp.model import (
     Body,
     Configuration,
@@ -28,10 +32,9 @@ from up_samp.model import (
 from up_samp.motion.budget import WorkBudget
 from up_samp.motion.curves.arcs import merged, path_time
 from up_samp.motion.curves.blending import pieces
-from up_samp.motion.curves.reeds_shepp import CarLimits, shortest
+from up_samp.motion.curves.reeds_shepp import CarLimits, Pose, connect, shortest
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
-from up_samp.motion.guides.search_space import search_box, widest_shape
-from up_samp.motion.planners import ompl_edges as edges
+from up_samp.motion.guides.search_space import TOUCHES, search_box, widest_shape
 from up_samp.motion.planners.car_shortcuts import Effort, improve, settle
 from up_samp.motion.planners.gliding import Glider
 from up_samp.motion.planners.omni_astar import planar_limits, shortened
@@ -49,6 +52,7 @@ from up_samp.motion.planners.ompl_solve import (
 from up_samp.motion.protocol import Leg, LegQuery
 
 FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -67,6 +71,75 @@ class OmplSettings:
 
 
 SETTINGS = OmplSettings()
+
+
+@kernel
+def look(world: WorldData, x: float, y: float, th: float, hits: IntArray) -> float:
+    """Return a lower bound (m) on the clearance beyond the margin; -1 (and a hit) if it is less
+    than the smallest that swept checks accept. ``hits`` counts them: one counter for each resting
+    object, the last one for the map.
+    """
+    polys, shape = world.polys, world.shape
+    least = 0.1 * shape.slack[2]
+    c = map_clearance(world.grid, shape, x, y, th)
+    if c < least:
+        hits[hits.shape[0] - 1] += 1
+        return -1.0
+    if polys.counts.shape[0] > 0:
+        d, owner = poly_distance(polys, shape, x, y, th, c + shape.margin)
+        d -= shape.margin
+        if d < least:
+            hits[owner] += 1
+            return -1.0
+        c = min(c, d)
+    return c
+
+
+@kernel
+def car_edge(world: WorldData, car: CarLimits, a: Pose, b: Pose, hits: IntArray) -> bool:
+    """Return whether the fastest Reeds-Shepp curve between two poses keeps the margin (with v = 1
+    and a = inf it is the shortest).
+    """
+    if look(world, b[0], b[1], b[2], hits) < 0.0:
+        return False
+    arcs = np.empty((5, 2))
+    _, n = connect(a, b, car, (0.0, 0.0), arcs)
+    ax, ay, ath = a
+    for i in range(n):
+        kappa, s = arcs[i, 0], arcs[i, 1]
+        ratio = travel_ratio(world.shape, kappa)
+        total, done = abs(s), 0.0
+        sign = 1.0 if s >= 0.0 else -1.0
+        while done < total:
+            x, y, th = advance(ax, ay, ath, kappa, sign * done)
+            c = look(world, x, y, th, hits)
+            if c < 0.0:
+                return False
+            done += c / ratio
+        ax, ay, ath = advance(ax, ay, ath, kappa, s)
+    return True
+
+
+@kernel
+def line_edge(world: WorldData, a: Pose, b: Pose, hits: IntArray) -> bool:
+    """Return whether the straight motion between two poses, turning the shorter way round at a
+    constant rate, keeps the margin.
+    """
+    (ax, ay, ath), (bx, by, bth) = a, b
+    if look(world, bx, by, bth, hits) < 0.0:
+        return False
+    turn = (bth - ath + math.pi) % (2.0 * math.pi) - math.pi
+    dx, dy = bx - ax, by - ay
+    travel = math.sqrt(dx * dx + dy * dy) + abs(turn) * world.shape.radius
+    share = 0.0
+    while share < 1.0:
+        c = look(world, ax + share * dx, ay + share * dy, ath + share * turn, hits)
+        if c < 0.0:
+            return False
+        if c >= travel:
+            return True
+        share += c / travel
+    return True
 
 
 class PlanarWorld:
@@ -100,14 +173,14 @@ class PlanarWorld:
 
     def pose_free(self, x: float, y: float, th: float) -> bool:
         """Return whether the body keeps the margin at a pose."""
-        return bool(edges.look(self.data, x, y, th, self.hits) >= 0.0)
+        return bool(look(self.data, x, y, th, self.hits) >= 0.0)
 
     def edge_free(self, ax: float, ay: float, ath: float, bx: float, by: float, bth: float) -> bool:
         """Return whether the body keeps the margin all along the edge between two poses."""
         a, b = (ax, ay, ath), (bx, by, bth)
         if self.car:
-            return bool(edges.car_edge(self.data, self._car, a, b, self.hits))
-        return bool(edges.line_edge(self.data, a, b, self.hits))
+            return bool(car_edge(self.data, self._car, a, b, self.hits))
+        return bool(line_edge(self.data, a, b, self.hits))
 
     def blockers(self) -> frozenset[str]:
         """Return the obstacles that checks have hit so far."""
@@ -241,8 +314,7 @@ def planar_leg(
     start, goal = query.start, query.goal
     world = PlanarWorld(scene, query.body, (start, goal), query.obstacles)
     if not world.fit_margin():
-        reason = "the start or the goal touches the map or an obstacle"
-        return Leg(None, reason, complete=True)
+        return Leg(None, TOUCHES, complete=True)
     budget = WorkBudget(deadline)
     nodes, reason, _ = search(world, start, goal, budget, planner=planner, seed=seed)
     if nodes is None:
