@@ -212,11 +212,6 @@ class JudgedScene:
         rides = {(r.activity, r.load) for r in self.rides}
         return [e for e in self._effects if (e.activity, e.object) not in rides]
 
-    @property
-    def effects(self) -> tuple[Jump, ...]:
-        """All motion effects of present activities, with the configurations that they mean."""
-        return tuple(self._effects)
-
     @cached_property
     def _settings(self) -> list[Jump]:
         """The motion effects on objects that their activity does not drive as well."""
