@@ -142,7 +142,7 @@ class ReservationTable:
         return fit(self._workspace, motion, window, path, others)
 
     def together(
-        self, motions: Sequence[TimedMotion], deadline: Deadline, *, top: int
+        self, motions: Sequence[TimedMotion], deadline: Deadline
     ) -> Mapping[str, TimedPath] | None:
         """Return runs of motions of different objects that are decided at once, by name."""
         release = min(m.release for m in motions)
@@ -152,7 +152,7 @@ class ReservationTable:
         root, _, _ = alone(group)
         if root is None:
             return None
-        climb(group, root, top)
+        climb(group, root, coupled=False)
         return None if group.best is None else group.best.runs
 
     def add(self, run: TimedPath) -> None:

@@ -386,7 +386,7 @@ class EarliestStartPlanner(SequentialPlanner):
         """Decide motions of several objects at once."""
         self._place_changed(names[0])
         timed = [self._timed(name) for name in names]
-        runs = self._floor.together(timed, deadline, top=_HARDER)
+        runs = self._floor.together(timed, deadline)
         if runs is None:
             return False
         for name in sorted(names, key=lambda n: (runs[n].arrival, n)):
