@@ -68,7 +68,7 @@ def commands(arguments: list[str]) -> list[list[str]]:
     return [
         *STYLE,
         TYPES,
-        pytest(*arguments),
+        pytest("--durations=40", *arguments),
     ]
 
 

@@ -1,7 +1,7 @@
 """Try other values of the tunables on short cases, and keep what each of them shows.
 
     python scripts/sweep.py                        # what is not in the kept file yet
-    python scripts/sweep.py --only cpsat search.repair.steps    # parts or tunables, anew
+    python scripts/sweep.py --only cpsat search.exchanges    # parts or tunables, anew
     python scripts/sweep.py --reads                # only which case reads which tunable
     python scripts/sweep.py --parts                # stages and ideas left out, one at a time
 
@@ -105,8 +105,7 @@ def fleet(size: str, tuning: Table) -> Values:
     from up_samp.benchmarks.warehouse import warehouse
 
     robots, orders = map(int, size.split("x"))
-    large = {**tuning.get("search", {}).get("large", {}), "activities": 1}
-    tuning = {**tuning, "search": {**tuning.get("search", {}), "large": large}}
+    tuning = {**tuning, "search": {**tuning.get("search", {}), "large": 1}}
     return solved(warehouse(robots, orders, encoding="compact"), tuning, optimal=False)
 
 

@@ -31,8 +31,8 @@ constant beside its use.
 A TOML file names what it changes; the rest stays as it is:
 
 ```toml
-[search.repair]
-steps = 40
+[search]
+stale = 4000
 
 [motion.fleet.detours]
 beside = [1.0, 1.6]

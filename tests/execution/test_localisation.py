@@ -64,7 +64,11 @@ def check(run):
 
 @pytest.mark.parametrize(
     ("family", "seed", "patterns"),
-    [("rounds", 0, PATTERNS[1:3]), ("rounds", 3, PATTERNS), ("ways", 5, PATTERNS[:3])],
+    [
+        ("rounds", 0, PATTERNS[1:3]),
+        ("rounds", 3, PATTERNS),
+        pytest.param("ways", 5, PATTERNS[:3], marks=pytest.mark.long),
+    ],
 )
 def test_errors_up_to_the_declared_one_do_no_harm(yaml, family, seed, patterns):
     problem, plan = PLANS[family](seed, yaml)

@@ -14,7 +14,7 @@ PLACES = {
     "certificate": ("up_samp.motion.proofs.certificates", "Certifier", "prove"),
     "bound": ("up_samp.motion.proofs.bounds", "Bounds", "duration"),
     "tidy": ("up_samp.search.resolve", None, "_with_motions_optional"),
-    "repair": ("up_samp.search.resolve", "RepairDurations", "__call__"),
+    "repair": ("up_samp.search.presets", None, "repair_durations"),
 }
 
 

@@ -84,7 +84,7 @@ def test_seconds_count_as_well_as_metres():
 def test_levels_that_make_no_sense_are_refused():
     with pytest.raises(FleetError, match=r"battery.level: is more than the capacity 60"):
         floor(60, level=80)
-    with pytest.raises(FleetError, match=r"battery.reserve: is more than the 60 that are there"):
+    with pytest.raises(FleetError, match=r"battery.reserve: the reserve is 61, and 60 are there"):
         floor(60, reserve=61)
     with pytest.raises(FleetError, match=r"battery.volts: there is no such key"):
         floor(60, volts=48)

@@ -128,6 +128,7 @@ def test_a_load_stands_at_one_place_and_goes_to_another():
         fleet.add_order("o", "a", "b", attached={"footprint": [1.0]})
 
 
+@pytest.mark.long
 def test_a_load_is_handed_over_and_brought_back():
     """r0 may not go where r1 may: one puts the pallet down, the other takes it on, and back."""
     fleet = floor(2)

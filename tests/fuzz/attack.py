@@ -30,7 +30,7 @@ get_environment().credits_stream = None
 PROVEN = (Status.SOLVED_OPTIMALLY, Status.UNSOLVABLE_PROVEN)
 UNEXPLAINED = {"search": {"proof": {"explain_seconds": 0.0}}}
 """Attackers need not say why there is no plan."""
-DOUBTED = {"cpsat": {"stages": {"doubted": 10**6}}}
+DOUBTED = {"cpsat": {"doubted": 10**6}}
 """Whatever rests on what was recognised is doubted, however large the problem."""
 SLACK = 2.0
 """Seconds that a run may take beyond its limit, waiting for a processor not counted."""

@@ -22,7 +22,6 @@ from up_samp.search import (
     State,
     split_parameters,
 )
-from up_samp.search.budget import AtOnce, Staged
 from up_samp.search.cuts.paper import PaperCuts
 from up_samp.search.cuts.small import SmallCuts
 from up_samp.search.params import ABLATIONS, PRESETS
@@ -54,10 +53,11 @@ class Recorder(Observer):
     def __getattribute__(self, name):
         if not name.startswith("on_"):
             return super().__getattribute__(name)
-        return lambda event: self.events.append((name, event))
+        return lambda state, *told: self.events.append((name, state, *told))
 
     def named(self, name):
-        return [event for kind, event in self.events if kind == name]
+        """Return what was told of one kind: where the search was, and what happened."""
+        return [told for kind, *told in self.events if kind == name]
 
 
 def door_in_the_way(folder):
@@ -72,24 +72,24 @@ def test_observers_are_told_each_event_by_name(tmp_path, preset, make):
     recorder = Recorder()
     result = solve(make(tmp_path), preset=preset, observers=[recorder], first_plan=True)
     history = result.history
-    rounds = [e for e in recorder.named("on_round") if e.report is not None]
+    rounds = [report for _, report, *_ in recorder.named("on_round") if report is not None]
     assert len(rounds) == len(history.rounds)
-    learned = [r for e in recorder.named("on_refinement") for r in e.refinements]
+    learned = [r for _, some in recorder.named("on_refinement") for r in some]
     assert learned == history.refinements
     plans = recorder.named("on_plan")
-    makespans = [e.incumbent.schedule.makespan for e in plans]
+    makespans = [incumbent.schedule.makespan for _, incumbent in plans]
     assert makespans == sorted(makespans, reverse=True)
     assert makespans[-1] == int(result.metrics["makespan"])
     assert len(recorder.named("on_schedule")) >= len(rounds)
     assert len(recorder.named("on_restart")) == history.restarts
-    elapsed = [event.state.elapsed for _, event in recorder.events]
+    elapsed = [state.elapsed for _, state, *_ in recorder.events]
     assert elapsed == sorted(elapsed)
-    assert {e.phase.value for e in recorder.named("on_stage")} >= {"schedule", "motions"}
+    assert {phase.value for _, phase, *_ in recorder.named("on_stage")} >= {"schedule", "motions"}
 
 
 def test_what_an_observer_raises_ends_the_search(tmp_path):
     class Bored(Observer):
-        def on_schedule(self, event):
+        def on_schedule(self, state, report):
             raise RuntimeError("enough of this")
 
     with pytest.raises(RuntimeError, match="enough of this"):
@@ -110,10 +110,10 @@ def test_a_plan_is_built_once_for_each_incumbent(tmp_path, monkeypatch):
     with AnytimePlanner(name="samp-refine[cpsat]", params=params) as planner:
         results = list(planner.get_solutions(crossing(tmp_path), timeout=60))
     plans = recorder.named("on_plan")
-    assert results[-1].plan is plans[-1].incumbent.plan
-    assert [r.plan for r in results[:-1]] == [e.incumbent.plan for e in plans]
+    assert results[-1].plan is plans[-1][1].plan
+    assert [r.plan for r in results[:-1]] == [incumbent.plan for _, incumbent in plans]
     assert len(built) == len({id(s) for s in built})
-    checked = [e for e in recorder.named("on_round") if e.report is not None]
+    checked = [report for _, report, *_ in recorder.named("on_round") if report is not None]
     assert len(plans) <= len(built) <= len(checked)
 
 
@@ -194,10 +194,10 @@ def test_a_preset_is_a_list_of_components():
         "handing over places",
     ]
     assert isinstance(full.cuts, SmallCuts)
-    assert isinstance(full.pace, Staged)
+    assert full.pace.staged
     assert not full.for_proofs
     other = parts("default", native=False)
-    assert isinstance(other.pace, AtOnce)
+    assert not other.pace.staged
     assert [s.name for s in other.for_proofs] == ["unary places"]
     paper = parts("paper")
     assert isinstance(paper.cuts, PaperCuts)

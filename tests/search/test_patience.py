@@ -8,7 +8,7 @@ from unified_planning.shortcuts import OneshotPlanner, get_environment
 from tests.metamorphic.motions import ALIKE, write
 from tests.metamorphic.sites import store
 from up_samp.model import Deadline, ProblemError
-from up_samp.search.budget import Budget, Staged
+from up_samp.search.budget import Budget, SchedulerPace
 from up_samp.search.params import Parameters
 from up_samp.validation import validate_plan
 
@@ -52,7 +52,7 @@ def test_endless_patience_changes_nothing():
 
 
 def test_half_of_patience_is_for_the_motions_of_what_is_found():
-    spent, pace = budget(patience=1.0), Staged(proof_seconds=30.0)
+    spent, pace = budget(patience=1.0), SchedulerPace(True, proof_seconds=30.0)
     spent.deadline.spend(20.0)
     spent.planned()
     deadline = pace.deadline(spent, planned=True, proving=True)

@@ -185,8 +185,8 @@ class Seen(Observer):
     def __init__(self):
         self.groups = []
 
-    def on_refinement(self, event):
-        self.groups += [r for r in event.refinements if r.layer is Layer.GROUP]
+    def on_refinement(self, state, refinements):
+        self.groups += [r for r in refinements if r.layer is Layer.GROUP]
 
 
 def test_no_order_of_three_robots_is_a_proof(tmp_path):

@@ -17,8 +17,6 @@ from up_samp.benchmarks.runner import execute
 from up_samp.model import ProblemError
 from up_samp.model.tunable import Tunables
 from up_samp.scheduling.cpsat import CpsatSession
-from up_samp.search import params as parameters
-from up_samp.search.presets import components_of
 from up_samp.tuning import Tuning, changes, read_tuning, tuning_of
 
 ROOT = Path(__file__).parents[2]
@@ -26,12 +24,12 @@ ROOT = Path(__file__).parents[2]
 
 def test_a_file_changes_what_it_names(tmp_path):
     file = tmp_path / "mine.toml"
-    file.write_text("[search.repair]\nsteps = 3\n[motion.fleet.detours]\nbeside = [1.1, 2]\n")
+    file.write_text("[search]\ndeals = 3\n[motion.fleet.detours]\nbeside = [1.1, 2]\n")
     tuning = read_tuning(file)
-    assert tuning.search.repair.steps == 3
+    assert tuning.search.deals == 3
     assert tuning.motion.fleet.detours.beside == (1.1, 2)
     assert changes(tuning) == {
-        "search": {"repair": {"steps": 3}},
+        "search": {"deals": 3},
         "motion": {"fleet": {"detours": {"beside": (1.1, 2)}}},
     }
     assert tuning_of(str(file)) == tuning_of(file) == tuning
@@ -42,14 +40,14 @@ def test_a_file_changes_what_it_names(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[search.repair]\nstep = 3", "unknown tunable 'search.repair.step' .*'steps'"),
-        ("[serch.repair]\nsteps = 3", "unknown tunable 'serch' .*'search'"),
-        ("[search]\nrepair = 3", "'search.repair' is a table"),
-        ("[search.repair]\nsteps = -1", "search.repair.steps: .*0 or more"),
-        ("[search.repair]\nsteps = 2.5", "whole number"),
-        ("[search.repair]\neffort = nan", "finite number"),
-        ("[search.repair]\neffort = true", "finite number"),
-        ("[search.in_order]\nshare = 1.5", "1 or less"),
+        ("[search]\ndeal = 3", "unknown tunable 'search.deal' .*'deals'"),
+        ("[serch]\ndeals = 3", "unknown tunable 'serch' .*'search'"),
+        ("[motion]\nfleet = 3", "'motion.fleet' is a table"),
+        ("[search]\nrounds = -1", "search.rounds: .*0 or more"),
+        ("[search]\nrounds = 2.5", "whole number"),
+        ("[search]\ncold = nan", "finite number"),
+        ("[search]\ncold = true", "finite number"),
+        ("[search]\ncold = 1.5", "1 or less"),
         ("[motion.fleet.detours]\nbeside = 3", "list of numbers"),
         ("[motion.fleet.detours]\nbeside = []", "list of numbers"),
         ("[motion.fleet.detours]\nbeside = [1, 'x']", "finite number"),
@@ -93,18 +91,15 @@ def test_the_page_on_tuning_is_true():
 
 def test_components_and_schedulers_get_their_tunables(tmp_path, monkeypatch):
     given = {
-        "search": {"repair": {"steps": 1}},
-        "cpsat": {"stages": {"tiny": 0}},
+        "search": {"deals": 1},
+        "cpsat": {"tiny": 0},
     }
-    params, _ = parameters.split_parameters({"tuning": given})
-    made = components_of(params, native=True)
-    assert made.repairs[0].tuning.steps == 1
     sessions = []
     init = CpsatSession.__init__
 
     def spy(self, *args, **keywords):
         init(self, *args, **keywords)
-        sessions.append(self.tuning.stages.tiny)
+        sessions.append(self.tuning.tiny)
 
     monkeypatch.setattr(CpsatSession, "__init__", spy)
     hall = Hall(tmp_path, robots=2)
@@ -137,7 +132,7 @@ def test_engines_refuse_unknown_tunables(tmp_path, name):
     hall.move("go", 0, "left0", "right0")
     plain = SchedulingProblem("plain")
     plain.add_activity("work", 3)
-    given = {"tuning": {"cpsat": {"stages": {"tinny": 1}}}}
+    given = {"tuning": {"cpsat": {"tinny": 1}}}
     with (
         OneshotPlanner(name=name, params=given) as planner,
         pytest.raises(ProblemError, match="did you mean 'tiny'"),
@@ -147,11 +142,11 @@ def test_engines_refuse_unknown_tunables(tmp_path, name):
 
 def test_a_benchmarks_run_gets_its_tunables_in_its_process(tmp_path):
     file = tmp_path / "mine.toml"
-    file.write_text("[cpsat.stages]\ntiny = 0\n")
+    file.write_text("[cpsat]\ntiny = 0\n")
     chosen = select(["logistics-do-oc-r1-i1"])
     specs = sweep(chosen, ["samp-refine[cpsat]"], tunings=["", _tuning(file)])
-    assert [s.tuning for s in specs] == ["", '{"cpsat": {"stages": {"tiny": 0}}}']
+    assert [s.tuning for s in specs] == ["", '{"cpsat": {"tiny": 0}}']
     assert len({s.key for s in specs}) == len({s.column for s in specs}) == 2
-    wrong = RunSpec(chosen[0].name, "samp-refine[cpsat]", tuning='{"cpsat": {"stages": {"x": 1}}}')
+    wrong = RunSpec(chosen[0].name, "samp-refine[cpsat]", tuning='{"cpsat": {"x": 1}}')
     record = execute(dataclasses.asdict(wrong))
-    assert "unknown tunable 'cpsat.stages.x'" in record["error"]
+    assert "unknown tunable 'cpsat.x'" in record["error"]

@@ -1,6 +1,4 @@
-"""The command line: ``up-samp demo``, ``solve``, ``validate``, ``draw``, ``export``,
-``engines``, ``bench``.
-"""
+"""The command line ``up-samp``: its commands (``COMMANDS``), exit codes, and errors in a line."""
 
 from __future__ import annotations
 

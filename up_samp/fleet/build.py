@@ -3,6 +3,7 @@
 - Each robot has a fluent for its place. Moves need it at their start and set it at their end; what
   is done at places needs it over ``(start, end]``, so that it may begin as a move ends.
 - What one robot does takes the robot, a resource of one unit: linear in size, where pairs are not.
+- Records say nothing in short here (:mod:`up_samp.fleet.spelled_out`).
 - What can be done by several robots is one optional activity each, exactly one of them present.
 """
 
@@ -18,6 +19,7 @@ from up_samp.fleet.jobs import JobRules, add_loads
 from up_samp.fleet.objective import add_objective
 from up_samp.fleet.records import FleetRecords, Weights
 from up_samp.fleet.site import Site
+from up_samp.fleet.spelled_out import spelled_out
 from up_samp.fleet.statements import Written, one_at_a_time
 from up_samp.fleet.work import Work
 
@@ -34,6 +36,7 @@ def write_problem(records: FleetRecords, folder: Path) -> Written:
     :raises FleetError: where more robots start in a zone than it takes.
     :raises UnsupportedError: where something cannot be said to the engines.
     """
+    records = spelled_out(records)
     site = Site(records, folder)
     work = Work(site)
     drives = Drives(site, work)
@@ -41,6 +44,7 @@ def write_problem(records: FleetRecords, folder: Path) -> Written:
         drives.add(robot)
         add_loads(site, work, robot)
     JobRules(site, work).add()
+    work.limit_shifts()
     for robot, activities in work.busy.items():
         one_at_a_time(site.problem, robot, activities)
     if isinstance(records.objective, Weights):

@@ -15,7 +15,9 @@ from shapely.validation import explain_validity
 
 from up_samp.fleet.records import (
     FIGURES,
+    GROUND,
     Attached,
+    Battery,
     FleetRecords,
     Order,
     Outline,
@@ -28,6 +30,7 @@ from up_samp.fleet.records import (
     needs_robot,
     with_skills,
 )
+from up_samp.fleet.spelled_out import ids_of, stop_of, with_places
 from up_samp.model import ProblemError
 
 
@@ -103,6 +106,7 @@ NO_ROBOT = Fault(("robots",), "there is no robot; add one")
 
 def find_faults(records: FleetRecords) -> list[Fault]:
     """Return all that is wrong with the names and figures of ``records``."""
+    records = with_places(records)
     return [fault for check in CHECKS for fault in check(records)]
 
 
@@ -132,6 +136,8 @@ def same_names(records: FleetRecords) -> Iterator[Fault]:
         ("places", records.places),
         ("doors", records.doors),
         ("zones", records.zones),
+        ("lifts", records.lifts),
+        ("floors", records.floors),
         ("resources", records.resources),
     ]
     seen: dict[str, str] = {}
@@ -144,9 +150,10 @@ def same_names(records: FleetRecords) -> Iterator[Fault]:
     for position, job in enumerate(records.jobs):
         late = position - len(records.orders)
         where: Path = ("orders", position) if late < 0 else ("tasks", late)
-        if job.id in ids:
-            yield Fault((*where, "id"), f"the id '{job.id}' is taken by {ids[job.id]}")
-        ids.setdefault(job.id, show_path(where))
+        for name in ids_of(job):
+            if name in ids:
+                yield Fault((*where, "id"), f"the id '{name}' is taken by {ids[name]}")
+            ids.setdefault(name, show_path(where))
 
 
 def _robots(records: FleetRecords) -> Iterator[Fault]:
@@ -164,18 +171,59 @@ def _robots(records: FleetRecords) -> Iterator[Fault]:
             text = f"robot '{starts[robot.start]}' starts at '{robot.start}', too"
             yield Fault((*path, "start"), text + "; give each a place of its own")
         starts.setdefault(robot.start, name)
+        yield from _window(robot.shift, 0.0, path, "shift")
+        for i, rest in enumerate(robot.breaks):
+            yield from _window(rest.window, rest.duration, (*path, "breaks", i))
+
+
+def _floors(records: FleetRecords) -> Iterator[Fault]:
+    """Places, doors and zones are on floors that there are; lifts stop at such."""
+    known = (GROUND, *records.floors)
+    if GROUND in records.floors:
+        yield Fault(("floors", GROUND), "is the floor of the problem's own map; call this another")
+    stops = {stop_of(n, floor) for n, lift in records.lifts.items() for floor in lift.stops}
+    named: list[tuple[Path, str]] = [
+        ((kind, name, "floor"), item.floor)
+        for kind in ("places", "doors", "zones")
+        for name, item in getattr(records, kind).items()
+        if name not in stops
+    ]
+    for name, lift in records.lifts.items():
+        named += [(("lifts", name, "stops", floor), floor) for floor in lift.stops]
+        if records.robots and not with_skills(records, lift.skills, ()):
+            yield Fault(("lifts", name, "skills"), f"no robot has {_and(lift.skills)}")
+    for path, floor in named:
+        yield from _known(known, "floor", [floor], path)
+    heights: dict[float, str] = {0.0: GROUND}
+    for name, storey in records.floors.items():
+        if storey.height in heights:
+            text = f"is that of '{heights[storey.height]}'; floors lie above each other"
+            yield Fault(("floors", name, "height"), text)
+        heights.setdefault(storey.height, name)
 
 
 def _batteries(records: FleetRecords) -> Iterator[Fault]:
-    for name, kind in records.robot_types.items():
-        battery, path = kind.battery, ("robot_types", name, "battery")
+    told: list[tuple[Path, Battery | None, float | None]] = [
+        (("robot_types", name, "battery"), kind.battery, None)
+        for name, kind in records.robot_types.items()
+    ]
+    for name, robot in records.robots.items():
+        kind = records.robot_types.get(robot.type)
+        if robot.level is not None and kind is not None:
+            told.append((("robots", name), kind.battery, robot.level))
+    for path, battery, own in told:
+        if battery is None and own is not None:
+            yield Fault((*path, "level"), "robots of its type have no battery")
         if battery is None:
             continue
-        first = battery.capacity if battery.level is None else battery.level
+        usual = battery.capacity if battery.level is None else battery.level
+        first = usual if own is None else own
         if first > battery.capacity:
             yield Fault((*path, "level"), f"is more than the capacity {battery.capacity:g}")
         if battery.reserve > first:
-            yield Fault((*path, "reserve"), f"is more than the {first:g} that are there at first")
+            key = "reserve" if own is None else "level"
+            text = f"the reserve is {battery.reserve:g}, and {first:g} are there at first"
+            yield Fault((*path, key), text)
 
 
 def _chargers(records: FleetRecords) -> Iterator[Fault]:
@@ -259,6 +307,12 @@ def _attached(records: FleetRecords, order: Order, path: Path) -> Iterator[Fault
     elif len(order.pickup.at) > 1:
         text = "its load stands at one place; name that one"
         yield Fault((*path, "pickup"), text)
+    places = [
+        records.places[p] for p in (*order.pickup.at, *order.delivery.at) if p in records.places
+    ]
+    if len({place.floor for place in places}) > 1:
+        text = "a load with a footprint stays on its floor: lifts take robots without one"
+        yield Fault((*path, "delivery"), text)
     same = sorted(set(order.pickup.at) & set(order.delivery.at))
     if same:
         text = f"its load stands at '{same[0]}' already; deliver it elsewhere"
@@ -322,10 +376,12 @@ def _stop(records: FleetRecords, stop: Stop, path: Path) -> Iterator[Fault]:
     yield from _window(stop.window, stop.service, path)
 
 
-def _window(window: tuple[float, float] | None, length: float, path: Path) -> Iterator[Fault]:
+def _window(
+    window: tuple[float, float] | None, length: float, path: Path, key: str = "window"
+) -> Iterator[Fault]:
     if window is not None and window[1] - window[0] < length:
         text = f"{window[0]:g} s to {window[1]:g} s is too short for {length:g} s"
-        yield Fault((*path, "window"), text)
+        yield Fault((*path, key), text)
 
 
 def _job(records: FleetRecords, job: Order | Task, path: Path) -> Iterator[Fault]:
@@ -422,6 +478,7 @@ def _weights(records: FleetRecords) -> Iterator[Fault]:
 
 CHECKS: tuple[Callable[[FleetRecords], Iterator[Fault]], ...] = (
     same_names,
+    _floors,
     _robots,
     _batteries,
     _chargers,

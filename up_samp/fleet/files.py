@@ -18,6 +18,7 @@ from pydantic import TypeAdapter, ValidationError
 from up_samp.fleet import records
 from up_samp.fleet.faults import Fault, FleetError, Path, find_faults, told
 from up_samp.fleet.records import FILE_LIMITS, FleetRecords
+from up_samp.fleet.tables import OrderTable, read_orders
 from up_samp.geometry import load_map
 from up_samp.model import ProblemError
 
@@ -194,10 +195,17 @@ def read_problem_text(
     if not isinstance(root, yaml.MappingNode):
         raise FleetError((), f"{path}: a problem file has keys such as map, robots and orders")
     data = _plain(path, root)
+    table = None
+    if isinstance(data.get("orders"), str):
+        if folder is None:
+            text = "list the orders here: there is no folder to read a table from"
+            raise _error(path, root, [Fault(("orders",), text)])
+        table = read_orders(folder / data["orders"])
+        data["orders"] = list(table.orders)
     try:
         records = checked_records(data, map_file)
     except FleetError as error:
-        raise _error(path, root, error.faults) from error
+        raise _error(path, root, error.faults, table) from error
     faults = [] if folder is None else list(_map_faults(records, folder))
     if faults:
         raise _error(path, root, faults)
@@ -206,10 +214,13 @@ def read_problem_text(
 
 def _map_faults(records: FleetRecords, folder: File) -> Iterator[Fault]:
     """A map that cannot be read is told where it is named."""
-    try:
-        load_map(folder / records.map)
-    except ProblemError as error:
-        yield Fault(("map",), str(error))
+    maps: dict[Path, str] = {("map",): records.map}
+    maps |= {("floors", name, "map"): floor.map for name, floor in records.floors.items()}
+    for path, file in maps.items():
+        try:
+            load_map(folder / file)
+        except ProblemError as error:
+            yield Fault(path, str(error))
 
 
 def checked_records(data: dict[str, Any], map_file: str | None = None) -> FleetRecords:
@@ -221,6 +232,9 @@ def checked_records(data: dict[str, Any], map_file: str | None = None) -> FleetR
         if "map" in data:
             text = "the problem must not name a map: it comes beside it"
             raise FleetError([Fault(("map",), text)])
+        if data.get("floors"):
+            text = "one map comes beside the problem: solve it where the files of its floors are"
+            raise FleetError([Fault(("floors",), text)])
         data = {**data, "map": map_file}
     records: FleetRecords = read_record(FleetRecords, data)
     faults = find_faults(records)
@@ -369,9 +383,19 @@ def _plain(path: File, root: yaml.Node) -> Any:
         loader.dispose()
 
 
-def _error(path: File, root: yaml.Node, faults: Sequence[Fault]) -> FleetError:
+def _error(
+    path: File, root: yaml.Node, faults: Sequence[Fault], table: OrderTable | None = None
+) -> FleetError:
     """Return an error that tells file and line of each fault."""
-    return FleetError(faults, told(faults, lambda f: f"{path}:{_line(root, f.path)}: {f}"))
+
+    def tell(fault: Fault) -> str:
+        match fault.path:
+            case ("orders", int(row), *inner) if table is not None:
+                there = dataclasses.replace(fault, path=tuple(inner))
+                return f"{table.file}:{table.lines[row]}: {there}"
+        return f"{path}:{_line(root, fault.path)}: {fault}"
+
+    return FleetError(faults, told(faults, tell))
 
 
 def _line(root: yaml.Node, path: Path) -> int:

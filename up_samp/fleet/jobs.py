@@ -38,10 +38,24 @@ def add_loads(site: Site, work: Work, robot: str) -> None:
         fits(pair, kind.capacity) for pair in itertools.combinations(orders, 2)
     ):
         _one_order(site, work, robot, orders)
-        return
+        return  # one at a time comes off in any order
     for load in sorted({k for o in orders for k in o.load}):
         if sum(o.load.get(load, 0) for o in orders) > kind.capacity.get(load, 0):
             _level(site, work, robot, load, orders)
+    if kind.unloading == "lifo":
+        for one, other in itertools.permutations(orders, 2):
+            _last_in_first_out(site, work, robot, one, other)
+
+
+def _last_in_first_out(site: Site, work: Work, robot: str, below: Order, above: Order) -> None:
+    """What is picked up while ``below`` is on the robot lies above it, and goes first."""
+    under, over = work.sides(robot, below.id), work.sides(robot, above.id)
+    for pick, deliver, pick_2, deliver_2 in itertools.product(*under, *over):
+        off = LE(deliver.end, pick_2.start)  # below has gone when above comes
+        first = LE(deliver_2.end, deliver.start)
+        before = LE(pick_2.end, pick.start)  # above lies below: the other permutation's case
+        everything = present(pick, deliver, pick_2, deliver_2)
+        site.problem.add_constraint(Or(off, first, before), everything)
 
 
 def _one_order(site: Site, work: Work, robot: str, orders: Sequence[Order]) -> None:
@@ -90,6 +104,7 @@ class JobRules:
         """State all rules of jobs."""
         self._done()
         self._linked()
+        self._released()
         self._after()
         self._priorities()
         self._closings()
@@ -182,6 +197,11 @@ class JobRules:
                 ends, begins = self._work.ends(earlier), self._work.begins(job.id)
                 for a, b in itertools.product(ends, begins):
                     ends_before(self._problem, a, b)
+
+    def _released(self) -> None:
+        for job in self._records.jobs:
+            for a in self._work.begins(job.id) if job.release else ():
+                a.add_release_date(self._site.up(job.release))
 
     def _only_with(self, job: Order | Task, earlier: str) -> None:
         """Where ``earlier`` is left out, ``job`` is, too."""

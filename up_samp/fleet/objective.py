@@ -1,6 +1,6 @@
 """What a plan costs, where a fleet's objective weighs several terms. A new term is a row of TERMS.
 
-Terms count in seconds (but for what is counted in robots), whatever the schedule's unit.
+Terms count in seconds (but for what is counted in robots or energy), whatever the schedule's unit.
 """
 
 from __future__ import annotations
@@ -69,6 +69,18 @@ def _driving(site: Site, work: Work) -> Iterator[Amount]:
         yield site.records.seconds_per_unit, Minus(a.end, a.start), a
 
 
+def _energy(site: Site, work: Work) -> Iterator[Amount]:
+    """What drives take from batteries, in the user's units."""
+    for a in _drives(site):
+        robot = site.meanings[a.name].robot
+        battery = site.kind_of(robot).battery
+        taken = [e for effects in a.effects.values() for e in effects if e.is_decrease()]
+        for effect in taken if battery is not None else ():
+            if effect.fluent == site.batteries[robot]:
+                assert battery is not None
+                yield battery.capacity / battery.grains, effect.value, a
+
+
 def _robots(site: Site, work: Work) -> Iterator[Amount]:
     """How many robots leave where they start."""
     of_robot: dict[str, list[Activity]] = {}
@@ -93,6 +105,7 @@ TERMS: Mapping[str, Callable[[Site, Work], Iterable[Amount]]] = {
     "tardiness": _tardiness,
     "completion": _completion,
     "driving": _driving,
+    "energy": _energy,
     "robots": _robots,
     "left_out": _left_out,
 }

@@ -5,13 +5,13 @@ Lengths in m, angles in rad, times in s; poses are ``(x, y, theta)`` in the map'
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Annotated, Any, ClassVar, Literal
 
 from annotated_types import Ge, Gt, Le, MinLen
-from pydantic import BeforeValidator, ConfigDict, StringConstraints
+from pydantic import BeforeValidator, ConfigDict, StringConstraints, TypeAdapter, WrapValidator
 
 from up_samp.io.precision import PRECISION
 from up_samp.upio.read_maps import LIMITS
@@ -49,6 +49,8 @@ class FigureLimits:
     visits: int = 200
     """How often a robot may come to a charger, a door, or a place to park: each visit is an
     activity of its own."""
+    repeats: int = 1_000
+    """How often a job recurs."""
     corners: int = 1_000
     """Of a footprint, a door's leaf, or a zone: every pose that is looked at takes them all."""
     shown: int = 20
@@ -168,8 +170,9 @@ class RobotType:
     ``model``: ``car`` drives forwards and backwards on curves no tighter than ``turning_radius``;
     ``diff`` has two driven wheels (it drives along its heading and turns on the spot); ``omni``
     drives in any direction. ``turning_radius`` is for cars, ``omega_max`` for the others.
-    ``capacity``: how many loads of a kind fit on it at a time. ``battery``: what drives take from;
-    none: it never runs out.
+    ``capacity``: how many loads of a kind fit on it at a time; ``unloading``: in any order, or
+    ``lifo``: what was picked up last is delivered first. ``battery``: what drives take from; none:
+    it never runs out.
     """
 
     __pydantic_config__ = STRICT
@@ -180,28 +183,88 @@ class RobotType:
     a_max: Positive = 1.0
     omega_max: Positive = 1.0
     capacity: Mapping[Name, Count] = field(default_factory=lambda: {"item": 1})
+    unloading: Literal["any", "lifo"] = "any"
     battery: Battery | None = None
+
+
+def _start(value: Any, by_name: Callable[[Any], str]) -> Any:
+    """Let a pose through: it becomes a place of its own (:mod:`up_samp.fleet.spelled_out`)."""
+    if not isinstance(value, list | tuple):
+        return by_name(value)
+    if len(value) != 3:
+        raise ValueError("name a place, or give a pose [x, y, theta]")
+    return _POSE.validate_python(value)
+
+
+_POSE: TypeAdapter[Any] = TypeAdapter(Pose)
+Start = Annotated[Name, WrapValidator(_start)]
+
+
+@dataclass(frozen=True)
+class Break:
+    """A robot rests for ``duration`` s wherever it then is, within ``window``."""
+
+    __pydantic_config__ = STRICT
+    duration: Seconds
+    window: Window
 
 
 @dataclass(frozen=True)
 class Robot:
-    """A robot, where it is at first (``start``) and in the end (``end``; none: anywhere)."""
+    """A robot, where it is at first (``start``: a place, or a pose of its own) and in the end
+    (``end``; none: anywhere).
+
+    ``shift``: before and after it, the robot stands where it is; ``breaks``: when it rests.
+    ``level``: of its battery at first (absent: what its type says).
+    """
 
     __pydantic_config__ = STRICT
     type: Name
-    start: Name
+    start: Start
     end: Name | None = None
+    skills: Names = ()
+    shift: Window | None = None
+    breaks: tuple[Break, ...] = ()
+    level: Positive | None = None
+
+
+GROUND = "ground"
+"""The floor whose map is the problem's own."""
+
+
+@dataclass(frozen=True)
+class Storey:
+    """A further floor: its map (a ROS ``map_server`` YAML file), and how much higher it is than the
+    ground (``height``, m; below it: less than 0).
+    """
+
+    __pydantic_config__ = STRICT
+    map: str
+    height: Coordinate
+
+
+@dataclass(frozen=True)
+class Lift:
+    """Takes one robot at a time between the floors of ``stops``, by the pose at which a robot
+    stands in it on each. A ride lasts ``seconds``: doors, waiting for the cabin, and all.
+    """
+
+    __pydantic_config__ = STRICT
+    stops: Annotated[Mapping[Name, Pose], MinLen(2)]
+    seconds: Seconds = 30.0
     skills: Names = ()
 
 
 @dataclass(frozen=True)
 class Place:
-    """A pose at which something is done. ``park``: how often each robot may come to rest here
-    without doing anything, to be out of the way. ``charger``: robots with batteries charge here.
+    """A pose at which something is done, on a ``floor``. ``park``: how often each robot may come to
+    rest here without doing anything, to be out of the way. ``charger``: robots with batteries
+    charge here.
     """
 
     __pydantic_config__ = STRICT
     pose: Pose
+    floor: Name = GROUND
     park: Annotated[int, Ge(0), Le(FIGURES.visits), NUMBER] = 0
     charger: Charger | None = None
 
@@ -223,6 +286,7 @@ class Door:
     skills: Names = ()
     closes: Seconds | None = None
     times: Visits = 1
+    floor: Name = GROUND
 
 
 @dataclass(frozen=True)
@@ -233,6 +297,7 @@ class Zone:
     polygon: Polygon
     keep_out: Names = ()
     max_robots: Count | None = None
+    floor: Name = GROUND
 
 
 @dataclass(frozen=True)
@@ -288,12 +353,23 @@ class Attached:
     offset: Pose = (0.0, 0.0, 0.0)
 
 
+@dataclass(frozen=True)
+class Repeat:
+    """So many times (``times``, the first counted), once ``every`` so many s."""
+
+    __pydantic_config__ = STRICT
+    every: Seconds
+    times: Annotated[int, Ge(2), Le(FIGURES.repeats), NUMBER]
+
+
 @dataclass(frozen=True, kw_only=True)
 class FleetJob:
     """What orders and tasks have in common.
 
-    ``skills``: what the robot must have; ``robots``: who may do it (none named: all). ``after``:
-    orders and tasks that have ended before. ``priority``: a job of a higher one begins no later
+    ``skills``: what the robot must have; ``robots``: who may do it (none named: all). ``release``:
+    when it is known of, so that it begins no earlier (s). ``after``: orders and tasks that have
+    ended before. ``repeat``: it recurs, as jobs of their own ``ID_2``, ``ID_3``, ... with release,
+    windows and due times that much later each. ``priority``: a job of a higher one begins no later
     than those of lower ones. ``optional``: it may be left out, which counts as ``penalty`` more
     seconds of makespan (of cost, where the objective weighs several terms). ``due``: what it ends
     later is its tardiness (s), which counts ``weight`` times, if it counts at all (see
@@ -303,7 +379,9 @@ class FleetJob:
     id: Name
     skills: Names = ()
     robots: Names = ()
+    release: Moment = 0.0
     after: Names = ()
+    repeat: Repeat | None = None
     priority: Annotated[int, NUMBER] = 0
     optional: bool = False
     penalty: Positive | None = None
@@ -365,7 +443,8 @@ class Weights:
 
     ``makespan``: a second until all is over. ``tardiness``: a second that a job ends after it is
     ``due``, times its ``weight``. ``completion``: a second until a job ends, times its ``weight``.
-    ``driving``: a second that a robot drives. ``robots``: a robot that leaves where it starts.
+    ``driving``: a second that a robot drives. ``energy``: what drives take from batteries, in the
+    user's units. ``robots``: a robot that leaves where it starts.
     """
 
     __pydantic_config__ = STRICT
@@ -373,6 +452,7 @@ class Weights:
     tardiness: Rate = 0.0
     completion: Rate = 0.0
     driving: Rate = 0.0
+    energy: Rate = 0.0
     robots: Rate = 0.0
 
 
@@ -389,10 +469,23 @@ AnyObjective = Annotated[
 ]
 
 
+def _orders(value: Any) -> Any:
+    """Tables are read with their problem file (:mod:`up_samp.fleet.tables`), before this."""
+    if isinstance(value, str):
+        raise ValueError("list the orders here; only problem files name a table of them")
+    return value
+
+
+Orders = Annotated[
+    tuple[Order, ...],
+    BeforeValidator(_orders, json_schema_input_type=tuple[Order, ...] | str),
+]
+
+
 @dataclass(frozen=True)
 class FleetRecords:
-    """All that a fleet problem says. ``map``: a ROS ``map_server`` YAML file; ``margin``: clearance
-    in m that motions keep from walls and from each other.
+    """All that a fleet problem says. ``map``: a ROS ``map_server`` YAML file, of the ground floor;
+    ``margin``: clearance in m that motions keep from walls and from each other.
     """
 
     __pydantic_config__ = STRICT
@@ -403,10 +496,12 @@ class FleetRecords:
     robot_types: Mapping[Name, RobotType] = field(default_factory=dict)
     robots: Mapping[Name, Robot] = field(default_factory=dict)
     places: Mapping[Name, AnyPlace] = field(default_factory=dict)
+    floors: Mapping[Name, Storey] = field(default_factory=dict)
+    lifts: Mapping[Name, Lift] = field(default_factory=dict)
     doors: Mapping[Name, Door] = field(default_factory=dict)
     zones: Mapping[Name, Zone] = field(default_factory=dict)
     resources: Mapping[Name, Resource] = field(default_factory=dict)
-    orders: tuple[Order, ...] = ()
+    orders: Orders = ()
     tasks: tuple[Task, ...] = ()
     objective: AnyObjective = "makespan"
     format: Literal["up-samp-problem"] = "up-samp-problem"

@@ -1,4 +1,4 @@
-"""What happens at places: pickups, deliveries, tasks, doors that are opened, charging, machines."""
+"""Activities at places: pickups, deliveries, tasks, doors, charging, machines, breaks; shifts."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import Equals, Or
 
 from up_samp.fleet.batteries import step_of, steps_of
-from up_samp.fleet.records import Stop, Task
+from up_samp.fleet.records import Break, Stop, Task
 from up_samp.fleet.site import Site
 from up_samp.fleet.statements import (
     Kind,
@@ -54,9 +54,20 @@ class Work:
                     self._charge(visit)
                 elif visit.kind in WORK:
                     self._work(visit)
+        for robot, mine in self._records.robots.items():
+            for number, rest in enumerate(mine.breaks, 1):
+                self._rest(robot, number, rest)
         for task in self._records.tasks:
             if not task.at:
                 self._machine(task)
+
+    def limit_shifts(self) -> None:
+        """State that robots do nothing and drive nowhere outside their shifts: once all that they
+        may do is there.
+        """
+        for robot, mine in self._records.robots.items():
+            for a in self.busy[robot] if mine.shift is not None else ():
+                self._limit(a, mine.shift, ())
 
     def of(self, what: str, *kinds: Kind) -> list[Activity]:
         """Return the activities of a job of some kinds: one for each robot that may do it."""
@@ -95,12 +106,12 @@ class Work:
             a: Any = site.problem.add_motion_activity(name, units, optional=True)
             opened, state = site.places[f"{visit.what}.open"], site.at[visit.what]
             a.add_motion_effect(site.doors[visit.what], opened)
-            a.add_condition(at_start(a), Equals(state, site.places[f"{visit.what}.closed"]))
-            a.add_effect(a.end, state, opened)
+            a.add_condition(at_start(a), Equals(state, site.spots[f"{visit.what}.closed"]))
+            a.add_effect(a.end, state, site.spots[f"{visit.what}.open"])
             self._shut(visit, a)
         else:
             a = site.problem.add_activity(name, duration=units, optional=True)
-        here = [Equals(site.at[visit.robot], site.places[p]) for p in visit.places]
+        here = [Equals(site.at[visit.robot], site.spots[p]) for p in visit.places]
         a.add_condition(while_there(a), here[0] if len(here) == 1 else Or(here))
         self._limit(a, window, resources)
         self.activities[visit] = a
@@ -117,9 +128,9 @@ class Work:
         a: Any = problem.add_motion_activity(name, site.up(door.closes), optional=True)
         only_with(problem, a, opening)
         problem.add_constraint(Equals(opening.end, a.start), present(opening, a))
-        closed = site.places[f"{visit.what}.closed"]
-        a.add_motion_effect(site.doors[visit.what], closed)
-        a.add_effect(a.end, site.at[visit.what], closed)
+        closed = f"{visit.what}.closed"
+        a.add_motion_effect(site.doors[visit.what], site.places[closed])
+        a.add_effect(a.end, site.at[visit.what], site.spots[closed])
         self.closings.append(Closing(visit.what, opening, a, site.up(door.closes)))
 
     def _charge(self, visit: Visit) -> None:
@@ -134,7 +145,7 @@ class Work:
         for step in range(1, steps_of(battery, charger) + 1):
             name = site.fresh(f"{visit.name}_{step}", meaning_of(visit))
             a = problem.add_activity(name, site.up(charger.step), optional=True)
-            a.add_condition(while_there(a), Equals(at, site.places[visit.what]))
+            a.add_condition(while_there(a), Equals(at, site.spots[visit.what]))
             # A unit early: with a drive that starts at its end, the two would add up, and a step
             # too much for a full battery would still be driven with.
             a.add_increase_effect(a.end - 1, level, step_of(battery, charger))
@@ -143,6 +154,13 @@ class Work:
                 only_with(problem, a, before)
                 ends_before(problem, before, a)
             before = a
+
+    def _rest(self, robot: str, number: int, rest: Break) -> None:
+        """Add a break: the robot stands wherever it is."""
+        name = self._site.fresh(f"break_{robot}_{number}", Meaning(Kind.BREAK, "", robot))
+        a = self._site.problem.add_activity(name, self._site.up(rest.duration))
+        self._limit(a, rest.window, ())
+        self.busy[robot].append(a)
 
     def _machine(self, task: Task) -> None:
         """Add what no robot does."""

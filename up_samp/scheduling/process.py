@@ -15,7 +15,7 @@ import weakref
 from typing import IO, Any
 
 from up_samp.model import Deadline, EngineError
-from up_samp.scheduling.worker import _LENGTH, PATIENCE, WorkerAnswer, WorkerTask, packed
+from up_samp.scheduling.worker import _LENGTH, GRACE, ONE_WAIT, WorkerAnswer, WorkerTask, packed
 from up_samp.system import child
 
 
@@ -115,10 +115,10 @@ def _wait(descriptor: int, event: int, deadline: Deadline) -> None:
     waiting = select.poll()
     waiting.register(descriptor, event)
     while True:
-        left = deadline.remaining() + PATIENCE.grace if deadline.at != float("inf") else None
+        left = deadline.remaining() + GRACE if deadline.at != float("inf") else None
         if deadline.expired():
-            left = max(0.0, deadline.moment + PATIENCE.grace - time.monotonic())
-        once = None if left is None else min(left, PATIENCE.one_wait)
+            left = max(0.0, deadline.moment + GRACE - time.monotonic())
+        once = None if left is None else min(left, ONE_WAIT)
         if waiting.poll(None if once is None else 1000.0 * once):
             return
         if once == left:

@@ -32,20 +32,13 @@ from up_samp.model import UnsupportedError
 from up_samp.scheduling.compilers.plain import PlainProblem
 from up_samp.system import child
 
-
-@dataclass(frozen=True)
-class Patience:
-    """Times (s) that the system and known engines set, not ours to tune."""
-
-    grace: float = 0.5
-    """Seconds that an engine gets beyond its deadline to hand over what it has."""
-    one_wait: float = 1e6
-    """Longest time (s) of one wait: the system counts milliseconds, in 32 bits."""
-    engine_limit: float = 2.0e6
-    """Longest time limit (s) for an engine: aries counts milliseconds in 32 bits."""
-
-
-PATIENCE = Patience()
+# times (s) that the system and known engines set, not ours to tune
+GRACE = 0.5
+"""That an engine gets beyond its deadline to hand over what it has."""
+ONE_WAIT = 1e6
+"""Of one wait at most: the system counts milliseconds, in 32 bits."""
+_ENGINE_LIMIT = 2.0e6
+"""The longest time limit for an engine: aries counts milliseconds in 32 bits."""
 
 
 class SlimWriter:
@@ -180,7 +173,7 @@ def run(task: WorkerTask, engines: dict[tuple[str, str, str], Any]) -> WorkerAns
         engine.skip_checks = True  # just done, with the features' names
         timeout = None
         if task.until is not None:
-            timeout = min(max(0.1, task.until - time.monotonic()), PATIENCE.engine_limit)
+            timeout = min(max(0.1, task.until - time.monotonic()), _ENGINE_LIMIT)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             result = engine.solve(problem, timeout=timeout)

@@ -7,7 +7,6 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import Protocol
 
 from up_samp.model import Deadline
 from up_samp.model.refinement import Refinement
@@ -122,68 +121,37 @@ class Budget:
 # How long the scheduler may take for its next answer, and what it is asked for.
 
 
-class SchedulerPace(Protocol):
-    """When the scheduler has to answer. ``planned``: there is a plan already."""
-
-    @property
-    def staged(self) -> bool:
-        """Whether a first plan is sought before any proof."""
-        ...
-
-    def deadline(self, budget: Budget, *, planned: bool, proving: bool) -> Deadline:
-        """Return by when it has to answer."""
-        ...
-
-    def more(self, *, planned: bool) -> bool:
-        """Give the scheduler more time after an answer that came too late; return whether it gets
-        any.
-        """
-        ...
-
-
-@dataclass(frozen=True)
-class AtOnce:
-    """All of the time for each answer: another's scheduler would begin anew after a limit."""
-
-    staged: bool = False
-
-    def deadline(self, budget: Budget, *, planned: bool, proving: bool) -> Deadline:
-        """Return the search's deadline."""
-        return budget.deadline
-
-    def more(self, *, planned: bool) -> bool:
-        """Say that there is no more time to be had."""
-        return False
-
-
 @dataclass
-class Staged:
-    """A first plan before any proof, then proofs with more and more time: for a scheduler that goes
-    on from what it knows.
+class SchedulerPace:
+    """When the scheduler has to answer. ``staged``: a first plan before any proof, then proofs with
+    more and more time, for a scheduler that goes on from what it knows. Else all of the time for
+    each answer: another's would begin anew after a limit.
     """
 
+    staged: bool
     proof_seconds: float = 15.0
     """Limit (s) of the next attempt at a proof."""
     share: float = 0.4
     """Share for the next schedule: schedules get better with time, but their motions have to be
     checked, too. All of the time once a share was not enough for any.
     """
-    staged: bool = True
 
     def deadline(self, budget: Budget, *, planned: bool, proving: bool) -> Deadline:
-        """Return by when the scheduler has to answer."""
+        """Return by when the scheduler has to answer; ``planned``: there is a plan already."""
+        if not self.staged or (planned and not proving):
+            return budget.deadline
         if proving and budget.hurried:
             # the other half is for the motions of what it finds
             return budget.share(0.5, self.proof_seconds)
         if proving:
             return budget.deadline.within(self.proof_seconds)
-        if not planned:
-            return budget.deadline.within(self.share * budget.deadline.remaining())
-        return budget.deadline
+        return budget.deadline.within(self.share * budget.deadline.remaining())
 
     def more(self, *, planned: bool) -> bool:
-        """Double the time for proofs, or give all of it for the first schedule."""
-        if not planned and self.share >= 1:
+        """Give the scheduler more time after an answer that came too late: twice as much for
+        proofs, all of it for the first schedule. Return whether it gets any.
+        """
+        if not self.staged or (not planned and self.share >= 1):
             return False
         if planned:
             self.proof_seconds *= 2

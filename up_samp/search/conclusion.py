@@ -159,7 +159,7 @@ def stands(search: Search, *, nothing: Sequence[Refinement] | None = None) -> bo
             claim,
             search.budget.part("doubt"),
             seed=search.seed,
-            tuning=search.cpsat.stages,
+            tuning=search.cpsat,
         )
     if found is None:
         bounds.stood = max(bounds.stood, bounds.lower)

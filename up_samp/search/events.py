@@ -1,5 +1,5 @@
-"""What a search tells those who observe it, one named event for each thing that happens, and the
-observers that write it: a line of text an event, or one readable file a round.
+"""What a search tells those who observe it, a method for each thing that happens, and the
+observers that write it: a line of text each time, or one readable file a round.
 """
 
 from __future__ import annotations
@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from up_samp.model.refinement import Refinement
     from up_samp.search.history import History
     from up_samp.search.knowledge import Incumbent
+
+    Report = ScheduleReport | None
+    Learned = Sequence[Refinement]
 
 
 @dataclass(frozen=True)
@@ -53,98 +56,39 @@ class Phase(enum.Enum):
     TIDY = "tidy"
 
 
-@dataclass(frozen=True)
-class StageEvent:
-    """Something begins that may take a while; ``count`` of ``total`` is done, or it is about so
-    many things; ``name`` says which statement is made in ``PREPARE``.
-    """
-
-    state: State
-    phase: Phase
-    name: str = ""
-    count: int = 0
-    total: int = 0
-
-
-@dataclass(frozen=True)
-class ScheduleEvent:
-    """The scheduler has answered."""
-
-    state: State
-    report: ScheduleReport
-
-
-@dataclass(frozen=True)
-class RefinementEvent:
-    """Something new was told to the scheduler (all of what one step learned)."""
-
-    state: State
-    refinements: Sequence[Refinement]
-
-
-@dataclass(frozen=True)
-class RoundEvent:
-    """A candidate was checked: its ``report``, all that was ``learned`` from it and what of that is
-    ``rejecting`` it. ``report`` is None before the first schedule.
-    """
-
-    state: State
-    report: ScheduleReport | None
-    learned: Sequence[Refinement]
-    rejecting: Sequence[Refinement]
-    history: History
-
-
-@dataclass(frozen=True)
-class PlanEvent:
-    """A plan was found that is better than all before it."""
-
-    state: State
-    incumbent: Incumbent
-
-
-@dataclass(frozen=True)
-class RefusalEvent:
-    """The independent validator refused a plan."""
-
-    state: State
-    refusals: Sequence[Refusal]
-
-
-@dataclass(frozen=True)
-class RestartEvent:
-    """The search begins anew without its guesses; motion queries may take ``query_seconds`` now."""
-
-    state: State
-    query_seconds: float
-
-
 class Observer:
     """Observes a search: override what is of interest. Nothing is done here.
 
-    Called in the thread of the search, which waits meanwhile; what it raises ends the search.
+    Each method is told first where the search is. Called in the thread of the search, which waits
+    meanwhile; what it raises ends the search.
     """
 
-    def on_stage(self, event: StageEvent) -> None:
-        """Something begins that may take a while."""
+    def on_stage(self, state: State, phase: Phase, name: str, count: int, total: int) -> None:
+        """Something begins that may take a while; ``count`` of ``total`` is done, or it is about so
+        many things; ``name`` says which statement is made in ``PREPARE``.
+        """
 
-    def on_schedule(self, event: ScheduleEvent) -> None:
+    def on_schedule(self, state: State, report: ScheduleReport) -> None:
         """The scheduler has answered."""
 
-    def on_refinement(self, event: RefinementEvent) -> None:
-        """Something new was told to the scheduler."""
+    def on_refinement(self, state: State, refinements: Sequence[Refinement]) -> None:
+        """Something new was told to the scheduler (all of what one step learned)."""
 
-    def on_round(self, event: RoundEvent) -> None:
-        """A candidate was checked."""
+    def on_round(
+        self, state: State, report: Report, learned: Learned, rejecting: Learned, history: History
+    ) -> None:
+        """A candidate was checked: its ``report``, all that was ``learned`` from it and what of
+        that is ``rejecting`` it. ``report`` is None before the first schedule.
+        """
 
-    def on_plan(self, event: PlanEvent) -> None:
-        """A better plan was found."""
+    def on_plan(self, state: State, incumbent: Incumbent) -> None:
+        """A plan was found that is better than all before it."""
 
-    def on_refusal(self, event: RefusalEvent) -> None:
-        """The validator refused a plan."""
+    def on_refusal(self, state: State, refusals: Sequence[Refusal]) -> None:
+        """The independent validator refused a plan."""
 
-    def on_restart(self, event: RestartEvent) -> None:
-        """The search begins anew."""
+    def on_restart(self, state: State, query_seconds: float) -> None:
+        """The search begins anew without its guesses; motion queries may take ``query_seconds``."""
 
 
 @dataclass(frozen=True)
@@ -154,60 +98,51 @@ class Telling:
     observers: tuple[Observer, ...]
     state: Callable[[], State]
 
+    def _tell(self, what: str, *told: object) -> None:
+        for observer in self.observers:
+            getattr(observer, f"on_{what}")(self.state(), *told)
+
     def stage(self, phase: Phase, name: str = "", count: int = 0, total: int = 0) -> None:
         """Tell that something begins."""
-        for observer in self.observers:
-            observer.on_stage(StageEvent(self.state(), phase, name, count, total))
+        self._tell("stage", phase, name, count, total)
 
     def schedule(self, report: ScheduleReport) -> None:
         """Tell what the scheduler answered."""
-        for observer in self.observers:
-            observer.on_schedule(ScheduleEvent(self.state(), report))
+        self._tell("schedule", report)
 
     def refinements(self, new: Sequence[Refinement]) -> None:
         """Tell what was learned, if anything."""
-        for observer in self.observers if new else ():
-            observer.on_refinement(RefinementEvent(self.state(), new))
+        if new:
+            self._tell("refinement", new)
 
-    def round(
-        self,
-        report: ScheduleReport | None,
-        learned: Sequence[Refinement],
-        rejecting: Sequence[Refinement],
-        history: History,
-    ) -> None:
+    def round(self, report: Report, learned: Learned, rejecting: Learned, history: History) -> None:
         """Tell what came of a candidate."""
-        for observer in self.observers:
-            observer.on_round(RoundEvent(self.state(), report, learned, rejecting, history))
+        self._tell("round", report, learned, rejecting, history)
 
     def plan(self, incumbent: Incumbent) -> None:
         """Tell of a better plan."""
-        for observer in self.observers:
-            observer.on_plan(PlanEvent(self.state(), incumbent))
+        self._tell("plan", incumbent)
 
     def refusal(self, refusals: Sequence[Refusal]) -> None:
         """Tell of a refused plan."""
-        for observer in self.observers:
-            observer.on_refusal(RefusalEvent(self.state(), refusals))
+        self._tell("refusal", refusals)
 
     def restart(self, query_seconds: float) -> None:
         """Tell of a new beginning."""
-        for observer in self.observers:
-            observer.on_restart(RestartEvent(self.state(), query_seconds))
+        self._tell("restart", query_seconds)
 
 
 # ------------------ Progress displays: every event of a search as one line of text
 
 
-_TEXTS: dict[Phase, Callable[[StageEvent], str]] = {
-    Phase.PREPARE: lambda e: e.name if not e.total else f"{e.name} {e.count}/{e.total}",
-    Phase.SCHEDULE: lambda e: "scheduling",
-    Phase.MOTIONS: lambda e: f"checking {e.count} motions",
-    Phase.GROUP: lambda e: f"{e.count} motions together",
-    Phase.REPAIR: lambda e: "giving motions the time they need",
-    Phase.PROOF: lambda e: f"trying {e.count} proven facts alone",
-    Phase.NEIGHBOURHOOD: lambda e: f"deciding anew for {e.count} robots ({e.name})",
-    Phase.TIDY: lambda e: "leaving out motions that nothing needs",
+_TEXTS = {
+    Phase.SCHEDULE: "scheduling",
+    Phase.MOTIONS: "checking {count} motions",
+    Phase.GROUP: "{count} motions together",
+    Phase.REPAIR: "giving motions the time they need",
+    Phase.PROOF: "trying {count} proven facts alone",
+    Phase.NEIGHBOURHOOD: "deciding anew for {count} robots ({name})",
+    Phase.TIDY: "leaving out motions that nothing needs",
 }
 
 
@@ -222,32 +157,33 @@ class ProgressObserver(Observer):
         named = state.measure.name, state.measure.sign
         self.show(ProgressEvent(state.rounds, phase, message, *bounds, state.elapsed, *named))
 
-    def on_stage(self, event: StageEvent) -> None:
+    def on_stage(self, state: State, phase: Phase, name: str, count: int, total: int) -> None:
         """Show what begins."""
-        self._tell(event.state, event.phase.value, _TEXTS[event.phase](event))
+        usual = "{name} {count}/{total}" if total else "{name}"
+        text = _TEXTS.get(phase, usual).format(name=name, count=count, total=total)
+        self._tell(state, phase.value, text)
 
-    def on_round(self, event: RoundEvent) -> None:
+    def on_round(
+        self, state: State, report: Report, learned: Learned, rejecting: Learned, history: History
+    ) -> None:
         """Show what a candidate told."""
-        if event.report is not None:
-            count = len(event.rejecting)
-            message = f"{count} refinements" if count else "candidate fits"
-            self._tell(event.state, "round", message)
+        if report is not None:
+            count = len(rejecting)
+            self._tell(state, "round", f"{count} refinements" if count else "candidate fits")
 
-    def on_plan(self, event: PlanEvent) -> None:
+    def on_plan(self, state: State, incumbent: Incumbent) -> None:
         """Show what a plan is worth."""
-        measure, cost = event.state.measure, event.state.upper_bound
+        measure, cost = state.measure, state.upper_bound
         told = "-" if cost is None else measure.told(cost)
-        self._tell(event.state, "plan", f"plan with {measure.name} {told}")
+        self._tell(state, "plan", f"plan with {measure.name} {told}")
 
-    def on_refusal(self, event: RefusalEvent) -> None:
+    def on_refusal(self, state: State, refusals: Sequence[Refusal]) -> None:
         """Show what the validator had against a plan."""
-        first = event.refusals[0]
-        self._tell(event.state, "refused", f"{first.kind}: {first.what}")
+        self._tell(state, "refused", f"{refusals[0].kind}: {refusals[0].what}")
 
-    def on_restart(self, event: RestartEvent) -> None:
+    def on_restart(self, state: State, query_seconds: float) -> None:
         """Show that the search begins anew."""
-        message = f"motion queries may take {event.query_seconds:g} s now"
-        self._tell(event.state, "restart", message)
+        self._tell(state, "restart", f"motion queries may take {query_seconds:g} s now")
 
 
 # ------------------ A readable trace
@@ -260,23 +196,23 @@ class TraceObserver(Observer):
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
 
-    def on_round(self, event: RoundEvent) -> None:
+    def on_round(
+        self, state: State, report: Report, learned: Learned, rejecting: Learned, history: History
+    ) -> None:
         """Write what a candidate was and what was learned from it."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        number = len(event.history.rounds)
-        lines = [*_candidate(event, number), ""]
-        if event.report is not None:
-            lines += _listed(event.rejecting, "that the candidate breaks")
-        kept = [r for r in event.learned if r not in event.rejecting]
-        first = event.report is None
-        lines += _listed(kept, "stated before the first schedule" if first else "more")
+        number = len(history.rounds)
+        lines = [*_candidate(state, report, number), ""]
+        if report is not None:
+            lines += _listed(rejecting, "that the candidate breaks")
+        kept = [r for r in learned if r not in rejecting]
+        lines += _listed(kept, "stated before the first schedule" if report is None else "more")
         write_whole(self.folder / f"round-{number:03d}.txt", "\n".join(lines) + "\n")
-        event.history.write_json(self.folder / "history.json")
-        event.history.write_csv(self.folder / "rounds.csv")
+        history.write_json(self.folder / "history.json")
+        history.write_csv(self.folder / "rounds.csv")
 
 
-def _candidate(event: RoundEvent, number: int) -> list[str]:
-    report, state = event.report, event.state
+def _candidate(state: State, report: ScheduleReport | None, number: int) -> list[str]:
     if report is None:
         return ["before the first schedule"]
     cost, measure = state.upper_bound, state.measure

@@ -102,58 +102,64 @@ class Parameters:
 
     def __post_init__(self) -> None:
         self._check_types()
-        if self.preset not in PRESETS and self.preset not in ABLATIONS:
-            raise ProblemError(f"unknown preset '{self.preset}' (known: {', '.join(PRESETS)})")
-        for name in ("seconds_per_unit", "query_seconds"):
-            if not getattr(self, name) > 0:
-                raise ProblemError(f"parameter '{name}' must be positive")
-        if self.group_planner.lower() not in GROUP_PLANNERS:
-            raise ProblemError(
-                f"unknown group planner '{self.group_planner}' (known: {', '.join(GROUP_PLANNERS)})"
-            )
-        if self.optimal and self.first_plan:
-            raise ProblemError("'optimal' and 'first_plan' ask for different things")
-        if self.margin < 0 or not self.patience >= 0:
-            which = "margin" if self.margin < 0 else "patience"
-            raise ProblemError(f"parameter '{which}' must not be negative")
-        if self.max_restarts is not None and self.max_restarts < 0:
-            raise ProblemError("parameter 'max_restarts' must not be negative")
+        planners = ", ".join(GROUP_PLANNERS)
+        for message, wrong in (
+            (_unknown(self.preset), self.preset not in {**PRESETS, **ABLATIONS}),
+            ("parameter 'seconds_per_unit' must be positive", self.seconds_per_unit <= 0),
+            ("parameter 'query_seconds' must be positive", self.query_seconds <= 0),
+            (
+                f"unknown group planner '{self.group_planner}' (known: {planners})",
+                self.group_planner.lower() not in GROUP_PLANNERS,
+            ),
+            ("'optimal' and 'first_plan' ask for different things", self.optimal & self.first_plan),
+            ("parameter 'margin' must not be negative", self.margin < 0),
+            ("parameter 'patience' must not be negative", not self.patience >= 0),
+            ("parameter 'max_restarts' must not be negative", (self.max_restarts or 0) < 0),
+        ):
+            if wrong:
+                raise ProblemError(message)
 
     def _check_types(self) -> None:
         for field in dataclasses.fields(self):
-            name, value = field.name, getattr(self, field.name)
-            if value is None and field.default is None:
-                continue
-            plain = not isinstance(value, bool)
-            if name in _NUMBERS:
-                good = isinstance(value, int | float) and plain and math.isfinite(value)
-                wanted = "a finite number"
-            elif name == "patience":
-                good, wanted = isinstance(value, int | float) and plain, "a number"
-            elif name in _WHOLE:
-                good, wanted = isinstance(value, int) and plain, "a whole number"
-            elif name in _TEXTS:
-                good, wanted = isinstance(value, str | os.PathLike), "a text"
-            elif name in ("progress", "stop"):
-                good, wanted = callable(value), "a function"
-            elif name == "observers":
-                good = isinstance(value, Sequence) and all(isinstance(o, Observer) for o in value)
-                wanted = "a sequence of observers"
-            elif name == "tuning":
-                continue  # it is checked where it is read: that imports what is not needed here
-            elif name == "executor":
-                good, wanted = callable(getattr(value, "submit", None)), "an executor"
-            elif name == "components":
-                good, wanted = dataclasses.is_dataclass(value), "components of a search"
-            else:
-                good, wanted = isinstance(value, bool), "True or False"
-            if not good:
-                raise ProblemError(f"parameter '{name}' must be {wanted}, not {short(value)}")
+            value = getattr(self, field.name)
+            good, wanted = _KINDS.get(field.name, (_of(bool), "True or False"))
+            if not (good(value) or value is field.default is None):
+                raise ProblemError(f"parameter '{field.name}' must be {wanted}, not {short(value)}")
 
 
-_NUMBERS = ("seconds_per_unit", "margin", "query_seconds")
-_WHOLE = ("seed", "max_restarts")
-_TEXTS = ("preset", "path_planner", "group_planner", "cache", "trace")
+def _unknown(preset: str) -> str:
+    return f"unknown preset '{preset}' (known: {', '.join(PRESETS)})"
+
+
+def _of(*kinds: type) -> Callable[[Any], bool]:
+    """Return what tells whether a value is of one of some types (True is no number)."""
+    return lambda value: isinstance(value, kinds) and (bool in kinds) == isinstance(value, bool)
+
+
+def _finite(value: Any) -> bool:
+    return _of(int, float)(value) and math.isfinite(value)
+
+
+def _observe(value: Any) -> bool:
+    return isinstance(value, Sequence) and all(isinstance(o, Observer) for o in value)
+
+
+_KINDS: Mapping[str, tuple[Callable[[Any], bool], str]] = {
+    **dict.fromkeys(("seconds_per_unit", "query_seconds", "margin"), (_finite, "a finite number")),
+    "patience": (_of(int, float), "a number"),
+    **dict.fromkeys(("seed", "max_restarts"), (_of(int), "a whole number")),
+    **dict.fromkeys(
+        ("preset", "path_planner", "group_planner", "cache", "trace"),
+        (_of(str, os.PathLike), "a text"),
+    ),
+    **dict.fromkeys(("progress", "stop"), (callable, "a function")),
+    "observers": (_observe, "a sequence of observers"),
+    # it is checked where it is read: that imports what is not needed here
+    "tuning": (lambda value: True, ""),
+    "executor": (lambda value: callable(getattr(value, "submit", None)), "an executor"),
+    "components": (dataclasses.is_dataclass, "components of a search"),
+}
+"""What parameters may be, by name; the others are switches."""
 
 
 _ALL_OFF = dict.fromkeys(
@@ -212,7 +218,7 @@ def split_parameters(given: Mapping[str, Any]) -> tuple[Parameters, dict[str, An
     ours = {k: v for k, v in given.items() if k in names}
     rest = {k: v for k, v in given.items() if k not in names}
     preset = ours.get("preset", "default")
-    if preset not in PRESETS and preset not in ABLATIONS:
-        raise ProblemError(f"unknown preset '{preset}' (known: {', '.join(PRESETS)})")
-    settings = PRESETS[preset] if preset in PRESETS else ABLATIONS[preset]
+    settings = {**PRESETS, **ABLATIONS}.get(preset)
+    if settings is None:
+        raise ProblemError(_unknown(preset))
     return Parameters(**{**settings, **ours}), rest

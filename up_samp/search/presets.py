@@ -7,13 +7,14 @@ the part out. This is the only place that reads the switches.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import TypeVar
 
 from up_samp.extensions import parts
 from up_samp.model import Body, Configuration, PathReport, Placed
 from up_samp.model.refinement import Refinement
 from up_samp.motion import MotionService
-from up_samp.search.budget import AtOnce, Staged
+from up_samp.search.budget import SchedulerPace
 from up_samp.search.check import CheckAlone, check_duration, check_path
 from up_samp.search.cuts.handovers import handover_cuts
 from up_samp.search.cuts.paper import PaperCuts
@@ -23,14 +24,14 @@ from up_samp.search.cuts.resting import door_cuts, rest_cuts
 from up_samp.search.cuts.small import Attempt, SmallCuts
 from up_samp.search.events import Phase
 from up_samp.search.facts import Facts, just_this
-from up_samp.search.fleet.sequential import InOrder
+from up_samp.search.fleet.improve import in_order
 from up_samp.search.neighbourhoods import Descent
 from up_samp.search.params import SWITCHES, Parameters
 from up_samp.search.resolve import (
-    RepairDurations,
     least_work,
     prune_candidate,
     prune_motions,
+    repair_durations,
     serialize_motions,
     slack,
 )
@@ -40,7 +41,6 @@ from up_samp.search.statements.durations import fastest_durations, lower_bounds
 from up_samp.search.statements.handovers import guessed_handovers, proven_handovers
 from up_samp.search.statements.unary_places import unary_places
 from up_samp.search.statements.unreachable import unreachable
-from up_samp.tuning import tuning_of
 
 Part = TypeVar("Part")
 Ideas = tuple[str, ...]
@@ -114,10 +114,9 @@ def components_of(params: Parameters, *, native: bool) -> Components:
         return params.components
     ideas = {name for name in SWITCHES if getattr(params, name)} | ({"native"} if native else set())
 
-    tuning = tuning_of(params.tuning).search
     # what parts from outside know comes first
     outside = tuple(parts("cuts").values()) if "refine" in ideas else ()
-    repair = RepairDurations("slack" in ideas, tuning.repair)
+    repair = partial(repair_durations, loose="slack" in ideas)
     # other engines' schedules are full of motions that nothing needs
     lean = () if native else ((prune_candidate, ("tidy", "incumbents")),)
 
@@ -128,9 +127,9 @@ def components_of(params: Parameters, *, native: bool) -> Components:
         statements=with_ideas(_statements()),
         layers=with_ideas(LAYERS),
         cuts=_cuts(ideas, (*outside, *with_ideas(ATTEMPTS)), params.seed),
-        pace=Staged() if ideas >= {"native", "incumbents"} else AtOnce(),
+        pace=SchedulerPace(ideas >= {"native", "incumbents"}),
         shapers=with_ideas((*lean, (slack, ("slack",)))),
-        builders=with_ideas(((InOrder(tuning.in_order), ("incumbents",)),)),
+        builders=with_ideas(((in_order, ("incumbents",)),)),
         repairs=with_ideas(
             tuple((one, ("incumbents",)) for one in (repair, serialize_motions, least_work))
         ),

@@ -31,7 +31,6 @@ from up_samp.model.refinement import (
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.tuning import CpsatTuning
 from up_samp.search.budget import Budget
-from up_samp.search.tuning import ProofTuning
 from up_samp.upio import Relaxation, write_refinement
 from up_samp.upio.expressions import walk
 
@@ -129,8 +128,8 @@ def _mentioned(expression: FNode) -> set[str]:
 
 SHOWN = 5
 """So many facts are listed in a message."""
-_EXPLAIN_SHARE = 0.2
-"""Of the time that is left, for a shorter reason."""
+_EXPLAIN_SHARE, _EXPLAIN_SECONDS = 0.2, 5.0
+"""Of the time that is left, and s at most, for a shorter reason."""
 _LIMITS = 40
 """Constraints of the problem that are looked at to tell what the facts run into."""
 _DEMANDS = 300
@@ -146,7 +145,6 @@ class Prover:
     relax: Callable[[], Relaxation]
     budget: Budget
     seed: int
-    tuning: ProofTuning = field(default_factory=ProofTuning)
     cpsat: CpsatTuning = field(default_factory=CpsatTuning)
     plain: bool = False
     """Nothing is recognised in the problem."""
@@ -175,7 +173,7 @@ class Prover:
         """Return few of the ``facts`` that leave no schedule (with those ``given``), as all of them
         do: as few as can be where time allows.
         """
-        deadline = self.budget.share(_EXPLAIN_SHARE, self.tuning.explain_seconds)
+        deadline = self.budget.share(_EXPLAIN_SHARE, _EXPLAIN_SECONDS)
         # those first that one would rather be told
         ordered = sorted(facts, key=lambda r: (r.layer is Layer.BOUND, r.layer is Layer.GROUP))
 
@@ -204,7 +202,7 @@ class Prover:
         """
         if not asked or len(asked) > most:
             return []
-        deadline = self.budget.share(_EXPLAIN_SHARE, self.tuning.explain_seconds)
+        deadline = self.budget.share(_EXPLAIN_SHARE, _EXPLAIN_SECONDS)
 
         def fails(kept: Sequence[Demand]) -> bool:
             return self._infeasible(facts, [x for x in asked if x not in kept], deadline)

@@ -6,7 +6,7 @@ where motions are driven tells it what they turned out to need, see ``until_driv
 
 | component | constraints | objective | what motions that do not fit tell |
 |---|---|---|---|
-| ``RepairDurations`` | | the problem's | the time that they need |
+| ``repair_durations`` | | the problem's | the time that they need |
 | ``serialize_motions`` | motions one after another | any schedule | what is learned of each |
 | ``least_work`` | the same, activities open | few motions | the same |
 | ``slack`` | no later end | time left for motions | |
@@ -34,7 +34,6 @@ from up_samp.search.events import Phase
 from up_samp.search.knowledge import Incumbent
 from up_samp.search.motions import Motions
 from up_samp.search.search import Search
-from up_samp.search.tuning import RepairTuning
 from up_samp.search.world import groups_of, motion_key
 from up_samp.upio import Itinerary, Relaxation, read_itinerary
 from up_samp.upio.objective import only_makespan
@@ -44,10 +43,13 @@ Next = Callable[[CandidateSchedule], "CandidateSchedule | None"]
 """Schedules a small problem again, near a schedule; None ends it."""
 Tell = Callable[[Itinerary, Check], bool]
 """Tells a small problem what motions that did not fit need; False ends it."""
+_REPAIR_STEPS, _REPAIR_EFFORT = 25, 0.4
+"""Of scheduling anew and driving, where late motions get the time they need, and the effort for
+each (CP-SAT's deterministic time, like all efforts): a few seconds at most."""
 _STEPS = 12
 """Of scheduling anew and driving, where motions are serialized or pruned."""
 _EFFORT = 0.3
-"""For one of these steps (CP-SAT's deterministic time, like all efforts): some seconds at most."""
+"""For one of these steps: some seconds at most."""
 _LEAN_EFFORT = 2.0
 """For another engine's candidate: some seconds; checking it takes longer."""
 _NEAR_EFFORT = 0.1
@@ -127,42 +129,34 @@ def until_driven(
 # ------------------------------------------------------------------ motions get the time they need
 
 
-@dataclass(frozen=True)
-class RepairDurations:
-    """Makes a plan of a candidate whose motions are late: the same activities, with the ends that
-    the motions turned out to need. ``slack``: motions get what time is left.
+def repair_durations(
+    search: Search, schedule: CandidateSchedule, check: Check, *, loose: bool = False
+) -> Incumbent | None:
+    """Return a plan of a candidate whose motions are late: the same activities, with the ends that
+    the motions turned out to need. None where none is found, or some motion found no trajectory at
+    all. ``loose``: motions get what time is left.
     """
+    if check.failed:
+        return None
+    search.tell.stage(Phase.REPAIR)
+    problem = restrict(search.own_relaxation(), search.facts.snapshot, schedule)
+    small = Subproblem(search, problem, _REPAIR_EFFORT)
+    needs = Needs(search.motions, small)
 
-    slack: bool = False
-    tuning: RepairTuning = field(default_factory=RepairTuning)
-
-    def __call__(
-        self, search: Search, schedule: CandidateSchedule, check: Check
-    ) -> Incumbent | None:
-        """Return a plan with the activities of ``schedule``, or None where none is found, or some
-        motion found no trajectory at all.
-        """
-        if check.failed:
+    def again(near: CandidateSchedule) -> CandidateSchedule | None:
+        found = small.schedule(near)
+        if found is None or not search.bounds.improves(found):
             return None
-        search.tell.stage(Phase.REPAIR)
-        problem = restrict(search.own_relaxation(), search.facts.snapshot, schedule)
-        small = Subproblem(search, problem, self.tuning.effort)
-        needs = Needs(search.motions, small)
+        return spread(search, problem, found) if loose else found
 
-        def again(near: CandidateSchedule) -> CandidateSchedule | None:
-            found = small.schedule(near)
-            if found is None or not search.bounds.improves(found):
-                return None
-            return spread(search, problem, found) if self.slack else found
+    def tell(itinerary: Itinerary, check: Check) -> bool:
+        if check.failed or not check.needed:
+            return False
+        needs.add(itinerary, check.needed)
+        return True
 
-        def tell(itinerary: Itinerary, check: Check) -> bool:
-            if check.failed or not check.needed:
-                return False
-            needs.add(itinerary, check.needed)
-            return True
-
-        needs.add(read_itinerary(search.knowledge.relaxation, schedule), check.needed)
-        return until_driven(search, schedule, again, tell, steps=self.tuning.steps)
+    needs.add(read_itinerary(search.knowledge.relaxation, schedule), check.needed)
+    return until_driven(search, schedule, again, tell, steps=_REPAIR_STEPS)
 
 
 @dataclass

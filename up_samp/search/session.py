@@ -27,6 +27,7 @@ from up_samp.model.snapshot import Snapshot
 from up_samp.motion import MotionCache, MotionService
 from up_samp.motion.crew import Crew
 from up_samp.scheduling import Scheduler, open_scheduler
+from up_samp.scheduling.cpsat.tuning import CpsatTuning
 from up_samp.search.budget import Budget, Restarts
 from up_samp.search.check import Checker
 from up_samp.search.conclusion import SearchResult
@@ -140,37 +141,16 @@ def open_search(
         service = service or open_service(snapshot, grid, params)
         check_start_poses(snapshot, service)
 
-    def relax_anew() -> Relaxation:
-        return relax(problem, snapshot, hold_static=wrapped.native)
-
-    own = {"tuning": tuning_of(params.tuning).cpsat} if wrapped.native else {}
-    given = {**own, **wrapped.params}
-
-    def scheduler_for(relaxation: Relaxation, attempt: int) -> Scheduler:
-        return open_scheduler(
-            wrapped.engine,
-            relaxation.problem,
-            params=given,
-            seed=params.seed + attempt,
-            check=wrapped.check,
-            environment=problem.environment,
-        )
-
-    asked = Problem(
-        relax_anew,
-        scheduler_for,
-        partial(to_plan, problem, snapshot, params.margin),
-        wrapped.judge,
-        wrapped.native,
-        measure_of(problem, wrapped.worth),
-    )
+    own = tuning_of(params.tuning).cpsat if wrapped.native else None
+    measure = measure_of(problem, wrapped.worth)
+    asked = replace(problem_of(problem, snapshot, wrapped, params, own), measure=measure)
     with stages.of(READING):
         workers = None if params.executor is None else Workers(params.executor)
         search = assemble(asked, service, params, deadline, workers)
         whole = params.components is not None or not only_makespan(problem)
         if wrapped.native and params.incumbents and not whole and start is None:
             inner = partial(open_thin, wrapped, params, service, workers)
-            large = large_of(problem, snapshot, inner, search.tuning.large)
+            large = large_of(problem, snapshot, inner, search.tuning)
             search.in_parts = None if large is None else partial(solve_large, large)
     search.history.stages = stages
     search.start = None if start is None else start_of(problem, start)
@@ -205,6 +185,33 @@ def easier_of(
     return plans
 
 
+def problem_of(
+    problem: SchedulingMotionProblem,
+    snapshot: Snapshot,
+    wrapped: Wrapped,
+    params: Parameters,
+    tuning: CpsatTuning | None,
+) -> Problem:
+    """Return what a search asks of a problem (by the makespan); ``tuning``: of our own engine."""
+    given = {**({} if tuning is None else {"tuning": tuning}), **wrapped.params}
+
+    def relax_anew() -> Relaxation:
+        return relax(problem, snapshot, hold_static=wrapped.native)
+
+    def scheduler_for(relaxation: Relaxation, attempt: int) -> Scheduler:
+        return open_scheduler(
+            wrapped.engine,
+            relaxation.problem,
+            params=given,
+            seed=params.seed + attempt,
+            check=wrapped.check,
+            environment=problem.environment,
+        )
+
+    build = partial(to_plan, problem, snapshot, params.margin)
+    return Problem(relax_anew, scheduler_for, build, wrapped.judge, wrapped.native)
+
+
 def open_thin(
     wrapped: Wrapped,
     params: Parameters,
@@ -217,35 +224,20 @@ def open_thin(
     before, motions are decided one after the other, and nobody is told. The plan is not judged.
     """
     tuning = tuning_of(params.tuning)
-    stages = replace(tuning.cpsat.stages, tour_rounds=_TOUR_ROUNDS, relaxed_content=_RELAXED)
-    in_order = replace(tuning.search.in_order, motions=2, share=1.0)
-    quick = replace(
-        tuning,
-        cpsat=replace(tuning.cpsat, stages=stages),
-        search=replace(tuning.search, in_order=in_order),
-    )
-    whole = components_of(params, native=True)
+    hasty = replace(tuning.cpsat, tour_rounds=_TOUR_ROUNDS, relaxed_content=_RELAXED)
+    quick = replace(tuning, cpsat=hasty)
     mine = replace(params, tuning=quick, progress=None, trace=None, observers=())
-    needed = tuple(s for s in whole.statements if s.name in NEEDED)
     usual = components_of(mine, native=True)
-    components = replace(usual, statements=needed, shapers=())
+    components = replace(
+        usual,
+        statements=tuple(s for s in usual.statements if s.name in NEEDED),
+        shapers=(),
+        builders=(),
+    )
     snapshot, _ = lay_out(read_problem(problem, params.seconds_per_unit))
 
-    def relax_anew() -> Relaxation:
-        return relax(problem, snapshot, hold_static=True)
-
-    def scheduler_for(relaxation: Relaxation, attempt: int) -> Scheduler:
-        return open_scheduler(
-            wrapped.engine,
-            relaxation.problem,
-            params={"tuning": quick.cpsat, **wrapped.params},
-            seed=params.seed + attempt,
-            check=wrapped.check,
-            environment=problem.environment,
-        )
-
-    build = partial(to_plan, problem, snapshot, params.margin)
-    asked = Problem(relax_anew, scheduler_for, build, lambda plan: [], native=True)
+    unjudged = replace(wrapped, judge=lambda plan: [])
+    asked = problem_of(problem, snapshot, unjudged, params, hasty)
     return assemble(asked, service, replace(mine, components=components), deadline, workers)
 
 
@@ -261,7 +253,6 @@ def assemble(
     relaxation = problem.relax()
     components = components_of(params, native=problem.native)
     tuning = tuning_of(params.tuning)
-    mine = tuning.search
     facts = Facts(relaxation.snapshot, relaxation.choices)
     history, bounds = History(), Bounds.by(problem.measure)
     knowledge = Knowledge(relaxation, history)
@@ -286,14 +277,14 @@ def assemble(
             thorough=bool(components.repairs),
             seed=params.seed,
         ),
-        prover=Prover(problem.relax, budget, params.seed, mine.proof, tuning.cpsat),
+        prover=Prover(problem.relax, budget, params.seed, tuning.cpsat),
         scheduler=problem.schedule(relaxation, 0),
         components=components,
         restarts=Restarts(params.max_restarts),
         tell=tell,
         stop=params.stop,
         seed=params.seed,
-        tuning=mine,
+        tuning=tuning.search,
         cpsat=tuning.cpsat,
         workers=workers,
     )

@@ -1,40 +1,25 @@
-"""The tunables of the search's components."""
+"""The tunables of the search: of problems that are solved in parts (``search/fleet``)."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-from up_samp.model.tunable import Tunables, effort_of, tunable
-from up_samp.search.fleet.tuning import (
-    DealsTuning,
-    InOrderTuning,
-    LargeTuning,
-    ToursTuning,
-)
-
-
-@dataclass(frozen=True)
-class ProofTuning(Tunables):
-    """How long reasons are sought (``search/proof.py``)."""
-
-    explain_seconds: float = tunable(5.0, "s", "at most, for a shorter reason", least=0)
-
-
-@dataclass(frozen=True)
-class RepairTuning(Tunables):
-    """Plans made of candidates whose motions do not fit (``search/resolve.py``)."""
-
-    steps: int = tunable(25, "steps", "of scheduling anew and driving", least=0)
-    effort: float = effort_of(0.4, "for one step: a few seconds at most")
+from up_samp.model.tunable import Tunables, share_of, tunable
 
 
 @dataclass(frozen=True)
 class SearchTuning(Tunables):
-    """All tunables of the search."""
+    """Large problems (``search/fleet/solve.py``): from which size on, and how hard who does what
+    and whole tours are sought.
+    """
 
-    proof: ProofTuning = field(default_factory=ProofTuning)
-    repair: RepairTuning = field(default_factory=RepairTuning)
-    in_order: InOrderTuning = field(default_factory=InOrderTuning)
-    tours: ToursTuning = field(default_factory=ToursTuning)
-    deals: DealsTuning = field(default_factory=DealsTuning)
-    large: LargeTuning = field(default_factory=LargeTuning)
+    large: int = tunable(
+        240, "optional activities", "from which on jobs are dealt out first", least=1
+    )
+    deals: int = tunable(8, "shares of the jobs", "at most, until there is a plan", least=1)
+    exchanges: int = tunable(2000, "changes a job", "of annealing over who does what", least=0)
+    cold: float = share_of(0.0003, "of all cost, by which a change may be worse in the end")
+    rounds: int = tunable(
+        16, "rounds", "in which all tours are decided in the order of time", least=0
+    )
+    stale: int = tunable(1_000, "changes", "of tours in a row that may bring nothing", least=1)

@@ -86,13 +86,14 @@ def test_what_hovers_too_low_is_proven_to_be_in_the_way(world):
     assert any("drone" in message.message for message in result.log_messages)
 
 
-def test_many_drive_under_one_that_hovers(world):
+def test_many_drive_under_one_that_hovers(world, monkeypatch):
     """Two are many here: the motions of many are decided one after the other, in the plane."""
     world.flyer("drone", (9, 6, 3, *UPRIGHT))
     for k, y in enumerate((3, 6)):
         cart = world.flat(f"cart{k}", (3, y, 0), motion_parameters=LOW)
         world.move(f"drive{k}", cart, cart.home, world.place(7, y, 0))
-    result = solved(world, tuning={"search": {"in_order": {"motions": 2}}})
+    monkeypatch.setattr("up_samp.search.fleet.improve.MANY", 2)
+    result = solved(world)
     assert result.status in FOUND
 
 

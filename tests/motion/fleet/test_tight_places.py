@@ -15,7 +15,8 @@ from up_samp.motion.service import MotionService
 from up_samp.motion.tuning import CoupledTuning, FleetTuning, MotionTuning, RoadmapTuning
 
 SLOW = {"square of ten", "full ring of six", "room of nine, seven"}
-SLOWER = {("differential", "square of six"), ("differential", "full ring of three")}
+SLOWER = {("differential", "door both ways"), ("differential", "square of six")}
+SLOWER |= {("differential", "full ring of three")}
 SLOWER |= {("differential", "full ring, three speeds"), ("omni", "full ring, three speeds")}
 
 

@@ -19,10 +19,10 @@ from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.detection import find_routes
 from up_samp.scheduling.cpsat.routing.dispatch import find_work
 from up_samp.scheduling.cpsat.routing.workload import bound_by_work, with_lefts
-from up_samp.scheduling.cpsat.tuning import BoundsTuning, CpsatTuning
+from up_samp.scheduling.cpsat.tuning import CpsatTuning
 
 SETTLED = (ScheduleStatus.OPTIMAL, ScheduleStatus.INFEASIBLE)
-TUNING = CpsatTuning(bounds=BoundsTuning(unaided=0))
+TUNING = CpsatTuning(unaided=0)
 """What is left is looked at from the first label on."""
 
 

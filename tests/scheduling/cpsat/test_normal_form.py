@@ -114,9 +114,7 @@ def test_variables_that_decide_presences_make_alternatives(problem):
     problem.add_constraint(Or(builds["1"], builds["2"]))
     problem.add_constraint(Not(And(builds["1"], builds["2"])))
     form = normal_form(Watcher(problem).look())
-    assert (
-        form.presences.of("builds1") == form.presences.of("load1y") != form.presences.of("load2y")
-    )
+    assert form.presences["builds1"] == form.presences["load1y"] != form.presences["load2y"]
     assert find_groups(form.parts, form.presences) == [
         Alternatives(("load1x", "load2x"), True),
         Alternatives(("load1y", "load2y"), True),

@@ -13,8 +13,7 @@ from up_samp.scheduling.cpsat.routing.dispatch import find_work
 from up_samp.scheduling.cpsat.routing.relaxation import RoutingRelaxation
 from up_samp.scheduling.cpsat.routing.workload import bound_by_assignment, bound_by_work
 from up_samp.scheduling.cpsat.solve.attempts import Attempts, Orders
-from up_samp.scheduling.cpsat.solve.runner import SolverRun
-from up_samp.scheduling.cpsat.tuning import StagesTuning
+from up_samp.scheduling.cpsat.tuning import CpsatTuning
 from up_samp.upio.plan import build_schedule
 from up_samp.validation import validate_schedule
 
@@ -39,7 +38,7 @@ def answer(problem, *, plain=False):
     return report.status, report.schedule.makespan
 
 
-ORDERS = Orders(SolverRun(0, 1), True, StagesTuning(), threading.Event())
+ORDERS = Orders(0, 1, True, CpsatTuning(), threading.Event())
 
 
 def bound_without_search(problem):

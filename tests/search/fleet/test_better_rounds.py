@@ -1,6 +1,7 @@
 """Better tours by changes: kept if everybody is done as soon, the same for equal seeds."""
 
 import random
+from dataclasses import replace
 
 import pytest
 
@@ -10,7 +11,7 @@ from up_samp.model import Deadline
 from up_samp.search.fleet import improve
 from up_samp.search.fleet.improve import FleetLNS, other_ways, plan_tours
 from up_samp.search.fleet.tours import Priorities
-from up_samp.search.fleet.tuning import LargeTuning, ToursTuning
+from up_samp.search.tuning import SearchTuning
 from up_samp.validation import validate_plan
 
 
@@ -25,9 +26,16 @@ def first_tours(size, seed=0):
 
 
 def search_of(found, dealt, *, stale=12, seed=0):
-    tuning = LargeTuning(stale=stale, delayed=1.0, again_dealt=0)
-    rest = lambda *_: None, tuning, ToursTuning(), random.Random(seed)  # no others to do jobs
+    dealt = replace(dealt, tuning=SearchTuning(stale=stale))
+    rest = lambda *_: None, random.Random(seed)  # no others to do jobs
     return FleetLNS(dealt, found.tours, found.decided, *rest)
+
+
+@pytest.fixture(autouse=True)
+def no_other_shares(monkeypatch):
+    """Change tours at once, and look for other ways where little time is lost, too."""
+    monkeypatch.setattr(improve, "AGAIN_DEALT", 0)
+    monkeypatch.setattr(improve, "DELAYED", 1.0)
 
 
 @pytest.fixture(

@@ -11,9 +11,10 @@ from up_samp.benchmarks.warehouse import warehouse
 from up_samp.model import Deadline
 from up_samp.search.fleet.assignment import Assignment, assign, inserted
 from up_samp.search.fleet.evaluator import AssignmentEvaluator
+from up_samp.search.fleet.evaluator_kernel import CostWeights
 from up_samp.search.fleet.jobs import Jobs, find_jobs
 from up_samp.search.fleet.travel_times import ENOUGH, TravelTimeModel, pauses_of
-from up_samp.search.fleet.tuning import DealsTuning
+from up_samp.search.tuning import SearchTuning
 from up_samp.upio import read_problem
 
 
@@ -42,30 +43,31 @@ def slow_to_turn(snapshot):
     return drives
 
 
-def judged(dealt, jobs, snapshot, drives, tuning):
+def judged(dealt, jobs, snapshot, drives, rules):
     """Return by how much a deal is late (s) if one knows what drives take."""
-    rehearsal = AssignmentEvaluator(TravelTimeModel(snapshot, drives), jobs, tuning)
+    rehearsal = AssignmentEvaluator(TravelTimeModel(snapshot, drives), jobs, rules)
     return Assignment(rehearsal, dealt.tours).late()
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_jobs_that_are_due_are_dealt_to_those_that_really_make_them(problem, snapshot, seed):
-    drives, tuning = slow_to_turn(snapshot), DealsTuning(traffic=1.0)
+    drives, rules = slow_to_turn(snapshot), CostWeights(traffic=1.0)
     free = find_jobs(problem, snapshot)
-    real = AssignmentEvaluator(TravelTimeModel(snapshot, drives), free, tuning)
-    made = assign(real, Deadline.never(), random.Random(9))
+    real = AssignmentEvaluator(TravelTimeModel(snapshot, drives), free, rules)
+    made = assign(real, Deadline.never(), random.Random(9), SearchTuning())
     latest = max(end for end, _ in real.ends(made.tours).values())
     jobs = all_due(free, math.ceil(1.05 * latest))
 
     def dealt(rounds):
         guess = TravelTimeModel(snapshot, along_the_axes, drives)
-        rehearsal = AssignmentEvaluator(guess, jobs, replace(tuning, rounds=rounds))
-        return assign(rehearsal, Deadline.never(), random.Random(seed))
+        some = AssignmentEvaluator(guess, jobs, rules)
+        rng = random.Random(seed)
+        return assign(some, Deadline.never(), rng, SearchTuning(), rounds=rounds)
 
     misled, honest = dealt(0), dealt(6)
     assert misled.late() == 0.0, "it looks good"
-    assert judged(misled, jobs, snapshot, drives, tuning) > 0.0, "and is not"
-    assert judged(honest, jobs, snapshot, drives, tuning) == 0.0
+    assert judged(misled, jobs, snapshot, drives, rules) > 0.0, "and is not"
+    assert judged(honest, jobs, snapshot, drives, rules) == 0.0
     assert len(honest.tours["robot1"]) < len(misled.tours["robot1"])
 
 
@@ -91,7 +93,7 @@ def test_bounds_that_tell_drives_well_are_believed(snapshot):
 def test_places_are_taken_in_turns_and_left_for_others(problem, snapshot):
     jobs = find_jobs(problem, snapshot)
     guess = TravelTimeModel(snapshot, along_the_axes, pauses=pauses_of(problem, jobs))
-    rehearsal = AssignmentEvaluator(guess, jobs, DealsTuning())
+    rehearsal = AssignmentEvaluator(guess, jobs)
     # load, carry and unload come after one another, with a unit in between
     assert set(pauses_of(problem, jobs).values()) == {3}
     goals = [options[0].exit for options in jobs.options]

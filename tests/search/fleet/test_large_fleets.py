@@ -9,6 +9,7 @@ from unified_planning.shortcuts import AnytimePlanner, OneshotPlanner, get_envir
 from tests.search.fleet.guesses import along_the_axes, dealt_out
 from tests.search.fleet_bound.store_fleet import fleet_of
 from up_samp.benchmarks.warehouse import warehouse
+from up_samp.search.fleet import assignment, tours
 from up_samp.search.fleet.assignment import decided_by
 from up_samp.search.fleet.jobs import find_jobs
 from up_samp.search.stopping import FirstPlan
@@ -16,7 +17,7 @@ from up_samp.upio import read_problem
 from up_samp.upio.restrict import thinned
 from up_samp.validation import validate_plan
 
-SOON = {"search": {"large": {"activities": 1}}}
+SOON = {"search": {"large": 1}}
 FIRST = {"tuning": SOON, "first_plan": True}
 
 
@@ -25,13 +26,14 @@ def problem():
     return warehouse(3, 8, encoding="compact")
 
 
-@pytest.mark.parametrize("tuning", [{}, {"cold": 0.0}, {"warm": 0.0, "cold": 0.0}])
-def test_work_that_takes_no_time_is_dealt_out(problem, tuning):
+@pytest.mark.parametrize(("warm", "cold"), [(0.03, 0.0003), (0.03, 0.0), (0.0, 0.0)])
+def test_work_that_takes_no_time_is_dealt_out(problem, warm, cold, monkeypatch):
+    monkeypatch.setattr(assignment, "_WARM", warm)
     snapshot = read_problem(problem)
     jobs = find_jobs(problem, snapshot)
     options = tuple(tuple(replace(o, work=0.0) for o in some) for some in jobs.options)
     for lasts in (lambda body, a, b: 0.0, along_the_axes):
-        dealt = dealt_out(replace(jobs, options=options), snapshot, lasts, **tuning)
+        dealt = dealt_out(replace(jobs, options=options), snapshot, lasts, cold=cold)
         done = sorted(j for tour in dealt.tours.values() for j, _ in tour)
         assert done == list(range(len(jobs.options)))
 
@@ -92,13 +94,12 @@ def test_a_fleets_problem_file_is_dealt_out_too():
     assert result.metrics["rounds"] == "0", "the first plan came from what was dealt out"
 
 
-def test_plans_of_large_fleets_get_better():
+def test_plans_of_large_fleets_get_better(monkeypatch):
     get_environment().credits_stream = None
     problem = warehouse(3, 6, encoding="compact")
     # a first plan that leaves something to be done better: a poor share, whole tours, best ways
-    large = {"activities": 1, "stale": 30}
-    tours = {"rounds": 0, "past": 0}
-    tuning = {"search": {"large": large, "deals": {"exchanges": 0}, "tours": tours}}
+    monkeypatch.setattr(tours, "_PAST", 0)
+    tuning = {"search": {"large": 1, "stale": 30, "exchanges": 0, "rounds": 0}}
     with AnytimePlanner(name="samp-refine[cpsat]", params={"tuning": tuning}) as planner:
         found = []
         for result in planner.get_solutions(problem, timeout=60):

@@ -29,7 +29,7 @@ from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.search.budget import Budget
 from up_samp.search.facts import Facts
 from up_samp.search.fleet.jobs import Jobs, find_jobs
-from up_samp.search.fleet_bound.bound import DriveTimes, JobsBound
+from up_samp.search.fleet_bound.bound import JobsBound
 from up_samp.search.history import History
 from up_samp.search.knowledge import Bounds, Knowledge
 from up_samp.search.motions import Motions
@@ -55,7 +55,7 @@ def bounds_of(problem, change=lambda jobs: jobs):
     service = open_service(snapshot, grid, Parameters())
     bound = JobsBound(problem, facts, service, change(find_jobs(problem, snapshot)))
     absolute = bound.absolute(Deadline.after(60.0))
-    return absolute, list(bound.relative(DriveTimes(service), 1000, Deadline.after(60.0)))
+    return absolute, list(bound.relative(Deadline.after(60.0)))
 
 
 def check(seed):
@@ -104,7 +104,7 @@ def test_what_is_of_use_to_two_jobs_counts_once():
 def test_a_search_for_better_plans_tells_both_bounds():
     get_environment().credits_stream = None
     problem = warehouse(3, 8, encoding="compact")  # with fewer orders both are the same
-    tuning = {"search": {"large": {"activities": 1}, "deals": {"exchanges": 0}}}
+    tuning = {"search": {"large": 1, "exchanges": 0}}
     with AnytimePlanner(name="samp-refine[cpsat]", params={"tuning": tuning}) as planner:
         told = next(iter(planner.get_solutions(problem, timeout=60))).metrics
     absolute, lower = int(told["absolute_bound"]), int(told["lower_bound"])

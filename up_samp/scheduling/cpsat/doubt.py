@@ -12,8 +12,7 @@ from unified_planning.model.scheduling import SchedulingProblem
 from up_samp.model import CandidateSchedule, Deadline, OutOfTimeError, UnsupportedError
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.solve.attempts import NO_PRESOLVE, Attempts, Orders
-from up_samp.scheduling.cpsat.solve.runner import SolverRun
-from up_samp.scheduling.cpsat.tuning import StagesTuning
+from up_samp.scheduling.cpsat.tuning import CpsatTuning
 from up_samp.upio.objective import Number
 
 
@@ -23,7 +22,7 @@ def sooner(
     deadline: Deadline,
     *,
     seed: int,
-    tuning: StagesTuning,
+    tuning: CpsatTuning,
 ) -> CandidateSchedule | None:
     """Return a schedule that costs less (ends before a time; ``None``: any schedule), if the plain
     model of a problem has one that is found with little effort. Large problems are not looked at.
@@ -35,7 +34,7 @@ def sooner(
         model = ScheduleModel(problem, deadline=deadline, plain=True)
     except (OutOfTimeError, UnsupportedError):
         return None
-    orders = Orders(SolverRun(seed, 1), False, tuning, threading.Event())
+    orders = Orders(seed, 1, False, tuning, threading.Event())
     attempts = Attempts(model, orders, deadline, None, left=NO_PRESOLVE)
     attempts.below(None if before is None else math.ceil(before * model.scale) - 1)
     return attempts.best

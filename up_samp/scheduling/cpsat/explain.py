@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
 
 from up_samp.scheduling.cpsat.encode.states import Key
 from up_samp.scheduling.cpsat.encode.timeline import Timeline
@@ -13,16 +12,10 @@ from up_samp.scheduling.cpsat.routing.dispatch import find_unit_places
 from up_samp.scheduling.cpsat.routing.route import Route
 
 
-@dataclass(frozen=True)
-class Explanation:
-    """Sentences about the structures of a problem."""
-
-    recognised: tuple[str, ...]
-    left_over: tuple[str, ...]
-
-
-def explain(model: ScheduleModel, routes: list[Route]) -> Explanation:
-    """Return what was recognised in a model; ``routes`` are those that were found in it."""
+def explain(model: ScheduleModel, routes: list[Route]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return sentences about what was recognised in a model, and about what was left over;
+    ``routes`` are those that were found in it.
+    """
     found = [
         *(_route(model, route) for route in routes),
         *_cliques(model),
@@ -30,7 +23,7 @@ def explain(model: ScheduleModel, routes: list[Route]) -> Explanation:
         *_places(model, routes),
         *_states(model, routes),
     ]
-    return Explanation(tuple(found), tuple(_left(model, routes)))
+    return tuple(found), tuple(_left(model, routes))
 
 
 def name_of(model: ScheduleModel, key: Key) -> str:

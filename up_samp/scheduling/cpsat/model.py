@@ -28,7 +28,6 @@ from up_samp.scheduling.cpsat.normal import (
     FollowUp,
     NormalForm,
     Precondition,
-    Presences,
     normal_form,
 )
 from up_samp.scheduling.cpsat.problem import Additions, Watcher
@@ -108,7 +107,7 @@ class ScheduleModel:
     def _build(self, parts: Additions | None) -> None:
         problem = self.problem
         parts = Watcher(problem).look() if parts is None else parts
-        form = NormalForm(parts, Presences({})) if self.plain else normal_form(parts)
+        form = NormalForm(parts, {}) if self.plain else normal_form(parts)
         self.follow_ups: list[FollowUp] = form.follow_ups
         for code, obj in enumerate(problem.all_objects):
             self.world.objects[obj.name] = code
@@ -345,17 +344,17 @@ class ScheduleModel:
         """Take what is said by precedences as conditions on state variables, where that is the
         same; return what has to be stated as it is written.
         """
-        found = find_histories(
+        made, read, left = find_histories(
             preconditions,
             self.world.activities,
             self.disjunctions.gap,
             [s for k, s in self.states.vars.items() if k[0] in self.states.dynamic],
         )
-        self.unread = found.left
-        for state, reads in found.reads:
+        self.unread = left
+        for state, reads in read:
             state.reads += reads
-        self._adopt(found.states)
-        return self._forms(Additions(constraints=[p.constraint for p in found.left]))
+        self._adopt(made)
+        return self._forms(Additions(constraints=[p.constraint for p in left]))
 
     def _adopt(self, states: Iterable[StateVar]) -> None:
         """Take what was found to be a state variable for one."""

@@ -6,7 +6,7 @@ in the form only adds what follows anyway, or replaces what is equivalent.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 from unified_planning.model import Effect, FNode, Timing
@@ -337,22 +337,9 @@ def _anchored(timing: Timing, owner: Activity | None) -> Timing:
 # ------------------ Who is there together
 
 
-@dataclass(frozen=True)
-class Presences:
-    """Names of activities and bool variables -> the first name of those decided together."""
-
-    leader: dict[str, str]
-
-    def of(self, name: str) -> str:
-        """Return who decides about ``name``."""
-        return self.leader.get(name, name)
-
-    def classes(self) -> dict[str, list[str]]:
-        """Return leader -> all names that it decides about, for more than one, in order."""
-        found: dict[str, list[str]] = {}
-        for name, leader in self.leader.items():
-            found.setdefault(leader, []).append(name)
-        return found
+Presences = Mapping[str, str]
+"""Names of activities and bool variables -> the first name of those decided together (one that is
+decided alone is not in it)."""
 
 
 def decided(node: FNode) -> str | None:
@@ -394,7 +381,7 @@ def find_presences(
     together: dict[str, list[str]] = {}
     for name in parent:
         together.setdefault(root(name), []).append(name)
-    return Presences({n: r for r, names in together.items() if len(names) > 1 for n in names})
+    return {n: r for r, names in together.items() if len(names) > 1 for n in names}
 
 
 # ------------------ The normal form of a problem

@@ -17,12 +17,11 @@ from up_samp.model import CandidateSchedule, Deadline, ScheduleReport, ScheduleS
 from up_samp.model.deadline import in_force
 from up_samp.model.errors import OutOfTimeError
 from up_samp.scheduling.cpsat.doubt import refuted_by, sooner
-from up_samp.scheduling.cpsat.explain import Explanation, explain
+from up_samp.scheduling.cpsat.explain import explain
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.problem import Watcher
 from up_samp.scheduling.cpsat.routing.dispatch import Memory
 from up_samp.scheduling.cpsat.solve.attempts import Attempts, Orders
-from up_samp.scheduling.cpsat.solve.runner import SolverRun
 from up_samp.scheduling.cpsat.solve.strategy import Solve, solve
 from up_samp.scheduling.cpsat.tuning import CpsatTuning
 from up_samp.upio.objective import Number, plain_number
@@ -65,7 +64,7 @@ class CpsatSession:
         self.problem = problem
         self.plain = plain
         self.doubts = False
-        self.settings = SolverRun(seed, workers or os.cpu_count() or 1)
+        self.seed, self.workers = seed, workers or os.cpu_count() or 1
         self.effort = effort
         self.tuning = tuning or CpsatTuning()
         self.bound: float | Fraction = -math.inf
@@ -75,8 +74,8 @@ class CpsatSession:
         self._last: CandidateSchedule | None = None
         self._memory: Memory = {}
         self._bounded = False  # whether bounds were sought with all effort
-        self.explanation = Explanation((), ())
-        """What was recognised when the model was last built."""
+        self.explanation: tuple[tuple[str, ...], tuple[str, ...]] = (), ()
+        """What was recognised, and left over, when the model was last built."""
         self._interrupted = threading.Event()
 
     def close(self) -> None:
@@ -130,12 +129,12 @@ class CpsatSession:
             self.bound = max(self.bound, lower_bound)
         wants_optimum = optimal and bool(self.problem.quality_metrics)
         orders = Orders(
-            self.settings,
+            self.seed,
+            self.workers,
             wants_optimum,
-            self.tuning.stages,
+            self.tuning,
             self._interrupted,
             None if on_solution is None else partial(self._tell, model, on_solution),
-            self.tuning.bounds,
         )
         start = None if math.isinf(self.bound) else math.ceil(self.bound * model.scale)
         whole = Attempts(model, orders, deadline, start, left=self.effort)
@@ -153,13 +152,13 @@ class CpsatSession:
         if search.routes is not None:
             self.explanation = explain(model, search.routes)
         report = self._report(whole, deadline.elapsed() - started)
-        told = self.explanation
-        return replace(report, recognised=told.recognised, left_over=told.left_over)
+        recognised, left_over = self.explanation
+        return replace(report, recognised=recognised, left_over=left_over)
 
     def recognise_nothing(self) -> None:
         """Go on with the plain model, and forget what was proven otherwise."""
         self.plain, self._model, self.bound = True, None, -math.inf
-        self.explanation = Explanation((), ())
+        self.explanation = (), ()
 
     def _refuted(self, report: ScheduleReport, deadline: Deadline) -> str:
         """Return what is wrong with a claim ("": nothing that is known)."""
@@ -172,8 +171,8 @@ class CpsatSession:
                 self.problem,
                 None if none else report.bound,
                 deadline,
-                seed=self.settings.seed,
-                tuning=self.tuning.stages,
+                seed=self.seed,
+                tuning=self.tuning,
             )
         return "" if best is None else refuted_by(None if none else report.bound, best)
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from up_samp.model.tunable import Tunables, effort_of, tunable
 
 
 @dataclass(frozen=True)
-class StagesTuning(Tunables):
-    """The stages of one solve (``scheduling/cpsat/solve/strategy.py``): sizes, efforts."""
+class CpsatTuning(Tunables):
+    """The stages of one solve (``scheduling/cpsat/solve/strategy.py``) and lower bounds without
+    search (``scheduling/cpsat/routing/workload.py``): sizes, efforts.
+    """
 
     tiny: int = tunable(
         2_000, "constraints", "up to so many, a search without presolve is tried first", least=0
@@ -27,14 +29,6 @@ class StagesTuning(Tunables):
         "doubted: the plain model is asked for a schedule that cannot be",
         least=0,
     )
-
-
-@dataclass(frozen=True)
-class BoundsTuning(Tunables):
-    """Lower bounds without search (``scheduling/cpsat/routing/workload.py``): how much is looked
-    at.
-    """
-
     labels: int = tunable(
         4_000_000,
         "labels",
@@ -49,11 +43,3 @@ class BoundsTuning(Tunables):
         "takes at least",
         least=0,
     )
-
-
-@dataclass(frozen=True)
-class CpsatTuning(Tunables):
-    """All of the engine's tunables."""
-
-    stages: StagesTuning = field(default_factory=StagesTuning)
-    bounds: BoundsTuning = field(default_factory=BoundsTuning)

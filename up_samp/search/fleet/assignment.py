@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from unified_planning.model.motion import SchedulingMotionProblem
@@ -19,14 +19,18 @@ from unified_planning.model.scheduling import Activity
 
 from up_samp.model import Configuration, Deadline
 from up_samp.model.snapshot import TermKind
-from up_samp.search.fleet.evaluator import LATE, AssignmentEvaluator, Step
+from up_samp.search.fleet.evaluator import AssignmentEvaluator, Step
 from up_samp.search.fleet.evaluator_kernel import anneal, drawn, insert
 from up_samp.search.fleet.jobs import Jobs
 from up_samp.search.fleet.travel_times import OneDrive, TravelTimeModel
-from up_samp.search.fleet.tuning import DealsTuning
+from up_samp.search.tuning import SearchTuning
 
+ROUNDS = 4
+"""In which the drives of a share are planned and jobs dealt out anew, at most."""
 _AT_ONCE = 4_000
 """Changes after which is seen whether there is time left."""
+_WARM = 0.03
+"""Share of all cost by which a change may be worse at first."""
 _WARM_AGAIN, _EXCHANGES_AGAIN = 0.1, 0.25
 """Shares of the warmth and of the changes at first, when jobs are dealt out again with what was
 learned."""
@@ -40,6 +44,7 @@ class Assignment:
 
     rehearsal: AssignmentEvaluator
     tours: dict[str, list[Step]]
+    tuning: SearchTuning = field(default_factory=SearchTuning)
 
     @property
     def guess(self) -> TravelTimeModel:
@@ -51,17 +56,12 @@ class Assignment:
         """All jobs, with the ways to do each."""
         return self.rehearsal.jobs
 
-    @property
-    def tuning(self) -> DealsTuning:
-        """What counts how much."""
-        return self.rehearsal.tuning
-
     def cost(self, robot: str, tour: Sequence[Step]) -> float:
         """Return when a robot would have done a tour if it were alone (s), and what is late counts
         more.
         """
         end, late = self.rehearsal.alone(robot, tour)
-        return end + LATE * late
+        return end + self.rehearsal.rules.late * late
 
     def late(self) -> float:
         """Return by how much jobs are late in all (s)."""
@@ -76,19 +76,26 @@ class Assignment:
         return replace(self, tours={**self.tours, **changed})
 
 
-def assign(rehearsal: AssignmentEvaluator, deadline: Deadline, rng: random.Random) -> Assignment:
+def assign(
+    rehearsal: AssignmentEvaluator,
+    deadline: Deadline,
+    rng: random.Random,
+    tuning: SearchTuning,
+    *,
+    rounds: int = ROUNDS,
+) -> Assignment:
     """Return a quick and balanced share of all jobs: as good as it gets until ``deadline``.
 
     The drives that are dealt out are planned, and jobs are dealt out again with what is known then,
-    until nothing new is learned (at most ``tuning.rounds`` times).
+    until nothing new is learned (at most ``rounds`` times).
     """
     jobs = rehearsal.jobs
-    found = Assignment(rehearsal, {robot: [] for robot in rehearsal.robots})
+    found = Assignment(rehearsal, {robot: [] for robot in rehearsal.robots}, tuning)
     work = [min(o.work for o in options) for options in jobs.options]
     due = [min(o.due for o in options) for options in jobs.options]
     for job in sorted(range(len(jobs.options)), key=lambda j: (due[j], -work[j], j)):
         found.tours = {**found.tours, **inserted(found, job)}
-    return mended(exchanged(found, rng, deadline), rng, deadline)
+    return mended(exchanged(found, rng, deadline), rng, deadline, rounds)
 
 
 def biased(jobs: Jobs, noise: float, rng: random.Random) -> dict[Step, float]:
@@ -100,9 +107,11 @@ def biased(jobs: Jobs, noise: float, rng: random.Random) -> dict[Step, float]:
     }
 
 
-def mended(found: Assignment, rng: random.Random, deadline: Deadline) -> Assignment:
+def mended(
+    found: Assignment, rng: random.Random, deadline: Deadline, rounds: int = ROUNDS
+) -> Assignment:
     """Return a share of all jobs that is as good as one can tell by what its drives really take."""
-    for _ in range(found.tuning.rounds):
+    for _ in range(rounds):
         if not found.guess.ask(found.ways(), deadline):
             break
         found = exchanged(found, rng, deadline, again=True)
@@ -125,7 +134,7 @@ def exchanged(
     :param again: it was annealed before, and is not to be stirred up much.
     """
     tuning, rehearsal = found.tuning, found.rehearsal
-    warm = tuning.cold + (tuning.warm - tuning.cold) * (_WARM_AGAIN if again else 1.0)
+    warm = tuning.cold + (_WARM - tuning.cold) * (_WARM_AGAIN if again else 1.0)
     share = _EXCHANGES_AGAIN if again else 1.0
     tries = math.ceil(tuning.exchanges * len(found.jobs.options) * share)
     now, best = rehearsal.shares(found.tours), rehearsal.shares(found.tours)

@@ -24,10 +24,6 @@ from up_samp.search.fleet.evaluator_kernel import (
 )
 from up_samp.search.fleet.jobs import Jobs, WorkMode
 from up_samp.search.fleet.travel_times import TravelTimeModel
-from up_samp.search.fleet.tuning import DealsTuning
-
-LATE = 10.0
-"""By which a second too late counts more."""
 
 Step = tuple[int, int]
 """A job and which of its options is taken."""
@@ -42,7 +38,7 @@ class AssignmentEvaluator:
 
     guess: TravelTimeModel
     jobs: Jobs
-    tuning: DealsTuning
+    rules: CostWeights = field(default_factory=CostWeights)
     bias: Mapping[Step, float] = field(default_factory=dict)
     _known: tuple[int, WorkTables] | None = None
     """What options ask for, and how much was learned of drives when that was written down."""
@@ -60,12 +56,6 @@ class AssignmentEvaluator:
             jobs.update({pose for option in options for pose in stops_of(option)})
         shared = sorted(pose for pose, many in jobs.items() if many > 1)
         self._shared = {pose: number for number, pose in enumerate(shared)}
-
-    @property
-    def rules(self) -> CostWeights:
-        """What counts how much."""
-        tuning = self.tuning
-        return CostWeights(tuning.handover, tuning.traffic, LATE, float(tuning.steep))
 
     def ends(self, tours: Mapping[str, Sequence[Step]]) -> dict[str, tuple[float, float]]:
         """Return when (s) each robot has done its jobs, and by how much it is late in all."""

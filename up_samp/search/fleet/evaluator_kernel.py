@@ -44,12 +44,16 @@ class WorkTables(NamedTuple):
 
 
 class CostWeights(NamedTuple):
-    """What counts how much (see :class:`up_samp.search.fleet.tuning.DealsTuning`)."""
+    """What counts how much when it is decided who does what: ``handover`` s from who leaves a
+    shared place to who comes next, as far as one can guess; ``traffic``: the factor by which tours
+    are expected to take longer than alone, if one is due; ``late``: by which a second too late
+    counts more; ``steep``: the power of a tour's end that counts (the last one most).
+    """
 
-    handover: float
-    traffic: float
-    late: float
-    steep: float
+    handover: float = 5.0
+    traffic: float = 1.3
+    late: float = 10.0
+    steep: float = 6.0
 
 
 class TourArrays(NamedTuple):

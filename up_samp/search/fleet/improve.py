@@ -16,7 +16,6 @@ import math
 import random
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 from up_samp.model import Deadline
 from up_samp.search.events import Phase
@@ -24,9 +23,51 @@ from up_samp.search.fleet.assignment import Assignment, exchanged, mended
 from up_samp.search.fleet.evaluator import Step
 from up_samp.search.fleet.sequential import FleetSolution, alone, can_decide, times_of
 from up_samp.search.fleet.tours import Past, Priorities, TourPlanner
-from up_samp.search.fleet.tuning import LargeTuning, ToursTuning
+from up_samp.search.knowledge import Incumbent
 from up_samp.search.search import Search
+from up_samp.search.world import groups_of
 from up_samp.upio import Itinerary
+
+# candidates of the usual search
+MANY, _SHARE = 14, 0.6
+"""Motions that may meet, from which on a candidate's motions are not first tried as scheduled; and
+the share of the remaining time that they get."""
+_FEW_ROUNDS = 4
+"""In which all their tours are decided."""
+# first tours
+_EACH = 16
+"""Rounds after which other ways are looked for in one."""
+_HOPELESS = 6
+"""Rounds without tours, after which they are decided whole."""
+_NOISE = 3.0
+"""s at most, by which turns are changed at random."""
+_HEARD = 0.3
+"""Of how much later a robot ended: by that its turn comes sooner."""
+_KEPT = 0.9
+"""Of that, kept from round to round."""
+_STUCK_SOONER = 20.0
+"""s by which turns of who was stuck come sooner."""
+_ORDERS = 12
+"""Of the robots, for whole tours; who finds no tour goes first in the next one."""
+# better tours
+AGAIN_DEALT = 6
+"""Shares of the jobs that are tried before the tours of the best are changed."""
+_STEEP = 12.0
+"""Power of a tour's end that counts in those."""
+_LOOKS, _LOOKING = 4, 0.1
+"""How often other ways from pose to pose are looked for, and in what share of the changes."""
+_TOGETHER = 5
+"""Tours at most, that are decided anew with one of the last."""
+_CHOICE = 6
+"""Exchanges of jobs that look best, of which one is tried at random."""
+_TURNS = (1, 1, 2, 3, 5)
+"""Robots whose turns change at once: one of these."""
+_SOONER = 10.0
+"""s at most, by which turns come sooner or later."""
+_LOOKING_AT_ONCE = 2
+"""Motions of a robot that look for other ways at once..."""
+DELAYED = 6.0
+"""...each taking longer than alone by so much (s)."""
 
 
 @dataclass(frozen=True)
@@ -52,16 +93,32 @@ def plan_tours(
     :param homes: motions at the end of tours that may be left out where nobody needs them.
     """
     search.tell.stage(Phase.GROUP, count=len(itinerary.motions))
-    tuning = search.tuning.tours
     with search.budget.motion_time():
         tours = undecided_tours(search, itinerary, homes)
         if tours is None:
             return None
-        tours.learn_ways_past(tuning.past, deadline)
-        found = squeaky_wheel(tours, tuning, random.Random(search.seed), deadline)
-        if found is None and _whole(tours, tuning, deadline):
+        tours.learn_ways_past(deadline)
+        found = squeaky_wheel(tours, search.tuning.rounds, random.Random(search.seed), deadline)
+        if found is None and _whole(tours, deadline):
             found = FirstTours(tours, tours.decided())
     return found
+
+
+def in_order(search: Search, itinerary: Itinerary) -> Incumbent | None:
+    """Return a plan with the activities of a candidate of many motions at once, decided in a few
+    rounds of tours; None where none is found.
+    """
+    if max((len(g) for g in groups_of(itinerary.motions)), default=0) < MANY:
+        return None
+    search.tell.stage(Phase.GROUP, count=len(itinerary.motions))
+    deadline = search.budget.share(_SHARE, float("inf"))
+    with search.budget.motion_time():
+        tours = undecided_tours(search, itinerary, frozenset())
+        rng = random.Random(search.seed)
+        found = None if tours is None else squeaky_wheel(tours, _FEW_ROUNDS, rng, deadline)
+    if found is None:
+        return None
+    return search.plan_of(found.decided.schedule, found.decided.trajectories())
 
 
 def undecided_tours(
@@ -77,7 +134,7 @@ def undecided_tours(
 
 
 def squeaky_wheel(
-    tours: TourPlanner, tuning: ToursTuning, rng: random.Random, deadline: Deadline
+    tours: TourPlanner, rounds: int, rng: random.Random, deadline: Deadline
 ) -> FirstTours | None:
     """Return the tours of the best of some rounds, if any brings some. In each all are decided in
     the order of time; who is stuck, or ends late, has its turns sooner in the next one.
@@ -86,12 +143,12 @@ def squeaky_wheel(
     ahead: dict[str, float] = {}
     first: list[str] = []  # whose whole tours go before all others
     late = set[str]()  # who was stuck before there was any good round
-    for number in range(tuning.rounds):
-        if deadline.expired() or (best is None and number >= tuning.hopeless):
+    for number in range(rounds):
+        if deadline.expired() or (best is None and number >= _HOPELESS):
             break
-        noise = tuning.noise if ahead else 0.0
+        noise = _NOISE if ahead else 0.0
         turns = {r: ahead.get(r, 0.0) + rng.uniform(0, noise) for r in tours.robots}
-        looks = number // tuning.each if number % tuning.each == 0 else 0
+        looks = number // _EACH if number % _EACH == 0 else 0
         past = Past.QUICK if looks else Past.NONE
         tours.reset()
         stuck = tours.decide_in_turns(
@@ -102,7 +159,7 @@ def squeaky_wheel(
                 first = _sooner(stuck, first)
             late.add(stuck)
             before = ahead if best is None else best.ahead
-            ahead = {**before, stuck: before.get(stuck, 0.0) + tuning.sooner}
+            ahead = {**before, stuck: before.get(stuck, 0.0) + _STUCK_SOONER}
             continue
         found = tours.decided()
         if best is None or found.cost(1) < best.decided.cost(1):
@@ -110,18 +167,18 @@ def squeaky_wheel(
         ends = found.ends()
         usual = sorted(ends.values())[len(ends) // 2]
         ahead = {
-            robot: tuning.kept * ahead.get(robot, 0.0) + tuning.heard * max(0.0, end - usual)
+            robot: _KEPT * ahead.get(robot, 0.0) + _HEARD * max(0.0, end - usual)
             for robot, end in ends.items()
         }
     return best
 
 
-def _whole(tours: TourPlanner, tuning: ToursTuning, deadline: Deadline) -> bool:
+def _whole(tours: TourPlanner, deadline: Deadline) -> bool:
     """Decide whole tours, one after the other; return whether that was possible."""
     first: list[str] = []
     tours.reset()
-    for _ in range(tuning.orders):
-        given = Priorities(tuple(first), looks=tuning.looks)
+    for _ in range(_ORDERS):
+        given = Priorities(tuple(first), looks=1)
         stuck = tours.decide(given, deadline)
         if stuck is None:
             return True
@@ -165,14 +222,13 @@ class FleetLNS:
     tours: TourPlanner
     best: FleetSolution
     open_tours: OpenTours
-    tuning: LargeTuning
-    first: ToursTuning
     rng: random.Random
     tried: set[tuple[object, ...]] = field(default_factory=set)
     """Exchanges of jobs that did not help since the last change."""
     without_traffic: float = math.inf
     """When (s) all jobs are done at the soonest, as far as shared places tell."""
-    _known: dict[str, Any] = field(default_factory=dict)
+    _delaying: dict[str, list[str]] = field(default_factory=dict)
+    _delays: dict[str, dict[str, float]] = field(default_factory=dict)
     """What was asked of the best tours."""
 
     def improved(self, over: Callable[[], bool], deadline: Deadline) -> Iterator[FleetSolution]:
@@ -180,8 +236,8 @@ class FleetLNS:
         a row bring nothing.
         """
         stale, shares = 0, [share for _, share in MOVES]
-        firsts = iter([deal_again] * self.tuning.again_dealt)
-        while stale < self.tuning.stale and not over():
+        firsts = iter([deal_again] * AGAIN_DEALT)
+        while stale < self.dealt.tuning.stale and not over():
             # another share of the jobs pays while the best tours are hardly better than first ones
             move = next(firsts, None) or self.rng.choices(MOVES, shares)[0][0]
             stale += 1
@@ -193,7 +249,8 @@ class FleetLNS:
             # as good ones, too: they lead elsewhere
             self.best = found
             self.tried.clear()
-            self._known.clear()
+            self._delaying.clear()
+            self._delays.clear()
             if self.cost(found) < before:
                 stale = 0
             if self.cost(found)[0] < before[0]:
@@ -201,7 +258,7 @@ class FleetLNS:
 
     def cost(self, decided: FleetSolution) -> tuple[int, float]:
         """Return the makespan of tours, and what they are worth on the whole."""
-        return decided.cost(self.dealt.tuning.steep)
+        return decided.cost(self.dealt.rehearsal.rules.steep)
 
     def last_first(self) -> list[str]:
         """Return the robots, those that end last first."""
@@ -215,19 +272,15 @@ class FleetLNS:
 
     def delaying(self, robot: str, deadline: Deadline) -> list[str]:
         """Return who delays a robot in the best tours."""
-        key = f"delaying {robot}"
-        if key not in self._known:
-            self._known[key] = sorted(self.tours.delaying(self.best, robot, deadline))
-        found: list[str] = self._known[key]
-        return found
+        if robot not in self._delaying:
+            self._delaying[robot] = sorted(self.tours.delaying(self.best, robot, deadline))
+        return self._delaying[robot]
 
     def delays(self, robot: str) -> dict[str, float]:
         """Return by how much (s) a robot's motions end later than if nobody was in their way."""
-        key = f"delays {robot}"
-        if key not in self._known:
-            self._known[key] = self.tours.delays(self.best, robot)
-        found: dict[str, float] = self._known[key]
-        return found
+        if robot not in self._delays:
+            self._delays[robot] = self.tours.delays(self.best, robot)
+        return self._delays[robot]
 
     def since(self, robots: Iterable[str], moment: float) -> dict[str, int]:
         """Return how many motions of robots were decided before a moment (s)."""
@@ -253,7 +306,9 @@ class FleetLNS:
     def _dealt_again(self, dealt: Assignment, deadline: Deadline) -> FleetSolution | None:
         """Return the best of some rounds of tours in which others do everybody's jobs."""
         tours = self.open_tours(dealt, deadline)
-        again = None if tours is None else squeaky_wheel(tours, self.first, self.rng, deadline)
+        again = (
+            None if tours is None else squeaky_wheel(tours, dealt.tuning.rounds, self.rng, deadline)
+        )
         return None if again is None else self._gone_on(again.tours, again.decided, dealt)
 
     def _gone_on(
@@ -277,10 +332,10 @@ def other_turns(search: FleetLNS, deadline: Deadline) -> TourChange | None:
     """
     del deadline
     rng, turns, moment = search.rng, dict(search.best.turns), math.inf
-    for _ in range(rng.choice(search.tuning.turns)):
+    for _ in range(rng.choice(_TURNS)):
         robot = search.one_of_the_last() if rng.random() < 0.7 else rng.choice(search.tours.robots)
         pieces = search.tours.pieces(robot)
-        sooner = rng.uniform(-search.tuning.sooner, search.tuning.sooner)
+        sooner = rng.uniform(-_SOONER, _SOONER)
         some = pieces if rng.random() < 0.3 else [rng.choice(pieces)]
         for piece in some:
             turns[piece[0]] -= sooner
@@ -297,8 +352,8 @@ def other_ways(search: FleetLNS, deadline: Deadline) -> TourChange | None:
     for robot in sorted({search.one_of_the_last() for _ in range(2)}):
         delays = search.delays(robot)
         longest = sorted(delays, key=lambda name: (-delays[name], name))
-        for name in longest[: search.tuning.motions]:
-            if delays[name] > search.tuning.delayed:
+        for name in longest[:_LOOKING_AT_ONCE]:
+            if delays[name] > DELAYED:
                 looking[name] = search.tours.looked(name) + 1
     change = other_turns(search, deadline)
     if change is None or not looking:
@@ -315,10 +370,10 @@ def some_of_the_last(search: FleetLNS, deadline: Deadline) -> TourChange | None:
     """One of the last tours anew from some moment on, with those of some that delay it, or work
     where it does, or any others.
     """
-    rng, tuning = search.rng, search.tuning
+    rng = search.rng
     last = search.one_of_the_last()
     others = [r for r in search.tours.robots if r != last]
-    many = min(len(others), rng.randint(1, tuning.together))
+    many = min(len(others), rng.randint(1, _TOGETHER))
     near = rng.choice(NEAR)(search, last, deadline)
     some = rng.sample(near, min(len(near), many))
     some += rng.sample([r for r in others if r not in some], many - len(some))
@@ -338,7 +393,7 @@ def _anew(search: FleetLNS, some: Sequence[str], dealt: Assignment | None = None
     first = tuple(some) if order == "one after the other" else ()
     turns = search.best.turns if order == "as before" else {}
     # other ways are looked for now and then: that takes far longer than to wait on known ones
-    looks = search.tuning.looks if rng.random() < search.tuning.looking else 0
+    looks = _LOOKS if rng.random() < _LOOKING else 0
     limit = search.best.lean().makespan
     given = Priorities(first, turns=turns, looks=looks, limit=limit)
     return TourChange(search.since(some, moment), given, dealt)
@@ -367,7 +422,7 @@ def other_jobs(search: FleetLNS, deadline: Deadline) -> TourChange | None:
     if not options:
         return None
     options.sort(key=lambda option: option[:2])
-    few = min(len(options), search.tuning.choice)
+    few = min(len(options), _CHOICE)
     _, _, key, changed = options[search.rng.randrange(few)]
     search.tried.add(key)
     return _anew(search, list(changed), search.dealt.with_tours(changed))
@@ -378,13 +433,9 @@ def deal_again(search: FleetLNS, deadline: Deadline) -> TourChange | None:
     all tours decided in rounds.
     """
     dealt = search.dealt
-    handover = search.tours.changeover(search.best)
-    known = replace(
-        dealt.tuning,
-        handover=dealt.tuning.handover if handover is None else handover,
-        steep=search.tuning.steep,
-    )
-    found = replace(dealt, rehearsal=replace(dealt.rehearsal, tuning=known))
+    rules, handover = dealt.rehearsal.rules, search.tours.changeover(search.best)
+    known = rules._replace(handover=rules.handover if handover is None else handover, steep=_STEEP)
+    found = replace(dealt, rehearsal=replace(dealt.rehearsal, rules=known))
     found = mended(exchanged(found, search.rng, deadline), search.rng, deadline)
     ends = found.rehearsal.ends(found.tours).values()
     search.without_traffic = min(search.without_traffic, max(end for end, _ in ends))

@@ -4,8 +4,7 @@ A fleet of dozens has tens of thousands of optional activities, of which a plan 
 scheduler's model of all of them takes longer to build than a plan takes to be found. So it is
 first guessed who does which job (:mod:`up_samp.search.fleet.assignment`); the problem without
 everything that this leaves out is scheduled, whole tours are decided robot by robot
-(:mod:`up_samp.search.fleet.tours`), or else its motions one after the other
-(:mod:`up_samp.search.fleet.sequential`), and what comes of it is a plan of the whole problem.
+(:mod:`up_samp.search.fleet.tours`), and what comes of it is a plan of the whole problem.
 It is judged as that. Then some tours are planned anew among the others, with other jobs or
 before others (:mod:`up_samp.search.fleet.improve`).
 """
@@ -22,22 +21,23 @@ from unified_planning.model.motion import SchedulingMotionProblem
 
 from up_samp.model import Body, Configuration, Deadline, PathQuery
 from up_samp.model.snapshot import Snapshot
-from up_samp.search.attempt import build, keep_if_better
+from up_samp.search.attempt import keep_if_better
 from up_samp.search.conclusion import SearchResult, conclude, conclude_stopped
 from up_samp.search.events import Phase
 from up_samp.search.fleet.assignment import Assignment, assign, biased, decided_by, state_order
 from up_samp.search.fleet.evaluator import AssignmentEvaluator
+from up_samp.search.fleet.evaluator_kernel import CostWeights
 from up_samp.search.fleet.improve import FleetLNS, plan_tours, undecided_tours
 from up_samp.search.fleet.jobs import Jobs, find_jobs
 from up_samp.search.fleet.sequential import FleetSolution
 from up_samp.search.fleet.tours import TourPlanner
 from up_samp.search.fleet.travel_times import TravelTimeModel, pauses_of
-from up_samp.search.fleet.tuning import LargeTuning
 from up_samp.search.fleet_bound.bound import state_bounds
 from up_samp.search.history import BUILDING, STATING
 from up_samp.search.knowledge import Incumbent
 from up_samp.search.loop import get_schedule, solve, state_what_is_known
 from up_samp.search.search import Search
+from up_samp.search.tuning import SearchTuning
 from up_samp.upio import Itinerary, read_itinerary
 from up_samp.upio.restrict import thinned
 
@@ -48,8 +48,9 @@ _DEALING = 0.3
 """Of the time that is left for a first plan, for dealing jobs out once."""
 _TURN = 0.6
 """Of what is left of that, for one share of the jobs (more again)."""
-_NOISIEST = 5
-"""Shares of the jobs, after which guesses do not become more different."""
+_NOISE, _NOISIEST = 0.06, 5
+"""Share of what a job costs, by which guesses differ at first; and shares of the jobs, after which
+they do not become more different."""
 _UNSCHEDULED = 2
 """Shares of the jobs without any schedule, after which jobs are not dealt out."""
 _SLOWER = 0.2
@@ -66,7 +67,7 @@ class LargeProblem:
     snapshot: Snapshot
     jobs: Jobs
     open_thin: OpenThin
-    tuning: LargeTuning
+    tuning: SearchTuning
 
     def nearly_all(self, share: float) -> float:
         """Return a share of the time, the nearer to all of it the larger the problem is: another
@@ -74,14 +75,14 @@ class LargeProblem:
         activities.
         """
         optional = sum(a.optional for a in self.problem.activities)
-        return 1.0 - (1.0 - share) * math.sqrt(self.tuning.activities / optional)
+        return 1.0 - (1.0 - share) * math.sqrt(self.tuning.large / optional)
 
 
 def large_of(
-    problem: SchedulingMotionProblem, snapshot: Snapshot, open_thin: OpenThin, tuning: LargeTuning
+    problem: SchedulingMotionProblem, snapshot: Snapshot, open_thin: OpenThin, tuning: SearchTuning
 ) -> LargeProblem | None:
     """Return a problem as a large one, or None where it is none, or has no jobs to deal out."""
-    if sum(a.optional for a in problem.activities) < tuning.activities:
+    if sum(a.optional for a in problem.activities) < tuning.large:
         return None
     jobs = find_jobs(problem, snapshot)
     return None if jobs is None else LargeProblem(problem, snapshot, jobs, open_thin, tuning)
@@ -95,29 +96,28 @@ def solve_large(
     """
     first = search.budget.share(large.nearly_all(_SHARE), float("inf"))
     search.tell.stage(Phase.PREPARE, "who does which job", len(large.jobs.options))
-    found, failed = None, 0
-    for number, dealt in enumerate(deals_of(search, large, first), start=1):
+    found: Found | None = None
+    failed = 0
+    for dealt in deals_of(search, large, first):
         with search.history.stages.of(BUILDING):
             deadline = first.within(large.nearly_all(_TURN) * first.remaining())
             opened = candidate_of(large, dealt, deadline)
             if opened is not None:
-                # motions in the order of time take longer and find less: only in the end
-                lined = number == large.tuning.deals
-                found = plan_of_deal(search, large, dealt, opened, deadline, lined=lined)
+                found = plan_of_deal(search, large, dealt, opened, deadline)
         failed += opened is None
         if found is not None or first.expired() or failed >= _UNSCHEDULED:
             break
         if search.stopped:
             return conclude_stopped(search)
-    better = None if found is None else keep_if_better(search, found.plan)
+    better = None if found is None else keep_if_better(search, found[0])
     with search.history.stages.of(STATING):
         state_bounds(search, large.problem, large.jobs, relative=optimal)
     if better is not None:
         yield better
         if not optimal:
             return conclude(search)
-    if found is not None and found.better is not None:
-        yield from improve(search, large, found.better)
+    if found is not None:
+        yield from improve(search, large, found[1])
     if search.bounds.met or search.budget.deadline.expired():
         return conclude(search)
     if search.stopped:
@@ -129,16 +129,15 @@ def deals_of(search: Search, large: LargeProblem, deadline: Deadline) -> Iterato
     """Yield shares of the jobs: the best one found, then others, by guesses that are more and more
     different, and more and more careful about what is due.
     """
-    tuning, guess = search.tuning, guess_of(search, large)
-    for number in range(tuning.large.deals):
+    guess, rules = guess_of(search, large), CostWeights()
+    for number in range(large.tuning.deals):
         # who was late was guessed to be too quick
-        traffic = tuning.deals.traffic * (1.0 + _SLOWER * number)
-        deals = replace(tuning.deals, traffic=traffic)
+        careful = rules._replace(traffic=rules.traffic * (1.0 + _SLOWER * number))
         rng = random.Random(search.seed + number)
-        noise = tuning.deals.noise * min(number, _NOISIEST)
-        bias = biased(large.jobs, noise, rng)
+        bias = biased(large.jobs, _NOISE * min(number, _NOISIEST), rng)
         soon = deadline.within(_DEALING * deadline.remaining())
-        yield assign(AssignmentEvaluator(guess, large.jobs, deals, bias), soon, rng)
+        rehearsal = AssignmentEvaluator(guess, large.jobs, careful, bias)
+        yield assign(rehearsal, soon, rng, large.tuning)
 
 
 def guess_of(search: Search, large: LargeProblem) -> TravelTimeModel:
@@ -156,12 +155,8 @@ def guess_of(search: Search, large: LargeProblem) -> TravelTimeModel:
     return TravelTimeModel(large.snapshot, service.lower_bound, drives, pauses)
 
 
-@dataclass(frozen=True)
-class Found:
-    """A valid plan, and how to make it ``better`` where it is made of tours."""
-
-    plan: Incumbent
-    better: FleetLNS | None
+Found = tuple[Incumbent, FleetLNS]
+"""A valid plan made of tours, and how to make it better."""
 
 
 def plan_of_deal(
@@ -170,28 +165,19 @@ def plan_of_deal(
     dealt: Assignment,
     opened: tuple[Search, Itinerary],
     deadline: Deadline,
-    *,
-    lined: bool,
 ) -> Found | None:
     """Return a valid plan of the whole problem in which everybody does what was dealt out.
 
     :param opened: the search on what was dealt out, and its candidate.
-    :param lined: if there are no tours, motions are decided one after the other.
     """
     inner, itinerary = opened
     found = plan_tours(inner, itinerary, deadline, homes=homes_of(large.jobs))
     if found is None:
-        if not lined:
-            return None
-        built = build(inner, itinerary)
-        plan = None if built is None else search.plan_of(built.schedule, built.trajectories)
-        return None if plan is None or search.judged(plan.plan) else Found(plan, None)
+        return None
     rng, again = random.Random(search.seed), partial(open_tours, large)
     plan = plan_of_tours(search, found.decided)
-    better = FleetLNS(
-        dealt, found.tours, found.decided, again, large.tuning, search.tuning.tours, rng
-    )
-    return None if plan is None else Found(plan, better)
+    better = FleetLNS(dealt, found.tours, found.decided, again, rng)
+    return None if plan is None else (plan, better)
 
 
 def plan_of_tours(search: Search, decided: FleetSolution) -> Incumbent | None:
@@ -236,7 +222,7 @@ def open_tours(large: LargeProblem, dealt: Assignment, deadline: Deadline) -> To
     opened = candidate_of(large, dealt, deadline)
     tours = None if opened is None else undecided_tours(*opened, homes_of(large.jobs))
     if opened is not None and tours is not None:
-        tours.learn_ways_past(opened[0].tuning.tours.past, deadline)
+        tours.learn_ways_past(deadline)
     return tours
 
 

@@ -10,11 +10,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
 
 from unified_planning.model.motion import SchedulingMotionProblem
 
-from up_samp.model import Body, Configuration, Deadline, Outcome, OutOfTimeError, PathQuery
+from up_samp.model import Body, Deadline, OutOfTimeError, PathQuery
 from up_samp.model.deadline import check_time, in_force
 from up_samp.motion import MotionService
 from up_samp.search.facts import Facts
@@ -23,54 +22,6 @@ from up_samp.search.fleet_bound.final_occupancy import final_occupancy
 from up_samp.search.fleet_bound.load_balance import LoadBalance, called, least_share
 from up_samp.search.fleet_bound.work import JobWork, Leg, items_of
 from up_samp.search.search import Search
-
-Pair = tuple[Body, Configuration, Configuration]
-
-
-@dataclass(frozen=True)
-class MeasuredDrive:
-    """What a drive takes (s) with nobody else there. ``complete``: the planner finished its search,
-    so that it is the planner's fastest; else it is only some drive.
-    """
-
-    seconds: float
-    complete: bool
-
-
-@dataclass
-class DriveTimes:
-    """Drives of one problem, by body, start and goal.
-
-    :param query: the longest (s) that one drive is looked for.
-    """
-
-    service: MotionService
-    query: float = 2.0
-    asked: int = 0
-    """So many drives were asked of the planner so far."""
-    _known: dict[Pair, MeasuredDrive | None] = field(default_factory=dict)
-
-    def drive(
-        self, body: Body, start: Configuration, goal: Configuration, deadline: Deadline
-    ) -> MeasuredDrive | None:
-        """Return what a drive takes, None where the planner found none in time."""
-        pair = body, start, goal
-        if pair not in self._known:
-            if start != goal:
-                self.asked += 1
-            self._known[pair] = self._planned(pair, deadline)
-        return self._known[pair]
-
-    def _planned(self, pair: Pair, deadline: Deadline) -> MeasuredDrive | None:
-        body, start, goal = pair
-        if start == goal:
-            return MeasuredDrive(0.0, complete=True)
-        query = PathQuery(body, (start, goal), ())
-        report = self.service.plan(query, deadline.within(self.query))
-        if report.outcome is not Outcome.FOUND or report.trajectory is None:
-            return None
-        return MeasuredDrive(float(report.trajectory.duration), report.complete)
-
 
 # ------------------ A lower bound from jobs: what has to be done at least, shared by all robots
 # Each job is done by one of its options, and a robot drives one way at a time. So no plan is
@@ -82,8 +33,8 @@ class DriveTimes:
 # else does, or drives on.
 
 
-_DRIVES = 3000
-"""At most, that the planner is asked for to raise the bound."""
+_DRIVES, _QUERY = 3000, 2.0
+"""Drives at most, that the planner is asked for to raise the bound; and s at most, for each."""
 ROUNDING = 1e-6
 """Units that a bound may be less than a whole number and still be it."""
 
@@ -99,7 +50,7 @@ class JobsBound:
         self, problem: SchedulingMotionProblem, facts: Facts, service: MotionService, jobs: Jobs
     ) -> None:
         counted = _counted(jobs)
-        self._facts = facts
+        self._facts, self._service = facts, service
         self._work = JobWork(problem, facts, service, jobs)
         self._ways = self._work.ways(counted)
         self._stops: dict[Body, frozenset[str]] = {}
@@ -116,66 +67,68 @@ class JobsBound:
 
     def absolute(self, deadline: Deadline) -> int:
         """Return units that no plan can beat."""
-        return 0 if not self._ways else _units(self._share(deadline))
+        return 0 if not self._ways else _rounded(self._share(deadline)[0])
 
-    def relative(self, drives: DriveTimes, most: int, deadline: Deadline) -> Iterator[int]:
+    def relative(self, deadline: Deadline) -> Iterator[int]:
         """Yield units that no plan can beat whose drives are no faster than the planner's own: the
         planner is asked for those drives that the best share of the jobs is made of, again and
         again, until it is made of these.
-
-        :param most: so many drives are asked for.
         """
         asked: set[Leg] = set()
         while self._ways and not deadline.expired():
-            share = self._share(deadline)
-            yield _units(share)
-            todo = sorted(share.legs - asked, key=lambda leg: (leg[1:], repr(leg[0])))
-            todo = todo[: most - len(asked)]
+            units, legs = self._share(deadline)
+            yield _rounded(units)
+            todo = sorted(legs - asked, key=lambda leg: (leg[1:], repr(leg[0])))
+            todo = todo[: _DRIVES - len(asked)]
             if not todo:
                 return
             asked.update(todo)
             for leg in todo:
-                self._ask(leg, drives, deadline)
+                self._ask(leg, deadline)
 
-    def _ask(self, leg: Leg, drives: DriveTimes, deadline: Deadline) -> None:
+    def _ask(self, leg: Leg, deadline: Deadline) -> None:
         """Take a drive to last as long as the planner's fastest one, where it has one."""
         body, *ends = leg
         start, goal = (self._facts.snapshot.configurations[name] for name in ends)
-        found = None if deadline.expired() else drives.drive(body, start, goal, deadline)
-        if found is not None and found.complete:
-            over = self._stops.get(body, frozenset())
-            self._work.take(leg, self._facts.units(found.seconds), over=over)
+        if start == goal or deadline.expired():
+            return
+        query = PathQuery(body, (start, goal), ())
+        report = self._service.plan(query, deadline.within(_QUERY))
+        if report.trajectory is not None and report.complete:
+            # the planner finished its search: it is its fastest drive, not only some
+            units = self._facts.units(report.trajectory.duration)
+            self._work.take(leg, units, over=self._stops.get(body, frozenset()))
 
     def _share(self, deadline: Deadline) -> LoadBalance:
         """Return what no plan can beat, with the drives that this hangs on."""
         work = self._work
-        shared = self._even(deadline)
+        shared, drives = self._even(deadline)
         costs = _least((way.job, (way.least(work.units), ())) for way in self._ways)
         soonest = _least((way.job, work.alone(way)) for way in self._shared)
-        even = sum(units for units, _ in costs) / len(work.fleet.robots)
-        most = max(shared.units, even, *(units for units, _ in (*costs, *soonest)))
+        even = sum(units for units, _ in costs) / len(work.robots)
+        most = max(shared, even, *(units for units, _ in (*costs, *soonest)))
         legs = {leg for units, some in soonest if units >= most - ROUNDING for leg in some}
-        return LoadBalance(most, shared.legs | legs)
+        return most, drives | legs
 
     def _even(self, deadline: Deadline) -> LoadBalance:
         """Return what robots that share all work as evenly as they can take at least, by one bound
         after the other.
         """
-        known = None
+        known: LoadBalance | None = None
         while True:
             left, since = deadline.remaining(), self._since
             found = least_share(
                 self._work, self._shared, self._comings, left, self._last, self._since
             )
-            if known is None or found.units > known.units:
+            if known is None or found[0] > known[0]:
                 known = found
-            self._since = max(self._since, _units(known))
+            self._since = max(self._since, _rounded(known[0]))
             if self._since == since or not self._last.everybody:
                 return known
 
 
-def _units(share: LoadBalance) -> int:
-    return math.ceil(share.units - ROUNDING)
+def _rounded(units: float) -> int:
+    return math.ceil(units - ROUNDING)
 
 
 def _least(costs: Iterable[tuple[int, _Cost]]) -> list[_Cost]:
@@ -223,8 +176,7 @@ def state_bounds(
             if not relative:
                 return
             with search.budget.motion_time():
-                drives = DriveTimes(service)
-                for units in bound.relative(drives, _DRIVES, deadline):
+                for units in bound.relative(deadline):
                     bounds.beside = max(bounds.beside, units)
                     bounds.raise_lower(units, relative=True)
     except OutOfTimeError:

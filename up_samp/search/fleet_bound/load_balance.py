@@ -32,14 +32,8 @@ from up_samp.search.fleet_bound.work import JobMode, JobWork, Leg
 FloatArray = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class LoadBalance:
-    """No plan is shorter than ``units``. ``legs``: the drives that the share is made of."""
-
-    units: float
-    legs: frozenset[Leg] = frozenset()
-
-
+LoadBalance = tuple[float, frozenset[Leg]]
+"""Units that no plan is shorter than, and the drives that the share is made of."""
 Comings = Mapping[tuple[int, str], int]
 """What it takes a kind of robots at least to come to a place otherwise than for jobs (units)."""
 
@@ -73,10 +67,10 @@ def least_share(
         options={"time_limit": max(seconds, 0.01)},
     )
     if found.status != 0:
-        return LoadBalance(0.0)
+        return 0.0, frozenset()
     proven = model.proven(found.eqlin.marginals, found.ineqlin.marginals)
     # beyond the limit of a column nothing is proven of it, but of the makespan that it is more
-    return LoadBalance(min(proven, model.most), model.legs(found.x))
+    return min(proven, model.most), model.legs(found.x)
 
 
 @dataclass
@@ -119,7 +113,7 @@ class _Model:
         self._aways = {away: known + n for n, away in enumerate(sorted(last.aways, key=str))}
         self._left = {away: least(legs, work.units) for away, legs in last.aways.items()}
         known += len(self._aways)
-        kinds = sorted(work.fleet.sizes)
+        kinds = sorted(work.sizes)
         stays = [(kind, place) for kind in kinds for place in sorted(last.places)]
         self._staying = {stay: known + n for n, stay in enumerate(stays)}
         known += len(stays)
@@ -155,7 +149,7 @@ class _Model:
         for away, column in self._aways.items():
             found[column] = self._last.often[away]
         for kind, column in self._working.items():
-            found[column] = self._work.fleet.sizes[kind]
+            found[column] = self._work.sizes[kind]
         longest = max((units for units, _ in self._left.values()), default=0)
         found[0] = sum(worst.values()) + longest * len(jobs)
         return found
@@ -184,7 +178,7 @@ class _Model:
             for end in way.ends:
                 coming[way.kind, end].append((column, -1.0))
         for at in self._called:
-            starts, out, came = self._work.fleet.starts[at], leaving[at], coming[at]
+            starts, out, came = self._work.starts[at], leaving[at], coming[at]
             other = [(self._others[at], -1.0)] if at in self._others else []
             other += [(c, -1.0) for away, c in self._aways.items() if (away[0], away[2]) == at]
             self.less.add([*((c, 1.0) for c in out), *came, *other], starts)
@@ -215,7 +209,7 @@ class _Model:
         for place in sorted(self._last.places):
             self.less.add([(c, 1.0) for (_, p), c in self._staying.items() if p == place], 1.0)
         for kind, column in self._working.items():
-            self.less.add([(column, 1.0)], self._work.fleet.sizes[kind])
+            self.less.add([(column, 1.0)], self._work.sizes[kind])
             if self._last.everybody:
                 some = [c for (k, _), c in self._staying.items() if k == kind]
                 some += [c for (k, _, _), c in self._aways.items() if k == kind]
@@ -223,7 +217,7 @@ class _Model:
 
     def _state_time(self) -> None:
         """Robots of a kind that work have time until T, each (see the module)."""
-        for kind, size in sorted(self._work.fleet.sizes.items()):
+        for kind, size in sorted(self._work.sizes.items()):
             entries = [(0, -float(size)), (self._working[kind], -float(self._since))]
             for (pair, column), units in zip(self._first.items(), self._units, strict=True):
                 if self._ways[pair[0]].kind == kind:

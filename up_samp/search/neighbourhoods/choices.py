@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import random
 from collections import defaultdict
@@ -132,13 +133,9 @@ def _clause(constraint: FNode) -> tuple[str, ...]:
 # The plan that a neighbourhood is chosen in: who is busy when, who waits for whom, who meets.
 
 
-@dataclass(frozen=True)
-class PlanWait:
-    """``who`` could do something sooner at ``time`` (units), were it not for ``whom``."""
-
-    who: str
-    whom: str
-    time: int
+PlanWait = tuple[int, str, str]
+"""A time (units) at which somebody could do something sooner, were it not for somebody else: who,
+whom."""
 
 
 @dataclass(frozen=True)
@@ -213,8 +210,8 @@ class View:
             for who in self.owners.of.get(d.then[1], ()):
                 for whom in self.owners.of.get(d.first[1], ()):
                     if who != whom:
-                        found.add(PlanWait(who, whom, self._time(d.then)))
-        return sorted(found, key=lambda w: (w.time, w.who, w.whom))
+                        found.add((self._time(d.then), who, whom))
+        return sorted(found)
 
     @cached_property
     def critical(self) -> list[str]:
@@ -312,10 +309,8 @@ def last_robots(view: View, chance: random.Random, size: int) -> Freed:
     by_end = sorted(view.robots, key=lambda r: (ends[r], r))
     late = [r for r in by_end if ends[r] == ends[by_end[-1]]]
     chosen = {chance.choice(late)}
-    for robot in _by_rank([r for r in by_end if r not in chosen], chance):
-        if len(chosen) >= size:
-            break
-        chosen.add(robot)
+    others = _by_rank([r for r in by_end if r not in chosen], chance)
+    chosen.update(itertools.islice(others, max(0, size - len(chosen))))
     return Freed(frozenset(chosen))
 
 
@@ -347,15 +342,15 @@ def waiting_robots(view: View, chance: random.Random, size: int) -> Freed:
     waits = view.waits
     if not waits:
         return meeting_robots(view, chance, size)
-    seed = chance.choice(waits)
-    chosen = {seed.who: None, seed.whom: None}
-    near = sorted(waits, key=lambda w: (abs(w.time - seed.time), w.who, w.whom))
+    time, *both = chance.choice(waits)
+    chosen = dict.fromkeys(both)
+    near = sorted(waits, key=lambda wait: (abs(wait[0] - time), *wait[1:]))
     grown = True
     while grown and len(chosen) < size:
         grown = False
-        for wait in near:
-            if len({wait.who, wait.whom} & chosen.keys()) == 1:
-                chosen |= {wait.who: None, wait.whom: None}
+        for _, *pair in near:
+            if len(chosen.keys() & pair) == 1:
+                chosen |= dict.fromkeys(pair)
                 grown = True
                 break
     return Freed(frozenset(_filled(list(chosen), view.robots, chance, size)))
@@ -381,12 +376,7 @@ CHOICES: tuple[Choice, ...] = (
 
 
 def _first_of(some: Iterable[str], size: int) -> list[str]:
-    found: dict[str, None] = {}
-    for one in some:
-        if len(found) >= size:
-            break
-        found[one] = None
-    return list(found)
+    return list(dict.fromkeys(some))[:size]
 
 
 def _filled(chosen: list[str], robots: list[str], chance: random.Random, size: int) -> list[str]:

@@ -11,16 +11,16 @@ import itertools
 import logging
 import pickle
 import random
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from typing import Any
 
 from unified_planning.model.scheduling import SchedulingProblem
 
 from up_samp.extensions import parts
 from up_samp.model import CandidateSchedule, Deadline, ScheduleReport, ScheduleStatus
 from up_samp.scheduling.cpsat import CpsatSession
-from up_samp.scheduling.cpsat.tuning import CpsatTuning
 from up_samp.search.attempt import try_candidate
 from up_samp.search.events import Phase
 from up_samp.search.history import IMPROVING
@@ -152,36 +152,26 @@ def _keep_order(view: View, problem: SchedulingProblem, kept: frozenset[str]) ->
             problem.add_constraint(manager.LE(first, activities[two].start))
 
 
-@dataclass(frozen=True)
-class NeighbourhoodSettings:
-    """How a small problem is solved, with one thread: with the same settings always alike."""
-
-    seed: int
-    effort: float
-    tuning: CpsatTuning
+Settings = Mapping[str, Any]
+"""How a small problem is solved (``seed``, ``effort``, ``tuning``), with one thread: with the same
+settings always alike."""
 
 
 def solve_small(
     problem: SchedulingProblem,
-    settings: NeighbourhoodSettings,
+    settings: Settings,
     guess: CandidateSchedule,
     deadline: Deadline,
 ) -> ScheduleReport:
     """Return the best schedule of a small problem that is found with so much effort; ``guess`` is
     the whole plan.
     """
-    session = CpsatSession(
-        problem,
-        seed=settings.seed,
-        workers=1,
-        effort=settings.effort,
-        tuning=settings.tuning,
-    )
+    session = CpsatSession(problem, workers=1, **settings)
     return session.solve(deadline, optimal=True, hint=guess)
 
 
 def solve_sent(
-    problem: bytes, settings: NeighbourhoodSettings, guess: CandidateSchedule, seconds: float
+    problem: bytes, settings: Settings, guess: CandidateSchedule, seconds: float
 ) -> ScheduleReport:
     """Return the same for a problem that was sent to a worker. It has come with an environment of
     its own: workers on threads do not share expressions.
@@ -298,7 +288,8 @@ class Descent:
         """Yield the best schedule found in each neighbourhood, as long as there is time. No bound
         on one is a bound on the whole.
         """
-        settings = NeighbourhoodSettings(search.seed, self.tuning.effort, search.cpsat)
+        effort = self.tuning.effort
+        settings = {"seed": search.seed, "effort": effort, "tuning": search.cpsat}
         guess = view.plan.schedule
         if search.workers is None:
             for freed in some:
@@ -335,7 +326,7 @@ class Descent:
 
 
 def _solve_here(
-    small: SmallProblem, settings: NeighbourhoodSettings, guess: CandidateSchedule, seconds: float
+    small: SmallProblem, settings: Settings, guess: CandidateSchedule, seconds: float
 ) -> ScheduleReport:
     return solve_small(small.problem, settings, guess, Deadline.after(seconds))
 

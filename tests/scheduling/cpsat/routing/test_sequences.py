@@ -22,7 +22,7 @@ from up_samp.scheduling.cpsat.routing.list_scheduling import decode, steps_of, t
 from up_samp.scheduling.cpsat.routing.sequences import Sequences, raised
 from up_samp.scheduling.cpsat.routing.workload import WorkBound, bound_by_work, with_lefts
 from up_samp.scheduling.cpsat.solve import strategy
-from up_samp.scheduling.cpsat.tuning import BoundsTuning
+from up_samp.scheduling.cpsat.tuning import CpsatTuning
 from up_samp.upio.plan import build_schedule
 from up_samp.validation import validate_schedule
 
@@ -140,8 +140,8 @@ def compare(seeds):
 
 
 def test_no_bound_is_above_the_optimum():
-    met, count = compare(range(14))
-    assert count > 8
+    met, count = compare(range(7))
+    assert count > 4
     assert met >= 0.6 * count
 
 
@@ -186,7 +186,7 @@ def test_what_needs_too_much_effort_is_not_proven():
     model = ScheduleModel(problem)
     work = find_work(model, find_routes(model))
     none, few, many = (
-        bound_by_work(model, work, tuning=BoundsTuning(labels=n)).value for n in (0, 10, 10**6)
+        bound_by_work(model, work, tuning=CpsatTuning(labels=n)).value for n in (0, 10, 10**6)
     )
     assert none < few < many
 
@@ -271,7 +271,7 @@ def bounds_with_and_without_what_is_left(problem):
     work = find_work(model, find_routes(model))
     without = bound_by_work(model, work)
     assert not without.sequences.is_spent
-    aided = bound_by_work(model, work, tuning=BoundsTuning(unaided=0))
+    aided = bound_by_work(model, work, tuning=CpsatTuning(unaided=0))
     return without.value, aided.value
 
 

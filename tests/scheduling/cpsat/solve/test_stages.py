@@ -15,13 +15,13 @@ from up_samp.scheduling.cpsat.encode import timeline
 from up_samp.scheduling.cpsat.model import FAMILIES, ScheduleModel
 from up_samp.scheduling.cpsat.problem import Watcher
 from up_samp.scheduling.cpsat.solve.attempts import Attempts, Orders
-from up_samp.scheduling.cpsat.solve.runner import SolverRun, run
+from up_samp.scheduling.cpsat.solve.runner import run
 from up_samp.scheduling.cpsat.solve.strategy import STAGES, Solve, solve
-from up_samp.scheduling.cpsat.tuning import StagesTuning
+from up_samp.scheduling.cpsat.tuning import CpsatTuning
 
 
 def solved(problem, *, guess=None, optimal=True, **tuning):
-    orders = Orders(SolverRun(0, 1), optimal, StagesTuning(**tuning), threading.Event())
+    orders = Orders(0, 1, optimal, CpsatTuning(**tuning), threading.Event())
     whole = Attempts(ScheduleModel(problem), orders, Deadline.after(60), 0)
     search = Solve(whole, Watcher(problem).look, guess)
     solve(search)
@@ -114,9 +114,8 @@ def test_the_searches_that_break_memory_are_never_run(workers, first, capfd):
     plain.add_max_equality(makespan, ends)
     plain.minimize(makespan)
     options = {"log_search_progress": True, "stop_after_first_solution": first}
-    answer = run(
-        plain, SolverRun(0, workers), Deadline.after(30), lambda *_: False, options=options
-    )
+    options |= {"num_workers": workers, "random_seed": 0}
+    answer = run(plain, Deadline.after(30), lambda *_: False, options=options)
     assert answer.status in (cp_model.OPTIMAL, cp_model.FEASIBLE)
     lines = capfd.readouterr().out.splitlines()
     told = [line for line in lines if "subsolver" in line and "[" in line]

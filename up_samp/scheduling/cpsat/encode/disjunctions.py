@@ -54,7 +54,7 @@ def find_groups(parts: Additions, presences: Presences | None = None) -> list[Al
 
     :param presences: who is there together (nobody, if not given).
     """
-    members = _Members(parts, presences or Presences({}))
+    members = _Members(parts, presences or {})
     lengths = {a.name: _length(a) for a in parts.activities if a.optional}
     exclusive: set[frozenset[str]] = set()
     named: dict[tuple[str, ...], None] = {}
@@ -91,17 +91,16 @@ class _Members:
     def __init__(self, parts: Additions, presences: Presences) -> None:
         optional = {a.name for a in parts.activities if a.optional}
         self._presences = presences
-        self._of = {
-            leader: [n for n in names if n in optional]
-            for leader, names in presences.classes().items()
-        }
+        self._of: dict[str, list[str]] = {leader: [] for leader in presences.values()}
+        for name, leader in presences.items():
+            self._of[leader] += [name] if name in optional else []
         together = {name for names in self._of.values() if len(names) > 1 for name in names}
         self._kinds = _kinds(parts, together)
         self._own = _own_decisions(parts, optional)
 
     def of(self, name: str) -> list[str]:
         """Return the activities that are there exactly when ``name`` is."""
-        leader = self._presences.of(name)
+        leader = self._presences.get(name, name)
         return self._of.get(leader, [name])
 
     def named(self, names: tuple[str, ...]) -> list[tuple[str, ...]]:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from up_samp.scheduling.cpsat.encode.forms import (
     TRUE,
@@ -30,30 +30,23 @@ START = -1
 """In place of an activity: what holds at first."""
 
 
-@dataclass
-class Histories:
-    """``states`` say all of the preconditions that are not in ``left``."""
-
-    states: list[StateVar] = field(default_factory=list)
-    left: list[Precondition] = field(default_factory=list)
-    reads: list[tuple[StateVar, list[Read]]] = field(default_factory=list)
-    """Conditions on state variables that are there already, and tell the same."""
-
-
 def find_histories(
     preconditions: list[Precondition],
     activities: dict[str, ActivityVars],
     gap: Gap,
     states: Iterable[StateVar] = (),
-) -> Histories:
-    """Return the state variables that the preconditions speak of.
+) -> tuple[list[StateVar], list[tuple[StateVar, list[Read]]], list[Precondition]]:
+    """Return the state variables that preconditions speak of; conditions on those that are there
+    already, and tell the same; and the preconditions that none of these say.
 
     Assumes: helpers, rivals and who needs them never overlap, and all are named who may undo what
     is needed.
 
     :param states: those of the problem; where one of them tells the same, it is read.
     """
-    found = Histories()
+    made: list[StateVar] = []
+    read: list[tuple[StateVar, list[Read]]] = []
+    left: list[Precondition] = []
     known = _last_effects(states, activities)
     lasting = [p for p in preconditions if _lasts(p)]
     groups = list(_by_writers([p for p in preconditions if not _lasts(p)]).items())
@@ -65,17 +58,16 @@ def find_histories(
         if id(some[0]) in told:
             continue
         if _unsaid(writers, some, activities, gap):
-            found.left += some
+            left += some
         else:
             said.append((writers, some))
     for number, (writers, some) in enumerate(said):
         reads = _told(known.get(frozenset(activities[w].index for w in writers)), some, activities)
         if reads is not None:
-            found.reads.append(reads)
+            read.append(reads)
         else:
-            found.states.append(_history(("#history", number), writers, some, activities))
-    found.left += [p for p in lasting if id(p) not in told]
-    return found
+            made.append(_history(("#history", number), writers, some, activities))
+    return made, read, left + [p for p in lasting if id(p) not in told]
 
 
 def _lasts(precondition: Precondition) -> bool:
@@ -475,13 +467,8 @@ class Unary:
     whole: bool
 
 
-@dataclass(frozen=True)
-class Section:
-    """What one activity keeps for itself: the instants ``lo..hi``."""
-
-    owner: int
-    lo: Lin
-    hi: Lin
+Section = tuple[int, Lin, Lin]
+"""What one activity (its index) keeps for itself: the instants from one to another."""
 
 
 def find_unary(states: States) -> list[Unary]:
@@ -510,7 +497,7 @@ def _borrowed(states: States, state: StateVar) -> Unary | None:
     capacity = state.initial - state.bounds[0]
     owners = [u.owner for u in uses]
     sections = [
-        Section(u.owner, u.start, u.end)
+        (u.owner, u.start, u.end)
         for u in uses
         if u.owner is not None
         and owners.count(u.owner) == 1
@@ -562,7 +549,7 @@ def _marked(states: States, state: StateVar) -> Unary | None:
         )
         if needed is None:
             return None
-        sections.append(Section(owner, needed.lo, free.time))
+        sections.append((owner, needed.lo, free.time))
         allowed = needed.allowed or frozenset()
         at_once = states.difference(needed.lo, take.time) == (0, 0)
         exact &= at_once and freed | {state.initial} <= allowed
@@ -635,10 +622,10 @@ def _spans(states: States, state: StateVar, at_end: bool) -> Iterator[Section]:
         after = states.difference(read.lo, write.time)
         if at_end and before[0] >= 0 and before[1] <= 1:
             seen.add(read.owner)
-            yield Section(read.owner, read.lo, write.time)
+            yield (read.owner, read.lo, write.time)
         elif not at_end and after[0] >= 0 and after[1] <= 1:
             seen.add(read.owner)
-            yield Section(read.owner, write.time, read.hi)
+            yield (read.owner, write.time, read.hi)
 
 
 # -- common ------------------------------------------------------------------------------------
@@ -647,11 +634,11 @@ def _unary(
 ) -> Unary | None:
     """Return what sections that are ``margin`` apart say of their activities."""
     covering = []
-    for section in sections:
-        activity = states.activity(section.owner)
-        tail = states.difference(section.hi, activity.end)[0]
-        head = states.difference(section.lo, activity.start)[1]
-        covering.append((tail, head, section.owner))
+    for owner, lo, hi in sections:
+        activity = states.activity(owner)
+        tail = states.difference(hi, activity.end)[0]
+        head = states.difference(lo, activity.start)[1]
+        covering.append((tail, head, owner))
     gap = margin + min(t for t, _, _ in covering) - max(h for _, h, _ in covering)
     if gap < 0:
         return None
@@ -660,9 +647,10 @@ def _unary(
 
 def _exactly(states: States, section: Section) -> bool:
     """Return whether a section is its activity's time, start to end."""
-    activity = states.activity(section.owner)
+    owner, lo, hi = section
+    activity = states.activity(owner)
     return (
-        states.difference(section.lo, activity.start) == (0, 0)
-        and states.difference(section.hi, activity.end) == (0, 0)
+        states.difference(lo, activity.start) == (0, 0)
+        and states.difference(hi, activity.end) == (0, 0)
         and states.difference(activity.end, activity.start)[0] >= 1
     )

@@ -108,13 +108,23 @@ class StateVar:
         return any(w.add for w in self.writes)
 
 
-# ------------------ The ground fluents of a problem
+def no_fluents(node: FNode) -> Lin:
+    """Refuse a fluent by name, where there is no time at which it could be read."""
+    raise UnsupportedError(f"the fluent '{node}' is read at no time; cpsat needs one")
 
 
-class GroundFluents:
-    """State variables by fluent and arguments, made when they are asked for."""
+# ------------------ State variables
+# State variables: ground fluents with who writes and who reads them, and when. Semantics (PDDL
+# 2.1 as up-aries has it; see ``up_samp/validation/semantics.md``): an effect at t is seen from t
+# + 1 on; a condition over integer instants lo..hi holds at each of them; an effect of another
+# activity on a fluent that the condition reads must not lie in lo..hi, whatever its value; the
+# activity's own effects and the problem's own are not kept apart, the old value counts at t.
 
-    def __init__(self, world: World, problem: Any) -> None:
+
+class States:
+    """All state variables of a problem, by fluent and arguments, who writes and who reads them."""
+
+    def __init__(self, world: World, problem: Any, far: Lin) -> None:
         self.world = world
         self.store: ModelStore = world.store
         self.problem = problem
@@ -122,6 +132,16 @@ class GroundFluents:
         self.explicit = problem.explicit_initial_values
         self.defaults = problem.fluents_defaults
         self.declared = frozenset(problem.fluents)
+        self.dynamic: set[str] = set()
+        """Names of the fluents that change."""
+        self._allowed: dict[FNode, frozenset[int]] = {}
+        self.far = far
+        self.by_var: dict[int, ActivityVars] = {}
+        self.activities: list[ActivityVars] = []
+        self.happenings: list[tuple[Literal, Lin]] = []
+        self.final: Lin | None = None
+
+    # -- the ground fluents ----------------------------------------------------------------------
 
     def var(self, fluent: Any, args: tuple[int, ...]) -> StateVar:
         """Return the state variable of ``fluent`` at ``args`` (codes of objects, numbers)."""
@@ -181,26 +201,7 @@ class GroundFluents:
             if literal != FALSE:
                 yield literal, self.var(fluent, tuple(v for _, v in combination))
 
-    # -- effects -------------------------------------------------------------------------------
-
-
-def no_fluents(node: FNode) -> Lin:
-    """Refuse a fluent by name, where there is no time at which it could be read."""
-    raise UnsupportedError(f"the fluent '{node}' is read at no time; cpsat needs one")
-
-
-# ------------------ How conditions and values read state variables
-
-
-class Readings(GroundFluents):
-    """State variables, and who reads them, when, and with which values."""
-
-    def __init__(self, world: World, problem: Any) -> None:
-        super().__init__(world, problem)
-        self.dynamic: set[str] = set()
-        """Names of the fluents that change."""
-        self._allowed: dict[FNode, frozenset[int]] = {}
-
+    # -- how conditions and values read them -----------------------------------------------------
     def _all_grounds(
         self, node: FNode, owner: ActivityVars | None
     ) -> Iterator[tuple[Literal, StateVar]]:
@@ -343,26 +344,7 @@ class Readings(GroundFluents):
                 self.store.enforce(compare(value.shift(-state.initial), "=="), (when,))
         return value
 
-
-# ------------------ State variables
-# State variables: ground fluents with who writes and who reads them, and when. Semantics (PDDL
-# 2.1 as up-aries has it; see ``up_samp/validation/semantics.md``): an effect at t is seen from t
-# + 1 on; a condition over integer instants lo..hi holds at each of them; an effect of another
-# activity on a fluent that the condition reads must not lie in lo..hi, whatever its value; the
-# activity's own effects and the problem's own are not kept apart, the old value counts at t.
-
-
-class States(Readings):
-    """All state variables of a problem, who writes and who reads them."""
-
-    def __init__(self, world: World, problem: Any, far: Lin) -> None:
-        super().__init__(world, problem)
-        self.far = far
-        self.by_var: dict[int, ActivityVars] = {}
-        self.activities: list[ActivityVars] = []
-        self.happenings: list[tuple[Literal, Lin]] = []
-        self.final: Lin | None = None
-
+    # -- activities and their effects ------------------------------------------------------------
     def register(self, activity: ActivityVars) -> None:
         """Let times of ``activity`` be known."""
         self.activities.append(activity)

@@ -183,7 +183,7 @@ class Variables:
 
     def _decision(self, name: str) -> Literal:
         """Return the literal that decides about an optional activity or a bool variable."""
-        leader = self._presences.of(name)
+        leader = self._presences.get(name, name)
         if leader not in self._decisions:
             self._decisions[leader] = self.store.boolean()
         return self._decisions[leader]

@@ -16,8 +16,8 @@ from up_samp.scheduling.cpsat.encode.forms import TRUE, Lin
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.solve import options as profiles
 from up_samp.scheduling.cpsat.solve.options import Profile
-from up_samp.scheduling.cpsat.solve.runner import SolverAnswer, SolverRun, run
-from up_samp.scheduling.cpsat.tuning import BoundsTuning, StagesTuning
+from up_samp.scheduling.cpsat.solve.runner import SolverAnswer, run
+from up_samp.scheduling.cpsat.tuning import CpsatTuning
 
 
 def schedule_of(model: ScheduleModel, value: Callable[[int], int]) -> CandidateSchedule:
@@ -98,12 +98,12 @@ _FIRST, _GROWTH = 1.0, 1.6
 class Orders:
     """How all runs of one solve are made. ``optimal``: the proven optimum is asked for."""
 
-    run: SolverRun
+    seed: int
+    workers: int
     optimal: bool
-    tuning: StagesTuning
+    tuning: CpsatTuning
     interrupted: threading.Event
     progress: Progress | None = None
-    bounds: BoundsTuning = field(default_factory=BoundsTuning)
 
 
 @dataclass
@@ -190,7 +190,7 @@ class Attempts:
         self.without_presolve(self.cap)
         if self.over():
             return
-        if optimal and self.orders.run.workers > 1:
+        if optimal and self.orders.workers > 1:
             # a poor schedule as a hint leads both searches astray
             profile = profiles.TWO_FULL_SEARCHES
             self.improve(self.model.limit, profile, _TWO_SEARCHES, hinted=False)
@@ -326,6 +326,8 @@ class Attempts:
     def _run(
         self, model: Any, profile: Profile, effort: float | None, *, first: bool
     ) -> SolverAnswer:
+        usual = {"random_seed": self.orders.seed, "num_workers": self.orders.workers}
+        profile = {**usual, **profile}
         limits = [e for e in (effort, self.left) if e is not None]
         if limits:
             profile = {**profile, "max_deterministic_time": max(0.0, min(limits))}
@@ -343,7 +345,6 @@ class Attempts:
 
         answer = run(
             model,
-            self.orders.run,
             self.deadline,
             improved,
             interrupted=self.orders.interrupted,

@@ -1,6 +1,6 @@
 """The profiles under which CP-SAT is run: its options at each stage of a solve.
 
-How long each may take, and for what sizes it is tried: :class:`StagesTuning`.
+How long each may take stands beside its use: :mod:`.attempts`, :mod:`.strategy`.
 """
 
 from __future__ import annotations

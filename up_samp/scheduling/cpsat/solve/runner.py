@@ -20,14 +20,6 @@ Improved = Callable[[Any, float, float], bool]
 
 
 @dataclass(frozen=True)
-class SolverRun:
-    """How CP-SAT is run."""
-
-    seed: int
-    workers: int
-
-
-@dataclass(frozen=True)
 class SolverAnswer:
     """What CP-SAT said. ``values`` are those of the last solution, by CP-SAT's indices."""
 
@@ -60,18 +52,15 @@ class _Watch(cp_model.CpSolverSolutionCallback):
 
 def run(
     model: cp_model.CpModel,
-    settings: SolverRun,
     deadline: Deadline,
     improved: Improved,
     *,
     interrupted: threading.Event | None = None,
     options: dict[str, Any] | None = None,
 ) -> SolverAnswer:
-    """Solve ``model``. Ctrl-C stops the solver and is raised."""
+    """Solve ``model``, with ``options`` of CP-SAT. Ctrl-C stops the solver and is raised."""
     solver = cp_model.CpSolver()
     parameters = solver.parameters
-    parameters.random_seed = settings.seed
-    parameters.num_workers = settings.workers
     parameters.catch_sigint_signal = False
     parameters.ignore_subsolvers.extend(IGNORED)
     for name, value in (options or {}).items():
@@ -119,7 +108,7 @@ def _interruptible(
     solver: Any,
     interrupted: threading.Event,
 ) -> None:
-    """SolverRun ``work`` in a thread, so that signals reach this one at once.
+    """Run ``work`` in a thread, so that signals reach this one at once.
 
     The thread is over when this returns or raises: one that goes on when Python ends aborts the
     process. Ctrl-C may come at any instant, also while the thread starts.

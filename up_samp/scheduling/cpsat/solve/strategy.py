@@ -142,7 +142,7 @@ def _bound_by_work(search: Solve) -> None:
     whole = search.whole
     assert search.work is not None
     deadline = search.share()
-    tuning = whole.orders.bounds
+    tuning = whole.orders.tuning
     labels = _LABELS_AGAIN if search.again else tuning.labels
     tuning = replace(tuning, labels=labels if search.optimal else 0)
     found = bound_by_work(
@@ -211,7 +211,7 @@ def _anneal_tours(search: Solve) -> None:
     few = search.optimal and len(work.tasks) <= _FEW_TASKS
     rounds = 0 if few else tuning.tour_rounds * len(work.tasks)
     deadline = search.share()
-    seed, bound = search.whole.orders.run.seed, search.whole.bound
+    seed, bound = search.whole.orders.seed, search.whole.bound
     tour = improve(work, rounds, seed, deadline, start=_steps(search), enough=bound)
     if tour is not None:
         search.whole.realize(tour.schedule)

@@ -1,0 +1,103 @@
+"""What records say in short, spelled out: jobs that recur, robots that start at poses of their own.
+
+Behind this there are places and jobs only, and nothing else has to know of the short forms.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from up_samp.fleet.records import FleetRecords, Order, Place, Stop, Task, Window
+
+
+def spelled_out(records: FleetRecords) -> FleetRecords:
+    """Return the records with nothing said in short: what problems, checks and pictures are of."""
+    return without_repeats(with_places(records))
+
+
+def with_places(records: FleetRecords) -> FleetRecords:
+    """Return the records in which each robot starts at a place: a pose that was given instead is
+    the place ``ROBOT.start``, on the ground. Where lifts stop there are places, too.
+    """
+    robots, places = dict(records.robots), dict(records.places)
+    for name, lift in records.lifts.items():
+        places |= {stop_of(name, f): Place(pose, f) for f, pose in lift.stops.items()}
+    for name, robot in records.robots.items():
+        pose: Any = robot.start
+        if not isinstance(pose, str):
+            start = f"{name}.start"
+            while start in places:
+                start += "_"
+            places[start] = Place(pose)
+            robots[name] = dataclasses.replace(robot, start=start)
+    if len(places) == len(records.places):
+        return records
+    return dataclasses.replace(records, robots=robots, places=places)
+
+
+def stop_of(lift: str, floor: str) -> str:
+    """Return the place at which robots take a lift on a floor."""
+    return f"{lift}.{floor}"
+
+
+def without_repeats(records: FleetRecords) -> FleetRecords:
+    """Return the records in which each job is done once: those that recur are as many jobs."""
+    times = {j.id: j.repeat.times for j in records.jobs if j.repeat is not None}
+    if not times:
+        return records
+    orders = tuple(copy for order in records.orders for copy in _copies(order, times))
+    tasks = tuple(copy for task in records.tasks for copy in _copies(task, times))
+    return dataclasses.replace(records, orders=orders, tasks=tasks)
+
+
+def numbered(job: str, number: int) -> str:
+    """Return the id of the job that a recurring one is the ``number``-th time, from 1 on."""
+    return job if number == 1 else f"{job}_{number}"
+
+
+def ids_of(job: Order | Task) -> list[str]:
+    """Return the ids of the jobs that a job stands for: its own, where it does not recur."""
+    return [numbered(job.id, n) for n in range(1, 1 + (job.repeat.times if job.repeat else 1))]
+
+
+def _copies(job: Order | Task, times: Mapping[str, int]) -> list[Any]:
+    """Return the jobs that a job stands for, each after the same number of what recurs as often;
+    ``times``: how often jobs recur, by id.
+    """
+    if job.repeat is None:
+        return [job]
+    most, every = job.repeat.times, job.repeat.every
+
+    def named(name: str, number: int) -> str:
+        return numbered(name, number) if times.get(name) == most else name
+
+    return [_copy(job, number, every, named) for number in range(1, most + 1)]
+
+
+def _copy(
+    job: Order | Task, number: int, every: float, named: Callable[[str, int], str]
+) -> Order | Task:
+    later = every * (number - 1)
+    changes: dict[str, Any] = {
+        "id": numbered(job.id, number),
+        "repeat": None,
+        "release": job.release + later,
+        "due": None if job.due is None else job.due + later,
+        "after": tuple(named(name, number) for name in job.after),
+    }
+    if isinstance(job, Task):
+        return dataclasses.replace(job, **changes, window=_later(job.window, later))
+    for side in ("pickup", "delivery"):
+        stop: Stop = getattr(job, side)
+        task = None if stop.task is None else named(stop.task, number)
+        window = _later(stop.window, later)
+        changes[side] = dataclasses.replace(stop, task=task, window=window)
+    if isinstance(job.attached, str):
+        changes["attached"] = named(job.attached, number)
+    return dataclasses.replace(job, **changes)
+
+
+def _later(window: Window | None, seconds: float) -> Window | None:
+    return None if window is None else (window[0] + seconds, window[1] + seconds)
