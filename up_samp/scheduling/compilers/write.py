@@ -90,7 +90,8 @@ class _ProblemWriter:
             self._chronicle(condition.owner).add_condition(
                 span, self.expression(condition.expression)
             )
-        for effect in plain.effects:
+        # aries finds nothing where an effect at the end is listed before one at the start
+        for effect in sorted(plain.effects, key=lambda e: (e.time[1] != "start", e.time[3])):
             self._effect(effect)
         if plain.minimize_makespan:
             problem.add_quality_metric(MinimizeMakespan(environment=self.environment))
