@@ -77,10 +77,8 @@ def first_plan(name: str, encoding: Any, seed: int) -> Search:
             raise RuntimeError(str(verdict.violations[:3]))
         return []
 
-    wrapped = Wrapped("cpsat", {"workers": 1}, lambda *_: [], native=True)
-    search = open_search(
-        problem, wrapped, Parameters(seed=seed), Deadline.after(300.0), check_plan=judge
-    )
+    wrapped = Wrapped("cpsat", {"workers": 1}, lambda *_: [], judge, native=True)
+    search = open_search(problem, wrapped, Parameters(seed=seed), Deadline.after(300.0))
     state_what_is_known(search)
     while search.bounds.incumbent is None:
         report = get_schedule(search, optimal=False)

@@ -1,5 +1,6 @@
 """The documentation builds as a site, with warnings as errors; the files that it names exist."""
 
+import ast
 import os
 import re
 import subprocess
@@ -61,6 +62,20 @@ def test_what_we_say_we_can_is_shown():
     told = [cell for cell in cells if cell not in {"`up_samp`", "---"}]
     assert len(told) > 40
     assert [cell for cell in told if cell != "no" and "](" not in cell] == []
+
+
+def test_every_word_of_a_refusal_is_told():
+    """The words are the first argument of ``Violation``, and the second one of ``_worst``."""
+    told = (ROOT / "docs" / "semantics.md").read_text(encoding="utf-8")
+    places = {"Violation": 0, "_worst": 1}
+    words = set()
+    for file in (ROOT / "up_samp" / "validation").glob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            place = places.get(getattr(getattr(node, "func", None), "id", ""))
+            if place is not None and isinstance(node.args[place], ast.Constant):
+                words.add(node.args[place].value)
+    assert len(words) > 20
+    assert {word for word in words if f"`{word}`" not in told} == set()
 
 
 def test_the_site_builds_without_a_warning(tmp_path):

@@ -31,6 +31,7 @@ from up_samp.model.frames import Frame
 from up_samp.scheduling.partial_order.orders import constraint_texts
 from up_samp.upio.movers import named_as_planned
 from up_samp.validation.collisions import JudgedShape, hits_body
+from up_samp.validation.lives import resting
 from up_samp.validation.plan import judge_executed
 from up_samp.validation.rides import between, carried_along
 from up_samp.validation.schedule import objects_by_type
@@ -358,7 +359,7 @@ def _life(record: dict[str, Any], name: str, shapes: Mapping[str, JudgedShape]) 
     pieces = []
     for time, item in sorted(marks, key=lambda m: (m[0], "samples" in m[1])):
         if pose is not None and time > since:
-            pieces.append(_Piece(Track.resting(pose, radius), since, time, "", None))
+            pieces.append(_Piece(resting(pose, radius), since, time, "", None))
         if "samples" in item:
             rows = np.array(item["samples"], dtype=float)
             activity = item["activity"]
@@ -376,7 +377,7 @@ def _life(record: dict[str, Any], name: str, shapes: Mapping[str, JudgedShape]) 
         else:
             pose, since = tuple(item["configuration"]), time
     if pose is not None:
-        pieces.append(_Piece(Track.resting(pose, radius), since, math.inf, "", None))
+        pieces.append(_Piece(resting(pose, radius), since, math.inf, "", None))
     return pieces
 
 

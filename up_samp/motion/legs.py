@@ -274,16 +274,16 @@ class Legs:
                     self.remember(name, part, leg, limit)
             assert leg.trajectory is not None
             if chosen == obstacles:
-                break
+                return leg
             trajectory = leg.trajectory
             hit = [p for p in obstacles if p not in chosen and not self.clears(trajectory, body, p)]
             if not hit:
-                break
+                return leg
             chosen = tuple(p for p in obstacles if p in chosen or p in hit)
             proof = self.prove(body, (query.start, query.goal), chosen)
             if proof is not None:
                 return proof
-        return leg
+        raise AssertionError("the last round heeds all obstacles")
 
     def _ask(self, name: str, query: LegQuery, deadline: Deadline) -> Leg | PathReport:
         """Ask a planner, always in the direction that is remembered: what a motion and its reverse

@@ -24,7 +24,7 @@ from up_samp.search.cuts.resting import door_cuts, rest_cuts
 from up_samp.search.cuts.small import Attempt, SmallCuts
 from up_samp.search.events import Phase
 from up_samp.search.facts import Facts, just_this
-from up_samp.search.fleet.sequential import in_order
+from up_samp.search.fleet.improve import in_order
 from up_samp.search.neighbourhoods import Descent
 from up_samp.search.params import SWITCHES, Parameters
 from up_samp.search.resolve import (

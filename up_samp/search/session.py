@@ -27,12 +27,12 @@ from up_samp.model.snapshot import Snapshot
 from up_samp.motion import MotionCache, MotionService
 from up_samp.motion.crew import Crew
 from up_samp.scheduling import Scheduler, open_scheduler
+from up_samp.scheduling.cpsat.tuning import CpsatTuning
 from up_samp.search.budget import Budget, Restarts
 from up_samp.search.check import Checker
 from up_samp.search.conclusion import SearchResult
 from up_samp.search.events import Observer, ProgressObserver, State, Telling, TraceObserver
 from up_samp.search.facts import Facts
-from up_samp.search.fleet.sequential import in_order
 from up_samp.search.fleet.solve import large_of, solve_large
 from up_samp.search.history import READING, History, Stages
 from up_samp.search.knowledge import Bounds, Incumbent, Knowledge
@@ -141,30 +141,9 @@ def open_search(
         service = service or open_service(snapshot, grid, params)
         check_start_poses(snapshot, service)
 
-    def relax_anew() -> Relaxation:
-        return relax(problem, snapshot, hold_static=wrapped.native)
-
-    own = {"tuning": tuning_of(params.tuning).cpsat} if wrapped.native else {}
-    given = {**own, **wrapped.params}
-
-    def scheduler_for(relaxation: Relaxation, attempt: int) -> Scheduler:
-        return open_scheduler(
-            wrapped.engine,
-            relaxation.problem,
-            params=given,
-            seed=params.seed + attempt,
-            check=wrapped.check,
-            environment=problem.environment,
-        )
-
-    asked = Problem(
-        relax_anew,
-        scheduler_for,
-        partial(to_plan, problem, snapshot, params.margin),
-        wrapped.judge,
-        wrapped.native,
-        measure_of(problem, wrapped.worth),
-    )
+    own = tuning_of(params.tuning).cpsat if wrapped.native else None
+    measure = measure_of(problem, wrapped.worth)
+    asked = replace(problem_of(problem, snapshot, wrapped, params, own), measure=measure)
     with stages.of(READING):
         workers = None if params.executor is None else Workers(params.executor)
         search = assemble(asked, service, params, deadline, workers)
@@ -206,6 +185,33 @@ def easier_of(
     return plans
 
 
+def problem_of(
+    problem: SchedulingMotionProblem,
+    snapshot: Snapshot,
+    wrapped: Wrapped,
+    params: Parameters,
+    tuning: CpsatTuning | None,
+) -> Problem:
+    """Return what a search asks of a problem (by the makespan); ``tuning``: of our own engine."""
+    given = {**({} if tuning is None else {"tuning": tuning}), **wrapped.params}
+
+    def relax_anew() -> Relaxation:
+        return relax(problem, snapshot, hold_static=wrapped.native)
+
+    def scheduler_for(relaxation: Relaxation, attempt: int) -> Scheduler:
+        return open_scheduler(
+            wrapped.engine,
+            relaxation.problem,
+            params=given,
+            seed=params.seed + attempt,
+            check=wrapped.check,
+            environment=problem.environment,
+        )
+
+    build = partial(to_plan, problem, snapshot, params.margin)
+    return Problem(relax_anew, scheduler_for, build, wrapped.judge, wrapped.native)
+
+
 def open_thin(
     wrapped: Wrapped,
     params: Parameters,
@@ -226,25 +232,12 @@ def open_thin(
         usual,
         statements=tuple(s for s in usual.statements if s.name in NEEDED),
         shapers=(),
-        builders=(partial(in_order, motions=2, share=1.0),) if usual.builders else (),
+        builders=(),
     )
     snapshot, _ = lay_out(read_problem(problem, params.seconds_per_unit))
 
-    def relax_anew() -> Relaxation:
-        return relax(problem, snapshot, hold_static=True)
-
-    def scheduler_for(relaxation: Relaxation, attempt: int) -> Scheduler:
-        return open_scheduler(
-            wrapped.engine,
-            relaxation.problem,
-            params={"tuning": quick.cpsat, **wrapped.params},
-            seed=params.seed + attempt,
-            check=wrapped.check,
-            environment=problem.environment,
-        )
-
-    build = partial(to_plan, problem, snapshot, params.margin)
-    asked = Problem(relax_anew, scheduler_for, build, lambda plan: [], native=True)
+    unjudged = replace(wrapped, judge=lambda plan: [])
+    asked = problem_of(problem, snapshot, unjudged, params, hasty)
     return assemble(asked, service, replace(mine, components=components), deadline, workers)
 
 

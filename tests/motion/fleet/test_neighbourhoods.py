@@ -56,7 +56,7 @@ def test_nobody_is_moved_who_may_not_be():
 @pytest.mark.parametrize("seed", [1, 2])
 def test_who_ejects_each_other_again_and_again_makes_way(seed, tmp_path):
     traffic = tight.errands(tight.aisles(), tight.omni(), 6, seed)
-    problem, runs, _ = planned(traffic, 0)
+    _, runs, _ = planned(traffic, 0)
     assert runs is not None
     found = {name: run.timing.trajectory for name, run in runs.items()}
     judge(traffic, GroupReport(Outcome.FOUND, found), tmp_path)

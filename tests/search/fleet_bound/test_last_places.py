@@ -41,10 +41,10 @@ def world(seed):
         busy, after = rng.randint(0, 5), frozenset[str]()
         ways.append(JobMode(job, kind, busy, legs, kind, goal, (end,), after, origins))
     starts = Counter((kind, HOME) for kind in kinds)
-    fleet = SimpleNamespace(sizes=Counter(kinds), starts=starts)
-    work = SimpleNamespace(fleet=fleet, units=lambda leg: far[leg] if leg[1] != leg[2] else 0)
+    sizes, length = Counter(kinds), lambda leg: far[leg] if leg[1] != leg[2] else 0
+    work = SimpleNamespace(sizes=sizes, starts=starts, units=length)
     aways = {(k, p, None): ((k, p, HOME),) for k in set(kinds) for p in places}
-    often = {away: fleet.sizes[away[0]] for away in aways}
+    often = {away: sizes[away[0]] for away in aways}
     last = FinalOccupancy(frozenset(places), aways, often, everybody=True)
     return work, ways, kinds, last
 

@@ -25,7 +25,8 @@ def random_share(seed):
         after = frozenset({goal, end})
         ways.append(JobMode(job, kind, busy, legs, kind, goal, (goal, end), after, origins))
     work = SimpleNamespace(
-        fleet=SimpleNamespace(sizes=Counter(kinds), starts=starts),
+        sizes=Counter(kinds),
+        starts=starts,
         units=lambda leg: far[leg],
         comings={at: comings[at] for at in sorted(called(ways))},
     )

@@ -23,9 +23,17 @@ from up_samp.search.fleet.assignment import Assignment, exchanged, mended
 from up_samp.search.fleet.evaluator import Step
 from up_samp.search.fleet.sequential import FleetSolution, alone, can_decide, times_of
 from up_samp.search.fleet.tours import Past, Priorities, TourPlanner
+from up_samp.search.knowledge import Incumbent
 from up_samp.search.search import Search
+from up_samp.search.world import groups_of
 from up_samp.upio import Itinerary
 
+# candidates of the usual search
+MANY, _SHARE = 14, 0.6
+"""Motions that may meet, from which on a candidate's motions are not first tried as scheduled; and
+the share of the remaining time that they get."""
+_FEW_ROUNDS = 4
+"""In which all their tours are decided."""
 # first tours
 _EACH = 16
 """Rounds after which other ways are looked for in one."""
@@ -94,6 +102,23 @@ def plan_tours(
         if found is None and _whole(tours, deadline):
             found = FirstTours(tours, tours.decided())
     return found
+
+
+def in_order(search: Search, itinerary: Itinerary) -> Incumbent | None:
+    """Return a plan with the activities of a candidate of many motions at once, decided in a few
+    rounds of tours; None where none is found.
+    """
+    if max((len(g) for g in groups_of(itinerary.motions)), default=0) < MANY:
+        return None
+    search.tell.stage(Phase.GROUP, count=len(itinerary.motions))
+    deadline = search.budget.share(_SHARE, float("inf"))
+    with search.budget.motion_time():
+        tours = undecided_tours(search, itinerary, frozenset())
+        rng = random.Random(search.seed)
+        found = None if tours is None else squeaky_wheel(tours, _FEW_ROUNDS, rng, deadline)
+    if found is None:
+        return None
+    return search.plan_of(found.decided.schedule, found.decided.trajectories())
 
 
 def undecided_tours(

@@ -4,8 +4,7 @@ A fleet of dozens has tens of thousands of optional activities, of which a plan 
 scheduler's model of all of them takes longer to build than a plan takes to be found. So it is
 first guessed who does which job (:mod:`up_samp.search.fleet.assignment`); the problem without
 everything that this leaves out is scheduled, whole tours are decided robot by robot
-(:mod:`up_samp.search.fleet.tours`), or else its motions one after the other
-(:mod:`up_samp.search.fleet.sequential`), and what comes of it is a plan of the whole problem.
+(:mod:`up_samp.search.fleet.tours`), and what comes of it is a plan of the whole problem.
 It is judged as that. Then some tours are planned anew among the others, with other jobs or
 before others (:mod:`up_samp.search.fleet.improve`).
 """
@@ -22,7 +21,7 @@ from unified_planning.model.motion import SchedulingMotionProblem
 
 from up_samp.model import Body, Configuration, Deadline, PathQuery
 from up_samp.model.snapshot import Snapshot
-from up_samp.search.attempt import build, keep_if_better
+from up_samp.search.attempt import keep_if_better
 from up_samp.search.conclusion import SearchResult, conclude, conclude_stopped
 from up_samp.search.events import Phase
 from up_samp.search.fleet.assignment import Assignment, assign, biased, decided_by, state_order
@@ -99,14 +98,12 @@ def solve_large(
     search.tell.stage(Phase.PREPARE, "who does which job", len(large.jobs.options))
     found: Found | None = None
     failed = 0
-    for number, dealt in enumerate(deals_of(search, large, first), start=1):
+    for dealt in deals_of(search, large, first):
         with search.history.stages.of(BUILDING):
             deadline = first.within(large.nearly_all(_TURN) * first.remaining())
             opened = candidate_of(large, dealt, deadline)
             if opened is not None:
-                # motions in the order of time take longer and find less: only in the end
-                lined = number == large.tuning.deals
-                found = plan_of_deal(search, large, dealt, opened, deadline, lined=lined)
+                found = plan_of_deal(search, large, dealt, opened, deadline)
         failed += opened is None
         if found is not None or first.expired() or failed >= _UNSCHEDULED:
             break
@@ -119,7 +116,7 @@ def solve_large(
         yield better
         if not optimal:
             return conclude(search)
-    if found is not None and found[1] is not None:
+    if found is not None:
         yield from improve(search, large, found[1])
     if search.bounds.met or search.budget.deadline.expired():
         return conclude(search)
@@ -158,8 +155,8 @@ def guess_of(search: Search, large: LargeProblem) -> TravelTimeModel:
     return TravelTimeModel(large.snapshot, service.lower_bound, drives, pauses)
 
 
-Found = tuple[Incumbent, FleetLNS | None]
-"""A valid plan, and how to make it better where it is made of tours."""
+Found = tuple[Incumbent, FleetLNS]
+"""A valid plan made of tours, and how to make it better."""
 
 
 def plan_of_deal(
@@ -168,22 +165,15 @@ def plan_of_deal(
     dealt: Assignment,
     opened: tuple[Search, Itinerary],
     deadline: Deadline,
-    *,
-    lined: bool,
 ) -> Found | None:
     """Return a valid plan of the whole problem in which everybody does what was dealt out.
 
     :param opened: the search on what was dealt out, and its candidate.
-    :param lined: if there are no tours, motions are decided one after the other.
     """
     inner, itinerary = opened
     found = plan_tours(inner, itinerary, deadline, homes=homes_of(large.jobs))
     if found is None:
-        if not lined:
-            return None
-        built = build(inner, itinerary)
-        plan = None if built is None else search.plan_of(built.schedule, built.trajectories)
-        return None if plan is None or search.judged(plan.plan) else (plan, None)
+        return None
     rng, again = random.Random(search.seed), partial(open_tours, large)
     plan = plan_of_tours(search, found.decided)
     better = FleetLNS(dealt, found.tours, found.decided, again, rng)

@@ -23,22 +23,21 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from up_samp.model import Configuration, Deadline, TimedMotion
+from up_samp.model import CandidateSchedule, Configuration, Deadline, Rest, TimedMotion, Trajectory
 from up_samp.motion.fleet.reservations import ReservationTable
 from up_samp.motion.fleet.timed_path import TimedPath
 from up_samp.scheduling.partial_order import Earliest
-from up_samp.search.fleet.sequential import (
-    GRACE,
-    QUICK,
-    USUAL,
-    FleetSolution,
-    SequentialPlanner,
-    sooner,
-)
+from up_samp.search.fleet.sequential import FleetSolution, ancestors, sooner
 from up_samp.search.search import Search
-from up_samp.search.world import contested, motion_key
+from up_samp.search.world import contested, motion_key, others_first
 from up_samp.upio import Itinerary
 
+_EFFORTS = (0, 1)
+"""With which other ways are looked for: by waiting, speeds and lanes; by detours, too."""
+_PATIENCE = 1.3
+"""Over a motion's time alone, up to which no other way is sought..."""
+GRACE = 3.0
+"""...and s more than that."""
 _PAST = 2
 """Ways past the places where others stand, that are looked for first, for each motion."""
 _TRIES = 200
@@ -90,7 +89,7 @@ class Priorities:
     """Everything is given up once somebody cannot be done by then (units), in turns."""
 
 
-class TourPlanner(SequentialPlanner):
+class TourPlanner:
     """Tours that wait to be decided, and those that are: whole ones, robot by robot, or piece by
     piece in the order of time.
 
@@ -104,7 +103,13 @@ class TourPlanner(SequentialPlanner):
     def __init__(
         self, search: Search, itinerary: Itinerary, times: Earliest, homes: frozenset[str]
     ) -> None:
-        super().__init__(search, itinerary, times)
+        self._facts, self._service = search.facts, search.motions.service
+        self._itinerary, self._times = itinerary, times
+        self._motions = {m.activity: m for m in itinerary.motions}
+        self._waiting = dict(self._motions)
+        self._must = ancestors(self._waiting, times)
+        self._leave = others_first(self._facts, self._service, itinerary)
+        self._floor = ReservationTable(self._service, self._rests())
         self._homes = homes
         self._begun = times.state()
         self._chains: dict[str, list[str]] = defaultdict(list)
@@ -122,6 +127,80 @@ class TourPlanner(SequentialPlanner):
         """Which ways past others are looked for now."""
         self._turns: dict[str, float] = {}
         """Whose turn was when (s), ascending: of those motions that were decided in turns."""
+
+    def schedule(self) -> CandidateSchedule:
+        """Return the candidate with the times that its motions need."""
+        old = self._itinerary.schedule
+        at = self._times.times
+        times = {name: (at["start", name], at["end", name]) for name in old.times}
+        return CandidateSchedule(times, old.parameters)
+
+    def trajectories(self) -> dict[str, Trajectory]:
+        """Return the decided motions by their names in a plan."""
+        names = {m.activity: motion_key(m) for m in self._itinerary.motions}
+        runs = self._floor.trajectories()
+        return {names[name]: run.timing.trajectory for name, run in runs.items()}
+
+    def _take(self, name: str, run: TimedPath) -> bool:
+        """Decide a run, if its times keep what the problem asks."""
+        facts = self._facts
+        unit = facts.seconds(1)
+        end = facts.units(run.arrival)
+        start = max(self._start(name), int((run.timing.trajectory.start + 1e-6) // unit))
+        for begin in (min(start, end), self._start(name)):
+            pins = {("start", name): begin, ("end", name): max(end, self._end(name))}
+            if self._times.raised(pins, pin=True):
+                break
+        else:
+            return False
+        self._floor.add(run)
+        del self._waiting[name]
+        return True
+
+    def _start(self, name: str) -> int:
+        return self._times.times["start", name]
+
+    def _end(self, name: str) -> int:
+        return self._times.times["end", name]
+
+    def _timed(self, name: str) -> TimedMotion:
+        """Return a motion as it is asked for now: good if it takes little more than alone."""
+        return self._timed_as(name, self._facts.seconds(self._start(name)))
+
+    def _timed_as(self, name: str, release: float) -> TimedMotion:
+        """Return a motion as it is asked for from ``release`` (s) on."""
+        facts, motion = self._facts, self._motions[name]
+        least = facts.seconds(self._end(name) - self._start(name))
+        return TimedMotion(
+            name=name,
+            object=motion.object,
+            body=facts.body(motion),
+            poses=motion.poses,
+            release=release,
+            due=release + _PATIENCE * least + GRACE,
+            avoid=motion.avoid,
+        )
+
+    def _rests(self) -> list[Rest]:
+        """Return everything that nobody changes on the way, where it is at first."""
+        snapshot = self._facts.snapshot
+        return [
+            Rest(name, snapshot.objects[name].body, snapshot.configurations[place])
+            for name, place in sorted(snapshot.initial.items())
+            if name not in self._facts.instant
+        ]
+
+    def _place_changed(self, name: str) -> None:
+        """Put doors where they are during a motion (see :func:`_beside_changes`)."""
+        snapshot, motion = self._facts.snapshot, self._waiting[name]
+        found = []
+        for door in sorted(self._facts.instant):
+            place = snapshot.initial[door]
+            for change in self._itinerary.changes:
+                if change.object == door and change.time < motion.end:
+                    place = change.configuration
+            found.append(Rest(door, snapshot.objects[door].body, snapshot.configurations[place]))
+        self._floor.place(found)
 
     @property
     def robots(self) -> list[str]:
@@ -463,7 +542,7 @@ class TourPlanner(SequentialPlanner):
         until it is good.
         """
         best: TimedPath | None = None
-        for effort in range(QUICK, USUAL + 1):
+        for effort in _EFFORTS:
             best = sooner(best, self._floor.plan(asked, deadline, effort).run)
             if deadline.expired() or (best is not None and best.arrival <= asked.due):
                 break

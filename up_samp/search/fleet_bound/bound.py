@@ -105,7 +105,7 @@ class JobsBound:
         shared, drives = self._even(deadline)
         costs = _least((way.job, (way.least(work.units), ())) for way in self._ways)
         soonest = _least((way.job, work.alone(way)) for way in self._shared)
-        even = sum(units for units, _ in costs) / len(work.fleet.robots)
+        even = sum(units for units, _ in costs) / len(work.robots)
         most = max(shared, even, *(units for units, _ in (*costs, *soonest)))
         legs = {leg for units, some in soonest if units >= most - ROUNDING for leg in some}
         return most, drives | legs

@@ -63,7 +63,7 @@ def final_occupancy(
     :param parts: all jobs and those that are counted, by the numbers of the ``ways``; None where
         ways are not made of drives of their own, so that robots may drive anywhere in between.
     """
-    robots = work.fleet.robots
+    robots = work.robots
     if not all(work.traced(r) for r in robots) or any(way.leaves is None for way in ways):
         return FinalOccupancy()
     staying = {p for way in ways for p in way.ends if _stays(way, p)}
@@ -86,7 +86,7 @@ def final_occupancy(
                 continue
             for place in begins:
                 if place != task.terms[-1].name:
-                    away = work.fleet.kind_of[robot], place, task.terms[-1].name
+                    away = work.kind_of[robot], place, task.terms[-1].name
                     found[away].append((work.body_of(task), place, task.terms[-1].name))
     kept = {away: some for away, some in sorted(found.items(), key=_ends) if away[1] in places}
     aways = {away: tuple(dict.fromkeys(some)) for away, some in kept.items()}
@@ -119,15 +119,15 @@ def _stays(way: JobMode, place: str) -> bool:
 
 def _one_at_most(place: str, work: JobWork, snapshot: Snapshot, service: MotionService) -> bool:
     """Return whether two robots can never stay at a place at once, whoever comes there later."""
-    pose, fleet = snapshot.configurations[place], work.fleet
-    bodies = {fleet.kind_of[r]: snapshot.objects[r].body for r in fleet.robots}
+    pose = snapshot.configurations[place]
+    bodies = {work.kind_of[r]: snapshot.objects[r].body for r in work.robots}
     if any(body.flies for body in bodies.values()):
         return False
     pairs = itertools.combinations_with_replacement(sorted(bodies), 2)
     if not all(service.overlap(bodies[a], pose, bodies[b], pose) for a, b in pairs):
         return False
-    coming = (t for r in fleet.robots for t in work.drives(r) if t.terms[-1].name == place)
-    return all(avoids(t.avoid, *(set(fleet.robots) - {t.object})) for t in coming)
+    coming = (t for r in work.robots for t in work.drives(r) if t.terms[-1].name == place)
+    return all(avoids(t.avoid, *(set(work.robots) - {t.object})) for t in coming)
 
 
 def _anywhere(
@@ -135,14 +135,14 @@ def _anywhere(
 ) -> tuple[dict[Away, tuple[Leg, ...]], dict[Away, int]]:
     """Return drives away from places to wherever robots of a kind may stop."""
     aways: dict[Away, tuple[Leg, ...]] = {}
-    for kind, robot in sorted({k: r for r, k in work.fleet.kind_of.items()}.items()):
+    for kind, robot in sorted({k: r for r, k in work.kind_of.items()}.items()):
         stops = sorted(work.stops(kind))
         for place in sorted(places):
             legs = tuple((work.body(robot), place, goal) for goal in stops if goal != place)
             if legs:
                 aways[kind, place, None] = legs
     # each robot drives away once at most after all of its jobs
-    return aways, {away: work.fleet.sizes[away[0]] for away in aways}
+    return aways, {away: work.sizes[away[0]] for away in aways}
 
 
 def _repeated(counted: Sequence[Sequence[WorkMode]]) -> dict[int, int]:

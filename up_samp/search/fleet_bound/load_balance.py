@@ -116,7 +116,7 @@ class _Model:
         self._aways = {away: known + n for n, away in enumerate(sorted(last.aways, key=str))}
         self._left = {away: least(legs, work.units) for away, legs in last.aways.items()}
         known += len(self._aways)
-        kinds = sorted(work.fleet.sizes)
+        kinds = sorted(work.sizes)
         stays = [(kind, place) for kind in kinds for place in sorted(last.places)]
         self._staying = {stay: known + n for n, stay in enumerate(stays)}
         known += len(stays)
@@ -152,7 +152,7 @@ class _Model:
         for away, column in self._aways.items():
             found[column] = self._last.often[away]
         for kind, column in self._working.items():
-            found[column] = self._work.fleet.sizes[kind]
+            found[column] = self._work.sizes[kind]
         longest = max((units for units, _ in self._left.values()), default=0)
         found[0] = sum(worst.values()) + longest * len(jobs)
         return found
@@ -181,7 +181,7 @@ class _Model:
             for end in way.ends:
                 coming[way.kind, end].append((column, -1.0))
         for at in self._called:
-            starts, out, came = self._work.fleet.starts[at], leaving[at], coming[at]
+            starts, out, came = self._work.starts[at], leaving[at], coming[at]
             other = [(self._others[at], -1.0)] if at in self._others else []
             other += [(c, -1.0) for away, c in self._aways.items() if (away[0], away[2]) == at]
             self.less.add([*((c, 1.0) for c in out), *came, *other], starts)
@@ -212,7 +212,7 @@ class _Model:
         for place in sorted(self._last.places):
             self.less.add([(c, 1.0) for (_, p), c in self._staying.items() if p == place], 1.0)
         for kind, column in self._working.items():
-            self.less.add([(column, 1.0)], self._work.fleet.sizes[kind])
+            self.less.add([(column, 1.0)], self._work.sizes[kind])
             if self._last.everybody:
                 some = [c for (k, _), c in self._staying.items() if k == kind]
                 some += [c for (k, _, _), c in self._aways.items() if k == kind]
@@ -220,7 +220,7 @@ class _Model:
 
     def _state_time(self) -> None:
         """Robots of a kind that work have time until T, each (see the module)."""
-        for kind, size in sorted(self._work.fleet.sizes.items()):
+        for kind, size in sorted(self._work.sizes.items()):
             entries = [(0, -float(size)), (self._working[kind], -float(self._since))]
             for (pair, column), units in zip(self._first.items(), self._units, strict=True):
                 if self._ways[pair[0]].kind == kind:

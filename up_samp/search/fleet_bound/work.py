@@ -70,17 +70,6 @@ class JobMode:
         return min(self.units(origin, units) for origin in origins)
 
 
-class RobotKinds:
-    """The robots that do jobs, by kind: ``sizes``, and how many begin where (``starts``)."""
-
-    def __init__(self, snapshot: Snapshot, jobs: Jobs) -> None:
-        self.robots = sorted({o.robot for options in jobs.options for o in options})
-        bodies = list(dict.fromkeys(snapshot.objects[r].body for r in self.robots))
-        self.kind_of = {r: bodies.index(snapshot.objects[r].body) for r in self.robots}
-        self.sizes = Counter(self.kind_of.values())
-        self.starts = Counter((self.kind_of[r], snapshot.initial[r]) for r in self.robots)
-
-
 # ------------------ What doing a job takes a robot at least
 # What doing a job takes a robot at least: drives, work, and units between them.
 
@@ -92,7 +81,14 @@ class JobWork:
         self, problem: SchedulingMotionProblem, facts: Facts, service: MotionService, jobs: Jobs
     ) -> None:
         self._facts, self._service, self._jobs = facts, service, jobs
-        self.fleet = RobotKinds(facts.snapshot, jobs)
+        start, body = facts.snapshot.initial, {n: o.body for n, o in facts.snapshot.objects.items()}
+        self.robots = sorted({o.robot for options in jobs.options for o in options})
+        bodies = list(dict.fromkeys(body[r] for r in self.robots))
+        self.kind_of = {r: bodies.index(body[r]) for r in self.robots}
+        self.sizes = Counter(self.kind_of.values())
+        """How many robots there are of each kind."""
+        self.starts = Counter((self.kind_of[r], start[r]) for r in self.robots)
+        """How many of a kind begin where."""
         self._tasks: dict[str, list[MotionTask]] = defaultdict(list)
         self._driven: dict[str, list[MotionTask]] = defaultdict(list)
         for task in facts.snapshot.tasks:
@@ -103,9 +99,9 @@ class JobWork:
         self._units: dict[Leg, int] = {}
         self._left: dict[str, frozenset[str]] = {}
         self.gaps = stated_gaps(problem)
-        self._in_turn = _in_turn(problem, jobs, self.fleet.robots)
+        self._in_turn = _in_turn(problem, jobs, self.robots)
         self._stands = guaranteed_locations(problem, snapshot)
-        self.lines = {r: self._line(r) for r in self.fleet.robots if self.traced(r)}
+        self.lines = {r: self._line(r) for r in self.robots if self.traced(r)}
 
     def ways(self, counted: Sequence[Sequence[WorkMode]]) -> list[JobMode]:
         """Return the ways to do some jobs; alike ones of robots of a kind are one."""
@@ -139,9 +135,9 @@ class JobWork:
         counted job: the drive, and what has to be done with it and with no other such drive.
         """
         found: dict[tuple[int, str], int] = {}
-        for robot in self.fleet.robots:
+        for robot in self.robots:
             check_time()
-            kind = self.fleet.kind_of[robot]
+            kind = self.kind_of[robot]
             tasks = [t for t in self._driven[robot] if (kind, t.terms[-1].name) in called]
             # what jobs count without this drive is counted there
             drawn = {
@@ -200,7 +196,7 @@ class JobWork:
         What the planner takes to come there directly is no bound: a robot may stop on its way, and
         a planner may be quicker with a stop.
         """
-        robots = [r for r in self.fleet.robots if self.fleet.kind_of[r] == way.kind]
+        robots = [r for r in self.robots if self.kind_of[r] == way.kind]
         if way.goal is None or any(self.lines.get(robot) is None for robot in robots):
             return 0, ()
         starts = {self._facts.snapshot.initial[robot] for robot in robots}
@@ -217,7 +213,7 @@ class JobWork:
 
     def stops(self, kind: int) -> frozenset[str]:
         """Return the places where drives of a kind of robots end."""
-        robots = [r for r in self.fleet.robots if self.fleet.kind_of[r] == kind]
+        robots = [r for r in self.robots if self.kind_of[r] == kind]
         return frozenset(t.terms[-1].name for robot in robots for t in self._driven[robot])
 
     def traced(self, robot: str) -> bool:
@@ -243,7 +239,7 @@ class JobWork:
         known = all(term.kind is TermKind.CONSTANT for term in begins)
         return JobMode(
             job,
-            self.fleet.kind_of[robot],
+            self.kind_of[robot],
             busy,
             legs,
             self._facts.snapshot.objects[robot].body if call is None else self.body_of(call),
@@ -347,6 +343,14 @@ class JobWork:
         return self._left[robot]
 
 
+def _members(jobs: Jobs) -> Mapping[str, set[str]]:
+    """Return by robot the members of all options that it has."""
+    found: dict[str, set[str]] = defaultdict(set)
+    for option in (option for options in jobs.options for option in options):
+        found[option.robot] |= option.members
+    return found
+
+
 def _in_turn(
     problem: SchedulingMotionProblem, jobs: Jobs, robots: Sequence[str]
 ) -> dict[str, frozenset[str]]:
@@ -358,10 +362,7 @@ def _in_turn(
     for name, resources in held.items():
         for resource in resources:
             holders[resource].add(name)
-    mine: dict[str, set[str]] = defaultdict(set)
-    for options in jobs.options:
-        for option in options:
-            mine[option.robot] |= option.members
+    mine = _members(jobs)
     found = {}
     for robot in robots:
         shared = frozenset.intersection(*(held[name] for name in mine[robot]))
@@ -410,14 +411,14 @@ def items_of(
 
     Assumes: where all parts of a job are done is told, and its robot does one thing at a time.
     """
-    taken = _Taken(jobs, carried(problem, jobs.needs, work.gaps))
+    pairs, mine = carried(problem, jobs.needs, work.gaps), _members(jobs)
     found: list[JobMode] = []
     number = 0
     for options in counted:
         check_time()
-        split = _alike([_parts(work, option, taken) for option in options])
+        split = _alike([_parts(work, mine[option.robot], option, pairs) for option in options])
         if split is None:
-            split = _alike([_parts(work, option, None) for option in options])
+            split = _alike([_parts(work, mine[option.robot], option, {}) for option in options])
         if split is None:
             return None
         for option, parts in zip(options, split, strict=True):
@@ -440,50 +441,41 @@ def _alike(split: Sequence[list[Part] | None]) -> list[list[Part]] | None:
 def _with_origins(work: JobWork, ways: Sequence[JobMode]) -> list[JobMode]:
     """Return each way once, with the places where its kind of robots may come from."""
     places = defaultdict[int, set[str]](set)
-    for kind, place in work.fleet.starts:
+    for kind, place in work.starts:
         places[kind].add(place)
     for way in ways:
         places[way.kind].update(way.ends)
     return [way.from_places(places[way.kind]) for way in dict.fromkeys(ways)]
 
 
-class _Taken:
-    """What is taken by which activity and given away by which other one."""
-
-    def __init__(self, jobs: Jobs, pairs: Mapping[str, tuple[str, object]]) -> None:
-        self.pairs = pairs
-        self._mine = defaultdict[str, set[str]](set)
-        for options in jobs.options:
-            for option in options:
-                self._mine[option.robot] |= option.members
-
-    def one(self, line: RobotTimeline, option: WorkMode) -> bool:
-        """Return whether an option is to take something and to give it away, and nothing else that
-        its robot does for jobs can be in between.
-        """
-        given = [name for name in option.members if name in self.pairs]
-        if len(option.members) != 2 or len(given) != 1:
-            return False
-        taker, fluent = self.pairs[given[0]]
-        alike = {
-            name
-            for giver, (other, said) in self.pairs.items()
-            if said == fluent
-            for name in (giver, other)
-        }
-        mine = self._mine[option.robot]
-        return taker in option.members and mine <= alike <= line.stops.keys()
+Pairs = Mapping[str, tuple[str, object]]
+"""By activity that gives something away: which one takes it, and a fluent of all such (see
+:func:`.timelines.carried`)."""
 
 
-def _parts(work: JobWork, option: WorkMode, taken: _Taken | None) -> list[Part] | None:
+def _takes_and_gives(mine: set[str], pairs: Pairs, line: RobotTimeline, option: WorkMode) -> bool:
+    """Return whether an option is to take something and to give it away, and nothing else that its
+    robot does for jobs (``mine``) can be in between.
+    """
+    given = [name for name in option.members if name in pairs]
+    if len(option.members) != 2 or len(given) != 1:
+        return False
+    taker, fluent = pairs[given[0]]
+    alike = {
+        name for giver, (other, said) in pairs.items() if said == fluent for name in (giver, other)
+    }
+    return taker in option.members and mine <= alike <= line.stops.keys()
+
+
+def _parts(work: JobWork, mine: set[str], option: WorkMode, pairs: Pairs) -> list[Part] | None:
     """Return the parts of an option, as far as constraints tell in their order."""
     line = work.lines.get(option.robot)
     if line is None or not option.members <= line.stops.keys():
         return None
     before = {n: sum((m, n) in work.gaps for m in option.members) for n in option.members}
     order = sorted(option.members, key=lambda n: (before[n], n))
-    if taken is not None and taken.one(line, option):
-        order.sort(key=lambda n: n in taken.pairs)
+    if _takes_and_gives(mine, pairs, line, option):
+        order.sort(key=lambda n: n in pairs)
         one, two = (_place(line, (n,)) for n in order)
         return None if one is None or two is None else [(tuple(order), one[1], two[2])]
     parts = [_place(line, (name,)) for name in order]
@@ -502,6 +494,4 @@ def _way(work: JobWork, robot: str, job: int, part: Part, idle: int) -> JobMode:
     body = work.body(robot)
     busy = idle + sum(work.standing(name) for name in names)
     legs = ((body, start, goal),) if start != goal else ()
-    return JobMode(
-        job, work.fleet.kind_of[robot], busy, legs, body, start, (goal,), frozenset({goal})
-    )
+    return JobMode(job, work.kind_of[robot], busy, legs, body, start, (goal,), frozenset({goal}))
