@@ -367,9 +367,10 @@ class MasterControl:
             "blockingType": "NONE" if kind.endswith("Request") else "HARD",
             "actionParameters": [{"key": k, "value": v} for k, v in parameters.items()],
         }
-        self._send(
-            robot, "instantActions", {**self._head(robot, "instantActions"), "actions": [action]}
-        )
+        message = {**self._head(robot, "instantActions"), "actions": [action]}
+        if self.version.startswith("2.0"):
+            message["instantActions"] = [action]  # as some clients of 2.0 have it
+        self._send(robot, "instantActions", message)
 
     def _head(self, robot: str, topic: str) -> Message:
         header = self._headers.setdefault((robot, topic), itertools.count())
