@@ -81,7 +81,7 @@ def drive_all(executor, seconds, forecasts=True):
         for who, command in clocked("commands", executor.commands, now).items():
             if isinstance(command, Go):
                 key = (who, command.motion)
-                at[key] = min(at.get(key, 0.0) + 1.0, command.until)
+                at[key] = min(at.get(key, -1.0) + 1.0, command.until)
                 clocked("update", executor.update, who, progress=at[key], now=now,
                         motion=command.motion)  # fmt: skip
             elif isinstance(command, Do):

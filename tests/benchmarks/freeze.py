@@ -7,6 +7,7 @@ from pathlib import Path
 
 from up_samp.benchmarks import jobshop, maps
 from up_samp.benchmarks.logistics import shelved_floor
+from up_samp.geometry import write_map
 
 PAPER_JOB_SHOPS = tuple(
     (robots, jobs, machines)
@@ -19,7 +20,8 @@ PAPER_JOB_SHOPS = tuple(
 def write(folder: Path) -> None:
     """Draw the paper's maps and job shops into ``folder``."""
     for floor in (shelved_floor(), *map(jobshop.shop_floor, (1, 2, 4, 6))):
-        maps.write_map(folder, floor.name, maps.draw(floor.size, floor.walls))
+        occupied = maps.draw(floor.size, floor.walls)
+        write_map(folder, floor.name, occupied, maps.RESOLUTION)
     shops = {}
     for r, j, m in PAPER_JOB_SHOPS:
         shop = jobshop.draw_shop(r, j, m, 0)

@@ -1,6 +1,7 @@
 """Tests stand beside the room that they test, and what is said of rooms is there."""
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -27,6 +28,24 @@ def test_every_folder_of_tests_has_its_room():
 def test_every_folder_of_tests_is_a_package():
     missing = [f for f in folders("tests") if not (ROOT / "tests" / f / "__init__.py").exists()]
     assert not missing, "its modules would be found under two names"
+
+
+def test_rooms_are_told_file_by_file():
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    _, _, rooms = page.partition("## The rooms")
+    rooms, _, _ = rooms.partition("## Where is")
+    for part in rooms.split("\n### ")[1:]:
+        room = part.partition("`: ")[0].removeprefix("`")
+        told = re.findall(r"^\| `(\w+\.py)` \|", part, re.MULTILINE)
+        there = {p.name for p in (ROOT / "up_samp" / room).glob("*.py")}
+        assert sorted(told) == sorted(there - {"__init__.py", "tuning.py"}), room
+
+
+def test_packages_are_told():
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    table, _, _ = page.partition("## A solve")
+    there = {p.parent.name for p in (ROOT / "up_samp").glob("*/__init__.py")}
+    assert {name for name in there if f"`{name}`" not in table} == set()
 
 
 def check(*arguments):

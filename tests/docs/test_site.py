@@ -1,5 +1,6 @@
 """The documentation builds as a site, with warnings as errors; the files that it names exist."""
 
+import ast
 import os
 import re
 import subprocess
@@ -10,6 +11,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted((ROOT / "docs").glob("*.md"))
+COMPARISON = ROOT / "docs" / "comparison.md"
 NAMED = re.compile(r"(?<![\w./*-])[\w./*-]+\.py\b")
 
 
@@ -37,6 +39,43 @@ def test_a_file_that_is_gone_is_found():
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_the_files_that_a_page_names_are_there(page):
     assert missing(page.read_text(encoding="utf-8")) == []
+
+
+def anchors(text):
+    """Return the names by which links lead to the headings of a page, as mkdocs makes them."""
+    titles = re.findall(r"^#+ (.*)", re.sub(r"```.*?```", "", text, flags=re.DOTALL), re.MULTILINE)
+    plain = (re.sub(r"[^\w\s-]", "", title).strip().lower() for title in titles)
+    return {re.sub(r"[-\s]+", "-", title) for title in plain}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_links_lead_to_headings(page):
+    text = page.read_text(encoding="utf-8")
+    for target, name in re.findall(r"\]\(([\w.-]*)#([^)]+)\)", text):
+        other = page.with_name(target or page.name).read_text(encoding="utf-8")
+        assert name in anchors(other), f"{target}#{name}"
+
+
+def test_what_we_say_we_can_is_shown():
+    _, _, tables = COMPARISON.read_text(encoding="utf-8").partition("## Feature by feature")
+    cells = re.findall(r"^\| [^|]+ \| ([^|]+) \|", tables, re.MULTILINE)
+    told = [cell for cell in cells if cell not in {"`up_samp`", "---"}]
+    assert len(told) > 40
+    assert [cell for cell in told if cell != "no" and "](" not in cell] == []
+
+
+def test_every_word_of_a_refusal_is_told():
+    """The words are the first argument of ``Violation``, and the second one of ``_worst``."""
+    told = (ROOT / "docs" / "semantics.md").read_text(encoding="utf-8")
+    places = {"Violation": 0, "_worst": 1}
+    words = set()
+    for file in (ROOT / "up_samp" / "validation").glob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            place = places.get(getattr(getattr(node, "func", None), "id", ""))
+            if place is not None and isinstance(node.args[place], ast.Constant):
+                words.add(node.args[place].value)
+    assert len(words) > 20
+    assert {word for word in words if f"`{word}`" not in told} == set()
 
 
 def test_the_site_builds_without_a_warning(tmp_path):

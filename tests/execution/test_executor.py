@@ -95,7 +95,9 @@ def test_what_cannot_be_over_is_not(executor):
     assert (other.heard, other.why) == (
         Heard.HELD, f"it tells of '{TO_ITEM}' while in '{TO_BUTTON}'",
     )  # fmt: skip
-    assert executor.commands(1.0)["r0"] == Hold((other.why,))
+    held = executor.commands(1.0)["r0"]
+    assert isinstance(held, Hold)
+    assert held.waiting_for[0] == other.why
     assert executor.update("r0", progress=1.0, now=1.2, motion=TO_BUTTON) == TAKEN
     assert executor.commands(1.2)["r0"] == Go(TO_BUTTON, 8.0)
     with pytest.raises(ProblemError, match="only together with its problem"):

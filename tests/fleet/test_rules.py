@@ -261,9 +261,7 @@ def test_moves_are_as_many_as_may_be_needed():
     for i in range(3):
         fleet.add_order(f"o{i}", "a", "b")
     records = fleet.records
-    needed = moves_needed(
-        visits_of(records, "r0"), Successions(records, records.robot_types["agv"])
-    )
+    needed = moves_needed(visits_of(records, "r0"), Successions(records, "r0"))
     assert needed["a", "b"] == 3
     assert needed["b", "a"] == 3
     assert needed["home0", "a"] == 2  # the start, and one rest there

@@ -12,7 +12,8 @@ import random
 from dataclasses import dataclass, field
 
 from tests.scheduling.cpsat.sites import Site, Task
-from up_samp.benchmarks.maps import Rectangle, draw, write_map
+from up_samp.benchmarks.maps import RESOLUTION, Rectangle, draw
+from up_samp.geometry import write_map
 
 Pose = tuple[float, float, float]
 """``(x, y, theta)``: m, m, rad, world frame."""
@@ -35,7 +36,7 @@ class Floor:
 
     def write(self, folder, name: str):
         """Write the map into ``folder``; return its YAML file."""
-        return write_map(folder, name, draw(self.size, self.walls))
+        return write_map(folder, name, draw(self.size, self.walls), RESOLUTION)
 
 
 @dataclass(frozen=True)

@@ -142,7 +142,7 @@ def test_a_leg_among_obstacles_is_checked_against_them(tmp_path):
     free = service.plan(PathQuery(ROBOT, POSES), Deadline.after(60)).trajectory
     small = Body(((-0.2, -0.2), (0.2, -0.2), (0.2, 0.2), (-0.2, 0.2)), ROBOT.kinematics)
     parked = Placed("p", small, tuple(map(float, free.poses[len(free.poses) // 4])))
-    service.remember("car", LegQuery(ROBOT, *POSES, (parked,)), Leg(free, complete=True))
+    service.legs.remember("car", LegQuery(ROBOT, *POSES, (parked,)), Leg(free, complete=True))
     again = MotionService(GRID, cache=MotionCache(tmp_path))
     report = again.plan(PathQuery(ROBOT, POSES, (parked,)), Deadline.after(60))
     assert report.outcome is Outcome.FOUND

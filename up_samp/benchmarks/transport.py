@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from unified_planning.model import Fluent, Object
 from unified_planning.model.motion import (
@@ -42,14 +42,8 @@ FT06: tuple[tuple[tuple[int, int], ...], ...] = (
 """Routes (machine, duration) of Fisher and Thompson's 6 x 6 job shop."""
 
 
-@dataclass(frozen=True)
-class ItemTrip:
-    """One trip of an item by one robot: load, carry, unload."""
-
-    robot: MovableObject
-    load: Activity
-    carry: Activity
-    unload: Activity
+ItemTrip = tuple[Activity, Activity, Activity]
+"""One trip of an item by one robot: load, carry, unload."""
 
 
 def instance_name(robots: int, jobs: int, machines: int, door: DoorState) -> str:
@@ -146,7 +140,7 @@ class Loads:
 
     def __init__(self, family: Family, pallets: list[ConfigurationObject]) -> None:
         self.family = family
-        self.legs: list[ItemTrip] = []
+        self.legs: list[tuple[MovableObject, ItemTrip]] = []
         self.arrivals: dict[tuple[int, int], list[Activity]] = {}
         self.items: list[Object] = []
         if not family.with_fluents:
@@ -168,40 +162,45 @@ class Loads:
             move.add_condition(at_start(move), Equals(self.carries(robot), self.nothing))
 
     def leg(
-        self, leg: ItemTrip, j: int, k: int, origin: ConfigurationObject, to: ConfigurationObject
+        self,
+        robot: MovableObject,
+        trip: ItemTrip,
+        number: tuple[int, int],
+        ends: tuple[ConfigurationObject, ConfigurationObject],
     ) -> None:
-        """``leg`` takes item ``j`` from ``origin`` to ``to`` as its trip number ``k``."""
-        self.legs.append(leg)
-        self.arrivals.setdefault((j, k), []).append(leg.unload)
+        """A ``trip`` of ``robot`` takes an item from one place to another: the item, and the
+        trip's own ``number``.
+        """
+        (load, carry, unload), (j, k), (origin, to) = trip, number, ends
+        self.legs.append((robot, trip))
+        self.arrivals.setdefault(number, []).append(unload)
         problem = self.family.problem
-        problem.add_constraint(Iff(leg.load.present, leg.carry.present))
-        problem.add_constraint(Iff(leg.carry.present, leg.unload.present))
-        self.family.in_order([leg.load], [leg.carry])
-        self.family.in_order([leg.carry], [leg.unload])
+        for a, b in itertools.pairwise(trip):
+            problem.add_constraint(Iff(a.present, b.present))
+            self.family.in_order([a], [b])
         if not self.items:
             if k > 0:
-                helpers = [And(u.present, before(u, leg.load)) for u in self.arrivals[j, k - 1]]
-                problem.add_constraint(Or(helpers), scope=scope_of(leg.load))
+                helpers = [And(u.present, before(u, load)) for u in self.arrivals[j, k - 1]]
+                problem.add_constraint(Or(helpers), scope=scope_of(load))
             return
-        item, carries, item_at = self.items[j], self.carries(leg.robot), self.item_at
-        for a, needs in ((leg.load, self.nothing), (leg.carry, item), (leg.unload, item)):
+        item, carries, item_at = self.items[j], self.carries(robot), self.item_at
+        for a, needs in ((load, self.nothing), (carry, item), (unload, item)):
             a.add_condition(at_start(a), Equals(carries, needs))
-        leg.load.add_condition(at_start(leg.load), Equals(item_at(item), origin))
-        leg.load.add_effect(leg.load.end, carries, item)
-        leg.unload.add_effect(leg.unload.end, carries, self.nothing)
-        leg.unload.add_effect(leg.unload.end, item_at(item), to)
+        load.add_condition(at_start(load), Equals(item_at(item), origin))
+        load.add_effect(load.end, carries, item)
+        unload.add_effect(unload.end, carries, self.nothing)
+        unload.add_effect(unload.end, item_at(item), to)
 
     def finish(self) -> None:
         """Without fluents: keep everything else of the robot out of each leg."""
         if self.items:
             return
-        for leg in self.legs:
-            own = (leg.load, leg.carry, leg.unload)
-            for x in self.family.busy[leg.robot.name]:
-                if not any(x is a for a in own):
+        for robot, trip in self.legs:
+            load, _, unload = trip
+            for x in self.family.busy[robot.name]:
+                if not any(x is a for a in trip):
                     self.family.problem.add_constraint(
-                        Or(before(x, leg.load), before(leg.unload, x)),
-                        scope=scope_of(x, leg.load),
+                        Or(before(x, load), before(unload, x)), scope=scope_of(x, load)
                     )
 
 
@@ -246,7 +245,7 @@ def _legs(
             robot, origin, to, f"carry_{robot.name}_i{j}_{k}_to_{to.name}", implied=True
         )
         unload = family.work(robot, f"unload_{robot.name}_i{j}_{k}", to, HANDLING, implied=True)
-        hands.leg(ItemTrip(robot, load, carry, unload), j, k, origin, to)
+        hands.leg(robot, (load, carry, unload), (j, k), (origin, to))
         loads.append(load)
         unloads.append(unload)
     family.exactly_one(loads)

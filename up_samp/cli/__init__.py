@@ -1,6 +1,4 @@
-"""The command line: ``up-samp demo``, ``solve``, ``validate``, ``draw``, ``export``,
-``engines``, ``bench``.
-"""
+"""The command line ``up-samp``: its commands (``COMMANDS``), exit codes, and errors in a line."""
 
 from __future__ import annotations
 
@@ -44,6 +42,9 @@ COMMANDS = {
         "execute a plan on a floor with delays: how long, who waits, who collides",
     ),
     "export": ("cli.commands", "write a plan file in another format"),
+    "operate": ("cli.operating", "operate a fleet: orders in, plans and orders to robots out"),
+    "day": ("cli.operating", "simulate a day of orders, delays and breakdowns on a site"),
+    "why": ("cli.operating", "who was told what and why, from the store of a day"),
     "serve": ("cli.commands", "plan for others on this machine, over HTTP"),
     "engines": ("cli.commands", "list the registered engines that schedule"),
     "warmup": (

@@ -1,12 +1,13 @@
 """Plans that survive the floor: what depends on what, and what to do now."""
 
+from up_samp.execution.astray import Overrun
 from up_samp.execution.build import Dependencies, coarse, dependencies_of
 from up_samp.execution.executor import Executor
 from up_samp.execution.files import dependencies_from_plan, dependency_faults, with_dependencies
 from up_samp.execution.graph import At, Bound, Edge, Event, Graph, PlannedTask
 from up_samp.execution.remaining import Remaining, Surprise
 from up_samp.execution.replan import Incident, Journey, simulate_replanned, solve_remaining
-from up_samp.execution.reports import Command, Do, Go, Heard, Hold, Overrun, Reply
+from up_samp.execution.reports import Command, Do, Go, Heard, Hold, Reply
 from up_samp.execution.simulate import Delays, Reorderer, Simulation, simulate
 from up_samp.model.execution_tuning import ExecutionTuning
 

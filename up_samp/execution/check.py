@@ -1,4 +1,4 @@
-"""Does a plan file's graph hold what it has to? Nothing that it says is believed.
+"""A plan file's dependency graph checked against its problem: nothing that it says is believed.
 
 A graph is valid if every execution that it allows is. What it has to hold is made again: from the
 motions alone who lets whom pass and which motion of an object comes after which, and with the

@@ -10,6 +10,7 @@ from typing import Any
 from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.plans import Schedule
 
+from up_samp.execution.astray import Overrun, Strayed, beside, kept_away, place_of, pose_in
 from up_samp.execution.build import Dependencies, dependencies_of, with_sides
 from up_samp.execution.files import dependencies_from_plan, event_from_list, event_to_list
 from up_samp.execution.forecast import routes_of
@@ -25,19 +26,18 @@ from up_samp.execution.reports import (
     Go,
     Heard,
     Hold,
-    Overrun,
     Reply,
     clock_doubt,
     doubt,
     is_number,
-    kept_away,
+    unreadable,
 )
 from up_samp.execution.state import FloorState, MotionUnderWay, RobotPace, Squeezed, TaskPhase
 from up_samp.execution.tolerances import TOLERANCES
-from up_samp.execution.travel import Along, along
+from up_samp.execution.travel import Along, along, away, pose_at
 from up_samp.io.floors import map_number, side_by_side
 from up_samp.io.plan_dict import PlanDict, plan_to_dict
-from up_samp.model import ProblemError
+from up_samp.model import Configuration, ProblemError
 from up_samp.model.execution_tuning import ExecutionTuning
 from up_samp.model.frames import Frame
 
@@ -96,6 +96,7 @@ class Executor(Followed):
         """When each robot last told something that was believed (s)."""
         self._held: dict[str, str] = {}
         """Robots that have to hold until they tell where they are, and why."""
+        self._strayed: dict[str, Strayed] = {}
         self._astray: dict[str, Overrun] = {}
         self._running: dict[str, None] = {}
         self._ready = dict.fromkeys(sorted(graph.tasks, key=lambda n: graph.tasks[n].planned))
@@ -199,38 +200,100 @@ class Executor(Followed):
         pose: Sequence[float] | None = None,
     ) -> Reply:
         """Note that ``robot`` is ``progress`` m along its motion under way, at ``now`` s, or at
-        ``pose`` (x, y, theta: see :meth:`progress_of`). What cannot be is not believed.
+        ``pose`` (x, y, theta: see :meth:`progress_of`). What cannot be is not believed, and who
+        tells that it is where it cannot be has to hold.
 
         ``motion`` says which one is meant: what is told late of a motion that is over is ignored.
         """
         if robot not in self._drivers:
             return Reply(Heard.IGNORED, f"the plan drives no '{robot}'")
-        timed = self._time(now, self._told.get(robot, -math.inf))
+        astray = self._strayed.get(robot)
+        last = max(self._told.get(robot, -math.inf), -math.inf if astray is None else astray.time)
+        timed = self._time(now, last)
         if timed is not None:
             return timed
+        if motion is not None and (motion, robot) not in self.state.ways:
+            return Reply(Heard.IGNORED, f"the plan has no motion '{motion}' of '{robot}'")
         way = self.state.of_object.get(robot)
-        other = self._other_motion(robot, way, motion)
-        if other is not None:
-            return other
-        if pose is not None and way is not None:
-            progress, heard, why = self.placed(way, pose)
-            if heard is Heard.HELD:
-                self._held[robot] = why
-            if heard is not Heard.TAKEN:
-                return Reply(heard, why)
-        if not is_number(progress) or progress is None:
-            return Reply(Heard.AGAIN, f"progress cannot be {progress!r}: a finite number (m)")
-        if way is None:
-            return self._without_way(robot, motion, progress)
-        seconds = self.now - self._told.get(robot, self.now)
+        over = motion is not None and self.state.phase[motion] is TaskPhase.DONE
+        if over and (way is not None or pose is not None):
+            return Reply(Heard.IGNORED, f"'{motion}' is over")
+        if way is None or motion not in (None, way.activity):
+            return self._elsewhere(robot, motion, progress, pose)
+        at = self._along(way, progress, pose)
+        if isinstance(at, Strayed):
+            return self._stray(robot, at, f"it is {at.off:.3f} m off its path")
+        if isinstance(at, str):
+            self._held[robot] = at  # it may drive by what it tells
+            return Reply(Heard.AGAIN, at)
+        self._told[robot] = now
+        return self._take(way, at)
+
+    def _along(self, way: MotionUnderWay, progress: Any, pose: Any) -> float | Strayed | str:
+        """Return how far (m) along its motion a robot is by what it tells, or where it is off its
+        path, or why it cannot be.
+        """
+        why = unreadable(progress, pose)
+        if why:
+            return why
+        if pose is not None:
+            found = self.placed(way, pose)
+            if not isinstance(found, float):
+                return found
+            progress = found
+        seconds = self.now - self._told.get(way.object, self.now)
         why = doubt(way, progress, max(0.0, seconds), self.state.localisation)
+        beyond = max(-progress, progress - way.length)
+        if why or beyond <= self.state.localisation + TOLERANCES.progress:
+            return why or float(progress)
+        drive = self._drives[way.activity, way.object]
+        return Strayed(pose_at(drive.path, progress), beyond, self.now)
+
+    def _elsewhere(self, robot: str, motion: str | None, progress: Any, pose: Any) -> Reply:
+        """Answer a robot that has no motion under way, or tells of another one than that."""
+        why = unreadable(progress, pose)
         if why:
             return Reply(Heard.AGAIN, why)
-        self._told[robot] = now
-        return self._take(way, progress)
+        state, life = self.state, self.dependencies.lives[robot]
+        way, here = state.of_object.get(robot), place_of(state, life)
+        drives = [d for d in life.drives if d.activity == motion] or beside(life, here)
+        if pose is not None:
+            told = [self._in_plane(drives[0].key, pose)]
+        else:
+            told = [pose_at(drive.path, progress) for drive in drives]
+        rest = pose_in(state, here)
+        off = [0.0 if rest is None else away(at, rest, life.body) for at in told]
+        least = min(off)
+        astray, near = Strayed(told[off.index(least)], least, state.now), least <= self._near
+        if way is not None:
+            why = f"it tells of '{motion}' while in '{way.activity}'"
+            return self._stray(robot, None if near else astray, why)
+        if near:
+            self._found(robot)
+            return Reply(Heard.IGNORED, f"no motion of '{robot}' is under way")
+        if motion is not None and state.phase[motion] is TaskPhase.DONE:
+            return Reply(Heard.IGNORED, f"'{motion}' is over")
+        why = "it drives, but no motion of it is under way"
+        return self._stray(
+            robot, astray, why if pose is None else f"it is {least:.3f} m off its place"
+        )
+
+    def _stray(self, robot: str, where: Strayed | None, why: str) -> Reply:
+        """Let a robot hold that is where nobody led it, and keep others away from there."""
+        self._held[robot] = why
+        if where is not None:
+            self._strayed[robot] = where
+            self._bar()
+        return Reply(Heard.HELD, why)
+
+    def _found(self, robot: str) -> None:
+        """Note that a robot tells what can be."""
+        self._held.pop(robot, None)
+        if self._strayed.pop(robot, None) is not None:
+            self._bar()
 
     def _take(self, way: MotionUnderWay, progress: float) -> Reply:
-        self._held.pop(way.object, None)
+        self._found(way.object)
         self.pace.told(way, progress, self.state.now, self.state.until(way))
         self.state.move(way, progress)
         if self.state.astray(way) or self._astray:
@@ -254,36 +317,6 @@ class Executor(Followed):
         self.state.tick(now)
         return None
 
-    def _other_motion(
-        self, robot: str, way: MotionUnderWay | None, motion: str | None
-    ) -> Reply | None:
-        """Return an answer to what is told of another motion than the one under way."""
-        if motion is None or (way is not None and way.activity == motion):
-            return None
-        if (motion, robot) not in self.state.ways:
-            return Reply(Heard.IGNORED, f"the plan has no motion '{motion}' of '{robot}'")
-        if self.state.phase[motion] is TaskPhase.DONE:
-            return Reply(Heard.IGNORED, f"'{motion}' is over")
-        if way is None:
-            return None
-        why = f"it tells of '{motion}' while in '{way.activity}'"
-        self._held[robot] = why
-        return Reply(Heard.HELD, why)
-
-    def _without_way(self, robot: str, motion: str | None, progress: float) -> Reply:
-        """Answer a robot that has no motion under way."""
-        over = [w for w in self.state.ways.values() if w.object == robot and self._over(w)]
-        still = self.state.localisation + self.state.tolerance
-        at_end = motion is None and any(abs(progress - w.length) <= 2 * still for w in over)
-        if progress <= still or at_end:
-            self._held.pop(robot, None)
-            return Reply(Heard.IGNORED, f"no motion of '{robot}' is under way")
-        self._held[robot] = "it drives, but no motion of it is under way"
-        return Reply(Heard.HELD, self._held[robot])
-
-    def _over(self, way: MotionUnderWay) -> bool:
-        return self.state.phase[way.activity] is TaskPhase.DONE
-
     def progress_of(self, activity: str, robot: str, pose: Sequence[float]) -> Along:
         """Return how far along its path a robot is that stands at ``pose`` (x, y, theta; the plan's
         frame), and how far it is off it, see :func:`up_samp.execution.travel.along`. Of a motion
@@ -292,7 +325,7 @@ class Executor(Followed):
         drive = self._drives.get((activity, robot))
         if drive is None:
             raise ProblemError(f"the plan has no motion '{activity}' of '{robot}'")
-        here = self._frames.get(drive.key, Frame()).of(pose)
+        here = self._in_plane(drive.key, pose)
         way = self.state.of_object.get(robot)
         if way is None or way.activity != activity:
             return along(drive.path, here)
@@ -301,20 +334,34 @@ class Executor(Followed):
         low, high = way.told - slack, way.told + way.travel.fastest * seconds + slack
         return along(drive.path, here, (low, high))
 
+    @property
+    def _near(self) -> float:
+        """How far (m) a robot may tell to be off its path, or its place."""
+        return 2 * self.state.localisation + TOLERANCES.place
+
     @cached_property
     def _frames(self) -> dict[tuple[str, str], Frame]:
         """Where the plan's poses lie in the one plane of all paths, by motion."""
         frames = side_by_side(self.plan)[1]
         return {(m["activity"], m["object"]): frames[map_number(m)] for m in self.plan["motions"]}
 
-    def placed(self, way: MotionUnderWay, pose: Any) -> tuple[float, Heard, str]:
-        """Return the progress (m) of a robot that tells a pose, and what becomes of that."""
-        if not isinstance(pose, Sequence) or len(pose) != 3 or not all(map(is_number, pose)):
-            return 0.0, Heard.AGAIN, f"a pose cannot be {pose!r}: three finite numbers"
+    def placed(self, way: MotionUnderWay, pose: Any) -> float | Strayed | str:
+        """Return the progress (m) of a robot that tells a pose, or where it is off its path, or why
+        it cannot be there.
+        """
+        why = unreadable(None, pose)
+        if why:
+            return why
         place = self.progress_of(way.activity, way.object, pose)
-        if place.off > 2 * self.state.localisation + TOLERANCES.place:
-            return 0.0, Heard.HELD, f"it is {place.off:.3f} m off its path"
-        return place.progress, Heard.TAKEN, ""
+        if place.off <= self._near:
+            return place.progress
+        here = self._in_plane((way.activity, way.object), pose)
+        return Strayed(here, place.off, self.now)
+
+    def _in_plane(self, motion: tuple[str, str], pose: Sequence[float]) -> Configuration:
+        """Return a pose of the plan in the one plane of all paths, for a robot in a motion."""
+        x, y, theta = self._frames.get(motion, Frame()).of(pose)
+        return x, y, theta
 
     def done(self, activity: str, now: float | None = None) -> Reply:
         """Note that a task that drives nothing is over, or that a motion's robots are at its end.
@@ -338,7 +385,8 @@ class Executor(Followed):
             self._finish_motion(activity)
             if state.phase[activity] is TaskPhase.DONE:
                 return TAKEN
-            if all(state.arrived(w) for w in state.ways_of[activity]):
+            held = [w.object for w in state.ways_of[activity] if w.object in self._held]
+            if not held and all(state.arrived(w) for w in state.ways_of[activity]):
                 return self._not_yet(activity)
             for way in state.ways_of[activity]:
                 way.at_end = False
@@ -354,6 +402,8 @@ class Executor(Followed):
 
     def _finish_motion(self, activity: str) -> None:
         ways = self.state.ways_of[activity]
+        if any(w.object in self._held or w.object in self._astray for w in ways):
+            return
         if self.state.open(self.state.end_number[activity]) and all(
             self.state.arrived(w) for w in ways
         ):
@@ -377,13 +427,14 @@ class Executor(Followed):
     def _bar(self) -> None:
         """Find out who is astray, and keep everybody else away from there."""
         self._astray, self.state.bars = {}, {}
-        for way in self.state.of_object.values():
-            by = self.state.astray(way)
-            if by:
-                held, met, bars = kept_away(self.state, self.dependencies.meetings, way)
-                self._astray[way.object] = Overrun(way.object, way.activity, by, held, met)
-                for key, most in bars.items():
-                    self.state.bars[key] = min(most, self.state.bars.get(key, most))
+        for robot in dict.fromkeys([*self.state.of_object, *self._strayed]):
+            overrun, bars = kept_away(
+                self.state, self.dependencies, robot, self._strayed.get(robot)
+            )
+            if overrun is not None:
+                self._astray[robot] = overrun
+            for key, most in bars.items():
+                self.state.bars[key] = min(most, self.state.bars.get(key, most))
 
     # ------------------------------------------------------------------ what to do
 
@@ -413,7 +464,8 @@ class Executor(Followed):
                     found[who] = command
         for robot in self._of_robot:
             if robot not in found:
-                found[robot] = Hold(self._missing(self._next_of(robot)))
+                why = (self._held[robot],) if robot in self._held else ()
+                found[robot] = Hold(why or self._missing(self._next_of(robot)))
         return found
 
     def _begin(self) -> None:
@@ -433,10 +485,9 @@ class Executor(Followed):
 
     def _drive(self, way: MotionUnderWay) -> Command:
         state = self.state
-        if way.object in self._astray:
-            return Hold((str(self._astray[way.object]),))
-        if way.object in self._held:
-            return Hold((self._held[way.object],))
+        known = (self._held.get(way.object), self._astray.get(way.object))
+        if any(known):
+            return Hold(tuple(str(why) for why in known if why))
         until = state.until(way)
         if way.progress < until - state.tolerance:
             return Go(way.activity, until)
@@ -555,6 +606,7 @@ def saved(executor: Executor) -> dict[str, Any]:
         ],
         "heard": dict(executor._told),
         "held": dict(executor._held),
+        "strayed": {r: [*s.pose, s.off, s.time] for r, s in executor._strayed.items()},
         "sides": [[*key, side] for key, side in executor.sides.items()],
         "turned": sorted(executor.turned),
         "pace": executor.pace.saved(),
@@ -595,6 +647,8 @@ def resume(executor: Executor, known: Mapping[str, Any], graph: Graph | None = N
     _begun(executor, known["running"], known["done"])
     executor._told = {robot: float(time) for robot, time in known["heard"].items()}
     executor._held = dict(known["held"])
+    strayed = known.get("strayed", {}).items()
+    executor._strayed = {r: Strayed((x, y, a), off, at) for r, (x, y, a, off, at) in strayed}
     executor.pace.load(known["pace"])
     state.load(state.graph if graph is None else graph)
     executor.routes = routes_of(state.graph, state.ways)
@@ -663,10 +717,11 @@ def _where(
     if at is None:
         raise ProblemError(f"'{way.activity}' is under way: where is '{way.object}'?")
     if isinstance(at, Sequence):
-        progress, heard, why = executor.placed(way, at)
-        if heard is not Heard.TAKEN:
+        found = executor.placed(way, at)
+        if not isinstance(found, float):
+            why = f"it is {found.off:.3f} m off its path" if isinstance(found, Strayed) else found
             raise ProblemError(f"'{way.object}' cannot go on: {why}")
-        return progress
+        return found
     slack = executor.state.localisation + TOLERANCES.progress
     if not is_number(at) or not -slack <= at <= way.length + slack:
         raise ProblemError(

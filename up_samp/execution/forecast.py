@@ -1,4 +1,4 @@
-"""When everything will happen if nothing more goes wrong: the longest path over the graph."""
+"""The forecast of all events if nothing more goes wrong: the longest path over the graph."""
 
 from __future__ import annotations
 

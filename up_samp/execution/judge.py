@@ -1,5 +1,6 @@
-"""Did anybody meet, and was all kept that the problem asks? What was driven, by the validator's own
-geometry and rules.
+"""The judge of what was driven on the floor: did anybody meet, was all kept that the problem asks?
+
+By the validator's own geometry and rules.
 
 What is judged, it shares no code with: tracks, contacts and rules are those of
 :mod:`up_samp.validation`. Of the dependencies it only asks which bounds nobody can keep.
@@ -30,6 +31,7 @@ from up_samp.model.frames import Frame
 from up_samp.scheduling.partial_order.orders import constraint_texts
 from up_samp.upio.movers import named_as_planned
 from up_samp.validation.collisions import JudgedShape, hits_body
+from up_samp.validation.lives import resting
 from up_samp.validation.plan import judge_executed
 from up_samp.validation.rides import between, carried_along
 from up_samp.validation.schedule import objects_by_type
@@ -357,7 +359,7 @@ def _life(record: dict[str, Any], name: str, shapes: Mapping[str, JudgedShape]) 
     pieces = []
     for time, item in sorted(marks, key=lambda m: (m[0], "samples" in m[1])):
         if pose is not None and time > since:
-            pieces.append(_Piece(Track.resting(pose, radius), since, time, "", None))
+            pieces.append(_Piece(resting(pose, radius), since, time, "", None))
         if "samples" in item:
             rows = np.array(item["samples"], dtype=float)
             activity = item["activity"]
@@ -375,7 +377,7 @@ def _life(record: dict[str, Any], name: str, shapes: Mapping[str, JudgedShape]) 
         else:
             pose, since = tuple(item["configuration"]), time
     if pose is not None:
-        pieces.append(_Piece(Track.resting(pose, radius), since, math.inf, "", None))
+        pieces.append(_Piece(resting(pose, radius), since, math.inf, "", None))
     return pieces
 
 

@@ -1,4 +1,4 @@
-"""Where two objects' motions exclude each other, and who goes first.
+"""Conflict zones: where two objects' motions exclude each other, and who passes first.
 
 For two motions the *obstacle* is the set of cell pairs in which the swept footprints, with the
 margin, are not shown to be apart (conservative, :mod:`up_samp.motion.fleet.conflicts`). The plan
@@ -206,12 +206,15 @@ def _cut(piece: Piece, level: int) -> Path:
 
 
 def _runs(path_a: Path, path_b: Path, margin: float) -> IntArray:
-    # without the rests: these are pieces of their own; a rest's table has only rests
-    moving: list[Swept] = []
-    for path in (path_a, path_b):
-        table = path.swept.table[1:-1] if path.cells else path.swept.table[:1]
-        moving.append(Swept(np.ascontiguousarray(table), path.hull))
-    return np.asarray(conflicting_cells(moving[0], moving[1], margin))
+    return np.asarray(conflicting_cells(moving(path_a), moving(path_b), margin))
+
+
+def moving(path: Path) -> Swept:
+    """Return what a path sweeps without its rests: these are pieces of their own. (The table of a
+    rest has only rests.)
+    """
+    table = path.swept.table[1:-1] if path.cells else path.swept.table[:1]
+    return Swept(np.ascontiguousarray(table), path.hull)
 
 
 def cell_times(piece: Piece, path: Path) -> tuple[FloatArray, FloatArray]:

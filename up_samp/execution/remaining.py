@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
 import numpy as np
 from unified_planning.environment import Environment
-from unified_planning.model import FNode, TimepointKind
+from unified_planning.model import FNode, Parameter, TimepointKind
 from unified_planning.model.motion import (
     SE2,
     ActivityWaypoints,
@@ -20,7 +20,7 @@ from unified_planning.model.motion import (
     SchedulingMotionProblem,
 )
 from unified_planning.model.scheduling import Activity
-from unified_planning.model.timing import Timing
+from unified_planning.model.timing import TimeInterval, Timing
 from unified_planning.plans import Schedule
 
 from up_samp.execution.build import planned_of
@@ -36,7 +36,7 @@ from up_samp.model.frames import Frame
 from up_samp.scheduling.partial_order.differences import Planned
 from up_samp.upio.expressions import activities_in, walk
 from up_samp.upio.movers import named_as_planned
-from up_samp.upio.spans import conditions_of
+from up_samp.upio.spans import conditions_of, own_end
 from up_samp.upio.whereabouts import brought, whereabouts
 
 
@@ -172,19 +172,36 @@ def begun(activity: Activity, values: ValuesNow, environment: Environment) -> Ac
         )
         if kept:
             copy._effects.setdefault(Timing(max(later, 0), timing.timepoint), []).extend(kept)
-    # what was asked at the start was so; it is kept where it still is, for schedulers that
+    # what was asked until now was so; it is kept where it still is, for schedulers that
     # find their way by it
     copy._conditions = {}
     for span, nodes in conditions_of(activity).items():
-        at_start = span.upper.timepoint.kind == TimepointKind.START
-        kept = [n for n in nodes if not at_start or values.holds(n)]
+        rest = _rest_of(span, activity, values.since - start / unit)
+        kept = [n for n in nodes if rest is not None or values.holds(n)]
         if kept:
-            copy._conditions[span] = kept
+            copy._conditions.setdefault(span if rest is None else rest, []).extend(kept)
     if drives:
         copy._motion_constraints = list(activity._motion_constraints)
         copy._motion_constraints_set = set(activity._motion_constraints_set)
         copy._motion_effects = dict(activity._motion_effects)
     return copy
+
+
+def _rest_of(span: TimeInterval, activity: Activity, passed: float) -> TimeInterval | None:
+    """Return what is left of a condition's interval ``passed`` units after the activity's start, on
+    a clock that begins then (``None``: nothing is).
+    """
+    ends = []
+    for k, timing in enumerate((span.lower, span.upper)):
+        own = own_end(timing, activity)
+        if own is not None and not own[0]:
+            left = timing.delay - passed
+            if k == 1 and left <= 1e-9:
+                return None
+            whole = math.ceil(left - 1e-9) if k == 1 else math.floor(left + 1e-9)
+            timing = Timing(max(0, whole), timing.timepoint)
+        ends.append(timing)
+    return TimeInterval(*ends, span.is_left_open(), span.is_right_open())
 
 
 # ------------------ What has changed on the floor, and what is left of the problem then
@@ -460,6 +477,7 @@ class _Builder:
             self.gone,
             self._known_values(),
             frozenset(running),
+            frozenset(p.name for p in self._parameters(self.gone)),
         )
         target._base._constraints = self._constraints(fix, self.source._base, None)
         self._timed(target._base)
@@ -473,6 +491,10 @@ class _Builder:
                 else activity.clone()
             )
             copy._constraints = self._constraints(fix, activity, activity.name)
+            copy._conditions = {
+                span: [fix(c) if fix.tells(c) else c for c in nodes]
+                for span, nodes in copy._conditions.items()
+            }
             target._activities.append(copy)
         target._motion_activities = [a for a in target._activities if isinstance(a, MotionActivity)]
         for name in sorted(running):
@@ -498,7 +520,8 @@ class _Builder:
         """What has begun keeps what was chosen for it; nothing else chooses a broken robot."""
         for activity in target._activities:
             for parameter in activity.parameters:
-                equal = partial(self.m.Equals, self.m.ParameterExp(parameter))
+                same = self.m.Iff if parameter.type.is_bool_type() else self.m.Equals
+                equal = partial(same, self.m.ParameterExp(parameter))
                 if activity.name in running and parameter.name in self.planned.values:
                     value = self._constant(self.planned.values[parameter.name])
                     activity.add_constraint(equal(value))
@@ -509,12 +532,11 @@ class _Builder:
 
     def _known_values(self) -> dict[str, FNode]:
         """Return the parameters of what is over or has begun, and of the plan's variables."""
-        found = {}
-        for full, value in self.planned.values.items():
-            owner = full.split(".")[0] if "." in full else None
-            if owner in self.past:
-                found[full] = self._constant(value)
-        return found
+        names = (p.name for p in self._parameters(self.past) if p.name in self.planned.values)
+        return {name: self._constant(self.planned.values[name]) for name in names}
+
+    def _parameters(self, owners: Container[str]) -> Iterator[Parameter]:
+        return (p for a in self.source.activities if a.name in owners for p in a.parameters)
 
     def _constant(self, value: Any) -> FNode:
         if isinstance(value, bool):

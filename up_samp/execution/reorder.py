@@ -1,5 +1,5 @@
-"""Who goes first, decided again: what is decided, what of it is still open, and when everything
-would happen then.
+"""Re-ordering on the floor: who goes first, decided again (a switchable dependency graph): what is
+decided, what of it is still open, and when everything would happen then.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What robots are told (drive on, wait, do something), and what they tell: what cannot be is not
+"""Commands to robots (drive on, wait, do something), and their reports: what cannot be is not
 believed.
 """
 
@@ -6,15 +6,11 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
-from up_samp.execution.lives import DriveCells, Life, Stay
-from up_samp.execution.meetings import Meeting
-from up_samp.execution.state import FloorState, MotionUnderWay, TaskPhase
+from up_samp.execution.state import MotionUnderWay
 from up_samp.execution.tolerances import TOLERANCES
 
 
@@ -75,26 +71,6 @@ class Reply:
 TAKEN = Reply(Heard.TAKEN)
 
 
-@dataclass(frozen=True)
-class Overrun:
-    """``robot`` is surely ``by`` m beyond a gate of ``motion`` that is closed; negative: it is that
-    far behind where it had already come to, so that others may be where it is now.
-
-    ``held`` are robots that are kept away from it, ``met`` those that may touch it already.
-    """
-
-    robot: str
-    motion: str
-    by: float
-    held: tuple[str, ...] = ()
-    met: tuple[str, ...] = ()
-
-    def __str__(self) -> str:
-        if self.by > 0:
-            return f"'{self.robot}' is {self.by:.3f} m beyond a closed gate of '{self.motion}'"
-        return f"'{self.robot}' is {-self.by:.3f} m behind where it was in '{self.motion}'"
-
-
 def is_number(value: Any) -> bool:
     """Return whether a value told is a finite number."""
     if isinstance(value, bool):
@@ -103,6 +79,17 @@ def is_number(value: Any) -> bool:
         return math.isfinite(value)
     except (TypeError, OverflowError):
         return False
+
+
+def unreadable(progress: Any, pose: Any) -> str:
+    """Return why neither a progress (m) nor a pose can be read (``""``: one can; a pose counts)."""
+    if pose is None:
+        return (
+            "" if is_number(progress) else f"progress cannot be {progress!r}: a finite number (m)"
+        )
+    if isinstance(pose, Sequence) and len(pose) == 3 and all(map(is_number, pose)):
+        return ""
+    return f"a pose cannot be {pose!r}: three finite numbers"
 
 
 def clock_doubt(now: float, known: float) -> str:
@@ -116,85 +103,14 @@ def clock_doubt(now: float, known: float) -> str:
 
 def doubt(way: MotionUnderWay, progress: float, seconds: float, error: float) -> str:
     """Return why a robot cannot be at ``progress`` (m), ``seconds`` s after it told something that
-    is believed (``""``: it can): it is not on the path, or no robot is so fast. ``error`` (m) is
-    what every report may be wrong by.
+    is believed (``""``: it can): no robot is so fast, or it would be so far beyond its path.
+    ``error`` (m) is what every report may be wrong by.
     """
     slack = error + TOLERANCES.progress
-    if not -slack <= progress <= way.length + slack:
-        return f"{progress:.3f} m are not on its path of {way.length:.3f} m: metres are meant"
     most = way.travel.fastest * seconds + 2 * slack
-    if progress > way.told + most:
-        far = progress - way.told
+    far = progress - way.told
+    if abs(far) > most and not -slack <= progress <= way.length + slack:
+        return f"{progress:.3f} m are not on its path of {way.length:.3f} m: metres are meant"
+    if far > most:
         return f"{far:.3f} m in {seconds:.2f} s are more than the {most:.3f} m that it can drive"
     return ""
-
-
-def kept_away(
-    state: FloorState, meetings: Iterable[Meeting], way: MotionUnderWay
-) -> tuple[tuple[str, ...], tuple[str, ...], dict[tuple[str, str], float]]:
-    """Return who has to be kept away from a robot that is astray, who may touch it already, and how
-    far (m) their motions may go (by activity and object): as far as they keep clear of wherever the
-    robot may be, and of its way back to where it should be.
-    """
-    error, gate = state.localisation, state.closed(way)
-    wrong = [way.told - error, way.told + error]
-    if gate is not None:
-        wrong.append(state.graph.events[gate].progress)
-    if state.astray(way) < 0:
-        wrong.append(way.progress + error)
-    held: dict[str, None] = {}
-    met: dict[str, None] = {}
-    bars: dict[tuple[str, str], float] = {}
-    for life, m, low, high in _in_the_way(meetings, way, min(wrong), max(wrong)):
-        piece = life.pieces[m]
-        if isinstance(piece, Stay):
-            if _stands(state, life, m):
-                met[life.object] = None
-            continue
-        other = state.ways[piece.key]
-        running = state.phase[other.activity] is TaskPhase.RUNNING
-        if state.phase[other.activity] is TaskPhase.DONE or (running and other.told - error > high):
-            continue
-        inside = running and other.told + error >= low
-        (met if inside else held)[life.object] = None
-        bar = other.told if inside else max(0.0, low - error)
-        bars[piece.key] = min(bar, bars.get(piece.key, bar))
-    return tuple(n for n in held if n not in met), tuple(met), bars
-
-
-def _in_the_way(
-    meetings: Iterable[Meeting], way: MotionUnderWay, low: float, high: float
-) -> Iterator[tuple[Life, int, float, float]]:
-    """Yield (life, piece, from, to) where others would meet a motion between ``low`` and ``high``
-    (m): they between ``from`` and ``to`` (m) of their piece.
-    """
-    for meeting in meetings:
-        rows = meeting.rows
-        for mine, path, life, m, theirs, first, last, begin, end in (
-            (meeting.a, meeting.path_a, meeting.other, meeting.m, meeting.path_b,
-             rows[:, 0], rows[:, 0], rows[:, 1], rows[:, 2]),
-            (meeting.b, meeting.path_b, meeting.one, meeting.k, meeting.path_a,
-             rows[:, 1], rows[:, 2], rows[:, 0], rows[:, 0]),
-        ):  # fmt: skip
-            if not isinstance(mine, DriveCells) or mine.key != (way.activity, way.object):
-                continue
-            hit = (path.edges[first] <= high) & (path.edges[last + 1] >= low)
-            if not np.any(hit):
-                continue
-            if theirs.cells == 0:
-                yield life, m, 0.0, 0.0
-                continue
-            for j, k in zip(begin[hit], end[hit], strict=True):
-                yield life, m, float(theirs.edges[j]), float(theirs.edges[k + 1])
-
-
-def _stands(state: FloorState, life: Life, m: int) -> bool:
-    """Return whether an object rests where it does in its piece ``m``."""
-    before, after = life.pieces[:m], life.pieces[m + 1 :]
-    over = all(
-        state.phase[p.activity] is TaskPhase.DONE for p in before if isinstance(p, DriveCells)
-    )
-    later = all(
-        state.phase[p.activity] is TaskPhase.WAITING for p in after if isinstance(p, DriveCells)
-    )
-    return over and later

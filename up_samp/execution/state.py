@@ -1,4 +1,5 @@
-"""What has happened so far: which events, where everybody is, what may happen next.
+"""The state of a plan on the floor: which events have happened, where everybody is, which gates are
+open.
 
 Reported progress is not believed progress. A robot that tells p is somewhere in [p - L, p + L],
 where L is the localisation error. So *reach* counts late: a robot has surely come to x once it

@@ -1,4 +1,4 @@
-"""Constraints from now on: what is over is a time that is known, what is gone is absent."""
+"""Constraints of the rest of a problem: what is over is a known time, what is gone is absent."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from up_samp.execution.graph import At, Event
 from up_samp.execution.state import FloorState, TaskPhase
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.scheduling.compilers.plain import Expr, show, subexpressions
-from up_samp.scheduling.partial_order.differences import Planned
+from up_samp.scheduling.partial_order.differences import Planned, constant
 from up_samp.upio.expressions import Decided
 
 
@@ -49,17 +49,14 @@ class ValuesNow:
 
     def value(self, node: FNode) -> Any:
         """Return the value of a fluent or a constant in the new initial state (``None``: open)."""
-        if node.is_object_exp():
-            return node.object().name
         if node.is_constant():
-            return node.constant_value()
-        if not node.is_fluent_exp() or not all(a.is_object_exp() for a in node.args):
+            return node.object().name if node.is_object_exp() else node.constant_value()
+        if node.is_parameter_exp():
+            return self.planned.values.get(node.parameter().name)
+        arguments = [self.value(a) for a in node.args]
+        if not node.is_fluent_exp() or None in arguments:
             return None
-        key: Expr = (
-            "flu",
-            node.fluent().name,
-            *(("obj", a.object().name) for a in node.args),
-        )
+        key: Expr = ("flu", node.fluent().name, *map(constant, arguments))
         if key in self.changed:
             return self.changed[key]
         return self.planned.value(self.planned.problem.initial_value(key))
@@ -164,8 +161,8 @@ class Substitution(Decided):
 
     ``exact`` maps activities that are over to their start and end (units, old clock, not rounded:
     what is over is judged by what really was), ``gone`` are activities that cannot
-    happen any more and so have no times, ``values`` known parameters of what is over,
-    ``mandatory`` activities that have begun: present.
+    happen any more and so have no times and no parameters (``lost``), ``values`` known parameters
+    of what is over, ``mandatory`` activities that have begun: present.
     """
 
     def __init__(
@@ -176,10 +173,12 @@ class Substitution(Decided):
         gone: frozenset[str],
         values: Mapping[str, FNode],
         mandatory: frozenset[str],
+        lost: frozenset[str],
     ) -> None:
         super().__init__(environment)
         self.shift, self.past, self.exact = shift, whole_units(exact), exact
         self.gone, self.values, self.mandatory = gone, values, mandatory
+        self.lost = lost
 
     def leaf(self, node: FNode, positive: bool) -> FNode:
         """See :class:`Decided`."""
@@ -190,14 +189,28 @@ class Substitution(Decided):
                 return m.FALSE()
             known = name in self.past or name in self.mandatory
             return m.TRUE() if known else node
-        if node.is_parameter_exp():
-            return self.values.get(node.parameter().name, node)
         if node.node_type in _COMPARISONS:
             return self._comparison(node, positive)
+        if self._has_none(node):
+            return m.Bool(positive)
+        if node.is_parameter_exp():
+            return self.values.get(node.parameter().name, node)
         parts = tuple(self(a, positive) for a in node.args)
         if parts == tuple(node.args):
             return node
         return m.create_node(node_type=node.node_type, args=parts, payload=node._content.payload)
+
+    def tells(self, node: FNode) -> bool:
+        """Return whether an expression speaks of parameters that are known, or of lost ones."""
+        if node.is_parameter_exp():
+            return node.parameter().name in self.values.keys() | self.lost
+        return any(map(self.tells, node.args))
+
+    def _has_none(self, node: FNode) -> bool:
+        """Return whether a parameter or a fluent has no value: nobody chooses it any more."""
+        if node.is_parameter_exp():
+            return node.parameter().name in self.lost
+        return any(map(self._has_none, node.args))
 
     def _comparison(self, node: FNode, positive: bool) -> FNode:
         """Return a comparison on the new clock; times without a partner are moved by the shift."""
@@ -257,10 +270,10 @@ class Substitution(Decided):
         m = self.manager
         if node.is_timing_exp():
             return self._timing(node)
-        if node.is_parameter_exp():
-            return self.values.get(node.parameter().name, node), 0
+        if self._has_none(node):
+            return None
         if not node.args or node.is_fluent_exp():
-            return node, 0
+            return self(node), 0
         parts = [self._side(a) for a in node.args]
         if any(p is None for p in parts):
             return None

@@ -1,4 +1,4 @@
-"""How long a body needs along its path when nothing holds it up."""
+"""Speed profiles: how long a body needs along its path when nothing holds it up."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from up_samp.execution.lives import Life
+from up_samp.model import Body, Configuration
 from up_samp.motion.fleet.paths import Path, hull_of
 
 FloatArray = npt.NDArray[np.float64]
@@ -104,20 +105,35 @@ def along(path: Path, pose: Sequence[float], window: tuple[float, float] | None 
     low, high = max(0.0, min(low, path.length)), min(path.length, max(high, 0.0))
     spacing = max(FINEST, (high - low) / MOST)
     at = np.linspace(low, high, max(2, int(np.ceil((high - low) / spacing)) + 1))
-    radius = hull_of(path.body).radius
-
-    def off(progress: FloatArray) -> FloatArray:
-        gap = path.poses_at(progress) - np.asarray(pose, dtype=np.float64)
-        turn = np.abs(gap[:, 2] - 2 * np.pi * np.round(gap[:, 2] / (2 * np.pi)))
-        return np.asarray(np.hypot(np.hypot(gap[:, 0], gap[:, 1]), radius * turn))
-
     while True:
-        found = off(at)
+        found = _away(path.poses_at(at), pose, path.body)
         k = int(np.argmin(found))
         step = at[1] - at[0]
         if step <= FINEST / 100:
             return Along(float(at[k]), float(found[k]))
         at = np.linspace(max(low, at[k] - step), min(high, at[k] + step), 41)
+
+
+def away(one: Configuration, other: Configuration, body: Body) -> float:
+    """Return how far (m) a body is from one pose at another."""
+    return float(_away(np.array([one]), other, body)[0])
+
+
+def _away(poses: FloatArray, pose: Sequence[float], body: Body) -> FloatArray:
+    gap = poses - np.asarray(pose, dtype=np.float64)
+    turn = np.abs(gap[:, 2] - 2 * np.pi * np.round(gap[:, 2] / (2 * np.pi)))
+    return np.asarray(np.hypot(np.hypot(gap[:, 0], gap[:, 1]), hull_of(body).radius * turn))
+
+
+def pose_at(path: Path, progress: float) -> Configuration:
+    """Return where a body is that tells a progress (m): straight on, where that is beyond an end of
+    its path.
+    """
+    inside = min(max(progress, 0.0), path.length)
+    pose, last = path.poses_at(np.array([inside]))[0], -1 if progress > 0.0 else 1
+    step = (path.poses[last] - path.poses[last - 1]) / (path.s[last] - path.s[last - 1])
+    x, y, theta = pose + (progress - inside) * step
+    return float(x), float(y), float(theta)
 
 
 def travel_of(path: Path) -> TravelProfile:

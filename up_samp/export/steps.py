@@ -159,7 +159,7 @@ class _StepReader:
             return [RobotStep(robot, name, begin, (started,), (done,), None, seconds)]
         steps: list[RobotStep] = []
         points = set(self.points.get((name, robot), {}).values())
-        for piece, low, high in _stretches(motion, points):
+        for piece, low, high in stretches_of(motion, points):
             waits = () if steps else begin
             waits += self._at("leave", name, robot, low)
             begins = tuple(self._events("leave", name, robot, low))
@@ -180,7 +180,7 @@ class _StepReader:
         return tuple(w for e in events for w in self.waits.get(e, ()))
 
 
-def _stretches(
+def stretches_of(
     motion: Mapping[str, Any], points: set[float]
 ) -> list[tuple[PathPiece, float, float]]:
     """Return the pieces of a motion, cut at ``points`` (m of progress), with their ends (m)."""

@@ -126,20 +126,21 @@ def _order(plan: PlanDict, robot: str, steps: Sequence[RobotStep], map_id: str) 
             raise ProblemError(f"the plan does not say where '{robot}' is")
         first = np.asarray(entry["initial"], dtype=np.float64)
     pose: FloatArray = first
-    order.nodes.append(_node(robot, 0, pose, map_id))
+    order.nodes.append(node_of(robot, 0, pose, map_id))
     for number, step in enumerate(steps, start=1):
         if step.piece is not None:
             pose = step.piece.rows[-1, 1:]
-        node = _node(robot, number, pose, map_id)
+        node = node_of(robot, number, pose, map_id)
         if step.piece is None:
             node["actions"] = [_action(step)]
-        order.edges.append(_edge(robot, number, step.piece))
+        order.edges.append(edge_of(robot, number, step.piece))
         order.nodes.append(node)
         order.steps.append(step)
     return order
 
 
-def _node(robot: str, number: int, pose: FloatArray, map_id: str) -> Message:
+def node_of(robot: str, number: int, pose: FloatArray, map_id: str) -> Message:
+    """Return a node at a pose; it is not released."""
     return {
         "nodeId": f"{robot}-n{number}",
         "sequenceId": 2 * number,
@@ -163,7 +164,8 @@ def _action(step: RobotStep) -> Message:
     }
 
 
-def _edge(robot: str, number: int, piece: PathPiece | None) -> Message:
+def edge_of(robot: str, number: int, piece: PathPiece | None) -> Message:
+    """Return the edge that leads to a node, along a piece of a path; it is not released."""
     edge: Message = {
         "edgeId": f"{robot}-e{number}",
         "sequenceId": 2 * number - 1,

@@ -9,20 +9,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from up_samp.fleet.floors import FloorMaps, floor_of
 from up_samp.fleet.loads import load_of, place_of, ridden, with_load
 from up_samp.fleet.outlines import kept_out
 from up_samp.fleet.records import Battery, Charger, FleetRecords
 from up_samp.fleet.statements import Kind, Written
-from up_samp.geometry import load_map
 from up_samp.io.sampling import rows_trajectory
 from up_samp.model import Deadline, PathQuery, Trajectory
-from up_samp.motion import MotionService
 
 MOST_STEPS, WAY_SECONDS, PATIENCE = 60, 10.0, 60.0
 """Steps of a charger's activity, at most; time for one drive whose way is asked for, and for all of
@@ -35,7 +33,7 @@ class Meter:
 
     def __init__(self, records: FleetRecords, folder: Path) -> None:
         self._records = records
-        self._folder = folder
+        self._storeys = FloorMaps(records, folder)
         self._known: dict[tuple[str, str, str], float] = {}
         self._in_vain = 0.0
 
@@ -72,17 +70,13 @@ class Meter:
         mine, order = records.robot_types[kind], ridden(records, origin, to)
         load = None if order is None else load_of(records, order)
         poses = tuple(records.places[place_of(p)].pose for p in (origin, to))
-        query = PathQuery(with_load(mine, load), poses, kept_out(records, kind))
+        zones = kept_out(records, kind, floor_of(records, origin))
+        query = PathQuery(with_load(mine, load), poses, zones)
         share = 1.0 if self._in_vain < PATIENCE else 0.1
         deadline = Deadline.after(share * WAY_SECONDS)
-        way = self._service.plan(query, deadline).trajectory
+        way = self._storeys.at(origin).plan(query, deadline).trajectory
         self._in_vain += deadline.elapsed() if way is None else 0.0
         return way
-
-    @cached_property
-    def _service(self) -> MotionService:
-        grid = load_map(self._folder / self._records.map)
-        return MotionService(grid, margin=self._records.margin)
 
 
 def taken(battery: Battery, way: Trajectory) -> float:

@@ -15,6 +15,7 @@ from shapely import STRtree, box
 from shapely.geometry import Polygon
 
 from up_samp.fleet.faults import NO_ROBOT
+from up_samp.fleet.floors import FloorMaps, floor_of, legs_between, lift_between
 from up_samp.fleet.loads import ends_of, load_of, load_pose, loads_of, place_of, with_load
 from up_samp.fleet.outlines import body_of, kept_out, placed, still
 from up_samp.fleet.records import (
@@ -30,9 +31,7 @@ from up_samp.fleet.records import (
 from up_samp.fleet.spelled_out import spelled_out
 from up_samp.fleet.statements import Kind
 from up_samp.fleet.visits import visits_of
-from up_samp.geometry import load_map
 from up_samp.model import Body, Deadline, Outcome, PathQuery, Placed
-from up_samp.motion import MotionService
 from up_samp.motion.compile import precompile
 
 
@@ -95,7 +94,7 @@ class _Halt(NamedTuple):
 class _Checker:
     def __init__(self, records: FleetRecords, folder: Path, seconds: float) -> None:
         self.records = records
-        self.service = MotionService(load_map(folder / records.map), margin=records.margin)
+        self.storeys = FloorMaps(records, folder)
         self.seconds = seconds
         self.bodies = {name: body_of(kind) for name, kind in records.robot_types.items()}
         precompile({body.kinematics.model for body in self.bodies.values()})
@@ -111,10 +110,16 @@ class _Checker:
             ends = {mine.start, mine.end} - {None}
             self.bound.setdefault(mine.type, set()).update(p for p in ends if p is not None)
 
-    def doors(self) -> tuple[Placed, ...]:
+    def doors(self, floor: str) -> tuple[Placed, ...]:
+        """Return the doors of a floor, closed."""
         return tuple(
-            Placed(name, still(d.leaf), tuple(d.closed)) for name, d in self.records.doors.items()
+            Placed(name, still(d.leaf), tuple(d.closed))
+            for name, d in self.records.doors.items()
+            if d.floor == floor
         )
+
+    def floor(self, place: str) -> str:
+        return floor_of(self.records, place)
 
     def poses(self) -> Iterator[Finding]:
         """Where robots would stand in walls, doors or zones."""
@@ -126,9 +131,10 @@ class _Checker:
                     text = f"its heading {pose[2]:g} is more than a full turn: headings are in rad"
                     yield Finding(Level.WARNING, name, text)
                 at = f"at {_show(pose)} a robot of type '{kind}'"
-                wall, hit = self.service.pose_blockers(
-                    self.bodies[kind], pose, (*self.doors(), *kept_out(self.records, kind))
-                )
+                floor = self.floor(name)
+                around = (*self.doors(floor), *kept_out(self.records, kind, floor))
+                service = self.storeys.service(floor)
+                wall, hit = service.pose_blockers(self.bodies[kind], pose, around)
                 blocked = found.setdefault(name, {}).setdefault(kind, [])
                 if wall:
                     blocked.append(
@@ -158,7 +164,7 @@ class _Checker:
     def pairs(self) -> Iterator[Finding]:
         """Which places hold one robot between them."""
         uses = [(k, p) for k, places in sorted(self.used.items()) for p in sorted(places)]
-        bodies = [(self.bodies[k], self.places[p]) for k, p in uses]
+        bodies = [(self.bodies[k], self.places[p], self.floor(p)) for k, p in uses]
         starts = {r.start for r in self.records.robots.values()}
         ends = {r.end for r in self.records.robots.values()} - {None}
         yield from self._same_ends()
@@ -190,30 +196,33 @@ class _Checker:
                 text = f"robots {' and '.join(robots)} have to end here; give each its own end"
                 yield Finding(Level.ERROR, place, text)
 
-    def _meeting(self, bodies: Sequence[tuple[Body, Pose]]) -> Iterator[tuple[int, int]]:
-        """Yield the pairs of bodies that overlap, by their numbers; far ones cost nothing."""
-        shapes = [Polygon(placed(tuple(body.footprint), pose)) for body, pose in bodies]
+    def _meeting(self, bodies: Sequence[tuple[Body, Pose, str]]) -> Iterator[tuple[int, int]]:
+        """Yield the pairs of bodies (each at a pose of a floor) that overlap, by their numbers; far
+        ones cost nothing.
+        """
+        shapes = [Polygon(placed(tuple(body.footprint), pose)) for body, pose, _ in bodies]
         boxes = [box(*s.bounds).buffer(0.01) for s in shapes]
         near = STRtree(boxes).query(boxes, predicate="intersects").T
         for one, other in sorted((int(a), int(b)) for a, b in near if a < b):
-            if self.service.overlap(*bodies[one], *bodies[other]):
+            (body, pose, floor), (body_2, pose_2, floor_2) = bodies[one], bodies[other]
+            service = self.storeys.service(floor)
+            if floor == floor_2 and service.overlap(body, pose, body_2, pose_2):
                 yield one, other
 
     def left_behind(self) -> Iterator[Finding]:
         """Robots without an end that stand where others have to end."""
         ending = [(n, r.end, r.type) for n, r in self.records.robots.items() if r.end is not None]
         staying = [(n, r) for n, r in self.records.robots.items() if r.end is None]
-        bodies = [(self.bodies[kind], self.places[end]) for _, end, kind in ending]
-        bodies += [(self.bodies[r.type], self.places[r.start]) for _, r in staying]
+        at = [(kind, end) for _, end, kind in ending] + [(r.type, r.start) for _, r in staying]
+        bodies = [(self.bodies[k], self.places[p], self.floor(p)) for k, p in at]
         for one, other in self._meeting(bodies) if staying else ():
             if one >= len(ending) or other < len(ending):
                 continue
             name, end, _ = ending[one]
             stays, mine = staying[other - len(ending)]
-            away = any(
-                not self.service.overlap(*bodies[one], self.bodies[mine.type], self.places[place])
-                for place in {place_of(p) for v in self.visits[stays] for p in v.places}
-            )
+            places = {place_of(p) for v in self.visits[stays] for p in v.places}
+            there = [(self.bodies[mine.type], self.places[p], self.floor(p)) for p in places]
+            away = any(not any(self._meeting([bodies[one], body])) for body in there)
             text = f"robot '{name}' ends here, where '{stays}' stands at first, which has no end: "
             text += f"give '{stays}' an end, or add a place to be out of the way (park: 1)"
             yield Finding(Level.WARNING if away else Level.ERROR, end, text)
@@ -282,10 +291,18 @@ class _Checker:
         """Return how long a robot drives from one place to another at least (s)."""
         key = self.records.robots[robot].type, origin, to
         if key not in self.least:
-            body = self.bodies[key[0]]
-            ends = self.places[origin], self.places[to]
-            self.least[key] = 0.0 if origin == to else self.service.lower_bound(body, *ends)
+            ways = legs_between(self.records, origin, to)
+            sums = [sum(self._leg(key[0], *leg) for leg in way) for way in ways]
+            self.least[key] = 0.0 if origin == to else min(sums, default=math.inf)
         return self.least[key]
+
+    def _leg(self, kind: str, origin: str, to: str) -> float:
+        """Return how long a robot drives or rides at least (s)."""
+        lift = lift_between(self.records, origin, to)
+        if lift is not None:
+            return self.records.lifts[lift].seconds
+        ends = self.places[origin], self.places[to]
+        return self.storeys.at(origin).lower_bound(self.bodies[kind], *ends)
 
     @cached_property
     def shut(self) -> frozenset[str]:
@@ -315,9 +332,21 @@ class _Checker:
     def _reaches(self, robot: str, place: str, shut: frozenset[str]) -> bool:
         """Return whether no proof says that the robot cannot get there past doors that are shut."""
         mine = self.records.robots[robot]
-        ends = self.places[mine.start], self.places[place]
-        around = (*kept_out(self.records, mine.type), *(d for d in self.doors() if d.name in shut))
-        return self.service.certificate(self.bodies[mine.type], ends, around) is None
+        ways = legs_between(self.records, mine.start, place)
+        return any(
+            all(self._passes(mine.type, *leg, shut) for leg in way if self._drives(*leg))
+            for way in ways
+        )
+
+    def _drives(self, origin: str, to: str) -> bool:
+        return lift_between(self.records, origin, to) is None
+
+    def _passes(self, kind: str, origin: str, to: str, shut: frozenset[str]) -> bool:
+        """Return whether no proof says that there is no drive past doors that are shut."""
+        floor, ends = self.floor(origin), (self.places[origin], self.places[to])
+        doors = (door for door in self.doors(floor) if door.name in shut)
+        around = (*kept_out(self.records, kind, floor), *doors)
+        return self.storeys.service(floor).certificate(self.bodies[kind], ends, around) is None
 
     def ways(self) -> Iterator[Finding]:
         """What robots can reach, and who can do what."""
@@ -330,14 +359,11 @@ class _Checker:
 
     def _ways(self, robot: str, reach: set[str]) -> Iterator[Finding]:
         mine = self.records.robots[robot]
-        body, start = self.bodies[mine.type], self.places[mine.start]
-        zones = kept_out(self.records, mine.type)
         used: dict[str, set[Kind]] = {}
         for visit in self.visits[robot]:
             for place in map(place_of, visit.places):
                 used.setdefault(place, set()).add(visit.kind)
         for place, roles in used.items():
-            goal = self.places[place]
             if self._reaches(robot, place, self.shut):
                 reach.add(place)
             else:
@@ -347,24 +373,24 @@ class _Checker:
                     text += f": nobody can open {_and(self.shut)}"
                 yield Finding(level, place, text)
                 continue
-            yield from self._doors_on(robot, place, start, goal)
-            report = self.service.plan(
-                PathQuery(body, (start, goal), zones), Deadline.after(self.seconds)
-            )
-            if report.outcome is Outcome.OUT_OF_TIME:
+            for door in self.records.doors:
+                if not self._reaches(robot, place, frozenset({door})):
+                    text = f"robot '{robot}' gets there only once door '{door}' is open"
+                    yield Finding(Level.NOTE, place, text)
+            ways = legs_between(self.records, mine.start, place)
+            if all(any(self._in_vain(mine.type, *leg) for leg in way) for way in ways):
                 text = f"no drive of robot '{robot}' from '{mine.start}' was found in time"
                 yield Finding(Level.WARNING, place, text)
 
-    def _doors_on(self, robot: str, place: str, start: Pose, goal: Pose) -> Iterator[Finding]:
-        """Which doors have to be open for a drive."""
-        kind = self.records.robots[robot].type
-        for door in self.doors():
-            around = (*kept_out(self.records, kind), door)
-            proof = self.service.certificate(self.bodies[kind], (start, goal), around)
-            if proof is None:
-                continue
-            text = f"robot '{robot}' gets there only once door '{door.name}' is open"
-            yield Finding(Level.NOTE, place, text)
+    def _in_vain(self, kind: str, origin: str, to: str) -> bool:
+        """Return whether a drive was looked for until time ran out."""
+        if not self._drives(origin, to):
+            return False
+        ends = self.places[origin], self.places[to]
+        zones = kept_out(self.records, kind, self.floor(origin))
+        query = PathQuery(self.bodies[kind], ends, zones)
+        report = self.storeys.at(origin).plan(query, Deadline.after(self.seconds))
+        return report.outcome is Outcome.OUT_OF_TIME
 
     def _job(self, job: Order | Task, reach: dict[str, set[str]]) -> Iterator[Finding]:
         if not needs_robot(job):
@@ -386,7 +412,8 @@ class _Checker:
         """Whether robots get through with a load that is as large as theirs."""
         level = Level.NOTE if order.optional else Level.ERROR
         stands, outline = self.places[order.pickup.at[0]], still(load.footprint)
-        wall, _ = self.service.pose_blockers(outline, load_pose(load, stands), ())
+        service = self.storeys.at(order.pickup.at[0])
+        wall, _ = service.pose_blockers(outline, load_pose(load, stands), ())
         if wall and isinstance(order.attached, Attached):
             yield Finding(level, order.id, "its load would stand in a wall or outside the map")
             return
@@ -403,8 +430,10 @@ class _Checker:
         kind = self.records.robots[robot].type
         body = with_load(self.records.robot_types[kind], load)
         ends = self.places[origin], self.places[to]
-        around = (*kept_out(self.records, kind), *(d for d in self.doors() if d.name in self.shut))
-        return self.service.certificate(body, ends, around) is not None
+        floor = self.floor(origin)
+        doors = (door for door in self.doors(floor) if door.name in self.shut)
+        around = (*kept_out(self.records, kind, floor), *doors)
+        return self.storeys.service(floor).certificate(body, ends, around) is not None
 
     def loads(self) -> Iterator[Finding]:
         """Loads that stand in each other or on robots."""
@@ -412,11 +441,13 @@ class _Checker:
         for order, load in loads:
             pose = load_pose(load, self.places[order.pickup.at[0]])
             name = f"the load of '{order.id}'"
-            bodies.append((name, order.id, still(load.footprint), pose))
+            floor = self.floor(order.pickup.at[0])
+            bodies.append((name, order.id, still(load.footprint), pose, floor))
         for name, robot in self.records.robots.items():
             pose = self.places[robot.start]
-            bodies.append((f"robot '{name}'", "", self.bodies[robot.type], pose))
-        for i, j in self._meeting([(body, pose) for *_, body, pose in bodies]) if loads else ():
+            body, floor = self.bodies[robot.type], self.floor(robot.start)
+            bodies.append((f"robot '{name}'", "", body, pose, floor))
+        for i, j in self._meeting([(b, p, f) for _, _, b, p, f in bodies]) if loads else ():
             (one, subject, *_), (other, *_) = bodies[i], bodies[j]
             if subject:
                 yield Finding(Level.ERROR, subject, f"{one} and {other} would overlap at first")

@@ -9,13 +9,13 @@ from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import Equals
 
 from up_samp.fleet.batteries import Meter
+from up_samp.fleet.floors import floor_of, lift_between
 from up_samp.fleet.loads import is_stand_of, is_under, load_name, loads_of, place_of, ridden
-from up_samp.fleet.records import RobotType
+from up_samp.fleet.records import GROUND, RobotType
 from up_samp.fleet.site import Passing, Site
 from up_samp.fleet.statements import Kind, Meaning, at_start
 from up_samp.fleet.visits import Successions, moves_needed
 from up_samp.fleet.work import Work
-from up_samp.geometry import load_map
 
 
 class Drives:
@@ -29,9 +29,14 @@ class Drives:
     def add(self, robot: str) -> None:
         """Add the drives that a robot may need, as many of each as any schedule could."""
         records, kind = self._site.records, self._site.kind_of(robot)
-        needed = moves_needed(self._work.visits[robot], Successions(records, kind))
+        needed = moves_needed(self._work.visits[robot], Successions(records, robot))
         longest = self._longest(kind)
         for (origin, to), copies in needed.items():
+            lift = lift_between(records, origin, to)
+            if lift is not None:
+                for _ in range(copies):
+                    self._work.busy[robot].append(self._ride(robot, lift, origin, to))
+                continue
             if self._meter.too_far(robot, origin, to):
                 continue
             order = ridden(records, origin, to)
@@ -42,6 +47,20 @@ class Drives:
                 name = verb + (f"_{number}" if number > 1 else "")
                 self._work.busy[robot].append(self._drive(robot, origin, to, name, longest))
 
+    def _ride(self, robot: str, lift: str, origin: str, to: str) -> Activity:
+        """Add a ride: the robot stands at the stop where it entered until it is at the other."""
+        site = self._site
+        name = site.fresh(f"ride_{robot}_{origin}_to_{to}", Meaning(Kind.RIDE, lift, robot))
+        seconds = site.records.lifts[lift].seconds
+        a = site.problem.add_motion_activity(name, site.up(seconds), optional=True)
+        a.add_motion_effect(site.robots[robot], site.places[to])
+        a.uses(site.lifts[lift])
+        a.add_decrease_effect(a.start, site.stops[to], 1)
+        a.add_increase_effect(a.end, site.stops[origin], 1)
+        a.add_condition(at_start(a), Equals(site.at[robot], site.spots[origin]))
+        a.add_effect(a.end, site.at[robot], site.spots[to])
+        return a
+
     def _drive(self, robot: str, origin: str, to: str, name: str, longest: int) -> Activity:
         site = self._site
         mover = site.robots[robot]
@@ -51,6 +70,7 @@ class Drives:
             meaning = Meaning(Kind.CARRY, order.id, robot)
         a = site.problem.add_motion_activity(site.fresh(name, meaning), optional=True)
         a.set_duration_bounds(1, longest)
+        floor = floor_of(site.records, origin)
         areas = self._zones(a, robot, origin, to)
         a.add_motion_constraint(
             ActivityWaypoints(
@@ -58,8 +78,8 @@ class Drives:
                 site.places[origin],
                 [site.places[to]],
                 static_obstacles=[
-                    *site.doors.values(),
-                    *site.keep_out.get(mover.type.name, ()),
+                    *(site.doors[n] for n, d in site.records.doors.items() if d.floor == floor),
+                    *site.keep_out.get((mover.type.name, floor), ()),
                     *areas,
                 ],
                 dynamic_obstacles_at_start=self._moving(robot, origin, to),
@@ -69,16 +89,20 @@ class Drives:
         amount = self._meter.drive(robot, origin, to)
         if amount:
             a.add_decrease_effect(a.start, site.batteries[robot], amount)
+        if origin in site.stops:
+            a.add_increase_effect(a.end, site.stops[origin], 1)
+        if to in site.stops:
+            a.add_decrease_effect(a.start, site.stops[to], 1)  # nobody is on the way out
         if order is not None:
             a.add_motion_effect(site.pallets[load_name(site.records, order)], site.stands[to])
-        a.add_condition(at_start(a), Equals(site.at[robot], site.places[origin]))
-        a.add_effect(a.end, site.at[robot], site.places[to])
+        a.add_condition(at_start(a), Equals(site.at[robot], site.spots[origin]))
+        a.add_effect(a.end, site.at[robot], site.spots[to])
         return a
 
     def _zones(self, a: Activity, robot: str, origin: str, to: str) -> list[MovableObject]:
         """Count a drive in the zones that it visits; return those that it goes around."""
         around = []
-        for crowd in self._site.crowds:
+        for crowd in (c for c in self._site.crowds if c.floor == floor_of(self._site.records, to)):
             area, room = self._site.rooms[crowd.zone]
             passing = crowd.passing(robot, origin, to)
             if passing is Passing.AROUND:
@@ -107,6 +131,9 @@ class Drives:
         quarter of an hour, in which others can get out of the way, or what twenty stops and turns
         take of a robot that is very slow at them.
         """
-        width, height = load_map(self._site.map).size
+        sizes = [
+            self._site.storeys.grid(floor).size for floor in (GROUND, *self._site.records.floors)
+        ]
+        width, height = max(sizes, key=sum)
         stops = 20 * (kind.v_max / kind.a_max + 2 * math.pi / kind.omega_max)
         return self._site.up(8 * (width + height) / kind.v_max + max(900.0, stops))

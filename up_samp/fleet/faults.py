@@ -15,6 +15,7 @@ from shapely.validation import explain_validity
 
 from up_samp.fleet.records import (
     FIGURES,
+    GROUND,
     Attached,
     Battery,
     FleetRecords,
@@ -29,7 +30,7 @@ from up_samp.fleet.records import (
     needs_robot,
     with_skills,
 )
-from up_samp.fleet.spelled_out import ids_of, with_places
+from up_samp.fleet.spelled_out import ids_of, stop_of, with_places
 from up_samp.model import ProblemError
 
 
@@ -135,6 +136,8 @@ def same_names(records: FleetRecords) -> Iterator[Fault]:
         ("places", records.places),
         ("doors", records.doors),
         ("zones", records.zones),
+        ("lifts", records.lifts),
+        ("floors", records.floors),
         ("resources", records.resources),
     ]
     seen: dict[str, str] = {}
@@ -171,6 +174,32 @@ def _robots(records: FleetRecords) -> Iterator[Fault]:
         yield from _window(robot.shift, 0.0, path, "shift")
         for i, rest in enumerate(robot.breaks):
             yield from _window(rest.window, rest.duration, (*path, "breaks", i))
+
+
+def _floors(records: FleetRecords) -> Iterator[Fault]:
+    """Places, doors and zones are on floors that there are; lifts stop at such."""
+    known = (GROUND, *records.floors)
+    if GROUND in records.floors:
+        yield Fault(("floors", GROUND), "is the floor of the problem's own map; call this another")
+    stops = {stop_of(n, floor) for n, lift in records.lifts.items() for floor in lift.stops}
+    named: list[tuple[Path, str]] = [
+        ((kind, name, "floor"), item.floor)
+        for kind in ("places", "doors", "zones")
+        for name, item in getattr(records, kind).items()
+        if name not in stops
+    ]
+    for name, lift in records.lifts.items():
+        named += [(("lifts", name, "stops", floor), floor) for floor in lift.stops]
+        if records.robots and not with_skills(records, lift.skills, ()):
+            yield Fault(("lifts", name, "skills"), f"no robot has {_and(lift.skills)}")
+    for path, floor in named:
+        yield from _known(known, "floor", [floor], path)
+    heights: dict[float, str] = {0.0: GROUND}
+    for name, storey in records.floors.items():
+        if storey.height in heights:
+            text = f"is that of '{heights[storey.height]}'; floors lie above each other"
+            yield Fault(("floors", name, "height"), text)
+        heights.setdefault(storey.height, name)
 
 
 def _batteries(records: FleetRecords) -> Iterator[Fault]:
@@ -278,6 +307,12 @@ def _attached(records: FleetRecords, order: Order, path: Path) -> Iterator[Fault
     elif len(order.pickup.at) > 1:
         text = "its load stands at one place; name that one"
         yield Fault((*path, "pickup"), text)
+    places = [
+        records.places[p] for p in (*order.pickup.at, *order.delivery.at) if p in records.places
+    ]
+    if len({place.floor for place in places}) > 1:
+        text = "a load with a footprint stays on its floor: lifts take robots without one"
+        yield Fault((*path, "delivery"), text)
     same = sorted(set(order.pickup.at) & set(order.delivery.at))
     if same:
         text = f"its load stands at '{same[0]}' already; deliver it elsewhere"
@@ -443,6 +478,7 @@ def _weights(records: FleetRecords) -> Iterator[Fault]:
 
 CHECKS: tuple[Callable[[FleetRecords], Iterator[Fault]], ...] = (
     same_names,
+    _floors,
     _robots,
     _batteries,
     _chargers,

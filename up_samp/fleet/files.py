@@ -214,10 +214,13 @@ def read_problem_text(
 
 def _map_faults(records: FleetRecords, folder: File) -> Iterator[Fault]:
     """A map that cannot be read is told where it is named."""
-    try:
-        load_map(folder / records.map)
-    except ProblemError as error:
-        yield Fault(("map",), str(error))
+    maps: dict[Path, str] = {("map",): records.map}
+    maps |= {("floors", name, "map"): floor.map for name, floor in records.floors.items()}
+    for path, file in maps.items():
+        try:
+            load_map(folder / file)
+        except ProblemError as error:
+            yield Fault(path, str(error))
 
 
 def checked_records(data: dict[str, Any], map_file: str | None = None) -> FleetRecords:
@@ -229,6 +232,9 @@ def checked_records(data: dict[str, Any], map_file: str | None = None) -> FleetR
         if "map" in data:
             text = "the problem must not name a map: it comes beside it"
             raise FleetError([Fault(("map",), text)])
+        if data.get("floors"):
+            text = "one map comes beside the problem: solve it where the files of its floors are"
+            raise FleetError([Fault(("floors",), text)])
         data = {**data, "map": map_file}
     records: FleetRecords = read_record(FleetRecords, data)
     faults = find_faults(records)

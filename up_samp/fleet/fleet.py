@@ -29,11 +29,13 @@ from up_samp.fleet.picture import draw_fleet
 from up_samp.fleet.records import (
     Door,
     FleetRecords,
+    Lift,
     Order,
     Place,
     Resource,
     Robot,
     RobotType,
+    Storey,
     Task,
     Weights,
     Zone,
@@ -94,10 +96,19 @@ class Fleet:
     def save(self, file: str | PathLike[str]) -> Path:
         """Write a problem file (YAML or JSON, by its ending) and return its path."""
         path = Path(file)
-        where = (self._folder / self._records.map).resolve()
         home = path.resolve().parent
-        map_file = where.relative_to(home) if where.is_relative_to(home) else where
-        return write_problem_file(path, dataclasses.replace(self._records, map=str(map_file)))
+
+        def seen_from_home(map_file: str) -> str:
+            where = (self._folder / map_file).resolve()
+            return str(where.relative_to(home) if where.is_relative_to(home) else where)
+
+        records = self._records
+        floors = {
+            name: dataclasses.replace(floor, map=seen_from_home(floor.map))
+            for name, floor in records.floors.items()
+        }
+        records = dataclasses.replace(records, map=seen_from_home(records.map), floors=floors)
+        return write_problem_file(path, records)
 
     @property
     def records(self) -> FleetRecords:
@@ -153,15 +164,24 @@ class Fleet:
         x: float,
         y: float,
         theta: float = 0.0,
-        *,
-        park: int = 0,
-        charger: Any = None,
+        **options: Any,
     ) -> None:
-        """Add a pose. ``park``: how often each robot may rest here to be out of the way;
-        ``charger``: robots charge here, see :class:`Charger` for its keys.
+        """Add a pose. Options: ``park`` (how often each robot may rest here to be out of the way),
+        ``charger`` (robots charge here, see :class:`Charger` for its keys), ``floor``.
         """
-        data = {"pose": (x, y, theta), "park": park, "charger": charger}
-        self._named("places", Place, name, data)
+        self._named("places", Place, name, {"pose": (x, y, theta), **options})
+
+    def add_floor(self, name: str, map: str | PathLike[str], height: float) -> None:
+        """Add a further floor, ``height`` m above the map's own (``ground``). Places, doors and
+        zones say on which ``floor`` they are; robots change floors by lifts.
+        """
+        self._named("floors", Storey, name, {"map": fspath(map), "height": height})
+
+    def add_lift(self, name: str, stops: Mapping[str, Any], **options: Any) -> None:
+        """Add a lift: ``stops`` are the poses at which a robot stands in it, by floor. Options:
+        ``seconds`` of a ride, ``skills``.
+        """
+        self._named("lifts", Lift, name, {"stops": stops, **options})
 
     def add_door(self, name: str, leaf: Any, closed: Any, open: Any, **options: Any) -> None:
         """Add a closed door; options: ``opened_from`` (places), ``seconds``, ``skills``."""

@@ -60,6 +60,10 @@ def area_of(records: FleetRecords, zone: str) -> Placed:
     return Placed(zone, still(records.zones[zone].polygon), (0.0, 0.0, 0.0))
 
 
-def kept_out(records: FleetRecords, kind: str) -> tuple[Placed, ...]:
-    """Return the zones that robots of a type must keep out of, as obstacles."""
-    return tuple(area_of(records, n) for n, zone in records.zones.items() if kind in zone.keep_out)
+def kept_out(records: FleetRecords, kind: str, floor: str) -> tuple[Placed, ...]:
+    """Return the zones of a floor that robots of a type must keep out of, as obstacles."""
+    return tuple(
+        area_of(records, name)
+        for name, zone in records.zones.items()
+        if kind in zone.keep_out and zone.floor == floor
+    )

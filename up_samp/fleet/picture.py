@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +13,13 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Patch, Polygon
 
 from up_samp.fleet.checks import Finding, Level
+from up_samp.fleet.floors import height_of, map_of
 from up_samp.fleet.loads import load_pose, loads_of
 from up_samp.fleet.outlines import placed
-from up_samp.fleet.records import FleetRecords, Outline, Pose
+from up_samp.fleet.records import GROUND, FleetRecords, Outline, Pose
 from up_samp.fleet.spelled_out import spelled_out
-from up_samp.plotting.background import background_of
+from up_samp.model.frames import Frame
+from up_samp.plotting.background import ground_of
 from up_samp.plotting.style import (
     FIXTURE,
     INK,
@@ -35,8 +38,14 @@ def draw_fleet(
 ) -> Axes:
     """Draw what ``records`` say; what errors and warnings are about is red. Returns the axes."""
     records = spelled_out(records)
-    site = {"yaml": str(folder / records.map)}
-    ground = background_of({"map": site, "objects": [], "motions": [], "changes": []})
+    maps = [
+        {"yaml": str(folder / map_of(records, floor)), "height": height_of(records, floor)}
+        for floor in (GROUND, *records.floors)
+    ]
+    site = {"map": maps[0], "maps": maps, "objects": [], "motions": [], "changes": []}
+    backdrop = ground_of(site)
+    records = _laid_out(records, backdrop.shifts)
+    ground = backdrop.background
     left, right, bottom, top = ground.extent
     if ax is None:
         height = min(max(11.0 * (top - bottom) / (right - left), 3.0), 16.0) + 1.0
@@ -47,6 +56,9 @@ def draw_fleet(
     told = [f for f in findings if f.level is not Level.NOTE]
     bad = {f.subject for f in told}
     labels = [*_draw_fixtures(ax, records), *_draw_places(ax, records, bad)]
+    for floor, (_, corner) in zip((GROUND, *records.floors), backdrop.labels, strict=False):
+        ax.annotate(floor, corner, (4, -4), textcoords="offset points", va="top", fontsize=9,
+                    color=INK, bbox={"fc": "white", "ec": "none", "pad": 1.5})  # fmt: skip
     for kind, place in dict.fromkeys((f.type, f.subject) for f in told if f.type is not None):
         shape = placed(records.robot_types[kind].footprint, records.places[place].pose)
         ax.add_patch(Polygon(shape, fc="none", ec=WRONG, lw=1.6, ls="--", zorder=5))
@@ -55,6 +67,30 @@ def draw_fleet(
     _draw_legend(ax, records, bad, any(f.type is not None for f in told))
     place_labels(ax, labels, avoid=[])
     return ax
+
+
+def _laid_out(records: FleetRecords, shifts: Mapping[float, Frame]) -> FleetRecords:
+    """Return the records with everything where it is drawn: floors lie side by side."""
+    if not records.floors:
+        return records
+
+    def moved(floor: str, *poses: Pose) -> list[Pose]:
+        shift = shifts[height_of(records, floor)]
+        return [(x + shift.x, y + shift.y, theta) for x, y, theta in poses]
+
+    places = {
+        name: dataclasses.replace(place, pose=moved(place.floor, place.pose)[0])
+        for name, place in records.places.items()
+    }
+    doors = {}
+    for name, door in records.doors.items():
+        closed, opened = moved(door.floor, door.closed, door.open)
+        doors[name] = dataclasses.replace(door, closed=closed, open=opened)
+    zones = {}
+    for name, zone in records.zones.items():
+        corners = moved(zone.floor, *((x, y, 0.0) for x, y in zone.polygon))
+        zones[name] = dataclasses.replace(zone, polygon=tuple(c[:2] for c in corners))
+    return dataclasses.replace(records, places=places, doors=doors, zones=zones)
 
 
 def _draw_fixtures(ax: Axes, records: FleetRecords) -> list[PlacedLabel]:

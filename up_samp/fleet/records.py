@@ -228,14 +228,43 @@ class Robot:
     level: Positive | None = None
 
 
+GROUND = "ground"
+"""The floor whose map is the problem's own."""
+
+
+@dataclass(frozen=True)
+class Storey:
+    """A further floor: its map (a ROS ``map_server`` YAML file), and how much higher it is than the
+    ground (``height``, m; below it: less than 0).
+    """
+
+    __pydantic_config__ = STRICT
+    map: str
+    height: Coordinate
+
+
+@dataclass(frozen=True)
+class Lift:
+    """Takes one robot at a time between the floors of ``stops``, by the pose at which a robot
+    stands in it on each. A ride lasts ``seconds``: doors, waiting for the cabin, and all.
+    """
+
+    __pydantic_config__ = STRICT
+    stops: Annotated[Mapping[Name, Pose], MinLen(2)]
+    seconds: Seconds = 30.0
+    skills: Names = ()
+
+
 @dataclass(frozen=True)
 class Place:
-    """A pose at which something is done. ``park``: how often each robot may come to rest here
-    without doing anything, to be out of the way. ``charger``: robots with batteries charge here.
+    """A pose at which something is done, on a ``floor``. ``park``: how often each robot may come to
+    rest here without doing anything, to be out of the way. ``charger``: robots with batteries
+    charge here.
     """
 
     __pydantic_config__ = STRICT
     pose: Pose
+    floor: Name = GROUND
     park: Annotated[int, Ge(0), Le(FIGURES.visits), NUMBER] = 0
     charger: Charger | None = None
 
@@ -257,6 +286,7 @@ class Door:
     skills: Names = ()
     closes: Seconds | None = None
     times: Visits = 1
+    floor: Name = GROUND
 
 
 @dataclass(frozen=True)
@@ -267,6 +297,7 @@ class Zone:
     polygon: Polygon
     keep_out: Names = ()
     max_robots: Count | None = None
+    floor: Name = GROUND
 
 
 @dataclass(frozen=True)
@@ -453,8 +484,8 @@ Orders = Annotated[
 
 @dataclass(frozen=True)
 class FleetRecords:
-    """All that a fleet problem says. ``map``: a ROS ``map_server`` YAML file; ``margin``: clearance
-    in m that motions keep from walls and from each other.
+    """All that a fleet problem says. ``map``: a ROS ``map_server`` YAML file, of the ground floor;
+    ``margin``: clearance in m that motions keep from walls and from each other.
     """
 
     __pydantic_config__ = STRICT
@@ -465,6 +496,8 @@ class FleetRecords:
     robot_types: Mapping[Name, RobotType] = field(default_factory=dict)
     robots: Mapping[Name, Robot] = field(default_factory=dict)
     places: Mapping[Name, AnyPlace] = field(default_factory=dict)
+    floors: Mapping[Name, Storey] = field(default_factory=dict)
+    lifts: Mapping[Name, Lift] = field(default_factory=dict)
     doors: Mapping[Name, Door] = field(default_factory=dict)
     zones: Mapping[Name, Zone] = field(default_factory=dict)
     resources: Mapping[Name, Resource] = field(default_factory=dict)

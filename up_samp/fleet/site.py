@@ -1,16 +1,23 @@
-"""What there is before anything happens: objects, places, fluents and resources of a problem."""
+"""The site of a problem before anything happens: objects, places, fluents and resources."""
 
 from __future__ import annotations
 
 import enum
 import math
-from functools import cached_property
 from pathlib import Path
 
 from shapely.geometry import Polygon
-from unified_planning.model import Fluent, FNode, GlobalEndTiming, TimePointInterval
+from unified_planning.model import (
+    Fluent,
+    FNode,
+    GlobalEndTiming,
+    Object,
+    TimePointInterval,
+    Type,
+)
 from unified_planning.model.motion import (
     SE2,
+    SE3,
     ConfigurationKind,
     ConfigurationObject,
     MotionModels,
@@ -18,10 +25,18 @@ from unified_planning.model.motion import (
     OccupancyMap,
     SchedulingMotionProblem,
 )
-from unified_planning.shortcuts import ConfigurationType, Equals, IntType, MovableType, Or
+from unified_planning.shortcuts import (
+    ConfigurationType,
+    Equals,
+    IntType,
+    MovableType,
+    Or,
+    UserType,
+)
 
 from up_samp.fleet.batteries import above_reserve, first_level, usable
 from up_samp.fleet.faults import Fault, FleetError
+from up_samp.fleet.floors import FloorMaps, floor_of, height_of, map_of
 from up_samp.fleet.loads import (
     MARK,
     ends_of,
@@ -35,10 +50,17 @@ from up_samp.fleet.loads import (
     with_load,
 )
 from up_samp.fleet.outlines import area_of, movable, placed
-from up_samp.fleet.records import Attached, FleetRecords, Outline, Pose, RobotType, corners_of
+from up_samp.fleet.records import (
+    GROUND,
+    Attached,
+    FleetRecords,
+    Outline,
+    Pose,
+    RobotType,
+    corners_of,
+)
+from up_samp.fleet.spelled_out import stop_of
 from up_samp.fleet.statements import Meaning
-from up_samp.geometry import load_map
-from up_samp.motion import MotionService
 
 
 class Passing(enum.Enum):
@@ -54,10 +76,10 @@ class Passing(enum.Enum):
 class Crowd:
     """One zone with ``max_robots``."""
 
-    def __init__(self, records: FleetRecords, folder: Path, zone: str) -> None:
-        self.zone = zone
+    def __init__(self, records: FleetRecords, storeys: FloorMaps, zone: str) -> None:
+        self.zone, self.floor = zone, records.zones[zone].floor
         self._records = records
-        self._folder = folder
+        self._storeys = storeys
         self._polygon = Polygon(records.zones[zone].polygon)
         self._known: dict[tuple[str, str, str], Passing] = {}
 
@@ -65,6 +87,14 @@ class Crowd:
         """Return whether a robot touches the zone where it starts."""
         mine = self._records.robots[robot]
         return self._inside(mine.type, mine.start)
+
+    def lift_inside(self) -> str | None:
+        """Return a stop of a lift at which robots would touch the zone."""
+        stops = (
+            stop_of(n, self.floor) for n, x in self._records.lifts.items() if self.floor in x.stops
+        )
+        kinds = self._records.robot_types
+        return next((stop for stop in stops if any(self._inside(k, stop) for k in kinds)), None)
 
     def passing(self, robot: str, origin: str, to: str) -> Passing:
         """Return what the drive of ``robot`` from ``origin`` to ``to`` has to do with the zone,
@@ -89,18 +119,16 @@ class Crowd:
             return Passing.THROUGH
         poses = [self._records.places[place_of(p)].pose for p in (origin, to)]
         body = with_load(self._records.robot_types[kind], load)
-        proof = self._service.certificate(body, poses, (area_of(self._records, self.zone),))
+        service = self._storeys.service(self.floor)
+        proof = service.certificate(body, poses, (area_of(self._records, self.zone),))
         return Passing.AROUND if proof is None else Passing.THROUGH
 
     def _inside(self, kind: str, place: str, load: Attached | None = None) -> bool:
+        if floor_of(self._records, place) != self.floor:
+            return False
         mine, pose = self._records.robot_types[kind], self._records.places[place_of(place)].pose
         corners = placed(with_load(mine, load).footprint, pose)
         return bool(self._polygon.intersects(Polygon(corners)))
-
-    @cached_property
-    def _service(self) -> MotionService:
-        grid = load_map(self._folder / self._records.map)
-        return MotionService(grid, margin=self._records.margin)
 
 
 # ------------------ What there is before anything happens
@@ -109,18 +137,24 @@ class Crowd:
 class Site:
     """A UP problem with all that the records name, and nothing that happens yet.
 
-    ``at`` holds the fluents that tell where robots and doors are, ``stands`` where a load
-    is while its robot is at a stand, ``pallets`` the loads by the first order that carries each,
-    ``rooms`` how many more robots fit into a zone. ``meanings`` fills as activities get names.
+    ``at`` holds the fluents that tell where robots and doors are, ``spots`` their values by place
+    (the poses themselves, unless they are on several floors: UP has a type of poses for each, and
+    one type of values for a fluent), ``lifts`` what a ride takes, ``stops`` by a lift's place how
+    many more robots may be there or on the way, ``stands`` where a load is while its robot is at a
+    stand, ``pallets`` the loads by the first order that carries each, ``rooms`` how many more
+    robots fit into a zone. ``meanings`` fills as activities get names.
     """
 
     def __init__(self, records: FleetRecords, folder: Path) -> None:
         self.records = records
         self.folder = folder
-        self.map = str(folder / records.map)
+        self.storeys = FloorMaps(records, folder)
         self.problem = SchedulingMotionProblem(records.name)
-        ground = OccupancyMap(self.map, SE2(0.0, 0.0, 0.0))
-        self._pose_type = ConfigurationType("pose", ground, ConfigurationKind.SE2)
+        self._pose_types = {floor: self._pose_type(floor) for floor in (GROUND, *records.floors)}
+        self._spot_type = UserType("spot") if records.floors else self._pose_types[GROUND]
+        self.spots: dict[str, Object] = {}
+        self.lifts: dict[str, Fluent] = {}
+        self.stops: dict[str, FNode] = {}
         self.places: dict[str, ConfigurationObject] = {}
         self.resources: dict[str, Fluent] = {}
         self.robots: dict[str, MovableObject] = {}
@@ -129,15 +163,18 @@ class Site:
         self.pallets: dict[str, MovableObject] = {}
         self.stands: dict[str, ConfigurationObject] = {}
         self.doors: dict[str, MovableObject] = {}
-        self.keep_out: dict[str, list[MovableObject]] = {}
+        self.keep_out: dict[tuple[str, str], list[MovableObject]] = {}
+        """By robot type and floor."""
         self.crowds: list[Crowd] = []
         self.rooms: dict[str, tuple[MovableObject, FNode]] = {}
         self.meanings: dict[str, Meaning] = {}
         for name, pose in poses_of(records).items():
-            self.places[name] = self._pose(name, pose)
+            self.places[name] = self._pose(name, pose, floor_of(records, name))
+            self.spots[name] = self._spot(self.places[name])
         for name, resource in records.resources.items():
             self.resources[name] = self.problem.add_resource(name, resource.capacity)
         self._robots()
+        self._lifts()
         self._pallets()
         self._doors()
         self._zones()
@@ -166,14 +203,34 @@ class Site:
         """Return seconds as whole units, rounded down."""
         return math.floor(seconds / self.records.seconds_per_unit + 1e-9)
 
-    def _pose(self, name: str, pose: Pose) -> ConfigurationObject:
-        found = ConfigurationObject(name, self._pose_type, SE2(*pose))
+    def _pose_type(self, floor: str) -> Type:
+        """Return the type of poses on a floor."""
+        file, height = (
+            str(self.folder / map_of(self.records, floor)),
+            height_of(self.records, floor),
+        )
+        if floor == GROUND:
+            ground = OccupancyMap(file, SE2(0.0, 0.0, 0.0))
+            return ConfigurationType("pose", ground, ConfigurationKind.SE2)
+        there = OccupancyMap(file, SE3(0.0, 0.0, height, 0.0, 0.0, 0.0, 1.0))
+        return ConfigurationType(f"pose{MARK}{floor}", there, ConfigurationKind.SE2)
+
+    def _pose(self, name: str, pose: Pose, floor: str) -> ConfigurationObject:
+        found = ConfigurationObject(name, self._pose_types[floor], SE2(*pose))
         self.problem.add_object(found)
         return found
 
-    def _at_first(self, name: str, place: ConfigurationObject) -> None:
+    def _spot(self, place: ConfigurationObject) -> Object:
+        """Return what stands for a place as a fluent's value."""
+        if not self.records.floors:
+            return place
+        found = Object(f"spot{MARK}{place.name}", self._spot_type)
+        self.problem.add_object(found)
+        return found
+
+    def _at_first(self, name: str, place: Object) -> None:
         """Add the fluent that tells where something is."""
-        fluent = Fluent(f"{name}_at", self._pose_type)
+        fluent = Fluent(f"{name}_at", self._spot_type)
         self.problem.add_fluent(fluent, default_initial_value=place)
         self.at[name] = fluent()
 
@@ -184,16 +241,26 @@ class Site:
             self.robots[name] = movable(name, types[robot.type], kind)
             self.problem.add_object(self.robots[name])
             self.problem.set_initial_configuration(self.robots[name], self.places[robot.start])
-            self._at_first(name, self.places[robot.start])
+            self._at_first(name, self.spots[robot.start])
             if kind.battery is not None:
                 level = Fluent(f"{name}_battery", IntType(0, usable(kind.battery)))
                 at_first = above_reserve(kind.battery, first_level(self.records, name))
                 self.problem.add_fluent(level, default_initial_value=at_first)
                 self.batteries[name] = level()
             if robot.end is not None:
-                here = [p for n, p in self.places.items() if place_of(n) == robot.end]
+                here = [p for n, p in self.spots.items() if place_of(n) == robot.end]
                 ends = [Equals(self.at[name], p) for p in here]  # under a load it is there, too
                 self.problem.add_condition(TimePointInterval(GlobalEndTiming()), Or(ends))
+
+    def _lifts(self) -> None:
+        """A lift takes one robot at a time, and nobody is brought to where another one stands."""
+        starts = {robot.start for robot in self.records.robots.values()}
+        for name, lift in self.records.lifts.items():
+            self.lifts[name] = self.problem.add_resource(f"busy{MARK}{name}", 1)
+            for stop in (stop_of(name, floor) for floor in lift.stops):
+                room = Fluent(f"{stop}_room", IntType(0, 1))
+                self.problem.add_fluent(room, default_initial_value=int(stop not in starts))
+                self.stops[stop] = room()
 
     def _pallets(self) -> None:
         """Loads that travel with robots: they stand at their pickup at first."""
@@ -202,7 +269,8 @@ class Site:
             ends = [end for o in carried for end in ends_of(self.records, o)]
             for place in dict.fromkeys(place for end in ends for place in end):
                 pose = load_pose(load, self.records.places[place_of(place)].pose)
-                self.stands[place] = self._pose(f"load{MARK}{place}", pose)
+                floor = floor_of(self.records, place)
+                self.stands[place] = self._pose(f"load{MARK}{place}", pose, floor)
             at = self.stands[ends_of(self.records, first)[0][0]]
             name = f"load{MARK}{first.id}"
             self.pallets[first.id] = self._fixture(name, load.footprint, at, "load")
@@ -219,25 +287,29 @@ class Site:
 
     def _doors(self) -> None:
         for name, door in self.records.doors.items():
-            closed = self._pose(f"{name}.closed", door.closed)
-            opened = self._pose(f"{name}.open", door.open)
-            self.doors[name] = self._fixture(name, door.leaf, closed)
-            self.places[closed.name], self.places[opened.name] = closed, opened
-            self._at_first(name, closed)
+            for state, pose in (("closed", door.closed), ("open", door.open)):
+                place = self._pose(f"{name}.{state}", pose, door.floor)
+                self.places[place.name], self.spots[place.name] = place, self._spot(place)
+            self.doors[name] = self._fixture(name, door.leaf, self.places[f"{name}.closed"])
+            self._at_first(name, self.spots[f"{name}.closed"])
 
     def _zones(self) -> None:
         for name, zone in self.records.zones.items():
-            here = self._pose(f"{name}.here", (0.0, 0.0, 0.0))
+            here = self._pose(f"{name}.here", (0.0, 0.0, 0.0), zone.floor)
             area = self._fixture(name, zone.polygon, here)
             for kind in zone.keep_out:
-                self.keep_out.setdefault(kind, []).append(area)
+                self.keep_out.setdefault((kind, zone.floor), []).append(area)
             if zone.max_robots is not None:
-                self.crowds.append(Crowd(self.records, self.folder, name))
+                self.crowds.append(Crowd(self.records, self.storeys, name))
                 self._room(name, area, zone.max_robots)
 
     def _room(self, name: str, area: MovableObject, most: int) -> None:
         """How many more robots may come into a zone."""
         inside = sum(self.crowds[-1].starts_inside(r) for r in self.records.robots)
+        stop = self.crowds[-1].lift_inside()
+        if stop is not None:
+            what = f"robots at the lift's stop '{stop}' would be in it: a ride is not counted"
+            raise FleetError([Fault(("zones", name, "max_robots"), what)])
         if inside > most:
             what = f"{inside} robots start in it; it takes {most}"
             raise FleetError([Fault(("zones", name, "max_robots"), what)])

@@ -19,9 +19,11 @@ def spelled_out(records: FleetRecords) -> FleetRecords:
 
 def with_places(records: FleetRecords) -> FleetRecords:
     """Return the records in which each robot starts at a place: a pose that was given instead is
-    the place ``ROBOT.start``.
+    the place ``ROBOT.start``, on the ground. Where lifts stop there are places, too.
     """
     robots, places = dict(records.robots), dict(records.places)
+    for name, lift in records.lifts.items():
+        places |= {stop_of(name, f): Place(pose, f) for f, pose in lift.stops.items()}
     for name, robot in records.robots.items():
         pose: Any = robot.start
         if not isinstance(pose, str):
@@ -33,6 +35,11 @@ def with_places(records: FleetRecords) -> FleetRecords:
     if len(places) == len(records.places):
         return records
     return dataclasses.replace(records, robots=robots, places=places)
+
+
+def stop_of(lift: str, floor: str) -> str:
+    """Return the place at which robots take a lift on a floor."""
+    return f"{lift}.{floor}"
 
 
 def without_repeats(records: FleetRecords) -> FleetRecords:

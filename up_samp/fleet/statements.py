@@ -1,5 +1,5 @@
-"""What the activities of a fleet's UP problem stand for, and what several parts state of them in
-one way.
+"""Meanings of the activities of a fleet's UP problem, and constraints that several parts state of
+them in one way.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ class Kind(enum.Enum):
     PARK = "park"
     MOVE = "move"
     CARRY = "carry"
+    RIDE = "ride"
     PICKUP = "pick"
     DELIVERY = "deliver"
     TASK = "task"

@@ -1,4 +1,4 @@
-"""What each robot may do where, and which moves that takes.
+"""Visits: what each robot may do where, and which moves that takes.
 
 A *visit* is something a robot does at one of several places. How often a robot may have to drive
 from one place to another follows from which visits can come right after each other: a move is an
@@ -7,16 +7,17 @@ activity that happens once at most, so there are as many of it as may be needed,
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import itertools
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from up_samp.fleet.faults import earlier_than
+from up_samp.fleet.floors import legs_between, lift_between
 from up_samp.fleet.loads import options_of, ridden
 from up_samp.fleet.records import (
     Charger,
     FleetRecords,
     Order,
-    RobotType,
     able,
     carries,
     needs_robot,
@@ -102,8 +103,10 @@ def _parking(records: FleetRecords, robot: str) -> list[str]:
 class Successions:
     """Which visits of a robot can come right after each other."""
 
-    def __init__(self, records: FleetRecords, kind: RobotType) -> None:
+    def __init__(self, records: FleetRecords, robot: str) -> None:
         self._records = records
+        self._skills = set(records.robots[robot].skills)
+        kind = records.robot_types[records.robots[robot].type]
         self._orders = records.order_of
         self._after = {j.id: set(earlier_than(records, j)) for j in records.jobs}
         self._capacity = kind.capacity
@@ -127,11 +130,18 @@ class Successions:
             return apart or self.together(a.what, b.what)
         return not (b.kind is Kind.END and a.kind is Kind.PICKUP)
 
-    def drivable(self, a: Visit, origin: str, b: Visit, to: str) -> bool:
-        """Return whether the robot drives from the one to the other at these poses; where a load
-        rides from pose to pose, nobody drives without it.
+    def legs(self, a: Visit, origin: str, b: Visit, to: str) -> Iterator[tuple[str, str]]:
+        """Yield the drives and rides of a robot from the one to the other at these poses; where a
+        load rides from pose to pose, nobody drives without it.
         """
-        return origin != to and (a.what == b.what or ridden(self._records, origin, to) is None)
+        if origin != to and (a.what == b.what or ridden(self._records, origin, to) is None):
+            for way in legs_between(self._records, origin, to):
+                if all(self._may_ride(p, q) for p, q in way):
+                    yield from way
+
+    def _may_ride(self, origin: str, to: str) -> bool:
+        lift = lift_between(self._records, origin, to)
+        return lift is None or set(self._records.lifts[lift].skills) <= self._skills
 
     def _rides(self, visit: Visit, kind: Kind) -> bool:
         """Return whether a visit is of that kind, of an order whose load travels with the robot."""
@@ -162,9 +172,8 @@ def moves_needed(visits: list[Visit], successions: Successions) -> dict[tuple[st
     leave: dict[tuple[str, str], set[Visit]] = {}
     reach: dict[tuple[str, str], set[Visit]] = {}
     for a, b in follows:
-        for p in a.places:
-            for q in b.places:
-                if successions.drivable(a, p, b, q):
-                    leave.setdefault((p, q), set()).add(a)
-                    reach.setdefault((p, q), set()).add(b)
+        for p, q in itertools.product(a.places, b.places):
+            for leg in successions.legs(a, p, b, q):
+                leave.setdefault(leg, set()).add(a)
+                reach.setdefault(leg, set()).add(b)
     return {pair: min(len(leave[pair]), len(reach[pair])) for pair in leave}

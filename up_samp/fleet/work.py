@@ -1,4 +1,4 @@
-"""What happens at places: pickups, deliveries, tasks, doors that are opened, charging, machines."""
+"""Activities at places: pickups, deliveries, tasks, doors, charging, machines, breaks; shifts."""
 
 from __future__ import annotations
 
@@ -106,12 +106,12 @@ class Work:
             a: Any = site.problem.add_motion_activity(name, units, optional=True)
             opened, state = site.places[f"{visit.what}.open"], site.at[visit.what]
             a.add_motion_effect(site.doors[visit.what], opened)
-            a.add_condition(at_start(a), Equals(state, site.places[f"{visit.what}.closed"]))
-            a.add_effect(a.end, state, opened)
+            a.add_condition(at_start(a), Equals(state, site.spots[f"{visit.what}.closed"]))
+            a.add_effect(a.end, state, site.spots[f"{visit.what}.open"])
             self._shut(visit, a)
         else:
             a = site.problem.add_activity(name, duration=units, optional=True)
-        here = [Equals(site.at[visit.robot], site.places[p]) for p in visit.places]
+        here = [Equals(site.at[visit.robot], site.spots[p]) for p in visit.places]
         a.add_condition(while_there(a), here[0] if len(here) == 1 else Or(here))
         self._limit(a, window, resources)
         self.activities[visit] = a
@@ -128,9 +128,9 @@ class Work:
         a: Any = problem.add_motion_activity(name, site.up(door.closes), optional=True)
         only_with(problem, a, opening)
         problem.add_constraint(Equals(opening.end, a.start), present(opening, a))
-        closed = site.places[f"{visit.what}.closed"]
-        a.add_motion_effect(site.doors[visit.what], closed)
-        a.add_effect(a.end, site.at[visit.what], closed)
+        closed = f"{visit.what}.closed"
+        a.add_motion_effect(site.doors[visit.what], site.places[closed])
+        a.add_effect(a.end, site.at[visit.what], site.spots[closed])
         self.closings.append(Closing(visit.what, opening, a, site.up(door.closes)))
 
     def _charge(self, visit: Visit) -> None:
@@ -145,7 +145,7 @@ class Work:
         for step in range(1, steps_of(battery, charger) + 1):
             name = site.fresh(f"{visit.name}_{step}", meaning_of(visit))
             a = problem.add_activity(name, site.up(charger.step), optional=True)
-            a.add_condition(while_there(a), Equals(at, site.places[visit.what]))
+            a.add_condition(while_there(a), Equals(at, site.spots[visit.what]))
             # A unit early: with a drive that starts at its end, the two would add up, and a step
             # too much for a full battery would still be driven with.
             a.add_increase_effect(a.end - 1, level, step_of(battery, charger))

@@ -256,15 +256,7 @@ def clearance(world: WorldData, x: float, y: float, th: float) -> float:
 @kernel
 def pose_free(world: WorldData, x: float, y: float, th: float) -> bool:
     """Return whether the footprint at a pose keeps the margin from map and obstacles."""
-    grid, polys, shape = world.grid, world.polys, world.shape
-    if grid.clearance.shape[0] > 0:
-        bound = _disc_bound(grid, shape, x, y, math.cos(th), math.sin(th))
-        if bound < shape.margin and not level_free(grid, shape, x, y, th, 1):
-            return False
-    if polys.counts.shape[0] > 0:
-        d, _ = poly_distance(polys, shape, x, y, th, shape.margin)
-        return d >= shape.margin
-    return True
+    return clearance(world, x, y, th) >= 0.0
 
 
 @kernel

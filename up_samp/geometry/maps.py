@@ -22,6 +22,7 @@ from PIL import Image
 
 from up_samp.model import ProblemError, SampError, check_time
 from up_samp.model.errors import short
+from up_samp.system.files import whole, write_whole
 
 BoolArray = npt.NDArray[np.bool_]
 FloatArray = npt.NDArray[np.float64]
@@ -323,7 +324,8 @@ def write_map(
     """Write ``name.yaml`` and ``name.png`` into ``folder`` and return the YAML's path.
 
     ``occupied`` (and ``unknown``) are bool arrays of shape (rows, cols), row 0 lowest y. Black is
-    occupied, white free, grey unknown; reading it back gives the same grid.
+    occupied, white free, grey unknown; reading it back gives the same grid. Who reads the files
+    meanwhile never sees half of one.
     """
     cells = np.asarray(occupied, dtype=np.bool_)
     grid = OccupancyGrid(
@@ -335,13 +337,12 @@ def write_map(
     pixels = np.where(grid.occupied, 0, np.where(grid.unknown, 205, 255)).astype(np.uint8)
     target = Path(folder)
     target.mkdir(parents=True, exist_ok=True)
-    Image.fromarray(pixels[::-1].copy()).save(target / f"{name}.png", optimize=True)
-    path = target / f"{name}.yaml"
-    path.write_text(
+    with whole(target / f"{name}.png") as stream:
+        Image.fromarray(pixels[::-1].copy()).save(stream, format="PNG", optimize=True)
+    return write_whole(
+        target / f"{name}.yaml",
         f"image: {name}.png\n"
         f"resolution: {resolution!r}\n"
         f"origin: [{', '.join(repr(float(v)) for v in origin)}]\n"
         "negate: 0\noccupied_thresh: 0.3\nfree_thresh: 0.1\n",
-        encoding="utf-8",
     )
-    return path

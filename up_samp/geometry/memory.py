@@ -1,4 +1,4 @@
-"""The one bounded memory of maps and motions: what was used longest ago is forgotten."""
+"""The one bounded cache of maps and motions: what was used longest ago is forgotten."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 import math
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from typing import Any
@@ -26,13 +26,6 @@ IntArray = npt.NDArray[np.int64]
 
 _TOUCH = 1e-7
 """Distance (m) of surfaces that counts as contact."""
-_BOX = np.array(
-    [
-        (0, 2, 1), (0, 3, 2), (4, 5, 6), (4, 6, 7), (0, 1, 5), (0, 5, 4),
-        (1, 2, 6), (1, 6, 5), (2, 3, 7), (2, 7, 6), (3, 0, 4), (3, 4, 7),
-    ]
-)  # fmt: skip
-"""Triangles of a box whose corners run round the floor, then round the ceiling."""
 
 
 @cache
@@ -102,20 +95,6 @@ def _load(name: str, _modified: int, _size: int) -> Mesh:
     if not np.isfinite(vertices).all():
         raise ProblemError(f"the geometric model '{name}' has corners that are not finite")
     return make_mesh(vertices, faces, bool(mesh.is_watertight))
-
-
-def boxes(rectangles: Iterable[FloatArray], low: float, high: float) -> Mesh | None:
-    """Return upright boxes over convex quadrilaterals (4, 2), counter-clockwise, world frame, from
-    height ``low`` to ``high`` (m); None if there are none.
-    """
-    vertices, faces = [], []
-    for index, ring in enumerate(rectangles):
-        for height in (low, high):
-            vertices.append(np.column_stack((ring, np.full(4, height))))
-        faces.append(_BOX + 8 * index)
-    if not faces:
-        return None
-    return make_mesh(np.concatenate(vertices), np.concatenate(faces))
 
 
 def prism(polygons: Sequence[FloatArray], low: float, high: float) -> Mesh:
@@ -258,14 +237,12 @@ def meets_walls(grid: OccupancyGrid, body: Body, pose: Configuration) -> bool:
     in one or outside the map.
     """
     low, high = _tall((body,), [pose[2]])
-    walls = boxes(wall_rectangles(grid), low, high)
+    walls = prism(wall_rectangles(grid), low, high)
     mesh, at = mesh_of(body, pose, low, high)
     row, col = grid.cells_of([pose[:2]])[0]
     rows, cols = grid.shape
     if not (0 <= row < rows and 0 <= col < cols):
         return True
-    if walls is None:
-        return False
     rest = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
     if surface_distance(mesh, transform(at), walls, transform(rest)) < _TOUCH:
         return True

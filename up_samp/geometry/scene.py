@@ -119,15 +119,10 @@ class Scene:
         return bool(kernels.pose_free(self.world(self.shape(body, margin), obstacles), x, y, th))
 
     def room(self, x: float, y: float) -> float:
-        """Return a lower bound (m) on a point's distance to what the map blocks (inf without one,
+        """Return a lower bound (m) on a point's distance to what the map blocks (far without one,
         0 in blocked cells and outside).
         """
-        if self.grid is None:
-            return math.inf
-        row, col = self.grid.cells_of([(x, y)])[0]
-        field = self.data.clearance
-        inside = 0 <= row < field.shape[0] and 0 <= col < field.shape[1]
-        return float(field[row, col]) if inside else 0.0
+        return float(kernels.point_clearance(self.data, float(x), float(y)))
 
     def clearance(self, shape: Shape, obstacles: Iterable[Placed], pose: Configuration) -> float:
         """Return a lower bound (m) on the clearance beyond the shape's margin, or -1."""

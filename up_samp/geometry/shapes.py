@@ -165,11 +165,14 @@ def _cross(a: Point, b: Point, c: Point) -> float:
 def convex_parts(ring: list[Point]) -> list[tuple[Point, ...]]:
     """Return convex polygons whose union is the simple counter-clockwise ``ring``.
 
-    Ear clipping, then merging across diagonals while convex (Hertel & Mehlhorn 1983).
+    Triangles, merged across diagonals while convex (Hertel & Mehlhorn 1983).
     """
     if _is_convex(ring):
         return [tuple(ring)]
-    return [tuple(piece) for piece in _merged([list(t) for t in _triangles(ring)])]
+    faces = shapely.constrained_delaunay_triangles(shapely.Polygon(ring))
+    triangles = shapely.get_coordinates(shapely.orient_polygons(shapely.get_parts(faces)))
+    corners = triangles.reshape(-1, 4, 2)[:, :3].tolist()
+    return [tuple(piece) for piece in _merged([[(x, y) for x, y in t] for t in corners])]
 
 
 def _merged(pieces: list[list[Point]]) -> list[list[Point]]:
@@ -211,35 +214,6 @@ def _beside(piece: list[Point], owner: Mapping[tuple[Point, Point], int]) -> set
 def _is_convex(ring: list[Point]) -> bool:
     n = len(ring)
     return all(_cross(ring[i - 1], ring[i], ring[(i + 1) % n]) >= -1e-12 for i in range(n))
-
-
-def _triangles(ring: list[Point]) -> list[tuple[Point, Point, Point]]:
-    rest, triangles = list(ring), []
-    corners = np.array(ring)
-    while len(rest) > 3:
-        check_time()
-        for i in range(len(rest)):
-            a, b, c = rest[i - 1], rest[i], rest[(i + 1) % len(rest)]
-            if _cross(a, b, c) <= 0:
-                continue
-            if not _any_in_triangle(corners, a, b, c):
-                triangles.append((a, b, c))
-                del rest[i]
-                corners = np.delete(corners, i, axis=0)
-                break
-        else:  # only collinear leftovers
-            break
-    if len(rest) == 3:
-        triangles.append((rest[0], rest[1], rest[2]))
-    return triangles
-
-
-def _any_in_triangle(points: FloatArray, a: Point, b: Point, c: Point) -> bool:
-    """Return whether another point than its corners lies in a triangle."""
-    inside = np.ones(len(points), dtype=np.bool_)
-    for (x0, y0), (x1, y1) in ((a, b), (b, c), (c, a)):
-        inside &= (x1 - x0) * (points[:, 1] - y0) - (y1 - y0) * (points[:, 0] - x0) >= 0
-    return any(tuple(p) not in (a, b, c) for p in points[inside].tolist())
 
 
 def _join(first: list[Point], second: list[Point]) -> list[Point] | None:

@@ -104,6 +104,7 @@ def side_by_side(
 
 def _poses(plan: Mapping[str, Any]) -> Iterator[tuple[int, Box]]:
     """Yield what each pose takes up, with the number of its map."""
+    corners = {o["name"]: o["footprint"] for o in plan["objects"]}
     reach = {
         o["name"]: max((math.hypot(*c) for c in o["footprint"]), default=0.0)
         for o in plan["objects"]
@@ -113,11 +114,18 @@ def _poses(plan: Mapping[str, Any]) -> Iterator[tuple[int, Box]]:
         r = reach[name]
         return x - r, y - r, x + r, y + r
 
+    def taken(name: str, pose: Sequence[float]) -> Box:
+        """A zone may lie far from its reference point."""
+        if len(pose) != 3 or not corners[name]:
+            return around(name, *pose[:2])
+        points = Frame(*pose).points(corners[name])
+        return (*map(float, points.min(axis=0)), *map(float, points.max(axis=0)))  # type: ignore[return-value]
+
     for item in plan["objects"]:
         if item["initial"] is not None:
-            yield map_number(item), around(item["name"], *item["initial"][:2])
+            yield map_number(item), taken(item["name"], item["initial"])
     for motion in plan["motions"]:
         for row in motion["samples"]:
             yield map_number(motion), around(motion["object"], *row[1:3])
     for change in plan["changes"]:
-        yield map_number(change), around(change["object"], *change["configuration"][:2])
+        yield map_number(change), taken(change["object"], change["configuration"])

@@ -8,21 +8,21 @@ import io
 import logging
 import math
 import os
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.geometry.memory import Memory
 from up_samp.model import Body, Configuration, Placed, ProblemError, Trajectory
+from up_samp.motion.protocol import Leg
+from up_samp.system.files import whole
 
 log = logging.getLogger(__name__)
 
-FORMAT = 4
+FORMAT = 5
 """Part of every key: files of other versions are never read."""
 
 SUFFIX = ".legs"
@@ -74,25 +74,27 @@ def _digest(path: str, _modified: int, _size: int) -> str:
 
 @dataclass(frozen=True)
 class CachedLeg:
-    """A leg that was planned among the ``among`` obstacles (and keeps clear of them).
+    """A ``leg`` that was planned among the ``among`` obstacles (and keeps clear of them).
 
-    ``complete``: its planner finished its search; otherwise it had ``limit`` seconds. ``corners``
-    are those of :class:`up_samp.motion.protocol.Leg`. ``checked`` says whether this process has
-    planned it or found it to be sound: what comes from a file may be anything.
+    Where it is not complete, its planner had ``limit`` seconds. ``checked`` says whether this
+    process has planned it or found it to be sound: what comes from a file may be anything.
     """
 
     among: ObstacleKey
-    trajectory: Trajectory
-    planner: str
-    complete: bool = False
+    leg: Leg
     limit: float = 0.0
-    corners: npt.NDArray[np.float64] | None = None
     checked: bool = True
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """The motion (there always is one)."""
+        assert self.leg.trajectory is not None
+        return self.leg.trajectory
 
     @property
     def rank(self) -> tuple[bool, float]:
         """Less is better: what a planner finished goes before what it did not."""
-        return not self.complete, self.trajectory.duration
+        return not self.leg.complete, self.trajectory.duration
 
 
 class MotionCache:
@@ -196,15 +198,10 @@ def _entry(arrays: np.lib.npyio.NpzFile, i: int) -> CachedLeg:
         raise ValueError(f"motion {i} has no samples of a pose")
     corners = np.asarray(arrays[f"corners{i}"], dtype=np.float64).reshape(-1, 3)
     complete, limit = (float(x) for x in arrays[f"search{i}"])
-    return CachedLeg(
-        frozenset(ast.literal_eval(str(arrays[f"among{i}"]))),
-        Trajectory(rows[:, 0].copy(), rows[:, 1:].copy()),
-        str(arrays[f"planner{i}"]),
-        complete == 1.0,
-        limit,
-        corners if len(corners) else None,
-        checked=False,
-    )
+    motion = Trajectory(rows[:, 0].copy(), rows[:, 1:].copy())
+    leg = Leg(motion, complete=complete == 1.0, corners=corners if len(corners) else None)
+    among = frozenset(ast.literal_eval(str(arrays[f"among{i}"])))
+    return CachedLeg(among, leg, limit, checked=False)
 
 
 def _write(path: Path, entries: list[CachedLeg]) -> None:
@@ -212,19 +209,12 @@ def _write(path: Path, entries: list[CachedLeg]) -> None:
     for i, entry in enumerate(entries):
         arrays[f"samples{i}"] = np.column_stack([entry.trajectory.times, entry.trajectory.poses])
         arrays[f"among{i}"] = repr(sorted(entry.among, key=repr))
-        arrays[f"planner{i}"] = entry.planner
-        arrays[f"search{i}"] = np.array([float(entry.complete), entry.limit])
-        arrays[f"corners{i}"] = np.zeros((0, 3)) if entry.corners is None else entry.corners
+        arrays[f"search{i}"] = np.array([float(entry.leg.complete), entry.limit])
+        corners = entry.leg.corners
+        arrays[f"corners{i}"] = np.zeros((0, 3)) if corners is None else corners
     buffer = io.BytesIO()
     np.savez_compressed(buffer, **arrays)  # type: ignore[arg-type]
     data = buffer.getvalue()
     path.parent.mkdir(parents=True, exist_ok=True)
-    # written aside and renamed, so that parallel readers never see half a file
-    handle, name = tempfile.mkstemp(dir=path.parent, suffix=".part")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(hashlib.sha256(data).hexdigest().encode() + b"\n" + data)
-        os.replace(name, path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
+    with whole(path, 0o600) as file:  # parallel readers never see half of it
+        file.write(hashlib.sha256(data).hexdigest().encode() + b"\n" + data)

@@ -21,6 +21,7 @@ from up_samp.model import (
     GroupQuery,
     GroupReport,
     PathQuery,
+    PathReport,
 )
 from up_samp.motion.protocol import Leg, LegQuery
 from up_samp.motion.service import MotionService
@@ -81,7 +82,7 @@ def find_legs(service: MotionService, queries: Sequence[LegQuery], seconds: floa
             found.append(None)
             continue
         leg = service.legs.find(query, deadline)
-        found.append(None if leg.leg is None else (leg.planner, leg.leg))
+        found.append(None if isinstance(leg, PathReport) else leg)
     return found
 
 
@@ -90,7 +91,7 @@ def store_legs(service: MotionService, queries: Sequence[LegQuery], found: Seque
     known = 0
     for query, leg in zip(queries, found, strict=True):
         if leg is not None:
-            service.remember(leg[0], query, leg[1])
+            service.legs.remember(leg[0], query, leg[1])
             known += 1
     return known
 

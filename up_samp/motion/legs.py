@@ -26,8 +26,8 @@ from up_samp.model import (
 )
 from up_samp.motion.cache import CachedLeg, MotionCache, obstacle_key
 from up_samp.motion.curves.blending import TINY
-from up_samp.motion.curves.passing import driven_through, flown_through, pivoted_through
-from up_samp.motion.curves.trajectories import at_rest, joined, reversed_trajectory
+from up_samp.motion.curves.passing import driven_through, flown_through, pivoted_through, rotations
+from up_samp.motion.curves.trajectories import at_rest, joined
 from up_samp.motion.curves.twists import twists
 from up_samp.motion.proofs.certificates import Certifier
 from up_samp.motion.protocol import Leg, LegQuery, MotionPlanner
@@ -98,14 +98,13 @@ def keeps_limits(trajectory: Trajectory, kinematics: Kinematics) -> bool:
         return True
     dt = np.diff(trajectory.times)
     d = np.diff(trajectory.poses, axis=0)
-    if kinematics.mobility.steers:
-        speed, bends = _car_speeds(trajectory.poses, dt, kinematics)
-    elif kinematics.mobility.rolls:
-        speed, bends = _pivot_speeds(trajectory.poses, dt, kinematics)
+    if kinematics.mobility.steers or kinematics.mobility.rolls:
+        speed, bends = _speeds_ahead(trajectory.poses, dt, kinematics)
     else:
         size = 2 if d.shape[1] == 3 else 3
         speed = d[:, :size] / dt[:, None]
-        turn = np.abs(d[:, 2]) if size == 2 else _angles(trajectory.poses)
+        turned = d[:, 2:] if size == 2 else rotations(trajectory.poses)
+        turn = np.linalg.norm(turned, axis=1)
         bends = bool(np.any(turn > kinematics.omega_max * (1 + ALLOWED.share) * dt + ALLOWED.noise))
     if bends:
         return False
@@ -124,37 +123,20 @@ def keeps_limits(trajectory: Trajectory, kinematics: Kinematics) -> bool:
     return bool(inner.all() and ends.all())
 
 
-def _car_speeds(
+def _speeds_ahead(
     poses: FloatArray, dt: FloatArray, kinematics: Kinematics
 ) -> tuple[FloatArray, bool]:
-    """Return a car's signed speeds (n - 1, 1), and whether it slips sideways or bends too much."""
-    along, across, turn = twists(poses).T
-    way = np.hypot(along, across)
-    tight = np.abs(turn) > way / kinematics.turning_radius * (1 + ALLOWED.share) + ALLOWED.noise
-    return np.copysign(way, along)[:, None] / dt[:, None], bool(
-        np.any(tight) or np.any(np.abs(across) > 10 * ALLOWED.noise)
-    )
-
-
-def _pivot_speeds(
-    poses: FloatArray, dt: FloatArray, kinematics: Kinematics
-) -> tuple[FloatArray, bool]:
-    """Return the signed speeds (n - 1, 1) of a body that drives or turns on the spot, and whether
-    it slips sideways or turns too fast.
+    """Return the signed speeds (n - 1, 1) of what drives along its heading, and whether it slips
+    sideways or turns too much: a car for its way, what turns on the spot for its time.
     """
     along, across, turn = twists(poses).T
-    fast = np.abs(turn) > kinematics.omega_max * (1 + ALLOWED.share) * dt + ALLOWED.noise
-    return along[:, None] / dt[:, None], bool(
-        np.any(fast) or np.any(np.abs(across) > 10 * ALLOWED.noise)
-    )
-
-
-def _angles(poses: FloatArray) -> FloatArray:
-    q = poses[:, 3:] / np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
-    near = np.minimum(
-        np.linalg.norm(q[1:] - q[:-1], axis=1), np.linalg.norm(q[1:] + q[:-1], axis=1)
-    )
-    return np.asarray(4 * np.arcsin(np.clip(near / 2, 0, 1)))
+    most = kinematics.omega_max * dt
+    if kinematics.mobility.steers:
+        along = np.copysign(np.hypot(along, across), along)
+        most = np.abs(along) / kinematics.turning_radius
+    tight = np.abs(turn) > most * (1 + ALLOWED.share) + ALLOWED.noise
+    slips = np.abs(across) > 10 * ALLOWED.noise
+    return along[:, None] / dt[:, None], bool(np.any(tight | slips))
 
 
 # ------------------ Legs strung together to one motion
@@ -209,49 +191,35 @@ _MORE_TIME = 1.2
 Prove = Callable[[Body, Sequence[Configuration], Sequence[Placed]], PathReport | None]
 
 
-@dataclass(frozen=True)
-class FoundLeg:
-    """A leg with the name of its ``planner``, or the ``report`` that says why there is none."""
-
-    leg: Leg | None
-    planner: str = ""
-    report: PathReport | None = None
-
-
-@dataclass(frozen=True)
-class LegSettings:
-    """Who plans, the same for all legs of a service."""
-
-    planner: str
-    seed: int
-
-
 class Legs:
-    """Finds legs in one scene, and remembers them."""
+    """Finds legs in one scene, and remembers them. ``planner`` says who plans: see the service."""
 
     def __init__(
         self,
         scene: Scene,
-        settings: LegSettings,
+        planner: str,
+        seed: int,
         cache: MotionCache,
         certifier: Certifier,
         prove: Prove,
     ) -> None:
         self.scene = scene
-        self.settings = settings
+        self.planner, self.seed = planner, seed
         self.cache = cache
         self.certifier = certifier
         self.prove = prove
         self._planners: dict[str, MotionPlanner] = {}
 
-    def find(self, query: LegQuery, deadline: Deadline) -> FoundLeg:
-        """Return a leg from the cache or from the first planner that finds one."""
-        names = planner_names(self.settings.planner, query.body)
+    def find(self, query: LegQuery, deadline: Deadline) -> tuple[str, Leg] | PathReport:
+        """Return a leg from the cache or from the first planner that finds one, after that one's
+        name, or why there is none.
+        """
+        names = planner_names(self.planner, query.body)
         for name in names:
             known = self._usable(name, query, deadline)
             if known is not None:
                 self.cache.hits += 1
-                return FoundLeg(known, name)
+                return name, known
         self.cache.misses += 1
         reasons, complete = [], True
         for name in names:
@@ -260,23 +228,26 @@ class Legs:
             if name != names[0]:
                 limit = _SECOND_OPINION
             found = self._lazily(name, query, deadline.within(limit), complete)
-            if found.leg is None or found.leg.trajectory is not None:
+            if isinstance(found, PathReport):
                 return found
-            complete = complete and found.leg.complete
-            reasons.append(f"{name}: {found.leg.reason}")
+            if found.trajectory is not None:
+                return name, found
+            complete = complete and found.complete
+            reasons.append(f"{name}: {found.reason}")
             if deadline.expired():
                 complete = False
                 break
-        report = PathReport(
+        return PathReport(
             Outcome.NOT_FOUND if complete else Outcome.OUT_OF_TIME,
             blockers=self._in_the_way(query),
             reason="; ".join(reasons),
             planner=names[0],
             complete=complete,
         )
-        return FoundLeg(None, names[0], report)
 
-    def _lazily(self, name: str, query: LegQuery, deadline: Deadline, complete: bool) -> FoundLeg:
+    def _lazily(
+        self, name: str, query: LegQuery, deadline: Deadline, complete: bool
+    ) -> Leg | PathReport:
         """Plan among the obstacles that prove to matter only (so that more queries share a leg).
 
         ``complete``: whether those asked before have finished their searches.
@@ -292,27 +263,27 @@ class Legs:
                 limit = deadline.remaining()
                 answer = self._ask(name, part, deadline)
                 if isinstance(answer, PathReport):
-                    return FoundLeg(None, name, answer)
+                    return answer
                 leg = replace(answer, complete=answer.complete and complete)
                 if leg.trajectory is None:
                     old = self._known(name, part)
                     if old is None:
-                        return FoundLeg(leg, name)
-                    leg = _leg_of(old)
+                        return leg
+                    leg = old.leg
                 else:
                     self.remember(name, part, leg, limit)
             assert leg.trajectory is not None
             if chosen == obstacles:
-                break
+                return leg
             trajectory = leg.trajectory
             hit = [p for p in obstacles if p not in chosen and not self.clears(trajectory, body, p)]
             if not hit:
-                break
+                return leg
             chosen = tuple(p for p in obstacles if p in chosen or p in hit)
             proof = self.prove(body, (query.start, query.goal), chosen)
             if proof is not None:
-                return FoundLeg(None, name, proof)
-        return FoundLeg(leg, name)
+                return proof
+        raise AssertionError("the last round heeds all obstacles")
 
     def _ask(self, name: str, query: LegQuery, deadline: Deadline) -> Leg | PathReport:
         """Ask a planner, always in the direction that is remembered: what a motion and its reverse
@@ -323,10 +294,7 @@ class Legs:
             return self._ask_one_way(name, query, deadline)
         turned = replace(query, start=query.goal, goal=query.start)
         answer = self._ask_one_way(name, turned, deadline)
-        if isinstance(answer, PathReport) or answer.trajectory is None:
-            return answer
-        corners = None if answer.corners is None else answer.corners[::-1].copy()
-        return replace(answer, trajectory=reversed_trajectory(answer.trajectory), corners=corners)
+        return answer if isinstance(answer, PathReport) else answer.turned()
 
     def _ask_one_way(self, name: str, query: LegQuery, deadline: Deadline) -> Leg | PathReport:
         """Ask a planner; where it finds nothing soon, look for a stronger proof in between."""
@@ -347,13 +315,10 @@ class Legs:
 
     def remember(self, name: str, query: LegQuery, leg: Leg, limit: float = 0.0) -> None:
         """Put a leg that ``name`` planned into the cache; it had ``limit`` seconds."""
-        assert leg.trajectory is not None
         key, swap = self._key(name, query)
-        stored = reversed_trajectory(leg.trajectory) if swap else leg.trajectory
-        corners = leg.corners[::-1] if swap and leg.corners is not None else leg.corners
-        among = obstacle_key(query.obstacles)
+        stored = leg.turned() if swap else leg
         limit = 0.0 if leg.complete else limit
-        self.cache.put(key, CachedLeg(among, stored, name, leg.complete, limit, corners))
+        self.cache.put(key, CachedLeg(obstacle_key(query.obstacles), stored, limit))
 
     def _usable(self, name: str, query: LegQuery, deadline: Deadline) -> Leg | None:
         """Return a remembered leg that is not worth another search: its planner finished, or it had
@@ -363,7 +328,7 @@ class Legs:
         if entry is None:
             return None
         enough = _MORE_TIME * entry.limit
-        return _leg_of(entry) if entry.complete or deadline.remaining() <= enough else None
+        return entry.leg if entry.leg.complete or deadline.remaining() <= enough else None
 
     def _known(self, name: str, query: LegQuery) -> CachedLeg | None:
         """Return a remembered leg that was planned among a part of the obstacles and clears all."""
@@ -385,15 +350,11 @@ class Legs:
                     continue
                 entry = self.cache.accept(key, entry)
             if all(self.clears(entry.trajectory, body, p) for p in rest):
-                if not swap:
-                    return entry
-                corners = None if entry.corners is None else entry.corners[::-1].copy()
-                turned = reversed_trajectory(entry.trajectory)
-                return replace(entry, trajectory=turned, corners=corners)
+                return replace(entry, leg=entry.leg.turned()) if swap else entry
         return None
 
     def _key(self, name: str, query: LegQuery) -> tuple[tuple[object, ...], bool]:
-        scope = (self.scene.digest, name, self.scene.margin, self.settings.seed)
+        scope = (self.scene.digest, name, self.scene.margin, self.seed)
         what = query.body, query.start, query.goal
         # OMPL's planners by their own names never are, and need not be loaded to tell
         reversible = name in PLANNERS and self._planner(name).reversible
@@ -411,7 +372,7 @@ class Legs:
         if not _in_plane(body) or not obstacles:
             return frozenset(p.name for p in obstacles)
         alone = replace(query, obstacles=())
-        for name in planner_names(self.settings.planner, body):
+        for name in planner_names(self.planner, body):
             free = self._known(name, alone)
             if free is not None:
                 return frozenset(
@@ -421,12 +382,8 @@ class Legs:
 
     def _planner(self, name: str) -> MotionPlanner:
         if name not in self._planners:
-            self._planners[name] = make_planner(name, self.scene, self.settings.seed)
+            self._planners[name] = make_planner(name, self.scene, self.seed)
         return self._planners[name]
-
-
-def _leg_of(entry: CachedLeg) -> Leg:
-    return Leg(entry.trajectory, complete=entry.complete, corners=entry.corners)
 
 
 def parking_clears(

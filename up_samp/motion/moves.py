@@ -150,21 +150,13 @@ def _shared_profile(
     """Return times (s) and shares (0 to 1) of a drive from rest to rest, the ``marks`` among them;
     limits in shares.
     """
-    if math.isinf(acceleration):  # turns on the spot
-        total = 1.0 / speed
-        at = np.array(marks) * total
-    else:
-        total = float(run_time(1.0, speed, acceleration))
-        at = time_of_distance(np.array(marks), 1.0, speed, acceleration)
+    total = float(run_time(1.0, speed, acceleration))
+    at = time_of_distance(np.array(marks), 1.0, speed, acceleration)
     count = max(2, math.ceil(total / Trajectory.MAX_STEP - 1e-9))
     times = np.union1d(np.linspace(0.0, total, count + 1), at)
     times = times[np.concatenate([[True], np.diff(times) > 1e-9])]
     times[-1] = total
-    shares = (
-        times / total
-        if math.isinf(acceleration)
-        else distance_of_time(times, 1.0, speed, acceleration)
-    )
+    shares = distance_of_time(times, 1.0, speed, acceleration)
     shares[-1] = 1.0
     return times, shares
 

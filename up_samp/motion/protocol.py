@@ -6,13 +6,14 @@ A planner moves a body from rest at one pose to rest at another among resting ob
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from up_samp.model import Body, Configuration, Deadline, Placed, Trajectory
+from up_samp.motion.curves.trajectories import reversed_trajectory
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,13 @@ class Leg:
     effort: int = 0
     complete: bool = False
     corners: npt.NDArray[np.float64] | None = None
+
+    def turned(self) -> Leg:
+        """Return the leg driven from its end to its start."""
+        if self.trajectory is None:
+            return self
+        corners = None if self.corners is None else self.corners[::-1].copy()
+        return replace(self, trajectory=reversed_trajectory(self.trajectory), corners=corners)
 
 
 class MotionPlanner(Protocol):

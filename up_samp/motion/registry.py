@@ -21,8 +21,8 @@ PLANNERS: dict[str, str | Factory] = {
     "car": "up_samp.motion.planners.car:CarPlanner",
     "pivot": "up_samp.motion.planners.pivoting:PivotPlanner",
     "planar": "up_samp.motion.planners.omni:PlanarPlanner",
-    "se3": "up_samp.motion.planners.ompl:FlyerPlanner",
-    "control": "up_samp.motion.planners.ompl:ControlPlanner",
+    "se3": "up_samp.motion.planners.ompl:flyer_planner",
+    "control": "up_samp.motion.planners.ompl:control_planner",
 }
 """Planners by name: ``module:factory`` (imported when needed) or a factory(scene, seed). Beside
 these, OMPL's planners are known by their own names (see :mod:`up_samp.motion.planners.ompl`), and

@@ -23,10 +23,10 @@ from up_samp.model import (
 )
 from up_samp.motion.cache import MotionCache
 from up_samp.motion.compile import warm_up
-from up_samp.motion.legs import Legs, LegSettings, strung
+from up_samp.motion.legs import Legs, strung
 from up_samp.motion.proofs.bounds import DurationBounds
 from up_samp.motion.proofs.certificates import Certifier
-from up_samp.motion.protocol import Leg, LegQuery
+from up_samp.motion.protocol import LegQuery
 from up_samp.motion.tuning import MotionTuning
 
 
@@ -61,8 +61,7 @@ class MotionService:
         self._flat: Memory[tuple[Placed, ...]] = Memory(self.tuning.fleet.memory.shadows)
         self.certifier = Certifier(self.scene)
         self.bounds = DurationBounds(self.scene, self.certifier)
-        settings = LegSettings(planner, seed)
-        self.legs = Legs(self.scene, settings, self.cache, self.certifier, self.certificate)
+        self.legs = Legs(self.scene, planner, seed, self.cache, self.certifier, self.certificate)
 
     def plan(self, query: PathQuery, deadline: Deadline) -> PathReport:
         """Answer a query: found, proven impossible, not found, or out of time."""
@@ -77,19 +76,14 @@ class MotionService:
             if tuple(start) == tuple(goal):
                 continue
             found = self.legs.find(LegQuery(query.body, start, goal, query.obstacles), deadline)
-            if found.leg is None:
-                assert found.report is not None
-                return _timed(found.report, began)
-            legs.append(found.leg)
-            used = found.planner
+            if isinstance(found, PathReport):
+                return _timed(found, began)
+            used, leg = found
+            legs.append(leg)
         whole, smooth = strung(self.scene, query, legs)
         complete = smooth and all(leg.complete for leg in legs)
         report = PathReport(Outcome.FOUND, whole, planner=used, complete=complete)
         return _timed(report, began)
-
-    def remember(self, name: str, query: LegQuery, leg: Leg) -> None:
-        """Put a leg that ``name`` planned into the cache."""
-        self.legs.remember(name, query, leg)
 
     def lower_bound(
         self,
@@ -99,7 +93,7 @@ class MotionService:
         obstacles: Sequence[Placed] = (),
     ) -> float:
         """Return seconds that no motion between the two poses can beat."""
-        return self.bounds.duration(body, start, goal, self.met_by(body, obstacles))
+        return self.bounds.through(body, (start, goal), self.met_by(body, obstacles))
 
     def lower_bound_through(self, body: Body, poses: Sequence[Configuration]) -> float:
         """Return seconds that no motion through ``poses`` can beat, stopping there or not."""

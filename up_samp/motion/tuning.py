@@ -73,20 +73,6 @@ class DetoursTuning(Tunables):
 
 
 @dataclass(frozen=True)
-class FlightsTuning(Tunables):
-    """Several flyers (``motion/fleet/flyers.py``)."""
-
-    detours: int = tunable(3, "paths", "around the others' flights, for one flyer", least=0)
-    copies: float = tunable(
-        0.5, "radii of the flyer", "between the copies of it that a detour keeps clear of", least=0
-    )
-    step: float = tunable(
-        0.25, "s", "at least, by which a flight is put off that would meet somebody", least=0.01
-    )
-    orders: int = tunable(12, "orders", "of priority", least=1)
-
-
-@dataclass(frozen=True)
 class PlaneTuning(Tunables):
     """One robot among moving ones, in the plane and time (``motion/fleet/sipp.py``)."""
 
@@ -199,7 +185,6 @@ class FleetTuning(Tunables):
 
     ladder: LadderTuning = field(default_factory=LadderTuning)
     detours: DetoursTuning = field(default_factory=DetoursTuning)
-    flights: FlightsTuning = field(default_factory=FlightsTuning)
     plane: PlaneTuning = field(default_factory=PlaneTuning)
     roadmap: RoadmapTuning = field(default_factory=RoadmapTuning)
     knots: KnotsTuning = field(default_factory=KnotsTuning)

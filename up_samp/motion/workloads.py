@@ -100,14 +100,20 @@ def _motion(name: str, *poses: tuple[float, float, float]) -> TimedMotion:
 
 
 def compile_groups() -> None:
-    """Run what coordinates cars, once: two that cross where a third one rests."""
+    """Run what coordinates cars, once: two that cross where a third one rests; and what proposes a
+    way around one that rests.
+    """
     from up_samp.motion.fleet import coordinate
+    from up_samp.motion.fleet.space_time import Proposer
+    from up_samp.motion.fleet.workspace import Workspace, rest_run
 
     east = _motion("east", (1.0, 4.0, 0.0), (7.0, 4.0, 0.0))
     north = _motion("north", (4.0, 1.0, math.pi / 2), (4.0, 7.0, math.pi / 2))
     third = Rest("third", _BODY, (1.0, 7.5, 0.0), -math.inf, math.inf)
     straight = _Straight()
     coordinate(straight, GroupQuery((east, north), (third,)), Deadline.never())
+    fourth = rest_run(Workspace(straight), Rest("fourth", _BODY, (4.0, 4.0, 0.0)))
+    Proposer(Scene(_hall(), 0.01)).propose(east, 0.0, [fourth])
 
 
 def compile_knots() -> None:

@@ -105,18 +105,17 @@ def _joined(parts: Sequence[Background]) -> Background:
     right, top = (max(p.extent[i] for p in parts) for i in (1, 3))
     cell = min((p.extent[1] - p.extent[0]) / p.pixels.shape[1] for p in parts)
     cell = max(cell, math.sqrt((right - left) * (top - bottom) / SIZES.pixels))
-    shape = math.ceil((top - bottom) / cell), math.ceil((right - left) / cell)
-    pixels = np.full((*shape, 3), 255, dtype=np.uint8)
+    size = math.ceil((right - left) / cell), math.ceil((top - bottom) / cell)
+    whole = Image.new("RGB", size, "white")
     for part in parts:
         low, high, under, over = part.extent
-        rows, cols = part.pixels.shape[:2]
         first, last = round((top - over) / cell), round((top - under) / cell)
         west, east = round((low - left) / cell), round((high - left) / cell)
-        row = ((np.arange(last - first) + 0.5) * rows / (last - first)).astype(int)
-        col = ((np.arange(east - west) + 0.5) * cols / (east - west)).astype(int)
-        room = pixels[first:last, west:east]
-        room[:] = part.pixels[row][:, col][: room.shape[0], : room.shape[1]]
-    return Background(pixels, (left, left + shape[1] * cell, top - shape[0] * cell, top))
+        drawn = Image.fromarray(np.ascontiguousarray(part.pixels), "RGB")
+        drawn = drawn.resize((east - west, last - first), Image.Resampling.NEAREST)
+        whole.paste(drawn, (west, first))
+    extent = (left, left + whole.width * cell, top - whole.height * cell, top)
+    return Background(np.asarray(whole), extent)
 
 
 def _drawn(grid: OccupancyGrid) -> Background:

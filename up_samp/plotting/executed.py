@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Patch, Rectangle
 from matplotlib.ticker import MaxNLocator
 
+from up_samp.plotting.gantt import timed_rows
 from up_samp.plotting.rows import Row, rows_of
 from up_samp.plotting.style import INK, OTHER, SIZES, color_of, figure_axes, mixed
 from up_samp.plotting.tracks import horizon
@@ -42,7 +43,7 @@ def plot_executed(plan: dict[str, Any], record: dict[str, Any], ax: Axes | None 
         if name in real:
             _changes(ax, real[name], top + 0.61, 0.0)
         _waits(ax, record, name, top + 0.80)
-    _axis(ax, plan, record, names, [planned[n].color for n in names])
+    _dress(ax, plan, record, list(planned.values()))
     return ax
 
 
@@ -88,40 +89,21 @@ def _waits(ax: Axes, record: dict[str, Any], name: str, top: float) -> None:
             free = wait["since"] + 0.0062 * width * len(text)
 
 
-def _axis(
-    ax: Axes,
-    plan: dict[str, Any],
-    record: dict[str, Any],
-    names: Sequence[str],
-    colors: Sequence[str],
-) -> None:
-    ax.set_yticks([i + 0.45 for i in range(len(names))], names)
-    for text, color in zip(ax.get_yticklabels(), colors, strict=True):
-        text.set_color(color)
-        text.set_fontweight("bold")
-    ax.tick_params(axis="y", length=0)
-    ax.set_xlabel("time [s]")
-    ax.xaxis.grid(True, color="#D5DAE0", lw=0.6, zorder=0.5)
-    for side in ("top", "right", "left"):
-        ax.spines[side].set_visible(False)
+def _dress(ax: Axes, plan: dict[str, Any], record: dict[str, Any], rows: list[Row]) -> None:
     unit = plan["seconds_per_unit"]
     ax.axvline(plan["makespan"] * unit, color=INK, lw=1.0, ls=":", zorder=4)
     ax.axvline(record["makespan"] * unit, color=INK, lw=1.2, ls="--", zorder=4)
-    ax.set_title(
+    title = (
         f"{plan['problem']}: planned {plan['makespan'] * unit:g} s (dotted), "
-        f"executed {record['makespan'] * unit:.1f} s (dashed)",
-        loc="left", fontsize=11, color=INK, pad=26,
-    )  # fmt: skip
+        f"executed {record['makespan'] * unit:.1f} s (dashed)"
+    )
     keys = [
         Patch(fc=mixed(OTHER, 0.6), label="planned (above)"),
         Patch(fc=OTHER, label="executed (below)"),
         Patch(fc=mixed(OTHER, 0.85), ec=OTHER, label="not moving"),
         Patch(fc=WAIT, label="waiting, and for whom"),
     ]
-    ax.legend(
-        handles=keys, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, frameon=False,
-        fontsize=8, borderaxespad=0.2,
-    )  # fmt: skip
+    timed_rows(ax, [i + 0.45 for i in range(len(rows))], rows, title, keys)
 
 
 def plot_makespans(

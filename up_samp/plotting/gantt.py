@@ -55,6 +55,18 @@ def _frame(ax: Axes, plan: dict[str, Any], rows: list[Row], heights: list[float]
         ticks.append(top + (height + SIZES.headroom - (SIZES.lane - SIZES.bar)) / 2)
         ax.axhspan(top, top + height, color="#F4F6F8" if i % 2 else "#FFFFFF", zorder=0, lw=0)
         top += height
+    keys = [
+        Patch(fc=OTHER, ec=OTHER, label="driving"),
+        Patch(fc=mixed(OTHER, 0.75), ec=OTHER, hatch="////", label="motion, waiting"),
+        Patch(fc=mixed(OTHER, 0.75), ec=OTHER, label="other activity"),
+    ]
+    timed_rows(ax, ticks, rows, title_of(plan), keys)
+
+
+def timed_rows(
+    ax: Axes, ticks: list[float], rows: list[Row], title: str, keys: list[Patch]
+) -> None:
+    """Dress axes whose rows, named at ``ticks``, run over the time: names, title and legend."""
     ax.set_yticks(ticks, [row.name for row in rows])
     for text, row in zip(ax.get_yticklabels(), rows, strict=True):
         text.set_color(row.color if row.track is not None else INK)
@@ -65,14 +77,9 @@ def _frame(ax: Axes, plan: dict[str, Any], rows: list[Row], heights: list[float]
     ax.set_axisbelow(True)
     for side in ("top", "right", "left"):
         ax.spines[side].set_visible(False)
-    ax.set_title(title_of(plan), loc="left", fontsize=11, color=INK, pad=26)
-    keys = [
-        Patch(fc=OTHER, ec=OTHER, label="driving"),
-        Patch(fc=mixed(OTHER, 0.75), ec=OTHER, hatch="////", label="motion, waiting"),
-        Patch(fc=mixed(OTHER, 0.75), ec=OTHER, label="other activity"),
-    ]
+    ax.set_title(title, loc="left", fontsize=11, color=INK, pad=26)
     ax.legend(
-        handles=keys, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, frameon=False,
+        handles=keys, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(keys), frameon=False,
         fontsize=8, borderaxespad=0.2,
     )  # fmt: skip
 

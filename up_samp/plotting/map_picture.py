@@ -203,8 +203,10 @@ def _named(
     track: ObjectTrack, text: str, pose: _Pose, color: str, *, bold: bool = False
 ) -> PlacedLabel:
     """Return a label that stays outside the footprint at ``pose``."""
-    reach = np.abs(track.outline(pose) - pose[:2]).max(axis=0)
-    return PlacedLabel(text, pose[0], pose[1], color, bold, (float(reach[0]), float(reach[1])))
+    outline = track.outline(pose)
+    low, high = outline.min(axis=0), outline.max(axis=0)
+    (x, y), (wide, tall) = (low + high) / 2, (high - low) / 2
+    return PlacedLabel(text, float(x), float(y), color, bold, (float(wide), float(tall)))
 
 
 def _stops(ax: Axes, movers: list[ObjectTrack]) -> list[Bbox]:

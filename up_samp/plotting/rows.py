@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from up_samp.plotting.style import FIXTURE, OTHER, SIZES, color_of
@@ -126,7 +126,5 @@ def _laned(bars: list[Bar]) -> list[Bar]:
         if lane == len(free):
             free.append(bar.end)
         free[lane] = bar.end
-        placed.append(
-            Bar(bar.activity, bar.start, bar.end, bar.labels, lane, bar.motion, bar.driving)
-        )
+        placed.append(replace(bar, lane=lane))
     return placed

@@ -1,4 +1,4 @@
-"""What is turned away by its head, before anything of it is read."""
+"""Guards: requests that are turned away by their headers, before anything of them is read."""
 
 from __future__ import annotations
 

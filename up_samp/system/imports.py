@@ -1,4 +1,4 @@
-"""What libraries import and our use of them does not need, put off until somebody needs it.
+"""Imports put off: what libraries import and our use of them does not need, until somebody does.
 
 All cases are a tenth of the time of a small problem from the shell. They are for processes of our
 own only, commands and workers, which say so by :func:`own_the_process`; in a user's interpreter,

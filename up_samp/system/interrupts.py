@@ -1,4 +1,4 @@
-"""Ctrl-C that comes in another exception's clothes."""
+"""Ctrl-C behind another exception: libraries wrap what interrupts them."""
 
 from __future__ import annotations
 

@@ -21,13 +21,12 @@ from unified_planning.model.motion import (
     SchedulingMotionProblem,
 )
 from unified_planning.model.scheduling import Activity, SchedulingProblem
-from unified_planning.model.timing import DurationInterval
 
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.upio.objective import check_copied
 from up_samp.upio.plan import SampSchedule
 from up_samp.upio.read_maps import LIMITS
-from up_samp.upio.spans import conditions_of
+from up_samp.upio.spans import conditions_of, rewritten
 
 
 @dataclass(frozen=True)
@@ -263,12 +262,7 @@ def _copy(
             if parameter not in chosen:
                 own = parameter.name.removeprefix(f"{activity.name}.")
                 put.also(parameter, copy.add_parameter(own, parameter.type))
-    lasts = activity.duration
-    copy._set_duration_constraint(
-        DurationInterval(
-            put(lasts.lower), put(lasts.upper), lasts.is_left_open(), lasts.is_right_open()
-        )
-    )
+    copy._set_duration_constraint(rewritten(activity.duration, put))
     for span, conditions in conditions_of(activity).items():
         mine = [put(c) for c in conditions if whole or put.speaks([c])]
         if mine:

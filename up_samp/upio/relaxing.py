@@ -23,7 +23,6 @@ from unified_planning.model.motion import MotionActivity, SchedulingMotionProble
 from unified_planning.model.scheduling import Activity, SchedulingProblem
 from unified_planning.model.scheduling.chronicle import Chronicle
 from unified_planning.model.timing import (
-    DurationInterval,
     RightOpenTimeInterval,
     TimePointInterval,
 )
@@ -33,7 +32,7 @@ from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermK
 from up_samp.upio.objective import objective_of, only_makespan
 from up_samp.upio.relaxation import Relaxation, choose, told_fluents
 from up_samp.upio.rewrite import Rewriter
-from up_samp.upio.spans import closed, conditions_of, inner, own_end, whole
+from up_samp.upio.spans import closed, conditions_of, inner, own_end, rewritten, whole
 
 
 def copy_state(
@@ -119,15 +118,7 @@ def relax(
     for activity in problem.activities:
         copy = Activity(activity.name, 1, activity.optional, _env=problem.environment)
         copy_chronicle(activity, copy, rewriter)
-        bounds = activity.duration
-        copy._set_duration_constraint(
-            DurationInterval(
-                rewriter(bounds.lower),
-                rewriter(bounds.upper),
-                bounds.is_left_open(),
-                bounds.is_right_open(),
-            )
-        )
+        copy._set_duration_constraint(rewritten(activity.duration, rewriter))
         plain._activities.append(copy)
     if problem.quality_metrics and only_makespan(problem):
         plain.add_quality_metric(problem.quality_metrics[0])

@@ -27,17 +27,10 @@ if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
 
-@dataclass(frozen=True)
-class Nearness:
-    """Which poses are the same."""
-
-    same: float = 1e-3
-    """Relative poses this near (m, rad) are the same: as near as a plan has to come to a pose."""
-    grain: float = 1e-6
-    """Gaps between robot and load below twice this (m) are rounding, and closed."""
-
-
-NEARNESS = Nearness()
+SAME = 1e-3
+"""Relative poses this near (m, rad) are the same: as near as a plan has to come to a pose."""
+GRAIN = 1e-6
+"""Gaps between robot and load below twice this (m) are rounding, and closed."""
 
 STAY = (0.0, 0.0, 0.0)
 
@@ -143,10 +136,10 @@ def _rides(
         if not ends:
             return []
         offset = ends[0][0]
-        near = [p for o, p in _offsets(start, places, floor) if _gap(o, offset) <= NEARNESS.same]
+        near = [p for o, p in _offsets(start, places, floor) if _gap(o, offset) <= SAME]
         return [Ride(task.activity, load, near[0], to, offset)] if near else []
     begins = [o for o, _ in _offsets(start, places, floor)]
-    if any(_gap(o, p) <= NEARNESS.same for (o, _), p in itertools.product(ends, begins)):
+    if any(_gap(o, p) <= SAME for (o, _), p in itertools.product(ends, begins)):
         raise UnsupportedError(
             f"activity '{task.activity}': whether '{load}' travels with '{task.object}' hangs on "
             "decisions; state one activity for each pair of places"
@@ -171,7 +164,7 @@ def _offsets(
         for other in others:
             for name in _names(other, floor):
                 frame, pose = floor.configurations[one], floor.configurations[name]
-                if abs(floor.heights.get(one, 0.0) - floor.heights.get(name, 0.0)) > NEARNESS.same:
+                if abs(floor.heights.get(one, 0.0) - floor.heights.get(name, 0.0)) > SAME:
                     continue
                 found.append((relative(frame, pose), Term(TermKind.CONSTANT, name)))
     return list(dict.fromkeys(found))
@@ -212,11 +205,11 @@ def _joined(
     parts = [shapely.Polygon(shape) for shape in shapes]
     outline = shapely.union_all(parts)
     if not _simple(outline):
-        closed = shapely.union_all([p.buffer(NEARNESS.grain, join_style="mitre") for p in parts])
-        outline = closed.buffer(-NEARNESS.grain, join_style="mitre")
+        closed = shapely.union_all([p.buffer(GRAIN, join_style="mitre") for p in parts])
+        outline = closed.buffer(-GRAIN, join_style="mitre")
     if not _simple(outline):
         outline = shapely.union_all(parts).convex_hull
-    ring = shapely.remove_repeated_points(outline.exterior, NEARNESS.grain / 10).coords[:-1]
+    ring = shapely.remove_repeated_points(outline.exterior, GRAIN / 10).coords[:-1]
     return tuple((float(x), float(y)) for x, y in ring)
 
 

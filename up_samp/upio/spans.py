@@ -4,6 +4,7 @@ may be bare timepoints.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from unified_planning.model import FNode, Timepoint, Timing
@@ -11,6 +12,7 @@ from unified_planning.model.mixins.timed_conds_effs import TimedCondsEffs
 from unified_planning.model.scheduling import Activity
 from unified_planning.model.timing import (
     ClosedTimeInterval,
+    DurationInterval,
     LeftOpenTimeInterval,
     OpenTimeInterval,
     RightOpenTimeInterval,
@@ -28,6 +30,12 @@ def whole(activity: Activity, early: int = 0) -> TimeInterval:
     if early:
         return ClosedTimeInterval(Timing(0, activity.start), Timing(-early, activity.end))
     return LeftOpenTimeInterval(Timing(0, activity.start), Timing(0, activity.end))
+
+
+def rewritten(lasts: DurationInterval, rewrite: Callable[[FNode], FNode]) -> DurationInterval:
+    """Return the bounds of a duration with each expression rewritten."""
+    bounds = map(rewrite, (lasts.lower, lasts.upper))
+    return DurationInterval(*bounds, lasts.is_left_open(), lasts.is_right_open())
 
 
 def closed(activity: Activity) -> TimeInterval:

@@ -1,4 +1,4 @@
-"""Do bodies meet? Swept, not sampled: conservative advancement by bisection.
+"""Collisions in the plane, swept and not sampled: conservative advancement by bisection.
 
 At a time in the middle of an interval the gap is compared with how far the bodies' farthest points
 can move until its ends: a larger gap proves the interval free, otherwise it is halved (the idea

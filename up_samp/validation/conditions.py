@@ -1,4 +1,4 @@
-"""Do conditions hold, and does nobody change what another one reads or writes?"""
+"""Conditions of a schedule, and interference: nobody changes what another one reads or writes."""
 
 from __future__ import annotations
 
@@ -60,15 +60,15 @@ def _timed_conditions(
         for interval, nodes in chronicle.conditions.items():
             found = _instants(interval, owner, timeline, reading)
             if found is not None and found[0] <= found[1]:
-                half_open = interval.is_right_open() and reading is Reading.LATER
-                seen = found[1] + half_open * timeline.decisions.instant
-                yield from (_Condition(owner, node, *found, seen) for node in nodes)
+                yield from (_Condition(owner, node, *found) for node in nodes)
 
 
 def _instants(
     interval: Any, owner: str | None, timeline: StateTimeline, reading: Reading
-) -> tuple[int, int] | None:
-    """Return the first and last instant of an interval (``None``: it hangs on an absent one)."""
+) -> tuple[int, int, int] | None:
+    """Return the first and last instant of an interval, and the last that is seen (``None``: it
+    hangs on an absent one).
+    """
     end = timeline.global_end(reading)
     first = timeline.decisions.timing(interval.lower, owner, end)
     last = timeline.decisions.timing(interval.upper, owner, end)
@@ -77,7 +77,9 @@ def _instants(
     step = timeline.decisions.instant
     if step == 1 and not (isinstance(first, int) and isinstance(last, int)):
         raise UnsupportedError(f"fractional time in the condition interval {interval}")
-    return first + interval.is_left_open() * step, last - interval.is_right_open() * step
+    last -= interval.is_right_open() * step
+    half_open = interval.is_right_open() and reading is Reading.LATER
+    return first + interval.is_left_open() * step, last, last + half_open * step
 
 
 def _new_values(timeline: StateTimeline, reading: Reading) -> dict[str, set[int]]:
@@ -135,9 +137,7 @@ def holds_throughout(interval: Any, node: Any, timeline: StateTimeline, reading:
         return False
     if found[0] > found[1]:
         return True
-    half_open = interval.is_right_open() and reading is Reading.LATER
-    seen = found[1] + half_open * timeline.decisions.instant
-    condition = _Condition(None, node, *found, seen)
+    condition = _Condition(None, node, *found)
     new = _new_values(timeline, reading)
     return _first_failure(condition, timeline, reading, new, surely=True) is None
 
@@ -168,7 +168,7 @@ def _other_interference(
     problem: Any, timeline: StateTimeline, by_name: dict[str, list[Change]]
 ) -> Iterator[Violation]:
     """Rule 11 for what effects and durations read."""
-    readings = [(r.time, r.owner, r.keys, r.what) for r in timeline.effect_reads]
+    readings = list(timeline.effect_reads)
     for activity in present_activities(problem, timeline):
         start = timeline.decisions.times[activity.name][0]
         reader = _reader_at(timeline, start, Reading.LATER, activity.name)

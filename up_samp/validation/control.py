@@ -1,4 +1,4 @@
-"""Does a trajectory follow a control model ``qdot = f(q, u)`` with some admissible control?"""
+"""Control models: does a trajectory follow ``qdot = f(q, u)`` with some admissible control?"""
 
 from __future__ import annotations
 

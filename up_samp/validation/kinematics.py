@@ -1,4 +1,4 @@
-"""Can the body really move like that? Finite differences between samples, with stated tolerances.
+"""Limits of motions (speed, acceleration, curvature): finite differences, with stated tolerances.
 
 Speeds are means over a piece between two samples, so that a body within its limits always
 passes: a mean speed is at most the largest speed, and means over neighbouring pieces differ by at

@@ -15,7 +15,7 @@ from up_samp.validation.judged import JudgedMotion, Jump
 from up_samp.validation.paths import pose_gap
 from up_samp.validation.rides import CarriedLoad, between, carried_along
 from up_samp.validation.scene import JudgedScene
-from up_samp.validation.se3 import AnyTrack, SpaceTrack, track_of
+from up_samp.validation.se3 import track_of
 from up_samp.validation.tolerances import TOLERANCES
 from up_samp.validation.tracks import Track
 from up_samp.validation.verdict import Violation
@@ -34,7 +34,7 @@ def same_height(one: float, other: float) -> bool:
 class Piece:
     """A time [since, until] (s) of an object's life: driven by ``task`` or at rest (until open)."""
 
-    track: AnyTrack
+    track: Track
     since: float
     until: float
     task: JudgedMotion | None
@@ -160,17 +160,15 @@ def _live(
             moves, task, shape = _moving(times, poses), event.task, None
             floor = scene.height(event.task.places[0])
             if event.ride is None:
-                departure = _Departure(event.task, here, tuple(poses[0].tolist()), (height, floor))
-                found.extend(_continuity(departure))
                 shape = _held(scene, event.task)
-                here, driven_by = tuple(poses[-1].tolist()), event.task.activity
+                goal, by = tuple(poses[-1].tolist()), event.task.activity
             else:
                 poses = carried_along(poses, event.ride.offset)
-                departure = _Departure(event.task, here, tuple(poses[0].tolist()), (height, floor))
-                found.extend(_taken(event.ride, departure))
                 task = replace(event.task, object=name)
-                here, driven_by = scene.pose(event.ride.goal), ""
-            height = floor
+                goal, by = scene.pose(event.ride.goal), ""
+            first = tuple(poses[0].tolist())
+            found.extend(_continuity(event.task, event.ride, (here, height), (first, floor)))
+            here, driven_by, height = goal, by, floor
             reach = radius if shape is None else max(radius, shape.radius)
             track = track_of(times, poses, reach)
             yield Piece(track, start, end, task, moves, height, shape=shape)
@@ -190,31 +188,6 @@ def _held(scene: JudgedScene, task: JudgedMotion) -> JudgedShape | None:
     return between(carrier, loads) if loads and isinstance(carrier, JudgedShape) else None
 
 
-@dataclass(frozen=True)
-class _Departure:
-    """A drive begins at ``first``, and its object (or load) is ``here``; ``heights`` of both, m."""
-
-    task: JudgedMotion
-    here: tuple[float, ...] | None
-    first: tuple[float, ...]
-    heights: tuple[float, float]
-
-    def off(self, tolerance: float) -> bool:
-        """Return whether the object is not where the drive begins."""
-        return self.here is not None and pose_gap(self.here, self.first) > tolerance
-
-
-def _taken(ride: CarriedLoad, departure: _Departure) -> Iterator[Violation]:
-    """A load is taken from where it stands."""
-    task, here, first = departure.task, departure.here, departure.first
-    elsewhere = departure.off(2 * TOLERANCES.pose) or not same_height(*departure.heights)
-    if here is None or elsewhere:
-        text = f"{task.what}: its load {ride.load} has to be at {_show(first)} but is "
-        text += "nowhere" if here is None else f"at {_show(here)}"
-        names = (task.object, ride.load)
-        yield Violation("continuity", text, (task.activity,), names, float(task.start))
-
-
 def _moving(times: FloatArray, poses: FloatArray) -> tuple[float, float] | None:
     """Return from when to when (s) a trajectory moves: without waits at its beginning and end."""
     steps = np.flatnonzero(np.abs(np.diff(poses, axis=0)).max(axis=1, initial=0.0) > 0)
@@ -223,25 +196,36 @@ def _moving(times: FloatArray, poses: FloatArray) -> tuple[float, float] | None:
     return float(times[steps[0]]), float(times[steps[-1] + 1])
 
 
-def _continuity(departure: _Departure) -> Iterator[Violation]:
-    task, here, first = departure.task, departure.here, departure.first
-    heights = departure.heights
-    if here is None:
-        text = f"{task.what}: it is nowhere (no initial configuration)"
-        yield Violation("continuity", text, (task.activity,), (task.object,))
-    elif departure.off(TOLERANCES.pose):
-        text = f"{task.what}: its motion starts at {_show(first)} but it is at {_show(here)}"
-        yield Violation("continuity", text, (task.activity,), (task.object,))
-    elif not same_height(*heights):
-        text = f"{task.what}: its motion is {heights[1]:g} m up but it is {heights[0]:g} m up"
-        yield Violation("continuity", text, (task.activity,), (task.object,))
+def _continuity(
+    task: JudgedMotion,
+    ride: CarriedLoad | None,
+    here: tuple[tuple[float, ...] | None, float],
+    first: tuple[tuple[float, ...], float],
+) -> Iterator[Violation]:
+    """A drive begins at ``first`` (a pose, and its map's height), where its object is: ``here``; a
+    load is taken from where it stands.
+    """
+    (pose, height), (wanted, floor) = here, first
+    tolerance = TOLERANCES.pose if ride is None else 2 * TOLERANCES.pose
+    off = pose is None or pose_gap(pose, wanted) > tolerance
+    if not off and same_height(height, floor):
+        return
+    if ride is not None:
+        text = f"its load {ride.load} has to be at {_show(wanted)} but is "
+        text += "nowhere" if pose is None else f"at {_show(pose)}"
+    elif pose is None:
+        text = "it is nowhere (no initial configuration)"
+    elif off:
+        text = f"its motion starts at {_show(wanted)} but it is at {_show(pose)}"
+    else:
+        text = f"its motion is {floor:g} m up but it is {height:g} m up"
+    names, at = ((task.object,), None) if ride is None else ((task.object, ride.load), task.start)
+    yield Violation("continuity", f"{task.what}: {text}", (task.activity,), names, at)
 
 
-def resting(pose: tuple[float, ...], radius: float) -> AnyTrack:
+def resting(pose: tuple[float, ...], radius: float) -> Track:
     """Return the track of a body that rests at a pose."""
-    if len(pose) == 7:
-        return SpaceTrack.resting(pose, radius)
-    return Track.resting((pose[0], pose[1], pose[2]), radius)
+    return track_of(np.zeros(1), np.array([pose], dtype=float), radius)
 
 
 def _show(pose: tuple[float, ...]) -> str:

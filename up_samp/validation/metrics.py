@@ -10,7 +10,7 @@ from unified_planning.model import metrics
 from up_samp.extensions import parts
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.model.objective import MinimizeCosts
-from up_samp.validation.conditions import holds_throughout
+from up_samp.validation.conditions import _reader_at, holds_throughout
 from up_samp.validation.schedule import read_decisions
 from up_samp.validation.timeline import Reading, StateTimeline, build_timeline
 from up_samp.validation.values import Reader, Value, plain
@@ -27,10 +27,7 @@ def evaluate_metric(metric: Any, timeline: StateTimeline) -> Value:
         return timeline.decisions.makespan
     if isinstance(metric, MinimizeCosts):
         return plain(sum(value for _, value in _terms(metric, timeline)))
-    final = Reader(
-        timeline.decisions,
-        lambda key: timeline.value(key, timeline.horizon + 1, Reading.LATER),
-    )
+    final = _final(timeline)
     if isinstance(
         metric, (metrics.MinimizeExpressionOnFinalState, metrics.MaximizeExpressionOnFinalState)
     ):
@@ -50,17 +47,16 @@ def evaluate_metric(metric: Any, timeline: StateTimeline) -> Value:
     raise UnsupportedError(f"the metric '{metric}' has no meaning for schedules")
 
 
+def _final(timeline: StateTimeline, owner: str | None = None) -> Reader:
+    """Return what reads expressions after all effects."""
+    return _reader_at(timeline, timeline.horizon + 1, Reading.LATER, owner)
+
+
 def _terms(metric: MinimizeCosts, timeline: StateTimeline) -> Iterator[tuple[str, Value]]:
     """Yield each cost that counts, by its term: weighted values after all effects."""
-    decisions = timeline.decisions
     for cost in metric.costs:
-        if cost.activity is None or cost.activity in decisions.times:
-            final = Reader(
-                decisions,
-                lambda key: timeline.value(key, timeline.horizon + 1, Reading.LATER),
-                cost.activity,
-            )
-            value = final.value(cost.node)
+        if cost.activity is None or cost.activity in timeline.decisions.times:
+            value = _final(timeline, cost.activity).value(cost.node)
             if cost.node.type.is_bool_type():  # what an absent activity leaves open does not hold
                 value = int(value is True)
             yield cost.term, plain(cost.weight * (max(0, value) if cost.positive else value))
@@ -76,19 +72,20 @@ def _costs(metric: Any, timeline: StateTimeline) -> Iterator[Value]:
 
 def terms_of(problem: Any, plan: Any) -> dict[str, Value]:
     """Return what a schedule costs by term, where the problem's metric is a sum of costs."""
-    decisions, wrong = read_decisions(problem, plan)
-    if decisions is None:
-        raise ProblemError(f"this is no schedule of the problem: {wrong[0]}")
     metric = problem.quality_metrics[0]
     found = dict.fromkeys((cost.term for cost in metric.costs), 0)
-    for term, value in _terms(metric, build_timeline(problem, decisions)):
+    for term, value in _terms(metric, _timeline_of(problem, plan)):
         found[term] = plain(found[term] + value)
     return found
 
 
 def value_of(problem: Any, plan: Any) -> Value:
     """Return the value of the problem's (only) metric for a schedule."""
+    return evaluate_metric(problem.quality_metrics[0], _timeline_of(problem, plan))
+
+
+def _timeline_of(problem: Any, plan: Any) -> StateTimeline:
     decisions, wrong = read_decisions(problem, plan)
     if decisions is None:
         raise ProblemError(f"this is no schedule of the problem: {wrong[0]}")
-    return evaluate_metric(problem.quality_metrics[0], build_timeline(problem, decisions))
+    return build_timeline(problem, decisions)

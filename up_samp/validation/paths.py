@@ -76,41 +76,48 @@ def integrate(
         found.append(Violation("trajectory", f"{what}: its path is empty"))
         return None
     rows = _rows(path.path)
-    quick = _all_short(rows, start)
-    if quick is not None:
-        return quick
-    times, poses = [start], [tuple(float(v) for v in path.path[0][0])]
-    for number, (pose, v, omega, duration) in enumerate(path.path):
-        x, y, theta = poses[-1]
-        miss = math.hypot(pose[0] - x, pose[1] - y)
-        bend = abs(math.remainder(pose[2] - theta, math.tau))
-        if miss > TOLERANCES.joint or bend > TOLERANCES.joint:
-            text = f"{what}: the controls of piece {number - 1} of its path do not lead to the next"
-            found.append(Violation("path", f"{text} pose (off by {miss:.3g} m, {bend:.3g} rad)"))
-            return None
-        # go on from the stated pose: errors must not add up
-        begin = (float(pose[0]), float(pose[1]), theta + math.remainder(pose[2] - theta, math.tau))
-        poses[-1] = begin
-        if duration <= 0:
-            continue
-        since = times[-1]
-        short = duration <= TOLERANCES.sampling + 1e-9 or (v == 0 and omega == 0)
-        count = 1 if short else math.ceil(duration / _STEP)
-        for k in range(1, count + 1):
-            t = duration * k / count
-            half = omega * t / 2
-            # the chord of an arc
-            chord = v * t * (math.sin(half) / half if abs(half) > 1e-9 else 1.0)
-            heading = begin[2] + half
-            times.append(since + t)
-            poses.append(
-                (
-                    begin[0] + chord * math.cos(heading),
-                    begin[1] + chord * math.sin(heading),
-                    begin[2] + omega * t,
-                )
-            )
-    return np.array(times), np.array(poses)
+    if not np.isfinite(rows).all():
+        found.append(Violation("trajectory", f"{what}: a number of its path is not finite"))
+        return None
+    x, y, theta, v, omega, duration = rows.T
+    duration = np.maximum(duration, 0.0)
+    end, turn = _driven(rows, v, omega, duration)
+    miss = np.hypot(end[:-1, 0] - x[1:], end[:-1, 1] - y[1:])
+    bend = np.remainder(theta[1:] - theta[:-1] - turn[:-1] + math.pi, math.tau) - math.pi
+    wrong = np.flatnonzero((miss > TOLERANCES.joint) | (np.abs(bend) > TOLERANCES.joint))
+    if len(wrong):
+        i = int(wrong[0])
+        text = f"{what}: the controls of piece {i} of its path do not lead to the next"
+        off = f"(off by {miss[i]:.3g} m, {abs(bend[i]):.3g} rad)"
+        found.append(Violation("path", f"{text} pose {off}"))
+        return None
+    # go on from the stated poses: errors must not add up
+    stated = np.column_stack((x, y, np.cumsum(np.append(theta[:1], turn[:-1] + bend))))
+    short = (duration <= TOLERANCES.sampling + 1e-9) | ((v == 0) & (omega == 0))
+    count = np.where(short, 1, np.ceil(duration / _STEP)).astype(int) * (duration > 0)
+    before = np.cumsum(count) - count
+    piece = np.repeat(np.arange(len(rows)), count)
+    part = duration[piece] * (np.arange(len(piece)) + 1 - before[piece]) / count[piece]
+    since = np.cumsum(np.append(start, duration))
+    times = np.append(start, since[piece] + part)
+    poses = np.empty((len(times), 3))
+    poses[1:, :2], turned = _driven(stated[piece], v[piece], omega[piece], part)
+    poses[1:, 2] = stated[piece, 2] + turned
+    poses[before] = stated  # of several at one instant the last
+    return times, poses
+
+
+def _driven(
+    begin: FloatArray, v: FloatArray, omega: FloatArray, seconds: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return where (n, 2) constant controls lead to from poses (x, y, theta, ...), and the turns
+    (n,) on the way.
+    """
+    half = omega * seconds / 2
+    chord = v * seconds * np.sinc(half / math.pi)  # of an arc
+    ahead = begin[:, 2] + half
+    xy = begin[:, :2] + np.column_stack((chord * np.cos(ahead), chord * np.sin(ahead)))
+    return xy, 2 * half
 
 
 def _rows(pieces: Any) -> FloatArray:
@@ -121,32 +128,6 @@ def _rows(pieces: Any) -> FloatArray:
         part = pieces[first : first + _CHUNK]
         parts.append(np.array([(p[0], p[1], p[2], v, w, d) for p, v, w, d in part], dtype=float))
     return np.concatenate(parts)
-
-
-def _all_short(rows: FloatArray, start: float) -> tuple[FloatArray, FloatArray] | None:
-    """Return what :func:`integrate` does, in one go, for rows (x, y, theta, v, omega, duration) of
-    short pieces that join; ``None`` for others, that are looked at one by one.
-    """
-    x, y, theta, v, omega, duration = rows.T
-    short = (duration <= TOLERANCES.sampling + 1e-9) | ((v == 0) & (omega == 0))
-    if not (short.all() and (duration[:-1] > 0).all() and np.isfinite(rows).all()):
-        return None
-    half = omega * duration / 2
-    bent = np.abs(half) > 1e-9
-    chord = v * duration * np.where(bent, np.sin(half) / np.where(bent, half, 1.0), 1.0)
-    end = np.column_stack((x + chord * np.cos(theta + half), y + chord * np.sin(theta + half)))
-    miss = np.hypot(end[:-1, 0] - x[1:], end[:-1, 1] - y[1:])
-    off = theta[1:] - theta[:-1] - 2 * half[:-1]
-    bend = np.remainder(off + math.pi, math.tau) - math.pi
-    if (miss > TOLERANCES.joint).any() or (np.abs(bend) > TOLERANCES.joint).any():
-        return None
-    heading = np.cumsum(np.concatenate((theta[:1], 2 * half[:-1] + bend)))
-    times = np.cumsum(np.concatenate(([start], duration)))
-    poses = np.column_stack((x, y, heading))
-    if duration[-1] <= 0:
-        return times[:-1], poses
-    last = (*end[-1], heading[-1] + 2 * half[-1])
-    return times, np.concatenate((poses, [last]))
 
 
 def _disagreement(

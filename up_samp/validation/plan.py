@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from up_samp.model import ProblemError, Trajectory, check_time
+from up_samp.model import ProblemError, Trajectory, UnsupportedError, check_time
 from up_samp.validation.collisions import JudgedShape, hits_map
 from up_samp.validation.judged import JudgedMotion, Obstacle
 from up_samp.validation.kinematics import motion_violations
@@ -28,7 +28,7 @@ from up_samp.validation.metrics import evaluate_metric
 from up_samp.validation.paths import passes, path_of, pose_gap, read_trajectory
 from up_samp.validation.scene import JudgedScene
 from up_samp.validation.schedule import JudgedSchedule, judge_decisions, judge_schedule
-from up_samp.validation.se3 import AnyTrack, hits, hits_map_from_space
+from up_samp.validation.se3 import SpaceTrack, hits, hits_map_from_space
 from up_samp.validation.solids import Solid
 from up_samp.validation.tolerances import TOLERANCES
 from up_samp.validation.tracks import Track
@@ -296,12 +296,13 @@ def _keeps_clear(
 
 
 def _hits_map(
-    shape: JudgedShape | Solid, track: AnyTrack, blocked: BlockedMap, low: float, high: float
+    shape: JudgedShape | Solid, track: Track, blocked: BlockedMap, low: float, high: float
 ) -> float | None:
-    if isinstance(shape, JudgedShape) and isinstance(track, Track):
-        return hits_map(shape, track, blocked, low, high)
-    assert isinstance(shape, Solid)
-    return hits_map_from_space(shape, track, blocked, low, high)
+    if isinstance(shape, Solid):
+        return hits_map_from_space(shape, track, blocked, low, high)
+    if isinstance(track, SpaceTrack):
+        raise UnsupportedError("bodies without a mesh move in the plane")
+    return hits_map(shape, track, blocked, low, high)
 
 
 def _meeting(

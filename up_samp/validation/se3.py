@@ -14,7 +14,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 
 from up_samp.model import UnsupportedError
@@ -25,16 +24,12 @@ from up_samp.validation.tracks import Track
 
 
 @dataclass(frozen=True)
-class SpaceTrack:
+class SpaceTrack(Track):
     """A body's pose in space over all time: straight between samples, the orientation by slerp
     (Shoemake 1985); at rest before the first and after the last sample. ``poses`` (n, 7).
     """
 
-    times: FloatArray
-    poses: FloatArray
-    radius: float
     _turns: FloatArray = field(init=False, repr=False)
-    _travel: FloatArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         q = self.poses[:, 3:] / np.linalg.norm(self.poses[:, 3:], axis=1, keepdims=True)
@@ -43,26 +38,16 @@ class SpaceTrack:
         q[1:] *= np.cumprod(flips)[:, None]
         object.__setattr__(self, "poses", np.hstack((self.poses[:, :3], q)))
         dots = np.clip(np.sum(q[1:] * q[:-1], axis=1), -1.0, 1.0)
-        object.__setattr__(self, "_turns", np.arccos(dots))
+        object.__setattr__(self, "_turns", np.append(np.arccos(dots), 0.0))
         steps = np.linalg.norm(np.diff(self.poses[:, :3], axis=0), axis=1)
-        steps = steps + 2 * self.radius * self._turns
+        steps = steps + 2 * self.radius * self._turns[:-1]
         object.__setattr__(self, "_travel", np.concatenate(([0.0], np.cumsum(steps))))
-
-    @staticmethod
-    def resting(pose: tuple[float, ...], radius: float) -> SpaceTrack:
-        """Return the track of a body that never moves."""
-        return SpaceTrack(np.zeros(1), np.array([pose], dtype=float), radius)
-
-    def pose(self, t: float) -> tuple[float, ...]:
-        """Return the pose at time ``t``."""
-        return tuple(self.poses_at(np.array([t]))[0].tolist())
 
     def poses_at(self, times: FloatArray) -> FloatArray:
         """Return the poses at ``times`` (k,), shape (k, 7)."""
-        if len(self.times) == 1:
-            return np.repeat(self.poses, len(times), axis=0)
         i, share = self._locate(times)
-        a, b, s = self.poses[i], self.poses[i + 1], share[:, None]
+        a, b = self.poses[i], self.poses[np.minimum(i + 1, len(self.poses) - 1)]
+        s = share[:, None]
         turn = self._turns[i][:, None]
         small = turn < 1e-6
         sine = np.where(small, 1.0, np.sin(turn))
@@ -71,24 +56,8 @@ class SpaceTrack:
         position = a[:, :3] + s * (b[:, :3] - a[:, :3])
         return np.hstack((position, first * a[:, 3:] + second * b[:, 3:]))
 
-    def travel(self, a: FloatArray, b: FloatArray) -> FloatArray:
-        """Return upper bounds on the way of any point of the body between times a <= b."""
-        return self._travelled(b) - self._travelled(a)
 
-    def _travelled(self, times: FloatArray) -> FloatArray:
-        return np.interp(times, self.times, self._travel)
-
-    def _locate(self, times: FloatArray) -> tuple[npt.NDArray[np.intp], FloatArray]:
-        clipped = np.clip(times, self.times[0], self.times[-1])
-        i = np.searchsorted(self.times, clipped, side="right") - 1
-        i = np.clip(i, 0, len(self.times) - 2)
-        return i, (clipped - self.times[i]) / (self.times[i + 1] - self.times[i])
-
-
-AnyTrack = Track | SpaceTrack
-
-
-def track_of(times: FloatArray, poses: FloatArray, radius: float) -> AnyTrack:
+def track_of(times: FloatArray, poses: FloatArray, radius: float) -> Track:
     """Return the track of a trajectory, planar (n, 3) or in space (n, 7)."""
     kind = SpaceTrack if poses.shape[1] == 7 else Track
     return kind(times, poses, radius)
@@ -102,7 +71,7 @@ def shadows(solid: Solid, pose: FloatArray) -> Any:
 
 # ---------------------------------------------------------------------------------- sweeps
 def hits_map_from_space(
-    solid: Solid, track: AnyTrack, blocked: BlockedMap, low: float, high: float
+    solid: Solid, track: Track, blocked: BlockedMap, low: float, high: float
 ) -> float | None:
     """Return a time in [low, high] at which a mesh's shadow meets the map's blocked part."""
 
@@ -118,17 +87,17 @@ def hits_map_from_space(
 
 def hits(
     shape: JudgedShape | Solid,
-    track: AnyTrack,
+    track: Track,
     other: JudgedShape | Solid,
-    other_track: AnyTrack,
+    other_track: Track,
     low: float,
     high: float,
 ) -> float | None:
     """Return a time in [low, high] at which two bodies meet, in the plane or in space."""
     if isinstance(shape, JudgedShape) and isinstance(other, JudgedShape):
-        if isinstance(track, Track) and isinstance(other_track, Track):
-            return hits_body(shape, track, other, other_track, low, high)
-        raise UnsupportedError("bodies without a mesh move in the plane")
+        if any(isinstance(one, SpaceTrack) for one in (track, other_track)):
+            raise UnsupportedError("bodies without a mesh move in the plane")
+        return hits_body(shape, track, other, other_track, low, high)
     if not isinstance(shape, Solid):
         return hits(other, other_track, shape, track, low, high)
     radii = shape.radius + other.radius
@@ -165,7 +134,7 @@ def upright(pose: FloatArray) -> FloatArray:
     return np.array([x, y, 0.0, 0.0, 0.0, math.sin(heading / 2), math.cos(heading / 2)])
 
 
-def _lowest(track: AnyTrack) -> float:
+def _lowest(track: Track) -> float:
     """Return the lowest height (m) of a body's origin, the floor's at most."""
     return min(0.0, float(track.poses[:, 2].min()))
 

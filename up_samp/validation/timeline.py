@@ -37,16 +37,6 @@ class Change:
 
 
 @dataclass(frozen=True)
-class EffectReads:
-    """The other fluents that an effect's condition and value looked at, at its instant."""
-
-    time: int
-    owner: str | None
-    keys: frozenset[Key]
-    what: str
-
-
-@dataclass(frozen=True)
 class _Event:
     """An effect with its time, before it is known whether it happens."""
 
@@ -69,7 +59,9 @@ class StateTimeline:
     horizon: int = 0
     """The latest of all ends and effect times."""
     changes: list[Change] = field(default_factory=list)
-    effect_reads: list[EffectReads] = field(default_factory=list)
+    effect_reads: list[tuple[int, str | None, frozenset[Key], str]] = field(default_factory=list)
+    """When, and for whom, an effect's condition and value looked at which other fluents, and what
+    it is."""
     violations: list[Violation] = field(default_factory=list)
     _initial: dict[Key, Value] = field(default_factory=dict)
     _times: dict[Key, list[int]] = field(default_factory=lambda: defaultdict(list))
@@ -175,7 +167,7 @@ def _happen(timeline: StateTimeline, time: int, events: list[_Event]) -> None:
         value = reader.value(event.effect.value)
         others = frozenset(reader.reads - {key})
         if others:
-            timeline.effect_reads.append(EffectReads(time, event.owner, others, event.what))
+            timeline.effect_reads.append((time, event.owner, others, event.what))
         if key is None or happens is MISSING or value is MISSING:
             timeline.violations.append(
                 Violation("effect-value", f"{event.what} uses a value that is not there")

@@ -13,7 +13,6 @@ import numpy as np
 import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float64]
-Pose = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -72,15 +71,9 @@ class Track:
         steps = pieces.length + self.radius * np.abs(pieces.turn)
         object.__setattr__(self, "_travel", np.concatenate(([0.0], np.cumsum(steps))))
 
-    @staticmethod
-    def resting(pose: Pose, radius: float) -> Track:
-        """Return the track of a body that never moves."""
-        return Track(np.zeros(1), np.array([pose], dtype=float), radius)
-
-    def pose(self, t: float) -> Pose:
+    def pose(self, t: float) -> tuple[float, ...]:
         """Return the pose at time ``t``."""
-        x, y, theta = self.poses_at(np.array([t]))[0].tolist()
-        return x, y, theta
+        return tuple(self.poses_at(np.array([t]))[0].tolist())
 
     def poses_at(self, times: FloatArray) -> FloatArray:
         """Return the poses at ``times`` (k,), shape (k, 3)."""

@@ -1,6 +1,7 @@
 """Many robots at once: ejection and large-neighbourhood search over motions."""
 
 import numpy as np
+import pytest
 
 from tests.motion.fleet import tight_places as tight
 from tests.motion.fleet.independent import judge
@@ -25,7 +26,7 @@ def planned(traffic, plans):
     problem = MovingGroup(workspace, motions, (), arrivals_and_lateness(motions), budget, ways)
     runs = first_runs(problem)
     problem.budget = WorkBudget(Deadline.never(), plans)
-    return problem, runs, improve(problem, runs, list(runs), seed=1)
+    return problem, runs, improve(problem, runs, list(runs), seed=1) if plans else runs
 
 
 def test_arrivals_get_earlier_and_the_plan_stays_valid(tmp_path):
@@ -50,3 +51,12 @@ def test_nobody_is_moved_who_may_not_be():
     problem.budget = WorkBudget(Deadline.never(), 30)
     better = improve(problem, runs, ["go0", "go1"])
     assert all(better[name] is runs[name] for name in runs if name not in ("go0", "go1"))
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_who_ejects_each_other_again_and_again_makes_way(seed, tmp_path):
+    traffic = tight.errands(tight.aisles(), tight.omni(), 6, seed)
+    _, runs, _ = planned(traffic, 0)
+    assert runs is not None
+    found = {name: run.timing.trajectory for name, run in runs.items()}
+    judge(traffic, GroupReport(Outcome.FOUND, found), tmp_path)

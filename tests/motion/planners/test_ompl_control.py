@@ -114,7 +114,6 @@ def test_closed_door(planner):
     report = plan_with_ompl(SCENE, query, Deadline.after(0.7), planner=planner)
     assert time.monotonic() - began < 1.7
     assert report.outcome is Outcome.OUT_OF_TIME
-    assert "door" in report.blockers
     assert report.reason
 
 

@@ -8,7 +8,7 @@ import pytest
 from tests.motion.planners import ompl_oracle as oracle
 from tests.motion.planners.ompl_oracle import CAR, CRATE, DOOR, OMNI
 from up_samp.motion.curves.reeds_shepp import shortest
-from up_samp.motion.planners.ompl_planar import OmplSettings, PlanarWorld
+from up_samp.motion.planners.ompl_planar import PlanarWorld
 
 SCENE = oracle.hall_scene()
 ITEMS = (CRATE, DOOR)
@@ -33,7 +33,7 @@ def poses_along(world, a, b):
 @pytest.mark.parametrize("body", [CAR, OMNI], ids=["car", "omni"])
 @pytest.mark.parametrize("count", [150, pytest.param(5000, marks=pytest.mark.long)])
 def test_edges_agree_with_shapely(body, count):
-    world = PlanarWorld(SCENE, body, (), ITEMS, OmplSettings())
+    world = PlanarWorld(SCENE, body, (), ITEMS)
     rng = np.random.default_rng(5)
     free = 0
     for _ in range(count):
@@ -52,7 +52,7 @@ def test_edges_agree_with_shapely(body, count):
 
 
 def test_hits_name_what_is_in_the_way():
-    world = PlanarWorld(SCENE, OMNI, (), ITEMS, OmplSettings())
+    world = PlanarWorld(SCENE, OMNI, (), ITEMS)
     assert not world.edge_free(8.0, 6.0, 0.0, 12.0, 6.0, 0.0)
     assert world.blockers() == {"door"}
     assert not world.edge_free(8.0, 3.0, 0.0, 12.0, 3.0, 0.0)

@@ -25,7 +25,7 @@ def test_nobody_need_stop_at_a_waypoint(model):
     bounds = DurationBounds(Scene(None))
     whole = run_time(10.0, 2.0, 1.0)
     assert bounds.through(body, poses) == pytest.approx(whole, rel=1e-6)
-    assert sum(bounds.duration(body, a, b) for a, b in pairwise(poses)) > whole + 1
+    assert sum(bounds.through(body, (a, b)) for a, b in pairwise(poses)) > whole + 1
 
 
 def test_turns_add_up_over_waypoints():

@@ -171,11 +171,11 @@ def test_bounds_are_exact_lengths_round_corners():
 def test_bounds_by_model():
     bounds = DurationBounds(Scene(None))
     spin = Body(RECTANGLE, Kinematics(MotionModel.SE2, 1.0, 2.0, 0.5, omega_max=0.1))
-    assert bounds.duration(spin, (0, 0, 0.0), (1, 0, 2.0)) == pytest.approx(20.0)
-    assert bounds.duration(ROBOT, (0, 0, 0.0), (18, 0, 0.0)) == pytest.approx(13.0)
+    assert bounds.through(spin, ((0, 0, 0.0), (1, 0, 2.0))) == pytest.approx(20.0)
+    assert bounds.through(ROBOT, ((0, 0, 0.0), (18, 0, 0.0))) == pytest.approx(13.0)
     solid = Body((), Kinematics(MotionModel.SE3), mesh="a.stl")
     turned = (0, 0, 0, 0, 0, 1, 0)
-    assert bounds.duration(solid, (0, 0, 0, 0, 0, 0, 1), turned) == pytest.approx(math.pi)
+    assert bounds.through(solid, ((0, 0, 0, 0, 0, 0, 1), turned)) == pytest.approx(math.pi)
 
 
 def test_visibility_with_many_corners_stays_admissible():

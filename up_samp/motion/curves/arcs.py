@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from up_samp.geometry.kernels import advance
 from up_samp.geometry.records import kernel
-from up_samp.motion.curves.reeds_shepp import TINY, run_time
+from up_samp.motion.curves.reeds_shepp import TINY, driven_on, run_time
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -21,12 +21,7 @@ def path_time(arcs: FloatArray, v: float, a: float) -> float:
     """Return the time (s) to drive ``arcs`` (n, 2) from rest to rest, resting at each cusp."""
     time, run = 0.0, 0.0
     for i in range(arcs.shape[0]):
-        s = arcs[i, 1]
-        if run * s < 0.0:
-            time += run_time(abs(run), v, a)
-            run = s
-        else:
-            run += s
+        time, run = driven_on(time, run, arcs[i, 1], v, a)
     return time + run_time(abs(run), v, a)
 
 

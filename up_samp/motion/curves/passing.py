@@ -69,7 +69,7 @@ def flown_through(parts: Sequence[Trajectory], kinematics: Kinematics) -> tuple[
     ways = np.linalg.norm(np.diff(whole.poses[:, :3], axis=0), axis=1)
     if not np.all(ways > 1e-12):  # turns on the spot have no share of a way
         return whole, not inner.any()
-    rates = _turns(whole.poses) / ways[:, None]
+    rates = rotations(whole.poses) / ways[:, None]
     units = np.diff(whole.poses[:, :3], axis=0) / ways[:, None]
     change = np.abs(np.diff(np.hstack([units, rates]), axis=0)).max(axis=1)
     corners = np.flatnonzero(change > STRAIGHT) + 1
@@ -95,7 +95,7 @@ def _joints(parts: Sequence[Trajectory]) -> BoolArray:
     return marks[1:-1]
 
 
-def _turns(poses: FloatArray) -> FloatArray:
+def rotations(poses: FloatArray) -> FloatArray:
     """Return the rotation vectors (n - 1, 3) (rad) from each quaternion (x, y, z, w) to the next,
     in the world's frame.
     """

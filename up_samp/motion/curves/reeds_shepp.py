@@ -48,7 +48,17 @@ def run_time(length: float, v: float, a: float) -> float:
 
 
 @inner
-def _wrap(angle: float) -> float:
+def driven_on(time: float, run: float, s: float, v: float, a: float) -> tuple[float, float]:
+    """Return the time (s) of the closed runs, and the signed length (m) of the open one, after
+    another ``s`` m: where it turns back, the run before is closed.
+    """
+    if run * s < 0.0:
+        return time + run_time(abs(run), v, a), s
+    return time, run + s
+
+
+@inner
+def wrapped(angle: float) -> float:
     """Return the angle in (-pi, pi]."""
     angle = angle % (2.0 * math.pi)
     return angle - 2.0 * math.pi if angle > math.pi else angle
@@ -78,13 +88,13 @@ def _put(
 
 @inner
 def _tau_omega(u: float, v: float, xi: float, eta: float, phi: float) -> tuple[float, float]:
-    delta = _wrap(u - v)
+    delta = wrapped(u - v)
     A = math.sin(u) - math.sin(delta)
     B = math.cos(u) - math.cos(delta) - 1.0
     t1 = math.atan2(eta * A - xi * B, xi * A + eta * B)
     t2 = 2.0 * (math.cos(delta) - math.cos(v) - math.cos(u)) + 3.0
-    tau = _wrap(t1 + math.pi) if t2 < 0.0 else _wrap(t1)
-    return tau, _wrap(tau - u + v - phi)
+    tau = wrapped(t1 + math.pi) if t2 < 0.0 else wrapped(t1)
+    return tau, wrapped(tau - u + v - phi)
 
 
 @inner
@@ -107,8 +117,8 @@ def _words(x: float, y: float, phi: float, words: FloatArray, n: int) -> int:
         n = _put(words, n, (1.0, 0.0, -1.0, 0.0), (t, u, _turn(t - phi), 0.0, 0.0))
         u = 4.0 - u
         if u <= 0.0:  # 8.11 L+ R- S- L- R+
-            t = _wrap(math.atan2((4.0 - u) * xo - 2.0 * eo, -2.0 * xo + (u - 4.0) * eo))
-            v = _wrap(t - phi)
+            t = wrapped(math.atan2((4.0 - u) * xo - 2.0 * eo, -2.0 * xo + (u - 4.0) * eo))
+            v = wrapped(t - phi)
             if t >= LOW and v >= LOW:
                 n = _put(words, n, (1.0, -1.0, 0.0, 1.0), (t, -QUARTER, u, -QUARTER, v))
                 words[n - 1, 4] = -1.0
@@ -149,18 +159,18 @@ def _reversible(x: float, y: float, phi: float, words: FloatArray, n: int) -> in
     ro = math.sqrt(xo * xo + eo * eo)
     if r <= 4.0:  # 8.3, 8.4 L+ R- L(+ or -)
         u = -2.0 * math.asin(0.25 * r)
-        t = _wrap(theta + 0.5 * u + math.pi)
+        t = wrapped(theta + 0.5 * u + math.pi)
         if t >= LOW:
-            n = _put(words, n, (1.0, -1.0, 1.0, 0.0), (t, u, _wrap(phi - t + u), 0.0, 0.0))
+            n = _put(words, n, (1.0, -1.0, 1.0, 0.0), (t, u, wrapped(phi - t + u), 0.0, 0.0))
     if r >= 2.0:  # 8.9 L+ R- S- L-
         root = math.sqrt(r * r - 4.0)
-        t = _wrap(theta + math.atan2(root, -2.0))
-        v = _wrap(phi - QUARTER - t)
+        t = wrapped(theta + math.atan2(root, -2.0))
+        v = wrapped(phi - QUARTER - t)
         if t >= LOW and v <= -LOW:
             n = _put(words, n, (1.0, -1.0, 0.0, 1.0), (t, -QUARTER, 2.0 - root, v, 0.0))
     if ro >= 2.0:  # 8.10 L+ R- S- R-
         t = math.atan2(xo, -eo)
-        v = _wrap(t + QUARTER - phi)
+        v = wrapped(t + QUARTER - phi)
         if t >= LOW and v <= -LOW:
             n = _put(words, n, (1.0, -1.0, 0.0, -1.0), (t, -QUARTER, 2.0 - ro, v, 0.0))
     return n
@@ -175,13 +185,8 @@ def _time_of(
     time, run = 0.0, runs[0]
     for k in range(MAX_ARCS + 1):
         s = runs[1] if k == MAX_ARCS else words[i, 5 + k] * scale
-        if abs(s) <= TINY:
-            continue
-        if run * s < 0.0:
-            time += run_time(abs(run), car.v, car.a)
-            run = s
-        else:
-            run += s
+        if abs(s) > TINY:
+            time, run = driven_on(time, run, s, car.v, car.a)
     return time + run_time(abs(run), car.v, car.a)
 
 
@@ -199,7 +204,7 @@ def connect(
     radius = car.radius
     dx, dy = (goal[0] - start[0]) / radius, (goal[1] - start[1]) / radius
     c, s = math.cos(start[2]), math.sin(start[2])
-    x, y, phi = c * dx + s * dy, c * dy - s * dx, _wrap(goal[2] - start[2])
+    x, y, phi = c * dx + s * dy, c * dy - s * dx, wrapped(goal[2] - start[2])
     words = np.zeros((4 * MAX_WORDS, 2 * MAX_ARCS))
     best, chosen, best_flip, best_mirror = 1e300, 0, 1.0, 1.0
     n = 0

@@ -86,8 +86,7 @@ def rows_of(start: FloatArray, arcs: FloatArray) -> FloatArray:
 def rolling_time(rows: FloatArray, kinematics: Kinematics) -> float:
     """Return how long (s) the way through ``rows`` (n, 3) takes from rest to rest."""
     rolls = rolls_of(rows[_moves_on(rows)], kinematics)
-    pieces = zip(rolls.sizes.tolist(), rolls.kinds.tolist(), rolls.tops.tolist(), strict=True)
-    return drive_time(list(pieces), kinematics.a_max)
+    return sum(p[0] for phases in _phases(rolls, kinematics.a_max) for p in phases)
 
 
 def drive_time(pieces: Sequence[tuple[float, int, float]], a: float) -> float:
@@ -97,7 +96,7 @@ def drive_time(pieces: Sequence[tuple[float, int, float]], a: float) -> float:
     if not pieces:
         return 0.0
     sizes, kinds, tops = zip(*pieces, strict=True)
-    return sum(p.seconds for phases in _phases_of(sizes, kinds, tops, a) for p in phases)
+    return sum(p[0] for phases in _phases_of(sizes, kinds, tops, a) for p in phases)
 
 
 def rolled(rows: FloatArray, kinematics: Kinematics) -> Trajectory:
@@ -155,12 +154,9 @@ def thinned(
     return rows[stay]
 
 
-class _Phase(NamedTuple):
-    """Constant acceleration ``push`` from ``speed`` (m, or on the spot rad, and s)."""
-
-    seconds: float
-    speed: float
-    push: float
+_Phase = tuple[float, float, float]
+"""Seconds of a constant acceleration, the speed before it, and the acceleration (m, or on the spot
+rad, and s)."""
 
 
 def _moves_on(rows: FloatArray) -> npt.NDArray[np.bool_]:
@@ -179,10 +175,10 @@ def _phases_of(
     speeds = _speeds(sizes, kinds, tops, a)
     for i, (size, kind, top) in enumerate(zip(sizes, kinds, tops, strict=True)):
         if abs(kind) == 2:
-            yield (_Phase(size / top, top, 0.0),)
+            yield ((size / top, top, 0.0),)
         else:
             peak, rise, cruise, fall = profile(size, speeds[i], speeds[i + 1], top, a)
-            yield _Phase(rise, speeds[i], a), _Phase(cruise, peak, 0.0), _Phase(fall, peak, -a)
+            yield (rise, speeds[i], a), (cruise, peak, 0.0), (fall, peak, -a)
 
 
 def _speeds(

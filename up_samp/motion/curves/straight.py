@@ -48,13 +48,10 @@ def leg_profile(a: FloatArray, b: FloatArray, kinematics: Kinematics) -> tuple[f
     return float(run_time(1.0, speed, acceleration)), speed, acceleration
 
 
-def timed_chain(
-    nodes: FloatArray, kinematics: Kinematics, step: float = Trajectory.MAX_STEP
-) -> Trajectory:
+def timed_chain(nodes: FloatArray, kinematics: Kinematics) -> Trajectory:
     """Return the motion through ``nodes``, shape (n, 3) or (n, 7), from time 0, at rest at each.
 
-    Positions move straight, headings turn at the same share (quaternions by slerp). Samples are
-    at most ``step`` s apart.
+    Positions move straight, headings turn at the same share (quaternions by slerp).
     """
     times, rows = [np.zeros(1)], [np.array(nodes[:1])]
     now = 0.0
@@ -62,12 +59,9 @@ def timed_chain(
         seconds, speed, acceleration = leg_profile(a, b, kinematics)
         if seconds <= 1e-9:
             continue
-        count = max(2, math.ceil(seconds / step - 1e-9))
+        count = max(2, math.ceil(seconds / Trajectory.MAX_STEP - 1e-9))
         grid = np.linspace(0.0, seconds, count + 1)[1:]
-        if math.isinf(acceleration):
-            shares = grid / seconds
-        else:
-            shares = distance_of_time(grid, 1.0, speed, acceleration)
+        shares = distance_of_time(grid, 1.0, speed, acceleration)
         if len(a) == 3:
             poses = a + shares[:, None] * (b - a)
         else:

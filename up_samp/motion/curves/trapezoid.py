@@ -40,6 +40,8 @@ def limits_of(kinematics: Kinematics) -> CarLimits:
 
 def time_of_distance(s: FloatArray, length: float, v: float, a: float) -> FloatArray:
     """Return when a rest-to-rest trapezoid over ``length`` m has driven ``s`` m (sorted)."""
+    if math.isinf(a):
+        return s / v
     total = run_time(length, v, a)
     ramp = min(v / a, 0.5 * total)
     on_ramp = 0.5 * a * ramp * ramp
@@ -53,6 +55,8 @@ def time_of_distance(s: FloatArray, length: float, v: float, a: float) -> FloatA
 
 def distance_of_time(t: FloatArray, length: float, v: float, a: float) -> FloatArray:
     """Return the distance (m) driven at times ``t`` (s) by a rest-to-rest trapezoid."""
+    if math.isinf(a):
+        return v * t
     total = run_time(length, v, a)
     ramp = min(v / a, 0.5 * total)
     on_ramp, top = 0.5 * a * ramp * ramp, a * ramp

@@ -28,7 +28,7 @@ from up_samp.motion.curves.arcs import merged, nodes_of
 from up_samp.motion.curves.reeds_shepp import fastest
 from up_samp.motion.curves.rolling import rolled, rolling_radius, thinned
 from up_samp.motion.curves.trapezoid import trajectory_of
-from up_samp.motion.fleet.conflicts import CLEARANCES, separation
+from up_samp.motion.fleet.conflicts import CLEARANCES
 from up_samp.motion.fleet.lanes import lane_offsets
 from up_samp.motion.fleet.paths import (
     TIMES,
@@ -155,30 +155,19 @@ def _virtual_obstacles(
     for other, cell, _ in met:
         runs = workspace.conflicts(path, other.path)
         hits = np.unique(np.concatenate([np.arange(a, b + 1) for _, a, b in runs]))
-        table = other.path.swept.table
-        reach = other.path.hull.radius + path.hull.radius
-        centre = table[cell, 1, :2]
-        last = np.full(2, math.inf)
+        size, reach = (3 if other.path.body.flies else 2), other.path.radius + path.radius
+        centre = other.path.middle(cell)[:size]
+        last = (math.inf,) * size
         for j in hits:
-            row = table[j, 1]
-            near = float(np.hypot(*(row[:2] - centre))) <= 4 * reach
-            if not near or float(np.hypot(*(row[:2] - last))) < copies * other.path.hull.radius:
+            pose = other.path.middle(int(j))
+            near = math.dist(pose[:size], centre) <= 4 * reach
+            if not near or math.dist(pose[:size], last) < copies * other.path.radius:
                 continue
-            pose = (float(row[0]), float(row[1]), math.atan2(row[3], row[2]))
-            if crowds(workspace, path, pose, other.path):
+            if workspace.crowds(path, other.path.body, pose):
                 continue
-            last = row[:2]
+            last = pose[:size]
             virtual.append(Placed(f"{other.object}~{j}", other.path.body, pose))
     return virtual
-
-
-def crowds(workspace: Workspace, path: Path, pose: Configuration, other: Path) -> bool:
-    """Return whether the body of ``other``, at a pose, is near an end of a path."""
-    enough = workspace.margin + CLEARANCES.room
-    return any(
-        separation(end, path.hull, np.array(pose), other.hull, enough) < enough
-        for end in path.poses[[0, -1]]
-    )
 
 
 # ------------------ Ways past the places where others may stand
@@ -208,7 +197,7 @@ def ways_past(
 
     :param tries: so many ways are looked for.
     """
-    others = [s for s in stands if not crowds(workspace, best, s[1], workspace.resting(*s))]
+    others = [s for s in stands if not workspace.crowds(best, *s)]
     path, avoided = best, dict[Stand, Placed]()
     for _ in range(tries):
         met = [s for s in others if len(workspace.conflicts(path, workspace.resting(*s)))]
@@ -239,6 +228,8 @@ def pass_by(
     each other), those in which the last one arrives soonest; None if none are found.
     """
     if len(motions) != 2 or any(m.name not in alone or len(m.poses) != 2 for m in motions):
+        return None
+    if any(m.body.flies for m in motions):
         return None
     runs = [alone[m.name] for m in motions]
     at, _, _ = workspace.meeting(*runs)

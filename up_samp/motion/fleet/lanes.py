@@ -28,7 +28,7 @@ EXACT = 1e-7
 
 def lane_offsets(path: Path, other: Path) -> list[float]:
     """Return the sideways offsets (m) worth a try to pass ``other``, small ones first."""
-    width = path.hull.radius + other.hull.radius
+    width = path.radius + other.radius
     return [side * share * width for share in (0.5, 0.8, 1.15) for side in (-1.0, 1.0)]
 
 

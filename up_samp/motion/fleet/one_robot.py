@@ -27,7 +27,6 @@ from up_samp.model import (
     UnsupportedError,
 )
 from up_samp.motion.fleet.detours import is_good, met_at_full_speed, with_detours, with_lanes
-from up_samp.motion.fleet.flyers import earliest_flight, flat
 from up_samp.motion.fleet.paths import Path
 from up_samp.motion.fleet.speed import Window, fit, parked_all_the_time
 from up_samp.motion.fleet.timed_path import TimedPath, fixed_run
@@ -154,10 +153,7 @@ def earliest_arrival(
     by what rests there for good. ``complete`` where no search was cut short.
     """
     began = time.monotonic()
-    if motion.body.flies:
-        return earliest_flight(service, motion, rests, fixed, deadline or Deadline.never())
     workspace = workspace_of(service)
-    rests, fixed = flat(rests, fixed, motion.body.height)
     others = [rest_run(workspace, rest) for rest in rests] + [fixed_run(f) for f in fixed]
     window = Window(motion.present_from, motion.release)
     limit = deadline or Deadline.never()

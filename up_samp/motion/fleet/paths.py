@@ -15,12 +15,14 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from up_samp.geometry.meshes import load_mesh
 from up_samp.geometry.records import inner, kernel
 from up_samp.geometry.shapes import Shape, shape_of
 from up_samp.model import Body, Configuration, Trajectory
 from up_samp.motion.curves.rolling import FINE, rolls_of
 from up_samp.motion.curves.twists import partway, twists
 from up_samp.motion.fleet.conflicts import Hull, Swept, sweep_table
+from up_samp.motion.fleet.flyers import ROUND, SweptSolid
 
 # ------------------ Compiled bookkeeping in time
 # Compiled bookkeeping in time: who is in which cell when, and what that leaves free. ``occupied``
@@ -342,6 +344,8 @@ CUT = PathCut()
 
 def path_steps(poses: FloatArray, body: Body, radius: float) -> FloatArray:
     """Return the steps of ``s`` (m) between samples of a body of this ``radius`` (m)."""
+    if body.flies:
+        return _flown(poses, radius)
     kin = body.kinematics
     moves = twists(poses)
     ways, turns = np.hypot(moves[:, 0], moves[:, 1]), np.abs(moves[:, 2])
@@ -351,6 +355,15 @@ def path_steps(poses: FloatArray, body: Body, radius: float) -> FloatArray:
         return np.where(ways < FINE.spot * turns, turns * kin.v_max / kin.omega_max, ways)
     turn_metre = 0.0 if kin.mobility.steers else radius
     return np.asarray(np.maximum(ways, turn_metre * turns))
+
+
+def _flown(poses: FloatArray, radius: float) -> FloatArray:
+    """Return how far (m) any point of a body in space moves at most between samples (n, 7)."""
+    quaternions = poses[:, 3:] / np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
+    # half the angle between two quaternions, by the chords to q and -q
+    chords = [np.linalg.norm(quaternions[1:] + k * quaternions[:-1], axis=1) for k in (-1, 1)]
+    turns = 4 * np.arctan2(np.minimum(*chords), np.maximum(*chords))
+    return np.asarray(np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1) + radius * turns)
 
 
 def top_speeds(poses: FloatArray, body: Body) -> FloatArray:
@@ -380,7 +393,7 @@ def kinks_and_stops(poses: FloatArray, s: FloatArray, body: Body) -> tuple[BoolA
     n = len(s)
     kink, stop = np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_)
     kink[0] = kink[-1] = stop[0] = stop[-1] = True
-    if n > 2:
+    if n > 2 and not body.flies:
         unit = twists(poses) / np.diff(s)[:, None]
         kink[1:-1] = np.abs(np.diff(unit, axis=0)).max(axis=1) > CUT.kink
         if body.mobility.steers:
@@ -448,10 +461,24 @@ def ways_at(poses: FloatArray, s: FloatArray) -> tuple[FloatArray, FloatArray]:
 # ``v_max / omega_max``, so that ``|ds/dt| <= v_max`` bounds speed and turn rate at once.
 
 
-Ring = tuple[tuple[float, float], ...]
+Solid = tuple[tuple[tuple[float, float], ...], str | None, float]
+"""What a body looks like to others: its footprint, mesh and height."""
+
+
+def solid_of(body: Body) -> Solid:
+    """Return what a body looks like to others."""
+    return body.footprint, body.mesh, body.height
 
 
 _numbers = itertools.count()
+
+
+def radius_of(body: Body) -> float:
+    """Return the greatest distance (m) of a body's surface from its reference point."""
+    if body.flies:
+        assert body.mesh is not None
+        return load_mesh(body.mesh).radius
+    return hull_of(body).radius
 
 
 def hull_of(body: Body) -> Hull:
@@ -473,8 +500,9 @@ def _hull(shape: Shape) -> Hull:
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """A body's path. Arrays by sample: ``poses`` (n, 3), ``s`` (n,) from 0 strictly increasing,
-    ``kink`` (n,) whether the curvature changes there, ``stop`` (n,) whether it must rest there.
+    """A body's path. Arrays by sample: ``poses`` (n, 3), in space (n, 7), ``s`` (n,) from 0 and
+    strictly increasing, ``kink`` (n,) whether the curvature changes there, ``stop`` (n,) whether it
+    must rest there.
 
     Arrays by cell boundary: ``edges`` (m + 1,) values of ``s``, ``halt`` (m + 1,) whether it must
     rest there. Extended cell 0 is the rest at the start, cells 1..m are the path's, cell m + 1 is
@@ -497,8 +525,8 @@ class Path:
     """Top speeds (m/s) between samples, shape (n - 1,): tight arcs have lower ones."""
     steady: BoolArray
     """Between which samples the body keeps to one speed, shape (n - 1,)."""
-    cleared: set[tuple[Ring, Configuration]] = field(default_factory=set)
-    """Resting bodies (footprint, pose) that the path's planner has proven it keeps clear of."""
+    cleared: set[tuple[Solid, Configuration]] = field(default_factory=set)
+    """Resting bodies that the path's planner has proven it keeps clear of."""
     number: int = field(default_factory=lambda: next(_numbers))
 
     @property
@@ -548,10 +576,15 @@ class Path:
         return ways_at(self.poses, self.s)
 
     @cached_property
-    def rests(self) -> tuple[tuple[Ring, Configuration], tuple[Ring, Configuration]]:
-        """The body (footprint, pose) where it rests at first, and in the end."""
+    def rests(self) -> tuple[tuple[Solid, Configuration], tuple[Solid, Configuration]]:
+        """What the body looks like, and where it rests at first and in the end."""
         first, last = (tuple(float(x) for x in self.poses[i]) for i in (0, -1))
-        return (self.body.footprint, first), (self.body.footprint, last)
+        return (solid_of(self.body), first), (solid_of(self.body), last)
+
+    @cached_property
+    def radius(self) -> float:
+        """The greatest distance (m) of the body's surface from its reference point."""
+        return radius_of(self.body)
 
     @cached_property
     def hull(self) -> Hull:
@@ -564,6 +597,20 @@ class Path:
         return Swept(sweep_table(self.s, self.poses, self.edges), self.hull)
 
     @cached_property
+    def solid(self) -> SweptSolid:
+        """The body's surface along the path, in space."""
+        ratio = 1.0
+        if not self.body.flies and len(self.s) > 1:
+            moved = _driven(self.poses, self.radius) / np.diff(self.s)
+            ratio = ROUND * float(moved.max())
+        return SweptSolid(self.body, self.radius, self.edges, self.poses_at, ratio)
+
+    def middle(self, cell: int) -> Configuration:
+        """Return the pose in the middle of an extended cell."""
+        low, high = self.edges[max(cell - 1, 0)], self.edges[min(cell, self.cells)]
+        return tuple(float(x) for x in self.poses_at(np.array([0.5 * (low + high)]))[0])
+
+    @cached_property
     def natural_held(self) -> FloatArray:
         """When ``natural`` enters each extended cell (it rests there for ever before and after)."""
         times = self.natural.times
@@ -572,7 +619,7 @@ class Path:
     @cached_property
     def box(self) -> tuple[float, float, float, float]:
         """Bounding box (x low, y low, x high, y high) of everything the body sweeps (m)."""
-        reach = self.hull.radius + 1e-6
+        reach = self.radius + 1e-6
         low, high = self.poses[:, :2].min(axis=0) - reach, self.poses[:, :2].max(axis=0) + reach
         # between two samples an arc may leave their box by its sagitta, less than the half step
         bulge = 0.5 * float(np.max(np.diff(self.s), initial=0.0))
@@ -589,6 +636,9 @@ class Path:
         """
         if len(self.s) == 1:
             return np.repeat(self.poses, len(s), axis=0)
+        if self.body.flies:
+            at = np.interp(s, self.natural_s, self.natural.times)
+            return np.array([self.natural.at(float(t)) for t in at])
         i = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2)
         share = np.clip((s - self.s[i]) / (self.s[i + 1] - self.s[i]), 0.0, 1.0)
         if self.body.mobility.sideways:
@@ -607,17 +657,17 @@ class Path:
 
 
 def path_of(trajectory: Trajectory, body: Body, waypoints: Sequence[Configuration] = ()) -> Path:
-    """Cut a planar body's trajectory through ``waypoints`` into a :class:`Path`.
+    """Cut a body's trajectory through ``waypoints`` into a :class:`Path`.
 
     It must rest where the trajectory pauses and where its direction jumps, and pass the waypoints
     between exactly, at any speed.
     """
     poses = np.asarray(trajectory.poses, dtype=np.float64)
-    natural_s = np.concatenate([[0.0], np.cumsum(path_steps(poses, body, hull_of(body).radius))])
+    natural_s = np.concatenate([[0.0], np.cumsum(path_steps(poses, body, radius_of(body)))])
     keep = kept_samples(natural_s)
     s, kept = natural_s[keep], poses[keep]
     kink, stop = kinks_and_stops(kept, s, body)
-    tunable = not body.mobility.own_law
+    tunable = not (body.mobility.own_law or body.flies)
     if tunable:
         stop |= _pauses(trajectory, natural_s, s)
         kink |= stop | _waypoints(trajectory, natural_s, s, waypoints[1:-1])
@@ -646,6 +696,12 @@ def resting_path(body: Body, pose: Configuration) -> Path:
     """Return the path of a body that stays where it is."""
     trajectory = Trajectory(np.zeros(1), np.array([pose], dtype=np.float64))
     return path_of(trajectory, body)
+
+
+def _driven(poses: FloatArray, radius: float) -> FloatArray:
+    """Return how far (m) any point of a planar body moves at most between samples: along arcs."""
+    moves = twists(poses)
+    return np.asarray(np.hypot(moves[:, 0], moves[:, 1]) + radius * np.abs(moves[:, 2]))
 
 
 def _waypoints(
@@ -681,7 +737,7 @@ def _marks(s: FloatArray, values: Iterable[float]) -> BoolArray:
 
 def _cell_length(body: Body) -> float:
     """Return the wished length (m) of a cell: short beside the body, about so many speeds."""
-    k, radius = body.kinematics, hull_of(body).radius
+    k, radius = body.kinematics, radius_of(body)
     return float(np.clip(k.v_max**2 / (2 * k.a_max * CUT.levels), 0.1 * radius, 0.2 * radius))
 
 

@@ -146,7 +146,7 @@ def _can_couple(motions: Sequence[TimedMotion]) -> bool:
     return (
         len(motions) > 1
         and len({m.object for m in motions}) == len(motions)
-        and all(len(m.poses) == 2 for m in motions)
+        and all(len(m.poses) == 2 and not m.body.flies for m in motions)
         and all(m.present_from <= first for m in motions)
     )
 

@@ -460,7 +460,7 @@ class SafeIntervalPlanner:
         hull = hull_of(motion.body)
         margin, ends = self.scene.margin, [np.array(p[:3]) for p in motion.poses]
         for other in others:
-            if other.object != motion.object:
+            if other.object != motion.object and not other.path.body.flies:
                 margin = kept(margin, ends, hull, other.path.poses[[0, -1]], other.path.hull)
         return Me(
             hull,
@@ -555,7 +555,8 @@ def movers_of(motion: TimedMotion, others: Sequence[TimedPath], release: float) 
     seen = []
     for other in others:
         flags = pair_flags(motion.object, motion.avoid, other.object, other.avoid)
-        if flags and other.object != motion.object and other.until > release:
+        flies = other.path.body.flies  # who flies is seen by those who time the path
+        if flags and other.object != motion.object and other.until > release and not flies:
             seen.append((other, flags))
     hulls = {id(o.path.hull): o.path.hull for o, _ in seen}
     index = {key: i for i, key in enumerate(hulls)}

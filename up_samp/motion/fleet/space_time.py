@@ -372,7 +372,7 @@ class Proposer:
         :param wide: bodies are the discs around them, not discs of about their size.
         """
         able = motion.body.mobility
-        if able.own_law or len(motion.poses) != 2:
+        if able.own_law or able.flies or len(motion.poses) != 2:
             return None
         hull = hull_of(motion.body)
         for radius in (hull.radius, _disc(motion.body)):
@@ -434,7 +434,7 @@ class Proposer:
         mine = size(motion.body)
         ends = np.array([p[:2] for p in motion.poses])
         for other in others:
-            if other.object == motion.object:
+            if other.object == motion.object or other.path.body.flies:
                 continue
             if not pair_flags(motion.object, motion.avoid, other.object, other.avoid):
                 continue

@@ -10,15 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from up_samp.geometry.records import inner, kernel
-from up_samp.model import (
-    Body,
-    Configuration,
-    FixedMotion,
-    TimedMotion,
-    Trajectory,
-    UnsupportedError,
-    avoids,
-)
+from up_samp.model import Configuration, FixedMotion, TimedMotion, Trajectory, avoids
 from up_samp.motion.fleet.paths import A_AVOIDS, B_AVOIDS, TIMES, Path, occupancy, path_of
 
 FloatArray = npt.NDArray[np.float64]
@@ -210,7 +202,6 @@ NOBODY: frozenset[str] = frozenset()
 
 def fixed_run(motion: FixedMotion) -> TimedPath:
     """Return an already decided motion as a run."""
-    planar(motion.body)
     path = path_of(motion.trajectory, motion.body)
     timing = Timing(motion.trajectory, path.natural_s)
     return TimedPath(
@@ -223,11 +214,3 @@ def run_of(motion: TimedMotion, path: Path, timing: Timing, since: float) -> Tim
     return TimedPath(
         motion.name, motion.object, path, timing, since, motion.present_until, motion.avoid
     )
-
-
-def planar(body: Body) -> None:
-    """Refuse bodies that do not move in the plane."""
-    if body.flies:
-        raise UnsupportedError(
-            "coordinating several bodies in space-time is for planar bodies; one here is SE3"
-        )

@@ -29,7 +29,15 @@ from up_samp.model import (
     Rest,
     check_time,
 )
-from up_samp.motion.fleet.conflicts import conflicting_cells, kept, wished
+from up_samp.motion.fleet.conflicts import (
+    CLEARANCES,
+    conflicting_cells,
+    eased,
+    kept,
+    separation,
+    wished,
+)
+from up_samp.motion.fleet.flyers import gaps_at_ends, meeting_cells, met_by
 from up_samp.motion.fleet.lanes import shifted_lane
 from up_samp.motion.fleet.paths import (
     Path,
@@ -37,9 +45,10 @@ from up_samp.motion.fleet.paths import (
     forbidden,
     path_of,
     resting_path,
+    solid_of,
     stay_far,
 )
-from up_samp.motion.fleet.timed_path import NOBODY, TimedPath, Timing, pair_flags, planar, pose_at
+from up_samp.motion.fleet.timed_path import NOBODY, TimedPath, Timing, pair_flags
 from up_samp.motion.guides.search_space import widest_shape
 from up_samp.motion.legs import strung
 from up_samp.motion.models import MODELS, made_by
@@ -56,7 +65,7 @@ IntArray = npt.NDArray[np.int64]
 
 def is_cleared(path: Path, rest: Path) -> bool:
     """Return whether a path's planner has proven that it keeps clear of a body that rests."""
-    return rest.cells == 0 and (rest.body.footprint, pose_at(rest, 0)) in path.cleared
+    return rest.cells == 0 and rest.rests[0] in path.cleared
 
 
 def but_cleared(rows: IntArray, a: Path, b: Path) -> IntArray:
@@ -165,9 +174,8 @@ class Workspace:
         deadline: Deadline,
     ) -> Path | PathReport:
         """Return the service's best path as a :class:`Path`, or its report if it has none."""
-        planar(body)
         obstacles = tuple(obstacles)
-        around = frozenset((p.body.footprint, p.pose) for p in obstacles)
+        around = frozenset((solid_of(p.body), p.pose) for p in obstacles)
         key = (body, poses, around)
         known = self._paths.get(key)
         if known is not None:
@@ -204,7 +212,8 @@ class Workspace:
         Unlike :meth:`path` it gives up early, since a detour is only one way of several. From walls
         and what is static it keeps the margin, whoever else stands near its ends.
         """
-        path = self._detour(body, poses, (*static, *others), deadline)
+        static = met_by(body, static)
+        path = self._detour(body, poses, (*static, *met_by(body, others)), deadline)
         return path if path is not None and self._keeps(path, poses, tuple(static)) else None
 
     def _keeps(
@@ -213,7 +222,7 @@ class Workspace:
         """Return whether a path keeps as much of the margin from walls and what is static as its
         ends do. (Planners keep as much from everything as the ends keep from anything.)
         """
-        if self.scene is None:
+        if self.scene is None or path.body.flies:
             return True
         shape = widest_shape(self.scene, path.body, poses, static)
         if shape is None:
@@ -230,9 +239,11 @@ class Workspace:
     ) -> Path | None:
         quick = self._quick_planner(body)
         if quick is None or self.scene is None:
-            path = self.path(body, poses, obstacles, deadline.within(self.tuning.detours.quick))
+            if not body.flies:  # who plans for flyers counts its work
+                deadline = deadline.within(self.tuning.detours.quick)
+            path = self.path(body, poses, obstacles, deadline)
             return path if isinstance(path, Path) else None
-        around = frozenset((p.body.footprint, p.pose) for p in obstacles)
+        around = frozenset((solid_of(p.body), p.pose) for p in obstacles)
         key = (body, poses, around, "detour")
         known = self._paths.get(key)
         if known is None:
@@ -276,7 +287,7 @@ class Workspace:
 
     def lane(self, path: Path, first: float, last: float, offset: float) -> Path | None:
         """Return ``path`` moved sideways by ``offset`` m on [first, last] m, if the map allows."""
-        if self.scene is None or last - first > self.tuning.detours.lane:
+        if self.scene is None or path.body.flies or last - first > self.tuning.detours.lane:
             return None
         key = (path.number, first, last, offset)
         scene = self.scene
@@ -284,9 +295,18 @@ class Workspace:
 
     def resting(self, body: Body, pose: Configuration) -> Path:
         """Return the path of a body that stays at ``pose``."""
-        planar(body)
-        key = (body.footprint, pose)
+        key = (solid_of(body), pose)
         return self._rests.get_or(key, lambda: resting_path(body, pose))
+
+    def crowds(self, path: Path, body: Body, pose: Configuration) -> bool:
+        """Return whether a body at a pose is near an end of a path."""
+        rest, enough = self.resting(body, pose), self.margin + CLEARANCES.room
+        if path.body.flies or body.flies:
+            return min(gaps_at_ends(path.solid, rest.solid)) < enough
+        return any(
+            separation(end, path.hull, rest.poses[0], rest.hull, enough) < enough
+            for end in path.poses[[0, -1]]
+        )
 
     def conflicts(self, a: Path, b: Path) -> IntArray:
         """Return the conflicting cells of two paths as rows (i, j first, j last)."""
@@ -300,9 +320,16 @@ class Workspace:
         if p[0] > q[2] or q[0] > p[2] or p[1] > q[3] or q[1] > p[3]:
             return self._conflicts.put(key, NOTHING)
         check_time()
-        margin = kept(self.margin, a.poses[[0, -1]], a.hull, b.poses[[0, -1]], b.hull)
-        found = self._conflicts.put(key, conflicting_cells(a.swept, b.swept, margin))
-        return but_cleared(found, a, b)
+        return but_cleared(self._conflicts.put(key, self._meeting_cells(a, b)), a, b)
+
+    def _meeting_cells(self, a: Path, b: Path) -> IntArray:
+        margin = self.margin
+        if a.body.flies or b.body.flies:
+            for gap in gaps_at_ends(a.solid, b.solid):
+                margin = eased(margin, gap) if gap > 0.0 else margin
+            return meeting_cells(a.solid, b.solid, margin)
+        margin = kept(margin, a.poses[[0, -1]], a.hull, b.poses[[0, -1]], b.hull)
+        return conflicting_cells(a.swept, b.swept, margin)
 
     def forbidden(
         self, path: Path, name: str, avoid: frozenset[str] | None, others: Iterable[TimedPath]
@@ -340,7 +367,7 @@ def _stay_far(a: TimedPath, b: TimedPath, margin: float) -> bool:
     p, q = a.timing.trajectory, b.timing.trajectory
     low = max(a.held[0], b.held[0], -1e9)
     high = min(a.held[-1], b.held[-1], 1e9)
-    reach = a.path.hull.radius + b.path.hull.radius + 2 * margin + CHORD
+    reach = a.path.radius + b.path.radius + 2 * margin + CHORD
     # a slack millisecond step moves less than the chord's allowance
     speed = max(1e-6, a.speed + b.speed)
     return bool(stay_far(p.times, p.poses, q.times, q.poses, low, high, reach, speed))

@@ -22,6 +22,7 @@ from up_samp.geometry.records import (
     kernel,
 )
 from up_samp.model import Placed
+from up_samp.motion.guides.heap import pop, push
 from up_samp.motion.guides.visibility import sees
 
 FloatArray = npt.NDArray[np.float64]
@@ -84,16 +85,11 @@ def mark_near(
     frame: GridFrame,
     polys: PolyData,
     reach: float,
-    only: int,
 ) -> None:
-    """Set the cells whose centre is closer than ``reach`` (m) to an obstacle (of owner ``only``,
-    or of any if negative).
-    """
+    """Set the cells whose centre is closer than ``reach`` (m) to an obstacle."""
     rows, cols = cells.shape
     size = frame.size
     for k in range(polys.counts.shape[0]):
-        if only >= 0 and polys.owner[k] != only:
-            continue
         gx, gy = grid_along(frame, polys.centres[k, 0], polys.centres[k, 1])
         cx, cy = gx / size, gy / size
         span = (polys.centres[k, 2] + reach) / size + 1.0
@@ -146,28 +142,16 @@ def distances(
     root = np.full((rows, cols), -1, dtype=np.int32)
     done = np.zeros((rows, cols), dtype=np.bool_)
     cap = 8 * rows * cols + 8
-    keys = np.empty(cap, dtype=np.float32)
-    heap = np.empty(cap, dtype=np.int32)
+    # by entry: a cell is entered again when a shorter way to it is found
+    cells, keys = np.empty(cap, dtype=np.int64), np.empty((cap, 1))
+    heap, counters = np.empty(cap, dtype=np.int64), np.zeros(2, dtype=np.int64)
     dist[row, col] = 0.0
     root[row, col] = row * cols + col
-    keys[0], heap[0] = 0.0, row * cols + col
-    size = 1
-    while size > 0:
-        cell = heap[0]
-        size -= 1
-        key, item = keys[size], heap[size]
-        i = 0
-        while True:
-            child = 2 * i + 1
-            if child >= size:
-                break
-            if child + 1 < size and keys[child + 1] < keys[child]:
-                child += 1
-            if keys[child] >= key:
-                break
-            keys[i], heap[i] = keys[child], heap[child]
-            i = child
-        keys[i], heap[i] = key, item
+    keys[0, 0], cells[0] = 0.0, row * cols + col
+    counters[0] = 1
+    push(heap, keys, counters, 0)
+    while counters[1] > 0:
+        cell = cells[pop(heap, keys, counters)]
         r, c = cell // cols, cell % cols
         if done[r, c]:
             continue
@@ -184,12 +168,10 @@ def distances(
                 if not done[nr, nc] and step < dist[nr, nc]:
                     dist[nr, nc] = step
                     root[nr, nc] = root[r, c]
-                    i = size
-                    size += 1
-                    while i > 0 and keys[(i - 1) // 2] > step:
-                        keys[i], heap[i] = keys[(i - 1) // 2], heap[(i - 1) // 2]
-                        i = (i - 1) // 2
-                    keys[i], heap[i] = step, nr * cols + nc
+                    n = counters[0]
+                    counters[0] += 1
+                    keys[n, 0], cells[n] = step, nr * cols + nc
+                    push(heap, keys, counters, n)
     return dist
 
 
@@ -201,10 +183,10 @@ def empty_field() -> Field:
 class Fields:
     """Goal-distance fields of one scene, cached by goal cell, body size and obstacles."""
 
-    def __init__(self, scene: Scene, size: int = 256) -> None:
+    def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self._coarse: Memory[FloatArray] = Memory(8)
-        self._fields: Memory[Field] = Memory(size)
+        self._fields: Memory[Field] = Memory(256)
 
     def toward(self, shape: Shape, goal: Sequence[float], obstacles: tuple[Placed, ...]) -> Field:
         """Return the distances (m) of the reference point's disc to ``goal``."""
@@ -231,7 +213,7 @@ class Fields:
         blocked = clear + grid.resolution * math.sqrt(2.0) < shape.inscribed
         reach = max(shape.inscribed - frame.size * math.sqrt(0.5), 0.02)
         if obstacles:
-            mark_near(blocked, frame, self.scene.polys(obstacles), reach, -1)
+            mark_near(blocked, frame, self.scene.polys(obstacles), reach)
         col, row = (math.floor(g / frame.size) for g in along(frame, goal[0], goal[1]))
         if not (0 <= row < blocked.shape[0] and 0 <= col < blocked.shape[1]):
             return Field(np.full(blocked.shape, np.inf, np.float32), frame)

@@ -16,7 +16,14 @@ FloatArray = npt.NDArray[np.float64]
 MARGIN_SHARES = (1.0, 0.25, 0.06, 0.015, 0.004, 0.001)
 """Shares of the clearance margin tried where a start or goal is closer to something than that."""
 
+TOUCHES = "the start or the goal touches the map or an obstacle"
+"""Why there is no motion where not even the least of these can be kept."""
+
 MOST_KEYS = 20_000_000
+
+
+BEAT = 0.995
+"""Share of the best time that an estimate must beat."""
 
 
 class Space(NamedTuple):
@@ -34,34 +41,15 @@ class Space(NamedTuple):
     cols: int
     rows: int
     bins: int
-    extra: int
-    near: float
-    beat: float
-    weight: float
+    extra: int = 0
+    near: float = 0.0
+    beat: float = BEAT
+    weight: float = 1.0
 
     @property
     def keys(self) -> int:
         """Number of discrete states, with two directions of driving each."""
         return 2 * self.cols * self.rows * self.bins
-
-
-class SearchGrain(NamedTuple):
-    """A resolution: ``cell`` (m), ``bins`` of headings."""
-
-    cell: float
-    bins: int
-
-
-class Guide(NamedTuple):
-    """What guides a search: see :class:`Space`."""
-
-    extra: int
-    near: float
-    weight: float
-
-
-BEAT = 0.995
-"""Share of the best time that an estimate must beat."""
 
 
 def widest_shape(
@@ -100,16 +88,15 @@ def pose_space(
     poses: Sequence[Configuration],
     obstacles: tuple[Placed, ...],
     reach: float,
-    grain: SearchGrain,
-    guide: Guide,
+    cell: float,
+    bins: int,
 ) -> Space:
-    """Return the box and the resolution of a search (the ``grain``, or coarser on large maps)."""
+    """Return the box and the resolution of a search (``cell`` m, or coarser on large maps)."""
     low, high = search_box(scene, poses, obstacles, reach)
-    cell, bins = grain
     while True:
         cols, rows = np.ceil((high - low) / cell).astype(int) + 1
         if cols * rows * bins * 2 <= MOST_KEYS:
             break
         cell *= 1.3
     corner = float(low[0]), float(low[1]), float(cell)
-    return Space(*corner, int(cols), int(rows), bins, guide.extra, guide.near, BEAT, guide.weight)
+    return Space(*corner, int(cols), int(rows), bins)

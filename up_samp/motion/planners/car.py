@@ -17,7 +17,7 @@ from up_samp.motion.curves.arcs import merged, path_time, reversed_arcs
 from up_samp.motion.curves.reeds_shepp import CarLimits, fastest
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
 from up_samp.motion.guides.cost_to_go import Fields, least_value
-from up_samp.motion.guides.search_space import Guide, SearchGrain, pose_space, widest_shape
+from up_samp.motion.guides.search_space import TOUCHES, pose_space, widest_shape
 from up_samp.motion.planners import hybrid_astar as hybrid
 from up_samp.motion.planners.car_shortcuts import Effort, improve, settle
 from up_samp.motion.protocol import Leg, LegQuery
@@ -111,7 +111,7 @@ class CarPlanner:
         body, start, goal, obstacles = query.body, query.start, query.goal, query.obstacles
         shape = widest_shape(self.scene, body, (start, goal), obstacles)
         if shape is None:
-            return None, "the start or the goal touches the map or an obstacle"
+            return None, TOUCHES
         car = limits_of(body.kinematics)
         world = self.scene.world(shape, obstacles)
         direct = _direct(world, query, car)
@@ -183,8 +183,9 @@ class CarPlanner:
         ends, obstacles = (query.start, query.goal), query.obstacles
         reach = 8 * unit + 2 * shape.circumscribed
         bins = math.ceil(2 * math.pi / (finest / 1.5))
-        guide = Guide(settings.extra, settings.near * unit, settings.weight)
-        space = pose_space(self.scene, ends, obstacles, reach, SearchGrain(step / 1.5, bins), guide)
+        space = pose_space(self.scene, ends, obstacles, reach, step / 1.5, bins)._replace(
+            extra=settings.extra, near=settings.near * unit, weight=settings.weight
+        )
         steps = np.array(_primitives(car.radius, unit, finest))
         x, y, th = map(float, query.goal[:3])
         field = self.fields.toward(shape, query.goal, obstacles)

@@ -12,7 +12,7 @@ from up_samp.geometry.kernels import advance
 from up_samp.geometry.records import WorldData, inner, kernel
 from up_samp.geometry.sweeps import first_blocked
 from up_samp.motion.curves.arcs import ends_of, merged, nodes_of, path_time
-from up_samp.motion.curves.reeds_shepp import TINY, CarLimits, Pose, connect, run_time
+from up_samp.motion.curves.reeds_shepp import TINY, CarLimits, Pose, connect, driven_on, run_time
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -83,28 +83,6 @@ def _cut(
     if abs(part - arcs[i, 1]) < 1e-9:
         return i, arcs[i, 1], (nodes[i + 1, 0], nodes[i + 1, 1], nodes[i + 1, 2])
     return i, part, advance(nodes[i, 0], nodes[i, 1], nodes[i, 2], arcs[i, 0], part)
-
-
-@inner
-def _last_run(arcs: FloatArray, n: int, before: float) -> float:
-    """Return the signed length of the run in which ``before`` followed by the arcs ends."""
-    run = before
-    for k in range(n):
-        run = arcs[k, 1] if run * arcs[k, 1] < 0.0 else run + arcs[k, 1]
-    return run
-
-
-@inner
-def _closed_time(arcs: FloatArray, n: int, before: float, car: CarLimits) -> float:
-    """Return the time of all runs but the last one of ``before`` followed by the arcs."""
-    run, time = before, 0.0
-    for k in range(n):
-        if run * arcs[k, 1] < 0.0:
-            time += run_time(abs(run), car.v, car.a)
-            run = arcs[k, 1]
-        else:
-            run += arcs[k, 1]
-    return time
 
 
 @inner
@@ -193,8 +171,10 @@ def _over(
     out = np.empty((5, 2))
     _, n1 = connect(first.pose, via, car, (first.run, ahead), out)
     _copy(out, n1, new, 0)
-    time = _closed_time(new, n1, first.run, car)
-    rest, n2 = connect(via, last.pose, car, (_last_run(new, n1, first.run), last.run), out)
+    time, run = 0.0, first.run
+    for k in range(n1):
+        time, run = driven_on(time, run, new[k, 1], car.v, car.a)
+    rest, n2 = connect(via, last.pose, car, (run, last.run), out)
     _copy(out, n2, new, n1)
     return time + rest, n1 + n2
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from up_samp.geometry import Scene
+from up_samp.geometry import Scene, sweeps
 from up_samp.model import (
     Body,
     Configuration,
@@ -23,12 +23,10 @@ from up_samp.model import (
     Trajectory,
 )
 from up_samp.motion.budget import WorkBudget
-from up_samp.motion.planners import ompl_edges as edges
+from up_samp.motion.guides.search_space import TOUCHES
 from up_samp.motion.planners.control_law import ControlPiece, Roller, miss, total
-from up_samp.motion.planners.ompl_planar import OmplSettings, PlanarWorld, state_of
+from up_samp.motion.planners.ompl_planar import PlanarWorld, state_of
 from up_samp.motion.planners.ompl_solve import (
-    Counter,
-    OmplLeg,
     Validity,
     box_bounds,
     canonical,
@@ -38,7 +36,7 @@ from up_samp.motion.planners.ompl_solve import (
     solve,
 )
 from up_samp.motion.planners.shooting import Shot, shots
-from up_samp.motion.protocol import LegQuery
+from up_samp.motion.protocol import Leg, LegQuery
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -61,7 +59,7 @@ class ControlWorld(PlanarWorld):
         obstacles: tuple[Placed, ...],
         seed: int,
     ) -> None:
-        super().__init__(scene, body, poses, obstacles, OmplSettings())
+        super().__init__(scene, body, poses, obstacles)
         law = body.kinematics.control
         if law is None:
             raise ProblemError("the motion model CONTROL needs a control model")
@@ -76,7 +74,8 @@ class ControlWorld(PlanarWorld):
 
     def clear(self, poses: FloatArray) -> bool:
         """Return whether the swept motion through ``poses`` (n, 3) keeps the margin."""
-        return bool(edges.sweep_edge(self.data, poses, self.hits))
+        least = 0.1 * float(self.data.shape.slack[2])
+        return bool(sweeps.samples_free(self.data, poses, least) < 0)
 
     def guesses(self, a: Configuration, b: Configuration, count: int) -> list[list[ControlPiece]]:
         """Return random pieces of about the right total duration."""
@@ -113,7 +112,7 @@ def _search(
 ) -> tuple[list[ControlPiece] | None, str]:
     """Return pieces that lead from the start to somewhere near the goal, by a control planner."""
     low, high = world.box()
-    roller, counter, width = world.roller, Counter(), len(world.roller.low)
+    roller, width = world.roller, len(world.roller.low)
     space = ob.SE2StateSpace()
     space.setBounds(box_bounds(low.tolist(), high.tolist()))
     controls = oc.RealVectorControlSpace(space, width)
@@ -121,7 +120,7 @@ def _search(
     si = oc.SpaceInformation(space, controls)
 
     def propagate(state: Any, control: Any, seconds: float, result: Any) -> None:
-        counter.edges += 1
+        budget.used += 1
         origin = (state.getX(), state.getY(), state.getYaw())
         rows = roller.rows(origin, [control[i] for i in range(width)], seconds)
         x, y, th = rows[-1].tolist()
@@ -145,10 +144,9 @@ def _search(
     pdef = ob.ProblemDefinition(si)
     pdef.setStartAndGoalStates(state_of(si, start), state_of(si, goal), world.near)
     set_seed(seed)
-    solved = solve(getattr(oc, name)(si), pdef, budget.deadline, counter, polish=1)
-    budget.cut = budget.cut or counter.cut
-    if solved.states is None:
-        return None, f"OMPL's control planner {name} found no path ({solved.status.lower()})"
+    states, status = solve(getattr(oc, name)(si), pdef, budget, polish=1)
+    if states is None:
+        return None, f"OMPL's control planner {name} found no path ({status.lower()})"
     path = pdef.getSolutionPath()
     count = range(path.getControlCount())
     driven = [(path.getControl(i), float(path.getControlDuration(i))) for i in count]
@@ -162,7 +160,7 @@ def control_leg(
     *,
     planner: str = "RRT",
     seed: int = 0,
-) -> OmplLeg:
+) -> Leg:
     """Return a motion under the body's control law from the start exactly to the goal.
 
     Deterministic for ``seed`` unless the deadline cuts in.
@@ -173,8 +171,7 @@ def control_leg(
     name = canonical(planner, control=True)
     world = ControlWorld(scene, body, (start, goal), query.obstacles, seed)
     if not world.fit_margin():
-        reason = "the start or the goal touches the map or an obstacle"
-        return OmplLeg(None, reason, world.blockers(), complete=True)
+        return Leg(None, TOUCHES, complete=True)
     budget = WorkBudget(deadline)
     direct = world.steer(start, goal, _DIRECT, budget)
     pieces: list[ControlPiece] | None = direct
@@ -186,12 +183,12 @@ def control_leg(
             reason = "the last stretch to the goal could not be driven exactly"
             pieces = _arrive(world, start, goal, rough, budget)
     if pieces is None:
-        return OmplLeg(None, reason, world.blockers(), attempt)
+        return Leg(None, reason, budget.used)
     if direct is None:
         pieces = _shortened(world, start, goal, pieces, budget)
     trajectory = _exact(world, start, goal, pieces)
     reason = "" if trajectory is not None else "the motion found does not end at the goal"
-    return OmplLeg(trajectory, reason, world.blockers(), attempt, not budget.cut)
+    return Leg(trajectory, reason, budget.used, not budget.cut)
 
 
 def _nodes(

@@ -20,9 +20,9 @@ import numpy.typing as npt
 from up_samp.geometry import Scene
 from up_samp.geometry.meshes import (
     Mesh,
-    boxes,
     mesh_of,
     nested,
+    prism,
     surface_distance,
     transform,
     wall_rectangles,
@@ -37,10 +37,9 @@ from up_samp.model import (
 )
 from up_samp.motion.budget import WorkBudget
 from up_samp.motion.curves.straight import leg_profile, timed_chain, turn_between
+from up_samp.motion.guides.search_space import MARGIN_SHARES, TOUCHES
 from up_samp.motion.planners.ompl_solve import (
-    Counter,
     EdgeValidity,
-    OmplLeg,
     Validity,
     box_bounds,
     canonical,
@@ -49,12 +48,10 @@ from up_samp.motion.planners.ompl_solve import (
     set_seed,
     solve,
 )
-from up_samp.motion.protocol import LegQuery
+from up_samp.motion.protocol import Leg, LegQuery
 
 FloatArray = npt.NDArray[np.float64]
 
-MARGIN_SHARES = (1.0, 0.25, 0.06, 0.015)
-"""Shares of the clearance margin tried where a start or goal is closer to something than that."""
 _SHORTCUTS = 300
 """Rounds of shortening..."""
 _PATIENCE = 80
@@ -82,19 +79,18 @@ class FlyerWorld:
         self._scene = scene
         self.low, self.high = self._box(poses)
         floor, sky = self.low[2] - 2 * self.mesh.radius, self.high[2] + 2 * self.mesh.radius
-        self.things: list[tuple[str, Mesh, Any, Configuration]] = []
+        self.things: list[tuple[Mesh, Any, Configuration]] = []
+        self._walls = -1
         for placed in obstacles:
             mesh, pose = mesh_of(placed.body, placed.pose, floor, sky)
-            self.things.append((placed.name, mesh, transform(pose), pose))
+            self.things.append((mesh, transform(pose), pose))
         if scene.grid is not None:
-            walls = boxes(wall_rectangles(scene.grid), floor, sky)
-            if walls is not None:
-                rest = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
-                self.things.append(("", walls, transform(rest), rest))
+            rest = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+            self._walls = len(self.things)
+            walls = prism(wall_rectangles(scene.grid), floor, sky)
+            self.things.append((walls, transform(rest), rest))
         self._centres = np.array([rest[:3] for *_, rest in self.things]).reshape(-1, 3)
-        self._reaches = np.array([m.radius + self.mesh.radius for _, m, _, _ in self.things])
-        self._walls = next((i for i, thing in enumerate(self.things) if not thing[0]), -1)
-        self.met: set[str] = set()
+        self._reaches = np.array([m.radius + self.mesh.radius for m, _, _ in self.things])
 
     def _box(self, poses: Sequence[Configuration]) -> tuple[FloatArray, FloatArray]:
         """Return the corners (m) of the box that is searched: the map's, and as high as it takes
@@ -123,9 +119,7 @@ class FlyerWorld:
 
     def clearance(self, pose: Sequence[float]) -> float:
         """Return a lower bound on the distance (m) of the surfaces to the nearest thing beyond the
-        margin: exact where that is near, by spheres where it is far.
-
-        What is nearer than the margin is remembered as being in the way.
+        margin: exact where that is near, by spheres where it is far; -1 where it is none.
         """
         place, point = transform(pose), np.array(pose[:3])
         far = np.linalg.norm(self._centres - point, axis=1) - self._reaches
@@ -136,10 +130,9 @@ class FlyerWorld:
         for i in np.flatnonzero(near):
             if far[i] - self.margin >= best:
                 continue
-            name, mesh, where, _ = self.things[i]
+            mesh, where, _ = self.things[i]
             d = surface_distance(self.mesh, place, mesh, where) - self.margin
             if d <= TOUCH:
-                self.met.add(name)
                 return -1.0
             best = min(best, d)
         return best
@@ -150,7 +143,7 @@ class FlyerWorld:
 
     def swallowed(self, pose: Configuration) -> bool:
         """Return whether the body lies inside a thing, or a thing inside it, without contact."""
-        return any(nested(self.mesh, pose, mesh, rest) for _, mesh, _, rest in self.things)
+        return any(nested(self.mesh, pose, mesh, rest) for mesh, _, rest in self.things)
 
     def edge_free(self, a: FloatArray, b: FloatArray) -> bool:
         """Return whether the margin is kept all along the edge between two poses."""
@@ -173,7 +166,6 @@ class FlyerWorld:
         for share in MARGIN_SHARES:
             self.margin = self._scene.margin * share
             if all(self.pose_free(p) for p in self._ends):
-                self.met.clear()
                 return True
         return False
 
@@ -199,7 +191,7 @@ def flyer_leg(
     *,
     planner: str = "RRTConnect",
     seed: int = 0,
-) -> OmplLeg:
+) -> Leg:
     """Return a free flyer's motion from rest at the start to rest at the goal.
 
     Straight pieces with rest at each corner; ``v_max``, ``a_max`` and ``omega_max`` hold.
@@ -208,33 +200,29 @@ def flyer_leg(
     body, start, goal = query.body, query.start, query.goal
     world = FlyerWorld(scene, body, (start, goal), query.obstacles)
     if not world.fit_margin() or any(world.swallowed(p) for p in (start, goal)):
-        reason = "the start or the goal touches the map or an obstacle"
-        return OmplLeg(None, reason, frozenset(world.met - {""}), complete=True)
-    name, counter = canonical(planner), Counter()
+        return Leg(None, TOUCHES, complete=True)
+    name, budget = canonical(planner), WorkBudget(deadline)
     space = ob.SE3StateSpace()
     space.setBounds(box_bounds(world.low.tolist(), world.high.tolist()))
     si = ob.SpaceInformation(space)
     si.setStateValidityChecker(Validity(si, lambda s: world.pose_free(_read(s))))
     si.setMotionValidator(
         EdgeValidity(
-            si, lambda a, b: world.edge_free(np.array(_read(a)), np.array(_read(b))), counter
+            si, lambda a, b: world.edge_free(np.array(_read(a)), np.array(_read(b))), budget
         )
     )
     si.setup()
     pdef = ob.ProblemDefinition(si)
     pdef.setStartAndGoalStates(_state(si, start), _state(si, goal), 1e-9)
     set_seed(seed)
-    solved = solve(getattr(og, name)(si), pdef, deadline, counter, polish=200, read=_read)
-    blockers = frozenset(world.met - {""})
-    if solved.states is None:
-        reason = f"OMPL's {name} found no path ({solved.status.lower()})"
-        return OmplLeg(None, reason, blockers, counter.edges, not counter.cut)
-    nodes = np.array([start, *solved.states[1:-1], goal], dtype=np.float64)
-    budget = WorkBudget(deadline)
+    states, status = solve(getattr(og, name)(si), pdef, budget, polish=200, read=_read)
+    if states is None:
+        reason = f"OMPL's {name} found no path ({status.lower()})"
+        return Leg(None, reason, budget.used, not budget.cut)
+    nodes = np.array([start, *states[1:-1], goal], dtype=np.float64)
     nodes = shorten(world, nodes, budget, seed)
-    complete = not counter.cut and not budget.cut
     motion = timed_chain(nodes, body.kinematics)
-    return OmplLeg(motion, "", blockers, counter.edges, complete)
+    return Leg(motion, "", budget.used, not budget.cut)
 
 
 def shorten(world: FlyerWorld, nodes: FloatArray, budget: WorkBudget, seed: int) -> FloatArray:

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from up_samp.geometry.kernels import advance
 from up_samp.geometry.records import WorldData, inner, kernel
 from up_samp.geometry.sweeps import arc_free, first_blocked
-from up_samp.motion.curves.reeds_shepp import CarLimits, Pose, connect, run_time
+from up_samp.motion.curves.reeds_shepp import CarLimits, Pose, connect, driven_on, run_time
 from up_samp.motion.guides.cost_to_go import Field, field_value
 from up_samp.motion.guides.heap import pop, push
 from up_samp.motion.guides.search_space import Space
@@ -90,6 +90,23 @@ def _estimate(problem: CarProblem, pose: Pose, closed: float, run: float, out: F
     return total
 
 
+@inner
+def add_node(
+    tree: Tree, pose: Pose, link: tuple[int, int], times: tuple[float, float, float]
+) -> int:
+    """Add a node to the tree and to its open list; return its number. ``link``: parent and key;
+    ``times``: of closed runs, the open run, the estimate.
+    """
+    n = tree.counters[0]
+    tree.counters[0] += 1
+    for i in range(3):
+        tree.nodes[n, i] = pose[i]
+        tree.nodes[n, 3 + i] = times[i]
+    tree.links[n, 0], tree.links[n, 1] = link
+    push(tree.heap, tree.nodes, tree.counters, n)
+    return int(n)
+
+
 def plant(tree: Tree, start: FloatArray) -> None:
     """Put the start node into an empty tree (its order does not matter: it is taken first)."""
     tree.nodes[0] = (*start[:3], 0.0, 0.0, 0.0)
@@ -126,12 +143,8 @@ def _grow(
     key = key_of(problem.space, x, y, th, s < 0.0)
     if key < 0:
         return
-    closed, run, car = tree.nodes[node, 3], tree.nodes[node, 4], problem.car
-    if run * s < 0.0:
-        closed += run_time(abs(run), car.v, car.a)
-        run = s
-    else:
-        run += s
+    car = problem.car
+    closed, run = driven_on(tree.nodes[node, 3], tree.nodes[node, 4], s, car.v, car.a)
     time = closed + run_time(abs(run), car.v, car.a)
     if time >= tree.table[key] - 1e-4:
         return
@@ -141,13 +154,8 @@ def _grow(
     if not arc_free(problem.world, x0, y0, th0, kappa, s):
         return
     tree.table[key] = time
-    n = tree.counters[0]
-    tree.counters[0] += 1
-    tree.nodes[n, 0], tree.nodes[n, 1], tree.nodes[n, 2] = x, y, th
-    tree.nodes[n, 3], tree.nodes[n, 4], tree.nodes[n, 5] = closed, run, estimate
+    n = add_node(tree, (x, y, th), (node, key), (closed, run, estimate))
     tree.arcs[n, 0], tree.arcs[n, 1] = kappa, s
-    tree.links[n, 0], tree.links[n, 1] = node, key
-    push(tree.heap, tree.nodes, tree.counters, n)
 
 
 @kernel

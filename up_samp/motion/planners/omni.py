@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -14,9 +15,8 @@ from up_samp.model import Configuration, Deadline, Trajectory
 from up_samp.motion.budget import WorkBudget
 from up_samp.motion.curves.blending import chain_time, moved_corner, pieces
 from up_samp.motion.curves.reeds_shepp import run_time
-from up_samp.motion.curves.trajectories import reversed_trajectory
 from up_samp.motion.guides.cost_to_go import Fields, field_value
-from up_samp.motion.guides.search_space import Guide, SearchGrain, pose_space, widest_shape
+from up_samp.motion.guides.search_space import TOUCHES, pose_space, widest_shape
 from up_samp.motion.planners import hybrid_astar as hybrid
 from up_samp.motion.planners.gliding import Glider
 from up_samp.motion.planners.omni_astar import (
@@ -39,9 +39,10 @@ CELL = 0.02
 """Cells (m) by which a search that slides tells poses apart: it is for gaps of centimetres."""
 
 
-@dataclass(frozen=True)
-class _Grain:
-    """A resolution: ``step`` in inner radii, ``bins`` of headings, size of the search tree."""
+class Grain(NamedTuple):
+    """A resolution: ``step`` in inner radii of the footprint, ``bins`` of headings, size of the
+    search tree in ``nodes``. ``tight``: slide along walls into gaps narrower than the steps.
+    """
 
     step: float
     bins: int
@@ -51,30 +52,24 @@ class _Grain:
 
 @dataclass(frozen=True)
 class PlanarSettings:
-    """Effort of the planar planner. ``levels``: step in inner radii of the footprint, coarse to
-    fine; ``bins``: headings at each level; ``nodes``: size of each search tree. ``tight``: the same
-    for a last search that slides along walls into gaps narrower than its steps (None: without).
+    """Effort of the planar planner: the searches, in the order in which they are tried.
     ``roundabout``: what takes longer than so many times the shortest way of a disc is sought from
     its goal as well, where the steps fall elsewhere. ``tries``: how often a way is cut short by
     ``rounds`` random shortcuts; the fastest counts.
     """
 
-    levels: tuple[float, ...] = (1.0, 0.5, 0.25)
-    bins: tuple[int, ...] = (16, 24, 36)
-    nodes: tuple[int, ...] = (60_000, 250_000, 400_000)
-    tight: tuple[float, int, int] | None = (0.5, 24, 60_000)
+    grains: tuple[Grain, ...] = (
+        Grain(1.0, 16, 60_000),
+        Grain(0.5, 24, 250_000),
+        Grain(0.25, 36, 400_000),
+        Grain(0.5, 24, 60_000, tight=True),
+    )
     weight: float = 1.15
     rounds: int = 600
     shifts: tuple[float, ...] = (0.25, 1.0, 0.5)
     slice: int = 4000
     roundabout: float = 1.15
     tries: int = 4
-
-    @property
-    def grains(self) -> list[_Grain]:
-        """The searches, in the order in which they are tried."""
-        found = [_Grain(*row) for row in zip(self.levels, self.bins, self.nodes, strict=True)]
-        return found if self.tight is None else [*found, _Grain(*self.tight, True)]
 
 
 class PlanarPlanner:
@@ -92,8 +87,8 @@ class PlanarPlanner:
     @classmethod
     def quick(cls, scene: Scene, seed: int = 0) -> PlanarPlanner:
         """Return a planner that gives up after little work, for detours."""
-        few = PlanarSettings((1.0,), (16,), (20_000,), tight=None, rounds=200, shifts=(0.25,))
-        return cls(scene, seed, replace(few, roundabout=math.inf, tries=1))
+        few = PlanarSettings((Grain(1.0, 16, 20_000),), rounds=200, shifts=(0.25,), tries=1)
+        return cls(scene, seed, replace(few, roundabout=math.inf))
 
     def leg(self, query: LegQuery, deadline: Deadline) -> Leg:
         """Return a fast motion between two poses among resting obstacles."""
@@ -101,8 +96,7 @@ class PlanarPlanner:
         ends = query.start, query.goal
         shape = widest_shape(self.scene, query.body, ends, query.obstacles)
         if shape is None:
-            reason = "the start or the goal touches the map or an obstacle"
-            return Leg(None, reason, complete=True)
+            return Leg(None, TOUCHES, complete=True)
         leg = self._one_way(query, shape, budget)
         if not leg.complete or leg.trajectory is None:
             return leg
@@ -111,8 +105,7 @@ class PlanarPlanner:
         back = self._one_way(replace(query, start=query.goal, goal=query.start), shape, budget)
         if back.trajectory is None or back.trajectory.duration > leg.trajectory.duration - GAIN:
             return replace(leg, effort=budget.used, complete=not budget.cut)
-        corners = None if back.corners is None else back.corners[::-1].copy()
-        return replace(back, trajectory=reversed_trajectory(back.trajectory), corners=corners)
+        return back.turned()
 
     def _is_roundabout(self, query: LegQuery, shape: Shape, motion: Trajectory) -> bool:
         """Return whether a motion takes much longer than the shortest way of the disc in the body
@@ -172,7 +165,7 @@ class PlanarPlanner:
         return None, shape, "out of time" if budget.cut else reason
 
     def _search(
-        self, query: LegQuery, shape: Shape, grain: _Grain, budget: WorkBudget
+        self, query: LegQuery, shape: Shape, grain: Grain, budget: WorkBudget
     ) -> tuple[FloatArray | None, bool]:
         """Run A* at one resolution; return the chain or None, and whether it ran dry."""
         origin, target = (np.array(p[:3], dtype=np.float64) for p in (query.start, query.goal))
@@ -183,6 +176,7 @@ class PlanarPlanner:
             return np.array([origin, [target[0], target[1], origin[2] + turn]]), False
         problem = self._problem(query, shape, grain)
         tree = hybrid.new_tree(grain.nodes, problem.space.keys)
+        hybrid.plant(tree, origin)
         state = 0
         while state == 0 and not budget.spent():
             before = int(tree.counters[2])
@@ -198,24 +192,21 @@ class PlanarPlanner:
         rows[-1][2] = rows[-2][2] + math.remainder(target[2] - rows[-2][2], 2 * math.pi)
         return np.array(rows), False
 
-    def _problem(self, query: LegQuery, shape: Shape, grain: _Grain) -> PlanarProblem:
+    def _problem(self, query: LegQuery, shape: Shape, grain: Grain) -> PlanarProblem:
         """Return what one search is about, at one resolution."""
         ends, obstacles, bins = (query.start, query.goal), query.obstacles, grain.bins
         step = grain.step * shape.inner[2]
         cell = min(step, CELL) if grain.tight else step
-        guide = Guide(0, 0.0, self.settings.weight)
-        reach = 16 * shape.circumscribed
-        space = pose_space(self.scene, ends, obstacles, reach, SearchGrain(cell, bins), guide)
+        space = pose_space(self.scene, ends, obstacles, 16 * shape.circumscribed, cell, bins)
         moves = [(i * step, j * step, 0.0) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]
         moves += [(0.0, 0.0, 2 * math.pi / bins), (0.0, 0.0, -2 * math.pi / bins)]
-        (x, y, th), (gx, gy, gth) = (map(float, pose[:3]) for pose in ends)
+        x, y, th = map(float, query.goal[:3])
         return PlanarProblem(
             world=self.scene.world(shape, obstacles),
             limits=planar_limits(query.body.kinematics),
-            start=(x, y, th),
-            goal=(gx, gy, gth),
+            goal=(x, y, th),
             field=self.fields.toward(shape, query.goal, obstacles),
-            space=space,
+            space=space._replace(weight=self.settings.weight),
             steps=np.array(moves),
             tight=grain.tight,
         )

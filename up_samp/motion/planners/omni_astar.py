@@ -11,12 +11,12 @@ import numpy.typing as npt
 from up_samp.geometry.kernels import clearance
 from up_samp.geometry.records import WorldData, inner, kernel
 from up_samp.model import Kinematics
-from up_samp.motion.curves.reeds_shepp import Pose, run_time
+from up_samp.motion.curves.reeds_shepp import Pose, run_time, wrapped
 from up_samp.motion.guides.cost_to_go import Field, field_value
-from up_samp.motion.guides.heap import pop, push
+from up_samp.motion.guides.heap import pop
 from up_samp.motion.guides.search_space import Space
 from up_samp.motion.planners.car_shortcuts import random_share
-from up_samp.motion.planners.hybrid_astar import Tree, key_of
+from up_samp.motion.planners.hybrid_astar import Tree, add_node, key_of
 
 FloatArray = npt.NDArray[np.float64]
 Move = tuple[float, float, float]
@@ -42,8 +42,7 @@ def planar_limits(kinematics: Kinematics) -> PlanarLimits:
 
 
 class PlanarProblem(NamedTuple):
-    """What one search is about: the way from ``start`` to ``goal`` by primitive moves ``steps``
-    (n, 3).
+    """What one search is about: the way to ``goal`` by primitive moves ``steps`` (n, 3).
 
     ``tight``: where a step does not go all the way, slide up to what is in the way, and half as
     far: so the tree gets into gaps that are narrower than its steps. ``space.weight``: of the time
@@ -52,7 +51,6 @@ class PlanarProblem(NamedTuple):
 
     world: WorldData
     limits: PlanarLimits
-    start: Pose
     goal: Pose
     field: Field
     space: Space
@@ -88,12 +86,6 @@ def straight_free(world: WorldData, pose: Pose, move: Move) -> bool:
 
 
 @inner
-def _wrapped(angle: float) -> float:
-    angle = angle % (2.0 * math.pi)
-    return angle - 2.0 * math.pi if angle > math.pi else angle
-
-
-@inner
 def _cost(move: Move, limits: PlanarLimits) -> float:
     """Return the time (s) of a straight move at full speed."""
     dx, dy, turn = move
@@ -107,7 +99,7 @@ def _to_go(problem: PlanarProblem, x: float, y: float, th: float) -> float:
     far = math.sqrt(dx * dx + dy * dy)
     if field.values.shape[0] > 0:
         far = max(far, field_value(field, x, y))
-    return max(far / limits.v, abs(_wrapped(goal[2] - th)) / limits.omega)
+    return max(far / limits.v, abs(wrapped(goal[2] - th)) / limits.omega)
 
 
 @inner
@@ -127,39 +119,18 @@ def _grown(tree: Tree, problem: PlanarProblem, node: int, move: Move) -> bool:
     if rest == math.inf or not straight_free(problem.world, pose, move):
         return False
     tree.table[key] = time
-    n = tree.counters[0]
-    tree.counters[0] += 1
-    tree.nodes[n, 0], tree.nodes[n, 1], tree.nodes[n, 2] = x, y, th
-    tree.nodes[n, 3], tree.nodes[n, 5] = time, time + problem.space.weight * rest
-    tree.links[n, 0], tree.links[n, 1] = node, key
-    push(tree.heap, tree.nodes, tree.counters, n)
+    add_node(tree, (x, y, th), (node, key), (time, 0.0, time + problem.space.weight * rest))
     return True
-
-
-@inner
-def _plant(tree: Tree, problem: PlanarProblem) -> None:
-    """Put the start into an empty tree."""
-    start = problem.start
-    for i in range(3):
-        tree.nodes[0, i] = start[i]
-    tree.nodes[0, 3] = tree.nodes[0, 5] = 0.0
-    tree.links[0, 0] = -1
-    tree.links[0, 1] = key_of(problem.space, start[0], start[1], start[2], False)
-    tree.counters[0] = 1
-    tree.counters[3] = -1
-    push(tree.heap, tree.nodes, tree.counters, 0)
 
 
 @kernel
 def expand_planar(tree: Tree, problem: PlanarProblem, budget: int) -> int:
-    """Expand up to ``budget`` nodes towards the goal; plants the tree if it is empty.
+    """Expand up to ``budget`` nodes towards the goal.
 
     Returns 0: more to do, 1: reached by a straight move from node ``counters[3]``, 2: the open
     list ran empty, 3: the tree is full.
     """
     world, steps, goal = problem.world, problem.steps, problem.goal
-    if tree.counters[0] == 0:
-        _plant(tree, problem)
     for _ in range(budget):
         if tree.counters[1] == 0:
             return 2
@@ -171,7 +142,7 @@ def expand_planar(tree: Tree, problem: PlanarProblem, budget: int) -> int:
         if node > 0 and tree.nodes[node, 3] > tree.table[tree.links[node, 1]] + 5e-5:
             continue
         tree.counters[2] += 1
-        way = goal[0] - pose[0], goal[1] - pose[1], _wrapped(goal[2] - pose[2])
+        way = goal[0] - pose[0], goal[1] - pose[1], wrapped(goal[2] - pose[2])
         if straight_free(world, pose, way):
             tree.counters[3] = node
             return 1
@@ -217,6 +188,18 @@ def _point(nodes: FloatArray, n: int, p: float) -> tuple[float, float, float]:
 
 
 @inner
+def _added(out: FloatArray, m: int, pose: FloatArray) -> int:
+    """Write a pose after the first ``m`` of a chain, unless it is where the last one is; return how
+    many there are then.
+    """
+    same = m > 0
+    for d in range(3):
+        out[m, d] = pose[d]
+        same = same and abs(pose[d] - out[m - 1, d]) < 1e-12
+    return m if same else m + 1
+
+
+@inner
 def _bridged(
     nodes: FloatArray, n: int, f: int, g: int, a: FloatArray, b: FloatArray
 ) -> tuple[FloatArray, int]:
@@ -224,21 +207,10 @@ def _bridged(
     out = np.empty((n + 2, 3))
     m = 0
     for k in range(f + 1):
-        for d in range(3):
-            out[m, d] = nodes[k, d]
-        m += 1
-    for pose in (a, b):
-        same = True
-        for d in range(3):
-            out[m, d] = pose[d]
-            same = same and abs(out[m, d] - out[m - 1, d]) < 1e-12
-        m += 0 if same else 1
+        m = _added(out, m, nodes[k])
+    m = _added(out, _added(out, m, a), b)
     for k in range(g, n):
-        same = True
-        for d in range(3):
-            out[m, d] = nodes[k, d]
-            same = same and abs(out[m, d] - out[m - 1, d]) < 1e-12
-        m += 0 if same else 1
+        m = _added(out, m, nodes[k])
     return out, m
 
 

@@ -19,27 +19,14 @@ from up_samp.model import (
     ProblemError,
     UnsupportedError,
 )
+from up_samp.motion.budget import WorkBudget
 from up_samp.motion.models import MODELS, made_by
-from up_samp.motion.planners.ompl_planar import OmplSettings, PlanarWorld, search
-from up_samp.motion.planners.ompl_solve import ONE_TREE, OmplLeg, canonical, known_planners
+from up_samp.motion.planners.ompl_planar import SETTINGS, PlanarWorld, search
+from up_samp.motion.planners.ompl_solve import ONE_TREE, canonical, known_planners
 from up_samp.motion.protocol import Leg, LegQuery
 
 PLANNERS = known_planners()
 """Names of the geometric planners that the installed OMPL offers."""
-
-
-def ompl_leg(
-    scene: Scene, query: LegQuery, deadline: Deadline, *, planner: str, seed: int
-) -> OmplLeg:
-    """Return a motion from rest to rest by OMPL's ``planner``."""
-    where = MODELS[query.body.kinematics.model].ompl
-    if not where:
-        raise UnsupportedError(
-            f"the motion planner '{planner}' is OMPL's, which has no paths for bodies that turn on "
-            "the spot (turning_radius 0): leave 'path_planner' at 'default'"
-        )
-    found: OmplLeg = made_by(where)(scene, query, deadline, planner=planner, seed=seed)
-    return found
 
 
 class OmplPlanner:
@@ -60,24 +47,26 @@ class OmplPlanner:
 
     def leg(self, query: LegQuery, deadline: Deadline) -> Leg:
         """Return a motion from rest to rest, exactly from the start to the goal."""
-        found = ompl_leg(self.scene, query, deadline, planner=self.name, seed=self.seed)
-        return Leg(found.trajectory, found.reason, found.checks, found.complete, found.corners)
+        where = MODELS[query.body.kinematics.model].ompl
+        if not where:
+            raise UnsupportedError(
+                f"the motion planner '{self.name}' is OMPL's, which has no paths for bodies that "
+                "turn on the spot (turning_radius 0): leave 'path_planner' at 'default'"
+            )
+        leg: Leg = made_by(where)(self.scene, query, deadline, planner=self.name, seed=self.seed)
+        return leg
 
 
-class FlyerPlanner(OmplPlanner):
-    """Plans free flyers: RRTConnect (see :mod:`up_samp.motion.planners.flyer`)."""
-
-    def __init__(self, scene: Scene, seed: int = 0) -> None:
-        super().__init__("RRTConnect", scene, seed, reversible=True)
+def flyer_planner(scene: Scene, seed: int) -> OmplPlanner:
+    """Return who plans free flyers: RRTConnect (see :mod:`up_samp.motion.planners.flyer`)."""
+    return OmplPlanner("RRTConnect", scene, seed, reversible=True)
 
 
-class ControlPlanner(OmplPlanner):
-    """Plans bodies with a law of their own: RRT, and exact ends (see
+def control_planner(scene: Scene, seed: int) -> OmplPlanner:
+    """Return who plans bodies with a law of their own: RRT, and exact ends (see
     :mod:`up_samp.motion.planners.control`).
     """
-
-    def __init__(self, scene: Scene, seed: int = 0) -> None:
-        super().__init__("RRT", scene, seed)
+    return OmplPlanner("RRT", scene, seed)
 
 
 @dataclass(frozen=True)
@@ -100,12 +89,11 @@ def explore(
     *,
     planner: str = "RRT",
     seed: int = 0,
-    settings: OmplSettings | None = None,
 ) -> Exploration:
     """Search from the first to the last pose of a query and tell what was reached.
 
     The paper's reading of an RRT: a target counts as reached if the tree has a vertex from which it
-    is one free edge away (the nearest ``settings.nearest`` are tried); an obstacle is a blocker if
+    is one free edge away (the nearest ``SETTINGS.nearest`` are tried); an obstacle is a blocker if
     an extension collided with it. A target that was not reached is *not* proven unreachable.
     """
     if canonical(planner) not in ONE_TREE:
@@ -113,25 +101,22 @@ def explore(
         raise UnsupportedError(
             f"what {planner} reached is not recorded; planners that can: {trees}"
         )
-    settings = settings or OmplSettings()
     start, goal = query.poses[0], query.poses[-1]
-    world = PlanarWorld(scene, query.body, (start,), query.obstacles, settings)
+    world = PlanarWorld(scene, query.body, (start,), query.obstacles)
     if not world.fit_margin():
         return Exploration(False, frozenset(), world.blockers(), 0)
-    found = search(world, start, goal, deadline, planner=planner, seed=seed, tree=True)
-    reached = frozenset(
-        name for name, pose in targets.items() if _reaches(world, found.tree, pose, settings)
-    )
-    return Exploration(found.nodes is not None, reached, found.blockers, len(found.tree))
+    budget = WorkBudget(deadline)
+    nodes, _, tree = search(world, start, goal, budget, planner=planner, seed=seed, tree=True)
+    blockers = world.blockers()  # not those of what is looked at now
+    reached = frozenset(name for name, pose in targets.items() if _reaches(world, tree, pose))
+    return Exploration(nodes is not None, reached, blockers, len(tree))
 
 
-def _reaches(
-    world: PlanarWorld, tree: npt.NDArray[np.float64], pose: Configuration, settings: OmplSettings
-) -> bool:
+def _reaches(world: PlanarWorld, tree: npt.NDArray[np.float64], pose: Configuration) -> bool:
     """Return whether a free edge leads from a vertex of the tree to a pose."""
     x, y, th = (float(v) for v in pose[:3])
     if not world.pose_free(x, y, th):
         return False
-    nearest = np.argsort(np.hypot(tree[:, 0] - x, tree[:, 1] - y))[: settings.nearest]
+    nearest = np.argsort(np.hypot(tree[:, 0] - x, tree[:, 1] - y))[: SETTINGS.nearest]
     a = tree[nearest].tolist()
     return any(world.edge_free(v[0], v[1], v[2], x, y, th) for v in a)

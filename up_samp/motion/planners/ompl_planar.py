@@ -1,7 +1,8 @@
 """Legs of cars (REEDSSHEPP) and omnidirectional bodies (SE2) by OMPL's planners.
 
-OMPL searches; every edge is checked whole by one compiled, swept-safe call, which also records what
-stood in the way. The path found is shortened with times in view, and timed from rest to rest.
+OMPL searches; every edge is checked whole by one compiled call, by conservative advancement
+(Mirtich 1996): nothing slips through between two checks. The path found is shortened with times in
+view, and timed from rest to rest.
 (Sucan, Moll & Kavraki, *The Open Motion Planning Library*, 2012.)
 """
 
@@ -10,13 +11,16 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from up_samp.geometry import Scene
+from up_samp.geometry.kernels import advance, map_clearance, poly_distance
+from up_samp.geometry.records import WorldData, kernel
+from up_samp.geometry.sweeps import travel_ratio
 from up_samp.model import (
     Body,
     Configuration,
@@ -25,20 +29,17 @@ from up_samp.model import (
     Trajectory,
     UnsupportedError,
 )
+from up_samp.motion.budget import WorkBudget
 from up_samp.motion.curves.arcs import merged, path_time
 from up_samp.motion.curves.blending import pieces
-from up_samp.motion.curves.reeds_shepp import CarLimits, shortest
+from up_samp.motion.curves.reeds_shepp import CarLimits, Pose, connect, shortest
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
-from up_samp.motion.guides.search_space import MARGIN_SHARES, search_box
-from up_samp.motion.planners import ompl_edges as edges
+from up_samp.motion.guides.search_space import TOUCHES, search_box, widest_shape
 from up_samp.motion.planners.car_shortcuts import Effort, improve, settle
 from up_samp.motion.planners.gliding import Glider
 from up_samp.motion.planners.omni_astar import planar_limits, shortened
 from up_samp.motion.planners.ompl_solve import (
-    Counter,
     EdgeValidity,
-    OmplLeg,
-    Solved,
     Validity,
     box_bounds,
     canonical,
@@ -46,10 +47,12 @@ from up_samp.motion.planners.ompl_solve import (
     og,
     set_seed,
     solve,
+    vertices,
 )
-from up_samp.motion.protocol import LegQuery
+from up_samp.motion.protocol import Leg, LegQuery
 
 FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -66,25 +69,77 @@ class OmplSettings:
     share: float = 0.05
     nearest: int = 40
 
-    def __post_init__(self) -> None:
-        for name in ("polish", "rounds", "patience", "reach", "share", "nearest"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be positive, not {getattr(self, name)!r}")
+
+SETTINGS = OmplSettings()
 
 
-@dataclass(frozen=True)
-class TreeSearch:
-    """What one search came to: the ``nodes`` (n, 3) of a path or None; the ``blockers`` that its
-    extensions ran into; its ``tree`` of reached poses (m, 3); the number of edge ``checks``;
-    whether it ended by itself (``complete``) and not by a deadline.
+@kernel
+def look(world: WorldData, x: float, y: float, th: float, hits: IntArray) -> float:
+    """Return a lower bound (m) on the clearance beyond the margin; -1 (and a hit) if it is less
+    than the smallest that swept checks accept. ``hits`` counts them: one counter for each resting
+    object, the last one for the map.
     """
+    polys, shape = world.polys, world.shape
+    least = 0.1 * shape.slack[2]
+    c = map_clearance(world.grid, shape, x, y, th)
+    if c < least:
+        hits[hits.shape[0] - 1] += 1
+        return -1.0
+    if polys.counts.shape[0] > 0:
+        d, owner = poly_distance(polys, shape, x, y, th, c + shape.margin)
+        d -= shape.margin
+        if d < least:
+            hits[owner] += 1
+            return -1.0
+        c = min(c, d)
+    return c
 
-    nodes: FloatArray | None
-    reason: str
-    blockers: frozenset[str] = frozenset()
-    tree: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
-    checks: int = 0
-    complete: bool = False
+
+@kernel
+def car_edge(world: WorldData, car: CarLimits, a: Pose, b: Pose, hits: IntArray) -> bool:
+    """Return whether the fastest Reeds-Shepp curve between two poses keeps the margin (with v = 1
+    and a = inf it is the shortest).
+    """
+    if look(world, b[0], b[1], b[2], hits) < 0.0:
+        return False
+    arcs = np.empty((5, 2))
+    _, n = connect(a, b, car, (0.0, 0.0), arcs)
+    ax, ay, ath = a
+    for i in range(n):
+        kappa, s = arcs[i, 0], arcs[i, 1]
+        ratio = travel_ratio(world.shape, kappa)
+        total, done = abs(s), 0.0
+        sign = 1.0 if s >= 0.0 else -1.0
+        while done < total:
+            x, y, th = advance(ax, ay, ath, kappa, sign * done)
+            c = look(world, x, y, th, hits)
+            if c < 0.0:
+                return False
+            done += c / ratio
+        ax, ay, ath = advance(ax, ay, ath, kappa, s)
+    return True
+
+
+@kernel
+def line_edge(world: WorldData, a: Pose, b: Pose, hits: IntArray) -> bool:
+    """Return whether the straight motion between two poses, turning the shorter way round at a
+    constant rate, keeps the margin.
+    """
+    (ax, ay, ath), (bx, by, bth) = a, b
+    if look(world, bx, by, bth, hits) < 0.0:
+        return False
+    turn = (bth - ath + math.pi) % (2.0 * math.pi) - math.pi
+    dx, dy = bx - ax, by - ay
+    travel = math.sqrt(dx * dx + dy * dy) + abs(turn) * world.shape.radius
+    share = 0.0
+    while share < 1.0:
+        c = look(world, ax + share * dx, ay + share * dy, ath + share * turn, hits)
+        if c < 0.0:
+            return False
+        if c >= travel:
+            return True
+        share += c / travel
+    return True
 
 
 class PlanarWorld:
@@ -96,42 +151,36 @@ class PlanarWorld:
         body: Body,
         poses: Sequence[Configuration],
         obstacles: tuple[Placed, ...],
-        settings: OmplSettings,
     ) -> None:
         if body.flies:
             raise UnsupportedError("a free flyer (SE3) does not move in the plane")
         self.scene, self.body, self.obstacles = scene, body, obstacles
         self.car = body.mobility.steers
-        self.settings = settings
         self.hits = np.zeros(len(obstacles) + 1, dtype=np.int64)
         self.radius = limits_of(body.kinematics).radius
         self._car = CarLimits(self.radius, 1.0, math.inf)  # its fastest curves are the shortest
         self._poses = poses
-        self.margin = scene.margin
         self.shape = scene.shape(body)
         self.data = scene.world(self.shape, obstacles)
 
     def fit_margin(self) -> bool:
         """Take the largest margin that the query's poses can keep; False if they keep none."""
-        for share in MARGIN_SHARES:
-            self.margin = self.scene.margin * share
-            self.shape = self.scene.shape(self.body, self.margin)
-            self.data = self.scene.world(self.shape, self.obstacles)
-            if all(self.pose_free(p[0], p[1], p[2]) for p in self._poses):
-                self.hits[:] = 0
-                return True
-        return False
+        shape = widest_shape(self.scene, self.body, self._poses, self.obstacles)
+        self.shape = shape or self.scene.shape(self.body, 0.0)
+        self.data = self.scene.world(self.shape, self.obstacles)
+        free = [self.pose_free(*p[:3]) for p in self._poses]  # tells what is hit where it is not
+        return shape is not None and all(free)
 
     def pose_free(self, x: float, y: float, th: float) -> bool:
         """Return whether the body keeps the margin at a pose."""
-        return bool(edges.look(self.data, x, y, th, self.hits) >= 0.0)
+        return bool(look(self.data, x, y, th, self.hits) >= 0.0)
 
     def edge_free(self, ax: float, ay: float, ath: float, bx: float, by: float, bth: float) -> bool:
         """Return whether the body keeps the margin all along the edge between two poses."""
         a, b = (ax, ay, ath), (bx, by, bth)
         if self.car:
-            return bool(edges.car_edge(self.data, self._car, a, b, self.hits))
-        return bool(edges.line_edge(self.data, a, b, self.hits))
+            return bool(car_edge(self.data, self._car, a, b, self.hits))
+        return bool(line_edge(self.data, a, b, self.hits))
 
     def blockers(self) -> frozenset[str]:
         """Return the obstacles that checks have hit so far."""
@@ -142,7 +191,7 @@ class PlanarWorld:
         reach = 8 * self.radius + 2 * self.shape.circumscribed
         return search_box(self.scene, self._poses, self.obstacles, reach)
 
-    def information(self, counter: Counter) -> tuple[Any, float]:
+    def information(self, budget: WorkBudget) -> tuple[Any, float]:
         """Return OMPL's space information and the longest extension (m)."""
         low, high = self.box()
         space = ob.ReedsSheppStateSpace(self.radius) if self.car else ob.SE2StateSpace()
@@ -150,12 +199,12 @@ class PlanarWorld:
         si = ob.SpaceInformation(space)
         si.setStateValidityChecker(Validity(si, lambda s: self.pose_free(*_read(s))))
         si.setMotionValidator(
-            EdgeValidity(si, lambda a, b: self.edge_free(*_read(a), *_read(b)), counter)
+            EdgeValidity(si, lambda a, b: self.edge_free(*_read(a), *_read(b)), budget)
         )
         si.setup()
         size = self.radius if self.car else 2 * self.shape.circumscribed
         diagonal = float(np.linalg.norm(high - low))
-        return si, max(self.settings.reach * size, self.settings.share * diagonal)
+        return si, max(SETTINGS.reach * size, SETTINGS.share * diagonal)
 
 
 def state_of(si: Any, pose: Configuration) -> Any:
@@ -176,16 +225,17 @@ def search(
     world: PlanarWorld,
     start: Configuration,
     goal: Configuration,
-    deadline: Deadline,
+    budget: WorkBudget,
     *,
     planner: str,
     seed: int,
     tree: bool = False,
-) -> TreeSearch:
-    """Look for a path with one of OMPL's planners; ``tree``: also tell what was reached."""
+) -> tuple[FloatArray | None, str, FloatArray]:
+    """Look for a path with one of OMPL's planners; return its nodes (n, 3), or None and why, and
+    (if a ``tree`` is asked for) the poses (m, 3) that were reached.
+    """
     name = canonical(planner)
-    counter = Counter()
-    si, reach = world.information(counter)
+    si, reach = world.information(budget)
     pdef = ob.ProblemDefinition(si)
     # the goal is the pose itself: OMPL must only be told that it may hit it exactly
     pdef.setStartAndGoalStates(state_of(si, start), state_of(si, goal), 1e-9)
@@ -198,20 +248,17 @@ def search(
         if hasattr(method, "setNumSamples"):
             method.setNumSamples(samples)
         # SORRT* samples ever smaller sets by rejection: after a good path it hardly gets on
-        polish = 1 if name == "SORRTstar" else world.settings.polish
-        solved: Solved = solve(
-            method, pdef, deadline, counter, polish=polish, read=_read, tree=tree
-        )
+        polish = 1 if name == "SORRTstar" else SETTINGS.polish
+        states, status = solve(method, pdef, budget, polish=polish, read=_read)
         one_shot = hasattr(method, "setNumSamples")
-        if solved.states is not None or not one_shot or deadline.expired():
+        if states is not None or not one_shot or budget.deadline.expired():
             break
         samples *= 2  # a planner of one batch of samples may need more of them
-    reached = np.array(solved.tree, dtype=np.float64).reshape(-1, 3)
-    nodes = None
-    if solved.states is not None:
-        nodes = _joined_nodes(start, goal, np.array(solved.states, dtype=np.float64))
-    reason = "" if nodes is not None else f"OMPL's {name} found no path ({solved.status.lower()})"
-    return TreeSearch(nodes, reason, world.blockers(), reached, counter.edges, not counter.cut)
+    poses = vertices(method, _read) if tree else []
+    reached = np.array(poses, dtype=np.float64).reshape(-1, 3)
+    if states is None:
+        return None, f"OMPL's {name} found no path ({status.lower()})", reached
+    return _joined_nodes(start, goal, np.array(states, dtype=np.float64)), "", reached
 
 
 def _joined_nodes(start: Configuration, goal: Configuration, nodes: FloatArray) -> FloatArray:
@@ -231,7 +278,7 @@ def _drive(
     curves = [shortest(tuple(a), tuple(b), limits.radius)[1] for a, b in itertools.pairwise(nodes)]
     raw = merged(np.concatenate(curves))
     origin, target = nodes[0], np.array(goal[:3], dtype=np.float64)
-    effort = Effort(world.settings.rounds, world.settings.patience, seed)
+    effort = Effort(SETTINGS.rounds, SETTINGS.patience, seed)
     best = None
     for arcs in (raw, improve(world.data, origin, raw, limits, effort)):
         faster = best is None or path_time(arcs, *limits[1:]) < path_time(best, *limits[1:])
@@ -249,7 +296,7 @@ def _glide(
     and its corners.
     """
     limits = planar_limits(world.body.kinematics)
-    nodes = shortened(world.data, nodes, limits, world.settings.rounds, seed)
+    nodes = shortened(world.data, nodes, limits, SETTINGS.rounds, seed)
     corners = pieces(nodes)
     found = Glider(world.scene, world.body, world.shape, world.obstacles).glide(corners, goal)
     return (None if found is None else found[0]), corners
@@ -262,22 +309,20 @@ def planar_leg(
     *,
     planner: str,
     seed: int,
-    settings: OmplSettings | None = None,
-) -> OmplLeg:
+) -> Leg:
     """Return a motion from rest to rest by one of OMPL's planners."""
     start, goal = query.start, query.goal
-    settings = settings or OmplSettings()
-    world = PlanarWorld(scene, query.body, (start, goal), query.obstacles, settings)
+    world = PlanarWorld(scene, query.body, (start, goal), query.obstacles)
     if not world.fit_margin():
-        reason = "the start or the goal touches the map or an obstacle"
-        return OmplLeg(None, reason, world.blockers(), complete=True)
-    found = search(world, start, goal, deadline, planner=planner, seed=seed)
-    if found.nodes is None:
-        return OmplLeg(None, found.reason, found.blockers, found.checks, found.complete)
+        return Leg(None, TOUCHES, complete=True)
+    budget = WorkBudget(deadline)
+    nodes, reason, _ = search(world, start, goal, budget, planner=planner, seed=seed)
+    if nodes is None:
+        return Leg(None, reason, budget.used, not budget.cut)
     corners = None
     if world.car:
-        trajectory = _drive(world, start, goal, found.nodes, seed)
+        trajectory = _drive(world, start, goal, nodes, seed)
     else:
-        trajectory, corners = _glide(world, goal, found.nodes, seed)
+        trajectory, corners = _glide(world, goal, nodes, seed)
     reason = "" if trajectory is not None else "a path was found but not timed safely"
-    return OmplLeg(trajectory, reason, found.blockers, found.checks, found.complete, corners)
+    return Leg(trajectory, reason, budget.used, not budget.cut, corners)

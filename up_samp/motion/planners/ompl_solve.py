@@ -10,15 +10,10 @@ from __future__ import annotations
 import importlib
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
-from up_samp.model import Deadline, ProblemError, Trajectory, UnsupportedError
-
-FloatArray = npt.NDArray[np.float64]
+from up_samp.model import ProblemError, UnsupportedError
+from up_samp.motion.budget import WorkBudget
 
 
 def _load() -> tuple[Any, Any, Any, Any]:
@@ -114,68 +109,30 @@ class Validity(ob.StateValidityChecker):  # type: ignore[misc, name-defined]
 class EdgeValidity(ob.MotionValidator):  # type: ignore[misc, name-defined]
     """Asks a check of ours about a whole edge at a time, and counts them."""
 
-    def __init__(self, si: Any, free: Callable[[Any, Any], bool], counter: Counter) -> None:
+    def __init__(self, si: Any, free: Callable[[Any, Any], bool], budget: WorkBudget) -> None:
         super().__init__(si)
-        self._free, self._counter = free, counter
+        self._free, self._budget = free, budget
 
     def checkMotion(self, a: Any, b: Any, *_partly: Any) -> bool:  # noqa: N802
         """Return whether an edge is valid."""
-        self._counter.edges += 1
+        self._budget.used += 1
         return self._free(a, b)
-
-
-@dataclass
-class Counter:
-    """Counts edge checks. With it a search ends after fixed work, the same on every machine.
-
-    ``cut``: whether a deadline ended a search before that.
-    """
-
-    edges: int = 0
-    cut: bool = False
-
-
-@dataclass(frozen=True)
-class OmplLeg:
-    """A leg's motion (from time 0) or None with the ``reason``; the ``blockers`` that the search
-    ran into; the number of edge ``checks``; ``complete`` and ``corners`` as those of
-    :class:`up_samp.motion.protocol.Leg`. None is no proof.
-    """
-
-    trajectory: Trajectory | None
-    reason: str = ""
-    blockers: frozenset[str] = frozenset()
-    checks: int = 0
-    complete: bool = False
-    corners: FloatArray | None = None
-
-
-@dataclass(frozen=True)
-class Solved:
-    """What a solve came to. ``states`` are those of the path if an exact one was found, ``tree``
-    those of all vertices, ``status`` OMPL's own word for it.
-    """
-
-    states: list[Any] | None
-    status: str
-    tree: list[Any]
 
 
 def solve(
     planner: Any,
     pdef: Any,
-    deadline: Deadline,
-    counter: Counter,
+    budget: WorkBudget,
     *,
     polish: int,
     read: Callable[[Any], Any] = type,
-    tree: bool = False,
-) -> Solved:
-    """Set a planner up, and run it until it has a path or the deadline ends.
+) -> tuple[list[Any] | None, str]:
+    """Set a planner up, and run it until it has a path or the deadline ends; return the states of
+    the path if an exact one was found, and OMPL's own word for how it ended.
 
     Planners that go on improving are stopped ``polish`` edge checks or iterations after their first
     exact path (counted, not timed: the same on every machine). ``read`` copies a state into a value
-    of ours (default: nothing of it). ``tree``: read the vertices, too.
+    of ours (default: nothing of it).
     """
     end: list[int] = []
     asked = 0
@@ -183,10 +140,9 @@ def solve(
     def stop() -> bool:
         nonlocal asked
         asked += 1
-        if deadline.expired():
-            counter.cut = True
+        if budget.spent():
             return True
-        work = max(asked, counter.edges)
+        work = max(asked, budget.used)
         if not end and (pdef.hasExactSolution() or _has_path(planner)):
             end.append(work + polish)
         return bool(end) and work >= end[0]
@@ -197,11 +153,10 @@ def solve(
     typed = getattr(ob, "PlannerTerminationConditionFn", lambda f: f)(stop)
     status = planner.solve(ob.PlannerTerminationCondition(typed))
     words = status.asString() if hasattr(status, "asString") else str(status)
-    vertices = _vertices(planner, read) if tree else []
     if not pdef.hasExactSolution():
-        return Solved(None, words, vertices)
+        return None, words
     path = pdef.getSolutionPath()
-    return Solved([read(path.getState(i)) for i in range(path.getStateCount())], words, vertices)
+    return [read(path.getState(i)) for i in range(path.getStateCount())], words
 
 
 def _has_path(planner: Any) -> bool:
@@ -213,7 +168,8 @@ def _has_path(planner: Any) -> bool:
     return math.isfinite(value)
 
 
-def _vertices(planner: Any, read: Callable[[Any], Any]) -> list[Any]:
+def vertices(planner: Any, read: Callable[[Any], Any]) -> list[Any]:
+    """Return the states of all vertices that a planner has made."""
     data = ob.PlannerData(planner.getSpaceInformation())
     planner.getPlannerData(data)
     return [read(data.getVertex(i).getState()) for i in range(data.numVertices())]

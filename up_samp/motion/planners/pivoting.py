@@ -24,7 +24,7 @@ from up_samp.motion.curves.straight import timed_chain
 from up_samp.motion.curves.trajectories import at_rest
 from up_samp.motion.fleet.roadmap import Roadmap, cells_of
 from up_samp.motion.guides.cost_to_go import Fields, field_value
-from up_samp.motion.guides.search_space import search_box, widest_shape
+from up_samp.motion.guides.search_space import TOUCHES, search_box, widest_shape
 from up_samp.motion.moves import ShortMove, corners_of, steer
 from up_samp.motion.planners.car import CarPlanner, CarSettings
 from up_samp.motion.planners.rounding import RoundedWay, Rounding
@@ -75,8 +75,7 @@ class PivotPlanner:
         body, ends = query.body, (query.start, query.goal)
         shape = widest_shape(self.scene, body, ends, query.obstacles)
         if shape is None:
-            reason = "the start or the goal touches the map or an obstacle"
-            return Leg(None, reason, complete=True)
+            return Leg(None, TOUCHES, complete=True)
         moves: Sequence[ShortMove] | None = steer(body, *ends)
         effort, cut = 0, False
         if not self._is_free(shape, query, moves or ()):

@@ -155,14 +155,13 @@ def shots(
     guesses: list[list[ControlPiece]],
     free: Callable[[list[ControlPiece]], bool],
     stop: Callable[[], bool],
-    best_of: int = 3,
 ) -> list[ControlPiece] | None:
-    """Return the quickest free way that grows out of the guesses (the ``best_of`` quickest hits are
+    """Return the quickest free way that grows out of the guesses (the three quickest hits are
     improved), or None.
     """
     hits = sorted(_hits(shot, guesses, free, stop), key=shot.seconds)
     found: list[ControlPiece] | None = None
-    for z in hits[:best_of]:
+    for z in hits[:3]:
         better = shot.quicken(z, lambda x: not stop() and free(shot.unpack(x)))
         for candidate in (better, z):
             pieces = shot.final(candidate)

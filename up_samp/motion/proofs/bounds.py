@@ -24,20 +24,10 @@ from up_samp.motion.proofs.certificates import Certifier
 class DurationBounds:
     """Lower bounds (s) on motions in one scene, cached by body size and obstacles."""
 
-    def __init__(self, scene: Scene, certifier: Certifier | None = None, size: int = 64) -> None:
+    def __init__(self, scene: Scene, certifier: Certifier | None = None) -> None:
         self.scene = scene
         self.certifier = certifier or Certifier(scene)
-        self._known: Memory[Visibility] = Memory(size)
-
-    def duration(
-        self,
-        body: Body,
-        start: Configuration,
-        goal: Configuration,
-        obstacles: Sequence[Placed] = (),
-    ) -> float:
-        """Return seconds that no motion from rest at ``start`` to rest at ``goal`` can beat."""
-        return self.through(body, (start, goal), obstacles)
+        self._known: Memory[Visibility] = Memory(64)
 
     def through(
         self, body: Body, poses: Sequence[Configuration], obstacles: Sequence[Placed] = ()

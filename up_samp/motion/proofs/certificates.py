@@ -46,9 +46,9 @@ class Certifier:
     overlaps that are rounding to the validator, prove nothing.
     """
 
-    def __init__(self, scene: Scene, size: int = 64) -> None:
+    def __init__(self, scene: Scene) -> None:
         self.scene = scene
-        self._regions: Memory[Regions] = Memory(size)
+        self._regions: Memory[Regions] = Memory(64)
 
     @cached_property
     def _distance(self) -> npt.NDArray[np.float32]:

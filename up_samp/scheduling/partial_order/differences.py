@@ -119,9 +119,15 @@ class Planned:
             value = self.value(argument)
             if value is MISSING:
                 return None
-            kind = "obj" if isinstance(value, str) else "bool" if value in (True, False) else "int"
-            arguments.append((kind, value))
+            arguments.append(constant(value))
         return ("flu", e[1], *arguments)
+
+
+def constant(value: Any) -> Expr:
+    """Return a truth value (which equals 0 or 1, too), a number or a name as an expression."""
+    if isinstance(value, bool):
+        return ("bool", value)
+    return ("int", value) if isinstance(value, int) else ("obj", value)
 
 
 def _combined(kind: str, parts: list[Any], e: Expr) -> tuple[dict[Point, int], int]:

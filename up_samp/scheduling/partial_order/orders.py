@@ -21,6 +21,7 @@ from up_samp.scheduling.partial_order.differences import (
     Difference,
     Planned,
     Point,
+    constant,
     kept,
     other_way,
 )
@@ -430,9 +431,7 @@ def _constant(now: Planned, e: Expr) -> Expr:
     if isinstance(value, tuple):
         terms, value = value
         value += sum(k * now.time(p) for p, k in terms.items())
-    if isinstance(value, bool):
-        return ("bool", value)
-    return ("int", value) if isinstance(value, int) else ("obj", value)
+    return constant(value)
 
 
 _ARITHMETIC = ("plus", "minus", "times", "time")

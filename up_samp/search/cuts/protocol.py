@@ -30,8 +30,9 @@ Alike = Callable[[Facts, ScheduledMotion], list[MotionCase]]
 
 @dataclass(frozen=True)
 class Alone:
-    """A ``motion`` among ``obstacles``, of which those in ``places`` (by configuration) may be
-    moved; ``cases`` are the motions that are the same and heed what this one met.
+    """The failure of one motion alone: ``motion`` among ``obstacles``, of which those in ``places``
+    (by configuration) may be moved; ``cases`` are the motions that are the same and keep clear of
+    what this one met.
     """
 
     motion: ScheduledMotion

@@ -1,0 +1,94 @@
+"""Days of a fleet by three ways to plan, in the same loop: ``python benchmarks/operate/days.py``.
+
+``rolling`` is what ``up-samp operate`` does; ``token`` gives each order, in the order of coming, to
+the robot that could be there first, and never plans anything twice (token passing: Ma et al.,
+"Lifelong multi-agent path finding for online pickup and delivery tasks", AAMAS 2017). ``anew``
+plans all that is not begun from nothing whenever an order comes. All days are judged by what was
+driven.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import resource
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from up_samp import Fleet
+from up_samp.geometry.maps import write_map
+from up_samp.operate.day import DayPlan, report_text, simulate_day
+from up_samp.operate.loop import Settings
+
+WAYS = {
+    "rolling": {"commit": "begun"},
+    "token": {"commit": "all", "candidates": 1},
+    "anew": {"commit": "none", "candidates": 100, "most": 100},
+}
+
+
+def warehouse(folder: Path, robots: int) -> Fleet:
+    """A floor with rows of racks, docks on the left, and a home for each robot on the right."""
+    cell, height = 0.1, max(18.0, 3.0 + 1.6 * robots)
+    cells = np.zeros((round(height / cell), round(36 / cell)), dtype=bool)
+    cells[:2], cells[-2:], cells[:, :2], cells[:, -2:] = True, True, True, True
+    rows = [4.0 + 4.0 * k for k in range(int((height - 6.0) / 4.0))]
+    for y in rows:
+        for x in (9.0, 19.0):
+            cells[
+                round(y / cell) : round((y + 1.0) / cell), round(x / cell) : round((x + 7) / cell)
+            ] = True
+    fleet = Fleet(write_map(folder, "warehouse", cells, cell), name="warehouse", margin=0.12)
+    fleet.add_robot_type(
+        "agv", footprint=(0.8, 0.6), model="diff", v_max=1.5, a_max=0.7, omega_max=1.5
+    )
+    for k in range(robots):
+        fleet.add_place(f"home{k}", 34.0, 1.5 + 1.6 * k, np.pi)
+        fleet.add_robot(f"r{k}", "agv", start=f"home{k}", end=f"home{k}")
+    docks = [f"dock{k}" for k in range(len(rows) + 1)]
+    for k, name in enumerate(docks):
+        fleet.add_place(name, 2.5, 2.5 + 4.0 * k, np.pi)
+    for k, y in enumerate(rows):
+        for i, x in enumerate((10.5, 13.5, 20.5, 23.5)):
+            fleet.add_place(f"rack{k}_{i}", x, y - 0.8)
+            delivery = {"at": docks[(k + i) % len(docks)], "service": 5}
+            fleet.add_order(f"o{k}_{i}", {"at": f"rack{k}_{i}", "service": 5}, delivery)
+    return fleet
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--robots", type=int, default=10)
+    parser.add_argument("--hours", type=float, default=8.0)
+    parser.add_argument("--orders-per-hour", type=float, default=60.0)
+    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--ways", nargs="*", default=[*WAYS], choices=[*WAYS])
+    parser.add_argument("--breakdowns", type=int, default=2)
+    parser.add_argument("--stretch", type=float, default=10.0)
+    parser.add_argument("--out", type=Path, default=Path("days.json"))
+    args = parser.parse_args()
+    found = []
+    for seed in range(args.seeds):
+        for way in args.ways:
+            plan = DayPlan(
+                hours=args.hours, orders_per_hour=args.orders_per_hour, noise=0.02, delays=0.3,
+                breakdowns=args.breakdowns, seed=seed,
+            )  # fmt: skip
+            settings = Settings(stretch=args.stretch, seed=seed, **WAYS[way])
+            with tempfile.TemporaryDirectory() as folder:
+                fleet = warehouse(Path(folder), args.robots)
+                result = simulate_day(fleet, plan, Path(folder) / "day.db", settings=settings)
+            print(f"--- {way}, seed {seed}\n{report_text(result)}", flush=True)
+            memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
+            row = {"way": way, **dataclasses.asdict(plan), **dataclasses.asdict(result.figures)}
+            row |= {"contacts": len(result.verdict.contacts), "memory_mib": memory}
+            row |= {k: len(getattr(result.verdict, k)) for k in ("lost", "twice", "elsewhere")}
+            found.append(row)
+            args.out.write_text(json.dumps(found, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

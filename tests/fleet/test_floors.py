@@ -1,0 +1,119 @@
+"""Floors and lifts: robots drive on floors and ride between them."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from tests.fleet.test_rules import solved
+from up_samp.fleet import Fleet, FleetError
+from up_samp.geometry import write_map
+
+FOOTPRINT = (0.8, 0.6)
+
+
+def storey(folder, name, width=14.0, height=8.0):
+    cells = np.zeros((round(height / 0.1), round(width / 0.1)), dtype=bool)
+    cells[:2], cells[-2:], cells[:, :2], cells[:, -2:] = True, True, True, True
+    return write_map(folder, name, cells, 0.1)
+
+
+def house(folder, robots=1, **lift):
+    """A pharmacy on the ground and a ward above it; the lift stands at the right of both."""
+    storey(folder, "low"), storey(folder, "high", width=16.0)
+    fleet = Fleet(folder / "low.yaml")
+    fleet.add_floor("first", folder / "high.yaml", 4.0)
+    fleet.add_lift(
+        "lift", {"ground": [12.5, 4, 0], "first": [14.5, 4, 0]}, **{"seconds": 20, **lift}
+    )
+    fleet.add_robot_type("agv", FOOTPRINT, model="omni", v_max=2.0, a_max=1.0, omega_max=2.0)
+    for i in range(robots):
+        fleet.add_place(f"home{i}", 2, 2 + 2 * i)
+        fleet.add_robot(f"r{i}", "agv", f"home{i}", end=f"home{i}")
+    fleet.add_place("pharmacy", 6, 4)
+    fleet.add_place("ward", 4, 4, floor="first")
+    return fleet
+
+
+def test_an_order_goes_up_by_the_lift(tmp_path):
+    fleet = house(tmp_path)
+    fleet.add_order("drugs", "pharmacy", "ward")
+    assert [str(f) for f in fleet.check() if f.level.value != "note"] == []
+    result, times = solved(fleet)
+    up, down = (
+        times["ride_r0_lift.ground_to_lift.first"],
+        times["ride_r0_lift.first_to_lift.ground"],
+    )
+    assert up[1] - up[0] == down[1] - down[0] == 20
+    assert times["pick_drugs_r0"][1] <= up[0]
+    assert up[1] <= times["deliver_drugs_r0"][0] <= times["deliver_drugs_r0"][1] <= down[0]
+    again = Fleet.from_file(fleet.save(tmp_path / "problem.yaml"))
+    assert again.records.lifts == fleet.records.lifts
+    assert {a.name for a in again.problem.activities} == {a.name for a in fleet.problem.activities}
+    for picture in (fleet.draw(tmp_path / "site.png"), result.map(tmp_path / "map.png")):
+        assert picture is not None
+
+
+def test_a_lift_takes_one_robot_at_a_time(tmp_path):
+    fleet = house(tmp_path, robots=2)
+    for i in range(2):
+        fleet.add_task(f"visit{i}", "ward", duration=2, robots=f"r{i}")
+    result = fleet.solve(timeout=60, first_plan=True)
+    assert result.plan is not None, result.explain()
+    rides = sorted(
+        (a["start"], a["end"]) for a in result.data["activities"] if a["name"].startswith("ride_")
+    )
+    assert len(rides) == 4
+    assert all(end <= start for (_, end), (start, _) in itertools.pairwise(rides))
+
+
+def test_who_may_not_ride_stays_below(tmp_path):
+    fleet = house(tmp_path, robots=1, skills=["tall"])
+    fleet.add_robot("r9", "agv", [2, 6, 0], skills=["tall"])
+    fleet.add_order("drugs", "pharmacy", "ward")
+    assert not [a.name for a in fleet.problem.activities if a.name.startswith("ride_r0")]
+    _, times = solved(fleet)
+    assert "deliver_drugs_r9" in times
+    with pytest.raises(FleetError, match=r"lifts\.freight\.skills: no robot has 'wide'"):
+        fleet.add_lift("freight", {"ground": [12, 2, 0], "first": [14, 2, 0]}, skills=["wide"])
+
+
+def test_floors_are_told_by_name(tmp_path):
+    fleet = house(tmp_path)
+    with pytest.raises(FleetError, match=r"places\.attic\.floor: no floor 'second'"):
+        fleet.add_place("attic", 2, 2, floor="second")
+    with pytest.raises(FleetError, match=r"floors\.ground: is the floor of the problem's own map"):
+        fleet.add_floor("ground", "low.yaml", 8)
+    with pytest.raises(FleetError, match=r"floors\.mezzanine\.height: is that of 'first'"):
+        fleet.add_floor("mezzanine", "low.yaml", 4.0)
+    with pytest.raises(FleetError, match=r"stops: needs 2 or more, not 1"):
+        fleet.add_lift("pit", {"ground": [12, 2, 0]})
+    with pytest.raises(FleetError, match=r"a load with a footprint stays on its floor"):
+        fleet.add_order("bed", "pharmacy", "ward", attached={"footprint": [1, 1]})
+
+
+def test_a_floor_that_no_lift_stops_at_is_proven_out_of_reach(tmp_path):
+    fleet = house(tmp_path)
+    storey(tmp_path, "top")
+    fleet.add_floor("second", tmp_path / "top.yaml", 8.0)
+    fleet.add_place("attic", 4, 4, floor="second")
+    fleet.add_task("look", "attic", duration=1)
+    found = [str(f) for f in fleet.check() if f.level.value == "error"]
+    assert found == ["error: look: no robot that may do it (r0) can reach its place"]
+
+
+def test_doors_and_zones_count_on_their_own_floor(tmp_path):
+    """A door and a zone at the same x and y one floor up are in nobody's way below."""
+    fleet = house(tmp_path)
+    fleet.add_zone("wet", [(5, 3), (7, 3), (7, 5), (5, 5)], keep_out="agv", floor="first")
+    fleet.add_door(
+        "gate", leaf=(0.4, 7.4), closed=(9, 4, 0), open=(9, 11.0, 0), opened_from="lift.first",
+        floor="first", seconds=3,
+    )  # fmt: skip
+    fleet.add_task("here", "pharmacy", duration=1)
+    fleet.add_task("there", "ward", duration=1)
+    notes = [str(f) for f in fleet.check()]
+    assert "note: ward: robot 'r0' gets there only once door 'gate' is open" in notes
+    assert not any("pharmacy" in note for note in notes)
+    _, times = solved(fleet)
+    assert times["open_gate_r0"][0] >= times["ride_r0_lift.ground_to_lift.first"][1]

@@ -1,0 +1,60 @@
+"""A simulated day on a small site, step by step."""
+
+import random
+from pathlib import Path
+
+from tests.operate.sites import hall
+from up_samp.operate.clock import SimulatedClock
+from up_samp.operate.judge import judge_day
+from up_samp.operate.loop import Operation, Settings
+from up_samp.operate.simulated import SimulatedRobots, SteppedClock
+from up_samp.operate.store import Store
+
+PATIENT = Settings(stretch=20.0)
+"""The planner has 40 s of real time, however busy the machine is."""
+
+
+class Day:
+    """An operation with simulated robots, in ``folder``."""
+
+    def __init__(self, folder, robots=2, mishaps=None, settings=PATIENT, seed=0, fleet=None):
+        self.fleet = fleet or hall(Path(folder), robots)
+        site = self.fleet.records
+        poses = {n: site.places[r.start].pose for n, r in site.robots.items()}
+        self.robots = SimulatedRobots(poses, mishaps, seed)
+        self.clock = SteppedClock(SimulatedClock(), self.robots)
+        self.store = Store(Path(folder) / "day.db", durable=False)
+        self.operation = Operation(
+            self.fleet, store=self.store, robots=self.robots, clock=self.clock, settings=settings
+        )
+        self.random = random.Random(f"day {seed}")
+
+    def order(self, name, pickup=None, delivery=None, **options):
+        rng = self.random
+        pickup = pickup or f"{rng.choice(['shelf', 'rack'])}{rng.randrange(3)}"
+        delivery = delivery or f"dock{rng.randrange(3)}"
+        end = {"at": delivery, "service": 2}
+        return self.operation.add({"id": name, "pickup": pickup, "delivery": end, **options})
+
+    def until(self, good, most=600.0):
+        stop = self.clock.now() + most
+        while not good():
+            assert self.clock.now() < stop, self.story()
+            self.operation.step()
+
+    def run(self, most=600.0):
+        self.until(lambda: self.operation.idle, most)
+
+    def state(self, name):
+        return self.operation.jobs[name].state.value
+
+    def verdict(self):
+        self.robots.close()
+        return judge_day(
+            self.fleet.records, self.operation.jobs, self.robots.initial, self.robots.drives,
+            self.robots.handled,
+        )  # fmt: skip
+
+    def story(self):
+        lines = [" ".join(map(str, row)) for row in self.store.notes(most=60)]
+        return "\n".join(lines)

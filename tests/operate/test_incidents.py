@@ -1,0 +1,83 @@
+"""Robots break down, join and are held; areas are blocked; orders are changed and cancelled."""
+
+import pytest
+
+from tests.operate.days import Day
+from up_samp.model import ProblemError
+from up_samp.operate.simulated import Mishaps
+
+
+@pytest.fixture
+def day(tmp_path, request):
+    made = Day(tmp_path, **getattr(request, "param", {}))
+    yield made
+    made.operation.close()
+
+
+def under_way(day, robot):
+    way = day.operation.executor and day.operation.executor.state.of_object.get(robot)
+    return way is not None and way.progress > 2.0
+
+
+@pytest.mark.parametrize(
+    "day", [{"robots": 2, "mishaps": Mishaps(breakdowns=((9.0, "r0", 60.0),))}], indirect=True
+)
+def test_the_order_of_a_broken_robot_is_done_by_another_one(day):
+    day.order("o0", "rack0", "dock0", robots=["r0"])
+    day.until(lambda: under_way(day, "r0"))
+    day.operation.add({"id": "o0b", "pickup": "shelf2", "delivery": "dock2"})
+    day.until(lambda: day.clock.now() >= 9.0)
+    day.operation.leave("r0", "broken")
+    day.until(lambda: day.state("o0b") == "done", 200)
+    assert day.operation.jobs["o0b"].robot == "r1"
+    day.until(lambda: day.clock.now() >= 70.0)
+    day.operation.join("r0")
+    day.run()
+    assert day.state("o0") == "done"
+    verdict = day.verdict()
+    assert verdict.good, (verdict, day.story())
+
+
+def test_everybody_is_held_at_once_and_released_one_by_one(day):
+    day.order("o0", "rack0", "dock0")
+    day.until(lambda: any(under_way(day, r) for r in ("r0", "r1")))
+    day.operation.hold(why="emergency stop")
+    stop = day.clock.now() + 10.0
+    day.until(lambda: day.clock.now() >= stop)
+    here = {r: day.robots.pose(r) for r in ("r0", "r1")}
+    stop = day.clock.now() + 5.0
+    day.until(lambda: day.clock.now() >= stop)
+    assert here == {r: day.robots.pose(r) for r in ("r0", "r1")}
+    for robot in ("r0", "r1"):
+        day.operation.release(robot)
+    day.run()
+    assert day.verdict().good
+
+
+def test_nobody_enters_a_blocked_area(day):
+    day.order("o0", "rack1", "dock1")
+    day.until(lambda: any(under_way(day, r) for r in ("r0", "r1")))
+    # the whole middle: between the shelves and the lower wall
+    day.operation.block("people", [(9.5, 0.3), (11.5, 0.3), (11.5, 3.9), (9.5, 3.9)])
+    day.run()
+    assert day.state("o0") == "done"
+    assert day.verdict().good
+    for drive in day.robots.drives:
+        assert not any(9.5 < x < 11.5 and y < 3.9 for _, x, y, _ in drive.rows)
+
+
+def test_orders_are_cancelled_and_changed_until_they_begin(day):
+    day.order("o0", "rack0", "dock0")
+    day.order("o1", "rack1", "dock1")
+    day.order("o2", "rack2", "dock2")
+    day.until(lambda: sum(day.state(f"o{k}") == "planned" for k in range(3)) >= 2, 60)
+    day.operation.cancel("o2")
+    day.until(lambda: day.state("o0") == "begun")
+    with pytest.raises(ProblemError, match="it cannot be cancelled"):
+        day.operation.cancel("o0")
+    with pytest.raises(ProblemError, match="it cannot be changed"):
+        day.order("o0", "rack1", "dock1")
+    day.run()
+    assert [day.state(f"o{k}") for k in range(3)] == ["done", "done", "cancelled"]
+    verdict = day.verdict()
+    assert verdict.good, (verdict, day.story())

@@ -1,0 +1,91 @@
+"""Orders over a real broker (Debian's mosquitto) to simulated AGVs of VDA 5050."""
+
+import shutil
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("paho.mqtt", reason="needs the extra [mqtt]: paho-mqtt")
+BROKER = shutil.which("mosquitto") or shutil.which("/usr/sbin/mosquitto")
+if BROKER is None:
+    pytest.skip("needs the broker mosquitto", allow_module_level=True)
+
+from tests.operate.agv import Agv  # noqa: E402
+from tests.operate.sites import hall  # noqa: E402
+from tests.server.soak_server import free_port  # noqa: E402
+from up_samp.operate.clock import RealClock  # noqa: E402
+from up_samp.operate.judge import contacts  # noqa: E402
+from up_samp.operate.loop import Operation, Settings  # noqa: E402
+from up_samp.operate.simulated import Drive  # noqa: E402
+from up_samp.operate.store import Store  # noqa: E402
+from up_samp.operate.vda5050 import MasterControl  # noqa: E402
+
+
+def broker_at(port, folder):
+    file = Path(folder) / "broker.conf"
+    file.write_text(f"listener {port} 127.0.0.1\nallow_anonymous true\n")
+    process = subprocess.Popen([BROKER, "-c", str(file)], stderr=subprocess.DEVNULL)
+    time.sleep(0.5)
+    return process
+
+
+@pytest.fixture
+def broker(tmp_path):
+    port = free_port()
+    process = broker_at(port, tmp_path)
+    yield port
+    process.terminate()
+    process.wait()
+
+
+def operated(folder, port, agvs, fleet, orders, seconds, during=lambda day: None, **options):
+    """Operate until all orders are done; return the jobs."""
+    control = MasterControl(fleet.records, "127.0.0.1", port, **options)
+    day = Operation(
+        fleet,
+        store=Store(Path(folder) / "day.db", durable=False),
+        robots=control,
+        clock=RealClock(time.time()),
+        settings=Settings(budget=20.0),
+    )
+    try:
+        for order in orders:
+            day.add(order)
+        stop = time.monotonic() + seconds
+        while not day.idle:
+            notes = "\n".join(map(str, day.store.notes(most=30)))
+            refused = [(a.name, why) for a in agvs for _, why in a.refused]
+            assert time.monotonic() < stop, f"{notes}\n{refused}"
+            day.step()
+            during(day)
+        return day.jobs
+    finally:
+        day.close()
+        control.close()
+
+
+def met(fleet, agvs):
+    """Return who met, by where the AGVs really were."""
+    initial = {a.name: a.trace[0][1:] for a in agvs}
+    begin = min(a.trace[0][0] for a in agvs)
+    drives = [Drive(a.name, "all", [[t - begin, *p] for t, *p in a.trace]) for a in agvs]
+    return contacts(fleet.records, initial, drives)
+
+
+def test_agvs_do_their_orders_over_a_broker(tmp_path, broker):
+    fleet = hall(tmp_path, 2)
+    places = fleet.records.places
+    faults = {"noise": 0.01, "lost": 0.1, "twice": 0.1, "late": 0.1}
+    agvs = [Agv(broker, f"r{k}", places[f"home{k}"].pose, **faults) for k in range(2)]
+    orders = [
+        {"id": "o0", "pickup": "shelf0", "delivery": "dock1"},
+        {"id": "o1", "pickup": "shelf2", "delivery": "dock0"},
+    ]
+    jobs = operated(tmp_path, broker, agvs, fleet, orders, 150)
+    for agv in agvs:
+        agv.close()
+    assert {j.state.value for j in jobs.values()} == {"done"}
+    assert [why for a in agvs for _, why in a.refused] == []
+    assert met(fleet, agvs) == []

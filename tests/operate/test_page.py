@@ -1,0 +1,114 @@
+"""The live floor: an interface with two tokens, and its page in headless Chromium."""
+
+import json
+import os
+import threading
+import urllib.error
+import urllib.request
+
+import pytest
+
+pytest.importorskip("fastapi")
+
+from tests.operate.days import Day
+from tests.server.soak_server import free_port
+from tests.server.test_page import browser, until  # noqa: F401
+from up_samp.server.floor import serve_floor
+
+
+@pytest.fixture
+def floor(tmp_path):
+    """A floor whose loop runs in this thread by ``floor.run``."""
+    day = Day(tmp_path, robots=2)
+    page = serve_floor(day.operation, "127.0.0.1", free_port())
+    yield day, page
+    page.close()
+    day.operation.close()
+
+
+def ask(page, method, path, token, body=None):
+    url = page.told[0].partition(": ")[2].partition("/?")[0]
+    headers = {"Authorization": f"Bearer {token}", "Content-Type": "application/json"}
+    data = json.dumps(body or {}).encode() if method == "POST" else None
+    request = urllib.request.Request(url + path, data, headers, method=method)
+    try:
+        with urllib.request.urlopen(request, timeout=30) as answer:
+            return answer.status, json.loads(answer.read())
+    except urllib.error.HTTPError as error:
+        with error:
+            return error.code, json.loads(error.read())
+
+
+class Asking:
+    """Asks in another thread while the loop serves."""
+
+    def __init__(self, page):
+        self.page = page
+
+    def __call__(self, *what):
+        found = []
+        thread = threading.Thread(target=lambda: found.append(ask(self.page, *what)))
+        thread.start()
+        while thread.is_alive():
+            self.page.serve()
+            thread.join(0.01)
+        return found[0]
+
+
+def test_who_may_look_may_not_operate(floor):
+    day, page = floor
+    told = Asking(page)
+    until(lambda: page._server.started, "the server")
+    assert told("GET", "/v1/floor", "wrong")[0] == 401
+    assert told("POST", "/v1/hold", page.read)[0] == 403
+    assert day.operation.held == {}
+    assert told("POST", "/v1/hold", page.write, {"robot": "r1", "why": "a test"}) == (
+        200, {"done": True},
+    )  # fmt: skip
+    assert day.operation.held == {"r1": "a test"}
+    assert told("POST", "/v1/release", page.write)[0] == 200
+    order = {"id": "o1", "pickup": "shelf0", "delivery": "dock0"}
+    assert told("POST", "/v1/orders", page.write, order)[0] == 200
+    status, why = told("POST", "/v1/orders", page.write, {**order, "id": "o2", "pickup": "shelfX"})
+    assert status == 422
+    assert "no place 'shelfX'" in why["detail"]
+    page._at = 0.0
+    page.serve()
+    status, seen = told("GET", "/v1/floor", page.read)
+    assert [o["id"] for o in seen["orders"]] == ["o1"]
+    assert told("DELETE", "/v1/orders/o1", page.write)[0] == 200
+    assert day.state("o1") == "cancelled"
+    assert told("POST", "/v1/areas/wet", page.write, {"corners": [[1, 1], [2, 1]]})[0] == 422
+
+
+def test_an_operator_sees_robots_and_holds_them(floor, browser):  # noqa: F811
+    day, page = floor
+    until(lambda: page._server.started, "the server")
+    day.order("o0", "rack0", "dock1", due=100.0)
+    day.order("o1", "shelf2", "dock0", due=40.0)
+    day.until(lambda: day.state("o0") == "planned" and day.state("o1") == "planned")
+    stop = day.clock.now() + 6.0
+    day.until(lambda: day.clock.now() >= stop)
+    day.operation.block("people", [(18.0, 10.0), (22.0, 10.0), (22.0, 13.0), (18.0, 13.0)])
+
+    def seen(good):
+        def look():
+            page.serve()
+            return good()
+
+        return look
+
+    browser.get(page.told[1].partition(": ")[2])
+    find = browser.find_element
+    until(seen(lambda: find("id", "link").text == "live"), "the page is live")
+    until(seen(lambda: "o1" in find("id", "orders").text), "the orders")
+    assert "people" in find("id", "areas").text
+    if "PAGE_PICTURE" in os.environ:
+        browser.save_screenshot(os.environ["PAGE_PICTURE"])
+    find("id", "stop").click()
+    until(seen(lambda: set(day.operation.held) == {"r0", "r1"}), "all are held")
+    until(seen(lambda: "held hold all" in find("id", "robots").text), "the page says so")
+    find("id", "go").click()
+    until(seen(lambda: not day.operation.held), "all are released")
+    errors = [e for e in browser.get_log("browser") if e["level"] == "SEVERE"]
+    assert errors == []

@@ -1,0 +1,20 @@
+"""A day on the floor: orders come in, robots are late or break, and what is left is planned again
+and again while the rest is driven. See docs/operate.md; no function of it is safety-rated.
+"""
+
+from up_samp.operate.clock import RealClock, SimulatedClock
+from up_samp.operate.loop import Operation, Settings
+from up_samp.operate.records import Job, Report, State
+from up_samp.operate.store import Store, StoreError
+
+__all__ = [
+    "Job",
+    "Operation",
+    "RealClock",
+    "Report",
+    "Settings",
+    "SimulatedClock",
+    "State",
+    "Store",
+    "StoreError",
+]

@@ -1,0 +1,133 @@
+"""What is planned anew next: one waiting order and the few robots that could do it first, with what
+these have not begun; or, where nothing waits, a few robots whose orders might be shared better.
+
+Small problems are solved in a second, and what all others do stays as it is. This is a
+large-neighbourhood search over the day (Shaw 1998; with robots: Li et al., "Anytime multi-agent
+path finding via large neighborhood search", IJCAI 2021), one move for each plan.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from up_samp.execution.state import TaskPhase
+from up_samp.fleet.records import Order
+from up_samp.fleet.statements import Kind
+from up_samp.operate.horizon import DELIVERS, Opened
+from up_samp.operate.records import Job, Pose, State
+
+if TYPE_CHECKING:
+    from up_samp.operate.loop import Operation
+
+
+@dataclass(frozen=True)
+class Choice:
+    """``opened``: the robots that are planned anew, and what of theirs; ``jobs``: what they do."""
+
+    opened: Mapping[str, Opened]
+    jobs: tuple[Job, ...] = ()
+
+
+def choose(day: Operation) -> Choice | None:
+    """Return what to plan next; None: nothing is left to plan."""
+    stranded = day.stranded()[: day.settings.candidates]
+    if stranded:
+        opened = dict.fromkeys(stranded, Opened.ALL)
+        return Choice(opened, tuple(_theirs(day, opened)))
+    stale = day.stale()[: day.settings.candidates]
+    if stale:
+        opened = dict.fromkeys(stale, Opened.ALL)
+        return Choice(opened, tuple(_theirs(day, opened)))
+    waiting = [j for j in (*day.waiting(), *day.dropped()) if _ready(day, j)]
+    if waiting:
+        return _for_order(day, min(waiting, key=urgency))
+    return _shared_anew(day)
+
+
+def urgency(job: Job) -> tuple[float, float, float]:
+    """Return a key: orders of higher priority first, then those due first, then by coming."""
+    due = job.record.due
+    return -job.record.priority, math.inf if due is None else due, job.came
+
+
+def _ready(day: Operation, job: Job) -> bool:
+    """Return whether what comes before an order is in the plan, or over."""
+    before = (day.jobs.get(name) for name in job.record.after)
+    return all(b is None or b.state is not State.WAITING for b in before)
+
+
+def _for_order(day: Operation, job: Job) -> Choice | None:
+    free = day.free_at()
+    able = [r for r in free if _able(day, job, r)]
+    if not able:
+        return None
+    settings = day.settings
+    best = sorted(able, key=lambda r: (_there(day, job, r, *free[r]), r))[: settings.candidates]
+    if settings.commit == "all":
+        return Choice({best[0]: Opened.TAIL}, (job,))
+    if settings.commit == "none":
+        everybody = dict.fromkeys(free, Opened.ALL)
+        return Choice(everybody, (job, *_theirs(day, everybody)))
+    for count in range(len(best), 0, -1):
+        opened = dict.fromkeys(best[:count], Opened.ALL)
+        jobs = (job, *_theirs(day, opened))
+        if len(jobs) <= settings.most:
+            return Choice(opened, jobs)
+    return Choice({best[0]: Opened.TAIL}, (job,))
+
+
+def _able(day: Operation, job: Job, robot: str) -> bool:
+    record, mine = job.record, day.site.robots[robot]
+    named = not record.robots or robot in record.robots
+    load = record.load if isinstance(record, Order) else {}
+    room = day.site.robot_types[mine.type].capacity
+    fits = all(room.get(kind, 0) >= n for kind, n in load.items())
+    return named and fits and set(record.skills) <= set(mine.skills)
+
+
+def _there(day: Operation, job: Job, robot: str, when: float, pose: Pose) -> float:
+    """Return when a robot could be at an order's pickup, on straight lines."""
+    record = job.record
+    at = (record.pickup if isinstance(record, Order) else record).at
+    speed = day.site.robot_types[day.site.robots[robot].type].v_max
+    spots = (day.site.places[p].pose for p in at)
+    return when + min(math.dist(pose[:2], spot[:2]) for spot in spots) / speed
+
+
+def _theirs(day: Operation, robots: Mapping[str, Opened]) -> Sequence[Job]:
+    """Return the orders of some robots that are in the plan and that nobody is on the way to."""
+    if day.executor is None:
+        return ()
+    kept = set(day.cut(opened=robots).jobs)
+    found = dict.fromkeys(
+        m.what
+        for n, m in day.meanings.items()
+        if m.robot in robots
+        and m.kind in DELIVERS
+        and day.executor.phase(n) is TaskPhase.WAITING
+        and m.what not in kept
+    )
+    jobs = (day.jobs[n] for n in found if n in day.jobs)
+    return [j for j in jobs if j.state is State.PLANNED]
+
+
+def _shared_anew(day: Operation) -> Choice | None:
+    """Return two robots whose orders could be shared anew."""
+    planned = {
+        m.robot
+        for m in day.meanings.values()
+        if m.kind is Kind.PICKUP and m.what in day.jobs and day.jobs[m.what].state is State.PLANNED
+    }
+    free = [r for r in day.free_at() if r not in planned]
+    if day.settings.commit != "begun" or not planned:
+        return None
+    rng = random.Random(f"{day.settings.seed} {day.number}")
+    one = rng.choice(sorted(planned))
+    other = rng.choice(sorted({*planned, *free} - {one}) or [one])
+    opened = dict.fromkeys((one, other), Opened.ALL)
+    jobs = _theirs(day, opened)
+    return Choice(opened, tuple(jobs)) if 0 < len(jobs) <= day.settings.most else None

@@ -1,0 +1,299 @@
+"""A whole day in simulated time: the same loop, another clock, simulated robots; and its report."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import random
+import statistics
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from up_samp.execution.simulate import Delays
+from up_samp.fleet.fleet import Fleet
+from up_samp.fleet.records import FleetRecords, Order, Task
+from up_samp.io.plan_dict import PlanDict
+from up_samp.model import ProblemError
+from up_samp.operate.clock import SimulatedClock
+from up_samp.operate.judge import Verdict, judge_day, record_of_day
+from up_samp.operate.loop import Operation, Settings
+from up_samp.operate.records import Job, State
+from up_samp.operate.simulated import (
+    Handled,
+    Mishaps,
+    SimulatedRobots,
+    SteppedClock,
+    driven_until,
+)
+from up_samp.operate.store import Store
+
+NOTICED = 5.0
+"""Seconds after which somebody has seen that a robot has broken down."""
+AFTER = 1800.0
+"""Seconds that are left for what came in the day, and then whatever is not done is lost."""
+
+
+@dataclass(frozen=True)
+class DayPlan:
+    """What happens in a day: orders per hour, drawn from those of the site file; each is due
+    ``due`` s after it came. ``noise`` (m), ``delays`` (share), breakdowns of ``repair`` s each.
+    """
+
+    hours: float = 8.0
+    orders_per_hour: float = 60.0
+    due: float = 300.0
+    noise: float = 0.0
+    delays: float = 0.0
+    breakdowns: int = 0
+    repair: float = 600.0
+    lost: float = 0.0
+    twice: float = 0.0
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class DayFigures:
+    """What came of a day. Times in s; ``waiting`` is the share of driving time that robots stood
+    though they had a motion to drive, ``planning`` quantiles (median, 95 %, most) of the CPU time
+    of a plan, ``steps`` those of the loop's own time for a step.
+    """
+
+    orders: int
+    done: int
+    hours: float
+    per_hour: float
+    tardiness: float
+    in_time: float
+    flow: float
+    waiting: float
+    kilometres: float
+    plans: int
+    plans_taken: int
+    planning: tuple[float, float, float]
+    steps: tuple[float, float, float]
+    seconds: float
+
+
+@dataclass(frozen=True, eq=False)
+class DayResult:
+    """A simulated day: its figures, the judge's verdict, what was driven as a plan-like record, and
+    where robots waited (x, y, s).
+    """
+
+    plan: DayPlan
+    figures: DayFigures
+    verdict: Verdict
+    record: PlanDict
+    waits: tuple[tuple[float, float, float], ...]
+    costs: tuple[tuple[float, float, float, str, bool], ...]
+    jobs: tuple[Job, ...]
+    handled: tuple[Handled, ...] = ()
+
+
+def orders_of(site: FleetRecords, plan: DayPlan) -> Iterator[Order | Task]:
+    """Yield the day's orders, each due some time after it comes (``due`` - ``plan.due``)."""
+    kinds = site.jobs
+    if not kinds:
+        raise ProblemError("the site file has no orders or tasks: those of the day are like them")
+    rng, now = random.Random(f"orders {plan.seed}"), 0.0
+    for number in range(10**9):
+        now += rng.expovariate(plan.orders_per_hour / 3600.0)
+        if now > plan.hours * 3600.0:
+            return
+        kind = rng.choice(kinds)
+        yield replace(kind, id=f"{kind.id}-{number}", after=(), due=now + plan.due, weight=1.0)
+
+
+def mishaps_of(site: FleetRecords, plan: DayPlan) -> Mishaps:
+    """Return what goes wrong in a day."""
+    rng = random.Random(f"mishaps {plan.seed}")
+    delays = replace(Delays.of_share(plan.delays), noise=plan.noise)
+    broken = [
+        (rng.uniform(0.1, 0.8) * plan.hours * 3600.0, rng.choice([*site.robots]), plan.repair)
+        for _ in range(plan.breakdowns)
+    ]
+    return Mishaps(delays, plan.lost, plan.twice, tuple(sorted(broken)))
+
+
+def simulate_day(
+    fleet: Fleet,
+    plan: DayPlan,
+    store: Path,
+    *,
+    settings: Settings | None = None,
+    speed: float = 0.0,
+    watch: Callable[[Operation], None] = lambda _: None,
+) -> DayResult:
+    """Simulate a day on a site and judge it. ``watch`` is called with the operation each simulated
+    minute.
+    """
+    begun, site = time.monotonic(), fleet.records
+    empty = _without_jobs(fleet)
+    robots = SimulatedRobots(
+        {n: site.places[r.start].pose for n, r in site.robots.items()},
+        mishaps_of(site, plan),
+        plan.seed,
+    )
+    clock = SteppedClock(SimulatedClock(speed=speed), robots)
+    day = Operation(
+        empty,
+        store=Store(store, durable=False),
+        robots=robots,
+        clock=clock,
+        settings=settings or Settings(stretch=10.0, seed=plan.seed),
+    )
+    try:
+        steps = _run(day, robots, [*orders_of(site, plan)], plan, watch)
+        robots.close()
+        jobs = tuple(day.jobs.values())
+        verdict = judge_day(site, day.jobs, robots.initial, robots.drives, robots.handled)
+        seconds = time.monotonic() - begun
+        figures = figures_of(plan, jobs, robots, day.costs, steps, seconds)
+        waits = tuple((p[0], p[1], b - a) for w in robots.waits.values() for a, b, p in w)
+        map_file = str((fleet.folder / site.map).resolve())
+        record = record_of_day(replace(site, map=map_file), robots.initial, robots.drives)
+        done = tuple(robots.handled)
+        return DayResult(plan, figures, verdict, record, waits, tuple(day.costs), jobs, done)
+    finally:
+        day.close()
+
+
+def _without_jobs(fleet: Fleet) -> Fleet:
+    empty = Fleet.__new__(Fleet)
+    empty._folder = fleet.folder
+    empty._hold(dataclasses.replace(fleet.records, orders=(), tasks=()))
+    return empty
+
+
+def _run(
+    day: Operation,
+    robots: SimulatedRobots,
+    orders: Sequence[Order | Task],
+    plan: DayPlan,
+    watch: Callable[[Operation], None],
+) -> list[float]:
+    """Run the day to its end; return how long (CPU s) the loop took for each step."""
+    left, steps, told = list(orders), [], 0.0
+    known: dict[str, float] = {}
+    while left or not day.idle:
+        now = day.clock.now()
+        if now > plan.hours * 3600.0 + AFTER:
+            break
+        while left and left[0].due is not None and left[0].due - plan.due <= now:
+            day.add(left.pop(0))
+        for name in robots.broken:
+            known.setdefault(name, now)
+        for name, since in [*known.items()]:
+            if name not in robots.broken:
+                del known[name]
+                if name in day.away:
+                    day.join(name)
+            elif name not in day.away and now >= since + NOTICED:
+                day.leave(name, "broken down")
+        cpu = time.thread_time()
+        day.step()
+        steps.append(time.thread_time() - cpu)
+        if now >= told + 60.0:
+            told = now
+            watch(day)
+    return steps
+
+
+def figures_of(
+    plan: DayPlan,
+    jobs: Sequence[Job],
+    robots: SimulatedRobots,
+    costs: Sequence[tuple[float, float, float, str, bool]],
+    steps: Sequence[float],
+    seconds: float,
+) -> DayFigures:
+    """Return the figures of a day."""
+    done = [j for j in jobs if j.state is State.DONE and j.done is not None]
+    driven = waited = metres = 0.0
+    for drive in robots.drives:
+        rows = np.asarray(drive.rows)
+        if len(rows) > 1:
+            driven += driven_until(drive.rows) - rows[0, 0]
+            metres += float(np.hypot(*np.diff(rows[:, 1:3], axis=0).T).sum())
+    waited = sum(b - a for w in robots.waits.values() for a, b, _ in w)
+    last = max((j.done for j in done if j.done is not None), default=0.0)
+    hours = max(plan.hours, last / 3600.0)
+    return DayFigures(
+        orders=len(jobs),
+        done=len(done),
+        hours=round(hours, 3),
+        per_hour=round(len(done) / hours, 2),
+        tardiness=round(statistics.fmean([j.tardiness for j in done] or [0.0]), 1),
+        in_time=round(statistics.fmean([j.tardiness <= 0.0 for j in done] or [1.0]), 3),
+        flow=round(statistics.fmean([(j.done or 0.0) - j.came for j in done] or [0.0]), 1),
+        waiting=round(waited / driven, 4) if driven else 0.0,
+        kilometres=round(metres / 1000.0, 3),
+        plans=len(costs),
+        plans_taken=sum(c[4] for c in costs),
+        planning=_quantiles([c[2] for c in costs]),
+        steps=_quantiles(steps),
+        seconds=round(seconds, 1),
+    )
+
+
+def _quantiles(values: Sequence[float]) -> tuple[float, float, float]:
+    if not values:
+        return 0.0, 0.0, 0.0
+    found = np.quantile(np.asarray(values), (0.5, 0.95, 1.0))
+    return round(float(found[0]), 4), round(float(found[1]), 4), round(float(found[2]), 4)
+
+
+# ------------------ The report
+
+
+def write_report(result: DayResult, folder: Path) -> list[Path]:
+    """Write ``day.json``, ``day.txt`` and pictures (``gantt.png``, ``orders.png``,
+    ``waiting.png``) into a folder; return the files.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    files = [folder / name for name in ("day.json", "day.txt")]
+    told = {"plan": asdict(result.plan), "figures": asdict(result.figures)}
+    told["verdict"] = asdict(result.verdict)
+    files[0].write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+    files[1].write_text(report_text(result) + "\n", encoding="utf-8")
+    from up_samp.operate.pictures import draw_gantt, draw_orders, draw_waiting
+
+    for name, draw in (("gantt", draw_gantt), ("orders", draw_orders), ("waiting", draw_waiting)):
+        files.append(draw(result, folder / f"{name}.png"))
+    return files
+
+
+def report_text(result: DayResult) -> str:
+    """Return a day in words."""
+    f, v = result.figures, result.verdict
+    why: dict[str, int] = {}
+    for *_, reason, taken in result.costs:
+        if taken:
+            kind = reason.replace("again: ", "")
+            kind = "an order came" if kind.startswith("order") else kind.partition("'")[0].strip()
+            why[kind] = why.get(kind, 0) + 1
+    reasons = ", ".join(f"{n} {k}" for k, n in sorted(why.items(), key=lambda i: -i[1]))
+    return "\n".join((
+        f"{f.done} of {f.orders} orders done in {f.hours:g} h: {f.per_hour:g} an hour",
+        f"mean tardiness {f.tardiness:g} s, {100 * f.in_time:.0f} % in time, "
+        f"{f.flow:g} s from coming to done",
+        f"{f.kilometres:g} km driven, {100 * f.waiting:.1f} % of the driving time waited",
+        f"{f.plans} plans, {f.plans_taken} taken ({reasons})",
+        "CPU of a plan: median {:.2f} s, 95 % {:.2f} s, most {:.2f} s".format(*f.planning),
+        "CPU of a step: median {:.1f} ms, 95 % {:.1f} ms, most {:.1f} ms".format(
+            *(1000 * s for s in f.steps)
+        ),
+        f"judged: {len(v.contacts)} contacts, {len(v.lost)} orders lost, {len(v.twice)} done "
+        f"twice, {len(v.elsewhere)} elsewhere",
+        f"simulated in {f.seconds:g} s",
+    ))  # fmt: skip
+
+
+def as_data(result: DayResult) -> dict[str, Any]:
+    """Return a day's plan and figures as JSON would hold them."""
+    return {"plan": asdict(result.plan), "figures": asdict(result.figures)}

@@ -1,0 +1,307 @@
+"""Where a plan is cut: what of it stays, and where everybody stands once that is done.
+
+What has begun stays, and so does what begins before a new plan can be there, and everything that
+any of it waits for: a set of activities closed under what comes before. An order that is picked up
+is delivered by the same robot, so it stays whole. Nothing else has been told to anybody.
+
+Where a robot is out of order, or an area must not be entered any more, events never happen; whoever
+waits for one of them stops where it would wait, and is free from there.
+"""
+
+from __future__ import annotations
+
+import enum
+import itertools
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from up_samp.execution.executor import Executor
+from up_samp.execution.graph import At
+from up_samp.execution.state import MotionUnderWay, TaskPhase
+from up_samp.fleet.statements import Kind, Meaning
+from up_samp.io.plan_dict import PlanDict
+from up_samp.operate.records import Pose
+
+DELIVERS = (Kind.DELIVERY, Kind.TASK)
+"""What ends an order or a task."""
+
+
+@dataclass(frozen=True)
+class Cut:
+    """``kept``: activities that stay, in the plan's order, with those that are over and that what
+    is under way went past. ``stops``: how far (m) motions that have
+    begun still go, where they end early. ``poses``: where each robot, and each door, stands when
+    all that is done; ``free``: in how many seconds. ``carrying``: robots that still have an order.
+    ``jobs``: orders and tasks that stay as they are.
+    """
+
+    since: float
+    kept: tuple[str, ...] = ()
+    stops: Mapping[str, float] = field(default_factory=dict)
+    poses: Mapping[str, Pose] = field(default_factory=dict)
+    free: Mapping[str, float] = field(default_factory=dict)
+    carrying: Mapping[str, str] = field(default_factory=dict)
+    jobs: tuple[str, ...] = ()
+    begun: frozenset[str] = frozenset()
+    """What had begun by then."""
+
+
+class Opened(enum.Enum):
+    """What of a robot's work is planned anew: all that is not begun, or what comes after its last
+    stop.
+    """
+
+    ALL = "all"
+    TAIL = "tail"
+
+
+def meanings_of(plan: PlanDict) -> dict[str, Meaning]:
+    """Return what the activities of a plan stand for."""
+    return {name: Meaning(Kind(k), what, who) for name, (k, what, who) in plan["meanings"].items()}
+
+
+def turns_of(executor: Executor, meanings: Mapping[str, Meaning]) -> dict[str, list[str]]:
+    """Return each robot's activities in the plan's order."""
+    tasks = executor.state.graph.tasks
+    found: dict[str, list[str]] = {}
+    for name in sorted(tasks, key=lambda n: tasks[n].planned):
+        found.setdefault(meanings[name].robot, []).append(name)
+    return found
+
+
+def cut_of(
+    executor: Executor,
+    ahead: float,
+    *,
+    broken: Mapping[str, Pose] | None = None,
+    limits: Mapping[str, float] | None = None,
+    opened: Mapping[str, Opened] | None = None,
+) -> Cut:
+    """Return where a plan can be cut so that nothing that begins within ``ahead`` s is touched.
+
+    ``broken``: robots that drive no more, and where they stand. ``limits``: how far (m) motions may
+    go, where that is less than their whole length. ``opened``: the robots whose work is planned
+    anew; what others do stays (None: everybody's).
+    """
+    return _Cutter(executor, broken or {}, limits or {}, opened).cut(ahead)
+
+
+class _Cutter:
+    def __init__(
+        self,
+        executor: Executor,
+        broken: Mapping[str, Pose],
+        limits: Mapping[str, float],
+        opened: Mapping[str, Opened] | None,
+    ) -> None:
+        self.executor, self.state = executor, executor.state
+        self.broken, self.limits, self.opened = broken, limits, opened
+        self.meanings = meanings_of(executor.plan)
+        self.turns = turns_of(executor, self.meanings)
+        self.events = self.state.graph.events
+        self.before: dict[int, list[int]] = {}
+        self.after: dict[int, list[int]] = {}
+        for first, then in self._pairs():
+            self.before.setdefault(then, []).append(first)
+            self.after.setdefault(first, []).append(then)
+        self.dead = self._dead()
+
+    def _pairs(self) -> Iterable[tuple[int, int]]:
+        graph = self.state.graph
+        yield from ((e.first, e.then) for e in graph.edges)
+        yield from graph.implied
+        for turn in self.turns.values():
+            for one, two in itertools.pairwise(turn):
+                yield self.state.end_number[one], self.state.start_number[two]
+
+    def _open(self, name: str) -> bool:
+        return self.state.phase[name] is not TaskPhase.DONE
+
+    def _dead(self) -> frozenset[int]:
+        """Return the events that never happen."""
+        seeds = []
+        for k, event in enumerate(self.events):
+            if event.at is At.ORIGIN or self.state.when[k] is not None:
+                continue
+            limit = self.limits.get(event.activity)
+            beyond = limit is not None and (
+                event.at is At.END or (event.object and event.progress > limit)
+            )
+            if self.meanings[event.activity].robot in self.broken or beyond:
+                seeds.append(k)
+        return self._closure(seeds, self.after)
+
+    def _closure(self, seeds: Iterable[int], next_: Mapping[int, list[int]]) -> frozenset[int]:
+        """Return what hangs on some events and has not happened, these included."""
+        found, stack = set(), list(seeds)
+        while stack:
+            k = stack.pop()
+            if k not in found and self.state.when[k] is None:
+                found.add(k)
+                stack += next_.get(k, ())
+        return frozenset(found)
+
+    def _alive(self, name: str) -> bool:
+        return self.state.end_number[name] not in self.dead
+
+    def cut(self, ahead: float) -> Cut:
+        now, forecast = self.state.now, self.executor.retime()
+        running = [n for n, p in self.state.phase.items() if p is TaskPhase.RUNNING]
+        stays = {n for robot, turn in self.turns.items() for n in self._staying(robot, turn)}
+        soon = [
+            n
+            for n, p in self.state.phase.items()
+            if p is TaskPhase.WAITING
+            and self._alive(n)
+            and (n in stays or forecast.span(n)[0] <= now + ahead)
+        ]
+        kept = self._whole({n for n in (*running, *soon) if self._alive(n)})
+        stops = {n: s for n in running if not self._alive(n) if (s := self._stop(n)) is not None}
+        order = {n: i for turn in self.turns.values() for i, n in enumerate(turn)}
+        listed = sorted((*kept, *stops, *self._past(running)), key=lambda n: (order[n], n))
+        free: dict[str, float] = {}
+        for name in listed:
+            who = self.meanings[name].robot
+            end = now + 1.0 if name in stops else max(now, forecast.span(name)[1])
+            free[who] = max(free.get(who, 0.0), end - now)
+        return Cut(
+            now,
+            tuple(listed),
+            stops,
+            self._poses(set(kept), stops),
+            free,
+            self._carrying(set(kept)),
+            tuple(sorted({self.meanings[n].what for n in kept if self.meanings[n].what})),
+            frozenset(n for n, p in self.state.phase.items() if p is not TaskPhase.WAITING),
+        )
+
+    def _past(self, running: list[str]) -> list[str]:
+        """Return what was done since the first motion under way began: where others were then is
+        part of how that motion passed them.
+        """
+        times = self.executor.times()
+        begun = [times[n][0] for n in running if self.state.ways_of[n]]
+        since = min(begun, default=self.state.now)
+        return [
+            n
+            for n, p in self.state.phase.items()
+            if p is TaskPhase.DONE and (times[n][1] or 0.0) > since
+        ]
+
+    def _staying(self, robot: str, turn: list[str]) -> list[str]:
+        """Return what stays of a robot's work because it is not planned anew."""
+        if self.opened is None or self.opened.get(robot) is Opened.ALL:
+            return []
+        if robot not in self.opened:
+            return turn
+        last = max((i for i, n in enumerate(turn) if self._does_job(n)), default=-1)
+        return turn[: last + 1]
+
+    def _whole(self, chosen: set[str]) -> set[str]:
+        """Return activities with all that they wait for, and orders whole."""
+        size = -1
+        while len(chosen) != size:
+            size = len(chosen)
+            ends = [self.state.end_number[n] for n in chosen]
+            wanted = self._closure(ends, self.before)
+            chosen |= {self.events[k].activity for k in wanted if self.events[k].activity}
+            picked = {
+                self.meanings[n].what
+                for n, phase in self.state.phase.items()
+                if self.meanings[n].kind is Kind.PICKUP and (n in chosen or phase is TaskPhase.DONE)
+            }
+            chosen |= {
+                n
+                for n, meaning in self.meanings.items()
+                if meaning.kind is Kind.DELIVERY
+                and meaning.what in picked
+                and self._open(n)
+                and self._alive(n)
+            }
+            # who is on the way to an order does it: the robot's next stop stays, too
+            chosen |= {n for n in map(self._stop_after, chosen) if n is not None}
+        return chosen
+
+    def _stop_after(self, name: str) -> str | None:
+        """Return what a robot drives somewhere for, where that can still be done."""
+        if self.meanings[name].kind not in (Kind.MOVE, Kind.CARRY):
+            return None
+        turn = self.turns[self.meanings[name].robot]
+        later = turn[turn.index(name) + 1 : turn.index(name) + 2]
+        return next((n for n in later if self._alive(n) and self._does_job(n)), None)
+
+    def _does_job(self, name: str) -> bool:
+        return self.meanings[name].kind in (Kind.PICKUP, *DELIVERS)
+
+    def _stop(self, name: str) -> float | None:
+        """Return how far (m) a motion goes that does not come to its end (None: nobody drives)."""
+        ways = self.state.ways_of[name]
+        if not ways or ways[0].object in self.broken:
+            return None
+        way = ways[0]
+        gates = [place for place, number in way.gates if number in self.dead]
+        most = min([way.length, self.limits.get(name, way.length), *gates])
+        return min(way.length, max(most, braking(way)))
+
+    def _poses(self, kept: set[str], stops: Mapping[str, float]) -> dict[str, Pose]:
+        found = {o["name"]: pose_of(o["initial"]) for o in self.executor.plan["objects"]}
+        over = {n for n, p in self.state.phase.items() if p is TaskPhase.DONE} | kept
+        drives = self.executor._drives
+        for turn in self.turns.values():
+            for name in turn:
+                for way in self.state.ways_of[name]:
+                    at = way.length if name in over else stops.get(name)
+                    if at is not None:
+                        path = drives[name, way.object].path
+                        found[way.object] = pose_of(path.poses_at(np.array([at]))[0])
+        for change in sorted(self.executor.plan["changes"], key=lambda c: c["time"]):
+            if change["activity"] in over:
+                found[change["object"]] = pose_of(change["configuration"])
+        return {**found, **self.broken}
+
+    def _carrying(self, kept: set[str]) -> dict[str, str]:
+        """Return which robots still have an order, once what is kept is done."""
+        over = {n for n in self.meanings if n in kept or not self._open(n)}
+        had = dict(self.executor.plan.get("carrying", {}))
+        had |= {
+            m.robot: m.what for n, m in self.meanings.items() if m.kind is Kind.PICKUP and n in over
+        }
+        brought = {self.meanings[n].what for n in over if self.meanings[n].kind in DELIVERS}
+        return {robot: what for robot, what in had.items() if what not in brought}
+
+
+def braking(way: MotionUnderWay) -> float:
+    """Return the progress (m) at which a robot under way can stand."""
+    speed = max(way.travel.speed_at(way.progress), way.travel.speed_at(way.progress + 0.25))
+    return way.progress + speed * speed / (2 * way.travel.accel)
+
+
+def pose_of(values: Iterable[float]) -> Pose:
+    """Return a pose of plain numbers."""
+    x, y, theta = (round(float(v), 6) for v in values)
+    return x, y, theta
+
+
+def first_inside(
+    executor: Executor, touches: Callable[[Pose, str], bool], robots: Collection[str] = ()
+) -> dict[str, float]:
+    """Return how far (m) the motions that are not over may go until their robot would touch
+    something; motions of robots that touch it already, or cannot stop before, go on.
+    """
+    found: dict[str, float] = {}
+    for (name, robot), drive in executor._drives.items():
+        phase = executor.state.phase[name]
+        if phase is TaskPhase.DONE or (robots and robot not in robots):
+            continue
+        way = executor.state.ways[name, robot]
+        here = 0.0 if phase is TaskPhase.WAITING else braking(way)
+        at = np.arange(here, way.length + 0.1, 0.1).clip(max=way.length)
+        poses = drive.path.poses_at(at)
+        if touches(pose_of(poses[0]), robot):
+            continue
+        hit = next((i for i, p in enumerate(poses) if touches(pose_of(p), robot)), None)
+        if hit is not None:
+            found[name] = max(here, float(at[hit]) - 0.2)
+    return found

@@ -1,0 +1,131 @@
+"""Was the day as it should have been? Judged on what was driven and done, not on plans.
+
+Contacts are those of the validator's swept check on the robots' real bodies; orders are judged by
+where robots really stood while they were picked up and delivered.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from up_samp.execution.judge import Contact, contacts_of
+from up_samp.fleet.records import FleetRecords, Order, corners_of
+from up_samp.operate.records import Job, Pose, State
+from up_samp.operate.simulated import Drive, Handled
+
+THERE = 0.25
+"""How far (m) from a place a robot may stand for what is done there: its error, twice, and what it
+stops short of the place."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """``contacts``: who met. ``lost``: orders that were taken and not done; ``twice``: done more
+    than once; ``elsewhere``: what was done where it should not have been, in words.
+    """
+
+    contacts: tuple[Contact, ...]
+    lost: tuple[str, ...]
+    twice: tuple[str, ...]
+    elsewhere: tuple[str, ...]
+
+    @property
+    def good(self) -> bool:
+        """Whether nothing is wrong."""
+        return not (self.contacts or self.lost or self.twice or self.elsewhere)
+
+
+def judge_day(
+    site: FleetRecords,
+    jobs: Mapping[str, Job],
+    initial: Mapping[str, Pose],
+    drives: Sequence[Drive],
+    handled: Sequence[Handled],
+) -> Verdict:
+    """Judge a day by its drives and by what was done at places."""
+    lost: list[str] = []
+    twice: list[str] = []
+    elsewhere: list[str] = []
+    for name, job in jobs.items():
+        mine = [h for h in handled if h.what == name]
+        ends = [h for h in mine if h.kind in ("deliver", "task")]
+        if not ends and job.state is not State.CANCELLED:
+            lost.append(name)
+        if len(ends) > 1:
+            twice.append(name)
+        if isinstance(job.record, Order) and ends:
+            elsewhere += _of_order(site, job.record, mine, initial, drives)
+    met = contacts(site, initial, drives)
+    return Verdict(tuple(met), tuple(lost), tuple(twice), tuple(elsewhere))
+
+
+def _of_order(
+    site: FleetRecords,
+    order: Order,
+    handled: Sequence[Handled],
+    initial: Mapping[str, Pose],
+    drives: Sequence[Drive],
+) -> Iterable[str]:
+    """Yield what is wrong with how an order was done."""
+    picks = [h for h in handled if h.kind == "pick"]
+    brought = next(h for h in handled if h.kind in ("deliver", "task"))
+    if not picks:
+        yield f"'{order.id}' was delivered and not picked up"
+        return
+    if picks[-1].robot != brought.robot or picks[-1].end > brought.start + 1e-6:
+        yield f"'{order.id}' was picked up by {picks[-1].robot}, and delivered by {brought.robot}"
+    for one, stop in ((picks[-1], order.pickup), (brought, order.delivery)):
+        for when in (one.start, one.end):
+            here = where(one.robot, when, initial, drives)
+            spots = (site.places[p].pose for p in stop.at)
+            if min(math.dist(here[:2], spot[:2]) for spot in spots) > THERE:
+                yield f"'{order.id}' was handled by {one.robot} at {here[0]:.2f}, {here[1]:.2f}"
+
+
+def where(
+    robot: str, when: float, initial: Mapping[str, Pose], drives: Iterable[Drive]
+) -> Sequence[float]:
+    """Return where a robot really was."""
+    pose: Sequence[float] = initial[robot]
+    for drive in drives:
+        if drive.robot == robot and drive.rows and drive.rows[0][0] <= when:
+            pose = next((r[1:] for r in reversed(drive.rows) if r[0] <= when + 1e-9), pose)
+    return pose
+
+
+def record_of_day(
+    site: FleetRecords, initial: Mapping[str, Pose], drives: Sequence[Drive]
+) -> dict[str, Any]:
+    """Return a plan-like record of what was driven: it is drawn like a plan."""
+    objects = []
+    for name, robot in site.robots.items():
+        kind = site.robot_types[robot.type]
+        model = {"car": "REEDSSHEPP", "diff": "PIVOT", "omni": "SE2"}[kind.model]
+        objects.append({
+            "name": name, "type": robot.type, "footprint": corners_of(kind.footprint),
+            "model": model, "turning_radius": kind.turning_radius, "v_max": kind.v_max,
+            "a_max": kind.a_max, "omega_max": kind.omega_max, "initial": list(initial[name]),
+        })  # fmt: skip
+    activities: list[dict[str, Any]] = []
+    motions: list[dict[str, Any]] = []
+    for k, drive in enumerate(d for d in drives if len(d.rows) > 1):
+        name = f"{k}: {drive.activity}"
+        since, until = drive.rows[0][0], drive.rows[-1][0]
+        activities.append({"name": name, "start": since, "end": until})
+        motions.append({"activity": name, "object": drive.robot, "samples": drive.rows})
+    return {
+        "format": "up-samp-plan", "version": 1, "problem": site.name, "engine": "a day",
+        "status": "SOLVED_SATISFICING", "seconds_per_unit": 1.0, "lower_bound": None,
+        "makespan": max((a["end"] for a in activities), default=0.0), "map": {"yaml": site.map},
+        "objects": objects, "activities": activities, "motions": motions, "changes": [],
+    }  # fmt: skip
+
+
+def contacts(
+    site: FleetRecords, initial: Mapping[str, Pose], drives: Sequence[Drive]
+) -> list[Contact]:
+    """Return who met in a day, by what was driven."""
+    return contacts_of(record_of_day(site, initial, drives))

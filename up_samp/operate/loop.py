@@ -1,0 +1,764 @@
+"""``Operation``: a rolling horizon over a day. What is committed stays; the rest is planned again.
+
+One step (:meth:`Operation.step`) takes in what robots and people tell, writes it into the store,
+asks the planner or takes its plan over, and tells every robot what it may do. Nothing in it waits
+for the planner, which is another process; and nothing is told to a robot before the store has it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from shapely.affinity import rotate, translate
+from shapely.geometry import Polygon
+
+from up_samp.execution.executor import Executor
+from up_samp.execution.reports import Command, Do, Go, Heard, Hold, Reply
+from up_samp.execution.state import TaskPhase
+from up_samp.fleet.fleet import Fleet
+from up_samp.fleet.records import FleetRecords, Order, Task, Weights, corners_of
+from up_samp.fleet.statements import Kind, Meaning
+from up_samp.io.plan_dict import PlanDict
+from up_samp.model import ProblemError, SampError
+from up_samp.operate.choice import Choice, choose
+from up_samp.operate.horizon import DELIVERS, Cut, Opened, cut_of, first_inside, meanings_of
+from up_samp.operate.planner import Answer, Planner, Question, check_job, check_site
+from up_samp.operate.records import Job, Pose, Report, Shape, State, job_record
+from up_samp.operate.stitch import Kept, kept_of
+from up_samp.operate.store import Store
+
+
+class Robots(Protocol):
+    """The robots as the loop sees them: simulated ones, or those behind a broker."""
+
+    def reports(self, now: float) -> Iterable[Report]:
+        """Return what robots have told since the last call."""
+
+    def tell(self, commands: Mapping[str, Command], now: float) -> None:
+        """Tell everybody what to do: robots by name, activities of nobody by theirs."""
+
+    def follow(self, executor: Executor) -> None:
+        """Take note that commands speak of the motions of another plan from now on."""
+
+
+class Clock(Protocol):
+    """What time it is (s since the day's start), and how it passes."""
+
+    @property
+    def waits(self) -> bool:
+        """Whether time stands while an answer of the planner is due."""
+
+    def now(self) -> float:
+        """Return the time (s)."""
+
+    def sleep(self, seconds: float) -> None:
+        """Let time pass."""
+
+
+class Asked(Protocol):
+    """Who plans: a process (:class:`up_samp.operate.planner.Planner`), or what stands for one."""
+
+    @property
+    def busy(self) -> bool:
+        """Whether an answer is due."""
+
+    def ask(self, question: Question) -> None:
+        """Ask."""
+
+    def taken(self, wait: bool = False) -> Answer | None:
+        """Return the answer, once it is there."""
+
+    def close(self) -> None:
+        """End."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a day is operated. ``budget``: seconds that a plan may be sought for, and ``grace`` more
+    until it has to be there. ``every``: seconds after which what is not begun is planned anew in
+    any case; ``late``: by how many seconds everything may end later than forecast until then.
+    ``most``: so many orders are planned at a time, by so many robots (``candidates``). ``commit``:
+    ``"begun"`` stays; ``"all"`` that was planned once; or ``"none"``: everybody is planned anew.
+    ``tick``: seconds between two steps. ``stretch``: in simulated time the planner has so many
+    times its budget, for machines that are busy with other things.
+    """
+
+    budget: float = 2.0
+    grace: float = 2.0
+    stretch: float = 1.0
+    every: float = 20.0
+    late: float = 20.0
+    most: int = 3
+    candidates: int = 2
+    commit: str = "begun"
+    tick: float = 0.2
+    localisation: float = 0.05
+    seed: int = 0
+
+
+SNAPSHOT = 60.0
+"""Seconds after which all that has happened is kept as a whole, so that a restart is quick."""
+RETRY = 5.0
+"""Seconds after which the planner is asked again that found nothing."""
+
+
+DAY = Weights(tardiness=10.0, completion=1.0, driving=0.1)
+"""What is best where a site file says only "makespan": a day has no end that counts."""
+
+
+class Operation:
+    """A day on the floor of ``fleet``, kept in ``store``: a new day, or one that goes on.
+
+    :raises StoreError: where another process operates the same store.
+    """
+
+    def __init__(
+        self,
+        fleet: Fleet,
+        *,
+        store: Store,
+        robots: Robots,
+        clock: Clock,
+        planner: Asked | None = None,
+        settings: Settings | None = None,
+    ) -> None:
+        check_site(fleet.records)
+        told = fleet.records.objective
+        self.site: FleetRecords = dataclasses.replace(
+            fleet.records, orders=(), tasks=(), objective=told if isinstance(told, Weights) else DAY
+        )
+        self.folder: Path = fleet.folder
+        self.store, self.robots, self.clock = store, robots, clock
+        self.planner: Asked = planner or Planner()
+        self.settings = settings or Settings()
+        self.executor: Executor | None = None
+        self.origin = 0.0
+        """When the executor's clock began (s of the day)."""
+        self.number = 0
+        """The plan's."""
+        self.meanings: dict[str, Meaning] = {}
+        self.poses = {n: self._home(r.start) for n, r in self.site.robots.items()}
+        self.jobs: dict[str, Job] = {}
+        self.away: dict[str, str] = {}
+        """Robots that do nothing now, and why."""
+        self.held: dict[str, str] = {}
+        """Robots that are held where they are, and why."""
+        self.areas: dict[str, Shape] = {}
+        self.limits: dict[str, float] = {}
+        self.commands: dict[str, Command] = {}
+        self.wanted = ""
+        """Why the rest is to be planned anew (``""``: it is not)."""
+        self.costs: list[tuple[float, float, float, str, bool]] = []
+        """(time, seconds, CPU seconds, why, taken) of each time that the rest was planned."""
+        self._asked: tuple[Question, float, str] | None = None
+        self._planned_at = self._snapshot_at = 0.0
+        self._not_before = 0.0
+        self._forecast = 0.0
+        self._told: list[Callable[[], None]] = []
+        self._load([*fleet.records.jobs])
+
+    def _home(self, place: str) -> Pose:
+        return self.site.places[place].pose
+
+    # ------------------------------------------------------------------ a day begins, or goes on
+
+    def _load(self, first: Iterable[Order | Task]) -> None:
+        self.jobs = self.store.jobs()
+        for key in ("away", "held", "areas", "poses"):
+            known = self.store.day(key) or {}
+            pairs = {k: _tuples(v) for k, v in known.items()}
+            setattr(self, key, {**getattr(self, key), **pairs})
+        kept = self.store.snapshot()
+        now = self.clock.now()
+        if kept is not None:
+            self._resume(*kept)
+            with self.store:
+                self.store.note(now, "operation", "", "goes on", "it was stopped or killed")
+            self.wanted = "it goes on after a stop"
+        if not self.jobs:
+            for record in first:
+                self.add(record)
+
+    def _resume(self, number: int, saved: Mapping[str, Any], reports: list[Report]) -> None:
+        """Go on where the store's last plan was."""
+        plan = self.store.plan(number)
+        (self.origin,) = (o for n, _, o in self.store.plans() if n == number)
+        self.number = max(n for n, *_ in self.store.plans())
+        executor = Executor.restore(plan, saved, localisation=self.settings.localisation)
+        self._follow(executor)
+        for report in reports:
+            self._hear(report)
+            executor.commands(report.time - self.origin)
+        with self.store:
+            self._happened()
+            self._keep_snapshot()
+
+    def _follow(self, executor: Executor) -> None:
+        self.executor, self.meanings = executor, meanings_of(executor.plan)
+        self.robots.follow(executor)
+        self._limit()
+
+    def _keep_snapshot(self) -> None:
+        if self.executor is not None:
+            self.store.put_snapshot(self.executor.plan["number"], self.executor.save())
+        self._snapshot_at = self.clock.now()
+
+    # ------------------------------------------------------------------ what people say
+
+    def add(self, record: Order | Task | Mapping[str, Any]) -> Job:
+        """Take an order or a task, or change one that is not begun; it is in the store then.
+
+        :raises FleetError: where something in it is wrong, or it speaks of what is not there.
+        :raises ProblemError: where it has begun, or is done.
+        """
+        if isinstance(record, Mapping):
+            record = job_record(record)
+        check_job(record)
+        known = self.jobs.get(record.id)
+        if known is not None and known.state not in (State.WAITING, State.PLANNED):
+            raise ProblemError(f"'{record.id}' is {known.state.value}: it cannot be changed")
+        _fits(self.site, self.folder, record)
+        now = self.clock.now()
+        job = Job(record, now if known is None else known.came)
+        with self.store:
+            self.store.put_job(job)
+            self.store.note(now, "order", job.id, "came" if known is None else "changed")
+        self.jobs[job.id] = job
+        self.want(f"order '{job.id}' {'came' if known is None else 'was changed'}")
+        return job
+
+    def cancel(self, name: str) -> Job:
+        """Cancel an order that is not begun.
+
+        :raises ProblemError: where there is none, or it has begun.
+        """
+        job = self._job(name)
+        if job.state not in (State.WAITING, State.PLANNED):
+            raise ProblemError(f"'{name}' is {job.state.value}: it cannot be cancelled")
+        with self.store:
+            self._set(job, State.CANCELLED, "cancelled by hand")
+        if job.state is State.PLANNED:
+            self.want(f"order '{name}' was cancelled")
+        return self.jobs[name]
+
+    def _job(self, name: str) -> Job:
+        if name not in self.jobs:
+            raise ProblemError(f"there is no order '{name}'")
+        return self.jobs[name]
+
+    def hold(self, robot: str = "", why: str = "by hand") -> None:
+        """Hold a robot where it is, or all of them at once (an emergency stop of the fleet, which
+        is no safety function).
+        """
+        now = self.clock.now()
+        with self.store:
+            for name in self._some(robot):
+                self.held[name] = why
+                self.store.note(now, "hold", name, "held", why)
+            self.store.keep("held", self.held)
+        self._command(now)
+
+    def release(self, robot: str = "") -> None:
+        """Let a robot that is held, or all of them, go on."""
+        now = self.clock.now()
+        with self.store:
+            for name in self._some(robot):
+                if self.held.pop(name, None) is not None:
+                    self.store.note(now, "hold", name, "released")
+            self.store.keep("held", self.held)
+
+    def leave(self, robot: str, why: str = "out of order", pose: Pose | None = None) -> None:
+        """Note that a robot does nothing any more, and stands at ``pose`` (none: where it last told
+        to be); others drive round it.
+        """
+        (name,) = self._some(robot)
+        now = self.clock.now()
+        with self.store:
+            self.away[name] = why
+            self.poses[name] = pose or self.pose(name)
+            self.store.note(now, "robot", name, "left", why)
+            self._keep_fleet()
+        self.want(f"robot '{name}' is {why}")
+
+    def join(self, robot: str, pose: Pose | None = None) -> None:
+        """Note that a robot does its work again, from where it stands (``pose``: from there)."""
+        (name,) = self._some(robot)
+        now = self.clock.now()
+        with self.store:
+            self.away.pop(name, None)
+            if pose is not None:
+                self.poses[name] = pose
+            self.store.note(now, "robot", name, "joined")
+            self._keep_fleet()
+        self.want(f"robot '{name}' joined")
+
+    def _keep_fleet(self) -> None:
+        self.store.keep("away", self.away)
+        self.store.keep("poses", self.poses)
+
+    def _some(self, robot: str) -> list[str]:
+        if robot and robot not in self.site.robots:
+            raise ProblemError(f"there is no robot '{robot}'")
+        return [robot] if robot else [*self.site.robots]
+
+    def block(self, name: str, corners: Iterable[Iterable[float]]) -> None:
+        """Let nobody enter an area from now on; who is in it, or cannot stop before, drives out."""
+        shape = tuple((float(x), float(y)) for x, y in corners)
+        if len(shape) < 3 or not Polygon(shape).is_valid:
+            raise ProblemError(f"area '{name}' is no polygon")
+        with self.store:
+            self.areas[name] = shape
+            self.store.keep("areas", self.areas)
+            self.store.note(self.clock.now(), "area", name, "blocked")
+        self._limit()
+        self.want(f"area '{name}' is blocked")
+
+    def unblock(self, name: str) -> None:
+        """Open an area again."""
+        if name not in self.areas:
+            raise ProblemError(f"there is no blocked area '{name}'")
+        with self.store:
+            del self.areas[name]
+            self.store.keep("areas", self.areas)
+            self.store.note(self.clock.now(), "area", name, "open again")
+        self._limit()
+        self.want(f"area '{name}' is open again")
+
+    def _limit(self) -> None:
+        """Find out how far motions may go with the areas that are blocked."""
+        self.limits = {}
+        if self.executor is None or not self.areas:
+            return
+        shapes = [Polygon(corners) for corners in self.areas.values()]
+        bodies = {
+            name: Polygon(corners_of(self.site.robot_types[robot.type].footprint))
+            for name, robot in self.site.robots.items()
+        }
+
+        def touches(pose: Pose, robot: str) -> bool:
+            here = rotate(bodies[robot], pose[2], origin=(0, 0), use_radians=True)
+            placed = translate(here, pose[0], pose[1])
+            return any(placed.intersects(shape) for shape in shapes)
+
+        self.limits = first_inside(self.executor, touches)
+
+    def want(self, why: str) -> None:
+        """Ask for the rest to be planned anew."""
+        if not self.wanted or self.wanted in (EVERY, LATE):
+            self.wanted = why
+
+    # ------------------------------------------------------------------ one step
+
+    def step(self) -> None:
+        """Do what is to be done now, and let a tick pass."""
+        now = self.clock.now()
+        with self.store:
+            for report in self.robots.reports(now):
+                self.store.put_report(report)
+                self._hear(report)
+            if self.executor is not None:
+                self.executor.commands(now - self.origin)
+            self._happened()
+            self._plan(now)
+            if now - self._snapshot_at >= SNAPSHOT:
+                self._keep_snapshot()
+        self._command(now)
+        self.clock.sleep(self.settings.tick)
+
+    def close(self) -> None:
+        """End the planner's process, and let others have the store."""
+        self.planner.close()
+        self.store.close()
+
+    @property
+    def idle(self) -> bool:
+        """Whether nothing is left to do."""
+        none = not any(j.state.open for j in self.jobs.values())
+        return none and (self.executor is None or self.executor.finished)
+
+    def _hear(self, report: Report) -> Reply | None:
+        if self.executor is None:
+            return None
+        at = report.time - self.origin
+        if report.done:
+            return self.executor.done(report.activity, at)
+        if report.activity and self.executor.state.of_object.get(report.robot) is None:
+            return None  # of a motion that is over, or of a plan before
+        where = {"pose": report.pose} if report.progress is None else {"progress": report.progress}
+        reply = self.executor.update(report.robot, now=at, motion=report.activity or None, **where)  # type: ignore[arg-type]
+        if reply.heard is Heard.HELD:
+            self.store.note(report.time, "report", report.robot, "is held", reply.why)
+        return reply
+
+    def pose(self, robot: str) -> Pose:
+        """Return where a robot was last told to be."""
+        if self.executor is None or robot in self.away:
+            return self.poses[robot]
+        way = self.executor.state.of_object.get(robot)
+        if way is None:
+            return self.cut().poses[robot]
+        path = self.executor._drives[way.activity, robot].path
+        x, y, theta = (float(v) for v in path.poses_at(np.array([way.progress]))[0])
+        return x, y, theta
+
+    def _happened(self) -> None:
+        """Note which orders have begun, and which are done."""
+        if self.executor is None:
+            return
+        for name, meaning in self.meanings.items():
+            job = self.jobs.get(meaning.what)
+            phase = self.executor.phase(name)
+            if job is None or phase is TaskPhase.WAITING:
+                continue
+            late = job.state is State.CANCELLED and meaning.kind is not Kind.MOVE
+            if not job.state.open and not late:
+                continue
+            if late:
+                job = replace(job, note="cancelled too late: it had begun")
+            when = self.executor.state.now + self.origin
+            if phase is TaskPhase.DONE and meaning.kind in DELIVERS:
+                self._set(replace(job, robot=meaning.robot, done=when), State.DONE)
+            elif job.state is not State.BEGUN:
+                self._set(replace(job, robot=meaning.robot, begun=when), State.BEGUN)
+
+    def _set(self, job: Job, state: State, why: str = "") -> None:
+        self.jobs[job.id] = replace(job, state=state)
+        self.store.put_job(self.jobs[job.id])
+        by = f" by {job.robot}" if job.robot else ""
+        self.store.note(self.clock.now(), "order", job.id, f"{state.value}{by}", why)
+
+    # ------------------------------------------------------------------ what robots are told
+
+    def _command(self, now: float) -> None:
+        """Tell everybody what to do; what is new is in the store first."""
+        if self.executor is None:
+            return
+        found = {
+            who: self._allowed(who, c)
+            for who, c in self.executor.commands(now - self.origin).items()
+        }
+        new = {who: c for who, c in found.items() if _words(c) != _words(self.commands.get(who))}
+        if new:
+            with self.store:
+                for who, command in new.items():
+                    self.store.note(now, "told", who, *_words(command))
+        self.commands = found
+        self.robots.tell(found, now)
+
+    def _allowed(self, who: str, command: Command) -> Command:
+        """Return a command as far as it may be given."""
+        if who in self.held:
+            return Hold((f"held {self.held[who]}",))
+        if who in self.away:
+            return Hold((self.away[who],))
+        if isinstance(command, Go) and command.motion in self.limits:
+            most = self.limits[command.motion]
+            if most < command.until:
+                return Go(command.motion, most)
+        return command
+
+    # ------------------------------------------------------------------ planning
+
+    def _plan(self, now: float) -> None:
+        if self._asked is not None:
+            question, since, why = self._asked
+            budget = self.settings.budget + self.settings.grace
+            if self.clock.waits and now < since + budget:
+                return
+            answer = self.planner.taken(wait=self.clock.waits)
+            if answer is None:
+                return
+            self._asked = None
+            taken, reason = self._take(question, answer, why, since)
+            self.costs.append((now, answer.seconds, answer.cpu, why, taken))
+            self.store.note(
+                now, "plan", str(answer.number), "taken" if taken else "dropped", reason
+            )
+            self._planned_at = now
+            if not taken:
+                self._not_before = now + RETRY
+                if why not in (EVERY, LATE):
+                    self.want(why if why.startswith("again") else f"again: {why}")
+        self._look(now)
+        if self.wanted and now >= self._not_before and not self.planner.busy:
+            self._ask(now)
+
+    def _look(self, now: float) -> None:
+        """Find out whether it is time to plan anew."""
+        if self.waiting() or self.dropped():
+            self.want("orders wait that are in no plan")
+        if self.executor is None or now < self._planned_at + RETRY:
+            return
+        if self.stranded():
+            self.want("robots stand that have nothing to do there")
+        if self.executor.finished:
+            return
+        if now >= self._planned_at + self.settings.every:
+            self.want(EVERY)
+        elif self._end() > self._forecast + self.settings.late:
+            self.want(LATE)
+
+    def waiting(self) -> list[Job]:
+        """Return the orders that are in no plan."""
+        return [j for j in self.jobs.values() if j.state is State.WAITING]
+
+    def there(self) -> list[str]:
+        """Return the robots that do their work."""
+        return [r for r in self.site.robots if r not in self.away]
+
+    def stranded(self) -> list[str]:
+        """Return robots that have nothing to do, and stand where they should not stay: with an
+        order, or not where they end.
+        """
+        if self.executor is None:
+            return []
+        cut = self.cut()
+        left = (n for n in cut.kept if n not in cut.stops and not self._is_done(n))
+        busy = {self.meanings[n].robot for n in left}
+        found = []
+        for name in self.there():
+            end = self.site.robots[name].end
+            home = end is None or self._near(cut.poses[name], self._home(end))
+            if name not in busy and (name in cut.carrying or not home):
+                found.append(name)
+        return found
+
+    def stale(self) -> list[str]:
+        """Return robots that are still to do what is cancelled, or was changed."""
+        found: dict[str, None] = {}
+        for name, meaning in self.meanings.items():
+            job = self.jobs.get(meaning.what)
+            over = job is not None and job.state in (State.WAITING, State.CANCELLED)
+            if over and self.executor and self.executor.phase(name) is TaskPhase.WAITING:
+                found[meaning.robot] = None
+        return [r for r in found if r not in self.away]
+
+    def _near(self, one: Pose, two: Pose) -> bool:
+        return max(abs(one[0] - two[0]), abs(one[1] - two[1])) < 0.01
+
+    def free_at(self) -> dict[str, tuple[float, Pose]]:
+        """Return in how many seconds each robot will have done its last order, and where."""
+        found = {r: (0.0, self.poses[r]) for r in self.there()}
+        if self.executor is not None:
+            cut = self.cut(opened=dict.fromkeys(found, Opened.TAIL))
+            found = {r: (cut.free.get(r, 0.0), cut.poses[r]) for r in found}
+        return found
+
+    def cut(self, opened: Mapping[str, Opened] | None = None) -> Cut:
+        """Return where the plan can be cut now, so that there is time to plan; ``opened``: the
+        robots that are planned anew (None: nobody).
+        """
+        now, s = self.clock.now(), self.settings
+        if self.executor is None:
+            return Cut(0.0, poses=self.poses, free=dict.fromkeys(self.site.robots, 0.0))
+        found = cut_of(
+            self.executor,
+            s.budget + s.grace + 2 * s.tick,
+            broken={r: self.poses[r] for r in self.away},
+            limits=self.limits,
+            opened=opened or {},
+        )
+        return replace(found, since=now - self.origin)
+
+    def _ask(self, now: float) -> None:
+        """Ask the planner for a plan of what is left."""
+        why, self.wanted = self.wanted, ""
+        s, choice = self.settings, choose(self)
+        if choice is None:
+            self._planned_at = now
+            self._forecast = max(self._forecast, self._end())
+            return
+        if why not in (EVERY, LATE) and not self._needed(choice):
+            why = EVERY
+        cut, chosen = self.cut(choice.opened), choice.jobs
+        kept = Kept() if self.executor is None else kept_of(self.executor, cut)
+        carried = {r: self.jobs[w].record for r, w in cut.carrying.items()}
+        self.number += 1
+        question = Question(
+            number=self.number,
+            site=self.site,
+            folder=self.folder,
+            cut=cut,
+            kept=kept,
+            jobs=tuple(_since(j.record, now, j.came) for j in chosen),
+            robots=tuple(choice.opened),
+            held={r: _since(o, now, now) for r, o in carried.items() if isinstance(o, Order)},
+            areas=self.areas,
+            kept_jobs=tuple(self.jobs[n].record for n in cut.jobs if n in self.jobs),
+            seconds=s.budget * (s.stretch if self.clock.waits else 1.0),
+            seed=s.seed,
+            localisation=s.localisation,
+        )
+        self.store.note(now, "plan", str(self.number), f"asked for {len(chosen)} orders", why)
+        self.planner.ask(question)
+        self._asked = question, now, why
+
+    def _end(self) -> float:
+        return 0.0 if self.executor is None else self.executor.predicted_makespan() + self.origin
+
+    def _needed(self, choice: Choice) -> bool:
+        """Return whether something is planned that is in no plan."""
+        more = any(j.state is not State.PLANNED for j in choice.jobs)
+        return more or any(r in (*self.stranded(), *self.stale()) for r in choice.opened)
+
+    def dropped(self) -> list[Job]:
+        """Return orders that a robot had begun to drive to and cannot do any more."""
+        found = []
+        for job in self.jobs.values():
+            if job.state is State.BEGUN and job.robot in self.away and self.executor is not None:
+                picked = any(
+                    m.what == job.id and m.kind is Kind.PICKUP
+                    and self.executor.phase(n) is not TaskPhase.WAITING
+                    for n, m in self.meanings.items()
+                )  # fmt: skip
+                if not picked and job.id not in self.executor.plan.get("carrying", {}).values():
+                    found.append(job)
+        return found
+
+    def _take(self, question: Question, answer: Answer, why: str, since: float) -> tuple[bool, str]:
+        """Take a plan over if it is valid from now on, and needed or better; return whether, and
+        why.
+        """
+        if answer.plan is None:
+            return False, answer.why
+        if set(question.robots) & set(self.away):
+            return False, "a robot has gone since it was asked for"
+        if any(not self.jobs[j.id].state.open for j in question.jobs):
+            return False, "an order was cancelled since it was asked for"
+        plan = {**answer.plan, "number": answer.number}
+        twice = self._twice(plan)
+        if twice:
+            return False, f"'{twice}' would be done twice"
+        try:
+            executor = self._joined(plan, question, since)
+        except SampError as error:
+            return False, " ".join(str(error).split())[:300]
+        if why in (EVERY, LATE) and not self._better(executor, since):
+            return False, "what is driven is no worse"
+        self.origin = since
+        self.store.put_plan(answer.number, self.clock.now(), self.origin, plan)
+        self._follow(executor)
+        self._forecast = self._end()
+        done = {m.what for m in self.meanings.values()}
+        for job in [*self.jobs.values()]:
+            if job.state is State.WAITING and job.id in done:
+                self._set(job, State.PLANNED, f"plan {answer.number}")
+            elif job.state is State.PLANNED and job.id not in done:
+                self._set(job, State.WAITING, f"not in plan {answer.number}")
+        self._keep_snapshot()
+        return True, why
+
+    def _twice(self, plan: PlanDict) -> str:
+        """Return an order that would be done twice ("": there is none)."""
+        ends = [m.what for m in meanings_of(plan).values() if m.kind in DELIVERS]
+        over = [m for m in set(ends) if m in self.jobs and self.jobs[m].state is State.DONE]
+        kept = {m.what for n, m in self.meanings.items() if self._is_done(n) and m.kind in DELIVERS}
+        again = [m for m in over if m not in kept or ends.count(m) > 1]
+        return next(iter([*again, *(m for m in ends if ends.count(m) > 1)]), "")
+
+    def _is_done(self, name: str) -> bool:
+        return self.executor is not None and self.executor.phase(name) is TaskPhase.DONE
+
+    def _joined(self, plan: PlanDict, question: Question, since: float) -> Executor:
+        """Return an executor that goes on with a new plan.
+
+        :raises ProblemError: where something has begun meanwhile that the plan does not keep.
+        """
+        executor = Executor(plan, localisation=self.settings.localisation)
+        if self.executor is None:
+            executor.join(self.clock.now() - since)
+            return executor
+        old, kept = self.executor, set(question.cut.kept)
+        by, spans = since - self.origin, self.executor.times()
+        done: list[str] = []
+        under_way: dict[str, dict[str, float]] = {}
+        times: dict[str, tuple[float, float | None]] = {}
+        for name, phase in old.state.phase.items():
+            if phase is TaskPhase.WAITING:
+                continue
+            if name not in kept:
+                if name not in question.cut.begun:
+                    raise ProblemError(f"'{name}' has begun meanwhile")
+                continue
+            start, end = spans[name]
+            times[name] = start - by, None if end is None else end - by
+            if phase is TaskPhase.DONE:
+                done.append(name)
+            else:
+                under_way[name] = {w.object: w.told for w in old.state.ways_of[name]}
+        executor.join(max(0.0, old.now - by), done=done, under_way=under_way, times=times)
+        executor.pace.load(old.pace.saved())
+        return executor
+
+    def _better(self, executor: Executor, since: float) -> bool:
+        old = self.executor
+        return old is None or self._cost(executor, since) < self._cost(old, self.origin) - 1.0
+
+    def _cost(self, executor: Executor, origin: float) -> float:
+        """Return what a plan costs by forecast: seconds until orders are done, and ten times those
+        that they are late.
+        """
+        ahead, total = executor.retime(), 0.0
+        for name, meaning in meanings_of(executor.plan).items():
+            job = self.jobs.get(meaning.what)
+            if job is None or meaning.kind not in DELIVERS or not job.state.open:
+                continue
+            end = ahead.span(name)[1] + origin
+            due = job.record.due
+            total += job.record.weight * (
+                end + 10.0 * max(0.0, end - due if due is not None else 0.0)
+            )
+        return total
+
+
+EVERY, LATE = "it is time to look again", "it is late"
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(_tuples(v) for v in value) if isinstance(value, list) else value
+
+
+def _words(command: Command | None) -> tuple[str, str]:
+    """Return what a robot is told, and why, in words."""
+    if isinstance(command, Go):
+        return f"go to {command.until:.2f} m of {command.motion}", ""
+    if isinstance(command, Do):
+        return f"do {command.activity}", "" if command.may_end else "it may not end yet"
+    if isinstance(command, Hold):
+        return "hold", "; ".join(command.waiting_for)
+    return "", ""
+
+
+def _since(record: Any, now: float, came: float) -> Any:
+    """Return an order on the clock of a plan that begins now."""
+    changes: dict[str, Any] = {}
+    if record.due is not None:
+        changes["due"] = max(0.0, record.due - now)
+    if isinstance(record, Order):
+        for end in ("pickup", "delivery"):
+            stop = getattr(record, end)
+            if stop.window is not None:
+                changes[end] = replace(stop, window=_window(stop.window, came - now))
+    elif record.window is not None:
+        changes["window"] = _window(record.window, came - now)
+    return replace(record, optional=False, penalty=None, **changes)
+
+
+def _window(window: tuple[float, float], by: float) -> tuple[float, float]:
+    return max(0.0, window[0] + by), max(0.0, window[1] + by)
+
+
+def _fits(site: FleetRecords, folder: Path, record: Order | Task) -> None:
+    """Raise :class:`FleetError` where an order speaks of what the site has not."""
+    alone = replace(record, after=())
+    from up_samp.fleet.faults import FleetError, job_faults
+
+    some = {"orders": (alone,)} if isinstance(alone, Order) else {"tasks": (alone,)}
+    faults = [*job_faults(replace(site, **some), alone)]  # type: ignore[arg-type]
+    if faults:
+        raise FleetError(faults)

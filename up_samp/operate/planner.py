@@ -1,0 +1,355 @@
+"""The planner's process: what is left of the day as a fleet problem from the cut on, solved under a
+budget, and put behind what is kept of the plan that is driven.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import pickle
+import sys
+import threading
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from up_samp.fleet.records import (
+    Door,
+    FleetRecords,
+    Order,
+    Place,
+    Robot,
+    Stop,
+    Task,
+    Zone,
+    corners_of,
+)
+from up_samp.fleet.statements import Meaning, Written
+from up_samp.io.plan_dict import PlanDict
+from up_samp.model import ProblemError, SampError, UnsupportedError
+from up_samp.operate.horizon import Cut
+from up_samp.operate.records import Pose, Shape
+from up_samp.operate.stitch import BUSY, Kept, stitched
+from up_samp.system.child import ProcessGroup, command, environment
+
+SAME = 1e-3
+"""Poses closer than this (m, rad) are one place."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """What is asked of the planner: the site, where the old plan is cut and what is kept of it, the
+    orders and tasks to plan (``due`` from the cut on), the robots to do them (all others stay where
+    they are then), areas that nobody may
+    enter, and what it may take (s).
+    """
+
+    number: int
+    site: FleetRecords
+    folder: Path
+    cut: Cut
+    kept: Kept
+    jobs: tuple[Order | Task, ...]
+    robots: tuple[str, ...]
+    held: Mapping[str, Order] = field(default_factory=dict)
+    """The orders that robots still have once all that is kept is done."""
+    areas: Mapping[str, Shape] = field(default_factory=dict)
+    kept_jobs: tuple[Order | Task, ...] = ()
+    seconds: float = 2.0
+    seed: int = 0
+    localisation: float = 0.05
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A plan (``None``: there is none, and ``why``), and the seconds that it took."""
+
+    number: int
+    plan: PlanDict | None
+    why: str = ""
+    seconds: float = 0.0
+    cpu: float = 0.0
+
+
+def check_site(site: FleetRecords) -> None:
+    """Raise :class:`UnsupportedError`, by name, for what cannot be operated yet."""
+    for name in site.floors:
+        raise UnsupportedError(f"floor '{name}': one floor is operated, the ground")
+    for name, robot in site.robots.items():
+        if robot.shift is not None or robot.breaks:
+            raise UnsupportedError(f"robot '{name}' has a shift or breaks: let it leave and join")
+    for name, door in site.doors.items():
+        if door.closes is not None:
+            raise UnsupportedError(f"door '{name}' closes by itself: not operated yet")
+    for name, kind in site.robot_types.items():
+        if kind.battery is not None:
+            raise UnsupportedError(f"robot type '{name}' has a battery: not operated yet")
+        if kind.unloading != "any":
+            raise UnsupportedError(f"robot type '{name}' unloads in an order: not operated yet")
+    for name, zone in site.zones.items():
+        if zone.max_robots is not None:
+            raise UnsupportedError(f"zone '{name}' takes so many robots at a time: not operated")
+    for job in site.jobs:
+        check_job(job)
+
+
+def check_job(job: Order | Task) -> None:
+    """Raise :class:`UnsupportedError` for orders that cannot be operated yet."""
+    if isinstance(job, Order) and job.attached is not None:
+        raise UnsupportedError(f"'{job.id}' has a load with a footprint: not operated yet")
+    if job.release or job.repeat is not None:
+        raise UnsupportedError(f"'{job.id}' has a release time or recurs: add it when it is there")
+    stops = (job.pickup, job.delivery) if isinstance(job, Order) else ()
+    machines = any(s.task is not None for s in stops) or (isinstance(job, Task) and job.modes)
+    if machines or (isinstance(job, Task) and not job.at):
+        raise UnsupportedError(f"'{job.id}' is done by a machine: not operated yet")
+
+
+# ------------------ The problem from the cut on
+
+
+def problem_records(ask: Question) -> FleetRecords:
+    """Return what is left of the day as a fleet problem from the cut on."""
+    site, places = ask.site, dict(ask.site.places)
+    robots: dict[str, Robot] = {}
+    for name, robot in site.robots.items():
+        if name not in ask.cut.poses:
+            continue
+        spot = place_at(places, ask.cut.poses[name], name)
+        there = name in ask.robots
+        robots[name] = replace(robot, start=spot, end=robot.end if there else None)
+    idle = [r for r in ask.robots if r not in ask.held]
+    orders: list[Order] = []
+    tasks: list[Task] = []
+    for job in ask.jobs:
+        able = tuple(
+            r
+            for r in idle
+            if (not job.robots or r in job.robots) and set(job.skills) <= set(robots[r].skills)
+        )
+        if not able:
+            raise ProblemError(f"nobody is there to do '{job.id}'")
+        known = {j.id for j in ask.jobs}
+        mine = replace(job, robots=able, after=tuple(n for n in job.after if n in known))
+        if isinstance(mine, Order):
+            orders.append(mine)
+        else:
+            tasks.append(mine)
+    for name, order in ask.held.items():
+        if name in ask.robots:
+            tasks.append(_brought(order, name))
+    for name in idle if len(ask.robots) > 1 else ():
+        units = math.ceil(ask.cut.free.get(name, 0.0) / site.seconds_per_unit)
+        if units >= 1 and any(name in j.robots for j in (*orders, *tasks)):
+            tasks.append(_busy(name, robots[name].start, units * site.seconds_per_unit))
+    zones = dict(site.zones)
+    for name, corners in ask.areas.items():
+        zones[name] = Zone(polygon=corners, keep_out=tuple(site.robot_types))
+    doors = {n: d for n, d in site.doors.items() if not is_open(d, ask.cut.poses.get(n))}
+    for name in site.doors.keys() - doors.keys():
+        # an open leaf is in the way where it stands, and nobody closes it
+        zones[f"leaf.{name}"] = Zone(_leaf(site.doors[name]), tuple(site.robot_types))
+    return replace(
+        site, places=places, robots=robots, orders=tuple(orders), tasks=tuple(tasks), zones=zones,
+        doors=doors,
+    )  # fmt: skip
+
+
+def is_open(door: Door, pose: Pose | None) -> bool:
+    """Return whether a door stands open."""
+    return pose is not None and math.dist(pose, door.open) <= SAME
+
+
+def _leaf(door: Door) -> Shape:
+    x, y, turn = door.open
+    c, s = math.cos(turn), math.sin(turn)
+    return tuple((x + c * a - s * b, y + s * a + c * b) for a, b in corners_of(door.leaf))
+
+
+def place_at(places: dict[str, Place], pose: Pose, who: str) -> str:
+    """Return the name of the place at a pose; where there is none, one is added."""
+    for name, place in places.items():
+        gap = max(abs(place.pose[0] - pose[0]), abs(place.pose[1] - pose[1]))
+        if max(gap, abs(math.remainder(place.pose[2] - pose[2], math.tau))) <= SAME:
+            return name
+    name = f"now.{who}"
+    places[name] = Place(pose=pose)
+    return name
+
+
+def _brought(order: Order, robot: str) -> Task:
+    """Return what is left of an order that a robot has already."""
+    stop: Stop = order.delivery
+    return Task(
+        id=order.id, at=stop.at, duration=stop.service, resources=stop.resources, robots=(robot,),
+        due=order.due, weight=order.weight,
+    )  # fmt: skip
+
+
+def _busy(robot: str, place: str, seconds: float) -> Task:
+    return Task(
+        id=f"{BUSY}{robot}", at=(place,), duration=seconds, robots=(robot,), window=(0.0, seconds)
+    )
+
+
+def ties_of(ask: Question, written: Written, plan: PlanDict) -> list[tuple[str, str]]:
+    """Return which new activities come after which kept ones: who uses a resource that was used,
+    and what is to come after an order that is under way.
+    """
+    kept = {j.id: j for j in ask.kept_jobs}
+    new = {j.id: j for j in (*ask.jobs, *ask.held.values())}
+    found = []
+    for one, meaning in (ask.kept.meanings or {}).items():
+        before = kept.get(meaning.what)
+        if before is None:
+            continue
+        for entry in plan["activities"]:
+            job = new.get(written.meanings[entry["name"]].what)
+            if job is not None and (before.id in job.after or _resources(before) & _resources(job)):
+                found.append((one, entry["name"]))
+    return found
+
+
+def _resources(job: Order | Task) -> set[str]:
+    stops = (job.pickup, job.delivery) if isinstance(job, Order) else (job,)
+    return {r for stop in stops for r in stop.resources}
+
+
+def answer(ask: Question) -> Answer:
+    """Plan; what goes wrong is the answer's ``why``."""
+    begun, cpu = time.monotonic(), time.process_time()
+
+    def said(plan: PlanDict | None, why: str = "") -> Answer:
+        return Answer(
+            ask.number, plan, why, time.monotonic() - begun, time.process_time() - cpu
+        )  # fmt: skip
+
+    try:
+        return said(_plan(ask))
+    except SampError as error:
+        return said(None, " ".join(str(error).split())[:500])
+
+
+def _plan(ask: Question) -> PlanDict:
+    from up_samp.execution.files import with_dependencies
+    from up_samp.fleet.build import write_problem
+    from up_samp.fleet.result import solve_problem
+
+    records = problem_records(ask)
+    written = write_problem(records, ask.folder)
+    params: dict[str, Any] = {"seed": ask.seed, **records.settings}
+    result = solve_problem(written, ask.seconds, params)
+    if result.plan is None:
+        raise ProblemError(f"no plan within {ask.seconds:g} s: {result.status}")
+    # what is best says nothing of who waits for whom
+    written.problem.clear_quality_metrics()
+    plan = with_dependencies(written.problem, result.data, localisation=ask.localisation)
+    meanings: dict[str, Meaning] = dict(written.meanings)
+    whole = stitched(ask.kept, plan, meanings, ask.number, ties_of(ask, written, plan))
+    whole["carrying"] = {r: o.id for r, o in ask.held.items()}
+    return whole
+
+
+# ------------------ The process
+
+
+def serve(source: BinaryIO, sink: BinaryIO) -> None:
+    """Answer questions until nobody asks any more."""
+    while True:
+        try:
+            ask = pickle.load(source)
+        except EOFError:
+            return
+        pickle.dump(answer(ask), sink)
+        sink.flush()
+
+
+def main() -> None:
+    """Serve standard input and output; whatever libraries print goes elsewhere."""
+    channel = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    serve(sys.stdin.buffer, channel)
+
+
+class Planner:
+    """A planner in a process of its own: one question at a time. A lost process is the answer to
+    its question, and the next question starts another.
+    """
+
+    def __init__(self) -> None:
+        self._group: ProcessGroup | None = None
+        self._thread: threading.Thread | None = None
+        self._answer: Answer | None = None
+
+    @property
+    def busy(self) -> bool:
+        """Whether an answer is due that nobody has taken."""
+        return self._thread is not None
+
+    def ask(self, question: Question) -> None:
+        """Ask; :meth:`taken` tells the answer."""
+        if self.busy:
+            raise ProblemError("the planner is busy")
+        self._thread = threading.Thread(target=self._ask, args=(question,), daemon=True)
+        self._thread.start()
+
+    def _ask(self, question: Question) -> None:
+        begun = time.monotonic()
+        try:
+            group = self._come()
+            assert group.process.stdin is not None
+            assert group.process.stdout is not None
+            pickle.dump(question, group.process.stdin)
+            group.process.stdin.flush()
+            self._answer = pickle.load(group.process.stdout)
+        except (OSError, EOFError, pickle.PickleError) as error:
+            self._leave()
+            seconds = time.monotonic() - begun
+            self._answer = Answer(
+                question.number, None, f"the planner is lost ({error!r})", seconds
+            )
+
+    def taken(self, wait: bool = False) -> Answer | None:
+        """Return the answer, once it is there; ``wait``: wait for it."""
+        if self._thread is None:
+            return None
+        self._thread.join(None if wait else 0.0)
+        if self._thread.is_alive():
+            return None
+        self._thread = None
+        found, self._answer = self._answer, None
+        return found
+
+    def _come(self) -> ProcessGroup:
+        if self._group is None or self._group.ended():
+            import subprocess
+
+            code = "from up_samp.operate.planner import main; main()"
+            self._group = ProcessGroup(
+                command(code),
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                env=environment(),
+            )
+        return self._group
+
+    def close(self) -> None:
+        """End the process; an answer that is due does not come."""
+        group = self._group
+        if group is not None:
+            group.end()
+        if self._thread is not None:
+            self._thread.join()
+        self._leave()
+
+    def _leave(self) -> None:
+        group, self._group = self._group, None
+        if group is not None:
+            group.end()
+            for stream in (group.process.stdin, group.process.stdout):
+                if stream is not None:
+                    with contextlib.suppress(OSError):
+                        stream.close()

@@ -1,0 +1,277 @@
+"""Simulated robots for a day: noise, delays, lost and repeated messages, breakdowns.
+
+They drive as :class:`up_samp.execution.simulate.SimulatedRobot` does, know nothing of the plan but
+what they are told, and keep what they really drove, for whoever judges it.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from up_samp.execution.executor import Executor
+from up_samp.execution.reports import Command, Do, Go, Hold
+from up_samp.execution.simulate import Delays, Luck, Senses, SimulatedRobot
+from up_samp.operate.records import Pose, Report
+
+OFTEN, SELDOM = 0.4, 1.0
+"""Seconds between two reports of a robot that drives, and of one that stands."""
+
+
+@dataclass(frozen=True)
+class Mishaps:
+    """What goes wrong in a day: ``delays`` of driving and of tasks, ``lost`` and ``twice`` (shares
+    of the reports that do not arrive, or arrive again later), and when which robot breaks down for
+    how long (s).
+    """
+
+    delays: Delays = field(default_factory=Delays)
+    lost: float = 0.0
+    twice: float = 0.0
+    breakdowns: tuple[tuple[float, str, float], ...] = ()
+
+
+@dataclass
+class Drive:
+    """What a robot drove: rows (t, x, y, theta), at rest before and after."""
+
+    robot: str
+    activity: str
+    rows: list[list[float]]
+
+
+def driven_until(rows: Sequence[Sequence[float]]) -> float:
+    """Return when a robot came to the pose at which a drive ends (s)."""
+    last = rows[-1][1:]
+    k = len(rows) - 1
+    while k and rows[k - 1][1:] == last:
+        k -= 1
+    return float(rows[k][0])
+
+
+@dataclass(frozen=True)
+class Handled:
+    """What was done at a place: ``kind`` as in :class:`up_samp.fleet.statements.Kind` by its value,
+    of which order (``what``), by whom, from when to when (s).
+    """
+
+    kind: str
+    what: str
+    robot: str
+    start: float
+    end: float
+
+
+@dataclass(frozen=True)
+class RoutesTold:
+    """What robots know of a plan: their paths and how fast these may be driven (by activity and
+    robot), how long tasks last (s), and what activities stand for.
+    """
+
+    paths: Mapping[tuple[str, str], Any]
+    travels: Mapping[tuple[str, str], Any]
+    expected: Mapping[str, float]
+    meanings: Mapping[str, Any]
+
+
+def routes_told(executor: Executor) -> RoutesTold:
+    """Return what robots know of an executor's plan."""
+    return RoutesTold(
+        {key: drive.path for key, drive in executor._drives.items()},
+        dict(executor.dependencies.travels),
+        {n: t.expected for n, t in executor.state.graph.tasks.items()},
+        executor.plan["meanings"],
+    )
+
+
+class SimulatedRobots:
+    """All robots of a site on a simulated floor; times are those of the day."""
+
+    def __init__(
+        self, poses: Mapping[str, Pose], mishaps: Mishaps | None = None, seed: int = 0
+    ) -> None:
+        self.mishaps, self.seed = mishaps or Mishaps(), seed
+        self.poses: dict[str, Pose] = dict(poses)
+        self.initial = dict(poses)
+        self.robots = {name: SimulatedRobot(name, self._luck(name)) for name in poses}
+        self.drives: list[Drive] = []
+        self.handled: list[Handled] = []
+        self.waits: dict[str, list[tuple[float, float, Pose]]] = {n: [] for n in poses}
+        """(from, until, where) robots stood though they had a motion to drive."""
+        self.broken: dict[str, float] = {}
+        self._ends: dict[str, tuple[float, str, float]] = {}
+        self._paths: dict[tuple[str, str], Any] = {}
+        self._path_of: dict[str, Any] = {}
+        """The path of the motion that each robot drives, or drove last."""
+        self._travels: dict[tuple[str, str], Any] = {}
+        self._told_at: dict[str, float] = {}
+        self._expected: dict[str, float] = {}
+        self._meanings: dict[str, Any] = {}
+        self._may: dict[str, bool] = {}
+        self._now = 0.0
+        self._random = random.Random(f"messages {seed}")
+        self._later: list[Report] = []
+        self._finished: set[str] = set()
+
+    def _luck(self, name: str) -> Luck:
+        d = self.mishaps.delays
+        rng = random.Random(f"robot {name} {self.seed}")
+        stops, at = [], 0.0
+        while d.stops > 0.0 and d.stop_seconds > 0.0 and at < 12 * 3600:
+            at += rng.expovariate(d.stops / 60.0)
+            stops.append((at, rng.expovariate(1.0 / d.stop_seconds)))
+        bias = rng.choice((-1.0, 1.0)) * d.bias * rng.random()
+        senses = Senses(bias, d.noise, d.lag, rng.random() < 0.5, False, f"{name} {self.seed}")
+        return Luck(
+            {name: 1.0 - d.slow * rng.random()}, {name: tuple(stops)}, senses={name: senses}
+        )
+
+    def follow(self, executor: Executor) -> None:
+        """Know the paths of another plan."""
+        self.know(routes_told(executor))
+
+    def know(self, told: RoutesTold) -> None:
+        """Know the paths of another plan, without its executor."""
+        self._paths, self._travels = dict(told.paths), dict(told.travels)
+        self._expected = dict(told.expected)
+        self._meanings |= told.meanings
+        for name, robot in self.robots.items():
+            key = (robot.motion or "", name)
+            if key in self._travels:
+                # the same motion, perhaps with a nearer end
+                robot.travel, robot.length = self._travels[key], self._travels[key].length
+
+    def tell(self, commands: Mapping[str, Command], now: float) -> None:
+        """Obey from now on."""
+        self._may = {}
+        for name, robot in self.robots.items():
+            command = commands.get(name)
+            if isinstance(command, Go):
+                if robot.motion != command.motion:
+                    self._begin(robot, command.motion, now)
+                robot.until = command.until
+            robot.hold = isinstance(command, Hold) and bool(command.waiting_for)
+        for who, command in commands.items():
+            if isinstance(command, Do):
+                self._may[command.activity] = command.may_end
+                if command.activity not in self._ends and command.activity not in self._finished:
+                    rng = random.Random(f"task {command.activity} {self.seed}")
+                    longer = 1.0 + self.mishaps.delays.late * rng.random()
+                    end = now + self._expected[command.activity] * longer
+                    self._ends[command.activity] = (end, who, now)
+
+    def _begin(self, robot: SimulatedRobot, motion: str, now: float) -> None:
+        self._keep(robot)
+        self._path_of[robot.name] = self._paths[motion, robot.name]
+        robot.begin(motion, self._travels[motion, robot.name], now)
+        self.drives.append(Drive(robot.name, motion, []))
+
+    def _keep(self, robot: SimulatedRobot) -> None:
+        """Put what a robot has driven on record."""
+        if robot.motion is None:
+            return
+        path = self._path_of[robot.name]
+        drive = next(d for d in reversed(self.drives) if d.robot == robot.name)
+        times, s = np.array(robot.trace).T
+        rows = np.column_stack([times, path.poses_at(np.clip(s, 0.0, path.length))])
+        drive.rows = rows.tolist()
+        x, y, theta = (float(v) for v in rows[-1, 1:])
+        self.poses[robot.name] = (x, y, theta)
+
+    def pose(self, name: str) -> Pose:
+        """Return where a robot really is."""
+        path = self._path_of.get(name)
+        if path is None:
+            return self.poses[name]
+        s = min(self.robots[name].s, path.length)
+        x, y, theta = (float(v) for v in path.poses_at(np.array([s]))[0])
+        return x, y, theta
+
+    def step(self, now: float, seconds: float) -> None:
+        """Drive for some seconds from ``now`` on."""
+        for when, name, lasts in self.mishaps.breakdowns:
+            if when <= now < when + lasts and name not in self.broken:
+                self.broken[name] = when + lasts
+        self.broken = {n: end for n, end in self.broken.items() if end > now}
+        self._now = round(now + seconds, 6)
+        for name, robot in self.robots.items():
+            if robot.motion is None:
+                continue
+            if name in self.broken:
+                robot.held_until = max(robot.held_until, now + seconds)
+            was = robot.s
+            robot.step(now, seconds)
+            if robot.s <= was and robot.s < robot.length - 0.01:
+                self._wait(name, now, self._now)
+
+    def _wait(self, name: str, since: float, until: float) -> None:
+        waits = self.waits[name]
+        if waits and abs(waits[-1][1] - since) < 1e-6:
+            waits[-1] = (waits[-1][0], until, waits[-1][2])
+        else:
+            waits.append((since, until, self.pose(name)))
+
+    def reports(self, now: float) -> Iterable[Report]:
+        """Return what robots tell: where they are, and what they have done."""
+        found, self._later = self._later, []
+        for name, robot in self.robots.items():
+            if robot.motion is None:
+                continue
+            told = robot.told(now)
+            if now < self._told_at.get(name, 0.0) + (SELDOM if robot.v == 0.0 else OFTEN):
+                continue
+            self._told_at[name] = now
+            if told is not None:
+                told = min(max(told, 0.0), robot.length)
+                found += self._sent(Report(name, now, robot.motion, told))
+            if robot.arrived:
+                found += self._sent(Report(name, now, robot.motion, done=True))
+        for activity, (end, who, since) in list(self._ends.items()):
+            if end <= now and self._may.get(activity, False) and who not in self.broken:
+                report = Report(who, now, activity, done=True)
+                sent = self._sent(report)
+                found += sent
+                if activity not in self._finished:
+                    self._finished.add(activity)
+                    kind, what, _ = self._meanings[activity]
+                    self.handled.append(Handled(kind, what, who, since, now))
+            elif activity in self._finished and activity not in self._may:
+                del self._ends[activity]
+        return found
+
+    def _sent(self, report: Report) -> list[Report]:
+        """Return a report as often as it arrives now."""
+        if self._random.random() < self.mishaps.lost:
+            return []
+        if self._random.random() < self.mishaps.twice:
+            self._later.append(report)
+        return [report]
+
+    def close(self) -> None:
+        """Put what is driven last on record."""
+        for robot in self.robots.values():
+            self._keep(robot)
+
+
+class SteppedClock:
+    """A simulated clock whose time is also that of simulated robots: they drive while it passes."""
+
+    def __init__(self, clock: Any, robots: SimulatedRobots, step: float = 0.1) -> None:
+        self.clock, self.robots, self.step = clock, robots, step
+        self.waits: bool = clock.waits
+
+    def now(self) -> float:
+        """Return the time (s)."""
+        found: float = self.clock.now()
+        return found
+
+    def sleep(self, seconds: float) -> None:
+        """Let time pass: robots drive."""
+        parts = max(1, round(seconds / self.step))
+        for _ in range(parts):
+            self.robots.step(self.clock.now(), seconds / parts)
+            self.clock.sleep(seconds / parts)

@@ -1,0 +1,256 @@
+"""One plan of two: what stays of the old one, and then the new one.
+
+The new plan begins where everybody stands once what is kept is done, so in the plan's own time it
+comes after all of it. That fixes who goes first where paths meet, and nothing else: on the floor a
+robot begins with the new plan as soon as it is free itself and those have passed that it would
+meet. The graph of both holds what the old one says of what is kept, what the new problem asks for,
+and that what is kept comes first of all that shares a robot, a resource, or is to come after it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from up_samp.execution.build import Dependencies, Draft, tasks_of
+from up_samp.execution.executor import Executor
+from up_samp.execution.files import event_from_list, graph_to_dict
+from up_samp.execution.graph import MEETING, At, Event
+from up_samp.execution.lives import lives_of
+from up_samp.execution.meetings import meetings_of
+from up_samp.execution.tolerances import TOLERANCES
+from up_samp.fleet.statements import Kind, Meaning
+from up_samp.io.plan_dict import VERSIONS, PlanDict
+from up_samp.operate.horizon import Cut, meanings_of
+from up_samp.operate.records import Pose
+
+BUSY = "busy."
+"""Tasks of this prefix stand for what robots still do of the plan before."""
+
+
+@dataclass(frozen=True)
+class Kept:
+    """What stays of a plan, on the clock of the cut: activities, motions and changes as in plan
+    files, and edges (first, then, lag, kind, why).
+    """
+
+    objects: tuple[dict[str, Any], ...] = ()
+    activities: tuple[dict[str, Any], ...] = ()
+    motions: tuple[dict[str, Any], ...] = ()
+    changes: tuple[dict[str, Any], ...] = ()
+    edges: tuple[tuple[Event, Event, float, str, str], ...] = ()
+    expected: Mapping[str, float] | None = None
+    initial: Mapping[str, Pose] | None = None
+    meanings: Mapping[str, Meaning] | None = None
+
+    @property
+    def until(self) -> int:
+        """When all of it is over (units)."""
+        return max((a["end"] for a in self.activities), default=0)
+
+
+def kept_of(executor: Executor, cut: Cut) -> Kept:
+    """Return what stays of an executor's plan."""
+    plan, state = executor.plan, executor.state
+    names = set(cut.kept)
+    entries = [a for a in plan["activities"] if a["name"] in names]
+    first = min((a["start"] for a in entries), default=0)
+    by = first * float(plan["seconds_per_unit"])
+    activities = [{**a, "start": a["start"] - first, "end": a["end"] - first} for a in entries]
+    motions = [
+        _later(_ended(m, cut.stops[m["activity"]]) if m["activity"] in cut.stops else m, -by)
+        for m in plan["motions"]
+        if m["activity"] in names
+    ]
+    changes = [
+        {**c, "time": round(c["time"] - by, 6)}
+        for c in plan["changes"]
+        if c["activity"] in names and c["activity"] not in cut.stops
+    ]
+    return Kept(
+        tuple(plan["objects"]),
+        tuple(activities),
+        tuple(motions),
+        tuple(changes),
+        tuple(_edges(executor, cut)),
+        {n: state.graph.tasks[n].expected for n in names},
+        _initial(executor, cut, motions),
+        {n: m for n, m in meanings_of(plan).items() if n in names},
+    )
+
+
+def _later(motion: Mapping[str, Any], by: float) -> dict[str, Any]:
+    return {**motion, "samples": [[round(r[0] + by, 9), *r[1:]] for r in motion["samples"]]}
+
+
+def _ended(motion: Mapping[str, Any], at: float) -> dict[str, Any]:
+    """Return a motion up to ``at`` m."""
+    rows, s = np.asarray(motion["samples"]), np.asarray(motion["progress"])
+    k = int(np.searchsorted(s, at - TOLERANCES.arrived))
+    if k >= len(s):
+        return dict(motion)
+    share = (at - s[k - 1]) / (s[k] - s[k - 1]) if k and s[k] > s[k - 1] else 1.0
+    last = rows[max(k - 1, 0)] + share * (rows[k] - rows[max(k - 1, 0)])
+    kept = [*motion["samples"][:k], [round(float(v), 9) for v in last]]
+    return {**motion, "samples": kept, "progress": [*motion["progress"][:k], round(at, 6)]}
+
+
+def _edges(executor: Executor, cut: Cut) -> Iterable[tuple[Event, Event, float, str, str]]:
+    """Yield what the old graph says of what is kept, beside who lets whom pass."""
+    graph, names = executor.state.graph, set(cut.kept)
+    for edge in graph.edges:
+        first, then = graph.events[edge.first], graph.events[edge.then]
+        if edge.kind == MEETING or then.activity not in names:
+            continue
+        if any(_lost(e, cut) for e in (first, then)):
+            continue
+        if first.at is At.ORIGIN:
+            lag = edge.lag - cut.since
+            if lag > 0.0:
+                yield first, then, lag, edge.kind, edge.why
+        elif first.activity in names:
+            yield first, then, edge.lag, edge.kind, edge.why
+
+
+def _lost(event: Event, cut: Cut) -> bool:
+    """Return whether an event is one that a motion that ends early does not come to."""
+    stop = cut.stops.get(event.activity)
+    if stop is None:
+        return False
+    return event.at is At.END or (event.at is not At.START and event.progress > stop)
+
+
+def _initial(executor: Executor, cut: Cut, motions: list[dict[str, Any]]) -> dict[str, Pose]:
+    """Return where everything is before what is kept: where the first motion of it begins, or
+    where it stays.
+    """
+    moved = {c["object"] for c in executor.plan["changes"] if c["activity"] in cut.kept}
+    now = {o["name"]: tuple(o["initial"]) for o in executor.plan["objects"]}
+    for change in sorted(executor.plan["changes"], key=lambda c: c["time"]):
+        over = Event(At.END, change["activity"]) in executor.state.fired
+        if over and change["object"] in moved:
+            now[change["object"]] = tuple(change["configuration"])
+    found = {n: now[n] if n in moved else cut.poses.get(n, now[n]) for n in now}
+    for motion in sorted(motions, key=lambda m: -m["samples"][0][0]):
+        found[motion["object"]] = tuple(motion["samples"][0][1:])
+    return found
+
+
+def stitched(
+    kept: Kept,
+    new: PlanDict,
+    meanings: Mapping[str, Meaning],
+    number: int,
+    ties: Iterable[tuple[str, str]] = (),
+) -> PlanDict:
+    """Return one plan with its dependencies. ``meanings`` are those of the new plan's activities,
+    which get ``#number`` behind their names. ``ties``: kept activities, and new ones (by their
+    names in the new plan) that may begin only then.
+
+    Raises :class:`ProblemError` where nobody could follow it.
+    """
+    unit = float(new["seconds_per_unit"])
+    names = {
+        a["name"]: f"{a['name']}#{number}"
+        for a in new["activities"]
+        if not meanings[a["name"]].what.startswith(BUSY)
+    }
+    by = kept.until
+    plan = {k: v for k, v in new.items() if k not in ("dependencies", "minor")}
+    there = {o["name"] for o in new["objects"]}
+    plan["objects"] = [
+        {**o, "initial": list((kept.initial or {}).get(o["name"], o["initial"]))}
+        for o in (*new["objects"], *(o for o in kept.objects if o["name"] not in there))
+    ]
+    plan["activities"] = [
+        *kept.activities,
+        *(
+            {**a, "name": names[a["name"]], "start": a["start"] + by, "end": a["end"] + by}
+            for a in new["activities"]
+            if a["name"] in names
+        ),
+    ]
+    moved = ({**m, "activity": names[m["activity"]]} for m in new["motions"])
+    plan["motions"] = [*kept.motions, *(_later(m, by * unit) for m in moved)]
+    plan["changes"] = [
+        *kept.changes,
+        *(
+            {**c, "activity": names[c["activity"]], "time": round(c["time"] + by * unit, 6)}
+            for c in new["changes"]
+        ),
+    ]
+    plan["motions"].sort(key=lambda m: m["samples"][0][0])
+    plan["makespan"] = max((a["end"] for a in plan["activities"]), default=0)
+    known = dict(kept.meanings or {}) | {n: meanings[old] for old, n in names.items()}
+    plan["meanings"] = {n: [m.kind.value, m.what, m.robot] for n, m in known.items()}
+    told = _dependencies(plan, kept, new, names, ties, known)
+    plan["minor"] = max(VERSIONS.localisation, new.get("minor", 0))
+    plan["dependencies"] = {
+        **graph_to_dict(told.graph),
+        "localisation": told.localisation,
+        "narrow": new["dependencies"].get("narrow", []),
+    }
+    return plan
+
+
+def _dependencies(
+    plan: PlanDict,
+    kept: Kept,
+    new: PlanDict,
+    names: Mapping[str, str],
+    ties: Iterable[tuple[str, str]],
+    known: Mapping[str, Meaning],
+) -> Dependencies:
+    said = new["dependencies"]
+    expected = dict(kept.expected or {})
+    expected |= {
+        names[t["activity"]]: float(t["expected"]) for t in said["tasks"] if t["activity"] in names
+    }
+    who = {n: ((m.robot,) if m.robot else ()) for n, m in known.items()}
+    tasks = {n: replace(t, expected=expected[n]) for n, t in tasks_of(plan, who).items()}
+    lives = lives_of(plan)
+    draft = Draft(tasks, lives)
+    for edge in kept.edges:
+        draft.put(*edge)
+    for entry in said["edges"]:
+        first, then = (event_from_list(entry[side]) for side in ("first", "then"))
+        if entry["kind"] != MEETING and {first.activity, then.activity} - {""} <= set(names):
+            pair = (_named(first, names), _named(then, names))
+            draft.put(*pair, float(entry["lag"]), entry["kind"], entry["why"])
+    for one, two in _after(kept, known, names, ties):
+        first, then = Event(At.END, one), Event(At.START, two)
+        draft.put(first, then, TOLERANCES.strict, "object", f"{one} was there before")
+    margin, error = float(said["margin"]), float(said.get("localisation", 0.0))
+    meetings = meetings_of(lives, margin, error)
+    for meeting in meetings:
+        draft.add_meeting(meeting)
+    return Dependencies(draft.graph(margin), lives, tuple(meetings), (), error)
+
+
+def _named(event: Event, names: Mapping[str, str]) -> Event:
+    return replace(event, activity=names.get(event.activity, event.activity))
+
+
+def _after(
+    kept: Kept,
+    known: Mapping[str, Meaning],
+    names: Mapping[str, str],
+    ties: Iterable[tuple[str, str]],
+) -> Iterable[tuple[str, str]]:
+    """Yield which new activities come after which kept ones: the robot's own, and ties."""
+    for one in kept.activities:
+        robot = known[one["name"]].robot
+        for two in names.values():
+            if robot and known[two].robot == robot:
+                yield one["name"], two
+    for one_, two_ in ties:
+        if two_ in names:
+            yield one_, names[two_]
+
+
+def is_busy(meaning: Meaning) -> bool:
+    """Return whether an activity stands for what a robot still does of the plan before."""
+    return meaning.kind is Kind.TASK and meaning.what.startswith(BUSY)

@@ -1,0 +1,301 @@
+"""The live floor: a page and an interface over HTTP for an operation, with two tokens.
+
+Whoever has the read-only token sees; whoever has the operator's may add and cancel orders, hold and
+release, block areas. Nothing here touches the operation: what is asked waits for the loop, which
+does it between two steps (:meth:`FloorPage.serve`) and publishes what is to be seen.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+import json
+import math
+import queue
+import secrets
+import threading
+import time
+from collections.abc import AsyncIterator, Callable, Collection, Mapping
+from concurrent.futures import Future
+from importlib import resources
+from typing import Any
+
+import numpy as np
+import uvicorn
+from fastapi import Depends, FastAPI, HTTPException, Request
+from fastapi.responses import HTMLResponse, Response, StreamingResponse
+from starlette.concurrency import run_in_threadpool
+
+from up_samp.execution.reports import Do, Go, Hold
+from up_samp.fleet.records import corners_of
+from up_samp.model import ProblemError, SampError
+from up_samp.operate.horizon import DELIVERS
+from up_samp.operate.loop import Operation
+from up_samp.operate.store import clock_text
+from up_samp.server.guard import LOCAL, Guard
+
+OFTEN = 0.4
+"""Seconds between two looks that are published."""
+WAIT = 10.0
+"""Seconds that a request waits for the loop."""
+MOST = 1_000_000
+"""Bytes of a request."""
+SHOWN = 60
+"""So many orders are shown, those that are open first."""
+
+
+class FloorPage:
+    """A server in a thread of its own, and what waits for the loop."""
+
+    def __init__(self, day: Operation, host: str, port: int) -> None:
+        self.day = day
+        self.read, self.write = (
+            day.store.day(f"token {kind}") or secrets.token_urlsafe(18)
+            for kind in ("read", "operator")
+        )
+        with day.store:
+            day.store.keep("token read", self.read)
+            day.store.keep("token operator", self.write)
+        self._asked: queue.SimpleQueue[tuple[Callable[[], Any], Future[Any]]] = queue.SimpleQueue()
+        self._at = -math.inf
+        self.shown = b"{}"
+        self.version = 0
+        app = create_floor_app(self, {host})
+        config = uvicorn.Config(app, host=host, port=port, log_level="warning")
+        self._server = uvicorn.Server(config)
+        self._thread = threading.Thread(target=self._server.run, daemon=True)
+        self._thread.start()
+        base = f"http://{host}:{port}/?token="
+        self.told = [f"to look: {base}{self.read}", f"to operate: {base}{self.write}"]
+
+    def serve(self) -> None:
+        """Do what is asked for, and publish what is to be seen; called by the loop."""
+        while True:
+            try:
+                do, future = self._asked.get_nowait()
+            except queue.Empty:
+                break
+            try:
+                future.set_result(do())
+            except Exception as error:
+                future.set_exception(error)
+        if time.monotonic() >= self._at + OFTEN:
+            self._at = time.monotonic()
+            self.shown = json.dumps(floor_data(self.day)).encode()
+            self.version += 1
+
+    def ask(self, do: Callable[[], Any]) -> Any:
+        """Let the loop do something; return its answer."""
+        future: Future[Any] = Future()
+        self._asked.put((do, future))
+        try:
+            return future.result(WAIT)
+        except SampError as error:
+            raise HTTPException(422, str(error)) from error
+        except TimeoutError as error:
+            raise HTTPException(503, "the floor does not answer") from error
+
+    def close(self) -> None:
+        """End the server."""
+        self._server.should_exit = True
+        self._thread.join(5.0)
+
+
+def serve_floor(day: Operation, host: str, port: int) -> FloorPage:
+    """Serve an operation's floor at a port."""
+    return FloorPage(day, host, port)
+
+
+def create_floor_app(page: FloorPage, hosts: Collection[str]) -> FastAPI:
+    """Return the application; it answers requests to this machine's names and ``hosts``."""
+    app = FastAPI(title="up_samp floor", docs_url=None, redoc_url=None, openapi_url=None)
+    app.add_middleware(Guard, hosts=LOCAL | {h.lower() for h in hosts}, most=MOST)
+    _add_looks(app, page)
+    _add_deeds(app, page)
+    return app
+
+
+def _token(request: Request) -> str:
+    header = request.headers.get("authorization", "")
+    kind, _, token = header.partition(" ")
+    return token if kind.lower() == "bearer" else request.query_params.get("token", "")
+
+
+def _same(one: str, other: str) -> bool:
+    return hmac.compare_digest(one.encode(), other.encode())
+
+
+def _add_looks(app: FastAPI, page: FloorPage) -> None:
+    def reader(request: Request) -> bool:
+        """Return whether who asks may operate, too; who may not even look is turned away."""
+        token = _token(request)
+        if _same(token, page.write):
+            return True
+        if _same(token, page.read):
+            return False
+        raise HTTPException(401, "give the token of this floor")
+
+    @app.get("/", response_class=HTMLResponse)
+    def home() -> str:
+        """Return the page; it asks for all else with its token."""
+        return resources.files("up_samp.server").joinpath("floor.html").read_text("utf-8")
+
+    @app.get("/v1/floor")
+    def look(_: bool = Depends(reader)) -> Response:
+        """Return what is to be seen now."""
+        return Response(page.shown, media_type="application/json")
+
+    @app.get("/v1/site")
+    def site(operator: bool = Depends(reader)) -> dict[str, Any]:
+        """Return what does not change: walls, places, footprints, and what may be done."""
+        return {**site_data(page.day), "operator": operator}
+
+    @app.get("/v1/floor/events")
+    async def events(_: bool = Depends(reader)) -> StreamingResponse:
+        """Stream what is to be seen as server-sent events."""
+
+        async def stream() -> AsyncIterator[bytes]:
+            seen = -1
+            while True:
+                if page.version != seen:
+                    seen = page.version
+                    yield b"event: floor\ndata: " + page.shown + b"\n\n"
+                await asyncio.sleep(OFTEN / 2)
+
+        return StreamingResponse(stream(), media_type="text/event-stream")
+
+
+def _add_deeds(app: FastAPI, page: FloorPage) -> None:
+    day = page.day
+
+    async def operator(request: Request) -> dict[str, Any]:
+        """Return what an operator sends; others are turned away."""
+        token = _token(request)
+        if not _same(token, page.write):
+            raise HTTPException(403 if _same(token, page.read) else 401, "only operators may")
+        if request.method == "DELETE":
+            return {}
+        try:
+            body = json.loads(await request.body() or b"{}")
+        except ValueError as error:
+            raise HTTPException(422, "the request is no JSON") from error
+        if not isinstance(body, dict):
+            raise HTTPException(422, "the request must be an object")
+        return body
+
+    def deed(method: str, path: str, do: Callable[[Mapping[str, Any], str], Any]) -> None:
+        async def done(request: Request, body: dict[str, Any] = Depends(operator)) -> Any:  # noqa: B008
+            name = request.path_params.get("name", "")
+            await run_in_threadpool(page.ask, lambda: do(body, name))
+            return {"done": True}
+
+        app.add_api_route(path, done, methods=[method])
+
+    def robot(body: Mapping[str, Any]) -> str:
+        return str(body.get("robot", ""))
+
+    deed("POST", "/v1/orders", lambda body, _: day.add(body))
+    deed("DELETE", "/v1/orders/{name}", lambda _, name: day.cancel(name))
+    deed("POST", "/v1/hold", lambda body, _: day.hold(robot(body), str(body.get("why", "by hand"))))
+    deed("POST", "/v1/release", lambda body, _: day.release(robot(body)))
+    deed("POST", "/v1/robots/{name}/leave", lambda body, name: day.leave(name))
+    deed("POST", "/v1/robots/{name}/join", lambda body, name: day.join(name))
+    deed("POST", "/v1/areas/{name}", lambda body, name: day.block(name, _corners(body)))
+    deed("DELETE", "/v1/areas/{name}", lambda _, name: day.unblock(name))
+
+
+def _corners(body: Mapping[str, Any]) -> list[list[float]]:
+    corners = body.get("corners")
+    good = isinstance(corners, list) and all(
+        isinstance(c, list) and len(c) == 2 and all(isinstance(v, int | float) for v in c)
+        for c in corners
+    )
+    if not good or corners is None:
+        raise ProblemError("an area needs its corners: [[x, y], ...]")
+    return [[float(v) for v in c] for c in corners]
+
+
+# ------------------ What is to be seen
+
+
+def site_data(day: Operation) -> dict[str, Any]:
+    """Return what does not change on a floor, as JSON would hold it."""
+    from up_samp.geometry.maps import load_map
+
+    grid = load_map(day.folder / day.site.map)
+    rows, cols = np.nonzero(grid.occupied)
+    height, width = (n * grid.resolution for n in grid.occupied.shape)
+    step = max(1, round(0.1 / grid.resolution))
+    cells = sorted({(int(c) // step, int(r) // step) for r, c in zip(rows, cols, strict=True)})
+    return {
+        "name": day.site.name,
+        "size": [width, height],
+        "origin": list(grid.origin[:2]),
+        "cell": step * grid.resolution,
+        "walls": cells,
+        "places": {n: list(p.pose) for n, p in day.site.places.items()},
+        "robots": {
+            n: [list(c) for c in corners_of(day.site.robot_types[r.type].footprint)]
+            for n, r in day.site.robots.items()
+        },
+    }
+
+
+def floor_data(day: Operation) -> dict[str, Any]:
+    """Return what is to be seen on a floor now, as JSON would hold it."""
+    now = day.clock.now()
+    jobs = sorted(day.jobs.values(), key=lambda j: (not j.state.open, -j.came))[:SHOWN]
+    ends = _forecast(day)
+    return {
+        "time": clock_text(now, day.store.day("epoch")),
+        "plan": day.number,
+        "why": day.wanted,
+        "robots": {n: _robot(day, n) for n in day.site.robots},
+        "areas": {n: [list(c) for c in shape] for n, shape in day.areas.items()},
+        "orders": [
+            {
+                "id": j.id,
+                "state": j.state.value,
+                "robot": j.robot or ends.get(j.id, ("", 0.0))[0],
+                "due": None if j.record.due is None else round(j.record.due - now),
+                "forecast": round(ends[j.id][1] - now) if j.id in ends and j.state.open else None,
+                "late": round(j.tardiness),
+            }
+            for j in jobs
+        ],
+    }
+
+
+def _forecast(day: Operation) -> dict[str, tuple[str, float]]:
+    """Return by order who does it, and when it will be done (s of the day)."""
+    if day.executor is None:
+        return {}
+    ahead = day.executor.retime()
+    return {
+        m.what: (m.robot, ahead.span(n)[1] + day.origin)
+        for n, m in day.meanings.items()
+        if m.kind in DELIVERS
+    }
+
+
+def _robot(day: Operation, name: str) -> dict[str, Any]:
+    command = day.commands.get(name)
+    what, way = "idle", []
+    if isinstance(command, Go) and day.executor is not None:
+        what = f"drives: {command.motion.partition('#')[0]}"
+    elif isinstance(command, Do):
+        what = f"does: {command.activity.partition('#')[0]}"
+    elif isinstance(command, Hold) and command.waiting_for:
+        what = f"waits: {command.waiting_for[0]}"
+    under = None if day.executor is None else day.executor.state.of_object.get(name)
+    if under is not None and day.executor is not None:
+        path = day.executor._drives[under.activity, name].path
+        at = np.linspace(min(under.progress, path.length), path.length, 30)
+        way = [[round(float(v), 2) for v in p[:2]] for p in path.poses_at(at)]
+    return {
+        "pose": [round(v, 3) for v in day.pose(name)],
+        "what": what,
+        "way": way,
+        "held": day.held.get(name, ""),
+        "away": day.away.get(name, ""),
+    }
