@@ -1,7 +1,7 @@
 """A hospital with two floors: carts bring medicine and meals up by the lift, and rest in a break.
 
-The pharmacy and the kitchen are on the ground, the wards above them. Both floors have two rooms with
-an opening between them; the lift is in the right one and takes one cart at a time. Run
+The pharmacy and the kitchen are on the ground, the wards above them. Both floors have two rooms
+with an opening between; the lift is in the right one and takes one cart at a time. Run
 ``up-samp solve examples/hospital.py --timeout 60 --out hospital-out``.
 """
 

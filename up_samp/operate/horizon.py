@@ -30,8 +30,8 @@ DELIVERS = (Kind.DELIVERY, Kind.TASK)
 
 @dataclass(frozen=True)
 class Cut:
-    """``kept``: activities that stay, in the plan's order, with those that are over and that what
-    is under way went past. ``stops``: how far (m) motions that have
+    """``kept``: activities that stay, in the plan's order. ``starts``: from where on (m) motions
+    under way are part of it. ``stops``: how far (m) motions that have
     begun still go, where they end early. ``poses``: where each robot, and each door, stands when
     all that is done; ``free``: in how many seconds. ``carrying``: robots that still have an order.
     ``jobs``: orders and tasks that stay as they are.
@@ -40,12 +40,17 @@ class Cut:
     since: float
     kept: tuple[str, ...] = ()
     stops: Mapping[str, float] = field(default_factory=dict)
+    starts: Mapping[str, float] = field(default_factory=dict)
     poses: Mapping[str, Pose] = field(default_factory=dict)
     free: Mapping[str, float] = field(default_factory=dict)
     carrying: Mapping[str, str] = field(default_factory=dict)
     jobs: tuple[str, ...] = ()
     begun: frozenset[str] = frozenset()
     """What had begun by then."""
+
+
+LEAST = 0.1
+"""m of a motion under way that are left of it at least."""
 
 
 class Opened(enum.Enum):
@@ -107,6 +112,7 @@ class _Cutter:
             self.before.setdefault(then, []).append(first)
             self.after.setdefault(first, []).append(then)
         self.dead = self._dead()
+        self.stops: dict[str, float] = {}
 
     def _pairs(self) -> Iterable[tuple[int, int]]:
         graph = self.state.graph
@@ -159,8 +165,9 @@ class _Cutter:
         ]
         kept = self._whole({n for n in (*running, *soon) if self._alive(n)})
         stops = {n: s for n in running if not self._alive(n) if (s := self._stop(n)) is not None}
+        self.stops = stops
         order = {n: i for turn in self.turns.values() for i, n in enumerate(turn)}
-        listed = sorted((*kept, *stops, *self._past(running)), key=lambda n: (order[n], n))
+        listed = sorted((*kept, *stops), key=lambda n: (order[n], n))
         free: dict[str, float] = {}
         for name in listed:
             who = self.meanings[name].robot
@@ -170,6 +177,7 @@ class _Cutter:
             now,
             tuple(listed),
             stops,
+            self._starts(listed),
             self._poses(set(kept), stops),
             free,
             self._carrying(set(kept)),
@@ -177,18 +185,17 @@ class _Cutter:
             frozenset(n for n, p in self.state.phase.items() if p is not TaskPhase.WAITING),
         )
 
-    def _past(self, running: list[str]) -> list[str]:
-        """Return what was done since the first motion under way began: where others were then is
-        part of how that motion passed them.
+    def _starts(self, names: Iterable[str]) -> dict[str, float]:
+        """Return from where on (m) motions under way count: what is driven is over, and others may
+        stand there by now.
         """
-        times = self.executor.times()
-        begun = [times[n][0] for n in running if self.state.ways_of[n]]
-        since = min(begun, default=self.state.now)
-        return [
-            n
-            for n, p in self.state.phase.items()
-            if p is TaskPhase.DONE and (times[n][1] or 0.0) > since
-        ]
+        found = {}
+        for name in names:
+            for way in self.state.ways_of[name]:
+                if self.state.phase[name] is TaskPhase.RUNNING:
+                    most = self.stops.get(name, way.length) - LEAST
+                    found[name] = max(0.0, min(way.progress - self.state.localisation, most))
+        return found
 
     def _staying(self, robot: str, turn: list[str]) -> list[str]:
         """Return what stays of a robot's work because it is not planned anew."""

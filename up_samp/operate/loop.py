@@ -142,6 +142,8 @@ class Operation:
         self.number = 0
         """The plan's."""
         self.meanings: dict[str, Meaning] = {}
+        self.gone: dict[str, float] = {}
+        """How much (m) of motions was driven when their plan began: robots count all of it."""
         self.poses = {n: self._home(r.start) for n, r in self.site.robots.items()}
         self.jobs: dict[str, Job] = {}
         self.away: dict[str, str] = {}
@@ -200,6 +202,7 @@ class Operation:
 
     def _follow(self, executor: Executor) -> None:
         self.executor, self.meanings = executor, meanings_of(executor.plan)
+        self.gone = {m["activity"]: m.get("from", 0.0) for m in executor.plan["motions"]}
         self.robots.follow(executor)
         self._limit()
 
@@ -389,7 +392,9 @@ class Operation:
             return self.executor.done(report.activity, at)
         if report.activity and self.executor.state.of_object.get(report.robot) is None:
             return None  # of a motion that is over, or of a plan before
-        where = {"pose": report.pose} if report.progress is None else {"progress": report.progress}
+        where: dict[str, Any] = {"pose": report.pose}
+        if report.progress is not None:
+            where = {"progress": report.progress - self.gone.get(report.activity, 0.0)}
         reply = self.executor.update(report.robot, now=at, motion=report.activity or None, **where)  # type: ignore[arg-type]
         if reply.heard is Heard.HELD:
             self.store.note(report.time, "report", report.robot, "is held", reply.why)
@@ -456,10 +461,9 @@ class Operation:
             return Hold((f"held {self.held[who]}",))
         if who in self.away:
             return Hold((self.away[who],))
-        if isinstance(command, Go) and command.motion in self.limits:
-            most = self.limits[command.motion]
-            if most < command.until:
-                return Go(command.motion, most)
+        if isinstance(command, Go):
+            most = min(command.until, self.limits.get(command.motion, command.until))
+            return Go(command.motion, most + self.gone.get(command.motion, 0.0))
         return command
 
     # ------------------------------------------------------------------ planning
@@ -690,7 +694,8 @@ class Operation:
             if phase is TaskPhase.DONE:
                 done.append(name)
             else:
-                under_way[name] = {w.object: w.told for w in old.state.ways_of[name]}
+                gone = question.cut.starts.get(name, 0.0)
+                under_way[name] = {w.object: w.told - gone for w in old.state.ways_of[name]}
         executor.join(max(0.0, old.now - by), done=done, under_way=under_way, times=times)
         executor.pace.load(old.pace.saved())
         return executor

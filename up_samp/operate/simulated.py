@@ -139,11 +139,6 @@ class SimulatedRobots:
         self._paths, self._travels = dict(told.paths), dict(told.travels)
         self._expected = dict(told.expected)
         self._meanings |= told.meanings
-        for name, robot in self.robots.items():
-            key = (robot.motion or "", name)
-            if key in self._travels:
-                # the same motion, perhaps with a nearer end
-                robot.travel, robot.length = self._travels[key], self._travels[key].length
 
     def tell(self, commands: Mapping[str, Command], now: float) -> None:
         """Obey from now on."""

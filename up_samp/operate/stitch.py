@@ -61,7 +61,7 @@ def kept_of(executor: Executor, cut: Cut) -> Kept:
     by = first * float(plan["seconds_per_unit"])
     activities = [{**a, "start": a["start"] - first, "end": a["end"] - first} for a in entries]
     motions = [
-        _later(_ended(m, cut.stops[m["activity"]]) if m["activity"] in cut.stops else m, -by)
+        _later(_begun(_ended(m, cut.stops.get(m["activity"])), cut.starts.get(m["activity"])), -by)
         for m in plan["motions"]
         if m["activity"] in names
     ]
@@ -86,8 +86,24 @@ def _later(motion: Mapping[str, Any], by: float) -> dict[str, Any]:
     return {**motion, "samples": [[round(r[0] + by, 9), *r[1:]] for r in motion["samples"]]}
 
 
-def _ended(motion: Mapping[str, Any], at: float) -> dict[str, Any]:
+def _begun(motion: Mapping[str, Any], at: float | None) -> Mapping[str, Any]:
+    """Return a motion from ``at`` m on; ``from`` is how much of it is left out."""
+    if not at:
+        return motion
+    rows, s = np.asarray(motion["samples"]), np.asarray(motion["progress"])
+    k = min(int(np.searchsorted(s, at, side="right")), len(s) - 1)
+    share = (at - s[k - 1]) / (s[k] - s[k - 1]) if s[k] > s[k - 1] else 0.0
+    first = rows[k - 1] + share * (rows[k] - rows[k - 1])
+    samples = [[round(float(v), 9) for v in first], *motion["samples"][k:]]
+    progress = [0.0, *(round(float(p - at), 6) for p in s[k:])]
+    left = round(motion.get("from", 0.0) + at, 6)
+    return {**motion, "samples": samples, "progress": progress, "from": left}
+
+
+def _ended(motion: Mapping[str, Any], at: float | None) -> Mapping[str, Any]:
     """Return a motion up to ``at`` m."""
+    if at is None:
+        return motion
     rows, s = np.asarray(motion["samples"]), np.asarray(motion["progress"])
     k = int(np.searchsorted(s, at - TOLERANCES.arrived))
     if k >= len(s):
@@ -107,12 +123,28 @@ def _edges(executor: Executor, cut: Cut) -> Iterable[tuple[Event, Event, float, 
             continue
         if any(_lost(e, cut) for e in (first, then)):
             continue
+        if any(_passed(e, cut) for e in (first, then)):
+            continue
+        first, then = _moved(first, cut), _moved(then, cut)
         if first.at is At.ORIGIN:
             lag = edge.lag - cut.since
             if lag > 0.0:
                 yield first, then, lag, edge.kind, edge.why
         elif first.activity in names:
             yield first, then, edge.lag, edge.kind, edge.why
+
+
+def _passed(event: Event, cut: Cut) -> bool:
+    """Return whether an event is on a part of a motion that is driven."""
+    inner = event.at in (At.REACH, At.LEAVE)
+    return inner and event.progress <= cut.starts.get(event.activity, -1.0)
+
+
+def _moved(event: Event, cut: Cut) -> Event:
+    """Return an event by the progress from where on its motion counts."""
+    if event.at not in (At.REACH, At.LEAVE) or event.activity not in cut.starts:
+        return event
+    return replace(event, progress=event.progress - cut.starts[event.activity])
 
 
 def _lost(event: Event, cut: Cut) -> bool:

@@ -229,8 +229,8 @@ class MasterControl:
         """Know the motions of another plan."""
         plan = executor.plan
         self._number = plan["number"]
-        self._motions = {m["activity"]: m for m in plan["motions"]}
-        self._lengths = {key[0]: length for key, length in executor.state.graph.lengths.items()}
+        self._motions = {m["activity"]: _whole(m) for m in plan["motions"]}
+        self._lengths = {name: m["progress"][-1] for name, m in self._motions.items()}
         self._meanings = plan["meanings"]
         self._expected = {n: t.expected for n, t in executor.state.graph.tasks.items()}
 
@@ -380,6 +380,11 @@ class MasterControl:
 
     def _send(self, robot: str, topic: str, message: Message) -> None:
         self.client.publish(f"{self.root}/{robot}/{topic}", json.dumps(message), qos=0)
+
+
+def _whole(motion: Message) -> Message:
+    """Return a motion with progress from where its robot began it."""
+    return {**motion, "progress": [p + motion.get("from", 0.0) for p in motion["progress"]]}
 
 
 def _older(new: Message, old: Message) -> bool:
