@@ -1,5 +1,6 @@
 """Orders over a real broker (Debian's mosquitto) to simulated AGVs of VDA 5050."""
 
+import os
 import shutil
 import subprocess
 import time
@@ -89,3 +90,53 @@ def test_agvs_do_their_orders_over_a_broker(tmp_path, broker):
     assert {j.state.value for j in jobs.values()} == {"done"}
     assert [why for a in agvs for _, why in a.refused] == []
     assert met(fleet, agvs) == []
+
+
+NODE = shutil.which("node")
+LIBRARY = os.environ.get("VDA_5050_LIB", "")
+"""The folder node_modules that holds vda-5050-lib."""
+
+
+@pytest.mark.skipif(
+    NODE is None or not (Path(LIBRARY) / "vda-5050-lib").is_dir(),
+    reason="needs node, and vda-5050-lib of npm in the folder that VDA_5050_LIB names",
+)
+def test_virtual_agvs_of_vda_5050_lib_do_their_orders(tmp_path, broker):
+    fleet = hall(tmp_path, 4)
+    script = Path(__file__).parent / "virtual_agv.js"
+    agvs = []
+    for k in range(4):
+        pose = map(str, fleet.records.places[f"home{k}"].pose)
+        agvs.append(
+            subprocess.Popen(
+                [NODE, str(script), str(broker), f"r{k}", *pose],
+                env={**os.environ, "NODE_PATH": LIBRARY},
+            )
+        )
+    traces = {f"r{k}": [] for k in range(4)}
+
+    def watch(day):
+        for name, agv in day.robots.agvs.items():
+            at = agv.state.get("agvPosition")
+            if at is not None:
+                traces[name].append([time.time(), at["x"], at["y"], at["theta"]])
+
+    orders = [
+        {"id": f"o{k}", "pickup": f"rack{k % 3}", "delivery": f"dock{k % 3}"} for k in range(4)
+    ]
+    try:
+        jobs = operated(
+            tmp_path, broker, [], fleet, orders, 240, watch, version="2.0.0", spacing=0.25,
+            types=dict.fromkeys(("pick", "deliver", "task", "open"), "noop"),
+        )  # fmt: skip
+    finally:
+        for agv in agvs:
+            agv.terminate()
+            agv.wait()
+    assert {j.state.value for j in jobs.values()} == {"done"}
+    begin = min(rows[0][0] for rows in traces.values())
+    drives = [
+        Drive(name, "all", [[t - begin, *p] for t, *p in rows]) for name, rows in traces.items()
+    ]
+    initial = {name: rows[0][1:] for name, rows in traces.items()}
+    assert contacts(fleet.records, initial, drives) == []

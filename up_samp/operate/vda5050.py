@@ -39,6 +39,8 @@ NEAR = 0.01
 """m of progress that are the same place."""
 AGAIN = 1.0
 """Seconds after which what is over is told again, until it is believed."""
+SHAPE = ("trajectory", "orientation", "orientationType", "rotationAllowed", "length")
+"""What edges do not say to robots that drive straight from node to node."""
 VERSIONS = ("2.0.0", "2.1.0", "3.0.0")
 
 
@@ -63,8 +65,8 @@ class Agv:
 
 class MasterControl:
     """The robots behind a broker. ``types``: what an action is called for what is done at places
-    (``pick``, ``deliver``, ``task``, ``open``); ``spacing`` (m): nodes are at most so far apart
-    (0: only where something depends on them).
+    (``pick``, ``deliver``, ``task``, ``open``); ``spacing`` (m): for robots that
+    know no trajectories and drive straight from node to node, which are at most so far apart then.
 
     :raises ProblemError: where the broker cannot be reached, or the version is not known.
     """
@@ -277,7 +279,8 @@ class MasterControl:
             number += 1
             free = high <= command.until + NEAR
             nodes.append(self._node(agv, number, piece.rows[-1, 1:], free))
-            edges.append({**edge_of(agv.name, number, piece), "released": free})
+            edge = {**edge_of(agv.name, number, piece), "released": free}
+            edges.append({k: v for k, v in edge.items() if not self.spacing or k not in SHAPE})
             added += [(2 * number, high)] if free else []
         agv.update += 1
         agv.nodes = [*agv.nodes, *added]
@@ -364,9 +367,10 @@ class MasterControl:
             "blockingType": "NONE" if kind.endswith("Request") else "HARD",
             "actionParameters": [{"key": k, "value": v} for k, v in parameters.items()],
         }
-        self._send(
-            robot, "instantActions", {**self._head(robot, "instantActions"), "actions": [action]}
-        )
+        message = {**self._head(robot, "instantActions"), "actions": [action]}
+        if self.version.startswith("2.0"):
+            message["instantActions"] = [action]  # as some clients of 2.0 have it
+        self._send(robot, "instantActions", message)
 
     def _head(self, robot: str, topic: str) -> Message:
         header = self._headers.setdefault((robot, topic), itertools.count())

@@ -220,6 +220,7 @@ class JudgedScene:
 
     @cached_property
     def effects(self) -> list[Jump]:
+        """All motion effects of present activities, with the configurations that they mean."""
         found = []
         for activity in self._present():
             _, end = self.timeline.decisions.times[activity.name]
