@@ -86,8 +86,8 @@ def order_decides(
 
 METHODS = ("ladder", "st-rrt*")
 
-FEW = 12
-"""Motions: where less are much later than alone, as much is tried as for so many."""
+FEW, MUCH = 12, 1.5
+"""Where fewer motions take so many times as long as alone, as much is tried as for so many."""
 
 
 def coordinate(
@@ -153,13 +153,16 @@ def _decide(group: Group, root: Node, seed: int) -> None:
     group.least = group.lateness(root.runs)
     least = sum(group.motions[n].release + motions.alone(n) for n in runs)
 
+    few = effort.again * len(runs)
+
     def enough(runs: Mapping[str, TimedPath]) -> bool:
         late = group.lateness(runs) > group.least + TIMES.on_time
-        return not late and sum(run.arrival for run in runs.values()) <= effort.enough * least
+        factor = effort.enough if motions.budget.used < few else MUCH
+        return not late and sum(run.arrival for run in runs.values()) <= factor * least
 
     # who is late may have to be: that is not worth more
     late = group.lateness(runs) > group.least + TIMES.on_time
-    plans = effort.again * (len(runs) if late else max(len(runs), FEW))
+    plans = few if late else max(few, effort.again * FEW)
     motions.budget = WorkBudget(group.deadline, plans)
     group.best = Node(improve(motions, runs, list(runs), seed, enough))
 
