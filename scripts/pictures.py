@@ -22,6 +22,7 @@ SOLVED = {
     "mixed": ("examples/mixed_fleet.py", "map.png"),
     "pallets": ("examples/pallets.py", "map.png"),
     "charging": ("examples/charging.py", "gantt.png"),
+    "hospital": ("examples/hospital.py", "map.png"),
     "shop": ("examples/shop.py", "gantt.png"),
     "ros": ("examples/ros_map.py", "map.png"),
     "door": ("examples/door.py", "map.png"),

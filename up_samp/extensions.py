@@ -3,11 +3,11 @@
 A package that is installed beside this one names its parts in its ``pyproject.toml``, as UP's
 engines are found by their module::
 
-    [project.entry-points."up_samp.neighbourhoods"]
+    [project.entry-points."up_samp.improvers"]
     nearest = "my_package.moves:nearest"
 
-A program adds one for itself by :func:`extend`; it does not reach child processes (a neighbourhood
-is chosen in this one, so that is no matter there). The package's own parts are tables of its rooms
+A program adds one for itself by :func:`extend`; it does not reach child processes (plans are made
+better in this one, so that is no matter there). The package's own parts are tables of its rooms
 (docs/architecture.md, "Where to add"), which ask here for more.
 """
 
@@ -25,7 +25,7 @@ KINDS: Mapping[str, str] = {
     "constraints": "ScheduleModel -> forms, stated in CP-SAT models beside the problem's own",
     "cuts": "(Failure, activity) -> refinements, told after a group of motions failed",
     "importers": "an up_samp.fleet.importers.Importer",
-    "neighbourhoods": "(View, random, size) -> Freed",
+    "improvers": "(Search, stuck) -> better plans made of the best one, asked in every round",
     "objectives": "an up_samp.model.MetricMeaning",
     "planners": "a factory (scene, seed) -> motion planner",
     "rules": "(problem, plan) -> violations, asked by the validator",

@@ -103,7 +103,7 @@ LIMITS = {
     "wide_functions": 21,
     "long_files": 0,
     "said_twice": 25,
-    "tunables": 73,
+    "tunables": 53,
 }
 NUMBERS = 285
 COUNTS = {"shared_names": 0, "type_circles": 0, "big_rooms": 3}

@@ -3,7 +3,6 @@
 import importlib.metadata
 import itertools
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -28,10 +27,11 @@ from up_samp.motion import Leg
 from up_samp.refinement import rules
 from up_samp.scheduling.cpsat.encode.forms import constant
 from up_samp.search import FirstPlan, MaxRounds
-from up_samp.search.neighbourhoods import CHOICES, Descent, DescentSettings, Freed
-from up_samp.search.params import Parameters
-from up_samp.search.presets import components_of
+from up_samp.search.attempt import keep_if_better
+from up_samp.search.resolve import Subproblem
+from up_samp.upio import read_itinerary
 from up_samp.upio.objective import ObjectivePart
+from up_samp.upio.restrict import restrict
 from up_samp.validation import Violation, validate_plan
 
 get_environment().credits_stream = None
@@ -215,28 +215,30 @@ def test_a_statement(tmp_path):
     assert makespan(solve(hall.problem)) < 40
 
 
-# -------------------------------------------------------------------------- neighbourhoods
-def everybody(view, chance, size):
-    """Free all robots."""
-    return Freed(frozenset(view.robots))
+# ------------------------------------------------------------------------------- improvers
+def as_short_as_can_be(search, stuck):
+    """Have the best plan's activities scheduled again, to end sooner."""
+    best = search.bounds.incumbent
+    problem = restrict(search.own_relaxation(), search.facts.snapshot, best.schedule)
+    found = Subproblem(search, problem, 0.1).schedule(best.schedule)
+    if found is not None and search.bounds.improves(found):
+        itinerary = read_itinerary(search.knowledge.relaxation, found)
+        check = search.checker.check(itinerary)
+        made = search.plan_of(found, check.trajectories) if check.passed else None
+        better = None if made is None else keep_if_better(search, made)
+        yield from () if better is None else (better,)
 
 
-def test_a_neighbourhood(tmp_path):
-    assert Descent().choices == CHOICES
+def test_an_improver(tmp_path):
     asked = []
 
-    def counted(view, chance, size):
-        asked.append(size)
-        return everybody(view, chance, size)
+    def counted(search, stuck):
+        asked.append(stuck)
+        yield from as_short_as_can_be(search, stuck)
 
-    problem = crossing(tmp_path)
-    with extended("neighbourhoods", "everybody", counted):
-        assert Descent().choices == (*CHOICES, counted)
-        at_once = Descent(DescentSettings(activities=0, first_share=0.5))
-        usual = components_of(Parameters(optimal=True), native=True)
-        components = replace(usual, improvers=(at_once,))
-        result = solve(problem, stop=MaxRounds(4), optimal=True, components=components)
-    assert validate_plan(problem, result.plan).valid
+    with extended("improvers", "shorter", counted):
+        result = solve(crossing(tmp_path), stop=MaxRounds(4), optimal=True)
+    assert validate_plan(crossing(tmp_path), result.plan).valid
     assert asked
 
 
@@ -289,14 +291,14 @@ def test_a_motion_model(tmp_path):
 # ------------------------------------------------------------------------- how parts are found
 def test_installed_packages_name_their_parts(monkeypatch):
     made = importlib.metadata.EntryPoint(
-        "everybody", f"{__name__}:everybody", "up_samp.neighbourhoods"
+        "shorter", f"{__name__}:as_short_as_can_be", "up_samp.improvers"
     )
     broken = importlib.metadata.EntryPoint("gone", f"{__name__}:nobody", "up_samp.cuts")
     found = {entry.group: [entry] for entry in (made, broken)}
     monkeypatch.setattr(importlib.metadata, "entry_points", lambda group: found.get(group, []))
     extensions._installed.cache_clear()
     try:
-        assert Descent().choices == (*CHOICES, everybody)
+        assert parts("improvers") == {"shorter": as_short_as_can_be}
         with pytest.raises(ProblemError, match=r"'gone' of up_samp\.cuts"):
             parts("cuts")
     finally:

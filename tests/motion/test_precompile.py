@@ -97,6 +97,26 @@ def test_every_part_has_a_workload():
     assert all(callable(module.workload(part)) for part in module.PARTS)
 
 
+KERNELS = """
+import importlib, pathlib
+from up_samp.motion import compile as module
+for part in module.SEVERAL:
+    module.workload(part)()
+for file in sorted((pathlib.Path(module.__file__).parent / "fleet").glob("*.py")):
+    for name, found in vars(importlib.import_module(f"up_samp.motion.fleet.{file.stem}")).items():
+        here = getattr(found, "__module__", "").endswith(f".{file.stem}")
+        if here and type(getattr(found, "_cache", None)).__name__ == "KernelCache":
+            print(name, len(found.signatures))
+"""
+
+
+def test_every_kernel_for_several_robots_is_compiled_by_a_workload():
+    ran = subprocess.run(child.command(KERNELS), env=child.environment(), capture_output=True)
+    compiled = dict(line.split() for line in ran.stdout.decode().splitlines())
+    assert {"search", "distances", "pulled", "grow", "reachable"} <= compiled.keys()
+    assert [name for name, count in compiled.items() if count == "0"] == []
+
+
 def test_parts_are_those_that_a_problem_needs():
     assert sorted(module.parts_for(MotionModel)) == sorted(module.PARTS)
     assert module.parts_for([MotionModel.REEDSSHEPP], several=False) == [

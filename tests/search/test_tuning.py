@@ -51,7 +51,6 @@ def test_a_file_changes_what_it_names(tmp_path):
         ("[motion.fleet.detours]\nbeside = 3", "list of numbers"),
         ("[motion.fleet.detours]\nbeside = []", "list of numbers"),
         ("[motion.fleet.detours]\nbeside = [1, 'x']", "finite number"),
-        ("[motion.fleet.plane]\nlabels = [1000]", "motion.fleet.plane.labels: .*2 numbers"),
         ("[cpsat", "tuning file"),
     ],
 )
@@ -116,14 +115,14 @@ def test_motion_planning_gets_its_tunables_here_and_in_child_processes():
     from up_samp.motion.crew import Scope
     from up_samp.motion.fleet.workspace import workspace_of
 
-    tuning = tuning_of({"motion": {"fleet": {"plane": {"extra": 7}}}})
+    tuning = tuning_of({"motion": {"fleet": {"knots": {"passes": 7}}}})
     service = MotionService(None, tuning=tuning.motion)
-    assert workspace_of(service).tuning.plane.extra == 7
+    assert workspace_of(service).tuning.knots.passes == 7
     scope = pickle.loads(pickle.dumps(Scope.of(service)))
     assert scope.service().tuning == tuning.motion
     assert Scope.of(MotionService(None)).service().tuning == Tuning().motion
-    with pytest.raises(ProblemError, match="4 numbers"):
-        tuning_of({"motion": {"fleet": {"ladder": {"nodes": [1, 2]}}}})
+    with pytest.raises(ProblemError, match="must be 0 or more"):
+        tuning_of({"motion": {"fleet": {"ladder": {"first": -1}}}})
 
 
 @pytest.mark.parametrize("name", ["samp-refine[cpsat]", "cpsat"])

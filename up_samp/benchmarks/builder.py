@@ -95,15 +95,15 @@ class Family(ProblemOnMap):
 
     def robot(self, name: str, start: ConfigurationObject) -> MovableObject:
         """Add a car that stands at ``start``."""
-        robot = MovableObject(
+        limits = {**CAR, "a_max": self.a_max}
+        robot = self.body(
             name,
             self.robot_type,
-            footprint=list(self.floor.footprint),
-            motion_model=MotionModels.REEDSSHEPP,
-            motion_parameters={**CAR, "a_max": self.a_max},
+            self.floor.footprint,
+            start,
+            MotionModels.REEDSSHEPP,
+            motion_parameters=limits,
         )
-        self.problem.add_object(robot)
-        self.problem.set_initial_configuration(robot, start)
         self.routes.start(robot, start)
         self.robots.append(robot)
         self.busy[name] = []
@@ -113,16 +113,9 @@ class Family(ProblemOnMap):
         self, door: FamilyDoor, *, prefix: str
     ) -> tuple[MovableObject, ConfigurationObject, ConfigurationObject]:
         """Add a closed door; return it with its closed and its open configuration."""
-        leaf = MovableObject(
-            door.name,
-            self.door_type,
-            footprint=list(door.footprint),
-            motion_model=MotionModels.SE2,
-        )
         closed = self.place(f"{prefix}_closed", door.closed)
         opened = self.place(f"{prefix}_open", door.open)
-        self.problem.add_object(leaf)
-        self.problem.set_initial_configuration(leaf, closed)
+        leaf = self.body(door.name, self.door_type, door.footprint, closed)
         self.doors.append(leaf)
         if self.with_fluents:
             if self._door_at is None:

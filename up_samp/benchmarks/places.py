@@ -9,13 +9,17 @@ import random
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import shapely
 import shapely.affinity
+from unified_planning.model import Type
 from unified_planning.model.motion import (
     SE2,
     ConfigurationKind,
     ConfigurationObject,
+    MotionModels,
+    MovableObject,
     OccupancyMap,
     SchedulingMotionProblem,
 )
@@ -197,3 +201,18 @@ class ProblemOnMap:
         self.problem.add_object(place)
         self.poses[name] = pose
         return place
+
+    def body(
+        self,
+        name: str,
+        kind: Type,
+        footprint: Sequence[tuple[float, float]],
+        start: ConfigurationObject,
+        model: MotionModels = MotionModels.SE2,
+        **given: Any,
+    ) -> MovableObject:
+        """Add an object that moves, at ``start``; ``given``: what else UP's object takes."""
+        body = MovableObject(name, kind, footprint=list(footprint), motion_model=model, **given)
+        self.problem.add_object(body)
+        self.problem.set_initial_configuration(body, start)
+        return body

@@ -183,17 +183,10 @@ class _Work(ProblemOnMap):
         parameters = {"v_max": V_MAX, "a_max": A_MAX, "omega_max": OMEGA_MAX}
         if radius is not None:
             parameters["turning_radius"] = radius
-        robot = MovableObject(
-            f"robot{r}",
-            kind,
-            footprint=list(FOOTPRINT),
-            motion_model=MotionModels.SE2 if radius is None else MotionModels.REEDSSHEPP,
-            motion_parameters=parameters,
-        )
         start = self.place(f"dock{r}", dock)
         self.docks.append(start)
-        self.problem.add_object(robot)
-        self.problem.set_initial_configuration(robot, start)
+        model = MotionModels.SE2 if radius is None else MotionModels.REEDSSHEPP
+        robot = self.body(f"robot{r}", kind, FOOTPRINT, start, model, motion_parameters=parameters)
         self.problem.set_initial_value(self.robot_at(robot), start)
         return robot
 

@@ -142,6 +142,8 @@ def _shown(value: Any) -> str:
 def no_such_key(name: str) -> str:
     """Say that there is no such key, and which one may have been meant."""
     known = {field.name for kind in RECORDS for field in fields(kind)}
+    if name in known:
+        return "there is no such key here; it belongs to something else"
     near = get_close_matches(name, sorted(known), 1, 0.7)
     return f"there is no such key; did you mean '{near[0]}'?" if near else "there is no such key"
 
@@ -336,15 +338,21 @@ _BASED = re.compile(r"[-+]?(0[0-9_]+|[0-9][0-9_]*(:[0-5]?[0-9])+(\.[0-9_]*)?)")
 
 def _scalar(path: File, loader: yaml.SafeLoader, node: yaml.Node) -> Any:
     """Return what a scalar stands for; numbers that mean something else to readers are refused."""
-    if node.tag.endswith((":int", ":float")) and _BASED.fullmatch(str(node.value)):
+    place = f"{path}:{node.start_mark.line + 1}"
+    number = node.tag.endswith((":int", ":float"))
+    if number and len(node.value) > FILE_LIMITS.number:  # in base 16 it could be read, but not told
+        raise FleetError((), f"{place}: {_shown(node.value)} is too long for a number")
+    if number and _BASED.fullmatch(str(node.value)):
         base = 60 if ":" in node.value else 8
-        value = loader.construct_object(node)
         raise FleetError(
             (),
-            f"{path}:{node.start_mark.line + 1}: '{node.value}' is no number: YAML would read it "
-            f"in base {base}, as {value:g}; write a plain number (times in s)",
+            f"{place}: '{node.value}' is no number: YAML would read it in base {base}, as "
+            f"{float(loader.construct_object(node)):g}; write a plain number (times in s)",
         )
-    return loader.construct_object(node)
+    try:
+        return loader.construct_object(node)
+    except ValueError as error:  # a date that there is not
+        raise FleetError((), f"{place}: {_shown(node.value)} cannot be read") from error
 
 
 def _plain(path: File, root: yaml.Node) -> Any:

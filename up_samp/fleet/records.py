@@ -27,6 +27,8 @@ class FileLimits:
     """YAML aliases in one file: a few of them may stand for millions of nodes."""
     depth: int = 40
     """Tables in tables."""
+    number: int = 300
+    """Letters of a number."""
     cells: int = 40_000_000
     """Cells of a map that is drawn from outlines."""
     pieces: int = 200_000

@@ -30,8 +30,7 @@ def tunable(
 ) -> Any:
     """Return a dataclass field: its default, unit, meaning and the values that make sense.
 
-    A whole default takes whole numbers only; a tuple takes as many numbers as one likes
-    (but see :func:`one_each`).
+    A whole default takes whole numbers only; a tuple takes as many numbers as one likes.
     """
     told = {"unit": unit, "what": what, "least": least, "most": most}
     return dataclasses.field(default=default, metadata=told)
@@ -45,14 +44,6 @@ def share_of(default: float, what: str) -> Any:
 def effort_of(default: Any, what: str) -> Any:
     """Return the field of what CP-SAT may do at most: work that it counts, not seconds."""
     return tunable(default, "CP-SAT's deterministic time", what, least=0)
-
-
-def one_each(default: tuple[Any, ...], unit: str, what: str, *, least: float) -> Any:
-    """Return the field of numbers of which there is one for each of several things: as many as the
-    default has.
-    """
-    told = tunable(default, unit, what, least=least).metadata
-    return dataclasses.field(default=default, metadata={**told, "count": len(default)})
 
 
 @dataclass(frozen=True)
@@ -117,8 +108,6 @@ def _check(field: dataclasses.Field[Any], value: object) -> None:
     several = isinstance(default, tuple)
     if several and (not isinstance(value, tuple) or not value):
         raise ProblemError(f"'{field.name}' must be a list of numbers, not {short(value)}")
-    if several and told.get("count") not in (None, len(cast(tuple[object, ...], value))):
-        raise ProblemError(f"'{field.name}' needs {told['count']} numbers")
     first = default[0] if several else default
     for number in cast(tuple[object, ...], value) if several else (value,):
         whole = isinstance(first, int)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from up_samp.model.tunable import Tunables, one_each, tunable
+from up_samp.model.tunable import Tunables, tunable
 
 
 @dataclass(frozen=True)
@@ -23,21 +23,6 @@ class LadderTuning(Tunables):
     enough: float = tunable(
         1.15, "factor", "of the arrivals alone with which a group on time is content", least=1
     )
-    nodes: tuple[int, ...] = one_each(
-        (60, 8, 6, 12),
-        "nodes",
-        "of the priority search on each rung: speeds, detours, the plane, longer",
-        least=1,
-    )
-    couple_before: int = tunable(
-        2, "rung", "before which few robots are moved together if no order was found", least=0
-    )
-    worth: float = tunable(
-        1.0,
-        "s",
-        "lateness that is not worth a search over the plane: a schedule gives way more cheaply",
-        least=0,
-    )
     polish: int = tunable(
         4, "rounds", "in which each of those moved together is planned again", least=0
     )
@@ -50,9 +35,7 @@ class LadderTuning(Tunables):
 
 @dataclass(frozen=True)
 class DetoursTuning(Tunables):
-    """Other paths for one robot (``motion/fleet/detours.py``, ``lanes.py``), or for two robots that
-    pass each other (``passing.py``).
-    """
+    """Other paths, for one robot or for two that pass (``motion/fleet/detours.py``)."""
 
     copies: float = tunable(
         0.8, "radii of the mover", "between the copies of it that a detour keeps clear of", least=0
@@ -70,29 +53,6 @@ class DetoursTuning(Tunables):
         "long two lanes are in turn, a quarter of it before both meet",
         least=0.1,
     )
-
-
-@dataclass(frozen=True)
-class PlaneTuning(Tunables):
-    """One robot among moving ones, in the plane and time (``motion/fleet/sipp.py``)."""
-
-    labels: tuple[int, ...] = one_each(
-        (60_000, 200_000), "labels", "kept for each resolution, coarse and fine", least=1000
-    )
-    expansions: tuple[int, ...] = one_each(
-        (6_000, 12_000), "expansions", "for each resolution", least=1
-    )
-    extra: int = tunable(600, "expansions", "after the first solution", least=0)
-    slice: int = tunable(300, "expansions", "between two looks at the deadline", least=1)
-    vertices: int = tunable(6_000, "vertices", "of each tree of ST-RRT*", least=2)
-    batch: int = tunable(1_500, "samples", "of ST-RRT* for one range of arrivals", least=1)
-    batches: int = tunable(6, "ranges", "of arrivals, each twice the one before", least=1)
-    nearest: int = tunable(6, "vertices", "that a new one of ST-RRT* may be joined with", least=1)
-    reach: float = tunable(10.0, "turning radii", "of an extension of ST-RRT*, at most", least=0.1)
-    pieces: int = tunable(96, "poses", "of one drive that are looked at, at most", least=8)
-    piece: float = tunable(0.3, "m", "between such poses, more on very long drives", least=0.001)
-    visits: int = tunable(24, "visits", "of movers that are kept for one pose", least=1)
-    guard: float = tunable(0.1, "s", "kept from visits at such poses", least=0)
 
 
 @dataclass(frozen=True)
@@ -185,7 +145,6 @@ class FleetTuning(Tunables):
 
     ladder: LadderTuning = field(default_factory=LadderTuning)
     detours: DetoursTuning = field(default_factory=DetoursTuning)
-    plane: PlaneTuning = field(default_factory=PlaneTuning)
     roadmap: RoadmapTuning = field(default_factory=RoadmapTuning)
     knots: KnotsTuning = field(default_factory=KnotsTuning)
     coupled: CoupledTuning = field(default_factory=CoupledTuning)

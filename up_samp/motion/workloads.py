@@ -134,16 +134,13 @@ def compile_knots() -> None:
 
 
 def compile_search() -> None:
-    """Run the searches for one car around movers, once: safe intervals, and samples."""
-    from up_samp.motion.fleet.sipp import SafeIntervalPlanner
+    """Run ST-RRT* for one car around a mover, once."""
+    from up_samp.motion.fleet.strrt import sampled
     from up_samp.motion.fleet.timed_path import fixed_run
-    from up_samp.motion.tuning import PlaneTuning
 
     mover = fixed_run(FixedMotion("west", "west", _BODY, _drive((11.0, 6.0, math.pi), (7, 6, 3))))
     around = _motion("around", (2.0, 6.0, 0.0), (10.0, 6.0, 0.0))
-    planner = SafeIntervalPlanner(Scene(_hall(), 0.01), PlaneTuning())
-    planner.paths(around, 0.0, (), [mover], 8.0, Deadline.never())
-    planner.sampled(around, 0.0, (), [mover], 8.0, Deadline.never())
+    sampled(Scene(_hall(), 0.01), around, (0.0, 8.0), (), [mover], Deadline.never())
 
 
 def compile_planar() -> None:

@@ -76,12 +76,19 @@ class Answer:
 
 def check_site(site: FleetRecords) -> None:
     """Raise :class:`UnsupportedError`, by name, for what cannot be operated yet."""
+    for name in site.floors:
+        raise UnsupportedError(f"floor '{name}': one floor is operated, the ground")
+    for name, robot in site.robots.items():
+        if robot.shift is not None or robot.breaks:
+            raise UnsupportedError(f"robot '{name}' has a shift or breaks: let it leave and join")
     for name, door in site.doors.items():
         if door.closes is not None:
             raise UnsupportedError(f"door '{name}' closes by itself: not operated yet")
     for name, kind in site.robot_types.items():
         if kind.battery is not None:
             raise UnsupportedError(f"robot type '{name}' has a battery: not operated yet")
+        if kind.unloading != "any":
+            raise UnsupportedError(f"robot type '{name}' unloads in an order: not operated yet")
     for name, zone in site.zones.items():
         if zone.max_robots is not None:
             raise UnsupportedError(f"zone '{name}' takes so many robots at a time: not operated")
@@ -93,6 +100,8 @@ def check_job(job: Order | Task) -> None:
     """Raise :class:`UnsupportedError` for orders that cannot be operated yet."""
     if isinstance(job, Order) and job.attached is not None:
         raise UnsupportedError(f"'{job.id}' has a load with a footprint: not operated yet")
+    if job.release or job.repeat is not None:
+        raise UnsupportedError(f"'{job.id}' has a release time or recurs: add it when it is there")
     stops = (job.pickup, job.delivery) if isinstance(job, Order) else ()
     machines = any(s.task is not None for s in stops) or (isinstance(job, Task) and job.modes)
     if machines or (isinstance(job, Task) and not job.at):

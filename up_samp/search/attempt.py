@@ -39,7 +39,8 @@ def try_candidate(search: Search, report: ScheduleReport) -> Tried:
     with search.history.stages.of(BUILDING):
         built = build(search, itinerary)
     with search.history.stages.of(CHECKING):
-        check = as_built(built) or check_motions(search, itinerary)  # lines 6 to 15
+        # lines 6 to 15
+        check = Check(dict(built.trajectories)) if built else check_motions(search, itinerary)
     with search.history.stages.of(LEARNING):
         learned = learn_from(search, itinerary, check)  # lines 31 and 35
     with search.history.stages.of(REPAIRING):
@@ -65,11 +66,6 @@ def build(search: Search, itinerary: Itinerary) -> Incumbent | None:
         if built is not None and search.bounds.improves(built.schedule):
             return built
     return None
-
-
-def as_built(built: Incumbent | None) -> Check | None:
-    """Return the check that a plan which was built from a candidate stands for."""
-    return None if built is None else Check(dict(built.trajectories))
 
 
 def check_motions(search: Search, itinerary: Itinerary) -> Check:

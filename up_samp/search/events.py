@@ -52,7 +52,6 @@ class Phase(enum.Enum):
     GROUP = "group"
     REPAIR = "repair"
     PROOF = "proof"
-    NEIGHBOURHOOD = "neighbourhood"
     TIDY = "tidy"
 
 
@@ -141,7 +140,6 @@ _TEXTS = {
     Phase.GROUP: "{count} motions together",
     Phase.REPAIR: "giving motions the time they need",
     Phase.PROOF: "trying {count} proven facts alone",
-    Phase.NEIGHBOURHOOD: "deciding anew for {count} robots ({name})",
     Phase.TIDY: "leaving out motions that nothing needs",
 }
 

@@ -28,7 +28,6 @@ BUILDING = "building"
 CHECKING, REPAIRING, LEARNING, VALIDATING = "checking", "repairing", "learning", "validating"
 STAGES = (READING, STATING, SCHEDULING, BUILDING, CHECKING, REPAIRING, LEARNING, VALIDATING)
 """What every search does."""
-IMPROVING = "improving"
 
 
 @dataclass

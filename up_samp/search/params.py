@@ -68,9 +68,8 @@ class Parameters:
     tuning: Tuning | Mapping[str, Any] | str | os.PathLike[str] | None = None
     """Tunables (:mod:`up_samp.tuning`), or a table or TOML file of them."""
     executor: Executor | None = None
-    """Who plans motions and searches neighbourhoods beside this process
-    (:mod:`up_samp.system.workers`); answers are
-    the same without. The caller ends it.
+    """Who plans motions beside this process (:mod:`up_samp.system.workers`); answers are the same
+    without. The caller ends it.
     """
     path_planner: str = "default"
     group_planner: str = "default"
@@ -91,8 +90,6 @@ class Parameters:
     """Candidate schedules repaired into plans."""
     slack: bool = True
     """Motions given what time the candidate's makespan leaves them."""
-    neighbourhoods: bool = False
-    """Parts of a plan decided anew where the scheduler finds nothing better for the whole."""
     tidy: bool = True
     """Optional motions that nothing needs left out of the plan that is returned."""
     single_geometric: bool = True
@@ -170,7 +167,6 @@ _ALL_OFF = dict.fromkeys(
         "profiles",
         "incumbents",
         "slack",
-        "neighbourhoods",
         "tidy",
     ),
     False,
@@ -197,7 +193,6 @@ SWITCHES = (
     "profiles",
     "incumbents",
     "slack",
-    "neighbourhoods",
     "tidy",
     "single_geometric",
     "single_temporal",

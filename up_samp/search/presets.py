@@ -25,7 +25,6 @@ from up_samp.search.cuts.small import Attempt, SmallCuts
 from up_samp.search.events import Phase
 from up_samp.search.facts import Facts, just_this
 from up_samp.search.fleet.improve import in_order
-from up_samp.search.neighbourhoods import Descent
 from up_samp.search.params import SWITCHES, Parameters
 from up_samp.search.resolve import (
     least_work,
@@ -135,7 +134,7 @@ def components_of(params: Parameters, *, native: bool) -> Components:
         ),
         after_failure=with_ideas(AFTER_FAILURE),
         for_proofs=() if native else with_ideas(((UNARY_PLACES, ("certificates",)),)),
-        improvers=with_ideas(((Descent(), ("neighbourhoods", "native", "incumbents")),)),
+        improvers=tuple(parts("improvers").values()),
         finishers=with_ideas(((prune_motions, ("tidy",)),)),
         learns="refine" in ideas,
     )

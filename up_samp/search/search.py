@@ -24,7 +24,6 @@ from up_samp.search.motions import Motions
 from up_samp.search.proof import Prover
 from up_samp.search.stopping import StopCriterion
 from up_samp.search.tuning import SearchTuning
-from up_samp.system.workers import Workers
 from up_samp.upio import Itinerary, Relaxation, SampSchedule, write_refinement
 from up_samp.upio.objective import Measure
 
@@ -116,16 +115,12 @@ class Search:
     tuning: SearchTuning = field(default_factory=SearchTuning)
     cpsat: CpsatTuning = field(default_factory=CpsatTuning)
     """Of our own scheduler, whatever engine is wrapped."""
-    workers: Workers | None = None
-    """Who does parts of it beside this process."""
     start: CandidateSchedule | None = None
     """What to begin from: see :mod:`up_samp.search.resolve`."""
     easier: Callable[[Search], Generator[Incumbent, None, Any]] | None = None
     """Yields plans by an objective that is easier, where nothing was given to begin from."""
     in_parts: Callable[[Search, bool], Generator[Incumbent, None, Any]] | None = None
     """How a large problem is solved: not as a whole, but in parts (``optimal`` or not)."""
-    remembered: dict[int, object] = field(default_factory=dict)
-    """What components keep of this search from one call to the next, by their ``id``."""
     plain: bool = False
     """Nothing is recognised in the problem any more: what rested on it was refuted."""
     _own: tuple[tuple[int, int], Relaxation] | None = None

@@ -82,11 +82,9 @@ def _show(pose: Configuration) -> str:
 
 def _heeded(snapshot: Snapshot, name: str) -> frozenset[str] | None:
     """Return the obstacles that all motions of ``name`` heed (None: all objects)."""
-    heeded: frozenset[str] | None = None
-    for task in snapshot.tasks:
-        if task.object == name and task.avoid is not None:
-            heeded = task.avoid if heeded is None else heeded & task.avoid
-    return heeded
+    mine = (task.avoid for task in snapshot.tasks if task.object == name)
+    told = [avoid for avoid in mine if avoid is not None]
+    return frozenset.intersection(*told) if told else None
 
 
 # ------------------ Set a search up for a UP problem and run it: the entry from the engines
@@ -286,7 +284,6 @@ def assemble(
         seed=params.seed,
         tuning=tuning.search,
         cpsat=tuning.cpsat,
-        workers=workers,
     )
 
 

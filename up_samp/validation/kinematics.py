@@ -37,7 +37,12 @@ def motion_violations(
         yield from _flyer(what, limits, times, poses)
         return
     pieces = pieces_of(times, poses)
-    yield from _sampling(what, times, pieces)
+    yield from _sampling(what, times, pieces.dt, pieces.at_rest)
+    turns = np.abs(pieces.turn)
+    if turns.max() > math.pi / 2:
+        i = int(turns.argmax())
+        text = f"{what}: turns by {turns[i]:.3f} rad between two samples at {times[i]:.3f} s"
+        yield Violation("sampling", text)
     if limits.law is not None:
         yield from breaks_law(what, limits, times, poses, pieces)
     elif limits.model == "REEDSSHEPP":
@@ -68,16 +73,13 @@ def _worst(
         yield Violation(kind, text)
 
 
-def _sampling(what: str, times: FloatArray, pieces: Pieces) -> Iterator[Violation]:
-    gaps = np.where(pieces.at_rest, 0.0, pieces.dt)
+def _sampling(
+    what: str, times: FloatArray, dt: FloatArray, rests: npt.NDArray[np.bool_]
+) -> Iterator[Violation]:
+    gaps = np.where(rests, 0.0, dt)
     if gaps.max() > TOLERANCES.sampling + 1e-9:
         i = int(gaps.argmax())
         text = f"{what}: no sample for {gaps[i]:.3f} s after {times[i]:.3f} s while it moves"
-        yield Violation("sampling", text)
-    turns = np.abs(pieces.turn)
-    if turns.max() > math.pi / 2:
-        i = int(turns.argmax())
-        text = f"{what}: turns by {turns[i]:.3f} rad between two samples at {times[i]:.3f} s"
         yield Violation("sampling", text)
 
 
@@ -210,16 +212,10 @@ def _flyer(what: str, limits: Limits, times: FloatArray, poses: FloatArray) -> I
     units = poses[:, 3:] / norms[:, None]
     cosine = np.abs(np.sum(units[1:] * units[:-1], axis=1)).clip(0, 1)
     # the angle between neighbours, by the chord: accurate also where it is tiny
-    nearest = np.minimum(
-        np.linalg.norm(units[1:] - units[:-1], axis=1),
-        np.linalg.norm(units[1:] + units[:-1], axis=1),
-    )
+    chords = [np.linalg.norm(units[1:] + sign * units[:-1], axis=1) for sign in (-1, 1)]
+    nearest = np.minimum(*chords)
     turn = np.where(cosine > 0.9, 4 * np.arcsin((nearest / 2).clip(0, 1)), 2 * np.arccos(cosine))
     moves = np.diff(poses[:, :3], axis=0)
     resting = (np.linalg.norm(moves, axis=1) < 1e-9) & (turn < 1e-9)
-    gaps = np.where(resting, 0.0, dt)
-    if gaps.max() > TOLERANCES.sampling + 1e-9:
-        i = int(gaps.argmax())
-        text = f"{what}: no sample for {gaps[i]:.3f} s after {times[i]:.3f} s while it moves"
-        yield Violation("sampling", text)
+    yield from _sampling(what, times, dt, resting)
     yield from _free(what, limits, times, dt, moves / dt[:, None], turn)

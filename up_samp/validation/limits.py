@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from up_samp.model import ProblemError
@@ -57,20 +57,20 @@ def limits_of(item: Any) -> Limits:
             raise ProblemError(f"object {item.name}: {key} is 0, but it has a control model")
     radius, v_max, a_max, omega_max = (float(given.get(k, 1.0)) for k in _KNOWN)
     model = item.motion_model.name if radius > 0 else "PIVOT"
+    limits = Limits(item.name, model, radius, v_max, v_max, a_max, omega_max)
     if item.control_model is None:
-        return Limits(item.name, model, radius, v_max, v_max, a_max, omega_max)
+        return limits
     control = {k: float(v) for k, v in (item.control_parameters or {}).items()}
     controls = _controls(item.name, control)
     curvature = _bicycle_curvature(item.name, item.control_model, control)
     if curvature is None:
-        law = item.control_model
-        return Limits(item.name, "CONTROL", radius, v_max, v_max, a_max, omega_max, law, controls)
+        return replace(limits, model="CONTROL", law=item.control_model, controls=controls)
     forward = min(v_max, control["v_max"]) if "v_max" in given else control["v_max"]
     back = min(forward, -control["v_min"]) if control.get("v_min", 0.0) < 0 else forward
     tightest = max(radius if "turning_radius" in given else 0.0, 1 / curvature)
     # a bicycle drives along its heading, whatever else the motion model would allow
     model = "REEDSSHEPP" if model == "SE2" else model
-    return Limits(item.name, model, tightest, forward, back, a_max, omega_max)
+    return replace(limits, model=model, turning_radius=tightest, v_max=forward, v_back=back)
 
 
 def height_of(item: Any) -> float:
@@ -120,6 +120,4 @@ def _bicycle_curvature(
         if not (slip <= 1e-9 and math.isfinite(rate[2])):
             return None
         curvatures.append(abs(rate[2] / speed))
-    if min(curvatures) <= 0:
-        return None
-    return min(curvatures)
+    return min(curvatures) if min(curvatures) > 0 else None

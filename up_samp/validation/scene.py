@@ -210,21 +210,17 @@ class JudgedScene:
         (at the activity's end): those of rides do not.
         """
         rides = {(r.activity, r.load) for r in self.rides}
-        return [e for e in self._effects if (e.activity, e.object) not in rides]
-
-    @property
-    def effects(self) -> tuple[Jump, ...]:
-        """All motion effects of present activities, with the configurations that they mean."""
-        return tuple(self._effects)
+        return [e for e in self.effects if (e.activity, e.object) not in rides]
 
     @cached_property
     def _settings(self) -> list[Jump]:
         """The motion effects on objects that their activity does not drive as well."""
         driven = {(t.activity, t.object) for t in self._constraints}
-        return [e for e in self._effects if (e.activity, e.object) not in driven]
+        return [e for e in self.effects if (e.activity, e.object) not in driven]
 
     @cached_property
-    def _effects(self) -> list[Jump]:
+    def effects(self) -> list[Jump]:
+        """All motion effects of present activities, with the configurations that they mean."""
         found = []
         for activity in self._present():
             _, end = self.timeline.decisions.times[activity.name]

@@ -33,12 +33,11 @@ from up_samp.validation.verdict import Verdict, Violation
 
 @dataclass(frozen=True)
 class JudgedSchedule:
-    """The verdict on a schedule, with what it decides and the fluents over time (``None`` when
-    the plan is too broken to tell).
+    """The verdict on a schedule, with what it decides and the fluents over time (``None``: the plan
+    is too broken to tell).
     """
 
     verdict: Verdict
-    decisions: Decisions | None = None
     timeline: StateTimeline | None = None
 
 
@@ -76,7 +75,7 @@ def judge_decisions(problem: Any, decisions: Decisions) -> JudgedSchedule:
     )
     kept = [*common, *later, *interference(problem, timeline)]
     verdict = Verdict(tuple(kept), definition3=not common and not at_once)
-    return JudgedSchedule(verdict, decisions, timeline)
+    return JudgedSchedule(verdict, timeline)
 
 
 # ------------------------------------------------------------------ presence and variables

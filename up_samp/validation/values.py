@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
@@ -103,7 +103,7 @@ class Reader:
         if kind in (Op.EXISTS, Op.FORALL):
             return self._quantifier(node)
         if kind in (Op.OR, Op.AND) and self.hasty:
-            return self._hastily(node.args, kind == Op.OR)
+            return _joined(map(self.value, node.args), kind == Op.OR)
         if kind in _OPERATORS:
             return _OPERATORS[kind]([self.value(a) for a in node.args])
         raise UnsupportedError(f"the validator does not know the operator {kind.name} in '{node}'")
@@ -120,17 +120,6 @@ class Reader:
         self.reads.add(key)
         return self.fluent(key)
 
-    def _hastily(self, nodes: Sequence[Any], decides: bool) -> Value:
-        """Return the value of a disjunction (``decides``: true) or conjunction (false)."""
-        result: Value = not decides
-        for node in nodes:
-            value = self.value(node)
-            if value is decides:
-                return decides
-            if value is MISSING:
-                result = MISSING
-        return result
-
     def _quantifier(self, node: Any) -> Value:
         values = []
         for bindings in combinations(node.variables(), self.decisions.objects):
@@ -143,7 +132,7 @@ class Reader:
                 self.hasty,
             )
             values.append(inner.value(node.args[0]))
-        return _any(values) if node.node_type == Op.EXISTS else _all(values)
+        return _joined(values, node.node_type == Op.EXISTS)
 
 
 def plain(number: Any) -> Value:
@@ -175,16 +164,17 @@ def combinations(variables: Any, objects: Mapping[str, tuple[str, ...]]) -> list
     return found
 
 
-def _all(values: list[Value]) -> Value:
-    if any(v is False for v in values):
-        return False
-    return MISSING if MISSING in values else True
-
-
-def _any(values: list[Value]) -> Value:
-    if any(v is True for v in values):
-        return True
-    return MISSING if MISSING in values else False
+def _joined(values: Iterable[Value], decides: bool) -> Value:
+    """Return the value of a disjunction (``decides``: true) or conjunction (false); what comes
+    after a value that decides it is not asked for.
+    """
+    result: Value = not decides
+    for value in values:
+        if value is decides:
+            return decides
+        if value is MISSING:
+            result = MISSING
+    return result
 
 
 def _not(value: Value) -> Value:
@@ -197,10 +187,10 @@ def _strict(function: Callable[..., Value]) -> Callable[[list[Value]], Value]:
 
 
 _OPERATORS: dict[Any, Callable[[list[Value]], Value]] = {
-    Op.AND: _all,
-    Op.OR: _any,
+    Op.AND: lambda v: _joined(v, False),
+    Op.OR: lambda v: _joined(v, True),
     Op.NOT: lambda v: _not(v[0]),
-    Op.IMPLIES: lambda v: _any([_not(v[0]), v[1]]),
+    Op.IMPLIES: lambda v: _joined([_not(v[0]), v[1]], True),
     Op.IFF: _strict(lambda a, b: a == b),
     Op.EQUALS: _strict(lambda a, b: a == b),
     Op.LE: _strict(lambda a, b: a <= b),

@@ -76,8 +76,10 @@ def standing(world, height):
     return world
 
 
-def test_what_hovers_above_is_driven_under(world):
-    assert solved(standing(world, 1.4)).status in FOUND
+@pytest.mark.parametrize("margin", [0.01, 0.2])
+def test_what_hovers_above_is_driven_under(world, margin):
+    """It is 5 cm above: the margin is kept from what is beside."""
+    assert solved(standing(world, 1.4), margin=margin).status in FOUND
 
 
 def test_what_hovers_too_low_is_proven_to_be_in_the_way(world):

@@ -205,17 +205,16 @@ class Form(ProblemOnMap):
         name = f"robot{len(self.robots)}"
         footprint = self.manner.floor.footprint
         xs = [x for x, _ in footprint]
-        body = MovableObject(
+        body = self.body(
             name,
             self.robot_type,
-            footprint=list(footprint),
-            motion_model=self.manner.model,
+            footprint,
+            start,
+            self.manner.model,
             motion_parameters={"turning_radius": self.manner.turning_radius},
             control_model=Bicycle(max(xs) - min(xs)),
             control_parameters=dict(CONTROLS),
         )
-        self.problem.add_object(body)
-        self.problem.set_initial_configuration(body, start)
         robot = PublishedRobot(body, start, self._at(name, start), self._token(name))
         self.robots.append(robot)
         return robot
@@ -223,17 +222,10 @@ class Form(ProblemOnMap):
     def door(self, door: FamilyDoor) -> Leaf:
         """Add a closed door."""
         name = f"door{len(self.doors)}"
-        body = MovableObject(
-            name,
-            self.door_type,
-            footprint=list(door.footprint),
-            motion_model=MotionModels.SE2,
-        )
         closed = self.place(f"{name}_closed", door.closed)
         opened = self.place(f"{name}_open", door.open)
         button = self.place(f"{name}_button", door.button)
-        self.problem.add_object(body)
-        self.problem.set_initial_configuration(body, closed)
+        body = self.body(name, self.door_type, door.footprint, closed)
         leaf = Leaf(body, opened, button, self._at(name, closed), self._token(name))
         self.doors.append(leaf)
         return leaf

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -29,7 +29,7 @@ from up_samp.motion.fleet.neighbourhoods import (
     improve,
 )
 from up_samp.motion.fleet.one_robot import Attempt, failed, nothing, sample_one
-from up_samp.motion.fleet.paths import Path
+from up_samp.motion.fleet.paths import TIMES, Path
 from up_samp.motion.fleet.priority_search import Group, Node, alone, climb, window_of
 from up_samp.motion.fleet.timed_path import TimedPath, fixed_run
 from up_samp.motion.fleet.workspace import PathPlanner, Workspace, rest_run, workspace_of
@@ -85,6 +85,9 @@ def order_decides(
 
 
 METHODS = ("ladder", "st-rrt*")
+
+FEW = 12
+"""Motions: where less are much later than alone, as much is tried as for so many."""
 
 
 def coordinate(
@@ -149,13 +152,16 @@ def _decide(group: Group, root: Node, seed: int) -> None:
     group.best = Node(runs)
     group.least = group.lateness(root.runs)
     least = sum(group.motions[n].release + motions.alone(n) for n in runs)
-    for turn in range(effort.again):
-        told = sum(run.arrival for run in group.best.runs.values())
-        if group.deadline.expired() or (group.finished() and told <= effort.enough * least):
-            return
-        motions.budget = WorkBudget(group.deadline, len(runs))
-        found = improve(motions, group.best.runs, list(runs), seed + turn)
-        group.best = Node(found)
+
+    def enough(runs: Mapping[str, TimedPath]) -> bool:
+        late = group.lateness(runs) > group.least + TIMES.on_time
+        return not late and sum(run.arrival for run in runs.values()) <= effort.enough * least
+
+    # who is late may have to be: that is not worth more
+    late = group.lateness(runs) > group.least + TIMES.on_time
+    plans = effort.again * (len(runs) if late else max(len(runs), FEW))
+    motions.budget = WorkBudget(group.deadline, plans)
+    group.best = Node(improve(motions, runs, list(runs), seed, enough))
 
 
 def _is_tried_out(group: Group, root: Node) -> bool:
@@ -239,7 +245,7 @@ def _fails(group: Group, root: Node, names: Sequence[str]) -> bool:
         return False
     part = Group(group.workspace, chosen, group.world, group.deadline)
     runs = {n: root.runs[n] for n in chosen}
-    climb(part, Node(runs, frozenset(), conflicts), top=2)
+    climb(part, Node(runs, frozenset(), conflicts), coupled=False)
     return _is_bad(part) and not group.deadline.expired()
 
 

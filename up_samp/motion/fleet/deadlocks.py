@@ -15,6 +15,7 @@ import shapely
 from up_samp.geometry.scene import Scene
 from up_samp.model import Body, Configuration, Deadline, Placed, TimedMotion, Trajectory, avoids
 from up_samp.motion.fleet.conflicts import kept, sweeps_meet, swept_in_step
+from up_samp.motion.fleet.flyers import met_by
 from up_samp.motion.fleet.paths import Path, hull_of, path_of
 from up_samp.motion.fleet.roadmap import Roadmap, RoadmapEdge, cells_of
 from up_samp.motion.fleet.speed import parked_all_the_time
@@ -471,7 +472,7 @@ class Knot:
 
     def __post_init__(self) -> None:
         self.margin = _margin(self.workspace.margin, self.motions)
-        self.static = [tuple(parked_all_the_time(m, self.world)) for m in self.motions]
+        self.static = [met_by(m.body, parked_all_the_time(m, self.world)) for m in self.motions]
 
     @property
     def heeds(self) -> list[list[bool]]:

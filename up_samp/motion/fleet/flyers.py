@@ -153,14 +153,14 @@ def _may_meet(a: SweptSolid, i: int, b: SweptSolid, j: int, margin: float) -> bo
     return False
 
 
-def met_by(body: Body, placed: Iterable[Placed]) -> list[Placed]:
+def met_by(body: Body, placed: Iterable[Placed]) -> tuple[Placed, ...]:
     """Return obstacles as a body meets them: to drivers, those in space are their shadows on the
     floor, none where all of them is above.
     """
     if body.flies:
-        return list(placed)
+        return tuple(placed)
     parts = (_shadows(one, body.height) if one.body.flies else (one,) for one in placed)
-    return list(itertools.chain.from_iterable(parts))
+    return tuple(itertools.chain.from_iterable(parts))
 
 
 @lru_cache(maxsize=1024)

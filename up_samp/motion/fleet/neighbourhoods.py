@@ -249,13 +249,18 @@ def _forced(
 
 
 def improve(
-    problem: MovingGroup, runs: Mapping[str, TimedPath], movable: Sequence[str], seed: int = 0
+    problem: MovingGroup,
+    runs: Mapping[str, TimedPath],
+    movable: Sequence[str],
+    seed: int = 0,
+    enough: Callable[[Mapping[str, TimedPath]], bool] = lambda runs: False,
 ) -> dict[str, TimedPath]:
-    """Return runs that cost no more: until the budget is spent, those of a few ``movable`` motions
-    are taken out and planned again among the others, and kept if they cost less.
+    """Return runs that cost no more: until the budget is spent or they are good ``enough``, those
+    of a few ``movable`` motions are taken out and planned again among the others, and kept if they
+    cost less.
     """
     search = _Search(problem, dict(runs), sorted(movable), random.Random(seed))
-    while not problem.budget.spent() and len(search.movable) > 0:
+    while len(search.movable) > 0 and not enough(search.runs) and not problem.budget.spent():
         search.step()
     return search.runs
 

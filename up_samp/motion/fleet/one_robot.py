@@ -2,8 +2,7 @@
 
 1. the best path among what rests there all the time, begun as soon as its planner's own timing
    meets nothing; 2. its speed tuned; 3. other paths, in a lane beside it, around parked robots and
-   the places where it would meet the movers, each tuned; 4. a safe-interval search over the plane;
-   5. ST-RRT*.
+   the places where it would meet the movers, each tuned.
 """
 
 from __future__ import annotations
@@ -27,6 +26,7 @@ from up_samp.model import (
     UnsupportedError,
 )
 from up_samp.motion.fleet.detours import is_good, met_at_full_speed, with_detours, with_lanes
+from up_samp.motion.fleet.flyers import met_by
 from up_samp.motion.fleet.paths import Path
 from up_samp.motion.fleet.speed import Window, fit, parked_all_the_time
 from up_samp.motion.fleet.timed_path import TimedPath, fixed_run
@@ -54,7 +54,7 @@ def plan_one(
     effort: int = 0,
 ) -> Attempt:
     """Return a safe run of ``motion`` among ``others``: the first one found that is on time, or
-    else the earliest. ``effort`` 0 tunes and changes lanes, 1 plans detours, 2 searches space-time.
+    else the earliest. ``effort`` 0 tunes and changes lanes, 1 plans detours, too.
     """
     static = parked_all_the_time(motion, others)
     first = workspace.path(motion.body, motion.poses, static, deadline)
@@ -72,38 +72,7 @@ def plan_one(
     best = with_lanes(workspace, motion, window, first, best, others)
     if effort > 0 and not is_good(best, motion):
         best = with_detours(workspace, motion, window, first, best, others, static, deadline)
-    if (
-        effort > 1
-        and not is_good(best, motion)
-        and workspace.safe_intervals
-        and not deadline.expired()
-    ):
-        paths, dry = workspace.safe_intervals.paths(
-            motion, window.release, static, others, _goal_free(workspace, motion, others), deadline
-        )
-        if not paths and not dry and not deadline.expired():
-            paths = _sampled(workspace, motion, window, static, others, deadline)
-        for path in paths:
-            best = fit(workspace, motion, window, path, others, best)
     return Attempt(best, None, frozenset(o.object for o, _, _ in met))
-
-
-def _sampled(
-    workspace: Workspace,
-    motion: TimedMotion,
-    window: Window,
-    static: Sequence[Placed],
-    others: Sequence[TimedPath],
-    deadline: Deadline,
-    seed: int = 0,
-) -> list[Path]:
-    """Return ways that ST-RRT* finds."""
-    if workspace.safe_intervals is None:
-        return []
-    free = _goal_free(workspace, motion, others)
-    return workspace.safe_intervals.sampled(
-        motion, window.release, static, others, free, deadline, seed
-    )
 
 
 def sample_one(
@@ -115,13 +84,19 @@ def sample_one(
     seed: int = 0,
 ) -> Attempt:
     """Return a safe run of a car's ``motion`` by ST-RRT* alone, its speed tuned afterwards."""
+    from up_samp.motion.fleet.strrt import sampled
+
     if not motion.body.mobility.steers or len(motion.poses) != 2:
         raise UnsupportedError(
             f"ST-RRT* plans cars from one pose to another; '{motion.name}' is something else"
         )
     best: TimedPath | None = None
     static = parked_all_the_time(motion, others)
-    for path in _sampled(workspace, motion, window, static, others, deadline, seed):
+    times = window.release, _goal_free(workspace, motion, others)
+    scene = workspace.scene
+    seen = met_by(motion.body, static)
+    found = sampled(scene, motion, times, seen, others, deadline, seed) if scene else []
+    for path in found:
         best = fit(workspace, motion, window, path, others, best)
     return Attempt(best, None, frozenset(placed.name for placed in static))
 
@@ -158,7 +133,7 @@ def earliest_arrival(
     window = Window(motion.present_from, motion.release)
     limit = deadline or Deadline.never()
     truncated = workspace.truncated
-    attempt = plan_one(workspace, motion, window, others, limit, effort=2)
+    attempt = plan_one(workspace, motion, window, others, limit, effort=1)
     seconds = time.monotonic() - began
     complete = not limit.expired() and workspace.truncated == truncated
     if attempt.run is not None:

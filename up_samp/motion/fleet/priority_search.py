@@ -3,8 +3,7 @@
 Priority-based search (Ma et al. 2019): conflicts are resolved one by one, earliest first, by giving
 one of two robots priority and planning the other one again around all that come before it. The
 first branch is prioritised planning by release time and slack; the others are other priorities.
-Lateness orders the branches. Where no order works for a few robots, they are moved together
-(:mod:`up_samp.motion.fleet.priority_search`).
+Lateness orders the branches. Where no order works for a few robots, they are moved together.
 """
 
 from __future__ import annotations
@@ -34,6 +33,7 @@ from up_samp.model import (
 )
 from up_samp.motion.fleet.deadlocks import Drives, untie
 from up_samp.motion.fleet.detours import pass_by
+from up_samp.motion.fleet.flyers import met_by
 from up_samp.motion.fleet.one_robot import Attempt, plan_one
 from up_samp.motion.fleet.paths import TIMES, Path, path_of
 from up_samp.motion.fleet.speed import Window, first_start, fit, parked_all_the_time
@@ -170,7 +170,8 @@ def _aside(
     robot's own start first, no two of them close together.
     """
     body, start = motion.body, motion.poses[0]
-    world = scene.world(scene.shape(body), parked_all_the_time(motion, coupling.world))
+    static = met_by(body, parked_all_the_time(motion, coupling.world))
+    world = scene.world(scene.shape(body), static)
     points = np.concatenate([path.poses[:, :2] for path in others])
     reach = 4 * body.kinematics.turning_radius + 2 * world.shape.radius
     found = []
@@ -343,21 +344,14 @@ def _one_run(motion: TimedMotion, legs: Sequence[TimedPath]) -> TimedPath:
 
 
 # ------------------ Orders of priority
-# Orders of priority: search over who goes before whom, and by how much effort each one is
-# planned. Priority-based search (Ma et al. 2019): conflicts are resolved one by one, earliest
-# first, by giving one of two robots priority and planning the other one again around all that
-# come before it. The first branch is prioritised planning by release time and slack; the others
-# are other priorities. Lateness orders the branches. Where no order works for a few robots, they
-# are moved together (``up_samp.motion.fleet.priority_search``).
 
 
 Pair = tuple[str, str]
 
-DELAYS = (5.0, 12.0, 30.0)
-"""Seconds that one robot may leave later, so that another can get out of its way first."""
-
-RUNGS = 4
-"""Rungs of the ladder: efforts for one robot."""
+NODES = (60, 8)
+"""Nodes of the search over priorities on each rung, that is by effort for one robot: speeds and
+lanes, detours.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -421,24 +415,22 @@ class Group:
         return self.lateness(runs), sum(runs[name].arrival for name in sorted(runs))
 
 
-def climb(group: Group, root: Node, top: int = RUNGS) -> None:
-    """Search with more and more effort until nobody is later than alone."""
+def climb(group: Group, root: Node, *, coupled: bool = True) -> None:
+    """Search with more and more effort until nobody is later than alone; where no order is found
+    and that is wanted, move those together that meet (``coupled``).
+    """
     group.least = group.lateness(root.runs)
-    tuning = group.workspace.tuning.ladder
-    for effort, nodes in enumerate(tuning.nodes[:top]):
+    for effort, nodes in enumerate(NODES):
         if effort == 1:
             _pass(group, root)
             if group.finished():
                 return
-        if effort == tuning.couple_before and group.best is None:
-            _couple(group, root)
-        late = math.inf if group.best is None else group.lateness(group.best.runs) - group.least
-        if (effort > 1 and late <= tuning.worth) or (effort > 2 and late < math.inf):
-            return
         group.effort = effort
         _search(group, root, nodes)
         if group.finished() or group.deadline.expired():
             return
+    if coupled and group.best is None:
+        _couple(group, root)
 
 
 def _pass(group: Group, root: Node) -> None:
@@ -464,7 +456,8 @@ def _couple(group: Group, root: Node) -> None:
     runs: dict[str, TimedPath] | None = dict(root.runs)
     for part in parts:
         runs = None if runs is None else _moved_together(group, root, runs, part, together)
-    if runs is None and len(counts) == len(group.motions):
+    everybody = parts == [set(group.motions)]
+    if runs is None and not everybody and len(counts) == len(group.motions):
         runs = _moved_together(group, root, root.runs, set(group.motions), together)
     if runs is not None:
         group.best = Node(_polished(group, runs))
@@ -517,16 +510,10 @@ def window_of(group: Group, name: str, runs: Mapping[str, TimedPath]) -> Window:
     return Window(min(since, max(motion.release, arrival)), max(motion.release, arrival))
 
 
-def _plan(
-    group: Group, name: str, runs: Mapping[str, TimedPath], first: Iterable[str], delay: float = 0.0
-) -> Attempt:
-    """Plan one motion around the world and the runs of those that go ``first``, ``delay`` s later
-    than it could leave.
-    """
+def _plan(group: Group, name: str, runs: Mapping[str, TimedPath], first: Iterable[str]) -> Attempt:
+    """Plan one motion around the world and the runs of those that go ``first``."""
     others = [*group.world, *(runs[other] for other in sorted(first))]
-    window = window_of(group, name, runs)
-    window = Window(window.since, window.release + delay)
-    motion = group.motions[name]
+    window, motion = window_of(group, name, runs), group.motions[name]
     attempt = plan_one(group.workspace, motion, window, others, group.deadline, group.effort)
     group.met |= attempt.met
     return attempt
@@ -537,7 +524,7 @@ def alone(group: Group) -> tuple[Node | None, Attempt, str]:
     runs: dict[str, TimedPath] = {}
     attempt = Attempt(None)
     for name in group.order:
-        for effort in range(RUNGS):
+        for effort in range(len(NODES)):
             group.effort = effort
             attempt = _plan(group, name, runs, ())
             if attempt.run is not None and not group.is_late(attempt.run):
@@ -595,8 +582,6 @@ def _child(group: Group, node: Node, first: str, second: str) -> Node | None:
         name = queue.pop(0)
         ahead = _ahead(before, name)
         attempt = _plan(group, name, runs, ahead)
-        if attempt.run is None and group.effort > 2 and name == second:
-            attempt = _with_delay(group, before, runs, conflicts, first, second)
         if attempt.run is None:
             group.stuck |= {name, *ahead}
             return None
@@ -616,29 +601,6 @@ def _child(group: Group, node: Node, first: str, second: str) -> Node | None:
         if group.deadline.expired():
             return None
     return Node(runs, before, conflicts)
-
-
-def _with_delay(
-    group: Group,
-    before: frozenset[Pair],
-    runs: dict[str, TimedPath],
-    conflicts: dict[Pair, float],
-    first: str,
-    second: str,
-) -> Attempt:
-    """Plan ``second`` around a ``first`` that leaves later, so that it can get out of the way."""
-    attempt = Attempt(None)
-    for delay in DELAYS:
-        yielding = _plan(group, first, runs, _ahead(before, first), delay)
-        if yielding.run is None or group.deadline.expired():
-            continue
-        trial = {**runs, first: yielding.run}
-        attempt = _plan(group, second, trial, _ahead(before, second))
-        if attempt.run is not None:
-            runs[first] = yielding.run
-            _renew_conflicts(group, runs, conflicts, first)
-            break
-    return attempt
 
 
 def _partners(conflicts: Mapping[Pair, float], name: str) -> set[str]:

@@ -10,14 +10,13 @@ step.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from up_samp.model import Body, Configuration, Deadline, Placed, Rest, TimedMotion, avoids
 from up_samp.motion.fleet.detours import Stand, is_good, met_at_full_speed, ways_past
 from up_samp.motion.fleet.one_robot import Attempt, plan_one
 from up_samp.motion.fleet.paths import Path
-from up_samp.motion.fleet.priority_search import Group, alone, climb
 from up_samp.motion.fleet.speed import Window, fit
 from up_samp.motion.fleet.timed_path import TimedPath, pair_flags, pose_at
 from up_samp.motion.fleet.workspace import KnownPaths, PathPlanner, rest_run, workspace_of
@@ -47,10 +46,6 @@ class ReservationTable:
         """Return when an object's last decided motion ends (s)."""
         runs = self._runs.get(name)
         return runs[-1].arrival if runs else -math.inf
-
-    def last(self) -> float:
-        """Return when the last of all decided motions ends (s)."""
-        return max((runs[-1].arrival for runs in self._runs.values()), default=0.0)
 
     def place(self, rests: Sequence[Rest]) -> None:
         """Let things that others move (doors) rest so for what is decided next."""
@@ -140,20 +135,6 @@ class ReservationTable:
             return None
         window = Window(self.arrival(motion.object), motion.release)
         return fit(self._workspace, motion, window, path, others)
-
-    def together(
-        self, motions: Sequence[TimedMotion], deadline: Deadline, *, top: int
-    ) -> Mapping[str, TimedPath] | None:
-        """Return runs of motions of different objects that are decided at once, by name."""
-        release = min(m.release for m in motions)
-        world = self._others({m.object for m in motions}, release)
-        since = {m.name: replace(m, present_from=self.arrival(m.object)) for m in motions}
-        group = Group(self._workspace, since, world, deadline)
-        root, _, _ = alone(group)
-        if root is None:
-            return None
-        climb(group, root, top)
-        return None if group.best is None else group.best.runs
 
     def add(self, run: TimedPath) -> None:
         """Decide a run: its object leaves where its last one ended when it leaves."""

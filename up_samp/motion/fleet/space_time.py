@@ -49,6 +49,11 @@ SAMPLE = 0.2
 LINKS = 1.6
 """Steps from an end to the places that it is joined to, at most."""
 
+EAGER = 1.1
+"""Weight of what is left of a way: the first good one is nearly as good as the best, and as the
+lattice has it, neither is exact.
+"""
+
 WAYS = np.array(
     [(i, j) for i in range(-2, 3) for j in range(-2, 3) if math.gcd(i, j) == 1], dtype=np.int64
 )
@@ -264,16 +269,24 @@ def _tables(task: Errand, safe: Safe, places: int) -> tuple[IntArray, IntArray]:
 @inner
 def _begun(
     task: Errand, safe: Safe, places: int, dirs: int, best: FloatArray
-) -> list[tuple[float, float, int]]:
+) -> list[tuple[float, float, float, int]]:
     """Return a queue of where the body stands as it is released, and set when it is there."""
-    queue = [(0.0, 0.0, 0)]
+    queue = [(0.0, 0.0, 0.0, 0)]
     queue.pop()
     for r in range(safe.head[places], safe.head[places + 1]):
         if safe.intervals[r, 0] <= task.release and task.release < safe.intervals[r, 1]:
             key = r * dirs + dirs - 1
             best[key] = task.release
-            heapq.heappush(queue, (task.release, task.release, key))
+            heapq.heappush(queue, (task.release, 0.0, task.release, key))
     return queue
+
+
+@inner
+def _goal_free(safe: Safe, goal: int) -> float:
+    """Return from when on a goal stays free for good (inf: it does not)."""
+    last = safe.head[goal + 1] - 1
+    endless = last >= safe.head[goal] and safe.intervals[last, 1] == np.inf
+    return float(safe.intervals[last, 0]) if endless else np.inf
 
 
 @kernel
@@ -282,17 +295,18 @@ def search(lattice: Lattice, task: Errand, safe: Safe, most: int) -> tuple[Float
     how many states were expanded, ``most`` at most.
 
     ``safe``: when places are free, then the start, the goal. A state is a safe interval and the
-    direction in which the body moves, or stands.
+    direction in which the body moves, or stands. Of those that may arrive as soon, which is often
+    when the goal gets free, the nearest is expanded first.
     """
     places, still = lattice.free.size, len(task.starts)
     dirs = still + 1
     best = np.full(len(safe.intervals) * dirs, np.inf)
     parent = np.full(len(best), -1, dtype=np.int64)
     place_of, links = _tables(task, safe, places)
-    queue = _begun(task, safe, places, dirs, best)
+    queue, soonest = _begun(task, safe, places, dirs, best), _goal_free(safe, places + 1)
     done = 0
-    while len(queue) > 0 and done < most:
-        _, t, key = heapq.heappop(queue)
+    while len(queue) > 0 and done < most and soonest < task.until:
+        _, _, t, key = heapq.heappop(queue)
         if t > best[key] + 1e-9:
             continue
         done += 1
@@ -303,7 +317,8 @@ def search(lattice: Lattice, task: Errand, safe: Safe, most: int) -> tuple[Float
         halted, stood = r * dirs + still, t + task.stop
         if d != still and stood <= until and stood < best[halted] - 1e-9:
             best[halted], parent[halted] = stood, key
-            heapq.heappush(queue, (stood + task.to_go[place], stood, halted))
+            left = task.to_go[place]
+            heapq.heappush(queue, (max(stood + EAGER * left, soonest), left, stood, halted))
         latest = until if d == still else min(t + task.lag, until)
         for w in range(len(task.source.place) if place == places else dirs):
             there, e, length = _step(lattice, task, links, place, w)
@@ -325,7 +340,7 @@ def search(lattice: Lattice, task: Errand, safe: Safe, most: int) -> tuple[Float
                 if late or (inside and not _clear_between(lattice, task, safe, place, e, half)):
                     continue
                 best[state], parent[state] = after, key
-                heapq.heappush(queue, (after + to_go, after, state))
+                heapq.heappush(queue, (max(after + EAGER * to_go, soonest), to_go, after, state))
     return np.empty((0, 2)), done
 
 

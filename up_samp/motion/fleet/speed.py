@@ -24,7 +24,6 @@ from up_samp.model import (
     TimedMotion,
     avoids,
 )
-from up_samp.motion.fleet.flyers import met_by
 from up_samp.motion.fleet.paths import (
     TIMES,
     Path,
@@ -452,8 +451,8 @@ def _earliest(
 
 
 def parked_all_the_time(motion: TimedMotion, others: Iterable[TimedPath]) -> list[Placed]:
-    """Return what rests in one place all through the motion's window, as its body meets it."""
-    placed = [
+    """Return what rests in one place all through the motion's window."""
+    return [
         Placed(other.object, other.path.body, rest)
         for other in others
         if other.object != motion.object
@@ -461,7 +460,6 @@ def parked_all_the_time(motion: TimedMotion, others: Iterable[TimedPath]) -> lis
         and other.since <= motion.release
         and (rest := _rest_until(other, motion)) is not None
     ]
-    return met_by(motion.body, placed)
 
 
 def _rest_until(other: TimedPath, motion: TimedMotion) -> Configuration | None:

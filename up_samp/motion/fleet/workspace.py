@@ -8,7 +8,7 @@ import weakref
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -55,10 +55,6 @@ from up_samp.motion.models import MODELS, made_by
 from up_samp.motion.protocol import Leg, LegQuery, MotionPlanner
 from up_samp.motion.registry import PLANNERS
 from up_samp.motion.tuning import FleetTuning, MotionTuning
-
-if TYPE_CHECKING:
-    from up_samp.motion.fleet.sipp import SafeIntervalPlanner
-
 
 IntArray = npt.NDArray[np.int64]
 
@@ -157,15 +153,6 @@ class Workspace:
             raise ReferenceError("the motion service of this workspace is gone")
         return service
 
-    @cached_property
-    def safe_intervals(self) -> SafeIntervalPlanner | None:
-        """The search over the plane, if the service has a scene to search in."""
-        from up_samp.motion.fleet.sipp import SafeIntervalPlanner
-
-        return (
-            SafeIntervalPlanner(self.scene, self.tuning.plane) if self.scene is not None else None
-        )
-
     def path(
         self,
         body: Body,
@@ -212,9 +199,9 @@ class Workspace:
         Unlike :meth:`path` it gives up early, since a detour is only one way of several. From walls
         and what is static it keeps the margin, whoever else stands near its ends.
         """
-        static = met_by(body, static)
-        path = self._detour(body, poses, (*static, *met_by(body, others)), deadline)
-        return path if path is not None and self._keeps(path, poses, tuple(static)) else None
+        path = self._detour(body, poses, (*static, *others), deadline)
+        known = path is not None and self._keeps(path, poses, met_by(body, static))
+        return path if known else None
 
     def _keeps(
         self, path: Path, poses: Sequence[Configuration], static: tuple[Placed, ...]
@@ -247,16 +234,17 @@ class Workspace:
         key = (body, poses, around, "detour")
         known = self._paths.get(key)
         if known is None:
+            seen = met_by(body, obstacles)
             legs: list[Leg] = []
             for start, goal in itertools.pairwise(poses):
-                leg = quick.leg(LegQuery(body, start, goal, obstacles), deadline)
+                leg = quick.leg(LegQuery(body, start, goal, seen), deadline)
                 legs.append(leg)
                 if leg.trajectory is None:
                     outcome = Outcome.NOT_FOUND if leg.complete else Outcome.OUT_OF_TIME
                     known = PathReport(outcome, reason=leg.reason)
                     break
             else:
-                motion, _ = strung(self.scene, PathQuery(body, poses, obstacles), legs)
+                motion, _ = strung(self.scene, PathQuery(body, poses, seen), legs)
                 known = path_of(motion, body, poses)
                 known.cleared.update(around)
             if all(leg.complete for leg in legs):

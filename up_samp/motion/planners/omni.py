@@ -39,7 +39,7 @@ CELL = 0.02
 """Cells (m) by which a search that slides tells poses apart: it is for gaps of centimetres."""
 
 
-class Grain(NamedTuple):
+class PlanarGrain(NamedTuple):
     """A resolution: ``step`` in inner radii of the footprint, ``bins`` of headings, size of the
     search tree in ``nodes``. ``tight``: slide along walls into gaps narrower than the steps.
     """
@@ -58,11 +58,11 @@ class PlanarSettings:
     ``rounds`` random shortcuts; the fastest counts.
     """
 
-    grains: tuple[Grain, ...] = (
-        Grain(1.0, 16, 60_000),
-        Grain(0.5, 24, 250_000),
-        Grain(0.25, 36, 400_000),
-        Grain(0.5, 24, 60_000, tight=True),
+    grains: tuple[PlanarGrain, ...] = (
+        PlanarGrain(1.0, 16, 60_000),
+        PlanarGrain(0.5, 24, 250_000),
+        PlanarGrain(0.25, 36, 400_000),
+        PlanarGrain(0.5, 24, 60_000, tight=True),
     )
     weight: float = 1.15
     rounds: int = 600
@@ -87,7 +87,7 @@ class PlanarPlanner:
     @classmethod
     def quick(cls, scene: Scene, seed: int = 0) -> PlanarPlanner:
         """Return a planner that gives up after little work, for detours."""
-        few = PlanarSettings((Grain(1.0, 16, 20_000),), rounds=200, shifts=(0.25,), tries=1)
+        few = PlanarSettings((PlanarGrain(1.0, 16, 20_000),), rounds=200, shifts=(0.25,), tries=1)
         return cls(scene, seed, replace(few, roundabout=math.inf))
 
     def leg(self, query: LegQuery, deadline: Deadline) -> Leg:
@@ -165,7 +165,7 @@ class PlanarPlanner:
         return None, shape, "out of time" if budget.cut else reason
 
     def _search(
-        self, query: LegQuery, shape: Shape, grain: Grain, budget: WorkBudget
+        self, query: LegQuery, shape: Shape, grain: PlanarGrain, budget: WorkBudget
     ) -> tuple[FloatArray | None, bool]:
         """Run A* at one resolution; return the chain or None, and whether it ran dry."""
         origin, target = (np.array(p[:3], dtype=np.float64) for p in (query.start, query.goal))
@@ -192,7 +192,7 @@ class PlanarPlanner:
         rows[-1][2] = rows[-2][2] + math.remainder(target[2] - rows[-2][2], 2 * math.pi)
         return np.array(rows), False
 
-    def _problem(self, query: LegQuery, shape: Shape, grain: Grain) -> PlanarProblem:
+    def _problem(self, query: LegQuery, shape: Shape, grain: PlanarGrain) -> PlanarProblem:
         """Return what one search is about, at one resolution."""
         ends, obstacles, bins = (query.start, query.goal), query.obstacles, grain.bins
         step = grain.step * shape.inner[2]

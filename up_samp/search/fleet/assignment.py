@@ -172,23 +172,23 @@ def _detours(assign: Assignment) -> set[str]:
     snapshot, options = assign.guess.snapshot, [o for some in assign.jobs.options for o in some]
     own = {n for o in options for n in (*o.members, *o.extras)}
     stops = {pose for o in options for leg in (*o.legs, (o.entry, o.exit)) for pose in leg}
-    ways = {robot: _ways(assign, robot) for robot in assign.tours}
-    last = {robot: _last(assign, robot) for robot in assign.tours}
+    tours = {robot: _ways(assign, robot) for robot in assign.tours}
     found = set()
     for task in snapshot.tasks:
         fixed = all(term.kind is TermKind.CONSTANT for term in task.terms)
-        if task.activity in own or task.object not in ways or not fixed:
+        if task.activity in own or task.object not in tours or not fixed:
             continue
         a, b = (snapshot.configurations[task.terms[i].name] for i in (0, -1))
-        home = a == last[task.object] and b not in stops
-        if (a, b) not in ways[task.object] and not home:
+        ways, last = tours[task.object]
+        home = a == last and b not in stops
+        if (a, b) not in ways and not home:
             found.add(task.activity)
     return found
 
 
 def _all_ways(assign: Assignment, robot: str) -> list[tuple[Configuration, Configuration]]:
     """Return from where to where a robot drives for its jobs, and home."""
-    found = sorted(_ways(assign, robot))
+    found = sorted(_ways(assign, robot)[0])
     if assign.tours[robot]:
         j, k = assign.tours[robot][-1]
         option = assign.jobs.options[j][k]
@@ -197,23 +197,17 @@ def _all_ways(assign: Assignment, robot: str) -> list[tuple[Configuration, Confi
     return found
 
 
-def _ways(assign: Assignment, robot: str) -> set[tuple[Configuration, Configuration]]:
-    """Return from where to where a robot drives for its jobs."""
+def _ways(
+    assign: Assignment, robot: str
+) -> tuple[set[tuple[Configuration, Configuration]], Configuration]:
+    """Return from where to where a robot drives for its jobs, and where it is when all are done."""
     snapshot, found = assign.guess.snapshot, set[tuple[Configuration, Configuration]]()
     here = snapshot.configurations[snapshot.initial[robot]]
     for j, k in assign.tours[robot]:
         option = assign.jobs.options[j][k]
         found |= {(here, option.entry), *option.legs}
         here = option.exit
-    return found
-
-
-def _last(assign: Assignment, robot: str) -> Configuration:
-    """Return where a robot is when its jobs are done."""
-    if assign.tours[robot]:
-        j, k = assign.tours[robot][-1]
-        return assign.jobs.options[j][k].exit
-    return assign.guess.snapshot.configurations[assign.guess.snapshot.initial[robot]]
+    return found, here
 
 
 def state_order(problem: SchedulingMotionProblem, assign: Assignment) -> None:

@@ -108,9 +108,8 @@ def ancestors(motions: Collection[str], times: Earliest) -> dict[str, set[str]]:
 
 def sooner(one: TimedPath | None, other: TimedPath | None) -> TimedPath | None:
     """Return the run that arrives first, of those that there are."""
-    if one is None or other is None:
-        return one or other
-    return one if one.arrival <= other.arrival else other
+    found = (run for run in (one, other) if run is not None)
+    return min(found, key=lambda run: run.arrival, default=None)
 
 
 # ------------------ Tours that are decided: their motions, and when everything happens

@@ -20,11 +20,10 @@ import math
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import linprog
-from scipy.sparse import csr_array
 
 from up_samp.search.fleet_bound.final_occupancy import FinalOccupancy, least
 from up_samp.search.fleet_bound.work import JobMode, JobWork, Leg
@@ -56,6 +55,8 @@ def least_share(
     :param seconds: limit of the solver.
     :param since: no plan is shorter, that is known.
     """
+    from scipy.optimize import linprog  # half a second, for those who have many jobs
+
     model = _Model(work, ways, comings, last or FinalOccupancy(), since)
     found = linprog(
         model.costs,
@@ -85,8 +86,10 @@ class _Rows:
         self._entries += [(len(self.limits), column, value) for column, value in entries]
         self.limits.append(float(limit))
 
-    def matrix(self, columns: int) -> csr_array:
-        """Return all rows; coefficients of the same place add up."""
+    def matrix(self, columns: int) -> Any:
+        """Return all rows, sparse; coefficients of the same place add up."""
+        from scipy.sparse import csr_array
+
         rows, cols, values = zip(*self._entries, strict=True) if self._entries else ((), (), ())
         return csr_array((values, (rows, cols)), shape=(len(self.limits), columns))
 

@@ -262,10 +262,7 @@ def _of_each(
 
 
 def _greatest(some: list[tuple[int, int]]) -> dict[int, int]:
-    found: dict[int, int] = {}
-    for task, gap in some:
-        found[task] = max(gap, found.get(task, gap))
-    return found
+    return dict(sorted(some))  # of several, the last one stays
 
 
 def _mark(routes: list[Route], tasks: list[RoutedTask], openers: dict[Need, int]) -> None:

@@ -131,11 +131,11 @@ class Programme:
     spots: list[list[int]]
 
     @staticmethod
-    def of(work: RoutedWork, most: int) -> Programme | None:
-        """Return the programme, with what opens doors; ``None`` if it has more than ``most``
-        states.
+    def of(work: RoutedWork, most: int, *, doors: bool = True) -> Programme | None:
+        """Return the programme, ``None`` if it has more than ``most`` states; with what opens
+        ``doors``.
         """
-        wanted = [i for i, task in enumerate(work.tasks) if task.wanted or task.needed]
+        wanted = [i for i, task in enumerate(work.tasks) if task.wanted or (doors and task.needed)]
         number = {task: k for k, task in enumerate(wanted)}
         before = [0] * len(wanted)
         for task in wanted:

@@ -1,0 +1,38 @@
+"""What is not operated yet is refused by name, before a day begins."""
+
+import pytest
+
+from tests.operate.sites import hall
+from up_samp.model import UnsupportedError
+from up_samp.operate.planner import check_site
+
+REFUSED = {
+    "lifts": (lambda f: f.add_floor("first", "hall.yaml", 4.0), "floor 'first'"),
+    "shifts": (
+        lambda f: f.add_robot("late", "agv", [3, 11, 0], shift=(9, 99)),
+        "robot 'late' has a shift",
+    ),
+    "batteries": (
+        lambda f: f.add_robot_type("small", (0.5, 0.5), battery={"capacity": 9}),
+        "robot type 'small' has a battery",
+    ),
+    "forks": (
+        lambda f: f.add_robot_type("fork", (0.5, 0.5), unloading="lifo"),
+        "robot type 'fork' unloads in an order",
+    ),
+    "recurring": (
+        lambda f: f.add_order("o", "rack0", "dock0", repeat={"every": 9, "times": 3}),
+        "'o' has a release time or recurs",
+    ),
+    "released": (lambda f: f.add_task("t", "rack0", duration=1, release=5), "'t' has a release"),
+}
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_it_is_refused_by_name(what, tmp_path):
+    fleet = hall(tmp_path)
+    check_site(fleet.records)
+    add, text = REFUSED[what]
+    add(fleet)
+    with pytest.raises(UnsupportedError, match=text):
+        check_site(fleet.records)
