@@ -20,8 +20,9 @@ import numpy as np
 
 from up_samp import Fleet
 from up_samp.geometry.maps import write_map
-from up_samp.operate.day import DayPlan, report_text, simulate_day
-from up_samp.operate.loop import Settings
+from up_samp.operate.day import DayPlan, simulate_day
+from up_samp.operate.report import report_text
+from up_samp.operate.settings import Settings
 
 WAYS = {
     "rolling": {"commit": "begun"},

@@ -6,7 +6,8 @@ from pathlib import Path
 from tests.operate.sites import hall
 from up_samp.operate.clock import SimulatedClock
 from up_samp.operate.judge import judge_day
-from up_samp.operate.loop import Operation, Settings
+from up_samp.operate.loop import Operation
+from up_samp.operate.settings import Settings
 from up_samp.operate.simulated import SimulatedRobots, SteppedClock
 from up_samp.operate.store import Store
 

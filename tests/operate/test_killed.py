@@ -11,8 +11,9 @@ import pytest
 
 from tests.operate.sites import hall
 from up_samp.operate.judge import judge_day
-from up_samp.operate.loop import Operation, Settings
+from up_samp.operate.loop import Operation
 from up_samp.operate.planner import answer
+from up_samp.operate.settings import Settings
 from up_samp.operate.simulated import SimulatedRobots, routes_told
 from up_samp.operate.store import Store
 

@@ -18,7 +18,8 @@ from tests.operate.sites import hall  # noqa: E402
 from tests.server.soak_server import free_port  # noqa: E402
 from up_samp.operate.clock import RealClock  # noqa: E402
 from up_samp.operate.judge import contacts  # noqa: E402
-from up_samp.operate.loop import Operation, Settings  # noqa: E402
+from up_samp.operate.loop import Operation  # noqa: E402
+from up_samp.operate.settings import Settings  # noqa: E402
 from up_samp.operate.simulated import Drive  # noqa: E402
 from up_samp.operate.store import Store  # noqa: E402
 from up_samp.operate.vda5050 import MasterControl  # noqa: E402

@@ -4,7 +4,7 @@ import sqlite3
 
 import pytest
 
-from up_samp.operate.records import Job, Report, State, job_record
+from up_samp.operate.records import DayOrder, OrderState, Report, job_record
 from up_samp.operate.store import MIGRATIONS, Store, StoreError
 
 ORDER = {"id": "o1", "pickup": "shelf", "delivery": "dock", "due": 30.0}
@@ -12,7 +12,7 @@ ORDER = {"id": "o1", "pickup": "shelf", "delivery": "dock", "due": 30.0}
 
 def test_what_is_kept_comes_back(tmp_path):
     store = Store(tmp_path / "day.db")
-    job = Job(job_record(ORDER), 1.5, State.BEGUN, "r1", 4.0)
+    job = DayOrder(job_record(ORDER), 1.5, OrderState.BEGUN, "r1", 4.0)
     with store:
         store.put_job(job)
         store.note(2.0, "told", "r1", "hold", "by hand")

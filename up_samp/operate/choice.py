@@ -12,55 +12,83 @@ import math
 import random
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Protocol
 
+from up_samp.execution.executor import Executor
 from up_samp.execution.state import TaskPhase
-from up_samp.fleet.records import Order
-from up_samp.fleet.statements import Kind
-from up_samp.operate.horizon import DELIVERS, Opened
-from up_samp.operate.records import Job, Pose, State
+from up_samp.fleet.records import FleetRecords, Order
+from up_samp.fleet.statements import Kind, Meaning
+from up_samp.operate.horizon import DELIVERS, Cut, Opened
+from up_samp.operate.records import DayOrder, OrderState, Pose
+from up_samp.operate.settings import Settings
 
-if TYPE_CHECKING:
-    from up_samp.operate.loop import Operation
+
+class Day(Protocol):
+    """What there is to choose from: an operation, as :class:`up_samp.operate.loop.Operation`."""
+
+    settings: Settings
+    site: FleetRecords
+    executor: Executor | None
+    meanings: dict[str, Meaning]
+    jobs: dict[str, DayOrder]
+    number: int
+
+    def stranded(self) -> list[str]:
+        """Return robots that stand where they should not stay."""
+
+    def stale(self) -> list[str]:
+        """Return robots that are to do what is cancelled, or was changed."""
+
+    def waiting(self) -> list[DayOrder]:
+        """Return the orders that are in no plan."""
+
+    def dropped(self) -> list[DayOrder]:
+        """Return orders whose robot has gone before it had them."""
+
+    def free_at(self) -> dict[str, tuple[float, Pose]]:
+        """Return in how many seconds each robot will have done its last order, and where."""
+
+    def cut(self, opened: Mapping[str, Opened] | None = None) -> Cut:
+        """Return where the plan can be cut."""
 
 
 @dataclass(frozen=True)
-class Choice:
+class OpenWork:
     """``opened``: the robots that are planned anew, and what of theirs; ``jobs``: what they do."""
 
     opened: Mapping[str, Opened]
-    jobs: tuple[Job, ...] = ()
+    jobs: tuple[DayOrder, ...] = ()
 
 
-def choose(day: Operation) -> Choice | None:
+def choose(day: Day) -> OpenWork | None:
     """Return what to plan next; None: nothing is left to plan."""
     stranded = day.stranded()[: day.settings.candidates]
     if stranded:
         opened = dict.fromkeys(stranded, Opened.ALL)
-        return Choice(opened, tuple(_theirs(day, opened)))
+        return OpenWork(opened, tuple(_theirs(day, opened)))
     stale = day.stale()[: day.settings.candidates]
     if stale:
         opened = dict.fromkeys(stale, Opened.ALL)
-        return Choice(opened, tuple(_theirs(day, opened)))
+        return OpenWork(opened, tuple(_theirs(day, opened)))
     waiting = [j for j in (*day.waiting(), *day.dropped()) if _ready(day, j)]
     if waiting:
         return _for_order(day, min(waiting, key=urgency))
     return _shared_anew(day)
 
 
-def urgency(job: Job) -> tuple[float, float, float]:
+def urgency(job: DayOrder) -> tuple[float, float, float]:
     """Return a key: orders of higher priority first, then those due first, then by coming."""
     due = job.record.due
     return -job.record.priority, math.inf if due is None else due, job.came
 
 
-def _ready(day: Operation, job: Job) -> bool:
+def _ready(day: Day, job: DayOrder) -> bool:
     """Return whether what comes before an order is in the plan, or over."""
     before = (day.jobs.get(name) for name in job.record.after)
-    return all(b is None or b.state is not State.WAITING for b in before)
+    return all(b is None or b.state is not OrderState.WAITING for b in before)
 
 
-def _for_order(day: Operation, job: Job) -> Choice | None:
+def _for_order(day: Day, job: DayOrder) -> OpenWork | None:
     free = day.free_at()
     able = [r for r in free if _able(day, job, r)]
     if not able:
@@ -68,19 +96,19 @@ def _for_order(day: Operation, job: Job) -> Choice | None:
     settings = day.settings
     best = sorted(able, key=lambda r: (_there(day, job, r, *free[r]), r))[: settings.candidates]
     if settings.commit == "all":
-        return Choice({best[0]: Opened.TAIL}, (job,))
+        return OpenWork({best[0]: Opened.TAIL}, (job,))
     if settings.commit == "none":
         everybody = dict.fromkeys(free, Opened.ALL)
-        return Choice(everybody, (job, *_theirs(day, everybody)))
+        return OpenWork(everybody, (job, *_theirs(day, everybody)))
     for count in range(len(best), 0, -1):
         opened = dict.fromkeys(best[:count], Opened.ALL)
         jobs = (job, *_theirs(day, opened))
         if len(jobs) <= settings.most:
-            return Choice(opened, jobs)
-    return Choice({best[0]: Opened.TAIL}, (job,))
+            return OpenWork(opened, jobs)
+    return OpenWork({best[0]: Opened.TAIL}, (job,))
 
 
-def _able(day: Operation, job: Job, robot: str) -> bool:
+def _able(day: Day, job: DayOrder, robot: str) -> bool:
     record, mine = job.record, day.site.robots[robot]
     named = not record.robots or robot in record.robots
     load = record.load if isinstance(record, Order) else {}
@@ -89,7 +117,7 @@ def _able(day: Operation, job: Job, robot: str) -> bool:
     return named and fits and set(record.skills) <= set(mine.skills)
 
 
-def _there(day: Operation, job: Job, robot: str, when: float, pose: Pose) -> float:
+def _there(day: Day, job: DayOrder, robot: str, when: float, pose: Pose) -> float:
     """Return when a robot could be at an order's pickup, on straight lines."""
     record = job.record
     at = (record.pickup if isinstance(record, Order) else record).at
@@ -98,7 +126,7 @@ def _there(day: Operation, job: Job, robot: str, when: float, pose: Pose) -> flo
     return when + min(math.dist(pose[:2], spot[:2]) for spot in spots) / speed
 
 
-def _theirs(day: Operation, robots: Mapping[str, Opened]) -> Sequence[Job]:
+def _theirs(day: Day, robots: Mapping[str, Opened]) -> Sequence[DayOrder]:
     """Return the orders of some robots that are in the plan and that nobody is on the way to."""
     if day.executor is None:
         return ()
@@ -112,15 +140,17 @@ def _theirs(day: Operation, robots: Mapping[str, Opened]) -> Sequence[Job]:
         and m.what not in kept
     )
     jobs = (day.jobs[n] for n in found if n in day.jobs)
-    return [j for j in jobs if j.state is State.PLANNED]
+    return [j for j in jobs if j.state is OrderState.PLANNED]
 
 
-def _shared_anew(day: Operation) -> Choice | None:
+def _shared_anew(day: Day) -> OpenWork | None:
     """Return two robots whose orders could be shared anew."""
     planned = {
         m.robot
         for m in day.meanings.values()
-        if m.kind is Kind.PICKUP and m.what in day.jobs and day.jobs[m.what].state is State.PLANNED
+        if m.kind is Kind.PICKUP
+        and m.what in day.jobs
+        and day.jobs[m.what].state is OrderState.PLANNED
     }
     free = [r for r in day.free_at() if r not in planned]
     if day.settings.commit != "begun" or not planned:
@@ -130,4 +160,4 @@ def _shared_anew(day: Operation) -> Choice | None:
     other = rng.choice(sorted({*planned, *free} - {one}) or [one])
     opened = dict.fromkeys((one, other), Opened.ALL)
     jobs = _theirs(day, opened)
-    return Choice(opened, tuple(jobs)) if 0 < len(jobs) <= day.settings.most else None
+    return OpenWork(opened, tuple(jobs)) if 0 < len(jobs) <= day.settings.most else None

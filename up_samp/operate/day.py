@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import random
 import statistics
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,9 +18,10 @@ from up_samp.fleet.records import FleetRecords, Order, Task
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import ProblemError
 from up_samp.operate.clock import SimulatedClock
-from up_samp.operate.judge import Verdict, judge_day, record_of_day
-from up_samp.operate.loop import Operation, Settings
-from up_samp.operate.records import Job, State
+from up_samp.operate.judge import DayVerdict, judge_day, record_of_day
+from up_samp.operate.loop import Operation
+from up_samp.operate.records import DayOrder, OrderState
+from up_samp.operate.settings import Settings
 from up_samp.operate.simulated import (
     Handled,
     Mishaps,
@@ -87,11 +86,11 @@ class DayResult:
 
     plan: DayPlan
     figures: DayFigures
-    verdict: Verdict
+    verdict: DayVerdict
     record: PlanDict
     waits: tuple[tuple[float, float, float], ...]
     costs: tuple[tuple[float, float, float, str, bool], ...]
-    jobs: tuple[Job, ...]
+    jobs: tuple[DayOrder, ...]
     handled: tuple[Handled, ...] = ()
 
 
@@ -206,14 +205,14 @@ def _run(
 
 def figures_of(
     plan: DayPlan,
-    jobs: Sequence[Job],
+    jobs: Sequence[DayOrder],
     robots: SimulatedRobots,
     costs: Sequence[tuple[float, float, float, str, bool]],
     steps: Sequence[float],
     seconds: float,
 ) -> DayFigures:
     """Return the figures of a day."""
-    done = [j for j in jobs if j.state is State.DONE and j.done is not None]
+    done = [j for j in jobs if j.state is OrderState.DONE and j.done is not None]
     driven = waited = metres = 0.0
     for drive in robots.drives:
         rows = np.asarray(drive.rows)
@@ -246,54 +245,3 @@ def _quantiles(values: Sequence[float]) -> tuple[float, float, float]:
         return 0.0, 0.0, 0.0
     found = np.quantile(np.asarray(values), (0.5, 0.95, 1.0))
     return round(float(found[0]), 4), round(float(found[1]), 4), round(float(found[2]), 4)
-
-
-# ------------------ The report
-
-
-def write_report(result: DayResult, folder: Path) -> list[Path]:
-    """Write ``day.json``, ``day.txt`` and pictures (``gantt.png``, ``orders.png``,
-    ``waiting.png``) into a folder; return the files.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    files = [folder / name for name in ("day.json", "day.txt")]
-    told = {"plan": asdict(result.plan), "figures": asdict(result.figures)}
-    told["verdict"] = asdict(result.verdict)
-    files[0].write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
-    files[1].write_text(report_text(result) + "\n", encoding="utf-8")
-    from up_samp.operate.pictures import draw_gantt, draw_orders, draw_waiting
-
-    for name, draw in (("gantt", draw_gantt), ("orders", draw_orders), ("waiting", draw_waiting)):
-        files.append(draw(result, folder / f"{name}.png"))
-    return files
-
-
-def report_text(result: DayResult) -> str:
-    """Return a day in words."""
-    f, v = result.figures, result.verdict
-    why: dict[str, int] = {}
-    for *_, reason, taken in result.costs:
-        if taken:
-            kind = reason.replace("again: ", "")
-            kind = "an order came" if kind.startswith("order") else kind.partition("'")[0].strip()
-            why[kind] = why.get(kind, 0) + 1
-    reasons = ", ".join(f"{n} {k}" for k, n in sorted(why.items(), key=lambda i: -i[1]))
-    return "\n".join((
-        f"{f.done} of {f.orders} orders done in {f.hours:g} h: {f.per_hour:g} an hour",
-        f"mean tardiness {f.tardiness:g} s, {100 * f.in_time:.0f} % in time, "
-        f"{f.flow:g} s from coming to done",
-        f"{f.kilometres:g} km driven, {100 * f.waiting:.1f} % of the driving time waited",
-        f"{f.plans} plans, {f.plans_taken} taken ({reasons})",
-        "CPU of a plan: median {:.2f} s, 95 % {:.2f} s, most {:.2f} s".format(*f.planning),
-        "CPU of a step: median {:.1f} ms, 95 % {:.1f} ms, most {:.1f} ms".format(
-            *(1000 * s for s in f.steps)
-        ),
-        f"judged: {len(v.contacts)} contacts, {len(v.lost)} orders lost, {len(v.twice)} done "
-        f"twice, {len(v.elsewhere)} elsewhere",
-        f"simulated in {f.seconds:g} s",
-    ))  # fmt: skip
-
-
-def as_data(result: DayResult) -> dict[str, Any]:
-    """Return a day's plan and figures as JSON would hold them."""
-    return {"plan": asdict(result.plan), "figures": asdict(result.figures)}

@@ -13,7 +13,7 @@ from typing import Any
 
 from up_samp.execution.judge import Contact, contacts_of
 from up_samp.fleet.records import FleetRecords, Order, corners_of
-from up_samp.operate.records import Job, Pose, State
+from up_samp.operate.records import DayOrder, OrderState, Pose
 from up_samp.operate.simulated import Drive, Handled
 
 THERE = 0.25
@@ -22,7 +22,7 @@ stops short of the place."""
 
 
 @dataclass(frozen=True)
-class Verdict:
+class DayVerdict:
     """``contacts``: who met. ``lost``: orders that were taken and not done; ``twice``: done more
     than once; ``elsewhere``: what was done where it should not have been, in words.
     """
@@ -40,11 +40,11 @@ class Verdict:
 
 def judge_day(
     site: FleetRecords,
-    jobs: Mapping[str, Job],
+    jobs: Mapping[str, DayOrder],
     initial: Mapping[str, Pose],
     drives: Sequence[Drive],
     handled: Sequence[Handled],
-) -> Verdict:
+) -> DayVerdict:
     """Judge a day by its drives and by what was done at places."""
     lost: list[str] = []
     twice: list[str] = []
@@ -52,14 +52,14 @@ def judge_day(
     for name, job in jobs.items():
         mine = [h for h in handled if h.what == name]
         ends = [h for h in mine if h.kind in ("deliver", "task")]
-        if not ends and job.state is not State.CANCELLED:
+        if not ends and job.state is not OrderState.CANCELLED:
             lost.append(name)
         if len(ends) > 1:
             twice.append(name)
         if isinstance(job.record, Order) and ends:
             elsewhere += _of_order(site, job.record, mine, initial, drives)
     met = contacts(site, initial, drives)
-    return Verdict(tuple(met), tuple(lost), tuple(twice), tuple(elsewhere))
+    return DayVerdict(tuple(met), tuple(lost), tuple(twice), tuple(elsewhere))
 
 
 def _of_order(

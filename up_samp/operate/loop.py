@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -25,10 +25,11 @@ from up_samp.fleet.records import FleetRecords, Order, Task, Weights, corners_of
 from up_samp.fleet.statements import Kind, Meaning
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import ProblemError, SampError
-from up_samp.operate.choice import Choice, choose
+from up_samp.operate.choice import OpenWork, choose
 from up_samp.operate.horizon import DELIVERS, Cut, Opened, cut_of, first_inside, meanings_of
 from up_samp.operate.planner import Answer, Planner, Question, check_job, check_site
-from up_samp.operate.records import Job, Pose, Report, Shape, State, job_record
+from up_samp.operate.records import DayOrder, OrderState, Pose, Report, Shape, job_record
+from up_samp.operate.settings import Settings
 from up_samp.operate.stitch import Kept, kept_of
 from up_samp.operate.store import Store
 
@@ -77,30 +78,6 @@ class Asked(Protocol):
         """End."""
 
 
-@dataclass(frozen=True)
-class Settings:
-    """How a day is operated. ``budget``: seconds that a plan may be sought for, and ``grace`` more
-    until it has to be there. ``every``: seconds after which what is not begun is planned anew in
-    any case; ``late``: by how many seconds everything may end later than forecast until then.
-    ``most``: so many orders are planned at a time, by so many robots (``candidates``). ``commit``:
-    ``"begun"`` stays; ``"all"`` that was planned once; or ``"none"``: everybody is planned anew.
-    ``tick``: seconds between two steps. ``stretch``: in simulated time the planner has so many
-    times its budget, for machines that are busy with other things.
-    """
-
-    budget: float = 2.0
-    grace: float = 2.0
-    stretch: float = 1.0
-    every: float = 20.0
-    late: float = 20.0
-    most: int = 3
-    candidates: int = 2
-    commit: str = "begun"
-    tick: float = 0.2
-    localisation: float = 0.05
-    seed: int = 0
-
-
 SNAPSHOT = 60.0
 """Seconds after which all that has happened is kept as a whole, so that a restart is quick."""
 RETRY = 5.0
@@ -145,7 +122,7 @@ class Operation:
         self.gone: dict[str, float] = {}
         """How much (m) of motions was driven when their plan began: robots count all of it."""
         self.poses = {n: self._home(r.start) for n, r in self.site.robots.items()}
-        self.jobs: dict[str, Job] = {}
+        self.jobs: dict[str, DayOrder] = {}
         self.away: dict[str, str] = {}
         """Robots that do nothing now, and why."""
         self.held: dict[str, str] = {}
@@ -213,7 +190,7 @@ class Operation:
 
     # ------------------------------------------------------------------ what people say
 
-    def add(self, record: Order | Task | Mapping[str, Any]) -> Job:
+    def add(self, record: Order | Task | Mapping[str, Any]) -> DayOrder:
         """Take an order or a task, or change one that is not begun; it is in the store then.
 
         :raises FleetError: where something in it is wrong, or it speaks of what is not there.
@@ -223,11 +200,11 @@ class Operation:
             record = job_record(record)
         check_job(record)
         known = self.jobs.get(record.id)
-        if known is not None and known.state not in (State.WAITING, State.PLANNED):
+        if known is not None and known.state not in (OrderState.WAITING, OrderState.PLANNED):
             raise ProblemError(f"'{record.id}' is {known.state.value}: it cannot be changed")
         _fits(self.site, self.folder, record)
         now = self.clock.now()
-        job = Job(record, now if known is None else known.came)
+        job = DayOrder(record, now if known is None else known.came)
         with self.store:
             self.store.put_job(job)
             self.store.note(now, "order", job.id, "came" if known is None else "changed")
@@ -235,21 +212,21 @@ class Operation:
         self.want(f"order '{job.id}' {'came' if known is None else 'was changed'}")
         return job
 
-    def cancel(self, name: str) -> Job:
+    def cancel(self, name: str) -> DayOrder:
         """Cancel an order that is not begun.
 
         :raises ProblemError: where there is none, or it has begun.
         """
         job = self._job(name)
-        if job.state not in (State.WAITING, State.PLANNED):
+        if job.state not in (OrderState.WAITING, OrderState.PLANNED):
             raise ProblemError(f"'{name}' is {job.state.value}: it cannot be cancelled")
         with self.store:
-            self._set(job, State.CANCELLED, "cancelled by hand")
-        if job.state is State.PLANNED:
+            self._set(job, OrderState.CANCELLED, "cancelled by hand")
+        if job.state is OrderState.PLANNED:
             self.want(f"order '{name}' was cancelled")
         return self.jobs[name]
 
-    def _job(self, name: str) -> Job:
+    def _job(self, name: str) -> DayOrder:
         if name not in self.jobs:
             raise ProblemError(f"there is no order '{name}'")
         return self.jobs[name]
@@ -420,18 +397,18 @@ class Operation:
             phase = self.executor.phase(name)
             if job is None or phase is TaskPhase.WAITING:
                 continue
-            late = job.state is State.CANCELLED and meaning.kind is not Kind.MOVE
+            late = job.state is OrderState.CANCELLED and meaning.kind is not Kind.MOVE
             if not job.state.open and not late:
                 continue
             if late:
                 job = replace(job, note="cancelled too late: it had begun")
             when = self.executor.state.now + self.origin
             if phase is TaskPhase.DONE and meaning.kind in DELIVERS:
-                self._set(replace(job, robot=meaning.robot, done=when), State.DONE)
-            elif job.state is not State.BEGUN:
-                self._set(replace(job, robot=meaning.robot, begun=when), State.BEGUN)
+                self._set(replace(job, robot=meaning.robot, done=when), OrderState.DONE)
+            elif job.state is not OrderState.BEGUN:
+                self._set(replace(job, robot=meaning.robot, begun=when), OrderState.BEGUN)
 
-    def _set(self, job: Job, state: State, why: str = "") -> None:
+    def _set(self, job: DayOrder, state: OrderState, why: str = "") -> None:
         self.jobs[job.id] = replace(job, state=state)
         self.store.put_job(self.jobs[job.id])
         by = f" by {job.robot}" if job.robot else ""
@@ -507,9 +484,9 @@ class Operation:
         elif self._end() > self._forecast + self.settings.late:
             self.want(LATE)
 
-    def waiting(self) -> list[Job]:
+    def waiting(self) -> list[DayOrder]:
         """Return the orders that are in no plan."""
-        return [j for j in self.jobs.values() if j.state is State.WAITING]
+        return [j for j in self.jobs.values() if j.state is OrderState.WAITING]
 
     def there(self) -> list[str]:
         """Return the robots that do their work."""
@@ -537,7 +514,7 @@ class Operation:
         found: dict[str, None] = {}
         for name, meaning in self.meanings.items():
             job = self.jobs.get(meaning.what)
-            over = job is not None and job.state in (State.WAITING, State.CANCELLED)
+            over = job is not None and job.state in (OrderState.WAITING, OrderState.CANCELLED)
             if over and self.executor and self.executor.phase(name) is TaskPhase.WAITING:
                 found[meaning.robot] = None
         return [r for r in found if r not in self.away]
@@ -605,16 +582,20 @@ class Operation:
     def _end(self) -> float:
         return 0.0 if self.executor is None else self.executor.predicted_makespan() + self.origin
 
-    def _needed(self, choice: Choice) -> bool:
+    def _needed(self, choice: OpenWork) -> bool:
         """Return whether something is planned that is in no plan."""
-        more = any(j.state is not State.PLANNED for j in choice.jobs)
+        more = any(j.state is not OrderState.PLANNED for j in choice.jobs)
         return more or any(r in (*self.stranded(), *self.stale()) for r in choice.opened)
 
-    def dropped(self) -> list[Job]:
+    def dropped(self) -> list[DayOrder]:
         """Return orders that a robot had begun to drive to and cannot do any more."""
         found = []
         for job in self.jobs.values():
-            if job.state is State.BEGUN and job.robot in self.away and self.executor is not None:
+            if (
+                job.state is OrderState.BEGUN
+                and job.robot in self.away
+                and self.executor is not None
+            ):
                 picked = any(
                     m.what == job.id and m.kind is Kind.PICKUP
                     and self.executor.phase(n) is not TaskPhase.WAITING
@@ -650,17 +631,17 @@ class Operation:
         self._forecast = self._end()
         done = {m.what for m in self.meanings.values()}
         for job in [*self.jobs.values()]:
-            if job.state is State.WAITING and job.id in done:
-                self._set(job, State.PLANNED, f"plan {answer.number}")
-            elif job.state is State.PLANNED and job.id not in done:
-                self._set(job, State.WAITING, f"not in plan {answer.number}")
+            if job.state is OrderState.WAITING and job.id in done:
+                self._set(job, OrderState.PLANNED, f"plan {answer.number}")
+            elif job.state is OrderState.PLANNED and job.id not in done:
+                self._set(job, OrderState.WAITING, f"not in plan {answer.number}")
         self._keep_snapshot()
         return True, why
 
     def _twice(self, plan: PlanDict) -> str:
         """Return an order that would be done twice ("": there is none)."""
         ends = [m.what for m in meanings_of(plan).values() if m.kind in DELIVERS]
-        over = [m for m in set(ends) if m in self.jobs and self.jobs[m].state is State.DONE]
+        over = [m for m in set(ends) if m in self.jobs and self.jobs[m].state is OrderState.DONE]
         kept = {m.what for n, m in self.meanings.items() if self._is_done(n) and m.kind in DELIVERS}
         again = [m for m in over if m not in kept or ends.count(m) > 1]
         return next(iter([*again, *(m for m in ends if ends.count(m) > 1)]), "")

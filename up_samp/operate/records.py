@@ -14,7 +14,7 @@ Pose = tuple[float, float, float]
 Shape = tuple[tuple[float, float], ...]
 
 
-class State(enum.Enum):
+class OrderState(enum.Enum):
     """How far an order is."""
 
     WAITING = "waiting"
@@ -31,11 +31,11 @@ class State(enum.Enum):
     @property
     def open(self) -> bool:
         """Whether it is still to be done."""
-        return self in (State.WAITING, State.PLANNED, State.BEGUN)
+        return self in (OrderState.WAITING, OrderState.PLANNED, OrderState.BEGUN)
 
 
 @dataclass(frozen=True)
-class Job:
+class DayOrder:
     """An order or a task of the day: its record, when it came, how far it is, and by whom.
 
     ``due`` in the record is since the day's start; windows are since the order came.
@@ -43,7 +43,7 @@ class Job:
 
     record: Order | Task
     came: float
-    state: State = State.WAITING
+    state: OrderState = OrderState.WAITING
     robot: str = ""
     begun: float | None = None
     done: float | None = None

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from up_samp.model import SampError
-from up_samp.operate.records import Job, Report, State, job_data, job_record
+from up_samp.operate.records import DayOrder, OrderState, Report, job_data, job_record
 
 MIGRATIONS = (
     """
@@ -124,7 +124,7 @@ class Store:
 
     # ------------------------------------------------------------------ orders
 
-    def put_job(self, job: Job) -> None:
+    def put_job(self, job: DayOrder) -> None:
         """Keep an order as it is now."""
         row = (
             job.id, json.dumps(job_data(job.record)), job.came, job.state.value, job.robot,
@@ -132,12 +132,12 @@ class Store:
         )  # fmt: skip
         self._base.execute("INSERT OR REPLACE INTO jobs VALUES (?, ?, ?, ?, ?, ?, ?, ?)", row)
 
-    def jobs(self) -> dict[str, Job]:
+    def jobs(self) -> dict[str, DayOrder]:
         """Return all orders of the day, by when they came."""
         found = {}
         query = "SELECT record, came, state, robot, begun, done, note FROM jobs ORDER BY came, id"
         for record, came, state, *rest in self._base.execute(query):
-            job = Job(job_record(json.loads(record)), came, State(state), *rest)
+            job = DayOrder(job_record(json.loads(record)), came, OrderState(state), *rest)
             found[job.id] = job
         return found
 

@@ -59,6 +59,8 @@ class Agv:
     nodes: list[tuple[int, float]] = field(default_factory=list)
     """(sequenceId, progress in m) of the nodes that are released."""
     paused: bool = False
+    cancelled: str = ""
+    """The order of which the rest was cancelled last."""
     over: float = -math.inf
     """When it was last told that its order is over."""
 
@@ -248,10 +250,27 @@ class MasterControl:
             if agv.paused:
                 agv.paused = False
                 self.instant(agv.name, "stopPause")
+            what = command.motion if isinstance(command, Go) else command.activity
+            if what != agv.activity and not self._free(agv):
+                continue
             if isinstance(command, Go):
                 self._go(agv, command)
             elif agv.activity != command.activity:
                 self._do(agv, command.activity)
+
+    def _free(self, agv: Agv) -> bool:
+        """Return whether a robot can be sent another order: its last one is over. What is left of
+        one that ends early, and never is released, is cancelled.
+        """
+        state = agv.state
+        left = state.get("nodeStates") or ()
+        if not agv.order or state.get("orderId") != agv.order or not (left or state.get("driving")):
+            return True
+        stands = not state.get("driving") and not any(n.get("released") for n in left)
+        if stands and agv.cancelled != agv.order:
+            agv.cancelled = agv.order
+            self.instant(agv.name, "cancelOrder")
+        return False
 
     def _hold(self, agv: Agv, command: Hold) -> None:
         """Pause a robot that might drive on by what was released."""
@@ -270,7 +289,7 @@ class MasterControl:
         released = agv.nodes[-1] if agv.nodes else (0, 0.0)
         whole = self._lengths[command.motion]
         at = {released[1], command.until, *self._spaced(whole)}
-        pieces = [p for p in stretches_of(motion, at) if p[1] >= released[1] - NEAR]
+        pieces = [p for p in stretches_of(motion, at) if p[2] > released[1] + NEAR]
         number = released[0] // 2
         nodes = [self._node(agv, number, self._pose(motion, released[1]), True)]
         edges = []
@@ -282,6 +301,8 @@ class MasterControl:
             edge = {**edge_of(agv.name, number, piece), "released": free}
             edges.append({k: v for k, v in edge.items() if not self.spacing or k not in SHAPE})
             added += [(2 * number, high)] if free else []
+        if agv.nodes and not added:
+            return  # a rounding: nothing new may be driven
         agv.update += 1
         agv.nodes = [*agv.nodes, *added]
         self._send_order(agv, nodes, edges)

@@ -1,19 +1,19 @@
-"""Pictures of a day: who drove when, what waited and was late, and where robots stood."""
+"""The report of a day: figures in words, who drove when, what was late, and where robots stood."""
 
 from __future__ import annotations
 
+import json
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from up_samp.geometry.maps import load_map
+from up_samp.operate.day import DayResult
 from up_samp.operate.simulated import driven_until
 from up_samp.plotting.style import saved
-
-if TYPE_CHECKING:
-    from up_samp.operate.day import DayResult
 
 CELL = 1.0
 """m: cells of the heat map of waiting."""
@@ -91,3 +91,47 @@ def draw_waiting(result: DayResult, file: Path) -> Path:
 def _kept(ax: Any, file: Path) -> Path:
     saved(ax, file)
     return file
+
+
+# ------------------ The report
+
+
+def write_report(result: DayResult, folder: Path) -> list[Path]:
+    """Write ``day.json``, ``day.txt`` and pictures (``gantt.png``, ``orders.png``,
+    ``waiting.png``) into a folder; return the files.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    files = [folder / name for name in ("day.json", "day.txt")]
+    told = {"plan": asdict(result.plan), "figures": asdict(result.figures)}
+    told["verdict"] = asdict(result.verdict)
+    files[0].write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+    files[1].write_text(report_text(result) + "\n", encoding="utf-8")
+    for name, draw in (("gantt", draw_gantt), ("orders", draw_orders), ("waiting", draw_waiting)):
+        files.append(draw(result, folder / f"{name}.png"))
+    return files
+
+
+def report_text(result: DayResult) -> str:
+    """Return a day in words."""
+    f, v = result.figures, result.verdict
+    why: dict[str, int] = {}
+    for *_, reason, taken in result.costs:
+        if taken:
+            kind = reason.replace("again: ", "")
+            kind = "an order came" if kind.startswith("order") else kind.partition("'")[0].strip()
+            why[kind] = why.get(kind, 0) + 1
+    reasons = ", ".join(f"{n} {k}" for k, n in sorted(why.items(), key=lambda i: -i[1]))
+    return "\n".join((
+        f"{f.done} of {f.orders} orders done in {f.hours:g} h: {f.per_hour:g} an hour",
+        f"mean tardiness {f.tardiness:g} s, {100 * f.in_time:.0f} % in time, "
+        f"{f.flow:g} s from coming to done",
+        f"{f.kilometres:g} km driven, {100 * f.waiting:.1f} % of the driving time waited",
+        f"{f.plans} plans, {f.plans_taken} taken ({reasons})",
+        "CPU of a plan: median {:.2f} s, 95 % {:.2f} s, most {:.2f} s".format(*f.planning),
+        "CPU of a step: median {:.1f} ms, 95 % {:.1f} ms, most {:.1f} ms".format(
+            *(1000 * s for s in f.steps)
+        ),
+        f"judged: {len(v.contacts)} contacts, {len(v.lost)} orders lost, {len(v.twice)} done "
+        f"twice, {len(v.elsewhere)} elsewhere",
+        f"simulated in {f.seconds:g} s",
+    ))  # fmt: skip

@@ -1,0 +1,29 @@
+"""How a day is operated: budgets, thresholds, and how much is planned at a time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a day is operated. ``budget``: seconds that a plan may be sought for, and ``grace`` more
+    until it has to be there. ``every``: seconds after which what is not begun is planned anew in
+    any case; ``late``: by how many seconds everything may end later than forecast until then.
+    ``most``: so many orders are planned at a time, by so many robots (``candidates``). ``commit``:
+    ``"begun"`` stays; ``"all"`` that was planned once; or ``"none"``: everybody is planned anew.
+    ``tick``: seconds between two steps. ``stretch``: in simulated time the planner has so many
+    times its budget, for machines that are busy with other things.
+    """
+
+    budget: float = 2.0
+    grace: float = 2.0
+    stretch: float = 1.0
+    every: float = 20.0
+    late: float = 20.0
+    most: int = 3
+    candidates: int = 2
+    commit: str = "begun"
+    tick: float = 0.2
+    localisation: float = 0.05
+    seed: int = 0
