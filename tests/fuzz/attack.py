@@ -28,8 +28,6 @@ from up_samp.validation import validate_plan
 
 get_environment().credits_stream = None
 PROVEN = (Status.SOLVED_OPTIMALLY, Status.UNSOLVABLE_PROVEN)
-UNEXPLAINED = {"search": {"proof": {"explain_seconds": 0.0}}}
-"""Attackers need not say why there is no plan."""
 DOUBTED = {"cpsat": {"doubted": 10**6}}
 """Whatever rests on what was recognised is doubted, however large the problem."""
 SLACK = 2.0
@@ -191,7 +189,7 @@ def _refute(harder: Case, told: str, folder, found: Findings, timeout, attackers
         found.attacks += 1
         said = replace(harder, style=one.style) if one.style else harder
         limit = one.timeout or timeout
-        params = {"tuning": UNEXPLAINED, **one.params}
+        params = dict(one.params)
         other = _solve(said, folder, one.engine, limit, found, optimal=False, **params)
         if other is None or other.plan is None:
             continue

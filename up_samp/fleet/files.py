@@ -16,7 +16,7 @@ import yaml
 from pydantic import TypeAdapter, ValidationError
 
 from up_samp.fleet import records
-from up_samp.fleet.faults import Fault, FleetError, Path, find_faults, told
+from up_samp.fleet.faults import Fault, FleetError, Path, find_faults, show_path, told
 from up_samp.fleet.records import FILE_LIMITS, FleetRecords
 from up_samp.fleet.tables import OrderTable, read_orders
 from up_samp.geometry import load_map
@@ -336,9 +336,9 @@ _BASED = re.compile(r"[-+]?(0[0-9_]+|[0-9][0-9_]*(:[0-5]?[0-9])+(\.[0-9_]*)?)")
 """What YAML 1.1 reads as a number in base 8 or 60."""
 
 
-def _scalar(path: File, loader: yaml.SafeLoader, node: yaml.Node) -> Any:
+def _scalar(path: File, where: Path, loader: yaml.SafeLoader, node: yaml.Node) -> Any:
     """Return what a scalar stands for; numbers that mean something else to readers are refused."""
-    place = f"{path}:{node.start_mark.line + 1}"
+    place = f"{path}:{node.start_mark.line + 1}" + (f": {show_path(where)}" if where else "")
     number = node.tag.endswith((":int", ":float"))
     if number and len(node.value) > FILE_LIMITS.number:  # in base 16 it could be read, but not told
         raise FleetError((), f"{place}: {_shown(node.value)} is too long for a number")
@@ -360,7 +360,7 @@ def _plain(path: File, root: yaml.Node) -> Any:
     loader = yaml.SafeLoader("")
     budget = [FILE_LIMITS.file_bytes // 16]
 
-    def visit(node: yaml.Node, depth: int) -> Any:
+    def visit(node: yaml.Node, depth: int, where: Path = ()) -> Any:
         budget[0] -= 1
         if budget[0] < 0 or depth > FILE_LIMITS.depth:
             line = node.start_mark.line + 1
@@ -375,11 +375,11 @@ def _plain(path: File, root: yaml.Node) -> Any:
                     raise FleetError((), f"{path}:{line}: {what}")
                 if name in found:
                     raise FleetError((), f"{path}:{line}: the key '{name}' is there twice")
-                found[name] = visit(value, depth + 1)
+                found[name] = visit(value, depth + 1, (*where, name))
             return found
         if isinstance(node, yaml.SequenceNode):
-            return [visit(item, depth + 1) for item in node.value]
-        return _scalar(path, loader, node)
+            return [visit(item, depth + 1, (*where, i)) for i, item in enumerate(node.value)]
+        return _scalar(path, where, loader, node)
 
     try:
         return visit(root, 0)
