@@ -115,7 +115,7 @@ def too_close(seed, margin):
     return {who: gap for who, gap in found.items() if gap < margin - NEAR}
 
 
-@pytest.mark.parametrize("margin", [0.1, 0.3])
+@pytest.mark.parametrize("margin", [pytest.param(0.1, marks=pytest.mark.long), 0.3])
 def test_groups_keep_the_margin(margin):
     answers = [too_close(seed, margin) for seed in (4, 7, 8)]
     assert sum(answer is not None for answer in answers) >= 3
