@@ -59,7 +59,7 @@ def draw_orders(result: DayResult, file: Path) -> Path:
     when = [(j.done or 0.0) / 60.0 for j in done]
     late.plot(when, [j.tardiness for j in done], ".", color="#c44e52")
     late.set_ylabel("s late", color="#c44e52")
-    late.set_ylim(bottom=-1.0)
+    late.set_ylim(-0.5, max(10.0, *(1.05 * j.tardiness for j in done)) if done else 10.0)
     ax.set_title("orders")
     return _kept(ax, file)
 
