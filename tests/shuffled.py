@@ -45,7 +45,7 @@ from unified_planning.model.operators import OperatorKind as Op
 from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.plans import MotionSchedule, Schedule
 
-from up_samp.fleet.records import FleetRecords
+from up_samp.fleet.records import GROUND, FleetRecords
 from up_samp.model.objective import Cost, MinimizeCosts
 from up_samp.upio.objective import Objective, ObjectivePart
 from up_samp.upio.plan import SampSchedule
@@ -131,6 +131,8 @@ class _Listing:
 
     def name(self, sort: str, name: str) -> str:
         """Return the other name of a thing."""
+        if (sort, name) == ("floors", GROUND):
+            return name
         if (sort, name) not in self.told:
             head = "".join(self.rng.choices("abmnxyzABMXYZ", k=self.rng.randint(1, 3)))
             other = f"{head}{len(self.told)}"
@@ -410,6 +412,8 @@ SORTS = {
     "places": ("start", "end", "at", "input", "output", "opened_from"),
     "doors": (),
     "zones": (),
+    "floors": ("floor", "stops"),
+    "lifts": (),
     "resources": (),
     "jobs": ("id", "task", "after", "attached"),
     "skills": (),
@@ -456,7 +460,7 @@ def _value(listing: _Listing, name: str, value: Any) -> Any:
         return tuple(_record(listing, v) for v in listing.order(value))
     if name in OUTLINES and len(value) > 2:
         return tuple(listing.corners(value))
-    if sort is None or not value:
+    if sort is None or not value or isinstance(value[0], float):  # a start may be a pose
         return value
     if isinstance(value, str):
         return listing.name(sort, value)

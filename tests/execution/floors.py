@@ -492,3 +492,13 @@ def _constrain(rng, plan, problem, activities):
                 b.add_condition(span, lamp)
         else:
             problem.add_constraint(Or(LT(a.end, b.start), LT(b.end, a.start)))
+
+
+def drive(executor, robot, to, now, step=0.1):
+    """Tell progress up to ``to`` m at 1 m/s; return the time, and the last answer."""
+    at, reply = executor.state.of_object[robot].told, None
+    while at < to - 1e-9:
+        at, now = min(to, at + step), now + step
+        reply = executor.update(robot, progress=at, now=now)
+        executor.commands(now)
+    return now, reply

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.execution import floors
+from tests.execution.floors import drive
 from tests.execution.loose import run_loose
 from up_samp.execution import Delays, Executor, Go, Heard, Hold, Overrun, dependencies_of
 from up_samp.execution.astray import place_of, pose_in
@@ -19,36 +20,10 @@ FIRST, SECOND = "move_r0_0", "move_r1_0"
 SEEDS = (3, 5)
 
 
-@pytest.fixture(scope="module")
-def yaml(tmp_path_factory):
-    return floors.hall(tmp_path_factory.mktemp("hall"))
-
-
-@pytest.fixture(scope="module")
-def crossed(yaml):
-    problem, plan = floors.crossing(yaml)
-    return problem, plan, dependencies_of(problem, plan)
-
-
-@pytest.fixture
-def executor(crossed):
-    problem, plan, found = crossed
-    return Executor(plan, problem, dependencies=found)
-
-
-def drive(executor, robot, to, now):
-    at = executor.state.of_object[robot].told
-    while at < to - 1e-9:
-        at, now = min(to, at + 0.1), now + 0.1
-        executor.update(robot, progress=at, now=now)
-        executor.commands(now)
-    return now
-
-
 def test_others_are_kept_away_from_who_is_off_its_path(executor):
     """r1 (from (6, 2) upwards) leaves its path to the left, onto that of r0 (along y = 6)."""
     executor.commands(0.0)
-    now = drive(executor, "r1", 2.0, 0.0)
+    now, _ = drive(executor, "r1", 2.0, 0.0)
     assert executor.commands(now)["r0"] == Go(FIRST, 8.0)
     reply = executor.update("r1", pose=(5.0, 5.6, math.pi), now=now + 2.0)
     assert reply.heard is Heard.HELD
@@ -59,7 +34,7 @@ def test_others_are_kept_away_from_who_is_off_its_path(executor):
     told = executor.commands(now + 2.0)
     assert told["r1"] == Hold((reply.why, str(overrun)))
     assert 1.0 < told["r0"].until < 2.5  # its nose stays 11 cm clear of r1's tail
-    later = drive(executor, "r0", told["r0"].until, now + 2.0)
+    later, _ = drive(executor, "r0", told["r0"].until, now + 2.0)
     assert executor.commands(later)["r0"] == Hold((str(overrun),))
     again = Executor.restore(
         executor.plan, json.loads(json.dumps(executor.save())), executor.problem,
@@ -77,7 +52,7 @@ def test_others_are_kept_away_from_who_is_off_its_path(executor):
 
 def test_who_may_touch_one_off_its_path_is_told(executor):
     executor.commands(0.0)
-    now = drive(executor, "r0", 3.0, 0.0)
+    now, _ = drive(executor, "r0", 3.0, 0.0)
     executor.update("r1", pose=(5.2, 5.6, math.pi / 2), now=now)
     (overrun,) = executor.overruns
     assert (overrun.held, overrun.met) == ((), ("r0",))
@@ -88,9 +63,9 @@ def test_who_may_touch_one_off_its_path_is_told(executor):
 def test_others_are_kept_away_from_who_rests_elsewhere(executor):
     """r1 is over with its motion, and is pushed into the way that it has crossed."""
     executor.commands(0.0)
-    now = drive(executor, "r0", 8.0, 0.0)
+    now, _ = drive(executor, "r0", 8.0, 0.0)
     executor.commands(now)
-    now = drive(executor, "r1", 8.0, now)
+    now, _ = drive(executor, "r1", 8.0, now)
     assert executor.finished
     assert executor.update("r1", pose=(6.02, 10.0, math.pi / 2), now=now).heard is Heard.IGNORED
     reply = executor.update("r1", pose=(6.0, 8.0, math.pi / 2), now=now)
@@ -136,7 +111,7 @@ def test_a_robot_at_rest_may_be_in_the_way(yaml):
 @pytest.mark.parametrize("beyond", [-0.4, 8.4])
 def test_beyond_the_ends_of_its_path_a_robot_is_off_it(executor, beyond):
     executor.commands(0.0)
-    now = drive(executor, "r0", 7.95, 0.0) if beyond > 0 else 0.5
+    now = drive(executor, "r0", 7.95, 0.0)[0] if beyond > 0 else 0.5
     reply = executor.update("r0", progress=beyond, now=now + 0.4)
     assert (reply.heard, reply.why) == (Heard.HELD, "it is 0.400 m off its path")
     (overrun,) = executor.overruns
@@ -154,7 +129,7 @@ UNKNOWN = [math.nan, math.inf, None, "3", True, 10**400, -1.0, 1200.0, 7.9]
 @pytest.mark.parametrize("told", UNKNOWN)
 def test_no_go_stays_valid_for_something_unknown(executor, told):
     executor.commands(0.0)
-    now = drive(executor, "r0", 2.0, 0.0)
+    now, _ = drive(executor, "r0", 2.0, 0.0)
     reply = executor.update("r0", progress=told, now=now + 0.1)
     assert reply.heard is Heard.AGAIN
     assert executor.commands(now + 0.1)["r0"] == Hold((reply.why,))
@@ -164,7 +139,7 @@ def test_no_go_stays_valid_for_something_unknown(executor, told):
 
 def test_who_tells_what_cannot_be_at_its_end_is_not_done(executor):
     executor.commands(0.0)
-    now = drive(executor, "r0", 7.97, 0.0)
+    now, _ = drive(executor, "r0", 7.97, 0.0)
     assert executor.update("r0", progress=math.nan, now=now).heard is Heard.AGAIN
     assert executor.done(FIRST, now).heard is Heard.AGAIN
     executor.commands(now + 30.0)

@@ -8,7 +8,7 @@ import pytest
 from unified_planning.model import Fluent
 from unified_planning.shortcuts import LE, LT, IntType, Or
 
-from tests.execution import floors, sites
+from tests.execution import sites
 from up_samp.cli import main
 from up_samp.execution import dependencies_from_plan, dependency_faults, with_dependencies
 from up_samp.export import export_plan
@@ -43,11 +43,6 @@ def written(yaml):
     )
     p.add_constraint(LE(x["dry_r1"].end, 60))
     return site
-
-
-@pytest.fixture(scope="module")
-def yaml(tmp_path_factory):
-    return floors.hall(tmp_path_factory.mktemp("hall"))
 
 
 @pytest.fixture(scope="module")

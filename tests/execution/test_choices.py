@@ -4,7 +4,6 @@ round keeps everything that the problem asks for.
 
 import random
 
-import pytest
 from unified_planning.shortcuts import LT, And, Or
 
 from tests.execution import floors
@@ -122,11 +121,6 @@ def turn_one(rng):
         return 1
 
     return watch
-
-
-@pytest.fixture(scope="module")
-def yaml(tmp_path_factory):
-    return floors.hall(tmp_path_factory.mktemp("hall"))
 
 
 def test_whatever_is_turned_round_nothing_is_broken(yaml):

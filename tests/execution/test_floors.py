@@ -20,11 +20,6 @@ PATTERNS = (
 )
 
 
-@pytest.fixture(scope="module")
-def yaml(tmp_path_factory):
-    return floors.hall(tmp_path_factory.mktemp("hall"))
-
-
 def check(run):
     """All that has to hold of a run."""
     assert run.finished, f"deadlock: {run.deadlock}"

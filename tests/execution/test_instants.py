@@ -16,7 +16,7 @@ from unified_planning.shortcuts import (
     IntType,
 )
 
-from tests.execution import floors, instants, sites
+from tests.execution import instants, sites
 from up_samp.execution import At, Delays, Event, dependencies_of, simulate, with_dependencies
 from up_samp.execution.judge import broken_rules
 from up_samp.export import export_plan
@@ -130,11 +130,6 @@ def test_meeting_in_one_instant_is_no_cycle(turned):
 
 
 # ------------------------------------------------------------------ on the floor
-
-
-@pytest.fixture(scope="module")
-def yaml(tmp_path_factory):
-    return floors.hall(tmp_path_factory.mktemp("hall"))
 
 
 def test_who_is_set_somewhere_drives_on_at_that_instant(yaml, tmp_path):

@@ -9,7 +9,6 @@ import random
 
 import pytest
 
-from tests.execution import floors
 from tests.execution.test_localisation import PLANS
 from up_samp.execution import Delays, Executor, dependencies_of
 from up_samp.execution.reports import Go, Hold
@@ -17,11 +16,6 @@ from up_samp.execution.simulate import floor_of
 
 SECONDS = 90.0
 """Watched of each run: who is held stays so, if what it tells gets no better."""
-
-
-@pytest.fixture(scope="module")
-def yaml(tmp_path_factory):
-    return floors.hall(tmp_path_factory.mktemp("hall"))
 
 
 def delays_of(r):

@@ -105,11 +105,6 @@ def test_what_is_left_in_the_middle_of_a_ride(world):
     assert validate_plan(left.problem, plan_from_dict(left.problem, rest)).valid
 
 
-@pytest.fixture(scope="module")
-def yaml(tmp_path_factory):
-    return floors.hall(tmp_path_factory.mktemp("hall"))
-
-
 def check(seed, yaml):
     """Random plans with crates under random delays: as without; returns how many rides."""
     problem, plan = floors.random_floor(seed, yaml, crates=True)

@@ -27,11 +27,6 @@ ROOM = 0.08
 """Clearance (m) of each body, which leaves room for an error of 5 cm of two of them."""
 
 
-@pytest.fixture(scope="module")
-def yaml(tmp_path_factory):
-    return floors.hall(tmp_path_factory.mktemp("hall"))
-
-
 PLANS = {
     "rounds": lambda seed, yaml: floors.rounds(100 + seed, yaml, clearance=ROOM, shared=True),
     "ways": lambda seed, yaml: floors.random_floor(

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from tests.execution import floors
+from tests.execution.floors import drive
 from up_samp.execution import (
     At,
     Delays,
@@ -35,33 +36,6 @@ from up_samp.execution.travel import along
 from up_samp.model import ProblemError
 
 FIRST, SECOND = "move_r0_0", "move_r1_0"
-
-
-@pytest.fixture(scope="module")
-def yaml(tmp_path_factory):
-    return floors.hall(tmp_path_factory.mktemp("hall"))
-
-
-@pytest.fixture(scope="module")
-def crossed(yaml):
-    problem, plan = floors.crossing(yaml)
-    return problem, plan, dependencies_of(problem, plan)
-
-
-@pytest.fixture
-def executor(crossed):
-    problem, plan, found = crossed
-    return Executor(plan, problem, dependencies=found)
-
-
-def drive(executor, robot, to, now, step=0.1):
-    """Tell progress up to ``to`` m at 1 m/s; return the time, and the last answer."""
-    at, reply = executor.state.of_object[robot].told, None
-    while at < to - 1e-9:
-        at, now = min(to, at + step), now + step
-        reply = executor.update(robot, progress=at, now=now)
-        executor.commands(now)
-    return now, reply
 
 
 def test_a_closed_gate_stays_closed(executor):

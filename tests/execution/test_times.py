@@ -2,7 +2,6 @@
 
 import itertools
 
-import pytest
 from ortools.sat.python import cp_model
 
 from tests.execution import floors
@@ -10,11 +9,6 @@ from up_samp.execution.build import dependencies_of
 from up_samp.execution.graph import topological
 from up_samp.execution.reorder import NOW, SCALE, WORTH, _solve, open_decisions, tied
 from up_samp.execution.simulate import Delays, simulate
-
-
-@pytest.fixture(scope="module")
-def yaml(tmp_path_factory):
-    return floors.hall(tmp_path_factory.mktemp("hall"))
 
 
 def last_end(times, ends, chosen):

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from tests.fleet.test_rules import solved
+from tests.shuffled import shuffled_fleet
 from up_samp.fleet import Fleet, FleetError
+from up_samp.fleet.files import write_problem_file
 from up_samp.geometry import write_map
 
 FOOTPRINT = (0.8, 0.6)
@@ -117,3 +119,18 @@ def test_doors_and_zones_count_on_their_own_floor(tmp_path):
     assert not any("pharmacy" in note for note in notes)
     _, times = solved(fleet)
     assert times["open_gate_r0"][0] >= times["ride_r0_lift.ground_to_lift.first"][1]
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_any_listing_has_the_same_optimum(seed, tmp_path):
+    """Names, lifts, floors, jobs and places in any order, and robots at poses of their own."""
+    fleet = house(tmp_path)
+    fleet.add_robot("spare", "agv", [3, 6.5, 0.5], shift=(0, 300))
+    fleet.add_lift("freight", {"ground": [12.5, 6.5, 0], "first": [14.5, 6.5, 0]}, seconds=40)
+    fleet.add_order("drugs", "pharmacy", "ward", robots="r0", release=3)
+    fleet.add_task("look", "pharmacy", duration=2, robots="spare", repeat={"every": 40, "times": 2})
+    best = solved(fleet)[0].makespan
+    told = shuffled_fleet(fleet.records, seed)
+    assert told.records != fleet.records
+    again = Fleet.from_file(write_problem_file(tmp_path / "other.yaml", told.records))
+    assert solved(again)[0].makespan == best

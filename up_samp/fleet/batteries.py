@@ -33,7 +33,7 @@ class Meter:
 
     def __init__(self, records: FleetRecords, folder: Path) -> None:
         self._records = records
-        self._storeys = FloorMaps(records, folder)
+        self._floors = FloorMaps(records, folder)
         self._known: dict[tuple[str, str, str], float] = {}
         self._in_vain = 0.0
 
@@ -74,7 +74,7 @@ class Meter:
         query = PathQuery(with_load(mine, load), poses, zones)
         share = 1.0 if self._in_vain < PATIENCE else 0.1
         deadline = Deadline.after(share * WAY_SECONDS)
-        way = self._storeys.at(origin).plan(query, deadline).trajectory
+        way = self._floors.at(origin).plan(query, deadline).trajectory
         self._in_vain += deadline.elapsed() if way is None else 0.0
         return way
 

@@ -94,7 +94,7 @@ class _Halt(NamedTuple):
 class _Checker:
     def __init__(self, records: FleetRecords, folder: Path, seconds: float) -> None:
         self.records = records
-        self.storeys = FloorMaps(records, folder)
+        self.floors = FloorMaps(records, folder)
         self.seconds = seconds
         self.bodies = {name: body_of(kind) for name, kind in records.robot_types.items()}
         precompile({body.kinematics.model for body in self.bodies.values()})
@@ -133,7 +133,7 @@ class _Checker:
                 at = f"at {_show(pose)} a robot of type '{kind}'"
                 floor = self.floor(name)
                 around = (*self.doors(floor), *kept_out(self.records, kind, floor))
-                service = self.storeys.service(floor)
+                service = self.floors.service(floor)
                 wall, hit = service.pose_blockers(self.bodies[kind], pose, around)
                 blocked = found.setdefault(name, {}).setdefault(kind, [])
                 if wall:
@@ -205,7 +205,7 @@ class _Checker:
         near = STRtree(boxes).query(boxes, predicate="intersects").T
         for one, other in sorted((int(a), int(b)) for a, b in near if a < b):
             (body, pose, floor), (body_2, pose_2, floor_2) = bodies[one], bodies[other]
-            service = self.storeys.service(floor)
+            service = self.floors.service(floor)
             if floor == floor_2 and service.overlap(body, pose, body_2, pose_2):
                 yield one, other
 
@@ -302,7 +302,7 @@ class _Checker:
         if lift is not None:
             return self.records.lifts[lift].seconds
         ends = self.places[origin], self.places[to]
-        return self.storeys.at(origin).lower_bound(self.bodies[kind], *ends)
+        return self.floors.at(origin).lower_bound(self.bodies[kind], *ends)
 
     @cached_property
     def shut(self) -> frozenset[str]:
@@ -346,7 +346,7 @@ class _Checker:
         floor, ends = self.floor(origin), (self.places[origin], self.places[to])
         doors = (door for door in self.doors(floor) if door.name in shut)
         around = (*kept_out(self.records, kind, floor), *doors)
-        return self.storeys.service(floor).certificate(self.bodies[kind], ends, around) is None
+        return self.floors.service(floor).certificate(self.bodies[kind], ends, around) is None
 
     def ways(self) -> Iterator[Finding]:
         """What robots can reach, and who can do what."""
@@ -389,7 +389,7 @@ class _Checker:
         ends = self.places[origin], self.places[to]
         zones = kept_out(self.records, kind, self.floor(origin))
         query = PathQuery(self.bodies[kind], ends, zones)
-        report = self.storeys.at(origin).plan(query, Deadline.after(self.seconds))
+        report = self.floors.at(origin).plan(query, Deadline.after(self.seconds))
         return report.outcome is Outcome.OUT_OF_TIME
 
     def _job(self, job: Order | Task, reach: dict[str, set[str]]) -> Iterator[Finding]:
@@ -412,7 +412,7 @@ class _Checker:
         """Whether robots get through with a load that is as large as theirs."""
         level = Level.NOTE if order.optional else Level.ERROR
         stands, outline = self.places[order.pickup.at[0]], still(load.footprint)
-        service = self.storeys.at(order.pickup.at[0])
+        service = self.floors.at(order.pickup.at[0])
         wall, _ = service.pose_blockers(outline, load_pose(load, stands), ())
         if wall and isinstance(order.attached, Attached):
             yield Finding(level, order.id, "its load would stand in a wall or outside the map")
@@ -433,7 +433,7 @@ class _Checker:
         floor = self.floor(origin)
         doors = (door for door in self.doors(floor) if door.name in self.shut)
         around = (*kept_out(self.records, kind, floor), *doors)
-        return self.storeys.service(floor).certificate(body, ends, around) is not None
+        return self.floors.service(floor).certificate(body, ends, around) is not None
 
     def loads(self) -> Iterator[Finding]:
         """Loads that stand in each other or on robots."""

@@ -132,7 +132,7 @@ class Drives:
         take of a robot that is very slow at them.
         """
         sizes = [
-            self._site.storeys.grid(floor).size for floor in (GROUND, *self._site.records.floors)
+            self._site.floors.grid(floor).size for floor in (GROUND, *self._site.records.floors)
         ]
         width, height = max(sizes, key=sum)
         stops = 20 * (kind.v_max / kind.a_max + 2 * math.pi / kind.omega_max)

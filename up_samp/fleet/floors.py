@@ -52,14 +52,10 @@ def legs_between(
 
 def lift_between(records: FleetRecords, origin: str, to: str) -> str | None:
     """Return the lift that a leg from one pose to another is a ride with; None for drives."""
-    if floor_of(records, origin) == floor_of(records, to):
+    here, there = floor_of(records, origin), floor_of(records, to)
+    if here == there:
         return None
-    return next(
-        name
-        for name, lift in records.lifts.items()
-        if (origin, to)
-        in {(stop_of(name, a), stop_of(name, b)) for a in lift.stops for b in lift.stops}
-    )
+    return next(name for name in records.lifts if origin == stop_of(name, here))
 
 
 class FloorMaps:

@@ -74,10 +74,8 @@ def _energy(site: Site, work: Work) -> Iterator[Amount]:
     for a in _drives(site):
         robot = site.meanings[a.name].robot
         battery = site.kind_of(robot).battery
-        taken = [e for effects in a.effects.values() for e in effects if e.is_decrease()]
-        for effect in taken if battery is not None else ():
-            if effect.fluent == site.batteries[robot]:
-                assert battery is not None
+        for effect in (e for effects in a.effects.values() for e in effects):
+            if battery is not None and effect.fluent == site.batteries[robot]:
                 yield battery.capacity / battery.grains, effect.value, a
 
 

@@ -76,10 +76,10 @@ class Passing(enum.Enum):
 class Crowd:
     """One zone with ``max_robots``."""
 
-    def __init__(self, records: FleetRecords, storeys: FloorMaps, zone: str) -> None:
+    def __init__(self, records: FleetRecords, floors: FloorMaps, zone: str) -> None:
         self.zone, self.floor = zone, records.zones[zone].floor
         self._records = records
-        self._storeys = storeys
+        self._floors = floors
         self._polygon = Polygon(records.zones[zone].polygon)
         self._known: dict[tuple[str, str, str], Passing] = {}
 
@@ -119,7 +119,7 @@ class Crowd:
             return Passing.THROUGH
         poses = [self._records.places[place_of(p)].pose for p in (origin, to)]
         body = with_load(self._records.robot_types[kind], load)
-        service = self._storeys.service(self.floor)
+        service = self._floors.service(self.floor)
         proof = service.certificate(body, poses, (area_of(self._records, self.zone),))
         return Passing.AROUND if proof is None else Passing.THROUGH
 
@@ -148,7 +148,7 @@ class Site:
     def __init__(self, records: FleetRecords, folder: Path) -> None:
         self.records = records
         self.folder = folder
-        self.storeys = FloorMaps(records, folder)
+        self.floors = FloorMaps(records, folder)
         self.problem = SchedulingMotionProblem(records.name)
         self._pose_types = {floor: self._pose_type(floor) for floor in (GROUND, *records.floors)}
         self._spot_type = UserType("spot") if records.floors else self._pose_types[GROUND]
@@ -300,7 +300,7 @@ class Site:
             for kind in zone.keep_out:
                 self.keep_out.setdefault((kind, zone.floor), []).append(area)
             if zone.max_robots is not None:
-                self.crowds.append(Crowd(self.records, self.storeys, name))
+                self.crowds.append(Crowd(self.records, self.floors, name))
                 self._room(name, area, zone.max_robots)
 
     def _room(self, name: str, area: MovableObject, most: int) -> None:
