@@ -14,6 +14,7 @@ from tests.execution import floors
 from tests.execution.floors import drive
 from tests.execution.loose import run_loose
 from tests.execution.sites import Site
+from tests.fleet.test_floors import house
 from up_samp.execution import Delays, Do, Executor, Go, Heard, Hold, Overrun, dependencies_of
 from up_samp.execution.astray import place_of, pose_in
 from up_samp.execution.reports import TAKEN
@@ -206,6 +207,29 @@ def test_who_is_astray_is_not_set_elsewhere(yaml, begun):
     assert executor.update("r0", pose=(6.0, 8.0, 0.0), now=now).heard is Heard.IGNORED
     assert executor.overruns == ()
     assert executor.done("ride_r0", now) == TAKEN
+
+
+def test_robots_tell_poses_of_the_floor_that_a_lift_has_set_them_down_on(tmp_path):
+    fleet = house(tmp_path)
+    fleet.add_order("drugs", "pharmacy", "ward")
+    executor = Executor(fleet.solve(60, first_plan=True).data, fleet.problem)
+    plan, now = executor.plan, 0.0
+    here = {o["name"]: o["initial"] for o in plan["objects"]}["r0"]
+    led = {c["activity"]: c["configuration"] for c in plan["changes"]}
+    led |= {m["activity"]: m["samples"][-1][1:] for m in plan["motions"]}
+    while not executor.finished:
+        now += 1.0
+        for command in executor.commands(now).values():
+            if isinstance(command, Do) and command.may_end:
+                executor.done(command.activity, now)
+        way = executor.state.of_object.get("r0")
+        if way is not None:
+            executor.update("r0", progress=min(way.told + 1.0, executor.state.until(way)), now=now)
+        for name in [n for n in led if executor.phase(n).value == "done"]:
+            here = led.pop(name)
+        if "r0" not in executor.state.of_object:
+            assert executor.update("r0", pose=here, now=now).heard is Heard.IGNORED
+        assert now < 300.0
 
 
 UNKNOWN = [math.nan, math.inf, None, "3", True, 10**400, -1.0, 1200.0, 7.9]
