@@ -23,6 +23,7 @@ from unified_planning.shortcuts import (
 import up_samp  # noqa: F401
 from tests.execution.floors import hall
 from tests.fleet.floors import WALL, map_with
+from tests.fleet.test_rules import one_room
 from tests.metamorphic.motions import ALIKE, OTHERS, MotionStyle, MotionWriter
 from tests.metamorphic.sites import store
 from tests.upio.hall import Hall
@@ -33,7 +34,7 @@ from up_samp.fleet import Fleet
 from up_samp.fleet.starter import write_starter
 from up_samp.io import plan_to_dict, result_to_dict
 from up_samp.model import ProblemError
-from up_samp.validation import validate_plan
+from up_samp.validation import terms_of, validate_plan
 
 NAME = "logistics-do-oc-r2-i2"
 
@@ -266,6 +267,27 @@ def test_what_a_broken_robot_blocks_is_named(pose, told, tmp_path):
     left = executor.remaining_problem(Surprise(broken={"r1": pose}))
     with pytest.raises(ProblemError, match=rf"UNSOLVABLE_PROVEN\): .*{told}"):
         solve_remaining(left, seconds=60)
+
+
+def test_what_is_left_costs_what_the_whole_does():
+    """A plan of several terms is followed, and what is left counts from where it began."""
+    terms = {"tardiness": 10, "driving": 1, "completion": 1, "makespan": 2, "robots": 3}
+    site = one_room(robots=2, objective=terms)
+    site.add_order("o1", "a", "b", due=10)
+    site.add_order("o2", "b", "c", due=20, optional=True, penalty=500)
+    site.add_task("t", "c", duration=3, due=30, after="o1")
+    result = site.solve(60, optimal=True)
+    floor = floor_of(Executor(result.data, site.problem), Delays(), 1)
+    for until, slack in ((0.0, 0.0), (6.0, 40.0)):
+        while floor.now < until:
+            floor.step()
+        left = floor.executive.remaining_problem()
+        with OneshotPlanner(name="samp-refine[cpsat]", params={"optimal": True}) as planner:
+            rest = planner.solve(left.problem, timeout=60).plan
+        assert validate_plan(left.problem, rest).valid
+        costs = terms_of(left.problem, rest)
+        assert costs.keys() == result.costs.keys()
+        assert abs(float(sum(costs.values())) - sum(result.costs.values())) <= slack
 
 
 def test_cancelled_tasks_take_their_constraints_with_them(made):

@@ -9,7 +9,8 @@ from tests.fleet.test_rules import solved
 from tests.shuffled import shuffled_fleet
 from up_samp.fleet import Fleet, FleetError
 from up_samp.fleet.files import write_problem_file
-from up_samp.geometry import write_map
+from up_samp.geometry import lay_out, write_map
+from up_samp.upio import read_problem
 
 FOOTPRINT = (0.8, 0.6)
 
@@ -134,3 +135,16 @@ def test_any_listing_has_the_same_optimum(seed, tmp_path):
     assert told.records != fleet.records
     again = Fleet.from_file(write_problem_file(tmp_path / "other.yaml", told.records))
     assert solved(again)[0].makespan == best
+
+
+def test_in_any_listing_floors_lie_in_one_row(tmp_path):
+    """Planners see one grid: where a floor lies in it, motions are found by."""
+    fleet, seen = house(tmp_path), set()
+    fleet.add_place("attic", 4, 2, floor="first")
+    fleet.add_robot("r9", "agv", "attic")
+    for seed in range(6):
+        told = shuffled_fleet(fleet.records, seed).records
+        other = Fleet.from_file(write_problem_file(tmp_path / "other.yaml", told))
+        snapshot, grid = lay_out(read_problem(other.problem, 1.0))
+        seen.add((tuple(sorted(snapshot.configurations.values())), grid.blocked.tobytes()))
+    assert len(seen) == 1

@@ -33,6 +33,7 @@ from up_samp.io.floors import map_number, side_by_side
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import Configuration, ProblemError, UnsupportedError
 from up_samp.model.frames import Frame
+from up_samp.model.objective import MinimizeCosts
 from up_samp.scheduling.partial_order.differences import Planned
 from up_samp.upio.expressions import activities_in, walk
 from up_samp.upio.movers import named_as_planned
@@ -479,6 +480,7 @@ class _Builder:
             frozenset(running),
             frozenset(p.name for p in self._parameters(self.gone)),
         )
+        self._costs(fix, target)
         target._base._constraints = self._constraints(fix, self.source._base, None)
         self._timed(target._base)
         target._activities, places = [], {}
@@ -515,6 +517,17 @@ class _Builder:
             tuple(self.notes),
             {k: float(self.plan[k]) for k in ("seconds_per_unit", "margin") if k in self.plan},
         )
+
+    def _costs(self, fix: Substitution, target: SchedulingMotionProblem) -> None:
+        """Let what is to be best count from where the old clock began."""
+        target.clear_quality_metrics()
+        for metric in self.source.quality_metrics:
+            if isinstance(metric, MinimizeCosts):
+                left = [cost for cost in map(fix.cost, metric.costs) if cost is not None]
+                metric = MinimizeCosts(left, self.source.environment)
+            elif not metric.is_minimize_makespan():
+                raise UnsupportedError(f"what is left of a problem with the metric '{metric}'")
+            target.add_quality_metric(metric)
 
     def _choose(self, target: SchedulingMotionProblem, running: Set[str]) -> None:
         """What has begun keeps what was chosen for it; nothing else chooses a broken robot."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -15,6 +15,7 @@ from unified_planning.model.operators import OperatorKind as Op
 from up_samp.execution.graph import At, Event
 from up_samp.execution.state import FloorState, TaskPhase
 from up_samp.model import ProblemError, UnsupportedError
+from up_samp.model.objective import Cost
 from up_samp.scheduling.compilers.plain import Expr, show, subexpressions
 from up_samp.scheduling.partial_order.differences import Planned, constant
 from up_samp.upio.expressions import Decided
@@ -199,6 +200,19 @@ class Substitution(Decided):
         if parts == tuple(node.args):
             return node
         return m.create_node(node_type=node.node_type, args=parts, payload=node._content.payload)
+
+    def cost(self, cost: Cost) -> Cost | None:
+        """Return a cost on the new clock: what is over costs what it cost (``None``: it cannot
+        come about any more).
+        """
+        side = (self(cost.node), 0) if cost.node.type.is_bool_type() else self._side(cost.node)
+        if side is None or cost.activity in self.gone:
+            return None
+        node, live = side
+        if live:
+            node = self.manager.Plus(node, self.manager.Int(self.shift * live))
+        known = cost.activity in self.past or cost.activity in self.mandatory
+        return replace(cost, node=node, activity=None if known else cost.activity)
 
     def tells(self, node: FNode) -> bool:
         """Return whether an expression speaks of parameters that are known, or of lost ones."""

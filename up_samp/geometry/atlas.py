@@ -99,14 +99,20 @@ def _radius(footprint: Sequence[tuple[float, float]]) -> float:
 def _side_by_side(
     maps: Sequence[PlacedMap], grids: Sequence[OccupancyGrid], gap: float
 ) -> tuple[OccupancyGrid, list[float]]:
-    """Return one grid with all maps in a row, ``gap`` m apart, and where each begins (x, m)."""
+    """Return one grid with all maps in a row, ``gap`` m apart, and where each begins (x, m): from
+    the lowest on, however they are listed, as planners go by the cells that they see.
+    """
     cell = _common_cell(maps, grids)
     times = [round(g.resolution / cell) for g in grids]
     apart = math.ceil(gap / cell)
     widths = [g.shape[1] * n for g, n in zip(grids, times, strict=True)]
     rows = max(g.shape[0] * n for g, n in zip(grids, times, strict=True))
-    starts = [sum(widths[:k]) + k * apart for k in range(len(grids))]
-    shape = rows, starts[-1] + widths[-1]
+    starts = [0] * len(grids)
+    end = -apart
+    for k in sorted(range(len(maps)), key=lambda k: (maps[k].height, str(maps[k]))):
+        starts[k] = end + apart
+        end = starts[k] + widths[k]
+    shape = rows, end
     if shape[0] * shape[1] > SIZES.pixels:
         raise UnsupportedError(
             f"the maps {', '.join(m.label for m in maps)} need {shape[0] * shape[1]} cells of "
