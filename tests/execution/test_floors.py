@@ -4,8 +4,10 @@ import dataclasses
 import random
 
 import pytest
+from unified_planning.shortcuts import GE
 
 from tests.execution import floors
+from tests.execution.sites import Site
 from up_samp.execution.build import dependencies_of
 from up_samp.execution.simulate import Delays, simulate
 from up_samp.io import plan_from_dict
@@ -90,3 +92,15 @@ def test_missing_edges_are_caught(yaml):
                     break
     assert caught["meeting"] >= 3, caught
     assert caught["other"] >= 3, caught
+
+
+@pytest.mark.parametrize("policy", ["timed", "coarse", "staircase", "reorder"])
+def test_who_waits_for_a_time_is_in_no_deadlock(yaml, policy):
+    """A shift, a release or a break begins long after all else is over."""
+    site = Site(yaml)
+    site.robot("r0", (2.0, 2.0, 0.0))
+    site.drive("go_r0", "r0", (2.0, 2.0, 0.0), [(3.0, 0.0)], 0)
+    site.task("late_r0", 40, 42)
+    site.problem.add_constraint(GE(site.activities["late_r0"].start, 40))
+    found = dependencies_of(site.problem, site.data)
+    check(simulate(found, site.data, Delays(slow=0.3), 1, policy=policy))

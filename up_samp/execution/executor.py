@@ -546,6 +546,11 @@ class Executor(Followed):
         return not self._ready and not self._running
 
     @property
+    def awaits_time(self) -> bool:
+        """Whether something waits for its time alone: a shift, a release, a break, a duration."""
+        return bool(self.state.timers)
+
+    @property
     def left(self) -> tuple[int, int]:
         """How many activities have not begun, and how many are under way."""
         return len(self._ready), len(self._running)

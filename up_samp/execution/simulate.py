@@ -369,6 +369,7 @@ class Floor:
             self._tell(robot)
         self._tasks(commands)
         still = not disturbed and not self.ends and before == self._state()
+        still = still and not self.executive.awaits_time
         self.idle = self.idle + self.tick if still else 0.0
 
     def _tell(self, robot: SimulatedRobot) -> None:

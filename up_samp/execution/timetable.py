@@ -32,6 +32,11 @@ class Timetable:
         return not self.ready and not self.running
 
     @property
+    def awaits_time(self) -> bool:
+        """Whether something is still to begin by the clock."""
+        return any(self.tasks[name].planned[0] > self.now for name in self.ready)
+
+    @property
     def left(self) -> tuple[int, int]:
         """How many activities have not begun, and how many are under way."""
         return len(self.ready), len(self.running)
