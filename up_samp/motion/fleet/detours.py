@@ -129,7 +129,7 @@ def with_detours(
     copies: list[Placed] = []
     for _ in range(workspace.tuning.ladder.detours):
         met = met_at_full_speed(workspace, motion, window, path, others)
-        virtual = _virtual_obstacles(workspace, motion, path, met[:2])
+        virtual = _virtual_obstacles(workspace, path, met[:2])
         if not virtual or deadline.expired():
             break
         copies += virtual
@@ -172,7 +172,6 @@ def _paths_in(
 
 def _virtual_obstacles(
     workspace: Workspace,
-    motion: TimedMotion,
     path: Path,
     met: Sequence[tuple[TimedPath, int, float]],
 ) -> list[Placed]:
@@ -243,10 +242,9 @@ def ways_past(
 
 
 # ------------------ Two robots that would meet on one line pass each other
-# Two robots that would meet on one line pass each other, each in a lane of its own. Where a way
-# is just wide enough for both, neither can stay in the middle of it: who goes first has to leave
-# room for who comes. Lanes to both sides are tried, as far from the paths as it takes and a bit
-# more, around where the two would meet and longer ones.
+# Each in a lane of its own. Where a way is just wide enough for both, neither can stay in the
+# middle of it: who goes first has to leave room for who comes. Lanes to both sides are tried, as
+# far from the paths as it takes and a bit more, around where the two would meet and longer ones.
 
 
 def pass_by(
@@ -420,13 +418,11 @@ def _slid(
         found = np.stack([x, y, poses[0][2] + turn * share], axis=1)
         found[0], found[-1, :2] = poses[0], poses[1][:2]
         if sweeps.samples_free(world, found, least) < 0:
-            return _timed_slide(body, poses, found, rows)
+            return _timed_slide(body, poses, found)
     return None
 
 
-def _timed_slide(
-    body: Body, poses: tuple[Configuration, ...], rows: FloatArray, arcs: FloatArray
-) -> Path | None:
+def _timed_slide(body: Body, poses: tuple[Configuration, ...], rows: FloatArray) -> Path | None:
     """Return the path along a way, with the fastest timing that its bends allow."""
     kin = body.kinematics
     gone = np.diff(rows[:, :2], axis=0)
