@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 from up_samp.fleet import Fleet
+from up_samp.fleet.spelled_out import with_places
 from up_samp.model import ProblemError, UnsupportedError
 
 
@@ -40,7 +41,7 @@ def _operate(args: argparse.Namespace) -> int:
     from up_samp.operate.simulated import SimulatedRobots, SteppedClock
 
     fleet, store = Fleet.from_file(args.site), Store(args.store)
-    site = fleet.records
+    site = with_places(fleet.records)
     epoch = store.day("epoch", time.time())
     clock = RealClock(epoch)
     poses = {n: site.places[r.start].pose for n, r in site.robots.items()}

@@ -17,6 +17,13 @@ def spelled_out(records: FleetRecords) -> FleetRecords:
     return without_repeats(with_places(records))
 
 
+def in_numbers(records: FleetRecords) -> str:
+    """Return in words how many robots, orders and tasks there are; what recurs counts each time."""
+    found = spelled_out(records)
+    counts = {"robot": found.robots, "order": found.orders, "task": found.tasks}
+    return ", ".join(f"{len(some)} {kind}{'s' * (len(some) != 1)}" for kind, some in counts.items())
+
+
 def with_places(records: FleetRecords) -> FleetRecords:
     """Return the records in which each robot starts at a place: a pose that was given instead is
     the place ``ROBOT.start``, on the ground. Where lifts stop there are places, too.

@@ -22,6 +22,7 @@ from up_samp.execution.reports import Command, Do, Go, Heard, Hold, Reply
 from up_samp.execution.state import TaskPhase
 from up_samp.fleet.fleet import Fleet
 from up_samp.fleet.records import FleetRecords, Order, Task, Weights, corners_of
+from up_samp.fleet.spelled_out import with_places
 from up_samp.fleet.statements import Kind, Meaning
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import ProblemError, SampError
@@ -107,7 +108,10 @@ class Operation:
         check_site(fleet.records)
         told = fleet.records.objective
         self.site: FleetRecords = dataclasses.replace(
-            fleet.records, orders=(), tasks=(), objective=told if isinstance(told, Weights) else DAY
+            with_places(fleet.records),
+            orders=(),
+            tasks=(),
+            objective=told if isinstance(told, Weights) else DAY,
         )
         self.folder: Path = fleet.folder
         self.store, self.robots, self.clock = store, robots, clock
