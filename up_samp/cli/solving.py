@@ -129,16 +129,18 @@ def _seconds(text: str) -> float:
     return value
 
 
-def solve_and_show(problem: SchedulingProblem, args: argparse.Namespace) -> int:
+def solve_and_show(
+    problem: SchedulingProblem, args: argparse.Namespace, hint: Schedule | None = None
+) -> int:
     """Solve, print the schedule and the validator's verdict, write files; return the exit code:
-    0 with a valid plan, 1 without one.
+    0 with a valid plan, 1 without one. ``hint`` is a plan to begin from.
     """
     for folder, option in ((args.out, "--out"), (args.trace, "--trace")):
         if folder is not None:
             check_folder(folder, option)
     started = time.monotonic()
     try:
-        result = _solve(problem, args)
+        result = _solve(problem, args, hint)
     except InterruptedSearch as stop:
         _show(problem, args, stop.result, time.monotonic() - started)
         raise
@@ -195,7 +197,9 @@ def _slash(folder: Path) -> str:
     return "" if str(folder).endswith("/") else "/"
 
 
-def _solve(problem: SchedulingProblem, args: argparse.Namespace) -> PlanGenerationResult:
+def _solve(
+    problem: SchedulingProblem, args: argparse.Namespace, hint: Schedule | None
+) -> PlanGenerationResult:
     name = args.engine if "[" in args.engine else f"samp-refine[{args.engine}]"
     engine_named(name)
     print(f"{problem.name}: {len(problem.activities)} activities, {name}", file=sys.stderr)
@@ -218,7 +222,7 @@ def _solve(problem: SchedulingProblem, args: argparse.Namespace) -> PlanGenerati
         if args.tuning is not None:
             params["tuning"] = args.tuning
         with OneshotPlanner(name=name, params=params) as planner:
-            return planner.solve(problem, timeout=args.timeout or LONGEST)
+            return planner.solve(problem, timeout=args.timeout or LONGEST, warm_start_plan=hint)
 
 
 def judge(problem: SchedulingProblem, plan: Schedule, seconds_per_unit: float = 1.0) -> Verdict:

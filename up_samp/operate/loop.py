@@ -27,8 +27,9 @@ from up_samp.fleet.statements import Kind, Meaning
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import ProblemError, SampError
 from up_samp.operate.choice import OpenWork, choose
+from up_samp.operate.clock import Clock
 from up_samp.operate.horizon import DELIVERS, Cut, Opened, cut_of, first_inside, meanings_of
-from up_samp.operate.planner import Answer, Planner, Question, check_job, check_site
+from up_samp.operate.planner import LATE, Answer, Planner, Question, check_job, check_site
 from up_samp.operate.records import DayOrder, OrderState, Pose, Report, Shape, job_record
 from up_samp.operate.settings import Settings
 from up_samp.operate.stitch import Kept, kept_of
@@ -46,20 +47,6 @@ class Robots(Protocol):
 
     def follow(self, executor: Executor) -> None:
         """Take note that commands speak of the motions of another plan from now on."""
-
-
-class Clock(Protocol):
-    """What time it is (s since the day's start), and how it passes."""
-
-    @property
-    def waits(self) -> bool:
-        """Whether time stands while an answer of the planner is due."""
-
-    def now(self) -> float:
-        """Return the time (s)."""
-
-    def sleep(self, seconds: float) -> None:
-        """Let time pass."""
 
 
 class Asked(Protocol):
@@ -81,6 +68,8 @@ class Asked(Protocol):
 
 SNAPSHOT = 60.0
 """Seconds after which all that has happened is kept as a whole, so that a restart is quick."""
+NOBODY = 1.0
+"""Seconds after which it is looked again for somebody to plan for."""
 RETRY = 5.0
 """Seconds after which the planner is asked again that found nothing."""
 
@@ -333,7 +322,7 @@ class Operation:
 
     def want(self, why: str) -> None:
         """Ask for the rest to be planned anew."""
-        if not self.wanted or self.wanted in (EVERY, LATE):
+        if not self.wanted or self.wanted in (EVERY, OVERDUE):
             self.wanted = why
 
     # ------------------------------------------------------------------ one step
@@ -467,7 +456,7 @@ class Operation:
             self._planned_at = now
             if not taken:
                 self._not_before = now + RETRY
-                if why not in (EVERY, LATE):
+                if why not in (EVERY, OVERDUE):
                     self.want(why if why.startswith("again") else f"again: {why}")
         self._look(now)
         if self.wanted and now >= self._not_before and not self.planner.busy:
@@ -486,7 +475,7 @@ class Operation:
         if now >= self._planned_at + self.settings.every:
             self.want(EVERY)
         elif self._end() > self._forecast + self.settings.late:
-            self.want(LATE)
+            self.want(OVERDUE)
 
     def waiting(self) -> list[DayOrder]:
         """Return the orders that are in no plan."""
@@ -557,11 +546,13 @@ class Operation:
         if choice is None:
             self._planned_at = now
             self._forecast = max(self._forecast, self._end())
+            self._not_before = now + NOBODY
             return
-        if why not in (EVERY, LATE) and not self._needed(choice):
+        if why not in (EVERY, OVERDUE) and not self._needed(choice):
             why = EVERY
         cut, chosen = self.cut(choice.opened), choice.jobs
         kept = Kept() if self.executor is None else kept_of(self.executor, cut)
+        staying = [self.jobs[n] for n in cut.jobs if n in self.jobs]
         carried = {r: self.jobs[w].record for r, w in cut.carrying.items()}
         self.number += 1
         question = Question(
@@ -574,8 +565,10 @@ class Operation:
             robots=tuple(choice.opened),
             held={r: _since(o, now, now) for r, o in carried.items() if isinstance(o, Order)},
             areas=self.areas,
-            kept_jobs=tuple(self.jobs[n].record for n in cut.jobs if n in self.jobs),
+            kept_jobs=tuple(_since(j.record, now, j.came) for j in staying),
             seconds=s.budget * (s.stretch if self.clock.waits else 1.0),
+            lead=s.budget + s.grace,
+            settled=s.commit == "all",
             seed=s.seed,
             localisation=s.localisation,
         )
@@ -627,7 +620,7 @@ class Operation:
             executor = self._joined(plan, question, since)
         except SampError as error:
             return False, " ".join(str(error).split())[:300]
-        if why in (EVERY, LATE) and not self._better(executor, since):
+        if why in (EVERY, OVERDUE) and not self._better(executor, since):
             return False, "what is driven is no worse"
         self.origin = since
         self.store.put_plan(answer.number, self.clock.now(), self.origin, plan)
@@ -701,12 +694,12 @@ class Operation:
             end = ahead.span(name)[1] + origin
             due = job.record.due
             total += job.record.weight * (
-                end + 10.0 * max(0.0, end - due if due is not None else 0.0)
+                end + LATE * max(0.0, end - due if due is not None else 0.0)
             )
         return total
 
 
-EVERY, LATE = "it is time to look again", "it is late"
+EVERY, OVERDUE = "it is time to look again", "it is late"
 
 
 def _tuples(value: Any) -> Any:
