@@ -290,7 +290,7 @@ class _Cutter:
             least = 0.0
         else:
             least += way.travel.speed_at(least) ** 2 / (2 * way.travel.accel) + LEAST
-        drives = self.executor._drives
+        drives = self.executor.drives
         path = drives[name, way.object].path
         others = [
             (drives[n, w.object].path, w.progress)
