@@ -533,6 +533,11 @@ class Executor(Followed):
         """How many activities have not begun, and how many are under way."""
         return len(self._ready), len(self._running)
 
+    @property
+    def awaits_time(self) -> bool:
+        """Whether something waits for the clock: a window that opens, the end of a delay."""
+        return bool(self.state.timers)
+
     def phase(self, activity: str) -> TaskPhase:
         """Return how far an activity is."""
         return self.state.phase[activity]

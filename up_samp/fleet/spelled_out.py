@@ -9,7 +9,7 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from up_samp.fleet.records import FleetRecords, Order, Place, Stop, Task, Window
+from up_samp.fleet.records import FleetRecords, Order, Place, Stop, Task, Windows
 
 
 def spelled_out(records: FleetRecords) -> FleetRecords:
@@ -106,5 +106,5 @@ def _copy(
     return dataclasses.replace(job, **changes)
 
 
-def _later(window: Window | None, seconds: float) -> Window | None:
-    return None if window is None else (window[0] + seconds, window[1] + seconds)
+def _later(windows: Windows, seconds: float) -> Windows:
+    return tuple((opens + seconds, closes + seconds) for opens, closes in windows)

@@ -21,7 +21,7 @@ from up_samp.execution.executor import Executor
 from up_samp.execution.reports import Command, Do, Go, Heard, Hold, Reply
 from up_samp.execution.state import TaskPhase
 from up_samp.fleet.fleet import Fleet
-from up_samp.fleet.records import FleetRecords, Order, Task, Weights, corners_of
+from up_samp.fleet.records import FleetRecords, Order, Task, Weights, Windows, corners_of
 from up_samp.fleet.spelled_out import with_places
 from up_samp.fleet.statements import Kind, Meaning
 from up_samp.io.plan_dict import PlanDict
@@ -725,15 +725,16 @@ def _since(record: Any, now: float, came: float) -> Any:
     if isinstance(record, Order):
         for end in ("pickup", "delivery"):
             stop = getattr(record, end)
-            if stop.window is not None:
-                changes[end] = replace(stop, window=_window(stop.window, came - now))
-    elif record.window is not None:
-        changes["window"] = _window(record.window, came - now)
+            changes[end] = replace(stop, window=_since_now(stop.window, came - now))
+    else:
+        changes["window"] = _since_now(record.window, came - now)
     return replace(record, optional=False, penalty=None, **changes)
 
 
-def _window(window: tuple[float, float], by: float) -> tuple[float, float]:
-    return max(0.0, window[0] + by), max(0.0, window[1] + by)
+def _since_now(windows: Windows, by: float) -> Windows:
+    """Return windows on a later clock: those that are over are gone, but for the last."""
+    later = [(max(0.0, opens + by), max(0.0, closes + by)) for opens, closes in windows]
+    return tuple([w for w in later if w[1] > 0.0] or later[-1:])
 
 
 def _fits(site: FleetRecords, record: Order | Task) -> None:

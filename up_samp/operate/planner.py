@@ -200,9 +200,8 @@ def _brought(order: Order, robot: str) -> Task:
 
 
 def _busy(robot: str, place: str, seconds: float) -> Task:
-    return Task(
-        id=f"{BUSY}{robot}", at=(place,), duration=seconds, robots=(robot,), window=(0.0, seconds)
-    )
+    window = ((0.0, seconds),)
+    return Task(id=f"{BUSY}{robot}", at=(place,), duration=seconds, robots=(robot,), window=window)
 
 
 def ties_of(ask: Question, written: Written, plan: PlanDict) -> list[tuple[str, str]]:
