@@ -95,8 +95,13 @@ def _behind_broker(args: argparse.Namespace, fleet: Fleet):  # type: ignore[no-u
 def _until(day, args: argparse.Namespace) -> int:  # type: ignore[no-untyped-def]
     page = None
     if args.http is not None:
-        from up_samp.server.floor import serve_floor
-
+        try:
+            from up_samp.server.floor import serve_floor
+        except ImportError as error:
+            raise UnsupportedError(
+                f"the floor's page needs the extra [server] ({error.name} is missing): "
+                "pip install fastapi uvicorn"
+            ) from error
         page = serve_floor(day, args.host, args.http)
         print("\n".join(page.told), flush=True)
     stop = None if args.seconds is None else time.monotonic() + args.seconds

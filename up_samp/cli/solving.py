@@ -21,8 +21,10 @@ from up_samp.engines.factory import engine_named
 from up_samp.io import PlanDict, result_to_dict, write_plan
 from up_samp.model import UnsupportedError
 from up_samp.model.errors import InterruptedSearch
+from up_samp.model.objective import MinimizeCosts
 from up_samp.search.params import PRESETS
 from up_samp.system.files import check_folder, uninterrupted
+from up_samp.upio.objective import shown
 
 if TYPE_CHECKING:
     from up_samp.validation import Verdict
@@ -163,6 +165,11 @@ def _show(
     print(schedule_table(plan))
     print()
     print(_summary(plan, result, seconds))
+    if any(isinstance(m, MinimizeCosts) for m in problem.quality_metrics):
+        from up_samp.validation import terms_of
+
+        costs = terms_of(problem, result.plan).items()
+        print(f"it costs {', '.join(f'{shown(cost)} of {term}' for term, cost in costs)}")
     for message in result.log_messages or ():
         print(message.message)
     verdict = judge(problem, result.plan, args.seconds_per_unit)
@@ -245,8 +252,9 @@ def _summary(plan: dict[str, Any], result: PlanGenerationResult, seconds: float)
         bound = f" (proven lower bound {plan['lower_bound']}{f', {kind}' if kind else ''})"
     worth = ""
     if "value" in metrics:
-        told = f"{metrics['objective']} {metrics['value']}"
-        worth = f"{told} (proven bound {metrics.get('value_bound', '-')}), "
+        least = metrics.get("value_bound", "-")
+        least = "none" if least == "-" else shown(least)
+        worth = f"{metrics['objective']} {shown(metrics['value'])} (proven bound {least}), "
     parts = [f"{plan['status']}: {worth}makespan {plan['makespan']}{bound}", f"{seconds:.1f} s"]
     if "rounds" in metrics:
         rounds = metrics["rounds"]
