@@ -257,8 +257,6 @@ def _plan(ask: Question, cache: str | None) -> PlanDict:
     result = solve_problem(written, ask.seconds, params)
     if result.plan is None:
         raise ProblemError(f"no plan within {ask.seconds:g} s: {result.status}")
-    # what is best says nothing of who waits for whom
-    written.problem.clear_quality_metrics()
     plan = with_dependencies(written.problem, result.data, localisation=ask.localisation)
     meanings: dict[str, Meaning] = dict(written.meanings)
     ties = ties_of(ask, written, plan)
