@@ -23,6 +23,7 @@ from up_samp.model import (
     PathReport,
     Placed,
     Trajectory,
+    UnsupportedError,
 )
 from up_samp.motion.cache import CachedLeg, MotionCache, obstacle_key
 from up_samp.motion.curves.blending import TINY
@@ -100,6 +101,7 @@ def keeps_limits(trajectory: Trajectory, kinematics: Kinematics) -> bool:
     d = np.diff(trajectory.poses, axis=0)
     if kinematics.mobility.steers or kinematics.mobility.rolls:
         speed, bends = _speeds_ahead(trajectory.poses, dt, kinematics)
+        bends |= not kinematics.reverse and _goes_back(trajectory.poses)
     else:
         size = 2 if d.shape[1] == 3 else 3
         speed = d[:, :size] / dt[:, None]
@@ -121,6 +123,11 @@ def keeps_limits(trajectory: Trajectory, kinematics: Kinematics) -> bool:
     inner = change <= allowed * (half[1:] + half[:-1]) + fuzz[1:] + fuzz[:-1]
     ends = size[[0, -1]] <= allowed * half[[0, -1]] + fuzz[[0, -1]]
     return bool(inner.all() and ends.all())
+
+
+def _goes_back(poses: FloatArray) -> bool:
+    """Return whether poses (n, 3) lead against the heading anywhere."""
+    return bool(np.any(twists(poses)[:, 0] < -ALLOWED.noise))
 
 
 def _speeds_ahead(
@@ -148,8 +155,18 @@ def strung(scene: Scene, query: PathQuery, legs: Sequence[Leg]) -> tuple[Traject
 
     A car stops where its direction changes, and what turns on the spot where it turns; bodies that
     can turn their velocity should stop only to turn back, and with their own law of motion nobody
-    knows.
+    knows. Raises :class:`UnsupportedError` where a planner drives back what must not.
     """
+    whole, smooth = _strung(scene, query, legs)
+    if not query.body.kinematics.reverse and _goes_back(whole.poses):
+        raise UnsupportedError(
+            "a motion planner from outside drives a body backwards that may not ('reverse': False):"
+            " it has to look at 'kinematics.reverse' of the bodies that it plans for"
+        )
+    return whole, smooth
+
+
+def _strung(scene: Scene, query: PathQuery, legs: Sequence[Leg]) -> tuple[Trajectory, bool]:
     kinematics = query.body.kinematics
     parts = [leg.trajectory for leg in legs if leg.trajectory is not None]
     if len(parts) < 2:
@@ -177,7 +194,7 @@ def strung(scene: Scene, query: PathQuery, legs: Sequence[Leg]) -> tuple[Traject
 
 _LAZY_ROUNDS = 3
 """Of planning around the objects in the way before all of them count."""
-_QUICK_EFFORT = 20_000
+_QUICK_EFFORT = {"car": 20_000, "planar": 20_000, "pivot": 2_000}
 """Expansions without a motion, after which a proof over positions and headings is tried."""
 _PROOF_SECONDS = 5.0
 """At most, for such a proof."""
@@ -299,9 +316,11 @@ class Legs:
     def _ask_one_way(self, name: str, query: LegQuery, deadline: Deadline) -> Leg | PathReport:
         """Ask a planner; where it finds nothing soon, look for a stronger proof in between."""
         planner = self._planner(name)
-        if name not in ("car", "planar") or self.scene.grid is None:
+        # to who turns on the spot and drives both ways, a narrow place is hardly a trap
+        trusted = name == "pivot" and query.body.kinematics.reverse
+        if name not in _QUICK_EFFORT or trusted or self.scene.grid is None:
             return planner.leg(query, deadline)
-        leg = planner.leg(replace(query, effort=_QUICK_EFFORT), deadline)
+        leg = planner.leg(replace(query, effort=_QUICK_EFFORT[name]), deadline)
         if deadline.expired() or (leg.trajectory is not None and leg.complete):
             return leg
         if leg.trajectory is None:
@@ -357,7 +376,8 @@ class Legs:
         scope = (self.scene.digest, name, self.scene.margin, self.seed)
         what = query.body, query.start, query.goal
         # OMPL's planners by their own names never are, and need not be loaded to tell
-        reversible = name in PLANNERS and self._planner(name).reversible
+        both_ways = query.body.kinematics.reverse
+        reversible = both_ways and name in PLANNERS and self._planner(name).reversible
         return MotionCache.key(scope, *what, reversible)
 
     def clears(self, trajectory: Trajectory, body: Body, placed: Placed) -> bool:

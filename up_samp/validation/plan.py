@@ -14,7 +14,7 @@ import numpy as np
 from up_samp.model import ProblemError, Trajectory, UnsupportedError, check_time
 from up_samp.validation.collisions import JudgedShape, hits_map
 from up_samp.validation.judged import JudgedMotion, Obstacle
-from up_samp.validation.kinematics import motion_violations
+from up_samp.validation.kinematics import driven_backwards, motion_violations
 from up_samp.validation.lives import (
     FloatArray,
     Motions,
@@ -31,7 +31,7 @@ from up_samp.validation.schedule import JudgedSchedule, judge_decisions, judge_s
 from up_samp.validation.se3 import SpaceTrack, hits, hits_map_from_space
 from up_samp.validation.solids import Solid
 from up_samp.validation.tolerances import TOLERANCES
-from up_samp.validation.tracks import Track
+from up_samp.validation.tracks import Track, pieces_of
 from up_samp.validation.values import Decisions
 from up_samp.validation.verdict import JUDGING_GRACE, Verdict, Violation
 
@@ -85,8 +85,8 @@ def judge_executed(
     """Judge what was executed, in dense time (``decisions.instant``): the schedule, and that one
     motion of an object comes after the other, from where it is, while static obstacles rest.
 
-    ``samples`` are rows (t in s, pose) of each motion, by activity and object. Contacts and
-    kinematics are not looked at.
+    ``samples`` are rows (t in s, pose) of each motion, by activity and object. Contacts are not
+    looked at, and of kinematics only whether somebody drives backwards who must not.
     """
     judged = judge_decisions(problem, decisions)
     found = list(judged.verdict.violations)
@@ -97,7 +97,10 @@ def judge_executed(
     for task in scene.tasks:
         rows = samples.get((task.activity, task.object))
         if rows is not None:
-            motions[task.name] = rows[:, 0], rows[:, 1:]
+            times, poses = motions[task.name] = rows[:, 0], rows[:, 1:]
+            limits = scene.limits[task.object]
+            if poses.shape[1] == 3:
+                found.extend(driven_backwards(task.what, limits, times, pieces_of(times, poses)))
     lives = build_lives(scene, motions, seconds, found)
     for task in scene.tasks:
         found.extend(_obstacles(scene, task, lives, seconds))
