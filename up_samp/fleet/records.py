@@ -65,9 +65,6 @@ FIGURES = FigureLimits()
 # ------------------ What a fleet problem says
 
 
-FORMAT = "up-samp-problem"
-VERSION = 1
-
 STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 """Unknown keys are errors, and so are numbers that are none."""
 

@@ -112,7 +112,6 @@ class MotionCache:
         self._entries: Memory[list[CachedLeg]] = Memory(size)
         self._writes = True
         self.hits = 0
-        self.misses = 0
 
     def __len__(self) -> int:
         return sum(map(len, self._entries.values()))

@@ -237,7 +237,6 @@ class Legs:
             if known is not None:
                 self.cache.hits += 1
                 return name, known
-        self.cache.misses += 1
         reasons, complete = [], True
         for name in names:
             # the first planner ends by itself where it can, later ones are second opinions

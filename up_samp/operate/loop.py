@@ -202,7 +202,7 @@ class Operation:
         known = self.jobs.get(record.id)
         if known is not None and known.state not in (OrderState.WAITING, OrderState.PLANNED):
             raise ProblemError(f"'{record.id}' is {known.state.value}: it cannot be changed")
-        _fits(self.site, self.folder, record)
+        _fits(self.site, record)
         now = self.clock.now()
         job = DayOrder(record, now if known is None else known.came)
         with self.store:
@@ -384,7 +384,7 @@ class Operation:
         way = self.executor.state.of_object.get(robot)
         if way is None:
             return self.cut().poses[robot]
-        path = self.executor._drives[way.activity, robot].path
+        path = self.executor.drives[way.activity, robot].path
         x, y, theta = (float(v) for v in path.poses_at(np.array([way.progress]))[0])
         return x, y, theta
 
@@ -739,7 +739,7 @@ def _window(window: tuple[float, float], by: float) -> tuple[float, float]:
     return max(0.0, window[0] + by), max(0.0, window[1] + by)
 
 
-def _fits(site: FleetRecords, folder: Path, record: Order | Task) -> None:
+def _fits(site: FleetRecords, record: Order | Task) -> None:
     """Raise :class:`FleetError` where an order speaks of what the site has not."""
     alone = replace(record, after=())
     from up_samp.fleet.faults import FleetError, job_faults

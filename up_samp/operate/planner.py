@@ -138,9 +138,7 @@ def problem_records(ask: Question) -> FleetRecords:
             orders.append(mine)
         else:
             tasks.append(mine)
-    for name, order in ask.held.items():
-        if name in ask.robots:
-            tasks.append(_brought(order, name))
+    tasks += [_brought(order, name) for name, order in ask.held.items() if name in ask.robots]
     for name in idle if len(ask.robots) > 1 else ():
         units = math.ceil(ask.cut.free.get(name, 0.0) / site.seconds_per_unit)
         if units >= 1 and any(name in j.robots for j in (*orders, *tasks)):

@@ -81,7 +81,7 @@ class RoutesTold:
 def routes_told(executor: Executor) -> RoutesTold:
     """Return what robots know of an executor's plan."""
     return RoutesTold(
-        {key: drive.path for key, drive in executor._drives.items()},
+        {key: drive.path for key, drive in executor.drives.items()},
         dict(executor.dependencies.travels),
         {n: t.expected for n, t in executor.state.graph.tasks.items()},
         executor.plan["meanings"],

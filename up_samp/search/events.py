@@ -17,7 +17,6 @@ from up_samp.upio.objective import Measure, Number
 
 if TYPE_CHECKING:
     from up_samp.model import Refusal, ScheduleReport
-    from up_samp.model.refinement import Refinement
     from up_samp.search.history import History
     from up_samp.search.knowledge import Incumbent
 
@@ -185,7 +184,7 @@ class ProgressObserver(Observer):
 
 
 # ------------------ A readable trace
-# A readable trace: every candidate schedule and every refinement, one text file a round.
+# Every candidate schedule and every refinement, one text file a round.
 
 
 class TraceObserver(Observer):

@@ -62,7 +62,7 @@ class Stages:
 
 
 # ------------------ What happened in a search
-# What happened in a search: rounds, refinements, times, bounds. Exported as CSV and JSON.
+# Rounds, refinements, times, bounds. Exported as CSV and JSON.
 
 
 @dataclass(frozen=True)

@@ -121,9 +121,9 @@ def _mentioned(expression: FNode) -> set[str]:
 
 
 # ------------------ Why there is no schedule
-# Why there is no schedule: which few facts leave none, and what of the problem they meet. Facts
-# are left out as long as there is still no schedule (QuickXplain, Junker 2004). Our own scheduler
-# judges, whatever engine is wrapped: its "infeasible" is a proof.
+# Which few facts leave none, and what of the problem they meet. Facts are left out as long as there
+# is still no schedule (QuickXplain, Junker 2004). Our own scheduler judges, whatever engine is
+# wrapped: its "infeasible" is a proof.
 
 
 SHOWN = 5

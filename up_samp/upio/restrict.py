@@ -176,7 +176,7 @@ def thinned(problem: SchedulingMotionProblem, keep: Collection[str]) -> Scheduli
     hollow = copy.copy(problem)
     hollow._activities, hollow._motion_activities = [], []
     target = hollow.clone()
-    present = CandidateSchedule({name: (0, 0) for name in names})
+    present = CandidateSchedule(dict.fromkeys(names, (0, 0)))
     fix = PresenceFixer(problem, present, frozenset(names))
     for activity in problem.activities:
         if activity.name in names:

@@ -17,7 +17,6 @@ from up_samp.validation.judged import JudgedMotion, Obstacle
 from up_samp.validation.kinematics import driven_backwards, motion_violations
 from up_samp.validation.lives import (
     FloatArray,
-    Motions,
     Piece,
     build_lives,
     resting,
@@ -150,7 +149,7 @@ def _motion_violations(
     for task in scene.tasks:
         check_time(JUDGING_GRACE)
         found.extend(_obstacles(scene, task, lives, seconds))
-    found.extend(_collisions(scene, motions, lives))
+    found.extend(_collisions(scene, lives))
     found.extend(_jumps(scene, lives, seconds))
     return found
 
@@ -260,9 +259,7 @@ def _rests(
                 yield Violation("static-obstacle", text, here, (obstacle.name,), piece.until)
 
 
-def _collisions(
-    scene: JudgedScene, motions: Motions, lives: Mapping[str, list[Piece]]
-) -> Iterator[Violation]:
+def _collisions(scene: JudgedScene, lives: Mapping[str, list[Piece]]) -> Iterator[Violation]:
     """Rule 18, swept."""
     looked_at: set[frozenset[int]] = set()
     for name, pieces in lives.items():

@@ -120,11 +120,15 @@ def with_detours(
     static: Sequence[Placed],
     deadline: Deadline,
 ) -> TimedPath | None:
-    """Return the best of ``best`` and of paths around whatever the last path met at full speed."""
+    """Return the best of ``best``, of paths straight to where somebody leaves, and of paths around
+    whatever the last path met at full speed.
+    """
+    for coming in _paths_in(workspace, motion, static, others, deadline):
+        best = fit(workspace, motion, window, coming, others, best)
     copies: list[Placed] = []
     for _ in range(workspace.tuning.ladder.detours):
         met = met_at_full_speed(workspace, motion, window, path, others)
-        virtual = _virtual_obstacles(workspace, motion, path, met[:2])
+        virtual = _virtual_obstacles(workspace, path, met[:2])
         if not virtual or deadline.expired():
             break
         copies += virtual
@@ -138,9 +142,35 @@ def with_detours(
     return best
 
 
-def _virtual_obstacles(
+def _paths_in(
     workspace: Workspace,
     motion: TimedMotion,
+    static: Sequence[Placed],
+    others: Sequence[TimedPath],
+    deadline: Deadline,
+) -> Iterator[Path]:
+    """Yield paths that come nearly straight to a pose that somebody leaves, close behind: a tighter
+    bend would be in the way for longer.
+    """
+    body, goal, kin = motion.body, motion.poses[-1], motion.body.kinematics
+    if not (body.mobility.steers or body.mobility.rolls):
+        return
+    rest = workspace.resting(body, goal)
+    left = (workspace.conflicts(rest, o.path)[:, 1] for o in others if o.path.cells > 0)
+    if not any(np.any(first == 0) for first in left):
+        return
+    braking = kin.v_max**2 / (2 * kin.a_max)
+    radius = max(2 * braking, kin.bend_radius)
+    for curvature in (0.0, 1.0 / radius, -1.0 / radius):
+        nodes = nodes_of(np.array(goal, dtype=np.float64), np.array([[curvature, -braking]]))
+        poses = (*motion.poses[:-1], tuple(map(float, nodes[-1])), goal)
+        path = workspace.detour(body, poses, static, (), deadline)
+        if path is not None:
+            yield path
+
+
+def _virtual_obstacles(
+    workspace: Workspace,
     path: Path,
     met: Sequence[tuple[TimedPath, int, float]],
 ) -> list[Placed]:
@@ -211,10 +241,9 @@ def ways_past(
 
 
 # ------------------ Two robots that would meet on one line pass each other
-# Two robots that would meet on one line pass each other, each in a lane of its own. Where a way
-# is just wide enough for both, neither can stay in the middle of it: who goes first has to leave
-# room for who comes. Lanes to both sides are tried, as far from the paths as it takes and a bit
-# more, around where the two would meet and longer ones.
+# Each in a lane of its own. Where a way is just wide enough for both, neither can stay in the
+# middle of it: who goes first has to leave room for who comes. Lanes to both sides are tried, as
+# far from the paths as it takes and a bit more, around where the two would meet and longer ones.
 
 
 def pass_by(
@@ -388,13 +417,11 @@ def _slid(
         found = np.stack([x, y, poses[0][2] + turn * share], axis=1)
         found[0], found[-1, :2] = poses[0], poses[1][:2]
         if sweeps.samples_free(world, found, least) < 0:
-            return _timed_slide(body, poses, found, rows)
+            return _timed_slide(body, poses, found)
     return None
 
 
-def _timed_slide(
-    body: Body, poses: tuple[Configuration, ...], rows: FloatArray, arcs: FloatArray
-) -> Path | None:
+def _timed_slide(body: Body, poses: tuple[Configuration, ...], rows: FloatArray) -> Path | None:
     """Return the path along a way, with the fastest timing that its bends allow."""
     kin = body.kinematics
     gone = np.diff(rows[:, :2], axis=0)

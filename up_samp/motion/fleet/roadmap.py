@@ -268,10 +268,10 @@ def steps_of(rows: FloatArray, radius: float) -> FloatArray:
 
 
 # ------------------ A roadmap of one kind of body
-# A roadmap of one kind of body: places to rest at, and the short moves between them. The places
-# are those of a lattice around everybody's ends, the ends themselves, and marks along the robots'
-# own best paths, so that what is too tight for the lattice is on the map all the same. Every move
-# is swept against the map and what rests for good.
+# Places to rest at, and the short moves between them. The places are those of a lattice around
+# everybody's ends, the ends themselves, and marks along the robots' own best paths, so that what is
+# too tight for the lattice is on the map all the same. Every move is swept against the map and what
+# rests for good.
 
 
 def cells_of(body: Body, tuning: RoadmapTuning) -> tuple[float, float, float, float]:
@@ -436,11 +436,11 @@ class Roadmap:
         return tuple(way[::-1]), len(closed)
 
     def _lattice_moves(self, node: int) -> list[RoadmapEdge]:
-        found = []
-        for key, move in self.lattice.moves(self._keys[node]):
-            if self._is_place(key) and self._sweeps_free(move.rows):
-                found.append(self._edge(node, self._lattice_place(key), move))
-        return found
+        return [
+            self._edge(node, self._lattice_place(key), move)
+            for key, move in self.lattice.moves(self._keys[node])
+            if self._is_place(key) and self._sweeps_free(move.rows)
+        ]
 
     def _lattice_place(self, key: Key) -> int:
         if key not in self._nodes:
