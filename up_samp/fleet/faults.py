@@ -158,7 +158,7 @@ def same_names(records: FleetRecords) -> Iterator[Fault]:
 
 def _robots(records: FleetRecords) -> Iterator[Fault]:
     for name, kind in records.robot_types.items():
-        if kind.model == "omni" and kind.reverse == "never":
+        if (kind.model, kind.reverse) == ("omni", "never"):
             what = "an omni drives in any direction; this is for car and diff"
             yield Fault(("robot_types", name, "reverse"), what)
     starts: dict[str, str] = {}

@@ -101,7 +101,7 @@ def keeps_limits(trajectory: Trajectory, kinematics: Kinematics) -> bool:
     d = np.diff(trajectory.poses, axis=0)
     if kinematics.mobility.steers or kinematics.mobility.rolls:
         speed, bends = _speeds_ahead(trajectory.poses, dt, kinematics)
-        bends |= not kinematics.reverse and _goes_back(trajectory.poses)
+        bends |= _goes_back(trajectory.poses, kinematics)
     else:
         size = 2 if d.shape[1] == 3 else 3
         speed = d[:, :size] / dt[:, None]
@@ -125,9 +125,9 @@ def keeps_limits(trajectory: Trajectory, kinematics: Kinematics) -> bool:
     return bool(inner.all() and ends.all())
 
 
-def _goes_back(poses: FloatArray) -> bool:
-    """Return whether poses (n, 3) lead against the heading anywhere."""
-    return bool(np.any(twists(poses)[:, 0] < -ALLOWED.noise))
+def _goes_back(poses: FloatArray, kinematics: Kinematics) -> bool:
+    """Return whether poses (n, 3) lead against the heading anywhere, where that is forbidden."""
+    return not kinematics.reverse and bool(np.any(twists(poses)[:, 0] < -ALLOWED.noise))
 
 
 def _speeds_ahead(
@@ -158,7 +158,7 @@ def strung(scene: Scene, query: PathQuery, legs: Sequence[Leg]) -> tuple[Traject
     knows. Raises :class:`UnsupportedError` where a planner drives back what must not.
     """
     whole, smooth = _strung(scene, query, legs)
-    if not query.body.kinematics.reverse and _goes_back(whole.poses):
+    if _goes_back(whole.poses, query.body.kinematics):
         raise UnsupportedError(
             "a motion planner from outside drives a body backwards that may not ('reverse': False):"
             " it has to look at 'kinematics.reverse' of the bodies that it plans for"
@@ -194,8 +194,12 @@ def _strung(scene: Scene, query: PathQuery, legs: Sequence[Leg]) -> tuple[Trajec
 
 _LAZY_ROUNDS = 3
 """Of planning around the objects in the way before all of them count."""
-_QUICK_EFFORT = {"car": 20_000, "planar": 20_000, "pivot": 2_000}
-"""Expansions without a motion, after which a proof over positions and headings is tried."""
+_QUICK_EFFORT = {
+    True: {"car": 20_000, "planar": 20_000},
+    False: {"car": 20_000, "pivot": 2_000},
+}
+"""Expansions without a motion, after which a proof over positions and headings is tried; by whether
+a body may drive backwards (who may, and turns on the spot, is hardly ever trapped), and planner."""
 _PROOF_SECONDS = 5.0
 """At most, for such a proof."""
 _FIRST_SHARE = 0.75
@@ -315,11 +319,10 @@ class Legs:
     def _ask_one_way(self, name: str, query: LegQuery, deadline: Deadline) -> Leg | PathReport:
         """Ask a planner; where it finds nothing soon, look for a stronger proof in between."""
         planner = self._planner(name)
-        # to who turns on the spot and drives both ways, a narrow place is hardly a trap
-        trusted = name == "pivot" and query.body.kinematics.reverse
-        if name not in _QUICK_EFFORT or trusted or self.scene.grid is None:
+        effort = _QUICK_EFFORT[query.body.kinematics.reverse].get(name)
+        if effort is None or self.scene.grid is None:
             return planner.leg(query, deadline)
-        leg = planner.leg(replace(query, effort=_QUICK_EFFORT[name]), deadline)
+        leg = planner.leg(replace(query, effort=effort), deadline)
         if deadline.expired() or (leg.trajectory is not None and leg.complete):
             return leg
         if leg.trajectory is None:

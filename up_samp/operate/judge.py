@@ -21,7 +21,6 @@ from up_samp.operate.records import DayOrder, OrderState, Pose
 from up_samp.operate.simulated import Drive, Handled
 from up_samp.validation.kinematics import driven_backwards
 from up_samp.validation.limits import limits_of
-from up_samp.validation.tracks import pieces_of
 
 _ROBOT = MovableType("robot")
 THERE = 0.25
@@ -78,12 +77,9 @@ def _backwards(site: FleetRecords, drives: Sequence[Drive]) -> Iterable[str]:
     """Yield who drove backwards that must not."""
     for drive in drives:
         kind = site.robot_types[site.robots[drive.robot].type]
-        if kind.reverse == "free" or len(drive.rows) < 2:
-            continue
-        rows, limits = np.array(drive.rows), limits_of(movable(drive.robot, _ROBOT, kind))
-        pieces = pieces_of(rows[:, 0], rows[:, 1:])
+        rows, limits = np.reshape(drive.rows, (-1, 4)), limits_of(movable("", _ROBOT, kind))
         what = f"{drive.robot} in '{drive.activity}'"
-        yield from (v.what for v in driven_backwards(what, limits, rows[:, 0], pieces))
+        yield from (v.what for v in driven_backwards(what, limits, rows[:, 0], rows[:, 1:]))
 
 
 def _of_order(

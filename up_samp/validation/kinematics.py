@@ -43,13 +43,12 @@ def motion_violations(
         i = int(turns.argmax())
         text = f"{what}: turns by {turns[i]:.3f} rad between two samples at {times[i]:.3f} s"
         yield Violation("sampling", text)
+    yield from driven_backwards(what, limits, times, poses)
     if limits.law is not None:
         yield from breaks_law(what, limits, times, poses, pieces)
     elif limits.model == "REEDSSHEPP":
-        yield from driven_backwards(what, limits, times, pieces)
         yield from _car(what, limits, times, pieces)
     elif limits.model == "PIVOT":
-        yield from driven_backwards(what, limits, times, pieces)
         yield from _pivoting(what, limits, times, pieces)
     else:
         speed = pieces.chord / pieces.dt[:, None]
@@ -108,14 +107,14 @@ def _car(what: str, limits: Limits, times: FloatArray, pieces: Pieces) -> Iterat
 
 
 def driven_backwards(
-    what: str, limits: Limits, times: FloatArray, pieces: Pieces
+    what: str, limits: Limits, times: FloatArray, poses: FloatArray
 ) -> Iterator[Violation]:
     """A body that may not drive against its heading: never is it behind where it has been, however
     slowly it got there (along its way; rounding is allowed for once, not for each piece).
     """
     if limits.v_back > 0.0:
         return
-    ahead = np.concatenate(([0.0], np.cumsum(pieces.along)))
+    ahead = np.concatenate(([0.0], np.cumsum(pieces_of(times, poses).along)))
     behind = np.maximum.accumulate(ahead) - ahead
     if behind.max() > 10 * TOLERANCES.noise:
         i = int(np.argmax(behind > 10 * TOLERANCES.noise))

@@ -42,13 +42,11 @@ def limits_of(item: Any) -> Limits:
     """
     limits = _limits(item)
     reverse = (item.motion_parameters or {}).get(_REVERSE, True)
-    if not isinstance(reverse, bool):
-        raise ProblemError(f"object {item.name}: reverse must be True or False, not {reverse}")
-    if reverse:
-        return limits
-    if limits.law is not None or limits.model not in ("REEDSSHEPP", "PIVOT"):
-        raise ProblemError(f"object {item.name}: reverse is False, but it has no heading to keep")
-    return replace(limits, v_back=0.0)
+    allowed = (True, False) if limits.model in ("REEDSSHEPP", "PIVOT") else (True,)
+    if reverse not in allowed:
+        words = " or ".join(map(str, allowed))
+        raise ProblemError(f"object {item.name}: its reverse must be {words}, not {reverse}")
+    return replace(limits, v_back=limits.v_back * reverse)
 
 
 def _limits(item: Any) -> Limits:

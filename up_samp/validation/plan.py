@@ -30,7 +30,7 @@ from up_samp.validation.schedule import JudgedSchedule, judge_decisions, judge_s
 from up_samp.validation.se3 import SpaceTrack, hits, hits_map_from_space
 from up_samp.validation.solids import Solid
 from up_samp.validation.tolerances import TOLERANCES
-from up_samp.validation.tracks import Track, pieces_of
+from up_samp.validation.tracks import Track
 from up_samp.validation.values import Decisions
 from up_samp.validation.verdict import JUDGING_GRACE, Verdict, Violation
 
@@ -98,8 +98,7 @@ def judge_executed(
         if rows is not None:
             times, poses = motions[task.name] = rows[:, 0], rows[:, 1:]
             limits = scene.limits[task.object]
-            if poses.shape[1] == 3:
-                found.extend(driven_backwards(task.what, limits, times, pieces_of(times, poses)))
+            found.extend(driven_backwards(task.what, limits, times, poses))
     lives = build_lives(scene, motions, seconds, found)
     for task in scene.tasks:
         found.extend(_obstacles(scene, task, lives, seconds))

@@ -307,6 +307,7 @@ class Roadmap:
         self.scene, self.body, self.hull = scene, body, hull_of(body)
         self.usable = shape is not None
         self._pivots, self._both_ways = body.mobility.pivots, body.kinematics.reverse
+        self._orders = (1,) if self._both_ways else (1, -1)
         self.shape: Shape = shape if shape is not None else scene.shape(body)
         self._world = scene.world(self.shape, static)
         self.poses: list[Configuration] = []
@@ -338,14 +339,12 @@ class Roadmap:
         """Join a place at which the body cannot turn to places straight ahead and behind."""
         x, y, theta = self.poses[node]
         for away in (-2.0, -1.0, 1.0, 2.0):
-            reach = away * self.cell
+            reach, order = away * self.cell, self._orders[-int(away < 0.0)]
             pose = (x + reach * math.cos(theta), y + reach * math.sin(theta), theta)
-            comes = away < 0.0 and not self._both_ways
-            ends = (pose, self.poses[node]) if comes else (self.poses[node], pose)
-            moves = steer(self.body, *ends)
+            moves = steer(self.body, *(self.poses[node], pose)[::order])
             if all(self._sweeps_free(m.rows) for m in moves):
                 there = self._new(pose)
-                self._link(*((there, node) if comes else (node, there)), moves)
+                self._link((node, there)[::order], moves)
                 self._join(there, self.tuning.links)
 
     def rest(self, node: int) -> RoadmapEdge:
@@ -370,29 +369,33 @@ class Roadmap:
         """
         best = {goal: 0.0}
         queue = [(0.0, goal)]
-        into = None if self._both_ways else self._arrivals()
+        before = self._before()
         while queue:
             cost, node = heapq.heappop(queue)
             if cost > best[node]:
                 continue
-            for edge in self.out(node) if into is None else into.get(node, ()):
-                there, after = edge.target if into is None else edge.source, cost + edge.cost
+            for there, takes in before(node):
+                after = cost + takes
                 if after < best.get(there, math.inf):
                     best[there] = after
                     heapq.heappush(queue, (after, there))
         return best
 
-    def _arrivals(self) -> dict[int, list[RoadmapEdge]]:
-        """Return the moves to each place, of all that can be reached from the robots' ends."""
-        found: dict[int, list[RoadmapEdge]] = {}
-        queue, seen = list(self.places.values()), set(self.places.values())
+    def _before(self) -> Callable[[int], Sequence[tuple[int, float]]]:
+        """Return what tells the places before a place, and the cost of the moves from there: of all
+        places that can be reached from the robots' ends.
+        """
+        if self._both_ways:
+            return lambda node: [(edge.target, edge.cost) for edge in self.out(node)]
+        found: dict[int, list[tuple[int, float]]] = {node: [] for node in self.places.values()}
+        queue = list(found)
         while queue:
-            for edge in self.out(queue.pop()):
-                found.setdefault(edge.target, []).append(edge)
-                if edge.target not in seen:
-                    seen.add(edge.target)
+            node = queue.pop()
+            for edge in self.out(node):
+                if edge.target not in found:
                     queue.append(edge.target)
-        return found
+                found.setdefault(edge.target, []).append((node, edge.cost))
+        return found.__getitem__
 
     def route(
         self,
@@ -476,11 +479,12 @@ class Roadmap:
         self.edges.append(edge)
         return edge
 
-    def _link(self, source: int, target: int, moves: Sequence[ShortMove]) -> None:
+    def _link(self, ends: tuple[int, ...], moves: Sequence[ShortMove]) -> None:
         """Add moves between two places, and back where the body may drive both ways, with places
         where one move ends.
         """
-        nodes = [source, *(self._new(tuple(m.rows[-1].tolist())) for m in moves[:-1]), target]
+        inner = (self._new(tuple(m.rows[-1].tolist())) for m in moves[:-1])
+        nodes = [ends[0], *inner, ends[1]]
         for (a, b), move in zip(itertools.pairwise(nodes), moves, strict=True):
             self._extra.setdefault(a, []).append(self._edge(a, b, move).number)
             if self._both_ways:
@@ -503,19 +507,17 @@ class Roadmap:
         options.sort()
         limit = self.tuning.local * max(self.cell, self.body.kinematics.bend_radius)
         done = []
-        for comes in (False,) if self._both_ways else (False, True):
+        for order in self._orders:
             joined = 0
             for _, key in options[: 8 * most]:
                 if joined >= most:
                     break
                 if not self._is_place(key):
                     continue
-                there = self.lattice.pose(key)
-                moves = steer(self.body, *((there, pose) if comes else (pose, there)))
+                moves = steer(self.body, *(pose, self.lattice.pose(key))[::order])
                 way = sum(float(steps_of(m.rows, 0.0).sum()) for m in moves)
                 if way <= limit and all(self._sweeps_free(m.rows) for m in moves):
-                    place = self._lattice_place(key)
-                    self._link(*((place, node) if comes else (node, place)), moves)
+                    self._link((node, self._lattice_place(key))[::order], moves)
                     joined += 1
             done.append(joined > 0)
         return all(done)
@@ -536,7 +538,7 @@ class Roadmap:
         nodes += [self._new(tuple(row.tolist())) for row in poses[1:-1]]
         nodes.append(self.place(_pose(path.poses[-1])))
         for i, (a, b) in enumerate(itertools.pairwise(marks)):
-            self._link(nodes[i], nodes[i + 1], [self._along(path, float(a), float(b))])
+            self._link((nodes[i], nodes[i + 1]), [self._along(path, float(a), float(b))])
         for node in nodes[1:-1]:
             self._join(node, 2)
 

@@ -125,8 +125,10 @@ class CarPlanner:
             for turned in tuple(sides):
                 if budget.spent():
                     break
-                asked = replace(query, start=goal, goal=start) if turned else query
-                driver = car._replace(sense=-car.sense) if turned else car
+                asked, driver = query, car
+                if turned:
+                    asked = replace(query, start=goal, goal=start)
+                    driver = car._replace(sense=-car.sense)
                 arcs, count, dry = self._search(asked, driver, shape, level, budget)
                 if arcs is not None:
                     arcs = self._smooth(world, asked, arcs, driver)

@@ -333,8 +333,6 @@ def planar_leg(
         trajectory = _drive(world, start, goal, nodes, seed)
     else:
         trajectory, corners = _glide(world, goal, nodes, seed)
-    unsafe = "a path was found but not timed safely"
-    if not query.body.kinematics.reverse:
-        unsafe = f"OMPL's {planner} found a path, but no way to drive it ahead only"
+    unsafe = f"OMPL's {planner} found a path, but none that is safe the way it has to be driven"
     reason = "" if trajectory is not None else unsafe
     return Leg(trajectory, reason, budget.used, not budget.cut, corners)

@@ -85,10 +85,8 @@ def _leads(heading: float, half: float, dr: int, dc: int) -> bool:
     leave a square towards a neighbouring one: over a side it must not look away from that side,
     over a corner from neither.
     """
-    if dr == 0 and dc == 0:
-        return True
     off = abs((heading - math.atan2(dr, dc) + math.pi) % (2.0 * math.pi) - math.pi)
-    return off <= (0.5 if dr == 0 or dc == 0 else 0.25) * math.pi + half + 1e-9
+    return dr == 0 == dc or off <= (0.5 - 0.25 * abs(dr * dc)) * math.pi + half + 1e-9
 
 
 @inner
@@ -149,10 +147,11 @@ def spread(flood: Flood, blocking: Blocking, budget: int) -> int:
                     r, c, n = row + dr, col + dc, (b + db + bins) % bins
                     if r < 0 or c < 0 or r >= rows or c >= cols or state[r, c, n] != 0:
                         continue
-                    if flood.sense != 0.0:
-                        between = (2.0 * b + db) * half[1] + (0.0 if flood.sense > 0.0 else math.pi)
-                        if not _leads(between, (1.0 + abs(db)) * half[1], dr, dc):
-                            continue
+                    # the heading between the two, half a turn on where time runs back
+                    between = (2.0 * b + db) * half[1] + 0.5 * math.pi * (1.0 - flood.sense)
+                    wide = (1.0 + abs(db)) * half[1]
+                    if flood.sense != 0.0 and not _leads(between, wide, dr, dc):
+                        continue
                     centre = (c + 0.5) * size, (r + 0.5) * size
                     if _blocked(blocking, centre, 2.0 * math.pi * n / bins, half):
                         state[r, c, n] = 2
@@ -189,10 +188,8 @@ def separated(
     if boxes[0] < 0 or boxes[1] < 0 or boxes[0] == boxes[1]:
         return False
     blocking = Blocking(nearest, scene.data.frame, scene.polys(obstacles), discs_inside(body))
-    floods = [_begun(shape, boxes[0], boxes[1], float(size), 0.0)]
-    if not body.kinematics.reverse:
-        ways = ((boxes[0], boxes[1], 1.0), (boxes[1], boxes[0], -1.0))
-        floods = [_begun(shape, a, b, float(size), sense) for a, b, sense in ways]
+    ways = ((boxes, 0.0),) if body.kinematics.reverse else ((boxes, 1.0), (boxes[::-1], -1.0))
+    floods = [_begun(shape, *way, float(size), sense) for way, sense in ways]
     verdict = 0
     while verdict == 0 and not deadline.expired():
         for flood in floods:
