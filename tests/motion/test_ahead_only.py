@@ -153,11 +153,11 @@ BODIES = (Body(RING, CAR), Body(WEDGE, CAR), Body(RING, WHEELS), Body(WEDGE, WHE
 class Crossing:
     """Robots of all kinds on one floor; some may drive backwards."""
 
-    def __init__(self, seed, count):
+    def __init__(self, seed, count, kinds=BODIES):
         rng = np.random.default_rng(seed)
         self.grid = floor(rng, 3)
         self.service = MotionService(self.grid, seed=seed)
-        bodies = [BODIES[int(k)] for k in rng.integers(0, 4, count)]
+        bodies = [kinds[int(k)] for k in rng.integers(0, len(kinds), count)]
         bodies[-1] = free(bodies[-1])
         taken = [[], []]
         motions = []
@@ -180,7 +180,7 @@ class Crossing:
 
 def check_group(seed, count, folder, method="ladder"):
     """Return whether a group was found, after judging: nobody drives backwards who must not."""
-    crossing = Crossing(seed, count)
+    crossing = Crossing(seed, count, BODIES if method == "ladder" else BODIES[:2])
     report = crossing.service.coordinate(crossing.query, Deadline.after(60), method=method)
     if report.outcome is not Outcome.FOUND:
         return False

@@ -188,8 +188,9 @@ def separated(
     if boxes[0] < 0 or boxes[1] < 0 or boxes[0] == boxes[1]:
         return False
     blocking = Blocking(nearest, scene.data.frame, scene.polys(obstacles), discs_inside(body))
-    ways = ((boxes, 0.0),) if body.kinematics.reverse else ((boxes, 1.0), (boxes[::-1], -1.0))
-    floods = [_begun(shape, *way, float(size), sense) for way, sense in ways]
+    a, b = boxes
+    ways = ((a, b, 0.0),) if body.kinematics.reverse else ((a, b, 1.0), (b, a, -1.0))
+    floods = [_begun(shape, start, goal, float(size), sense) for start, goal, sense in ways]
     verdict = 0
     while verdict == 0 and not deadline.expired():
         for flood in floods:
