@@ -147,11 +147,12 @@ def _ready(day: Day, job: DayOrder) -> bool:
 
 def _for_order(day: Day, job: DayOrder) -> OpenWork | None:
     free = day.free_at()
-    if not any(_able(day, job, r) for r in free):
-        return None
     if day.settings.commit == "none":
         everybody = dict.fromkeys(free, Opened.ALL)
         return OpenWork(everybody, (job, *_theirs(day, everybody)))
+    free = {r: f for r, f in free.items() if f[0] <= day.settings.soon}
+    if not any(_able(day, job, r) for r in free):
+        return None
     return OpenWork({_first_there(day, job, free): Opened.TAIL}, (job,))
 
 
