@@ -462,8 +462,6 @@ def _value(listing: _Listing, name: str, value: Any) -> Any:
         return tuple(listing.corners(value))
     if sort is not None and isinstance(value, str):
         return listing.name(sort, value)
-    # a start may be a pose, the capacity of a battery is a number
-    named = isinstance(value, tuple) and all(isinstance(v, str) for v in value)
-    if sort is None or not named:
-        return value
-    return tuple(listing.name(sort, v) for v in listing.order(value))
+    if sort is not None and isinstance(value, tuple) and all(isinstance(v, str) for v in value):
+        return tuple(listing.name(sort, v) for v in listing.order(value))
+    return value  # a number, or the pose of a start

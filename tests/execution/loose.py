@@ -78,7 +78,7 @@ class LooseFloor(Floor):
         return self.now >= self.loose.when and robot.motion is not None and robot.v > 0.3
 
     def _pose(self, robot):
-        drive = self.executive._drives[robot.motion, robot.name]
+        drive = self.executive.drives[robot.motion, robot.name]
         return tuple(float(v) for v in drive.path.poses_at(np.array([robot.s]))[0])
 
     def _tell(self, robot):

@@ -95,7 +95,7 @@ def test_a_robot_at_rest_may_be_in_the_way(yaml):
                 far = way.told + 1.5
                 if not isinstance(before[other], Go) or before[other].until < far:
                     continue
-                path = executor._drives[way.activity, other].path
+                path = executor.drives[way.activity, other].path
                 place = tuple(path.poses_at(np.array([far]))[0])
                 assert executor.update(robot, pose=place, now=now).heard is Heard.HELD
                 (overrun,) = executor.overruns

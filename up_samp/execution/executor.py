@@ -99,8 +99,9 @@ class Executor(Followed):
         self.tuning = tuning or ExecutionTuning()
         self.pace = RobotPace()
         self.sides, self.turned = {}, frozenset()
-        self._drives = drives_of(self.dependencies.lives)
-        self._drivers = {robot for _, robot in self._drives}
+        self.drives = drives_of(self.dependencies.lives)
+        """The robots' motions, by activity and robot."""
+        self._drivers = {robot for _, robot in self.drives}
         self._told: dict[str, float] = {}
         """When each robot last told something that was believed (s)."""
         self._held: dict[str, str] = {}
@@ -195,7 +196,7 @@ class Executor(Followed):
         """
         if self.problem is None:
             raise ProblemError("what is left can be told only where the problem is known")
-        return remaining_problem(self.problem, self.plan, self.state, self._drives, surprise)
+        return remaining_problem(self.problem, self.plan, self.state, self.drives, surprise)
 
     # ------------------------------------------------------------------ what is told
 
@@ -255,7 +256,7 @@ class Executor(Followed):
         beyond = max(-progress, progress - way.length)
         if why or beyond <= self.state.localisation + TOLERANCES.progress:
             return why or float(progress)
-        drive = self._drives[way.activity, way.object]
+        drive = self.drives[way.activity, way.object]
         return Strayed(pose_at(drive.path, progress), beyond, self.now)
 
     def _elsewhere(self, robot: str, motion: str | None, progress: Any, pose: Any) -> Reply:
@@ -332,7 +333,7 @@ class Executor(Followed):
         frame), and how far it is off it, see :func:`up_samp.execution.travel.along`. Of a motion
         under way what was told before tells apart stretches that pass the same point.
         """
-        drive = self._drives.get((activity, robot))
+        drive = self.drives.get((activity, robot))
         if drive is None:
             raise ProblemError(f"the plan has no motion '{activity}' of '{robot}'")
         here = self._in_plane(drive.key, pose)
@@ -546,14 +547,14 @@ class Executor(Followed):
         return not self._ready and not self._running
 
     @property
-    def awaits_time(self) -> bool:
-        """Whether something waits for its time alone: a shift, a release, a break, a duration."""
-        return bool(self.state.timers)
-
-    @property
     def left(self) -> tuple[int, int]:
         """How many activities have not begun, and how many are under way."""
         return len(self._ready), len(self._running)
+
+    @property
+    def awaits_time(self) -> bool:
+        """Whether something waits for the clock: a window that opens, the end of a delay."""
+        return bool(self.state.timers)
 
     def phase(self, activity: str) -> TaskPhase:
         """Return how far an activity is."""

@@ -32,14 +32,14 @@ class Timetable:
         return not self.ready and not self.running
 
     @property
-    def awaits_time(self) -> bool:
-        """Whether something is still to begin by the clock."""
-        return any(self.tasks[name].planned[0] > self.now for name in self.ready)
-
-    @property
     def left(self) -> tuple[int, int]:
         """How many activities have not begun, and how many are under way."""
         return len(self.ready), len(self.running)
+
+    @property
+    def awaits_time(self) -> bool:
+        """Whether something begins later by nothing but the clock."""
+        return any(self.tasks[name].planned[0] > self.now for name in self.ready)
 
     def times(self) -> dict[str, tuple[float, float | None]]:
         """Return when activities that have begun started and ended (s)."""

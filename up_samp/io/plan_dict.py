@@ -211,6 +211,8 @@ def _object(movable: Movable, snapshot: Snapshot) -> dict[str, Any]:
         entry |= on_map(snapshot, snapshot.map_of[place])
     if not limits.mobility.steers:
         entry["omega_max"] = _plain(limits.omega_max)
+    if not limits.reverse:
+        entry["reverse"] = False
     if math.isfinite(movable.body.height):
         entry["height"] = _plain(movable.body.height)
     if movable.body.mesh is not None:

@@ -64,7 +64,7 @@ def times_of(
     schedule, facts = itinerary.schedule, search.facts
     problem = restrict(search.own_relaxation(), facts.snapshot, schedule)
     try:
-        planned = Planned(read_plain(problem, metric=False), schedule.times, schedule.parameters)
+        planned = Planned(read_plain(problem, objective=False), schedule.times, schedule.parameters)
         differences = [o.difference for o in orders_of(planned, facts.snapshot)]
     except UnsupportedError:
         return None
