@@ -99,13 +99,13 @@ def test_this_package_has_no_circle(package):
 
 
 LIMITS = {
-    "long_functions": 7,
-    "wide_functions": 21,
+    "long_functions": 5,
+    "wide_functions": 19,
     "long_files": 0,
-    "said_twice": 25,
+    "said_twice": 20,
     "tunables": 53,
 }
-NUMBERS = 285
+NUMBERS = 282
 COUNTS = {"shared_names": 0, "type_circles": 0, "big_rooms": 3}
 """What the figures may be at most: lower them when they fall, never raise them for convenience."""
 
