@@ -1,8 +1,9 @@
 """Days of a fleet by three ways to plan, in the same loop: ``python benchmarks/operate/days.py``.
 
 ``rolling`` is what ``up-samp operate`` does; ``token`` gives each order, in the order of coming, to
-the robot that could be there first, and never plans anything twice (token passing: Ma et al.,
-"Lifelong multi-agent path finding for online pickup and delivery tasks", AAMAS 2017). ``anew``
+the robot that could be there first, and never plans anything twice: who comes later goes first only
+where nobody has to wait for that (token passing: Ma et al., "Lifelong multi-agent path finding for
+online pickup and delivery tasks", AAMAS 2017). ``anew``
 plans all that is not begun from nothing whenever an order comes. All days are judged by what was
 driven.
 """
@@ -26,8 +27,8 @@ from up_samp.operate.settings import Settings
 
 WAYS = {
     "rolling": {"commit": "begun"},
-    "token": {"commit": "all", "candidates": 1},
-    "anew": {"commit": "none", "candidates": 100, "most": 100},
+    "token": {"commit": "all"},
+    "anew": {"commit": "none"},
 }
 
 
@@ -65,18 +66,19 @@ def main() -> None:
     parser.add_argument("--robots", type=int, default=10)
     parser.add_argument("--hours", type=float, default=8.0)
     parser.add_argument("--orders-per-hour", type=float, default=60.0)
-    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--due", type=float, default=300.0)
+    parser.add_argument("--seeds", type=int, nargs="*", default=[*range(5)])
     parser.add_argument("--ways", nargs="*", default=[*WAYS], choices=[*WAYS])
     parser.add_argument("--breakdowns", type=int, default=2)
     parser.add_argument("--stretch", type=float, default=10.0)
     parser.add_argument("--out", type=Path, default=Path("days.json"))
     args = parser.parse_args()
     found = []
-    for seed in range(args.seeds):
+    for seed in args.seeds:
         for way in args.ways:
             plan = DayPlan(
-                hours=args.hours, orders_per_hour=args.orders_per_hour, noise=0.02, delays=0.3,
-                breakdowns=args.breakdowns, seed=seed,
+                hours=args.hours, orders_per_hour=args.orders_per_hour, due=args.due,
+                noise=0.02, delays=0.3, breakdowns=args.breakdowns, seed=seed,
             )  # fmt: skip
             settings = Settings(stretch=args.stretch, seed=seed, **WAYS[way])
             with tempfile.TemporaryDirectory() as folder:

@@ -8,6 +8,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
 from typing import NamedTuple
 
 from ortools.sat.python import cp_model
@@ -66,9 +67,21 @@ _EFFORT = 0.3
 _MOST = 60
 """Decisions that are looked at, the earliest ones."""
 WORTH = 0.5
-"""s by which all has to be over sooner."""
+"""s by which all has to be over sooner, or what ends have to cost less."""
+_LATER = 60.0
+"""s by which the last end of all may come later where other ends count."""
 REACTION = 0.5
 """Seconds that pass before a robot obeys a new command."""
+
+
+class Goal(NamedTuple):
+    """What an activity's end costs: ``weight`` for each second until then, and ``late`` for each
+    one after ``due`` (s).
+    """
+
+    weight: float
+    late: float
+    due: float
 
 
 class Followed:
@@ -83,6 +96,10 @@ class Followed:
     """Components that are passed on another side than planned."""
     turned: frozenset[int]
     """Choices that are the other way round than planned, by their number."""
+    goals: Mapping[str, Goal] = MappingProxyType({})
+    """The activities whose ends count (none: the last end of all counts)."""
+    lead: float = 0.0
+    """Seconds that pass before an order that is decided now is followed."""
 
     @property
     def now(self) -> float:
@@ -122,7 +139,7 @@ def open_decisions(
     for decision in found:
         times = [ahead.span(p.then.activity)[0] for needs in decision.needs.values() for p in needs]
         due = min(times, default=math.inf)
-        if due <= executor.now + horizon and _is_open(executor.state, decision):
+        if due <= executor.now + horizon and _is_open(executor, ahead, decision):
             timed.append((due, str(decision.key), decision))
     timed.sort(key=lambda t: t[:2])
     return [decision for _, _, decision in timed[:most]]
@@ -149,10 +166,27 @@ def _choices(executor: Followed) -> list[Decision]:
     ]
 
 
-def _is_open(state: FloorState, decision: Decision) -> bool:
+def _is_open(executor: Followed, ahead: Forecast, decision: Decision) -> bool:
     """Return whether it can still be the other way, and is not settled by what has happened."""
-    other = all(can_wait(state, p) for p in decision.needs[not decision.now])
-    return other and any(not happened(state, p.first) for p in decision.needs[decision.now])
+    state, needs = executor.state, decision.needs
+    if not any(not happened(state, p.first) for p in needs[decision.now]):
+        return False
+    other = needs[not decision.now]
+    return all(can_wait(state, p) and not _too_soon(executor, ahead, p) for p in other)
+
+
+def _too_soon(executor: Followed, ahead: Forecast, need: Precedence) -> bool:
+    """Return whether who is to wait is past where it would wait before it can be told."""
+    event, state = need.then, executor.state
+    if executor.lead <= 0.0:
+        return False
+    at = ahead.span(event.activity)[event.at is At.END]
+    if event.at in (At.REACH, At.LEAVE):
+        way = state.ways[event.activity, event.object]
+        begun = state.phase[event.activity] is not TaskPhase.WAITING
+        here = way.travel.time_at(way.progress) if begun else 0.0
+        at = (state.now if begun else at) + way.travel.time_at(event.progress) - here
+    return at < state.now + executor.lead
 
 
 def _need(step: Step) -> Precedence:
@@ -454,7 +488,7 @@ def adopt(executor: Followed, proposal: Proposal) -> int:
             return 0
     before = executor.retime()
     _load(executor, proposal.graph)
-    if not _better(before, executor.retime(), WORTH):
+    if not _better(executor.goals, before, executor.retime()):
         _load(executor, old)
         return 0
     executor.sides, executor.turned = _with(proposal.base, proposal.flips)
@@ -481,10 +515,18 @@ def _load(executor: Followed, graph: Graph) -> None:
     executor.routes = routes_of(graph, executor.state.ways)
 
 
-def _better(before: Forecast, after: Forecast, worth: float) -> bool:
-    """Return whether all is over ``worth`` s sooner, and no deadline is missed by more."""
-    sooner = before.makespan - after.makespan > worth
-    return sooner and _missed(after) <= _missed(before) + 1e-3
+def cost(goals: Mapping[str, Goal], ahead: Forecast) -> float:
+    """Return what the ends that count cost by a forecast (no goals: the last end of all, s)."""
+    if not goals:
+        return ahead.makespan
+    ends = ((goal, ahead.span(name)[1]) for name, goal in goals.items())
+    return sum(g.weight * end + g.late * max(0.0, end - g.due) for g, end in ends)
+
+
+def _better(goals: Mapping[str, Goal], before: Forecast, after: Forecast) -> bool:
+    """Return whether ends cost ``WORTH`` less, and no deadline is missed by more."""
+    less = cost(goals, before) - cost(goals, after) > WORTH
+    return less and _missed(after) <= _missed(before) + 1e-3
 
 
 def _missed(ahead: Forecast) -> float:
@@ -494,21 +536,49 @@ def _missed(ahead: Forecast) -> float:
     )
 
 
+def _value(
+    executor: Followed,
+    model: cp_model.CpModel,
+    times: Times,
+    found: list[cp_model.LinearExprT],
+    latest: int,
+) -> cp_model.LinearExprT:
+    """Return what the ends that count cost, in a model of all times."""
+    state = executor.state
+    left = [name for name, phase in state.phase.items() if phase is not TaskPhase.DONE]
+    ends = {name: found[times.event(Event(At.END, name))] for name in left}
+
+    if not executor.goals:
+        last = model.new_int_var(0, latest, "")
+        for end in ends.values():
+            model.add(last >= end)
+        return 10 * len(ends) * last
+    total: cp_model.LinearExprT = 0
+    for name, goal in executor.goals.items():
+        if name not in ends:
+            continue
+        total += round(10 * goal.weight) * ends[name]
+        if goal.late:
+            due = math.floor((goal.due - state.now) * SCALE)
+            late = model.new_int_var(0, max(0, latest - due), "")
+            model.add(late >= ends[name] - due)
+            total += round(10 * goal.late) * late
+    return total
+
+
 def _solve(executor: Followed, ahead: Forecast, decisions: list[Decision]) -> dict[Key | int, bool]:
     """Return how each decision should be; empty where nothing better was found."""
     state = executor.state
     times, ends = tied(executor, decisions)
     low = times.earliest()
-    latest = math.ceil((ahead.makespan - WORTH - state.now) * SCALE)
+    more = _LATER if executor.goals else -WORTH
+    latest = math.ceil((ahead.makespan + more - state.now) * SCALE)
     if max((low[k] for k in ends), default=0) > latest:
         return {}  # not even without all that is open
     model = cp_model.CpModel()
     literals = [model.new_bool_var("") for _ in decisions]
     found = times.variables(model, low, latest, literals)
-    last = model.new_int_var(0, latest, "")
-    for k in ends:
-        model.add(last >= found[k])
-    model.minimize(10 * len(ends) * last + sum(found[k] for k in ends))
+    model.minimize(_value(executor, model, times, found, latest) + sum(found[k] for k in ends))
     for literal, decision in zip(literals, decisions, strict=True):
         model.add_hint(literal, decision.now)
     solver = cp_model.CpSolver()

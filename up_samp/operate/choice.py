@@ -1,13 +1,14 @@
-"""What is planned anew next: one waiting order and the few robots that could do it first, with what
-these have not begun; or, where nothing waits, a few robots whose orders might be shared better.
+"""What is planned anew next: the robot that is free first and the order that is worth most then,
+with what it has not begun; or, where nothing waits, two robots whose orders might be shared better.
 
-Small problems are solved in a second, and what all others do stays as it is. This is a
+Small problems are solved in a second. What all others do stays, but not who goes first. This is a
 large-neighbourhood search over the day (Shaw 1998; with robots: Li et al., "Anytime multi-agent
 path finding via large neighborhood search", IJCAI 2021), one move for each plan.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 import random
 from collections.abc import Mapping, Sequence
@@ -18,15 +19,22 @@ from up_samp.execution.executor import Executor
 from up_samp.execution.state import TaskPhase
 from up_samp.fleet.records import FleetRecords, Order
 from up_samp.fleet.statements import Kind, Meaning
+from up_samp.operate.clock import Clock
 from up_samp.operate.horizon import DELIVERS, Cut, Opened
 from up_samp.operate.records import DayOrder, OrderState, Pose
 from up_samp.operate.settings import Settings
+
+PAIR = 2
+"""So many robots are planned at a time that nothing new is found for."""
+PATIENCE = 2.0
+"""An order that could wait for so many times its own length is worth a third of a late one."""
 
 
 class Day(Protocol):
     """What there is to choose from: an operation, as :class:`up_samp.operate.loop.Operation`."""
 
     settings: Settings
+    clock: Clock
     site: FleetRecords
     executor: Executor | None
     meanings: dict[str, Meaning]
@@ -62,18 +70,69 @@ class OpenWork:
 
 def choose(day: Day) -> OpenWork | None:
     """Return what to plan next; None: nothing is left to plan."""
-    stranded = day.stranded()[: day.settings.candidates]
+    stranded = day.stranded()[:PAIR]
     if stranded:
         opened = dict.fromkeys(stranded, Opened.ALL)
         return OpenWork(opened, tuple(_theirs(day, opened)))
-    stale = day.stale()[: day.settings.candidates]
+    stale = day.stale()[:PAIR]
     if stale:
         opened = dict.fromkeys(stale, Opened.ALL)
         return OpenWork(opened, tuple(_theirs(day, opened)))
     waiting = [j for j in (*day.waiting(), *day.dropped()) if _ready(day, j)]
+    if waiting and day.settings.commit == "begun":
+        return _dispatched(day, waiting)
     if waiting:
         return _for_order(day, min(waiting, key=urgency))
     return _shared_anew(day)
+
+
+def _dispatched(day: Day, waiting: Sequence[DayOrder]) -> OpenWork | None:
+    """Return the order that is worth most for who is free first, and who could be there first;
+    None: nobody is free soon.
+
+    What else waits may be given to anybody later on. Which order is next is told by its apparent
+    tardiness cost (Vepsalainen & Morton, "Priority rules for job shops with weighted tardiness
+    costs", 1987): what a second of a robot's time is worth for it.
+    """
+    free = {r: f for r, f in day.free_at().items() if f[0] <= day.settings.soon}
+    for robot in sorted(free, key=lambda r: (free[r][0], r)):
+        left = [j for j in waiting if _able(day, j, robot)]
+        if not left:
+            continue
+        job = max(left, key=lambda j: _worth(day, j, robot, *free[robot]))
+        opened = {_first_there(day, job, free): Opened.ALL}
+        jobs = (job, *_theirs(day, opened))
+        if len(jobs) <= day.settings.most:
+            return OpenWork(opened, jobs)
+        return OpenWork(dict.fromkeys(opened, Opened.TAIL), (job,))
+    return None
+
+
+def _first_there(day: Day, job: DayOrder, free: Mapping[str, tuple[float, Pose]]) -> str:
+    able = (r for r in free if _able(day, job, r))
+    return min(able, key=lambda r: (_there(day, job, r, *free[r]), r))
+
+
+def _worth(
+    day: Day, job: DayOrder, robot: str, when: float, pose: Pose
+) -> tuple[float, float, float]:
+    """Return a key of which order a robot should do next: the greatest one."""
+    record = job.record
+    lasts = max(1.0, _there(day, job, robot, 0.0, pose) + _handling(day, job, robot))
+    due = math.inf if record.due is None else record.due
+    slack = max(0.0, due - day.clock.now() - when - lasts)
+    return record.priority, record.weight / lasts * math.exp(-slack / (PATIENCE * lasts)), -job.came
+
+
+def _handling(day: Day, job: DayOrder, robot: str) -> float:
+    """Return how long (s) a robot has to do with a job once it is there, on straight lines."""
+    record = job.record
+    if not isinstance(record, Order):
+        return record.duration or 0.0
+    speed = day.site.robot_types[day.site.robots[robot].type].v_max
+    ends = ([day.site.places[p].pose[:2] for p in s.at] for s in (record.pickup, record.delivery))
+    way = min(math.dist(one, two) for one, two in itertools.product(*ends))
+    return record.pickup.service + way / speed + record.delivery.service
 
 
 def urgency(job: DayOrder) -> tuple[float, float, float]:
@@ -90,22 +149,12 @@ def _ready(day: Day, job: DayOrder) -> bool:
 
 def _for_order(day: Day, job: DayOrder) -> OpenWork | None:
     free = day.free_at()
-    able = [r for r in free if _able(day, job, r)]
-    if not able:
+    if not any(_able(day, job, r) for r in free):
         return None
-    settings = day.settings
-    best = sorted(able, key=lambda r: (_there(day, job, r, *free[r]), r))[: settings.candidates]
-    if settings.commit == "all":
-        return OpenWork({best[0]: Opened.TAIL}, (job,))
-    if settings.commit == "none":
+    if day.settings.commit == "none":
         everybody = dict.fromkeys(free, Opened.ALL)
         return OpenWork(everybody, (job, *_theirs(day, everybody)))
-    for count in range(len(best), 0, -1):
-        opened = dict.fromkeys(best[:count], Opened.ALL)
-        jobs = (job, *_theirs(day, opened))
-        if len(jobs) <= settings.most:
-            return OpenWork(opened, jobs)
-    return OpenWork({best[0]: Opened.TAIL}, (job,))
+    return OpenWork({_first_there(day, job, free): Opened.TAIL}, (job,))
 
 
 def _able(day: Day, job: DayOrder, robot: str) -> bool:

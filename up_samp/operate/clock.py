@@ -3,6 +3,21 @@
 from __future__ import annotations
 
 import time
+from typing import Protocol
+
+
+class Clock(Protocol):
+    """What time it is (s since the day's start), and how it passes."""
+
+    @property
+    def waits(self) -> bool:
+        """Whether time stands while an answer of the planner is due."""
+
+    def now(self) -> float:
+        """Return the time (s)."""
+
+    def sleep(self, seconds: float) -> None:
+        """Let time pass."""
 
 
 class RealClock:

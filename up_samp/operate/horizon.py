@@ -18,10 +18,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from up_samp.execution.executor import Executor
+from up_samp.execution.forecast import Forecast
 from up_samp.execution.graph import At
+from up_samp.execution.meetings import moving
 from up_samp.execution.state import MotionUnderWay, TaskPhase
 from up_samp.fleet.statements import Kind, Meaning
 from up_samp.io.plan_dict import PlanDict
+from up_samp.motion.fleet.conflicts import conflicting_cells
+from up_samp.motion.fleet.paths import Path, resting_path
 from up_samp.operate.records import Pose
 
 DELIVERS = (Kind.DELIVERY, Kind.TASK)
@@ -45,10 +49,14 @@ class Cut:
     free: Mapping[str, float] = field(default_factory=dict)
     carrying: Mapping[str, str] = field(default_factory=dict)
     jobs: tuple[str, ...] = ()
-    begun: frozenset[str] = frozenset()
-    """What had begun by then."""
+    begun: Mapping[str, float] = field(default_factory=dict)
+    """What had begun by then, and for how long (s)."""
 
 
+CLEAR = 0.5
+"""m between two points of a drive of which one may be its end."""
+APART = 0.2
+"""Clearance (m) of a robot that ends a drive before its end from the ways of others."""
 LEAST = 0.1
 """m of a motion under way that are left of it at least."""
 
@@ -165,13 +173,20 @@ class _Cutter:
         ]
         kept = self._whole({n for n in (*running, *soon) if self._alive(n)})
         stops = {n: s for n in running if not self._alive(n) if (s := self._stop(n)) is not None}
+        tails = {n: s for n in kept if (s := self._tail(n, kept, ahead, forecast)) is not None}
+        kept -= tails.keys()
+        stops |= {n: s for n, s in tails.items() if s > 0.0}
         self.stops = stops
         order = {n: i for turn in self.turns.values() for i, n in enumerate(turn)}
         listed = sorted((*kept, *stops), key=lambda n: (order[n], n))
         free: dict[str, float] = {}
         for name in listed:
             who = self.meanings[name].robot
-            end = now + 1.0 if name in stops else max(now, forecast.span(name)[1])
+            end = max(now, forecast.span(name)[1])
+            if name in stops:
+                way, since = self.state.ways_of[name][0], max(now, forecast.span(name)[0])
+                here = way.travel.time_at(way.progress)
+                end = since + way.travel.time_at(stops[name]) - here + 1.0
             free[who] = max(free.get(who, 0.0), end - now)
         return Cut(
             now,
@@ -182,7 +197,7 @@ class _Cutter:
             free,
             self._carrying(set(kept)),
             tuple(sorted({self.meanings[n].what for n in kept if self.meanings[n].what})),
-            frozenset(n for n, p in self.state.phase.items() if p is not TaskPhase.WAITING),
+            {n: now - since for n, (since, _) in self.executor.times().items()},
         )
 
     def _starts(self, names: Iterable[str]) -> dict[str, float]:
@@ -252,6 +267,43 @@ class _Cutter:
         most = min([way.length, self.limits.get(name, way.length), *gates])
         return min(way.length, max(most, braking(way)))
 
+    def _tail(
+        self, name: str, kept: Collection[str], ahead: float, forecast: Forecast
+    ) -> float | None:
+        """Return how far (m) a robot that is planned anew goes on in a drive that leads to nothing
+        it has to do: until it can stand, in nobody's way (None: it is no such drive, or to its
+        end).
+        """
+        robot, ways = self.meanings[name].robot, self.state.ways_of[name]
+        if (
+            (self.opened is not None and robot not in self.opened)
+            or self.meanings[name].kind is not Kind.MOVE
+            or self.turns[robot][-1] != name
+            or len(ways) != 1
+        ):
+            return None
+        way, now = ways[0], self.state.now
+        since = max(now, forecast.span(name)[0])
+        time = way.travel.time_at(way.progress) + max(0.0, now + ahead - since)
+        least = float(np.interp(time, way.travel.time, way.travel.progress))
+        if self.state.phase[name] is TaskPhase.WAITING and now + ahead <= since:
+            least = 0.0
+        else:
+            least += way.travel.speed_at(least) ** 2 / (2 * way.travel.accel) + LEAST
+        drives = self.executor.drives
+        path = drives[name, way.object].path
+        others = [
+            (drives[n, w.object].path, w.progress)
+            for n in kept
+            for w in self.state.ways_of[n]
+            if w.object != way.object and (n, w.object) in drives
+        ]
+        for at in np.arange(least, way.length - CLEAR, CLEAR):
+            rest = resting_path(path.body, pose_of(path.poses_at(np.array([at]))[0]))
+            if not any(_meets(other, gone, rest) for other, gone in others):
+                return float(at)
+        return None
+
     def _poses(self, kept: set[str], stops: Mapping[str, float]) -> dict[str, Pose]:
         found = {o["name"]: pose_of(o["initial"]) for o in self.executor.plan["objects"]}
         over = {n for n, p in self.state.phase.items() if p is TaskPhase.DONE} | kept
@@ -277,6 +329,12 @@ class _Cutter:
         }
         brought = {self.meanings[n].what for n in over if self.meanings[n].kind in DELIVERS}
         return {robot: what for robot, what in had.items() if what not in brought}
+
+
+def _meets(path: Path, gone: float, rest: Path) -> bool:
+    """Return whether the part of a path that begins at ``gone`` m comes too near to a rest."""
+    rows = np.asarray(conflicting_cells(moving(path), moving(rest), APART))
+    return bool(len(rows)) and bool(np.any(path.edges[rows[:, 0] + 1] > gone))
 
 
 def braking(way: MotionUnderWay) -> float:

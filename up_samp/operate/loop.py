@@ -18,16 +18,19 @@ from shapely.affinity import rotate, translate
 from shapely.geometry import Polygon
 
 from up_samp.execution.executor import Executor
+from up_samp.execution.reorder import cost
 from up_samp.execution.reports import Command, Do, Go, Heard, Hold, Reply
 from up_samp.execution.state import TaskPhase
 from up_samp.fleet.fleet import Fleet
-from up_samp.fleet.records import FleetRecords, Order, Task, Weights, corners_of
+from up_samp.fleet.records import FleetRecords, Order, Task, Weights, Windows, corners_of
+from up_samp.fleet.spelled_out import with_places
 from up_samp.fleet.statements import Kind, Meaning
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import ProblemError, SampError
 from up_samp.operate.choice import OpenWork, choose
+from up_samp.operate.clock import Clock
 from up_samp.operate.horizon import DELIVERS, Cut, Opened, cut_of, first_inside, meanings_of
-from up_samp.operate.planner import Answer, Planner, Question, check_job, check_site
+from up_samp.operate.planner import Answer, Planner, Question, check_job, check_site, goals_of
 from up_samp.operate.records import DayOrder, OrderState, Pose, Report, Shape, job_record
 from up_samp.operate.settings import Settings
 from up_samp.operate.stitch import Kept, kept_of
@@ -45,20 +48,6 @@ class Robots(Protocol):
 
     def follow(self, executor: Executor) -> None:
         """Take note that commands speak of the motions of another plan from now on."""
-
-
-class Clock(Protocol):
-    """What time it is (s since the day's start), and how it passes."""
-
-    @property
-    def waits(self) -> bool:
-        """Whether time stands while an answer of the planner is due."""
-
-    def now(self) -> float:
-        """Return the time (s)."""
-
-    def sleep(self, seconds: float) -> None:
-        """Let time pass."""
 
 
 class Asked(Protocol):
@@ -80,6 +69,8 @@ class Asked(Protocol):
 
 SNAPSHOT = 60.0
 """Seconds after which all that has happened is kept as a whole, so that a restart is quick."""
+NOBODY = 1.0
+"""Seconds after which it is looked again for somebody to plan for."""
 RETRY = 5.0
 """Seconds after which the planner is asked again that found nothing."""
 
@@ -107,7 +98,10 @@ class Operation:
         check_site(fleet.records)
         told = fleet.records.objective
         self.site: FleetRecords = dataclasses.replace(
-            fleet.records, orders=(), tasks=(), objective=told if isinstance(told, Weights) else DAY
+            with_places(fleet.records),
+            orders=(),
+            tasks=(),
+            objective=told if isinstance(told, Weights) else DAY,
         )
         self.folder: Path = fleet.folder
         self.store, self.robots, self.clock = store, robots, clock
@@ -329,7 +323,7 @@ class Operation:
 
     def want(self, why: str) -> None:
         """Ask for the rest to be planned anew."""
-        if not self.wanted or self.wanted in (EVERY, LATE):
+        if not self.wanted or self.wanted in (EVERY, OVERDUE):
             self.wanted = why
 
     # ------------------------------------------------------------------ one step
@@ -463,7 +457,7 @@ class Operation:
             self._planned_at = now
             if not taken:
                 self._not_before = now + RETRY
-                if why not in (EVERY, LATE):
+                if why not in (EVERY, OVERDUE):
                     self.want(why if why.startswith("again") else f"again: {why}")
         self._look(now)
         if self.wanted and now >= self._not_before and not self.planner.busy:
@@ -482,7 +476,7 @@ class Operation:
         if now >= self._planned_at + self.settings.every:
             self.want(EVERY)
         elif self._end() > self._forecast + self.settings.late:
-            self.want(LATE)
+            self.want(OVERDUE)
 
     def waiting(self) -> list[DayOrder]:
         """Return the orders that are in no plan."""
@@ -553,11 +547,13 @@ class Operation:
         if choice is None:
             self._planned_at = now
             self._forecast = max(self._forecast, self._end())
+            self._not_before = now + NOBODY
             return
-        if why not in (EVERY, LATE) and not self._needed(choice):
+        if why not in (EVERY, OVERDUE) and not self._needed(choice):
             why = EVERY
         cut, chosen = self.cut(choice.opened), choice.jobs
         kept = Kept() if self.executor is None else kept_of(self.executor, cut)
+        staying = [self.jobs[n] for n in cut.jobs if n in self.jobs]
         carried = {r: self.jobs[w].record for r, w in cut.carrying.items()}
         self.number += 1
         question = Question(
@@ -570,8 +566,10 @@ class Operation:
             robots=tuple(choice.opened),
             held={r: _since(o, now, now) for r, o in carried.items() if isinstance(o, Order)},
             areas=self.areas,
-            kept_jobs=tuple(self.jobs[n].record for n in cut.jobs if n in self.jobs),
+            kept_jobs=tuple(_since(j.record, now, j.came) for j in staying),
             seconds=s.budget * (s.stretch if self.clock.waits else 1.0),
+            lead=s.budget + s.grace,
+            settled=s.commit == "all",
             seed=s.seed,
             localisation=s.localisation,
         )
@@ -623,7 +621,7 @@ class Operation:
             executor = self._joined(plan, question, since)
         except SampError as error:
             return False, " ".join(str(error).split())[:300]
-        if why in (EVERY, LATE) and not self._better(executor, since):
+        if why in (EVERY, OVERDUE) and not self._better(executor, since):
             return False, "what is driven is no worse"
         self.origin = since
         self.store.put_plan(answer.number, self.clock.now(), self.origin, plan)
@@ -689,20 +687,14 @@ class Operation:
         """Return what a plan costs by forecast: seconds until orders are done, and ten times those
         that they are late.
         """
-        ahead, total = executor.retime(), 0.0
-        for name, meaning in meanings_of(executor.plan).items():
-            job = self.jobs.get(meaning.what)
-            if job is None or meaning.kind not in DELIVERS or not job.state.open:
-                continue
-            end = ahead.span(name)[1] + origin
-            due = job.record.due
-            total += job.record.weight * (
-                end + 10.0 * max(0.0, end - due if due is not None else 0.0)
-            )
-        return total
+        jobs = (j.record for j in self.jobs.values() if j.state.open)
+        mine = [j if j.due is None else replace(j, due=j.due - origin) for j in jobs]
+        goals = goals_of(meanings_of(executor.plan), mine)
+        total = cost(goals, executor.retime())
+        return total + origin * sum(g.weight for g in goals.values()) if goals else 0.0
 
 
-EVERY, LATE = "it is time to look again", "it is late"
+EVERY, OVERDUE = "it is time to look again", "it is late"
 
 
 def _tuples(value: Any) -> Any:
@@ -728,15 +720,16 @@ def _since(record: Any, now: float, came: float) -> Any:
     if isinstance(record, Order):
         for end in ("pickup", "delivery"):
             stop = getattr(record, end)
-            if stop.window is not None:
-                changes[end] = replace(stop, window=_window(stop.window, came - now))
-    elif record.window is not None:
-        changes["window"] = _window(record.window, came - now)
+            changes[end] = replace(stop, window=_since_now(stop.window, came - now))
+    else:
+        changes["window"] = _since_now(record.window, came - now)
     return replace(record, optional=False, penalty=None, **changes)
 
 
-def _window(window: tuple[float, float], by: float) -> tuple[float, float]:
-    return max(0.0, window[0] + by), max(0.0, window[1] + by)
+def _since_now(windows: Windows, by: float) -> Windows:
+    """Return windows on a later clock: those that are over are gone, but for the last."""
+    later = [(max(0.0, opens + by), max(0.0, closes + by)) for opens, closes in windows]
+    return tuple([w for w in later if w[1] > 0.0] or later[-1:])
 
 
 def _fits(site: FleetRecords, record: Order | Task) -> None:

@@ -9,13 +9,16 @@ import math
 import os
 import pickle
 import sys
+import tempfile
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from up_samp.execution.reorder import Goal
 from up_samp.fleet.records import (
     Door,
     FleetRecords,
@@ -30,11 +33,16 @@ from up_samp.fleet.records import (
 from up_samp.fleet.statements import Meaning, Written
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import ProblemError, SampError, UnsupportedError
-from up_samp.operate.horizon import Cut
+from up_samp.operate.horizon import DELIVERS, Cut
+from up_samp.operate.order import Ordering
 from up_samp.operate.records import Pose, Shape
 from up_samp.operate.stitch import BUSY, Kept, stitched
 from up_samp.system.child import ProcessGroup, command, environment
 
+LATE = 10.0
+"""What a second of lateness costs beside one until an order is done."""
+FIRST = 1000.0
+"""What an order costs beside a later one where that one never goes first at its cost."""
 SAME = 1e-3
 """Poses closer than this (m, rad) are one place."""
 
@@ -59,6 +67,10 @@ class Question:
     areas: Mapping[str, Shape] = field(default_factory=dict)
     kept_jobs: tuple[Order | Task, ...] = ()
     seconds: float = 2.0
+    lead: float = 4.0
+    """In how many seconds the answer is followed."""
+    settled: bool = False
+    """Whether nothing that is kept may come later for what is new."""
     seed: int = 0
     localisation: float = 0.05
 
@@ -188,9 +200,8 @@ def _brought(order: Order, robot: str) -> Task:
 
 
 def _busy(robot: str, place: str, seconds: float) -> Task:
-    return Task(
-        id=f"{BUSY}{robot}", at=(place,), duration=seconds, robots=(robot,), window=(0.0, seconds)
-    )
+    window = ((0.0, seconds),)
+    return Task(id=f"{BUSY}{robot}", at=(place,), duration=seconds, robots=(robot,), window=window)
 
 
 def ties_of(ask: Question, written: Written, plan: PlanDict) -> list[tuple[str, str]]:
@@ -216,8 +227,8 @@ def _resources(job: Order | Task) -> set[str]:
     return {r for stop in stops for r in stop.resources}
 
 
-def answer(ask: Question) -> Answer:
-    """Plan; what goes wrong is the answer's ``why``."""
+def answer(ask: Question, cache: str | None = None) -> Answer:
+    """Plan; what goes wrong is the answer's ``why``. ``cache``: a folder for motions."""
     begun, cpu = time.monotonic(), time.process_time()
 
     def said(plan: PlanDict | None, why: str = "") -> Answer:
@@ -226,43 +237,65 @@ def answer(ask: Question) -> Answer:
         )  # fmt: skip
 
     try:
-        return said(_plan(ask))
+        return said(_plan(ask, cache))
     except SampError as error:
         return said(None, " ".join(str(error).split())[:500])
 
 
-def _plan(ask: Question) -> PlanDict:
+def _plan(ask: Question, cache: str | None) -> PlanDict:
     from up_samp.execution.files import with_dependencies
     from up_samp.fleet.build import write_problem
     from up_samp.fleet.result import solve_problem
 
     records = problem_records(ask)
     written = write_problem(records, ask.folder)
-    params: dict[str, Any] = {"seed": ask.seed, **records.settings}
+    params: dict[str, Any] = {"seed": ask.seed, "cache": cache, "patience": 0.0}
+    params |= records.settings
     result = solve_problem(written, ask.seconds, params)
     if result.plan is None:
         raise ProblemError(f"no plan within {ask.seconds:g} s: {result.status}")
-    # what is best says nothing of who waits for whom
-    written.problem.clear_quality_metrics()
     plan = with_dependencies(written.problem, result.data, localisation=ask.localisation)
     meanings: dict[str, Meaning] = dict(written.meanings)
-    whole = stitched(ask.kept, plan, meanings, ask.number, ties_of(ask, written, plan))
+    ties = ties_of(ask, written, plan)
+    whole = stitched(ask.kept, plan, meanings, ask.number, ties, partial(_ordering, ask))
     whole["carrying"] = {r: o.id for r, o in ask.held.items()}
     return whole
+
+
+def goals_of(
+    meanings: Mapping[str, Meaning], jobs: Iterable[Order | Task], first: float = 1.0
+) -> dict[str, Goal]:
+    """Return what the activities that end some orders cost, in seconds of weight ``first``."""
+    known, found = {j.id: j for j in jobs}, {}
+    for name, meaning in meanings.items():
+        job = known.get(meaning.what)
+        if job is not None and meaning.kind in DELIVERS:
+            weight = job.weight * first
+            found[name] = Goal(weight, 0.0 if job.due is None else LATE * weight, job.due or 0.0)
+    return found
+
+
+def _ordering(ask: Question, meanings: Mapping[str, Meaning]) -> Ordering:
+    """Return how a plan is put in order: what orders' ends cost, and when it can be followed."""
+    # where what came first is settled, nobody of it waits for whoever comes later
+    goals = goals_of(meanings, ask.kept_jobs, FIRST if ask.settled else 1.0)
+    goals |= goals_of(meanings, (*ask.jobs, *ask.held.values()))
+    return Ordering(ask.cut.begun, goals, ask.lead, ask.localisation)
 
 
 # ------------------ The process
 
 
 def serve(source: BinaryIO, sink: BinaryIO) -> None:
-    """Answer questions until nobody asks any more."""
-    while True:
-        try:
-            ask = pickle.load(source)
-        except EOFError:
-            return
-        pickle.dump(answer(ask), sink)
-        sink.flush()
+    """Answer questions until nobody asks any more; motions between places are kept so long."""
+    with tempfile.TemporaryDirectory(prefix="up-samp-") as cache:
+        while True:
+            try:
+                ask = pickle.load(source)
+            except EOFError:
+                return
+            pickle.dump(answer(ask, cache), sink)
+            sink.flush()
 
 
 def main() -> None:

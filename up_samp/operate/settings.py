@@ -10,7 +10,8 @@ class Settings:
     """How a day is operated. ``budget``: seconds that a plan may be sought for, and ``grace`` more
     until it has to be there. ``every``: seconds after which what is not begun is planned anew in
     any case; ``late``: by how many seconds everything may end later than forecast until then.
-    ``most``: so many orders are planned at a time, by so many robots (``candidates``). ``commit``:
+    ``soon``: orders are given to robots that are free within so many seconds; ``most``: so many
+    orders of a robot are planned anew at a time. ``commit``:
     ``"begun"`` stays; ``"all"`` that was planned once; or ``"none"``: everybody is planned anew.
     ``tick``: seconds between two steps. ``stretch``: in simulated time the planner has so many
     times its budget, for machines that are busy with other things.
@@ -21,8 +22,8 @@ class Settings:
     stretch: float = 1.0
     every: float = 20.0
     late: float = 20.0
+    soon: float = 20.0
     most: int = 3
-    candidates: int = 2
     commit: str = "begun"
     tick: float = 0.2
     localisation: float = 0.05

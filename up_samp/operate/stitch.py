@@ -1,15 +1,15 @@
 """One plan of two: what stays of the old one, and then the new one.
 
-The new plan begins where everybody stands once what is kept is done, so in the plan's own time it
-comes after all of it. That fixes who goes first where paths meet, and nothing else: on the floor a
-robot begins with the new plan as soon as it is free itself and those have passed that it would
-meet. The graph of both holds what the old one says of what is kept, what the new problem asks for,
-and that what is kept comes first of all that shares a robot, a resource, or is to come after it.
+The new plan begins where everybody stands once what is kept is done, so it is put behind all of it;
+then who goes first where paths meet is decided again (:mod:`up_samp.operate.order`). The graph of
+both holds what the old one says of what is kept, what the new problem asks for, and that what is
+kept comes first of all that shares a robot, a resource, or is to come after it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import math
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,13 +18,14 @@ import numpy as np
 from up_samp.execution.build import Dependencies, Draft, tasks_of
 from up_samp.execution.executor import Executor
 from up_samp.execution.files import event_from_list, graph_to_dict
-from up_samp.execution.graph import MEETING, At, Event
+from up_samp.execution.graph import MEETING, ORIGIN, At, Event
 from up_samp.execution.lives import lives_of
 from up_samp.execution.meetings import meetings_of
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.fleet.statements import Meaning
 from up_samp.io.plan_dict import VERSIONS, PlanDict
 from up_samp.operate.horizon import Cut, meanings_of
+from up_samp.operate.order import Ordering
 from up_samp.operate.records import Pose
 
 BUSY = "busy."
@@ -49,7 +50,7 @@ class Kept:
     @property
     def until(self) -> int:
         """When all of it is over (units)."""
-        return max((a["end"] for a in self.activities), default=0)
+        return math.ceil(max((a["end"] for a in self.activities), default=0))
 
 
 def kept_of(executor: Executor, cut: Cut) -> Kept:
@@ -176,11 +177,12 @@ def stitched(
     new: PlanDict,
     meanings: Mapping[str, Meaning],
     number: int,
-    ties: Iterable[tuple[str, str]] = (),
+    ties: Iterable[tuple[str, str]],
+    ordering: Callable[[Mapping[str, Meaning]], Ordering],
 ) -> PlanDict:
     """Return one plan with its dependencies. ``meanings`` are those of the new plan's activities,
     which get ``#number`` behind their names. ``ties``: kept activities, and new ones (by their
-    names in the new plan) that may begin only then.
+    names in the new plan) that may begin only then. ``ordering``: how both are put in order.
 
     Raises :class:`ProblemError` where nobody could follow it.
     """
@@ -218,6 +220,8 @@ def stitched(
     plan["makespan"] = max((a["end"] for a in plan["activities"]), default=0)
     known = dict(kept.meanings or {}) | {n: meanings[old] for old, n in names.items()}
     plan["meanings"] = {n: [m.kind.value, m.what, m.robot] for n, m in known.items()}
+    order, ties = ordering(known), [*ties]
+    plan = order(plan, _dependencies(plan, kept, new, names, ties, known, order.lead))
     told = _dependencies(plan, kept, new, names, ties, known)
     plan["minor"] = max(VERSIONS.localisation, new.get("minor", 0))
     plan["dependencies"] = {
@@ -235,7 +239,9 @@ def _dependencies(
     names: Mapping[str, str],
     ties: Iterable[tuple[str, str]],
     known: Mapping[str, Meaning],
+    lead: float = 0.0,
 ) -> Dependencies:
+    """Return what depends on what; ``lead``: nothing new begins within so many seconds."""
     said = new["dependencies"]
     expected = dict(kept.expected or {})
     expected |= {
@@ -255,6 +261,8 @@ def _dependencies(
     for one, two in _after(kept, known, names, ties):
         first, then = Event(At.END, one), Event(At.START, two)
         draft.put(first, then, TOLERANCES.strict, "object", f"{one} was there before")
+    for name in names.values() if lead else ():
+        draft.put(ORIGIN, Event(At.START, name), lead, "constraint", "it is planned until then")
     margin, error = float(said["margin"]), float(said.get("localisation", 0.0))
     meetings = meetings_of(lives, margin, error)
     for meeting in meetings:

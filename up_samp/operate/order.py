@@ -1,0 +1,129 @@
+"""A plan of two, put in order: who goes first where ways cross is decided again, and everything
+gets the times that follow from that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from up_samp.execution.build import Dependencies
+from up_samp.execution.executor import Executor
+from up_samp.execution.forecast import Forecast
+from up_samp.execution.graph import At, Event
+from up_samp.execution.lives import DriveCells, drives_of
+from up_samp.execution.reorder import Goal, propose
+from up_samp.io.plan_dict import PlanDict
+from up_samp.model.execution_tuning import ExecutionTuning, ReorderTuning
+
+ROUNDS = 4
+"""How often who goes first is looked at again before a plan is told."""
+AHEAD = 600.0
+"""Seconds ahead, within which it is."""
+BESIDE = 8e-7
+"""m between two samples that stand for coming to a point and leaving it: no rest for those who read
+the motion, which is to be driven without one if nobody is in the way by then.
+"""
+SAMPLES_APART = 1e-7
+"""Seconds between two samples at least."""
+
+
+@dataclass(frozen=True)
+class Ordering:
+    """``begun``: what has begun, and for how long (s). ``goals``: what ends cost. ``lead``: s until
+    anything of a new plan can be followed.
+    """
+
+    begun: Mapping[str, float] = field(default_factory=dict)
+    goals: Mapping[str, Goal] = field(default_factory=dict)
+    lead: float = 0.0
+    localisation: float = 0.05
+
+    def __call__(self, plan: PlanDict, told: Dependencies) -> PlanDict:
+        """Return the plan in the best order that is found, with its times from now on."""
+        tuning = ExecutionTuning(reorder=ReorderTuning(horizon=AHEAD))
+        executor = Executor(plan, dependencies=told, localisation=self.localisation, tuning=tuning)
+        begun = {n: s for n, s in self.begun.items() if n in told.graph.tasks}
+        executor.join(
+            0.0,
+            under_way={n: {w.object: 0.0 for w in executor.state.ways_of[n]} for n in begun},
+            times={n: (-s, None) for n, s in begun.items()},
+        )
+        executor.goals = {n: g for n, g in self.goals.items() if n in told.graph.tasks}
+        executor.lead = self.lead
+        for _ in range(ROUNDS):
+            if propose(executor) is None:
+                break
+        return timed(plan, told, executor.retime())
+
+
+def timed(plan: PlanDict, told: Dependencies, ahead: Forecast) -> PlanDict:
+    """Return a plan with the times of a forecast (s), so that it has the forecast's order."""
+    unit = float(plan["seconds_per_unit"])
+    spans = {n: tuple(max(0.0, t) for t in ahead.span(n)) for n in ahead.graph.tasks}
+    drives = drives_of(told.lives)
+    on_way: dict[tuple[str, str], list[tuple[Event, float]]] = {}
+    for event, time in zip(ahead.graph.events, ahead.times, strict=True):
+        if event.at in (At.REACH, At.LEAVE):
+            on_way.setdefault((event.activity, event.object), []).append((event, time))
+    motions = []
+    for motion in plan["motions"]:
+        key = motion["activity"], motion["object"]
+        drive = drives.get(key)
+        if drive is None:  # it goes nowhere
+            by = spans[key[0]][0] - motion["samples"][0][0]
+            rows = [[row[0] + by, *row[1:]] for row in motion["samples"]]
+            motions.append({**motion, "samples": rows})
+        else:
+            motions.append(_timed(motion, drive, spans[key[0]], on_way.get(key, ())))
+    ends = [end for _, end in spans.values()]
+    return {
+        **plan,
+        "activities": [
+            {**a, "start": spans[a["name"]][0] / unit, "end": spans[a["name"]][1] / unit}
+            for a in plan["activities"]
+        ],
+        "motions": sorted(motions, key=lambda m: float(m["samples"][0][0])),
+        "changes": [{**c, "time": spans[c["activity"]][1]} for c in plan["changes"]],
+        "makespan": max(ends, default=0.0) / unit,
+    }
+
+
+def _timed(
+    motion: Mapping[str, Any],
+    drive: DriveCells,
+    span: tuple[float, ...],
+    events: Iterable[tuple[Event, float]],
+) -> dict[str, Any]:
+    """Return a motion that comes to its points, and leaves them, at the times of a forecast."""
+    path = drive.path
+    marks = [(0.0, span[0])]
+    for event, time in sorted(events, key=lambda e: (e[0].progress, e[0].at is At.LEAVE)):
+        s, time = min(event.progress, path.length), max(time, marks[-1][1])
+        if s > marks[-1][0] + BESIDE:
+            marks.append((s, time))
+        elif time > marks[-1][1] and s == 0.0:
+            marks = [(s, time)]  # it does not begin before
+        elif time > marks[-1][1] and s + BESIDE < path.length:
+            marks.append((marks[-1][0] + BESIDE, time))
+    if path.length > marks[-1][0] + BESIDE:
+        marks.append((path.length, max(span[1], marks[-1][1])))
+    at, times = np.array(marks).T
+    known = np.maximum.accumulate(path.natural_s)
+    gaps = np.abs(known[np.searchsorted(known, at).clip(max=len(known) - 1)] - at)
+    before = np.abs(known[(np.searchsorted(known, at) - 1).clip(min=0)] - at)
+    fresh = at[np.minimum(gaps, before) > BESIDE / 4]
+    goes = np.append(True, np.diff(known) > 0.0)  # where it paused it need not
+    every = np.concatenate([known[goes], fresh])
+    poses = np.vstack([path.natural.poses[goes], path.poses_at(fresh)])
+    turn = np.argsort(every, kind="stable")
+    rows = np.column_stack([np.interp(every, at, times), poses])[turn]
+    rows[:, 0] += SAMPLES_APART * np.arange(len(rows))
+    return {
+        **motion,
+        "samples": rows.tolist(),
+        "progress": [round(float(s), 6) for s in every[turn]],
+    }
