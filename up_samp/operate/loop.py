@@ -69,8 +69,6 @@ class Asked(Protocol):
 
 SNAPSHOT = 60.0
 """Seconds after which all that has happened is kept as a whole, so that a restart is quick."""
-NOBODY = 1.0
-"""Seconds after which it is looked again for somebody to plan for."""
 RETRY = 5.0
 """Seconds after which the planner is asked again that found nothing."""
 
@@ -547,7 +545,7 @@ class Operation:
         if choice is None:
             self._planned_at = now
             self._forecast = max(self._forecast, self._end())
-            self._not_before = now + NOBODY
+            self._not_before = now + 5 * s.tick
             return
         if why not in (EVERY, OVERDUE) and not self._needed(choice):
             why = EVERY
