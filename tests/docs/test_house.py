@@ -99,10 +99,10 @@ def test_this_package_has_no_circle(package):
 
 
 LIMITS = {
-    "long_functions": 7,
-    "wide_functions": 21,
+    "long_functions": 5,
+    "wide_functions": 19,
     "long_files": 0,
-    "said_twice": 25,
+    "said_twice": 20,
     "tunables": 53,
 }
 NUMBERS = 285

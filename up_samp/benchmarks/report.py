@@ -86,8 +86,6 @@ def write(records: Sequence[Record], folder: Path) -> Path:
         table_effort(records),
         "## Parallel against sequential",
         table_parallel(records),
-        "## Beyond the paper",
-        table_beyond(records),
         "## Runs that were not solved",
         table_failures(records),
         "## Every instance",
@@ -197,18 +195,6 @@ def _workers(name: str) -> int:
     """Return how many robots can be at work at once: no more than items or jobs."""
     sizes = {part[0]: int(part[1:]) for part in name.split("-")[1:] if part[1:].isdigit()}
     return min(sizes.get("r", 1), sizes.get("i", sizes.get("j", 1)))
-
-
-def table_beyond(records: Sequence[Record]) -> str:
-    """Return the runs on instances that are not the paper's, one row each."""
-    paper = {i.name for i in instances("paper")}
-    rows = [["instance", "engine", "status", "makespan", "lower bound", "s"]]
-    for r in records:
-        if r["instance"] not in paper:
-            bound = r.get("metrics", {}).get("lower_bound", "")
-            cells = [r["status"], r.get("makespan", ""), bound, r.get("seconds", "")]
-            rows.append([r["instance"], column(r), *map(str, cells)])
-    return _table(rows) if len(rows) > 1 else "None was run."
 
 
 def table_failures(records: Sequence[Record]) -> str:

@@ -19,7 +19,6 @@ from up_samp.model import (
 from up_samp.model.refinement import Strength
 from up_samp.motion.fleet import earliest_arrival
 from up_samp.motion.fleet.coordination import order_decides
-from up_samp.motion.proofs.after_opening import AfterOpening
 from up_samp.search.budget import Budget
 from up_samp.search.facts import Facts
 from up_samp.search.world import Where, surely_there
@@ -84,11 +83,6 @@ class Motions:
     def order_decides(self, first: TimedMotion, second: TimedMotion) -> bool:
         """Return whether it decides everything which of two motions goes first where they meet."""
         return order_decides(self.service, first, second, self.budget.query())
-
-    @cached_property
-    def after(self) -> AfterOpening:
-        """Bounds on motions that wait for a door."""
-        return AfterOpening(self.service.certifier)
 
     @cached_property
     def there(self) -> Where:

@@ -1,19 +1,15 @@
 """Lower bounds that count on no stop and on no speed that a motion need not have."""
 
-import math
 from itertools import pairwise
 
 import pytest
 
 from tests.motion.oracle import ROBOT, box_map
 from up_samp.geometry import Scene
-from up_samp.geometry.shapes import shape_of
 from up_samp.model import Body, Kinematics, MotionModel, Placed
 from up_samp.motion import MotionService
 from up_samp.motion.curves.reeds_shepp import run_time
-from up_samp.motion.proofs.after_opening import AfterOpening, _driven
 from up_samp.motion.proofs.bounds import DurationBounds
-from up_samp.motion.proofs.certificates import Certifier
 
 FLAT = {"turning_radius": 1.0, "v_max": 2.0, "a_max": 1.0, "omega_max": 1.0}
 
@@ -32,41 +28,6 @@ def test_turns_add_up_over_waypoints():
     body = Body(ROBOT.footprint, Kinematics(MotionModel.SE2, **FLAT))
     poses = [(0.0, 0.0, 0.0), (0.0, 0.0, 3.0), (0.0, 0.0, 0.0)]
     assert DurationBounds(Scene(None)).through(body, poses) == pytest.approx(6.0, rel=1e-6)
-
-
-@pytest.mark.parametrize("side", [0.0, 0.7])
-def test_a_cars_middle_may_outrun_its_rear_axle(side):
-    """On the tightest turn about (0, 1) the inner disc's centre sweeps a wider arc."""
-    ring = ((0.5, side - 0.5), (2.5, side - 0.5), (2.5, side + 0.5), (0.5, side + 0.5))
-    body = Body(ring, Kinematics(MotionModel.REEDSSHEPP, **FLAT))
-    x, y, _ = shape_of(body).inner
-    assert x > 0.9
-    outrun = False
-    for turn in (1.0, -1.0):
-        wide = math.hypot(x, turn - y)
-        for angle in (0.1, 0.5, 1.0, 2.0, 3.0):
-            covered, driven = 2 * wide * math.sin(angle / 2), angle * 1.0
-            assert _driven(covered, body) <= driven + 1e-9
-            outrun |= covered > driven
-    assert outrun
-
-
-def test_after_a_door_the_waypoints_beyond_cost_their_way_only():
-    door = Body(((-0.2, -5.0), (0.2, -5.0), (0.2, 5.0), (-0.2, 5.0)), ROBOT.kinematics)
-    body = Body(ROBOT.footprint, Kinematics(MotionModel.REEDSSHEPP, **FLAT))
-    scene = Scene(box_map(40, 10, []))
-    bounds = DurationBounds(scene)
-    poses = [(5.0, 5.0, 0.0), (25.0, 5.0, 0.0), (35.0, 5.0, 0.0)]
-
-    def way(a, b):
-        return bounds.way(body, a, b)
-
-    placed = Placed("door", door, (15.0, 5.0, 0.0))
-    after = AfterOpening(Certifier(scene))
-    near = after.seconds(body, poses[:2], placed, way)
-    far = after.seconds(body, poses, placed, way)
-    assert 4.0 < near < run_time(10.7, 2.0, 1.0)  # it may roll when the door goes
-    assert far == pytest.approx(near + 10.0 / 2.0)
 
 
 def test_what_the_validator_takes_for_rounding_is_no_proof():

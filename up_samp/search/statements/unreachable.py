@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator
-from functools import partial
 
 from up_samp.model import Placed, avoids
 from up_samp.model.refinement import Refinement, end_of, start_of
@@ -58,8 +56,7 @@ def _certify(
     reason, changes = rules.Reason(why), facts.movers[placed.name]
     found += [_gone_from_the_start(c, changes, reason) for c in static]
     if others:
-        tail = _tail_units(motions, signature, placed)
-        found += [opened(facts, c, placed.name, configuration, tail, reason) for c in others]
+        found += [opened(facts, c, placed.name, configuration, 0, reason) for c in others]
     return found
 
 
@@ -96,13 +93,6 @@ def opened(
     point = end_of(case.activity)
     cut = rules.gone_before(point, changes, max(1, tail), reason)
     return rules.only_given(cut, case.given)
-
-
-def _tail_units(motions: Motions, signature: Signature, placed: Placed) -> int:
-    """Return how long a motion at least takes after the obstacle has gone (whole units, down)."""
-    body, poses = signature
-    seconds = motions.after.seconds(body, poses, placed, partial(motions.service.bounds.way, body))
-    return math.floor(seconds / motions.facts.snapshot.seconds_per_unit)
 
 
 def _instant_places(facts: Facts) -> Iterator[tuple[str, str]]:
