@@ -189,7 +189,7 @@ def _seconds(text: str, epoch: float | None) -> float:
     """Return a time since the day's start (s)."""
     if re.fullmatch(r"\d+(\.\d+)?", text):
         return float(text)
-    found = re.fullmatch(r"(\d{1,2}):(\d{2})(?::(\d{2}))?", text)
+    found = re.fullmatch(r"(\d{1,2}):([0-5]\d)(?::([0-5]\d))?", text)
     if found is None:
         raise ProblemError(f"'{text}' is no time: write 10:42, 10:42:30, or seconds")
     h, m, s = (int(v or 0) for v in found.groups())
