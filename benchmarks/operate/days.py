@@ -1,11 +1,10 @@
 """Days of a fleet by three ways to plan, in the same loop: ``python benchmarks/operate/days.py``.
 
 ``rolling`` is what ``up-samp operate`` does; ``token`` gives each order, in the order of coming, to
-the robot that could be there first, and never plans anything twice: who comes later goes first only
+the free robot that could be there first, and plans nothing twice: who comes later goes first only
 where nobody has to wait for that (token passing: Ma et al., "Lifelong multi-agent path finding for
-online pickup and delivery tasks", AAMAS 2017). ``anew``
-plans all that is not begun from nothing whenever an order comes. All days are judged by what was
-driven.
+online pickup and delivery tasks", AAMAS 2017). ``anew`` plans all that is not begun from nothing
+whenever an order comes. All days are judged by what was driven.
 """
 
 from __future__ import annotations

@@ -8,6 +8,7 @@ from unified_planning.shortcuts import LE, LT, And, Not, Or, Plus
 from up_samp.execution import At, Event, dependencies_of
 from up_samp.io import plan_to_dict
 from up_samp.model import ProblemError, UnsupportedError
+from up_samp.model.objective import Cost, MinimizeCosts
 
 
 def made(times, state, optional=()):
@@ -49,6 +50,16 @@ def test_the_part_of_a_disjunction_that_the_plan_keeps():
 
     def state(p, x):
         p.add_constraint(Or(LT(x["b"].end, x["a"].start), LT(x["a"].end, x["b"].start)))
+
+    assert pairs(*made(times, state)) == ({("a.end", "b.start", 0.001)}, set())
+
+
+def test_what_is_best_asks_for_no_order():
+    times = {"a": (0, 2), "b": (3, 5)}
+
+    def state(p, x):
+        p.add_constraint(LT(x["a"].end, x["b"].start))
+        p.add_quality_metric(MinimizeCosts((Cost("ends", 1, Plus(x["b"].end, 0)),), p.environment))
 
     assert pairs(*made(times, state)) == ({("a.end", "b.start", 0.001)}, set())
 

@@ -1,14 +1,17 @@
 """The times that re-ordering decides by: CP-SAT against every combination of decisions."""
 
 import itertools
+from dataclasses import replace
 
 from ortools.sat.python import cp_model
 
 from tests.execution import floors
 from up_samp.execution.build import dependencies_of
-from up_samp.execution.graph import topological
+from up_samp.execution.executor import Executor
+from up_samp.execution.graph import At, Edge, Event, topological
 from up_samp.execution.reorder import NOW, SCALE, WORTH, _solve, open_decisions, tied
 from up_samp.execution.simulate import Delays, simulate
+from up_samp.execution.state import TaskPhase
 
 
 def last_end(times, ends, chosen):
@@ -76,3 +79,24 @@ def test_no_combination_of_decisions_is_sooner(yaml):
         assert run.finished
     assert looked >= 12
     assert better >= 2
+
+
+def test_nobody_is_forecast_beyond_a_gate_before_it_opens(crossed):
+    problem, plan, found = crossed
+    (name,) = {m["activity"] for m in plan["motions"] if m["object"] == "r1"}
+    graph = found.graph
+    gates = [e for e in graph.events if e.at is At.LEAVE and e.activity == name]
+    beyond = Event(At.REACH, name, "r1", max(e.progress for e in gates) + 0.1)
+    end = graph.number[Event(At.END, name)]
+    watched = replace(
+        graph,
+        events=(*graph.events, beyond),
+        times=(*graph.times, graph.times[end]),
+        edges=(*graph.edges, Edge(len(graph.events), end, 0.0, "constraint", "watched")),
+    )
+    executor = Executor(plan, problem, dependencies=replace(found, graph=watched))
+    executor.commands(20.0)  # both have begun, and r0 has not moved
+    assert executor.phase(name) is TaskPhase.RUNNING
+    ahead = executor.retime()
+    for gate in gates:
+        assert ahead.times[watched.number[gate]] < ahead.times[watched.number[beyond]]

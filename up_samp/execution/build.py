@@ -468,7 +468,9 @@ def check_same(problem: SchedulingProblem, snapshot: Snapshot, plan: PlanDict) -
 
 
 def planned_of(problem: SchedulingProblem, plan: PlanDict) -> Planned:
-    """Return a problem as plain values, under a plan."""
+    """Return a problem as plain values, under a plan; what is best there says nothing of who waits
+    for whom.
+    """
     times = {a["name"]: (int(a["start"]), int(a["end"])) for a in plan["activities"]}
     values = dict(plan.get("parameters", {}))
     for entry in plan["activities"]:

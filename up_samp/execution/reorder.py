@@ -68,8 +68,6 @@ _MOST = 60
 """Decisions that are looked at, the earliest ones."""
 WORTH = 0.5
 """s by which all has to be over sooner, or what ends have to cost less."""
-_LATER = 60.0
-"""s by which the last end of all may come later where other ends count."""
 REACTION = 0.5
 """Seconds that pass before a robot obeys a new command."""
 
@@ -178,8 +176,6 @@ def _is_open(executor: Followed, ahead: Forecast, decision: Decision) -> bool:
 def _too_soon(executor: Followed, ahead: Forecast, need: Precedence) -> bool:
     """Return whether who is to wait is past where it would wait before it can be told."""
     event, state = need.then, executor.state
-    if executor.lead <= 0.0:
-        return False
     at = ahead.span(event.activity)[event.at is At.END]
     if event.at in (At.REACH, At.LEAVE):
         way = state.ways[event.activity, event.object]
@@ -571,7 +567,8 @@ def _solve(executor: Followed, ahead: Forecast, decisions: list[Decision]) -> di
     state = executor.state
     times, ends = tied(executor, decisions)
     low = times.earliest()
-    more = _LATER if executor.goals else -WORTH
+    # where other ends count, the last one may come later
+    more = ahead.makespan - state.now if executor.goals else -WORTH
     latest = math.ceil((ahead.makespan + more - state.now) * SCALE)
     if max((low[k] for k in ends), default=0) > latest:
         return {}  # not even without all that is open

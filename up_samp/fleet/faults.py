@@ -158,6 +158,10 @@ def same_names(records: FleetRecords) -> Iterator[Fault]:
 
 
 def _robots(records: FleetRecords) -> Iterator[Fault]:
+    for name, kind in records.robot_types.items():
+        if (kind.model, kind.reverse) == ("omni", "never"):
+            what = "an omni drives in any direction; this is for car and diff"
+            yield Fault(("robot_types", name, "reverse"), what)
     starts: dict[str, str] = {}
     for name, robot in records.robots.items():
         path: Path = ("robots", name)

@@ -194,9 +194,10 @@ class RobotType:
     ``model``: ``car`` drives forwards and backwards on curves no tighter than ``turning_radius``;
     ``diff`` has two driven wheels (it drives along its heading and turns on the spot); ``omni``
     drives in any direction. ``turning_radius`` is for cars, ``omega_max`` for the others.
-    ``capacity``: how many loads of a kind fit on it at a time; ``unloading``: in any order, or
-    ``lifo``: what was picked up last is delivered first. ``battery``: what drives take from; none:
-    it never runs out.
+    ``reverse``: ``free``, or ``never``: it drives ahead only, as what looks ahead only should (a
+    ``diff`` still turns on the spot). ``capacity``: how many loads of a kind fit on it at a time;
+    ``unloading``: in any order, or ``lifo``: what was picked up last is delivered first.
+    ``battery``: what drives take from; none: it never runs out.
     """
 
     __pydantic_config__ = STRICT
@@ -206,6 +207,7 @@ class RobotType:
     v_max: Positive = 1.0
     a_max: Positive = 1.0
     omega_max: Positive = 1.0
+    reverse: Literal["free", "never"] = "free"
     capacity: Mapping[Name, Count] = field(default_factory=lambda: {"item": 1})
     unloading: Literal["any", "lifo"] = "any"
     battery: Battery | None = None

@@ -40,7 +40,7 @@ def body_key(body: Body) -> tuple[object, ...]:
     holds it, so that no other function can take its place.
     """
     kin = body.kinematics
-    limits = (kin.turning_radius, kin.v_max, kin.a_max, kin.omega_max)
+    limits = (kin.turning_radius, kin.v_max, kin.a_max, kin.omega_max, kin.reverse)
     law = None if kin.control is None else (kin.control.function, kin.control.bounds)
     return (*shape_key(body), kin.model.name, *map(float, limits), law)
 

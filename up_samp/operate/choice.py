@@ -24,8 +24,6 @@ from up_samp.operate.horizon import DELIVERS, Cut, Opened
 from up_samp.operate.records import DayOrder, OrderState, Pose
 from up_samp.operate.settings import Settings
 
-PAIR = 2
-"""So many robots are planned at a time that nothing new is found for."""
 PATIENCE = 2.0
 """An order that could wait for so many times its own length is worth a third of a late one."""
 
@@ -70,11 +68,11 @@ class OpenWork:
 
 def choose(day: Day) -> OpenWork | None:
     """Return what to plan next; None: nothing is left to plan."""
-    stranded = day.stranded()[:PAIR]
+    stranded = day.stranded()[:2]
     if stranded:
         opened = dict.fromkeys(stranded, Opened.ALL)
         return OpenWork(opened, tuple(_theirs(day, opened)))
-    stale = day.stale()[:PAIR]
+    stale = day.stale()[:2]
     if stale:
         opened = dict.fromkeys(stale, Opened.ALL)
         return OpenWork(opened, tuple(_theirs(day, opened)))
@@ -149,11 +147,12 @@ def _ready(day: Day, job: DayOrder) -> bool:
 
 def _for_order(day: Day, job: DayOrder) -> OpenWork | None:
     free = day.free_at()
-    if not any(_able(day, job, r) for r in free):
-        return None
     if day.settings.commit == "none":
         everybody = dict.fromkeys(free, Opened.ALL)
         return OpenWork(everybody, (job, *_theirs(day, everybody)))
+    free = {r: f for r, f in free.items() if f[0] <= day.settings.soon}
+    if not any(_able(day, job, r) for r in free):
+        return None
     return OpenWork({_first_there(day, job, free): Opened.TAIL}, (job,))
 
 

@@ -53,10 +53,6 @@ class Cut:
     """What had begun by then, and for how long (s)."""
 
 
-CLEAR = 0.5
-"""m between two points of a drive of which one may be its end."""
-APART = 0.2
-"""Clearance (m) of a robot that ends a drive before its end from the ways of others."""
 LEAST = 0.1
 """m of a motion under way that are left of it at least."""
 
@@ -298,9 +294,10 @@ class _Cutter:
             for w in self.state.ways_of[n]
             if w.object != way.object and (n, w.object) in drives
         ]
-        for at in np.arange(least, way.length - CLEAR, CLEAR):
+        apart = self.state.graph.margin + 2 * self.state.localisation
+        for at in np.arange(least, way.length - path.radius, path.radius):
             rest = resting_path(path.body, pose_of(path.poses_at(np.array([at]))[0]))
-            if not any(_meets(other, gone, rest) for other, gone in others):
+            if not any(_meets(other, gone, rest, apart) for other, gone in others):
                 return float(at)
         return None
 
@@ -331,9 +328,9 @@ class _Cutter:
         return {robot: what for robot, what in had.items() if what not in brought}
 
 
-def _meets(path: Path, gone: float, rest: Path) -> bool:
+def _meets(path: Path, gone: float, rest: Path, apart: float) -> bool:
     """Return whether the part of a path that begins at ``gone`` m comes too near to a rest."""
-    rows = np.asarray(conflicting_cells(moving(path), moving(rest), APART))
+    rows = np.asarray(conflicting_cells(moving(path), moving(rest), apart))
     return bool(len(rows)) and bool(np.any(path.edges[rows[:, 0] + 1] > gone))
 
 

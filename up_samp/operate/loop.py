@@ -18,6 +18,7 @@ from shapely.affinity import rotate, translate
 from shapely.geometry import Polygon
 
 from up_samp.execution.executor import Executor
+from up_samp.execution.reorder import cost
 from up_samp.execution.reports import Command, Do, Go, Heard, Hold, Reply
 from up_samp.execution.state import TaskPhase
 from up_samp.fleet.fleet import Fleet
@@ -29,7 +30,7 @@ from up_samp.model import ProblemError, SampError
 from up_samp.operate.choice import OpenWork, choose
 from up_samp.operate.clock import Clock
 from up_samp.operate.horizon import DELIVERS, Cut, Opened, cut_of, first_inside, meanings_of
-from up_samp.operate.planner import LATE, Answer, Planner, Question, check_job, check_site
+from up_samp.operate.planner import Answer, Planner, Question, check_job, check_site, goals_of
 from up_samp.operate.records import DayOrder, OrderState, Pose, Report, Shape, job_record
 from up_samp.operate.settings import Settings
 from up_samp.operate.stitch import Kept, kept_of
@@ -68,8 +69,6 @@ class Asked(Protocol):
 
 SNAPSHOT = 60.0
 """Seconds after which all that has happened is kept as a whole, so that a restart is quick."""
-NOBODY = 1.0
-"""Seconds after which it is looked again for somebody to plan for."""
 RETRY = 5.0
 """Seconds after which the planner is asked again that found nothing."""
 
@@ -546,7 +545,7 @@ class Operation:
         if choice is None:
             self._planned_at = now
             self._forecast = max(self._forecast, self._end())
-            self._not_before = now + NOBODY
+            self._not_before = now + 5 * s.tick
             return
         if why not in (EVERY, OVERDUE) and not self._needed(choice):
             why = EVERY
@@ -686,17 +685,11 @@ class Operation:
         """Return what a plan costs by forecast: seconds until orders are done, and ten times those
         that they are late.
         """
-        ahead, total = executor.retime(), 0.0
-        for name, meaning in meanings_of(executor.plan).items():
-            job = self.jobs.get(meaning.what)
-            if job is None or meaning.kind not in DELIVERS or not job.state.open:
-                continue
-            end = ahead.span(name)[1] + origin
-            due = job.record.due
-            total += job.record.weight * (
-                end + LATE * max(0.0, end - due if due is not None else 0.0)
-            )
-        return total
+        jobs = (j.record for j in self.jobs.values() if j.state.open)
+        mine = [j if j.due is None else replace(j, due=j.due - origin) for j in jobs]
+        goals = goals_of(meanings_of(executor.plan), mine)
+        total = cost(goals, executor.retime())
+        return total + origin * sum(g.weight for g in goals.values()) if goals else 0.0
 
 
 EVERY, OVERDUE = "it is time to look again", "it is late"

@@ -16,19 +16,17 @@ from up_samp.execution.forecast import Forecast
 from up_samp.execution.graph import At, Event
 from up_samp.execution.lives import DriveCells, drives_of
 from up_samp.execution.reorder import Goal, propose
+from up_samp.execution.tolerances import TOLERANCES
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model.execution_tuning import ExecutionTuning, ReorderTuning
+from up_samp.motion.fleet.paths import TIMES
 
 ROUNDS = 4
 """How often who goes first is looked at again before a plan is told."""
-AHEAD = 600.0
-"""Seconds ahead, within which it is."""
-BESIDE = 8e-7
+BESIDE = 0.8 * TOLERANCES.arrived
 """m between two samples that stand for coming to a point and leaving it: no rest for those who read
 the motion, which is to be driven without one if nobody is in the way by then.
 """
-SAMPLES_APART = 1e-7
-"""Seconds between two samples at least."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +42,7 @@ class Ordering:
 
     def __call__(self, plan: PlanDict, told: Dependencies) -> PlanDict:
         """Return the plan in the best order that is found, with its times from now on."""
-        tuning = ExecutionTuning(reorder=ReorderTuning(horizon=AHEAD))
+        tuning = ExecutionTuning(reorder=ReorderTuning(horizon=1e6))
         executor = Executor(plan, dependencies=told, localisation=self.localisation, tuning=tuning)
         begun = {n: s for n, s in self.begun.items() if n in told.graph.tasks}
         executor.join(
@@ -52,7 +50,7 @@ class Ordering:
             under_way={n: {w.object: 0.0 for w in executor.state.ways_of[n]} for n in begun},
             times={n: (-s, None) for n, s in begun.items()},
         )
-        executor.goals = {n: g for n, g in self.goals.items() if n in told.graph.tasks}
+        executor.goals = self.goals
         executor.lead = self.lead
         for _ in range(ROUNDS):
             if propose(executor) is None:
@@ -121,7 +119,7 @@ def _timed(
     poses = np.vstack([path.natural.poses[goes], path.poses_at(fresh)])
     turn = np.argsort(every, kind="stable")
     rows = np.column_stack([np.interp(every, at, times), poses])[turn]
-    rows[:, 0] += SAMPLES_APART * np.arange(len(rows))
+    rows[:, 0] += TIMES.near * np.arange(len(rows))
     return {
         **motion,
         "samples": rows.tolist(),

@@ -12,7 +12,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -262,17 +262,24 @@ def _plan(ask: Question, cache: str | None) -> PlanDict:
     return whole
 
 
+def goals_of(
+    meanings: Mapping[str, Meaning], jobs: Iterable[Order | Task], first: float = 1.0
+) -> dict[str, Goal]:
+    """Return what the activities that end some orders cost, in seconds of weight ``first``."""
+    known, found = {j.id: j for j in jobs}, {}
+    for name, meaning in meanings.items():
+        job = known.get(meaning.what)
+        if job is not None and meaning.kind in DELIVERS:
+            weight = job.weight * first
+            found[name] = Goal(weight, 0.0 if job.due is None else LATE * weight, job.due or 0.0)
+    return found
+
+
 def _ordering(ask: Question, meanings: Mapping[str, Meaning]) -> Ordering:
     """Return how a plan is put in order: what orders' ends cost, and when it can be followed."""
-    jobs = {j.id: j for j in (*ask.kept_jobs, *ask.jobs, *ask.held.values())}
-    goals = {}
-    for name, meaning in meanings.items():
-        job = jobs.get(meaning.what)
-        if job is not None and meaning.kind in DELIVERS:
-            # what is first come is first served: nobody makes way for whoever comes later
-            weight = job.weight * (FIRST if ask.settled and job in ask.kept_jobs else 1.0)
-            late = 0.0 if job.due is None else LATE * weight
-            goals[name] = Goal(weight, late, job.due or 0.0)
+    # where what came first is settled, nobody of it waits for whoever comes later
+    goals = goals_of(meanings, ask.kept_jobs, FIRST if ask.settled else 1.0)
+    goals |= goals_of(meanings, (*ask.jobs, *ask.held.values()))
     return Ordering(ask.cut.begun, goals, ask.lead, ask.localisation)
 
 

@@ -231,7 +231,7 @@ def check_path(
         obstacles,
         {n: itinerary.place_at(facts.snapshot, n, motion.start) for n in names if facts.movers[n]},
         _alike(checker, motion, names),
-        report.reason or f"no path for {motion.activity} found",
+        facts.case(motion).why_not(report) or f"no path for {motion.activity} found",
         Strength.PROVEN if proven else Strength.HEURISTIC,
     )
     if not alone.places:

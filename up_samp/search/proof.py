@@ -20,7 +20,6 @@ from up_samp.model.refinement import (
     Clause,
     Elsewhere,
     Exclusive,
-    FirstUsed,
     Lasts,
     Layer,
     Overlap,
@@ -286,8 +285,6 @@ def activities_of(statement: Statement) -> set[str]:
     """Return the activities that a statement speaks of."""
     if isinstance(statement, Lasts | Requires):
         return {statement.activity}
-    if isinstance(statement, FirstUsed):
-        return set(statement.activities)
     if isinstance(statement, Exclusive):
         decided = {name for name, _, _ in (*statement.leaving, *statement.coming)}
         return {*statement.arrivals, *statement.departures, *decided}

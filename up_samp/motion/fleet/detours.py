@@ -19,15 +19,14 @@ from up_samp.model import (
     Body,
     Configuration,
     Deadline,
-    Kinematics,
     Placed,
     TimedMotion,
     Trajectory,
 )
 from up_samp.motion.curves.arcs import merged, nodes_of
-from up_samp.motion.curves.reeds_shepp import fastest
+from up_samp.motion.curves.reeds_shepp import CarLimits, fastest
 from up_samp.motion.curves.rolling import rolled, rolling_radius, thinned
-from up_samp.motion.curves.trapezoid import trajectory_of
+from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
 from up_samp.motion.fleet.conflicts import CLEARANCES
 from up_samp.motion.fleet.lanes import lane_offsets
 from up_samp.motion.fleet.paths import (
@@ -350,7 +349,7 @@ def drivable(
         if sweeps.samples_free(world, rows, least) >= 0:
             return None
         return path_of(rolled(rows, kin), body, poses)
-    arcs = _steered(poses, points, kin.turning_radius, kin, flip)
+    arcs = _steered(poses, points, limits_of(kin), flip)
     if arcs is None or sweeps.path_free(world, np.array(poses[0], dtype=np.float64), arcs) >= 0:
         return None
     end = nodes_of(np.array(poses[0], dtype=np.float64), arcs)[-1]
@@ -463,22 +462,22 @@ def _turned(poses: tuple[Configuration, ...], rows: FloatArray, flip: bool) -> F
 
 
 def _steered(
-    poses: tuple[Configuration, ...], points: FloatArray, radius: float, kin: Kinematics, flip: bool
+    poses: tuple[Configuration, ...], points: FloatArray, car: CarLimits, flip: bool
 ) -> FloatArray | None:
     """Return a car's arcs from pose to pose by way of the middles of straight pieces."""
     marks = [poses[0]]
     for a, b in itertools.pairwise(points):
         way = math.atan2(b[1] - a[1], b[0] - a[0]) + (math.pi if flip else 0.0)
         size = math.dist(a, b)
-        if size >= 2.0 * radius and len(points) > 2:
+        if size >= 2.0 * car.radius and len(points) > 2:
             marks += [(*(a + 0.4 * (b - a)), way), (*(a + 0.6 * (b - a)), way)]
         else:
             marks.append((*(0.5 * (a + b)), way))
     marks.append(poses[1])
     found = []
     for p, q in itertools.pairwise(marks):
-        arcs = fastest(p, q, radius, kin.v_max, kin.a_max)[1]
-        if np.abs(arcs[:, 1]).sum() > 2.0 * math.dist(p[:2], q[:2]) + 6 * radius:
+        arcs = fastest(p, q, *car)[1]
+        if np.abs(arcs[:, 1]).sum() > 2.0 * math.dist(p[:2], q[:2]) + 6 * car.radius:
             return None
         found.append(arcs)
     return merged(np.concatenate(found))

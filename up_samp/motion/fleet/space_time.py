@@ -510,7 +510,7 @@ def _links(lattice: Lattice, pose: Configuration, sign: int) -> Links:
 
 def _sides(motion: TimedMotion, able: Mobility) -> tuple[bool, ...]:
     """Return whether to drive ahead or backwards (True), what turns less first."""
-    if able.sideways:
+    if able.sideways or not motion.body.kinematics.reverse:
         return (False,)
     (x, y, first), (u, v, last) = (pose[:3] for pose in motion.poses)
     way = math.atan2(v - y, u - x)
