@@ -92,7 +92,7 @@ def test_a_robot_that_costs_stays_where_it_is():
     ("objective", "said"),
     [
         ({}, "give a weight above 0 to one of makespan, tardiness"),
-        ({"speed": 1}, "speed"),
+        ({"speed": 1}, r"^objective\.speed: give v_max, in m/s$"),
         ({"tardiness": -1}, "should be 0 or more"),
         ("fast", "give makespan, none, or weights"),
     ],

@@ -150,7 +150,7 @@ def _check(args: argparse.Namespace) -> int:
     from up_samp.fleet import read_problem_file
     from up_samp.fleet.checks import Level, check_fleet
     from up_samp.fleet.picture import draw_fleet
-    from up_samp.fleet.spelled_out import in_numbers
+    from up_samp.fleet.spelled_out import counted, in_numbers
     from up_samp.plotting.style import saved
 
     records, folder = read_problem_file(args.problem), args.problem.parent
@@ -161,7 +161,8 @@ def _check(args: argparse.Namespace) -> int:
     saved(draw_fleet(records, folder, findings), picture)
     errors = sum(f.level is Level.ERROR for f in findings)
     warnings = sum(f.level is Level.WARNING for f in findings)
-    print(f"{in_numbers(records)}: {errors} errors, {warnings} warnings; see {picture}")
+    wrong = f"{counted(errors, 'error')}, {counted(warnings, 'warning')}"
+    print(f"{in_numbers(records)}: {wrong}; see {picture}")
     return 1 if errors else 0
 
 

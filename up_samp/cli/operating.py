@@ -20,7 +20,10 @@ def add_operate(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("site", type=Path, metavar="SITE.yaml")
     parser.add_argument("--store", type=Path, required=True, metavar="DAY.db")
     parser.add_argument(
-        "--mqtt", metavar="HOST:PORT", help="the robots' broker (VDA 5050); none: simulated robots"
+        "--mqtt",
+        type=broker,
+        metavar="HOST:PORT",
+        help="the robots' broker (VDA 5050); none: simulated robots",
     )
     parser.add_argument("--prefix", default="uagv", help="of topics (default: %(default)s)")
     parser.add_argument("--manufacturer", default="up_samp", help="(default: %(default)s)")
@@ -34,6 +37,15 @@ def add_operate(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--budget", type=float, default=2.0, metavar="S", help="of a plan")
     parser.add_argument("--seconds", type=float, metavar="S", help="end after so long")
     parser.set_defaults(run=_operate)
+
+
+def broker(text: str) -> tuple[str, int]:
+    """Return where a broker is: ``HOST``, or ``HOST:PORT``.
+
+    :raises ValueError: where the port is no number.
+    """
+    host, _, port = text.partition(":")
+    return host, int(port or 1883)
 
 
 def _operate(args: argparse.Namespace) -> int:
@@ -78,11 +90,9 @@ def _behind_broker(args: argparse.Namespace, fleet: Fleet):  # type: ignore[no-u
             f"robots behind a broker need the extra [mqtt] ({error.name} is missing): "
             "pip install paho-mqtt"
         ) from error
-    host, _, port = args.mqtt.partition(":")
     return MasterControl(
         fleet.records,
-        host,
-        int(port or 1883),
+        *args.mqtt,
         prefix=args.prefix,
         manufacturer=args.manufacturer,
         version=args.vda,
@@ -189,7 +199,7 @@ def _seconds(text: str, epoch: float | None) -> float:
     """Return a time since the day's start (s)."""
     if re.fullmatch(r"\d+(\.\d+)?", text):
         return float(text)
-    found = re.fullmatch(r"(\d{1,2}):(\d{2})(?::(\d{2}))?", text)
+    found = re.fullmatch(r"(\d{1,2}):([0-5]\d)(?::([0-5]\d))?", text)
     if found is None:
         raise ProblemError(f"'{text}' is no time: write 10:42, 10:42:30, or seconds")
     h, m, s = (int(v or 0) for v in found.groups())

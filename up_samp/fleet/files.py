@@ -71,7 +71,9 @@ def _faults(error: ValidationError, data: Any, path: Path) -> list[Fault]:
         where = (*path, *inner)
         text = _in_words(item)
         found.setdefault(where, Fault(where, text))
-    return list(found.values())
+    # of what has several forms each tells: the one that goes deeper was meant
+    outer = {where[:depth] for where in found for depth in range(len(where))}
+    return [fault for where, fault in found.items() if where not in outer]
 
 
 def _in_words(item: Any) -> str:

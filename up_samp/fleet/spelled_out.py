@@ -21,7 +21,12 @@ def in_numbers(records: FleetRecords) -> str:
     """Return in words how many robots, orders and tasks there are; what recurs counts each time."""
     found = spelled_out(records)
     counts = {"robot": found.robots, "order": found.orders, "task": found.tasks}
-    return ", ".join(f"{len(some)} {kind}{'s' * (len(some) != 1)}" for kind, some in counts.items())
+    return ", ".join(counted(len(some), kind) for kind, some in counts.items())
+
+
+def counted(number: int, what: str) -> str:
+    """Return ``1 order``, or ``2 orders``."""
+    return f"{number} {what}{'s' * (number != 1)}"
 
 
 def with_places(records: FleetRecords) -> FleetRecords:
