@@ -286,7 +286,9 @@ class _Cutter:
         if self.state.phase[name] is TaskPhase.WAITING and now + ahead <= since:
             least = 0.0
         else:
-            least += way.travel.speed_at(least) ** 2 / (2 * way.travel.accel) + LEAST
+            # at full speed, and what it told last is a moment old
+            speed = way.travel.fastest
+            least += speed * (2 * REACTION + speed / (2 * way.travel.accel)) + LEAST
         drives = self.executor._drives
         path = drives[name, way.object].path
         others = [
