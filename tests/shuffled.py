@@ -460,10 +460,8 @@ def _value(listing: _Listing, name: str, value: Any) -> Any:
         return tuple(_record(listing, v) for v in listing.order(value))
     if name in OUTLINES and len(value) > 2:
         return tuple(listing.corners(value))
-    if sort is None or not value or isinstance(value[0], float):  # a start may be a pose
-        return value
-    if isinstance(value, str):
+    if sort is not None and isinstance(value, str):
         return listing.name(sort, value)
-    return tuple(listing.name(sort, v) for v in listing.order(value)) if isinstance(
-        value, tuple
-    ) else value  # fmt: skip
+    if sort is not None and isinstance(value, tuple) and all(isinstance(v, str) for v in value):
+        return tuple(listing.name(sort, v) for v in listing.order(value))
+    return value  # a number, or the pose of a start

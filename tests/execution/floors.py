@@ -32,6 +32,7 @@ from unified_planning.model.motion import (
     SchedulingMotionProblem,
 )
 from unified_planning.shortcuts import (
+    GE,
     LT,
     TRUE,
     BoolType,
@@ -134,6 +135,28 @@ class Plan:
             {"activity": "set_aside", "object": "bar", "time": end,
              "configuration": [0.3, 11.4, math.pi]}
         )  # fmt: skip
+
+    def drops(self, spots):
+        """Let tasks set bars down at (x, y, theta, time), wherever nobody is and will be."""
+        for k, (x, y, theta, time) in enumerate(spots):
+            kept, name = self.data, f"bar{k}"
+            self.data = {**kept, "objects": [*kept["objects"]]}
+            self._object(name, "gate", BAR, "SE2", (0.2, 1.5 + 1.5 * k, 0.0), 1.0)
+            task = {"name": f"set_{name}", "start": time - 2, "end": time}
+            change = {"activity": f"set_{name}", "object": name, "time": time}
+            self.data["activities"] = [*kept["activities"], task]
+            self.data["changes"] = [*kept["changes"], {**change, "configuration": [x, y, theta]}]
+            if self._near((x, y), time) or not self.clear(self.data):
+                self.data = kept
+
+    def _near(self, point, time):
+        """Whether somebody is near a point at a time."""
+        poses = {o["name"]: o["initial"] for o in self.data["objects"]}
+        for motion in sorted(self.data["motions"], key=lambda m: m["samples"][0][0]):
+            rows = [row for row in motion["samples"] if row[0] <= time]
+            if rows:
+                poses[motion["object"]] = rows[-1][1:]
+        return any(math.dist(point, poses[robot][:2]) < 1.3 for robot in self.robots)
 
     def move(self, robot, given=None):
         """Add a motion of ``robot`` at the earliest time at which nobody is in its way."""
@@ -241,9 +264,9 @@ def random_floor(
     return finished(rng, plan, yaml, shared=shared)
 
 
-def rounds(seed, yaml, *, clearance=CLEAR, shared=False):
+def rounds(seed, yaml, *, clearance=CLEAR, shared=False, drops=()):
     """Four robots on two rounds along and two across the hall: everybody crosses everybody's way,
-    again and again.
+    again and again. Bars are set down as tells ``drops``, where that is in nobody's way.
     """
     rng = random.Random(f"rounds {seed}")
     plan = Plan(rng, yaml, None, clearance)
@@ -261,6 +284,7 @@ def rounds(seed, yaml, *, clearance=CLEAR, shared=False):
         plan.move(robot, [(rng.uniform(6.8, 7.0), 0.0), (math.pi / 0.9, 0.9)])
         if rng.random() < 0.3:
             plan.work(robot)
+    plan.drops(drops)
     return finished(rng, plan, yaml, shared=shared)
 
 
@@ -450,11 +474,14 @@ def _problem(rng, plan, yaml):
                 place = ConfigurationObject(f"{name}_{change['object']}", pose_type, set_down)
                 problem.add_object(place)
                 a.add_motion_effect(items[change["object"]], place)
-        elif name == "set_aside":
-            a = problem.add_motion_activity(name, 2)
-            place = ConfigurationObject("aside", pose_type, SE2(0.3, 11.4, math.pi))
+        elif name.startswith("set_"):
+            a = problem.add_motion_activity(name, entry["end"] - entry["start"])
+            (change,) = [c for c in plan.data["changes"] if c["activity"] == name]
+            place = ConfigurationObject(f"{name}_to", pose_type, SE2(*change["configuration"]))
             problem.add_object(place)
-            a.add_motion_effect(items["bar"], place)
+            a.add_motion_effect(items[change["object"]], place)
+            if name != "set_aside":
+                problem.add_constraint(GE(a.start, entry["start"]))
         else:
             a = problem.add_activity(name, duration=entry["end"] - entry["start"])
             a.uses(crew, 1)

@@ -78,7 +78,7 @@ class LooseFloor(Floor):
         return self.now >= self.loose.when and robot.motion is not None and robot.v > 0.3
 
     def _pose(self, robot):
-        drive = self.executive._drives[robot.motion, robot.name]
+        drive = self.executive.drives[robot.motion, robot.name]
         return tuple(float(v) for v in drive.path.poses_at(np.array([robot.s]))[0])
 
     def _tell(self, robot):
@@ -89,7 +89,7 @@ class LooseFloor(Floor):
         self.executive.update(robot.name, pose=pose, now=self.now, motion=robot.motion)
         for overrun in self.executive.overruns:
             self.unavoidable.update(overrun.met)
-            for other in overrun.held:
+            for other in self.robots.keys() & set(overrun.held):
                 self._too_late(self.robots[other])
 
     def _too_late(self, other):
@@ -136,9 +136,14 @@ def driven_into(floor, record):
         others = pair - {loose.robot}
         if len(others) == 2 or not begin <= contact.time <= end:
             found.append((pair, contact.time))
-        elif moves(record, *others, contact.time):
+        elif moves(record, *others, contact.time) or set_down(record, *others, begin, end):
             found.append((others, contact.time))
     return found
+
+
+def set_down(record, name, begin, end):
+    """Whether something was set where it is between two times."""
+    return any(c["object"] == name and begin <= c["time"] <= end for c in record["changes"])
 
 
 def moves(record, robot, time):

@@ -2,16 +2,20 @@
 are, and both is told; what cannot be true leaves nobody a Go.
 """
 
+import itertools
 import json
 import math
 
 import numpy as np
 import pytest
+from unified_planning.shortcuts import LE
 
 from tests.execution import floors
 from tests.execution.floors import drive
 from tests.execution.loose import run_loose
-from up_samp.execution import Delays, Executor, Go, Heard, Hold, Overrun, dependencies_of
+from tests.execution.sites import Site
+from tests.fleet.test_floors import house
+from up_samp.execution import Delays, Do, Executor, Go, Heard, Hold, Overrun, dependencies_of
 from up_samp.execution.astray import place_of, pose_in
 from up_samp.execution.reports import TAKEN
 from up_samp.execution.simulate import floor_of
@@ -91,7 +95,7 @@ def test_a_robot_at_rest_may_be_in_the_way(yaml):
                 far = way.told + 1.5
                 if not isinstance(before[other], Go) or before[other].until < far:
                     continue
-                path = executor._drives[way.activity, other].path
+                path = executor.drives[way.activity, other].path
                 place = tuple(path.poses_at(np.array([far]))[0])
                 assert executor.update(robot, pose=place, now=now).heard is Heard.HELD
                 (overrun,) = executor.overruns
@@ -123,6 +127,111 @@ def test_beyond_the_ends_of_its_path_a_robot_is_off_it(executor, beyond):
     assert executor.phase(FIRST).value == "running"
 
 
+def lifted(yaml):
+    """r0 drives to a lift, which sets it down at (6, 8), and on from there; r1 waits at (9, 6)."""
+    site = Site(yaml)
+    site.robot("r0", (2.0, 2.0, 0.0))
+    site.robot("r1", (9.0, 6.0, math.pi / 2))
+    there = site.drive("to_lift", "r0", (2.0, 2.0, 0.0), [(3.0, 0.0)], 0)
+    up = site.lift("ride_r0", "r0", (6.0, 8.0, 0.0), there, there + 4)
+    off = site.drive("off", "r0", (6.0, 8.0, 0.0), [(4.0, 0.0)], up)
+    site.drive("across", "r1", (9.0, 6.0, math.pi / 2), [(4.0, 0.0)], off)
+    x = site.activities
+    for one, two in itertools.pairwise(("to_lift", "ride_r0", "off", "across")):
+        site.problem.add_constraint(LE(x[one].end, x[two].start))
+    executor = Executor(site.data, site.problem)
+    executor.commands(0.0)
+    return executor
+
+
+def arrive(executor, robot, motion, now):
+    now, _ = drive(executor, robot, executor.state.of_object[robot].length, now)
+    assert executor.phase(motion).value == "done"
+    return now
+
+
+@pytest.mark.parametrize("begun", [False, True])
+def test_nothing_is_set_down_where_somebody_is_astray(yaml, begun):
+    """The lift waits for r1, which was pushed to where r0 is to come out."""
+    executor = lifted(yaml)
+    now, _ = drive(executor, "r0", 2.0, 0.0)
+    if begun:
+        now = arrive(executor, "r0", "to_lift", now) + 4.0
+        assert executor.commands(now)["r0"] == Do("ride_r0")
+    assert executor.update("r1", pose=(6.0, 8.4, 0.0), now=now).heard is Heard.HELD
+    (overrun,) = executor.overruns
+    assert (overrun.held, overrun.met) == (("r0",), ())
+    if not begun:
+        now = arrive(executor, "r0", "to_lift", now)
+        assert executor.commands(now)["r0"] == Hold((str(overrun),))
+        assert executor.done("ride_r0", now).heard is Heard.AGAIN
+        assert executor.phase("ride_r0").value == "waiting"
+    else:
+        assert executor.commands(now)["r0"] == Do("ride_r0", may_end=False)
+        reply = executor.done("ride_r0", now)
+        assert reply.heard is Heard.AGAIN
+        assert str(overrun) in reply.why
+    again = Executor.restore(
+        executor.plan, json.loads(json.dumps(executor.save())), executor.problem
+    )
+    assert again.commands(now) == executor.commands(now)
+    assert executor.update("r1", pose=(9.0, 6.0, math.pi / 2), now=now).heard is Heard.IGNORED
+    executor.commands(now)
+    assert executor.commands(now + 4.0)["r0"] == Do("ride_r0")
+    assert executor.done("ride_r0", now + 4.0) == TAKEN
+    assert executor.commands(now + 4.1)["r0"] == Go("off", 4.0)
+
+
+@pytest.mark.parametrize("begun", [False, True])
+def test_who_is_astray_is_not_set_elsewhere(yaml, begun):
+    """The lift does not go while r0 is not in it; in it, r0 may tell that it is up already."""
+    executor = lifted(yaml)
+    now, _ = drive(executor, "r0", 2.9, 0.0)
+    now += 0.1
+    executor.update("r0", progress=3.0, now=now)
+    if begun:
+        executor.commands(now)
+        now += 4.5
+        assert executor.commands(now)["r0"] == Do("ride_r0")
+    assert executor.update("r0", pose=(4.0, 2.5, 0.0), now=now).heard is Heard.HELD
+    (overrun,) = executor.overruns
+    executor.commands(now)
+    assert executor.done("ride_r0", now).heard is Heard.AGAIN
+    if not begun:
+        why = f"it is {overrun.off:.3f} m off its place"
+        assert executor.commands(now)["r0"] == Hold((why,))
+    assert executor.update("r0", pose=(5.0, 2.0, 0.0), now=now).heard is Heard.IGNORED
+    executor.commands(now)
+    now += 4.5
+    assert executor.commands(now)["r0"] == Do("ride_r0")
+    assert executor.update("r0", pose=(6.0, 8.0, 0.0), now=now).heard is Heard.IGNORED
+    assert executor.overruns == ()
+    assert executor.done("ride_r0", now) == TAKEN
+
+
+def test_robots_tell_poses_of_the_floor_that_a_lift_has_set_them_down_on(tmp_path):
+    fleet = house(tmp_path)
+    fleet.add_order("drugs", "pharmacy", "ward")
+    executor = Executor(fleet.solve(60, first_plan=True).data, fleet.problem)
+    plan, now = executor.plan, 0.0
+    here = {o["name"]: o["initial"] for o in plan["objects"]}["r0"]
+    led = {c["activity"]: c["configuration"] for c in plan["changes"]}
+    led |= {m["activity"]: m["samples"][-1][1:] for m in plan["motions"]}
+    while not executor.finished:
+        now += 1.0
+        for command in executor.commands(now).values():
+            if isinstance(command, Do) and command.may_end:
+                executor.done(command.activity, now)
+        way = executor.state.of_object.get("r0")
+        if way is not None:
+            executor.update("r0", progress=min(way.told + 1.0, executor.state.until(way)), now=now)
+        for name in [n for n in led if executor.phase(n).value == "done"]:
+            here = led.pop(name)
+        if "r0" not in executor.state.of_object:
+            assert executor.update("r0", pose=here, now=now).heard is Heard.IGNORED
+        assert now < 300.0
+
+
 UNKNOWN = [math.nan, math.inf, None, "3", True, 10**400, -1.0, 1200.0, 7.9]
 
 
@@ -150,7 +259,7 @@ def test_who_tells_what_cannot_be_at_its_end_is_not_done(executor):
 
 
 def judged(yaml, seed, runs):
-    """(hits, how many runs had one off its path, how often others were kept away)."""
+    """(hits, how many runs had one off its path)."""
     problem, plan = floors.rounds(seed, yaml, clearance=0.08)
     found = dependencies_of(problem, plan)
     hits, many = [], 0
@@ -169,6 +278,34 @@ def judged(yaml, seed, runs):
 def test_nobody_drives_into_one_off_its_path(yaml, seed):
     hits, many = judged(yaml, seed, 6)
     assert many
+    assert hits == []
+
+
+def dropped(yaml, seed, runs):
+    """(hits, how many runs had something set down where one was off its path)."""
+    problem, plan = floors.rounds(seed, yaml, clearance=0.08)
+    found = dependencies_of(problem, plan)
+    hits, many = [], 0
+    for k in runs:
+        told = run_loose(found, problem, plan, 100 * seed + k)
+        if told is None:
+            continue
+        time, *pose = max(told[0].loose.rows, key=lambda row: math.dist(row[1:3], told[0].home[:2]))
+        made = floors.rounds(seed, yaml, clearance=0.08, drops=[(*pose, math.ceil(time) + 2)])
+        if not made[1]["changes"]:
+            continue
+        floor, run, into = run_loose(dependencies_of(*made), *made, 100 * seed + k)
+        many += 1
+        assert run.finished, (seed, k)
+        late = floor.unavoidable - {"bar0"}
+        hits += [(seed, k, who, at) for who, at in into if not who <= late]
+    return hits, many
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(20))
+def test_nothing_is_set_down_on_one_off_its_path_in_many_runs(yaml, seed):
+    hits, _ = dropped(yaml, seed, range(12))
     assert hits == []
 
 

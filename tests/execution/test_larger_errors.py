@@ -92,8 +92,7 @@ def watched(found, problem, plan, seed):
 def test_larger_errors_open_no_gate(yaml, family):
     problem, plan = PLANS[family](0, yaml)
     found = dependencies_of(problem, plan)
-    watches = [watched(found, problem, plan, seed) for seed in range(2)]
-    assert [w.wrong for w in watches] == [[]] * 2
+    assert watched(found, problem, plan, 0).wrong == []
 
 
 @pytest.mark.long

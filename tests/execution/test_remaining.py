@@ -22,6 +22,7 @@ from unified_planning.shortcuts import (
 
 import up_samp  # noqa: F401
 from tests.execution.floors import hall
+from tests.fleet.floors import WALL, map_with
 from tests.metamorphic.motions import ALIKE, OTHERS, MotionStyle, MotionWriter
 from tests.metamorphic.sites import store
 from tests.upio.hall import Hall
@@ -234,6 +235,37 @@ def test_what_only_a_broken_robot_could_do_is_named(made):
     poses = {"r0": (20.0, 59.0, 1.57), "r1": (30.0, 59.0, 1.57)}
     with pytest.raises(ProblemError, match=r"nothing can keep .*pick_r0_i"):
         executor.remaining_problem(Surprise(broken=poses))
+
+
+@pytest.mark.parametrize(
+    ("pose", "told"),
+    [
+        ((9.4, 3.2, 0.0), r"_dock_to_home0 absent \(at 'dock' .* collides with 'r1'\)"),
+        ((2.2, 3.3, 0.0), r"_to_home0 absent \(at 'home0' .* collides with 'r1'\)"),
+        ((8.0, 4.5, 1.57), r"absent \(from '\w+' to '\w+' no free way past r1\)"),
+    ],
+)
+def test_what_a_broken_robot_blocks_is_named(pose, told, tmp_path):
+    """It stands where another one has to deliver, where that one has to end, or in the doorway."""
+    site = Fleet(map_with(WALL, tmp_path) if pose[0] == 8.0 else hall(tmp_path))
+    for k, length in enumerate((0.8, 1.8)):
+        site.add_robot_type(f"agv{k}", (length, 0.5), model="diff")
+        site.add_place(f"home{k}", 2, 3 + 3 * k)
+        site.add_robot(f"r{k}", f"agv{k}", f"home{k}", end=["home0", None][k])
+    site.add_place("dock", 9, 3)
+    site.add_place("shelf", 9.5, 7.5)
+    site.add_order("o1", "shelf", "dock", robots="r0")
+    site.add_task("look", "shelf", duration=2, robots="r1")
+    executor = Executor(site.solve(60, first_plan=True).data, site.problem)
+    executor.commands(0.0)
+    if pose[0] == 2.2:  # r0 has left there
+        way = executor.state.of_object["r0"]
+        for k in range(1, 40):
+            executor.update("r0", progress=0.1 * k, now=0.2 * k)
+        assert way.told > 2.0
+    left = executor.remaining_problem(Surprise(broken={"r1": pose}))
+    with pytest.raises(ProblemError, match=rf"UNSOLVABLE_PROVEN\): .*{told}"):
+        solve_remaining(left, seconds=60)
 
 
 def test_cancelled_tasks_take_their_constraints_with_them(made):

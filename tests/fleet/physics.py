@@ -176,9 +176,10 @@ class Physics:
         for d, stop, length in self._stops():
             if d.end - d.start < length - 1e-6:
                 yield f"{d} should last {length} s"
-            window = stop.get("window")
-            if window and not (d.start >= window[0] - 1e-6 and d.end <= window[1] + 1e-6):
-                yield f"{d} is outside its window {window}"
+            windows = stop.get("window", [])
+            windows = [windows] if windows and not isinstance(windows[0], list) else windows
+            if windows and not any(a - 1e-6 <= d.start and d.end <= b + 1e-6 for a, b in windows):
+                yield f"{d} is outside its windows {windows}"
 
     def _stops(self):
         """Return each stop and task that is done, as it is written, and how long it lasts."""

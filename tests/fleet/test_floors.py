@@ -121,7 +121,7 @@ def test_doors_and_zones_count_on_their_own_floor(tmp_path):
     assert times["open_gate_r0"][0] >= times["ride_r0_lift.ground_to_lift.first"][1]
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.long)])
 def test_any_listing_has_the_same_optimum(seed, tmp_path):
     """Names, lifts, floors, jobs and places in any order, and robots at poses of their own."""
     fleet = house(tmp_path)

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from shapely.geometry import Polygon
 
+from up_samp.execution import Delays, dependencies_of, simulate
 from up_samp.fleet import Fleet, FleetError
 from up_samp.fleet.outlines import placed
 from up_samp.fleet.visits import Successions, moves_needed, visits_of
@@ -302,3 +303,23 @@ def test_who_turns_very_slowly_has_the_time():
     fleet.add_task("t", "a", duration=1)
     result, _ = solved(fleet)
     assert 3600 < result.makespan < 3700
+
+
+def test_a_stop_has_several_windows():
+    fleet = one_room(1)
+    fleet.add_order("o", {"at": "a", "service": 4}, {"at": "b", "window": [[40, 60], [0, 6]]})
+    result, times = solved(fleet)
+    assert times["deliver_o_r0"] == (40, 41)
+    found = dependencies_of(fleet.problem, result.data)
+    run = simulate(found, result.data, Delays(), 0)
+    assert run.finished
+    assert run.broken == ()
+    with pytest.raises(FleetError, match=r"delivery\.window: 5 s to 5\.5 s is too short for 1 s"):
+        fleet.add_order("p", "a", {"at": "b", "window": [[40, 60], [5, 5.5]]})
+
+
+def test_windows_that_all_close_too_soon_are_told():
+    fleet = one_room(1)
+    fleet.add_order("o", "a", {"at": "c", "window": [[0, 2], [3, 5]]})
+    [finding] = [f for f in fleet.check() if "window" in f.what]
+    assert "closes at 5 s; by the shortest drives it ends at" in finding.what

@@ -6,6 +6,7 @@ import pytest
 
 from tests.fleet.test_rules import one_room, solved
 from up_samp.fleet import Fleet, FleetError
+from up_samp.fleet.spelled_out import in_numbers
 
 
 def test_a_robot_starts_at_a_pose_of_its_own(tmp_path):
@@ -75,6 +76,7 @@ def test_what_recurs_is_as_many_jobs(tmp_path):
     fleet = one_room(objective={"tardiness": 1})
     fleet.add_task("tick", "b", duration=2, repeat={"every": 30, "times": 3}, due=20, release=5)
     fleet.add_task("tock", "c", duration=2, repeat={"every": 30, "times": 3}, after="tick")
+    assert in_numbers(fleet.records).endswith(" robot, 0 orders, 6 tasks")
     again = Fleet.from_file(fleet.save(tmp_path / "problem.json"))
     assert again.records == fleet.records
     for site in (fleet, again):

@@ -199,7 +199,11 @@ class Maker:
         stop["service" if key else "duration"] = service
         if "window" in self.features and self.rng.random() < 0.4:
             early = start * self.unit - self.rng.choice([0, 0, 3, 20])
-            stop["window"] = [max(0.0, early), self.clock * self.unit + self.rng.choice([0, 0, 2])]
+            window = [max(0.0, early), self.clock * self.unit + self.rng.choice([0, 0, 2])]
+            others = self.rng.sample([[0, 1 + service], [window[1] + 3, window[1] + 90]], 2)
+            stop["window"] = self.rng.choice(
+                [window, [window], [others[0], window], [*others, window]]
+            )
         if "resource" in self.features and self.rng.random() < 0.5:
             stop["resources"] = ["table"]
 

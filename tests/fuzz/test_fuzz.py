@@ -22,7 +22,7 @@ from tests.fuzz.wide import MESHES, wide_case
 from up_samp.model.snapshot import MotionTask
 from up_samp.upio import read_problem
 
-WIDE = (1, 2, 3)
+WIDE = (1, 2, pytest.param(3, marks=pytest.mark.long))
 
 
 @pytest.fixture(autouse=True)

@@ -24,7 +24,7 @@ from up_samp.plotting import (
     write_html,
 )
 from up_samp.plotting.animation import key_frames, scene_of
-from up_samp.plotting.background import background_of
+from up_samp.plotting.background import ground_of
 from up_samp.plotting.rows import mentions, rows_of, short_names
 from up_samp.plotting.style import PALETTE, color_of, ink_on, mixed, rgb
 from up_samp.plotting.tracks import horizon, tracks_of
@@ -213,7 +213,7 @@ def test_map_on_given_axes_and_without_places(plan):
 
 def test_a_plan_without_a_map_is_drawn_on_white(plan):
     plan["map"]["yaml"] = None
-    ground = background_of(plan)
+    ground = ground_of(plan).background
     left, right, bottom, top = ground.extent
     assert left < 3.0
     assert right > 26.0
@@ -229,7 +229,7 @@ def test_a_missing_map_is_named(plan):
 
 
 def test_backgrounds_show_walls_where_they_are(plan):
-    ground = background_of(plan)
+    ground = ground_of(plan).background
     assert ground.pixels.shape == (160, 300, 3)
     assert tuple(ground.pixels[80, 150]) != (255, 255, 255)  # the wall at x = 15, y = 8
     assert tuple(ground.pixels[120, 150]) == (255, 255, 255)  # the gap at y = 4
@@ -244,7 +244,7 @@ def test_a_turned_map_is_drawn_in_the_world_frame(plan, tmp_path):
     text = Path(source).read_text()
     turned.write_text(text.replace("[0.0, 0.0, 0.0]", "[10.0, 0.0, 1.5707963267948966]"))
     plan["map"]["yaml"] = str(turned)
-    ground = background_of(plan)
+    ground = ground_of(plan).background
     # the map's x axis points up: it is now 16 wide and 30 high, to the left of x = 10
     assert ground.extent == pytest.approx((-6.0, 10.0, 0.0, 30.0), abs=0.11)
     rows, cols = ground.pixels.shape[:2]

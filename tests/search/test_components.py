@@ -186,7 +186,6 @@ def test_a_preset_is_a_list_of_components():
 
     full = parts("default")
     assert [s.name for s in full.statements] == [
-        "copies of activities",
         "lower bounds on motions",
         "proofs of unreachability",
         "unary places",

@@ -22,7 +22,7 @@ def blocked(tmp_path):
     return hall.problem
 
 
-@pytest.mark.parametrize("preset", ["default", "paper"])
+@pytest.mark.parametrize("preset", ["default", pytest.param("paper", marks=pytest.mark.long)])
 def test_the_trace_holds_every_candidate_and_every_refinement(tmp_path, preset):
     folder = tmp_path / "trace"
     params = {"preset": preset, "trace": str(folder), "query_seconds": 2.0}

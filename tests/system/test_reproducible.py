@@ -101,7 +101,7 @@ def same_in_processes(folder, seeds, hash_seeds, *, limit=600):
 
 
 def test_a_few_plans_are_the_same_beside_a_busy_process(tmp_path):
-    same_in_processes(tmp_path, [109], ["1", "77"])
+    same_in_processes(tmp_path, [108], ["1", "77"])
 
 
 @pytest.mark.long

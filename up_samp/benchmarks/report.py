@@ -213,11 +213,12 @@ def table_beyond(records: Sequence[Record]) -> str:
 
 def table_failures(records: Sequence[Record]) -> str:
     """Return every run that did not do what was asked, with its reason."""
-    rows = [["instance", "engine", "status", "reason"]]
-    for r in records:
-        if not counts(r):
-            rows.append([r["instance"], column(r), str(r.get("status")), _reason(r)])
-    return _table(rows) if len(rows) > 1 else "None."
+    rows = [
+        [r["instance"], column(r), str(r.get("status")), _reason(r)]
+        for r in records
+        if not counts(r)
+    ]
+    return _table([["instance", "engine", "status", "reason"], *rows]) if rows else "None."
 
 
 def table_instances(records: Sequence[Record]) -> str:

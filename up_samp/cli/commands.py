@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -29,8 +30,8 @@ from up_samp.cli.solving import (
     solve_and_show,
     write_outputs,
 )
-from up_samp.execution import dependency_faults
-from up_samp.execution.check import refuse
+from up_samp.execution import Incident, Surprise, dependency_faults, remaining_at
+from up_samp.execution.check import check_motions, refuse
 from up_samp.export import FORMATS, export_plan
 from up_samp.io import read_plan
 from up_samp.model import ProblemError, UnsupportedError
@@ -149,6 +150,7 @@ def _check(args: argparse.Namespace) -> int:
     from up_samp.fleet import read_problem_file
     from up_samp.fleet.checks import Level, check_fleet
     from up_samp.fleet.picture import draw_fleet
+    from up_samp.fleet.spelled_out import in_numbers
     from up_samp.plotting.style import saved
 
     records, folder = read_problem_file(args.problem), args.problem.parent
@@ -159,8 +161,7 @@ def _check(args: argparse.Namespace) -> int:
     saved(draw_fleet(records, folder, findings), picture)
     errors = sum(f.level is Level.ERROR for f in findings)
     warnings = sum(f.level is Level.WARNING for f in findings)
-    what = f"{len(records.robots)} robots, {len(records.orders)} orders, {len(records.tasks)} tasks"
-    print(f"{what}: {errors} errors, {warnings} warnings; see {picture}")
+    print(f"{in_numbers(records)}: {errors} errors, {warnings} warnings; see {picture}")
     return 1 if errors else 0
 
 
@@ -225,15 +226,61 @@ def add_solve(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``solve``."""
     add_problem_arguments(parser)
     add_solver_arguments(parser, out=None, gif=False)
+    rest = parser.add_argument_group("going on from a plan of the problem")
+    rest.add_argument(
+        "--from",
+        dest="plan",
+        type=Path,
+        metavar="PLAN.json",
+        help="plan what is left of it anew; its clock begins when robots under way have stopped",
+    )
+    rest.add_argument(
+        "--at",
+        type=float,
+        metavar="S",
+        help="seconds since its start, carried out without delays so far",
+    )
+    rest.add_argument(
+        "--broken", action="append", metavar="ROBOT", help="it is out of order where it is then"
+    )
+    rest.add_argument("--cancel", action="append", metavar="ACTIVITY", help="not begun by then")
     parser.set_defaults(run=_solve)
 
 
 def _solve(args: argparse.Namespace) -> int:
+    if args.plan is not None:
+        return _go_on(args)
+    for option, given in (("--at", args.at), ("--broken", args.broken), ("--cancel", args.cancel)):
+        if given is not None:
+            raise ProblemError(f"{option} speaks of a plan: name it with --from PLAN.json")
     problem = find_problem(args.problem, args.encoding, _settle(args.problem, args))
     code = solve_and_show(problem, args)
     if code and is_problem_file(args.problem):
         tell_findings(args.problem)
     return code
+
+
+def _go_on(args: argparse.Namespace) -> int:
+    """Plan what is left of a plan, and say where everybody stands then."""
+    if args.at is None or not 0 <= args.at < math.inf:
+        raise ProblemError("--from needs a time: --at S, in seconds since the plan's start")
+    if args.seconds_per_unit is not None or args.margin is not None:
+        raise ProblemError("the rest of a plan keeps the plan's unit of time and its margin")
+    plan = read_plan(args.plan)
+    check_motions(plan)
+    problem = problem_of_plan(args.problem, args.encoding, plan)
+    surprise = Surprise(cancelled=tuple(args.cancel or ()))
+    left = remaining_at(problem, plan, Incident(args.at, surprise, tuple(args.broken or ())))
+    own = {"seconds_per_unit": float(plan["seconds_per_unit"]), "margin": plan.get("margin")}
+    settings = settings_of(args.problem, own)
+    args.seconds_per_unit, args.margin = settings["seconds_per_unit"], settings["margin"]
+    since = left.since * args.seconds_per_unit
+    print(f"what is left of {args.plan}: 0 is {since:g} s of its clock", file=sys.stderr)
+    for name, pose in left.poses.items():
+        print(f"  {name} at ({', '.join(f'{v:.2f}' for v in pose)})", file=sys.stderr)
+    for note in left.notes:
+        print(f"  {note}", file=sys.stderr)
+    return solve_and_show(left.problem, args, left.hint)
 
 
 def _settle(name: str, args: argparse.Namespace) -> dict[str, float]:

@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 from up_samp.fleet import Fleet
+from up_samp.fleet.spelled_out import with_places
 from up_samp.model import ProblemError, UnsupportedError
 
 
@@ -40,7 +41,7 @@ def _operate(args: argparse.Namespace) -> int:
     from up_samp.operate.simulated import SimulatedRobots, SteppedClock
 
     fleet, store = Fleet.from_file(args.site), Store(args.store)
-    site = fleet.records
+    site = with_places(fleet.records)
     epoch = store.day("epoch", time.time())
     clock = RealClock(epoch)
     poses = {n: site.places[r.start].pose for n, r in site.robots.items()}
@@ -94,8 +95,13 @@ def _behind_broker(args: argparse.Namespace, fleet: Fleet):  # type: ignore[no-u
 def _until(day, args: argparse.Namespace) -> int:  # type: ignore[no-untyped-def]
     page = None
     if args.http is not None:
-        from up_samp.server.floor import serve_floor
-
+        try:
+            from up_samp.server.floor import serve_floor
+        except ImportError as error:
+            raise UnsupportedError(
+                f"the floor's page needs the extra [server] ({error.name} is missing): "
+                "pip install fastapi uvicorn"
+            ) from error
         page = serve_floor(day, args.host, args.http)
         print("\n".join(page.told), flush=True)
     stop = None if args.seconds is None else time.monotonic() + args.seconds

@@ -21,8 +21,10 @@ from up_samp.engines.factory import engine_named
 from up_samp.io import PlanDict, result_to_dict, write_plan
 from up_samp.model import UnsupportedError
 from up_samp.model.errors import InterruptedSearch
+from up_samp.model.objective import MinimizeCosts
 from up_samp.search.params import PRESETS
 from up_samp.system.files import check_folder, uninterrupted
+from up_samp.upio.objective import shown
 
 if TYPE_CHECKING:
     from up_samp.validation import Verdict
@@ -127,16 +129,18 @@ def _seconds(text: str) -> float:
     return value
 
 
-def solve_and_show(problem: SchedulingProblem, args: argparse.Namespace) -> int:
+def solve_and_show(
+    problem: SchedulingProblem, args: argparse.Namespace, hint: Schedule | None = None
+) -> int:
     """Solve, print the schedule and the validator's verdict, write files; return the exit code:
-    0 with a valid plan, 1 without one.
+    0 with a valid plan, 1 without one. ``hint`` is a plan to begin from.
     """
     for folder, option in ((args.out, "--out"), (args.trace, "--trace")):
         if folder is not None:
             check_folder(folder, option)
     started = time.monotonic()
     try:
-        result = _solve(problem, args)
+        result = _solve(problem, args, hint)
     except InterruptedSearch as stop:
         _show(problem, args, stop.result, time.monotonic() - started)
         raise
@@ -161,6 +165,11 @@ def _show(
     print(schedule_table(plan))
     print()
     print(_summary(plan, result, seconds))
+    if any(isinstance(m, MinimizeCosts) for m in problem.quality_metrics):
+        from up_samp.validation import terms_of
+
+        costs = terms_of(problem, result.plan).items()
+        print(f"it costs {', '.join(f'{shown(cost)} of {term}' for term, cost in costs)}")
     for message in result.log_messages or ():
         print(message.message)
     verdict = judge(problem, result.plan, args.seconds_per_unit)
@@ -188,7 +197,9 @@ def _slash(folder: Path) -> str:
     return "" if str(folder).endswith("/") else "/"
 
 
-def _solve(problem: SchedulingProblem, args: argparse.Namespace) -> PlanGenerationResult:
+def _solve(
+    problem: SchedulingProblem, args: argparse.Namespace, hint: Schedule | None
+) -> PlanGenerationResult:
     name = args.engine if "[" in args.engine else f"samp-refine[{args.engine}]"
     engine_named(name)
     print(f"{problem.name}: {len(problem.activities)} activities, {name}", file=sys.stderr)
@@ -211,7 +222,7 @@ def _solve(problem: SchedulingProblem, args: argparse.Namespace) -> PlanGenerati
         if args.tuning is not None:
             params["tuning"] = args.tuning
         with OneshotPlanner(name=name, params=params) as planner:
-            return planner.solve(problem, timeout=args.timeout or LONGEST)
+            return planner.solve(problem, timeout=args.timeout or LONGEST, warm_start_plan=hint)
 
 
 def judge(problem: SchedulingProblem, plan: Schedule, seconds_per_unit: float = 1.0) -> Verdict:
@@ -241,8 +252,9 @@ def _summary(plan: dict[str, Any], result: PlanGenerationResult, seconds: float)
         bound = f" (proven lower bound {plan['lower_bound']}{f', {kind}' if kind else ''})"
     worth = ""
     if "value" in metrics:
-        told = f"{metrics['objective']} {metrics['value']}"
-        worth = f"{told} (proven bound {metrics.get('value_bound', '-')}), "
+        least = metrics.get("value_bound", "-")
+        least = "none" if least == "-" else shown(least)
+        worth = f"{metrics['objective']} {shown(metrics['value'])} (proven bound {least}), "
     parts = [f"{plan['status']}: {worth}makespan {plan['makespan']}{bound}", f"{seconds:.1f} s"]
     if "rounds" in metrics:
         rounds = metrics["rounds"]

@@ -275,7 +275,7 @@ class SampRefine(ReplanningFace, MetaEngine, OneshotPlannerMixin, AnytimePlanner
 
         if compiling is not None:
             compiling.wait()
-        self._check_reproducible(problem)
+        self._check_reproducible()
         counted = self.params.reproducible
         deadline = Deadline.counted(timeout) if counted else Deadline.after(timeout)
         if not moves:
@@ -314,7 +314,7 @@ class SampRefine(ReplanningFace, MetaEngine, OneshotPlannerMixin, AnytimePlanner
         finally:
             steps.close()
 
-    def _check_reproducible(self, problem: Any) -> None:
+    def _check_reproducible(self) -> None:
         """Raise where the clock, or what runs beside, decides what is found."""
         if not self.params.reproducible:
             return

@@ -6,7 +6,13 @@ from up_samp.execution.executor import Executor
 from up_samp.execution.files import dependencies_from_plan, dependency_faults, with_dependencies
 from up_samp.execution.graph import At, Bound, Edge, Event, Graph, PlannedTask
 from up_samp.execution.remaining import Remaining, Surprise
-from up_samp.execution.replan import Incident, Journey, simulate_replanned, solve_remaining
+from up_samp.execution.replan import (
+    Incident,
+    Journey,
+    remaining_at,
+    simulate_replanned,
+    solve_remaining,
+)
 from up_samp.execution.reports import Command, Do, Go, Heard, Hold, Reply
 from up_samp.execution.simulate import Delays, Reorderer, Simulation, simulate
 from up_samp.model.execution_tuning import ExecutionTuning
@@ -39,6 +45,7 @@ __all__ = [
     "dependencies_from_plan",
     "dependencies_of",
     "dependency_faults",
+    "remaining_at",
     "simulate",
     "simulate_replanned",
     "solve_remaining",

@@ -15,7 +15,7 @@ from up_samp.execution.meetings import moving
 from up_samp.execution.state import FloorState, TaskPhase
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.execution.travel import pose_at
-from up_samp.model import Configuration
+from up_samp.model import Configuration, avoids
 from up_samp.motion.fleet.conflicts import Swept, conflicting_cells
 from up_samp.motion.fleet.paths import resting_path
 
@@ -70,11 +70,27 @@ def place_of(state: FloorState, life: Life) -> Piece | None:
     return None
 
 
-def pose_in(state: FloorState, piece: Piece | None) -> Configuration | None:
+def coming_to(state: FloorState, life: Life) -> list[Piece]:
+    """Return where an activity under way is about to set an object (a lift: it may be there)."""
+    going = TaskPhase.RUNNING
+    return [p for p in life.pieces if _put(p) and state.phase[_put(p)] is going]
+
+
+def led_by(life: Life, piece: Piece) -> str:
+    """Return the activity that leads an object to where it is (``""``: it is there at first)."""
+    if isinstance(piece, DriveCells):
+        return piece.activity
+    if piece.enter is not None:
+        return piece.enter.activity
+    before = [p for p in life.pieces[: life.pieces.index(piece)] if isinstance(p, DriveCells)]
+    return before[-1].activity if before else ""
+
+
+def pose_in(state: FloorState, piece: Piece) -> Configuration:
     """Return where an object is by what it told last, in a piece of its life."""
     if isinstance(piece, DriveCells):
         return pose_at(piece.path, state.ways[piece.key].told)
-    return None if piece is None else piece.pose
+    return piece.pose
 
 
 def beside(life: Life, piece: Piece | None) -> list[DriveCells]:
@@ -91,7 +107,8 @@ def kept_away(
 ) -> tuple[Overrun | None, dict[tuple[str, str], float]]:
     """Return whether a robot is where nobody led it, and how far (m) others' motions may go then
     (by activity and object): as far as they keep clear of wherever it may be, and of its way back
-    to its gate.
+    to its gate. What is set down there without a motion of its own goes nowhere (0 m), nor does the
+    robot itself.
     """
     way, life = state.of_object.get(robot), dependencies.lives[robot]
     by = 0.0 if way is None else state.astray(way)
@@ -101,10 +118,14 @@ def kept_away(
     margin = max(margin, min(margin, TOLERANCES.margin) + 2 * error)
     held: dict[str, None] = {}
     met: dict[str, None] = {}
-    bars: dict[tuple[str, str], float] = {}
+    lifted = {_put(piece): 0.0 for piece in life.pieces if _to_come(state, piece)}
+    bars = {(activity, robot): most for activity, most in lifted.items()}
     here = place_of(state, life)
     areas = list(_areas(state, life, here, by, strayed))
     for other, piece, low, high in _in_the_way(state, dependencies, life, here, areas, margin):
+        if _to_come(state, piece):
+            held[other], bars[_put(piece), other] = None, 0.0
+            continue
         if isinstance(piece, Stay):
             met[other] = None
             continue
@@ -160,7 +181,7 @@ def _in_the_way(
             near |= _near(area, other.boxes, margin)
         for m in np.flatnonzero(near).tolist() if other is not life else ():
             piece = other.pieces[m]
-            if _over(state, other, piece) or (k is not None and not concerned(life, k, other, m)):
+            if _over(state, other, piece) or (k is not None and not _apart(life, k, other, m)):
                 continue
             for area in areas:
                 for _, first, last in conflicting_cells(area, moving(piece.path), margin):
@@ -169,6 +190,17 @@ def _in_the_way(
                     else:
                         edges = piece.path.edges
                         yield other.object, piece, float(edges[first]), float(edges[last + 1])
+
+
+def _apart(life: Life, k: int, other: Life, m: int) -> bool:
+    """Return whether piece ``k`` of a life and piece ``m`` of another must not meet, both at rest,
+    too: where one is that rests elsewhere than it should, no plan has looked.
+    """
+    if isinstance(life.pieces[k], Stay) and isinstance(other.pieces[m], Stay):
+        return any(avoids(d.avoid, other.object) for d in life.drives) or any(
+            avoids(d.avoid, life.object) for d in other.drives
+        )
+    return concerned(life, k, other, m)
 
 
 def _near(area: Swept, boxes: FloatArray, margin: float) -> BoolArray:
@@ -180,10 +212,25 @@ def _near(area: Swept, boxes: FloatArray, margin: float) -> BoolArray:
 
 
 def _over(state: FloorState, life: Life, piece: Piece) -> bool:
-    """Return whether a motion is over, or an object does not rest where it does in a piece."""
+    """Return whether a motion is over, or an object does not rest where it does in a piece, and is
+    not to be set there either.
+    """
     if isinstance(piece, DriveCells):
         return state.phase[piece.activity] is TaskPhase.DONE
-    return not _stands(state, life, piece)
+    return not _stands(state, life, piece) and not _to_come(state, piece)
+
+
+def _put(piece: Piece) -> str:
+    """Return the activity that sets an object where it rests in a piece, without a motion of it or
+    of who carries it (``""``: none does).
+    """
+    enter = piece.enter if isinstance(piece, Stay) else None
+    return enter.activity if enter is not None and enter.at is At.END else ""
+
+
+def _to_come(state: FloorState, piece: Piece) -> bool:
+    """Return whether an object is still to be set where it rests in a piece."""
+    return _put(piece) != "" and state.phase[_put(piece)] is not TaskPhase.DONE
 
 
 def _stands(state: FloorState, life: Life, stay: Stay) -> bool:

@@ -476,7 +476,7 @@ def planned_of(problem: SchedulingProblem, plan: PlanDict) -> Planned:
     for entry in plan["activities"]:
         for short, value in entry.get("parameters", {}).items():
             values[f"{entry['name']}.{short}"] = value
-    return Planned(read_plain(problem, metric=False), times, values)
+    return Planned(read_plain(problem, objective=False), times, values)
 
 
 def with_places(planned: Planned, problem: SchedulingProblem) -> Planned:

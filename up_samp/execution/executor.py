@@ -10,7 +10,16 @@ from typing import Any
 from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.plans import Schedule
 
-from up_samp.execution.astray import Overrun, Strayed, beside, kept_away, place_of, pose_in
+from up_samp.execution.astray import (
+    Overrun,
+    Strayed,
+    beside,
+    coming_to,
+    kept_away,
+    led_by,
+    place_of,
+    pose_in,
+)
 from up_samp.execution.build import Dependencies, dependencies_of, with_sides
 from up_samp.execution.files import dependencies_from_plan, event_from_list, event_to_list
 from up_samp.execution.forecast import routes_of
@@ -90,8 +99,9 @@ class Executor(Followed):
         self.tuning = tuning or ExecutionTuning()
         self.pace = RobotPace()
         self.sides, self.turned = {}, frozenset()
-        self._drives = drives_of(self.dependencies.lives)
-        self._drivers = {robot for _, robot in self._drives}
+        self.drives = drives_of(self.dependencies.lives)
+        """The robots' motions, by activity and robot."""
+        self._drivers = {robot for _, robot in self.drives}
         self._told: dict[str, float] = {}
         """When each robot last told something that was believed (s)."""
         self._held: dict[str, str] = {}
@@ -186,7 +196,7 @@ class Executor(Followed):
         """
         if self.problem is None:
             raise ProblemError("what is left can be told only where the problem is known")
-        return remaining_problem(self.problem, self.plan, self.state, self._drives, surprise)
+        return remaining_problem(self.problem, self.plan, self.state, self.drives, surprise)
 
     # ------------------------------------------------------------------ what is told
 
@@ -246,7 +256,7 @@ class Executor(Followed):
         beyond = max(-progress, progress - way.length)
         if why or beyond <= self.state.localisation + TOLERANCES.progress:
             return why or float(progress)
-        drive = self._drives[way.activity, way.object]
+        drive = self.drives[way.activity, way.object]
         return Strayed(pose_at(drive.path, progress), beyond, self.now)
 
     def _elsewhere(self, robot: str, motion: str | None, progress: Any, pose: Any) -> Reply:
@@ -256,15 +266,16 @@ class Executor(Followed):
             return Reply(Heard.AGAIN, why)
         state, life = self.state, self.dependencies.lives[robot]
         way, here = state.of_object.get(robot), place_of(state, life)
-        drives = [d for d in life.drives if d.activity == motion] or beside(life, here)
-        if pose is not None:
-            told = [self._in_plane(drives[0].key, pose)]
+        drives = [d for d in life.drives if d.activity == motion]
+        rests = [*([] if here is None else [here]), *coming_to(state, life)]
+        if pose is None:
+            told = [pose_at(drive.path, progress) for drive in drives or beside(life, here)]
         else:
-            told = [pose_at(drive.path, progress) for drive in drives]
-        rest = pose_in(state, here)
-        off = [0.0 if rest is None else away(at, rest, life.body) for at in told]
-        least = min(off)
-        astray, near = Strayed(told[off.index(least)], least, state.now), least <= self._near
+            led = [d.activity for d in drives] or [led_by(life, p) for p in rests] or [""]
+            told = [self._in_plane((activity, robot), pose) for activity in led]
+        far = [(away(at, pose_in(state, p), life.body), at) for at in told for p in rests]
+        least, at = min(far, default=(0.0, told[0]))
+        astray, near = Strayed(at, least, state.now), least <= self._near
         if way is not None:
             why = f"it tells of '{motion}' while in '{way.activity}'"
             return self._stray(robot, None if near else astray, why)
@@ -322,7 +333,7 @@ class Executor(Followed):
         frame), and how far it is off it, see :func:`up_samp.execution.travel.along`. Of a motion
         under way what was told before tells apart stretches that pass the same point.
         """
-        drive = self._drives.get((activity, robot))
+        drive = self.drives.get((activity, robot))
         if drive is None:
             raise ProblemError(f"the plan has no motion '{activity}' of '{robot}'")
         here = self._in_plane(drive.key, pose)
@@ -341,9 +352,13 @@ class Executor(Followed):
 
     @cached_property
     def _frames(self) -> dict[tuple[str, str], Frame]:
-        """Where the plan's poses lie in the one plane of all paths, by motion."""
+        """Where the plan's poses lie in the one plane of all paths, by what leads an object there:
+        a motion or a change of an activity, or nothing (``""``).
+        """
         frames = side_by_side(self.plan)[1]
-        return {(m["activity"], m["object"]): frames[map_number(m)] for m in self.plan["motions"]}
+        led = [*self.plan["changes"], *self.plan["motions"]]
+        first = {("", o["name"]): frames[map_number(o)] for o in self.plan["objects"]}
+        return {**first, **{(m["activity"], m["object"]): frames[map_number(m)] for m in led}}
 
     def placed(self, way: MotionUnderWay, pose: Any) -> float | Strayed | str:
         """Return the progress (m) of a robot that tells a pose, or where it is off its path, or why
@@ -359,8 +374,10 @@ class Executor(Followed):
         return Strayed(here, place.off, self.now)
 
     def _in_plane(self, motion: tuple[str, str], pose: Sequence[float]) -> Configuration:
-        """Return a pose of the plan in the one plane of all paths, for a robot in a motion."""
-        x, y, theta = self._frames.get(motion, Frame()).of(pose)
+        """Return a pose of the plan in the one plane of all paths, for a robot in a motion, or led
+        to where it rests by it.
+        """
+        x, y, theta = self._frames[motion].of(pose)
         return x, y, theta
 
     def done(self, activity: str, now: float | None = None) -> Reply:
@@ -470,7 +487,7 @@ class Executor(Followed):
 
     def _begin(self) -> None:
         state = self.state
-        for name in [n for n in self._ready if state.missing[state.start_number[n]] == 0]:
+        for name in [n for n in self._ready if state.open(state.start_number[n])]:
             ways = state.ways_of[name]
             if any(w.object in state.of_object or w.object in self._held for w in ways):
                 continue
@@ -515,7 +532,9 @@ class Executor(Followed):
 
     def _missing(self, number: int | None) -> tuple[str, ...]:
         """Return what an event waits for, in words."""
-        return tuple(f"{event} ({why})" for event, why in self._awaited(number))
+        shut = () if number is None else self.state.shut(number)
+        astray = [o for o in self.overruns if {o.robot, *o.held}.intersection(shut)]
+        return *(f"{event} ({why})" for event, why in self._awaited(number)), *map(str, astray)
 
     def waits_for(self, robot: str) -> tuple[str, ...]:
         """Return the objects or activities that a robot waits for now."""
@@ -531,6 +550,11 @@ class Executor(Followed):
     def left(self) -> tuple[int, int]:
         """How many activities have not begun, and how many are under way."""
         return len(self._ready), len(self._running)
+
+    @property
+    def awaits_time(self) -> bool:
+        """Whether something waits for the clock: a window that opens, the end of a delay."""
+        return bool(self.state.timers)
 
     def phase(self, activity: str) -> TaskPhase:
         """Return how far an activity is."""

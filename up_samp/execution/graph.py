@@ -127,7 +127,7 @@ class PlannedTask:
 @dataclass(frozen=True)
 class Graph:
     """Events, edges and bounds of a plan. Within a motion, events follow each other by progress
-    without edges; so do an activity's start, its motions and its end (see :func:`chains`).
+    without edges; so do an activity's start, its motions and its end.
 
     ``times[k]`` is when event ``k`` happens as planned (s). ``before_reduction`` counts the edges
     that there were before those that follow from others were dropped.

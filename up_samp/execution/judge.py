@@ -349,9 +349,8 @@ def _life(record: dict[str, Any], name: str, shapes: Mapping[str, JudgedShape]) 
         if motion["object"] == name or (ride is not None and ride["carrier"] == motion["object"]):
             marks.append((spans[motion["activity"]][0] * unit, motion))
             driven.add(motion["activity"])
-    for change in record["changes"]:
-        if change["object"] == name and change["activity"] not in driven:
-            marks.append((change["time"], change))
+    changes = (c for c in record["changes"] if c["object"] == name)
+    marks += [(c["time"], c) for c in changes if c["activity"] not in driven]
     radius = shapes[name].radius
     initial = next(o["initial"] for o in record["objects"] if o["name"] == name)
     pose = None if initial is None else tuple(initial)

@@ -184,6 +184,7 @@ def body_of(entry: Mapping[str, Any]) -> Body:
         v_max=float(entry["v_max"]),
         a_max=float(entry["a_max"]),
         omega_max=float(entry.get("omega_max", 1.0)),
+        reverse=bool(entry.get("reverse", True)),
     )
     return Body(corners, limits, entry.get("mesh"), float(entry.get("height", math.inf)))
 

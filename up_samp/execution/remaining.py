@@ -479,7 +479,7 @@ class _Builder:
             frozenset(running),
             frozenset(p.name for p in self._parameters(self.gone)),
         )
-        target._base._constraints = self._constraints(fix, self.source._base, None)
+        target._base._constraints = self._constraints(fix, self.source._base)
         self._timed(target._base)
         target._activities, places = [], {}
         for activity in self.source.activities:
@@ -490,7 +490,7 @@ class _Builder:
                 if activity.name in running
                 else activity.clone()
             )
-            copy._constraints = self._constraints(fix, activity, activity.name)
+            copy._constraints = self._constraints(fix, activity)
             copy._conditions = {
                 span: [fix(c) if fix.tells(c) else c for c in nodes]
                 for span, nodes in copy._conditions.items()
@@ -545,9 +545,7 @@ class _Builder:
             return self.m.Int(value)
         return self.m.ObjectExp(self.source.object(str(value)))
 
-    def _constraints(
-        self, fix: Substitution, chronicle: Any, owner: str | None
-    ) -> list[tuple[FNode, list[FNode]]]:
+    def _constraints(self, fix: Substitution, chronicle: Any) -> list[tuple[FNode, list[FNode]]]:
         found: list[tuple[FNode, list[FNode]]] = []
         for constraint, scope in chronicle._constraints:
             scopes = [fix(s, False) for s in scope]

@@ -236,9 +236,8 @@ def settled(executor: Followed, open_: set[Key | int]) -> list[Precedence]:
         for e in graph.edges
         if e.kind != MEETING and not e.free
     ]
-    for k, choice in enumerate(executor.dependencies.choices):
-        if k not in open_:
-            found.append(choice.ways[int(k in executor.turned)])
+    choices = enumerate(executor.dependencies.choices)
+    found += [c.ways[int(k in executor.turned)] for k, c in choices if k not in open_]
     for meeting in executor.dependencies.meetings:
         if _over(executor.state, meeting):
             continue

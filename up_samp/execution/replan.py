@@ -229,6 +229,23 @@ def _until(floor: Floor, since: float, waiting: list[Incident], late: float | No
     return None
 
 
+def remaining_at(problem: SchedulingProblem, plan: PlanDict, incident: Incident) -> Remaining:
+    """Return what is left of a plan that was carried out without delays until an incident.
+
+    Raises :class:`ProblemError` where all was over by then.
+    """
+    executor = Executor(plan, problem)
+    floor = floor_of(executor, Delays(), 0)
+    while floor.goes_on and floor.now < incident.time - 1e-9:
+        floor.step()
+    if not floor.goes_on:
+        raise ProblemError(
+            f"nothing is left at {incident.time:g} s: the plan is over after {floor.now:g} s"
+        )
+    surprise, _ = _told(executor, incident)
+    return executor.remaining_problem(surprise)
+
+
 def _told(executor: Executor, incident: Incident) -> Told:
     """Return an incident's surprise, with where robots that have broken down come to a stand."""
     surprise = incident.surprise
@@ -237,6 +254,9 @@ def _told(executor: Executor, incident: Incident) -> Told:
     broken = dict(surprise.broken)
     here = executor.remaining_problem()
     for name in incident.broken_down:
+        if name not in here.poses:
+            names = ", ".join(sorted(here.poses))
+            raise ProblemError(f"'{name}' cannot break down: what stands on the floor is {names}")
         x, y, theta = here.poses[name]
         broken[name] = (x, y, theta)
     return replace(surprise, broken=broken), here.stops

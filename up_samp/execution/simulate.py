@@ -26,7 +26,9 @@ _PATIENCE = 30.0
 _PAUSE = 4.0
 """s between two looks at who goes first."""
 _STILL = 5.0
-"""s in which nothing happens, though nothing is disturbed: a deadlock."""
+"""s in which nothing happens, though nothing is disturbed and nobody waits for the clock: a
+deadlock.
+"""
 
 
 @dataclass(frozen=True)
@@ -353,7 +355,9 @@ class Floor:
 
     @property
     def stuck(self) -> bool:
-        """Whether nothing has happened for long, though nothing is disturbed."""
+        """Whether nothing has happened for long, though nothing is disturbed, nor waits for the
+        clock.
+        """
         return self.idle >= _STILL
 
     def step(self) -> None:
@@ -369,6 +373,7 @@ class Floor:
             self._tell(robot)
         self._tasks(commands)
         still = not disturbed and not self.ends and before == self._state()
+        still = still and not self.executive.awaits_time
         self.idle = self.idle + self.tick if still else 0.0
 
     def _tell(self, robot: SimulatedRobot) -> None:

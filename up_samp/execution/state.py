@@ -141,7 +141,8 @@ class FloorState:
         for way in self.ways.values():
             self.ways_of[way.activity].append(way)
         self.bars: dict[tuple[str, str], float] = {}
-        """How far (m) motions may go at most because somebody is where nobody should be."""
+        """How far (m) motions may go at most because somebody is where nobody should be; what is
+        set down there without a motion (by a lift, a door) goes nowhere."""
         self.load(graph)
         self.fire(self.number[ORIGIN], 0.0)
 
@@ -304,7 +305,20 @@ class FloorState:
 
     def open(self, number: int) -> bool:
         """Return whether an event may happen now."""
-        return self.missing[number] == 0
+        return self.missing[number] == 0 and not (self.bars and self.shut(number))
+
+    def shut(self, number: int) -> tuple[str, ...]:
+        """Return the objects that must not be set elsewhere now, as somebody is astray there or
+        they are, for whom an event may not happen: the end of what sets them there, and the start
+        of it if it drives nothing (what lasts as long as it lasts is held back before).
+        """
+        event = self.graph.events[number]
+        if event.at is not At.END and not (
+            event.at is At.START and not self.graph.tasks[event.activity].moves
+        ):
+            return ()
+        here = event.activity
+        return tuple(o for a, o in self.bars if a == here and (a, o) not in self.ways)
 
 
 @dataclass(frozen=True)

@@ -36,6 +36,11 @@ class Timetable:
         """How many activities have not begun, and how many are under way."""
         return len(self.ready), len(self.running)
 
+    @property
+    def awaits_time(self) -> bool:
+        """Whether something begins later by nothing but the clock."""
+        return any(self.tasks[name].planned[0] > self.now for name in self.ready)
+
     def times(self) -> dict[str, tuple[float, float | None]]:
         """Return when activities that have begun started and ended (s)."""
         return dict(self.spans)

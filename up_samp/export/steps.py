@@ -99,7 +99,6 @@ class _StepReader:
     def __init__(self, plan: PlanDict, dependencies: Dependencies) -> None:
         self.plan = plan
         told = _told(dependencies)
-        self.unit = float(plan["seconds_per_unit"])
         self.waits: dict[tuple[Any, ...], list[StepWait]] = {}
         self.points: dict[tuple[str, str], dict[tuple[Any, ...], float]] = {}
         self.tasks = {t["activity"]: t for t in plan["dependencies"]["tasks"]}

@@ -24,6 +24,7 @@ from up_samp.fleet.records import (
     Order,
     Pose,
     Task,
+    Windows,
     able,
     carries,
     needs_robot,
@@ -81,14 +82,25 @@ ENDS = ("pickup", "delivery")
 
 
 class _Halt(NamedTuple):
-    """A part of a job: what it is called, where it is done, how long (s), and within what window
+    """A part of a job: what it is called, where it is done, how long (s), and within which windows
     (s).
     """
 
     what: str
     places: tuple[str, ...]
     lasts: float
-    window: tuple[float, float] | None
+    windows: Windows
+
+
+def _begin(windows: Windows, ready: float, lasts: float) -> float:
+    """Return when (s) what lasts so long begins at the earliest; after the last window where it
+    fits into none.
+    """
+    spans = windows or ((0.0, math.inf),)
+    fits = [
+        max(ready, opens) for opens, closes in spans if max(ready, opens) + lasts <= closes + 1e-6
+    ]
+    return min(fits, default=max(ready, spans[-1][0]))
 
 
 class _Checker:
@@ -238,13 +250,13 @@ class _Checker:
         """Return why no robot can do a job in time, even by the shortest drives."""
         stops, robots = self._stops(job), self._fit(job)
         shifts = {r: self.records.robots[r].shift for r in robots}
-        if all(window is None for *_, window in stops) and not any(shifts.values()):
+        if not any(windows for *_, windows in stops) and not any(shifts.values()):
             return None
         courses = {robot: self._earliest(robot, job, stops) for robot in robots}
-        for number, (what, *_, window) in enumerate(stops):
+        for number, (what, *_, windows) in enumerate(stops):
             ready = min((course[number] for course in courses.values()), default=0.0)
-            if window is not None and ready > window[1] + 1e-6:
-                text = f"the window of its {what} closes at {window[1]:g} s; by the shortest "
+            if windows and ready > windows[-1][1] + 1e-6:
+                text = f"the window of its {what} closes at {windows[-1][1]:g} s; by the shortest "
                 return text + f"drives it ends at {ready:.1f} s or later"
         over = {r: shift[1] for r, shift in shifts.items() if shift is not None}
         if robots and all(r in over and courses[r][-1] > over[r] + 1e-6 for r in robots):
@@ -280,10 +292,9 @@ class _Checker:
         """
         mine = self.records.robots[robot]
         at, done = [(0.0 if mine.shift is None else mine.shift[0], mine.start)], []
-        for _, places, lasts, window in stops:
+        for _, places, lasts, windows in stops:
             came = [(min(t + self._least(robot, p, to) for t, p in at), to) for to in places]
-            opens = max(job.release, 0.0 if window is None else window[0])
-            at = [(max(t, opens) + lasts, to) for t, to in came]
+            at = [(_begin(windows, max(t, job.release), lasts) + lasts, to) for t, to in came]
             done.append(min(t for t, _ in at))
         return done
 

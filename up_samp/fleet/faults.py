@@ -24,6 +24,7 @@ from up_samp.fleet.records import (
     Stop,
     Task,
     Weights,
+    Windows,
     able,
     carries,
     corners_of,
@@ -157,6 +158,10 @@ def same_names(records: FleetRecords) -> Iterator[Fault]:
 
 
 def _robots(records: FleetRecords) -> Iterator[Fault]:
+    for name, kind in records.robot_types.items():
+        if (kind.model, kind.reverse) == ("omni", "never"):
+            what = "an omni drives in any direction; this is for car and diff"
+            yield Fault(("robot_types", name, "reverse"), what)
     starts: dict[str, str] = {}
     for name, robot in records.robots.items():
         path: Path = ("robots", name)
@@ -171,9 +176,9 @@ def _robots(records: FleetRecords) -> Iterator[Fault]:
             text = f"robot '{starts[robot.start]}' starts at '{robot.start}', too"
             yield Fault((*path, "start"), text + "; give each a place of its own")
         starts.setdefault(robot.start, name)
-        yield from _window(robot.shift, 0.0, path, "shift")
+        yield from _window((robot.shift,) if robot.shift else (), 0.0, path, "shift")
         for i, rest in enumerate(robot.breaks):
-            yield from _window(rest.window, rest.duration, (*path, "breaks", i))
+            yield from _window((rest.window,), rest.duration, (*path, "breaks", i))
 
 
 def _floors(records: FleetRecords) -> Iterator[Fault]:
@@ -376,12 +381,11 @@ def _stop(records: FleetRecords, stop: Stop, path: Path) -> Iterator[Fault]:
     yield from _window(stop.window, stop.service, path)
 
 
-def _window(
-    window: tuple[float, float] | None, length: float, path: Path, key: str = "window"
-) -> Iterator[Fault]:
-    if window is not None and window[1] - window[0] < length:
-        text = f"{window[0]:g} s to {window[1]:g} s is too short for {length:g} s"
-        yield Fault((*path, key), text)
+def _window(windows: Windows, length: float, path: Path, key: str = "window") -> Iterator[Fault]:
+    for opens, closes in windows:
+        if closes - opens < length:
+            text = f"{opens:g} s to {closes:g} s is too short for {length:g} s"
+            yield Fault((*path, key), text)
 
 
 def _job(records: FleetRecords, job: Order | Task, path: Path) -> Iterator[Fault]:

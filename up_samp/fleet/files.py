@@ -172,8 +172,6 @@ def _inside(data: Any, loc: tuple[str | int, ...]) -> Path:
 LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 """Reads ten times as fast where libyaml is there."""
 
-ENDINGS = (".yaml", ".yml", ".json")
-
 
 def read_problem_file(file: str | File) -> FleetRecords:
     """Read a problem file and check all names in it.

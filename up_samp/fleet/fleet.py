@@ -184,11 +184,15 @@ class Fleet:
         self._named("lifts", Lift, name, {"stops": stops, **options})
 
     def add_door(self, name: str, leaf: Any, closed: Any, open: Any, **options: Any) -> None:
-        """Add a closed door; options: ``opened_from`` (places), ``seconds``, ``skills``."""
+        """Add a closed door, opened by a robot at one of the places ``opened_from``. Options: see
+        :class:`Door`.
+        """
         self._named("doors", Door, name, {"leaf": leaf, "closed": closed, "open": open, **options})
 
     def add_zone(self, name: str, polygon: Any, **options: Any) -> None:
-        """Add a part of the floor that robots of some types must ``keep_out`` of."""
+        """Add a part of the floor that robots of some types must ``keep_out`` of, or that takes
+        ``max_robots`` at a time.
+        """
         self._named("zones", Zone, name, {"polygon": polygon, **options})
 
     def add_resource(self, name: str, capacity: int = 1) -> None:

@@ -41,8 +41,8 @@ def movable(name: str, movable_type: Type, kind: RobotType) -> MovableObject:
     )
 
 
-def _limits(kind: RobotType) -> dict[str, float]:
-    limits = {"v_max": kind.v_max, "a_max": kind.a_max}
+def _limits(kind: RobotType) -> dict[str, float | bool]:
+    limits = {"v_max": kind.v_max, "a_max": kind.a_max, "reverse": kind.reverse == "free"}
     if kind.model == "car":
         return limits | {"turning_radius": kind.turning_radius}
     if kind.model == "diff":

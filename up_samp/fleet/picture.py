@@ -17,7 +17,7 @@ from up_samp.fleet.floors import height_of, map_of
 from up_samp.fleet.loads import load_pose, loads_of
 from up_samp.fleet.outlines import placed
 from up_samp.fleet.records import GROUND, FleetRecords, Outline, Pose
-from up_samp.fleet.spelled_out import spelled_out
+from up_samp.fleet.spelled_out import in_numbers, spelled_out
 from up_samp.model.frames import Frame
 from up_samp.plotting.background import ground_of
 from up_samp.plotting.style import (
@@ -62,8 +62,8 @@ def draw_fleet(
     for kind, place in dict.fromkeys((f.type, f.subject) for f in told if f.type is not None):
         shape = placed(records.robot_types[kind].footprint, records.places[place].pose)
         ax.add_patch(Polygon(shape, fc="none", ec=WRONG, lw=1.6, ls="--", zorder=5))
-    ax.set_title(f"{records.name}: {len(records.robots)} robots, {len(records.orders)} orders, "
-                 f"{len(records.tasks)} tasks", loc="left", fontsize=11, color=INK)  # fmt: skip
+    title = f"{records.name}: {in_numbers(records)}"
+    ax.set_title(title, loc="left", fontsize=11, color=INK)
     _draw_legend(ax, records, bad, any(f.type is not None for f in told))
     place_labels(ax, labels, avoid=[])
     return ax
@@ -140,10 +140,9 @@ def _draw_places(ax: Axes, records: FleetRecords, bad: set[str]) -> list[PlacedL
 
 
 def _draw_legend(ax: Axes, records: FleetRecords, bad: set[str], tight: bool) -> None:
-    keys = [
-        Patch(fc=mixed(INK, 0.85), ec=INK, label="place"),
-        Patch(fc=FIXTURE, label="door, closed"),
-    ]
+    keys = [Patch(fc=mixed(INK, 0.85), ec=INK, label="place")]
+    if records.doors:
+        keys.append(Patch(fc=FIXTURE, label="door, closed"))
     if loads_of(records):
         keys.append(Patch(fc=mixed(FIXTURE, 0.6), ec=FIXTURE, label="load"))
     if bad:

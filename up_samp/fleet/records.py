@@ -11,7 +11,14 @@ from functools import cached_property
 from typing import Annotated, Any, ClassVar, Literal
 
 from annotated_types import Ge, Gt, Le, MinLen
-from pydantic import BeforeValidator, ConfigDict, StringConstraints, TypeAdapter, WrapValidator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    ConfigDict,
+    StringConstraints,
+    TypeAdapter,
+    WrapValidator,
+)
 
 from up_samp.io.precision import PRECISION
 from up_samp.upio.read_maps import LIMITS
@@ -65,9 +72,6 @@ FIGURES = FigureLimits()
 # ------------------ What a fleet problem says
 
 
-FORMAT = "up-samp-problem"
-VERSION = 1
-
 STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 """Unknown keys are errors, and so are numbers that are none."""
 
@@ -96,6 +100,24 @@ Heading = Annotated[float, Ge(-LIMITS.turned), Le(LIMITS.turned), NUMBER]
 Pose = tuple[Coordinate, Coordinate, Heading]
 Point = tuple[Coordinate, Coordinate]
 Window = tuple[Moment, Moment]
+
+
+def _windows(value: Any) -> Any:
+    """Take one window for a list of one."""
+    pair = isinstance(value, list | tuple) and len(value) == 2
+    return [value] if pair and not any(isinstance(v, list | tuple) for v in value) else value
+
+
+def _in_order(windows: tuple[Window, ...]) -> tuple[Window, ...]:
+    return tuple(sorted(windows))
+
+
+Windows = Annotated[
+    tuple[Window, ...],
+    BeforeValidator(_windows, json_schema_input_type=Window | list[Window]),
+    AfterValidator(_in_order),
+]
+"""Times (s) of which one holds all that something lasts, in their order; none: any."""
 Polygon = Annotated[tuple[Point, ...], MinLen(3)]
 
 
@@ -172,9 +194,10 @@ class RobotType:
     ``model``: ``car`` drives forwards and backwards on curves no tighter than ``turning_radius``;
     ``diff`` has two driven wheels (it drives along its heading and turns on the spot); ``omni``
     drives in any direction. ``turning_radius`` is for cars, ``omega_max`` for the others.
-    ``capacity``: how many loads of a kind fit on it at a time; ``unloading``: in any order, or
-    ``lifo``: what was picked up last is delivered first. ``battery``: what drives take from; none:
-    it never runs out.
+    ``reverse``: ``free``, or ``never``: it drives ahead only, as what looks ahead only should (a
+    ``diff`` still turns on the spot). ``capacity``: how many loads of a kind fit on it at a time;
+    ``unloading``: in any order, or ``lifo``: what was picked up last is delivered first.
+    ``battery``: what drives take from; none: it never runs out.
     """
 
     __pydantic_config__ = STRICT
@@ -184,6 +207,7 @@ class RobotType:
     v_max: Positive = 1.0
     a_max: Positive = 1.0
     omega_max: Positive = 1.0
+    reverse: Literal["free", "never"] = "free"
     capacity: Mapping[Name, Count] = field(default_factory=lambda: {"item": 1})
     unloading: Literal["any", "lifo"] = "any"
     battery: Battery | None = None
@@ -314,15 +338,15 @@ class Resource:
 class Stop:
     """A pickup or a delivery, at one of the places ``at``; it lasts ``service`` s.
 
-    ``window``: it begins no earlier and ends no later. ``task`` instead of ``at``: at the machine
-    at which that task is done (see :class:`Mode`).
+    ``window``: it begins no earlier and ends no later; where there are several, within one of them.
+    ``task`` instead of ``at``: at the machine at which that task is done (see :class:`Mode`).
     """
 
     __pydantic_config__ = STRICT
     at: Names = ()
     task: Name | None = None
     service: Seconds = 1.0
-    window: Window | None = None
+    window: Windows = ()
     resources: Names = ()
 
 
@@ -436,7 +460,7 @@ class Task(FleetJob):
     at: Names = ()
     modes: Mapping[Name, Mode] = field(default_factory=dict)
     resources: Names = ()
-    window: Window | None = None
+    window: Windows = ()
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,19 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from up_samp.fleet.records import FleetRecords, Order, Place, Stop, Task, Window
+from up_samp.fleet.records import FleetRecords, Order, Place, Stop, Task, Windows
 
 
 def spelled_out(records: FleetRecords) -> FleetRecords:
     """Return the records with nothing said in short: what problems, checks and pictures are of."""
     return without_repeats(with_places(records))
+
+
+def in_numbers(records: FleetRecords) -> str:
+    """Return in words how many robots, orders and tasks there are; what recurs counts each time."""
+    found = spelled_out(records)
+    counts = {"robot": found.robots, "order": found.orders, "task": found.tasks}
+    return ", ".join(f"{len(some)} {kind}{'s' * (len(some) != 1)}" for kind, some in counts.items())
 
 
 def with_places(records: FleetRecords) -> FleetRecords:
@@ -99,5 +106,5 @@ def _copy(
     return dataclasses.replace(job, **changes)
 
 
-def _later(window: Window | None, seconds: float) -> Window | None:
-    return None if window is None else (window[0] + seconds, window[1] + seconds)
+def _later(windows: Windows, seconds: float) -> Windows:
+    return tuple((opens + seconds, closes + seconds) for opens, closes in windows)

@@ -24,7 +24,7 @@ map: warehouse.yaml          # a ROS map_server file beside this one: put your o
 robot_types:
   agv:
     footprint: [1.2, 0.8]    # length, width; or the corners [[x, y], ...] of any polygon
-    model: car               # car (turns on curves, may reverse) or omni (drives in any direction)
+    model: car               # car (turns on curves, may reverse), diff (turns on the spot) or omni
     turning_radius: 0.8
     v_max: 2.0
     a_max: 0.5

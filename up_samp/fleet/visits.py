@@ -68,14 +68,17 @@ def visits_of(records: FleetRecords, robot: str) -> list[Visit]:
             for kind_, options in zip(ENDS, options_of(records, order), strict=True):
                 for name, poses in options.items():
                     visits.append(Visit(robot, kind_, order.id, poses, 0, name))
-    for task in records.tasks:
-        if needs_robot(task) and robot in able(records, task):
-            visits.append(Visit(robot, Kind.TASK, task.id, task.at))
-    for name, door in records.doors.items():
-        if set(door.skills) <= set(mine.skills):
-            visits += [
-                Visit(robot, Kind.OPEN, name, door.opened_from, i) for i in range(door.times)
-            ]
+    visits += [
+        Visit(robot, Kind.TASK, task.id, task.at)
+        for task in filter(needs_robot, records.tasks)
+        if robot in able(records, task)
+    ]
+    visits += [
+        Visit(robot, Kind.OPEN, name, door.opened_from, i)
+        for name, door in records.doors.items()
+        if set(door.skills) <= set(mine.skills)
+        for i in range(door.times)
+    ]
     for place, charger in chargers_of(records, robot):
         visits += [Visit(robot, Kind.CHARGE, place, (place,), i) for i in range(charger.times)]
     for place in _parking(records, robot):

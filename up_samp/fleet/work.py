@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from unified_planning.model.scheduling import Activity
-from unified_planning.shortcuts import Equals, Or
+from unified_planning.shortcuts import GE, LE, And, Equals, Or
 
 from up_samp.fleet.batteries import step_of, steps_of
-from up_samp.fleet.records import Break, Stop, Task
+from up_samp.fleet.records import Break, Stop, Task, Windows
 from up_samp.fleet.site import Site
 from up_samp.fleet.statements import (
     Kind,
@@ -66,8 +66,9 @@ class Work:
         may do is there.
         """
         for robot, mine in self._records.robots.items():
-            for a in self.busy[robot] if mine.shift is not None else ():
-                self._limit(a, mine.shift, ())
+            shift = () if mine.shift is None else (mine.shift,)
+            for a in self.busy[robot] if shift else ():
+                self._limit(a, shift, ())
 
     def of(self, what: str, *kinds: Kind) -> list[Activity]:
         """Return the activities of a job of some kinds: one for each robot that may do it."""
@@ -99,7 +100,7 @@ class Work:
     def _work(self, visit: Visit) -> None:
         """Add what a robot does at one of a visit's places."""
         site = self._site
-        length, window, resources = self._figures(visit)
+        length, windows, resources = self._figures(visit)
         units = site.up(length)
         name = site.fresh(visit.name, meaning_of(visit))
         if visit.kind is Kind.OPEN:
@@ -113,7 +114,7 @@ class Work:
             a = site.problem.add_activity(name, duration=units, optional=True)
         here = [Equals(site.at[visit.robot], site.spots[p]) for p in visit.places]
         a.add_condition(while_there(a), here[0] if len(here) == 1 else Or(here))
-        self._limit(a, window, resources)
+        self._limit(a, windows, resources)
         self.activities[visit] = a
         self.busy[visit.robot].append(a)
 
@@ -159,7 +160,7 @@ class Work:
         """Add a break: the robot stands wherever it is."""
         name = self._site.fresh(f"break_{robot}_{number}", Meaning(Kind.BREAK, "", robot))
         a = self._site.problem.add_activity(name, self._site.up(rest.duration))
-        self._limit(a, rest.window, ())
+        self._limit(a, (rest.window,), ())
         self.busy[robot].append(a)
 
     def _machine(self, task: Task) -> None:
@@ -177,10 +178,10 @@ class Work:
             self._limit(a, task.window, (*task.resources, *resources))
             self.machines[task.id][mode] = a
 
-    def _figures(self, visit: Visit) -> tuple[float, tuple[float, float] | None, tuple[str, ...]]:
-        """Return how long a visit lasts (s), its window and its resources."""
+    def _figures(self, visit: Visit) -> tuple[float, Windows, tuple[str, ...]]:
+        """Return how long a visit lasts (s), its windows and its resources."""
         if visit.kind is Kind.OPEN:
-            return self._records.doors[visit.what].seconds, None, ()
+            return self._records.doors[visit.what].seconds, (), ()
         if visit.kind is Kind.TASK:
             task = self._records.task_of[visit.what]
             assert task.duration is not None
@@ -189,12 +190,14 @@ class Work:
         stop: Stop = order.pickup if visit.kind is Kind.PICKUP else order.delivery
         return stop.service, stop.window, stop.resources
 
-    def _limit(
-        self, a: Activity, window: tuple[float, float] | None, resources: Iterable[str]
-    ) -> None:
-        if window is not None:
-            a.add_release_date(self._site.up(window[0]) if window[0] else 0)
-            a.add_deadline(self._site.down(window[1]))
+    def _limit(self, a: Activity, windows: Windows, resources: Iterable[str]) -> None:
+        spans = [(self._site.up(w[0]) if w[0] else 0, self._site.down(w[1])) for w in windows]
+        if spans:
+            a.add_release_date(min(opens for opens, _ in spans))
+            a.add_deadline(max(closes for _, closes in spans))
+        if len(spans) > 1:
+            within = [And(GE(a.start, opens), LE(a.end, closes)) for opens, closes in spans]
+            self._site.problem.add_constraint(Or(within), present(a))
         for resource in resources:
             a.uses(self._site.resources[resource])
 

@@ -11,7 +11,7 @@ import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache, cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -51,6 +51,22 @@ class Mesh:
     radius: float
     closed: bool
     solid: Any
+
+    @cached_property
+    def crossings(self) -> tuple[FloatArray, FloatArray]:
+        """How far along a ray from a point p (body frame), and where in a triangle, the ray meets
+        the plane of each triangle that it is not parallel to: ``m @ p + c`` for these m (3, k, 3)
+        and c (3, k) (Moller & Trumbore 1997: all three are linear in p).
+        """
+        ray = np.array([0.5773, 0.2113, 0.7887])  # askew, to miss edges
+        a, b, c = (self.vertices[self.faces[:, i]] for i in range(3))
+        one, two = b - a, c - a
+        across = np.cross(ray, two)
+        det = np.sum(one * across, axis=1)
+        usable = np.abs(det) > 1e-14
+        found = np.array([across, np.cross(one, ray), np.cross(one, two)])[:, usable]
+        found /= det[usable, None]
+        return found, -np.sum(found * a[usable], axis=2)
 
 
 def make_mesh(vertices: npt.ArrayLike, faces: npt.ArrayLike, closed: bool = True) -> Mesh:
@@ -190,24 +206,13 @@ def surface_distance(a: Mesh, place_a: Any, b: Mesh, place_b: Any) -> float:
 
 def contains(mesh: Mesh, point: npt.ArrayLike) -> bool:
     """Return whether a point (body frame) lies inside a closed mesh: a ray from it crosses the
-    surface an odd number of times (Moller & Trumbore 1997). An open mesh has no inside.
+    surface an odd number of times. An open mesh has no inside.
     """
     if not mesh.closed:
         return False
-    origin = np.asarray(point, dtype=np.float64)
-    ray = np.array([0.5773, 0.2113, 0.7887])  # askew, to miss edges
-    a = mesh.vertices[mesh.faces[:, 0]]
-    one, two = mesh.vertices[mesh.faces[:, 1]] - a, mesh.vertices[mesh.faces[:, 2]] - a
-    p = np.cross(ray, two)
-    det = np.sum(one * p, axis=1)
-    usable = np.abs(det) > 1e-14
-    inverse = np.where(usable, 1.0 / np.where(usable, det, 1.0), 0.0)
-    t = origin - a
-    u = np.sum(t * p, axis=1) * inverse
-    q = np.cross(t, one)
-    v = np.sum(ray * q, axis=1) * inverse
-    far = np.sum(two * q, axis=1) * inverse
-    crossed = usable & (u >= 0) & (v >= 0) & (u + v <= 1) & (far > 0)
+    directions, offsets = mesh.crossings
+    u, v, far = directions @ np.asarray(point, dtype=np.float64) + offsets
+    crossed = (u >= 0) & (v >= 0) & (u + v <= 1) & (far > 0)
     return bool(np.count_nonzero(crossed) % 2)
 
 

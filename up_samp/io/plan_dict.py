@@ -131,10 +131,13 @@ def result_to_dict(
 ) -> PlanDict:
     """Return the plan of an engine's result as :func:`plan_to_dict` does, with the engine's name,
     status and the ``lower_bound`` of its metrics. The length of a unit is the one that the engine
-    planned with. Raises :class:`ProblemError` without a plan, or if ``seconds_per_unit`` differs.
+    planned with. Raises :class:`ProblemError` without a plan, with what the engine says of why, or
+    if ``seconds_per_unit`` differs.
     """
     if result.plan is None:
-        raise ProblemError(f"{result.engine_name} found no plan ({result.status.name})")
+        why = "; ".join(m.message for m in result.log_messages or ())
+        told = f"{result.engine_name} found no plan ({result.status.name})"
+        raise ProblemError(f"{told}: {why}" if why else told)
     metrics = result.metrics or {}
     bound = metrics.get("lower_bound")
     known = metrics.get("seconds_per_unit")
@@ -208,6 +211,8 @@ def _object(movable: Movable, snapshot: Snapshot) -> dict[str, Any]:
         entry |= on_map(snapshot, snapshot.map_of[place])
     if not limits.mobility.steers:
         entry["omega_max"] = _plain(limits.omega_max)
+    if not limits.reverse:
+        entry["reverse"] = False
     if math.isfinite(movable.body.height):
         entry["height"] = _plain(movable.body.height)
     if movable.body.mesh is not None:

@@ -35,6 +35,11 @@ def number(value: Any) -> str | None:
     )
 
 
+def truth(value: Any) -> str | None:
+    """Check a truth value."""
+    return None if isinstance(value, bool) else "true or false"
+
+
 def positive(value: Any) -> str | None:
     """Check a number above zero."""
     return number(value) or (None if value > 0 else "a number above 0")
@@ -154,6 +159,7 @@ MAYBE: Mapping[str, Mapping[str, Check]] = {
         "v_max": number,
         "a_max": number,
         "omega_max": number,
+        "reverse": truth,
         "height": positive,
         "mesh": optional(text),
         "map": index,

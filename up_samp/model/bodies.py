@@ -85,7 +85,8 @@ class ControlLaw:
 class Kinematics:
     """Limits of motion. ``turning_radius`` in m, ``v_max`` in m/s, ``a_max`` in m/s^2,
     ``omega_max`` in rad/s; ``omega_max`` binds all but cars: a car's turn rate follows from its
-    speed and turning radius.
+    speed and turning radius. ``reverse``: whether it may be driven against its heading; a body that
+    moves in any direction, or by equations of its own, has nothing to forbid.
     """
 
     model: MotionModel
@@ -94,12 +95,15 @@ class Kinematics:
     a_max: float = 1.0
     omega_max: float = 1.0
     control: ControlLaw | None = None
+    reverse: bool = True
 
     def __post_init__(self) -> None:
         for name in ("turning_radius", "v_max", "a_max", "omega_max"):
             value = getattr(self, name)
             if not (isinstance(value, (int, float)) and math.isfinite(value) and value > 0):
                 raise ValueError(f"{name} must be a positive finite number, not {value!r}")
+        if not (self.reverse or self.mobility.steers or self.mobility.rolls):
+            raise ValueError("only who drives along its heading can be kept from reversing")
 
     @property
     def mobility(self) -> Mobility:

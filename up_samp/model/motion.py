@@ -133,7 +133,8 @@ class PathReport:
     ``blockers`` are names of obstacles that stood in the way: for ``IMPOSSIBLE`` a set such that
     the motion stays impossible while all of them rest where they are (empty: the map alone
     forbids it). ``alternatives`` are the minimal sets of obstacles whose removal would lift the
-    *proof* (only for ``IMPOSSIBLE``). ``reason`` is for people.
+    *proof* (only for ``IMPOSSIBLE``). ``reason`` is for people; ``where`` is the number of the pose
+    that it speaks of (``None``: of the ways between them).
 
     ``complete``: the planner finished its search, so the trajectory is the one that it takes for
     the fastest, on any machine. A search that its deadline cut short, or a motion that rests at a
@@ -148,6 +149,7 @@ class PathReport:
     planner: str = ""
     seconds: float = 0.0
     complete: bool = False
+    where: int | None = None
 
 
 def avoids(avoid: frozenset[str] | None, *names: str) -> bool:

@@ -202,21 +202,7 @@ class Exclusive:
         return f"place {self.name} holds one object"
 
 
-@dataclass(frozen=True)
-class FirstUsed:
-    """Of ``activities``, any two of which may be exchanged, the first ones are used first.
-
-    Every plan is as good as one that is like this, and a valid plan of which something was left
-    out may not be: it is never asked of a schedule whose activities are decided.
-    """
-
-    activities: tuple[str, ...]
-
-    def __str__(self) -> str:
-        return f"{', '.join(self.activities)} are used in this order"
-
-
-Statement = Clause | Lasts | Requires | Exclusive | FirstUsed
+Statement = Clause | Lasts | Requires | Exclusive
 
 
 @dataclass(frozen=True)

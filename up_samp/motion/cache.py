@@ -40,7 +40,7 @@ def body_key(body: Body) -> tuple[object, ...]:
     holds it, so that no other function can take its place.
     """
     kin = body.kinematics
-    limits = (kin.turning_radius, kin.v_max, kin.a_max, kin.omega_max)
+    limits = (kin.turning_radius, kin.v_max, kin.a_max, kin.omega_max, kin.reverse)
     law = None if kin.control is None else (kin.control.function, kin.control.bounds)
     return (*shape_key(body), kin.model.name, *map(float, limits), law)
 
@@ -112,7 +112,6 @@ class MotionCache:
         self._entries: Memory[list[CachedLeg]] = Memory(size)
         self._writes = True
         self.hits = 0
-        self.misses = 0
 
     def __len__(self) -> int:
         return sum(map(len, self._entries.values()))

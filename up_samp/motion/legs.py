@@ -23,6 +23,7 @@ from up_samp.model import (
     PathReport,
     Placed,
     Trajectory,
+    UnsupportedError,
 )
 from up_samp.motion.cache import CachedLeg, MotionCache, obstacle_key
 from up_samp.motion.curves.blending import TINY
@@ -100,6 +101,7 @@ def keeps_limits(trajectory: Trajectory, kinematics: Kinematics) -> bool:
     d = np.diff(trajectory.poses, axis=0)
     if kinematics.mobility.steers or kinematics.mobility.rolls:
         speed, bends = _speeds_ahead(trajectory.poses, dt, kinematics)
+        bends |= _goes_back(trajectory.poses, kinematics)
     else:
         size = 2 if d.shape[1] == 3 else 3
         speed = d[:, :size] / dt[:, None]
@@ -121,6 +123,11 @@ def keeps_limits(trajectory: Trajectory, kinematics: Kinematics) -> bool:
     inner = change <= allowed * (half[1:] + half[:-1]) + fuzz[1:] + fuzz[:-1]
     ends = size[[0, -1]] <= allowed * half[[0, -1]] + fuzz[[0, -1]]
     return bool(inner.all() and ends.all())
+
+
+def _goes_back(poses: FloatArray, kinematics: Kinematics) -> bool:
+    """Return whether poses (n, 3) lead against the heading anywhere, where that is forbidden."""
+    return not kinematics.reverse and bool(np.any(twists(poses)[:, 0] < -ALLOWED.noise))
 
 
 def _speeds_ahead(
@@ -148,8 +155,18 @@ def strung(scene: Scene, query: PathQuery, legs: Sequence[Leg]) -> tuple[Traject
 
     A car stops where its direction changes, and what turns on the spot where it turns; bodies that
     can turn their velocity should stop only to turn back, and with their own law of motion nobody
-    knows.
+    knows. Raises :class:`UnsupportedError` where a planner drives back what must not.
     """
+    whole, smooth = _strung(scene, query, legs)
+    if _goes_back(whole.poses, query.body.kinematics):
+        raise UnsupportedError(
+            "a motion planner from outside drives a body backwards that may not ('reverse': False):"
+            " it has to look at 'kinematics.reverse' of the bodies that it plans for"
+        )
+    return whole, smooth
+
+
+def _strung(scene: Scene, query: PathQuery, legs: Sequence[Leg]) -> tuple[Trajectory, bool]:
     kinematics = query.body.kinematics
     parts = [leg.trajectory for leg in legs if leg.trajectory is not None]
     if len(parts) < 2:
@@ -177,8 +194,12 @@ def strung(scene: Scene, query: PathQuery, legs: Sequence[Leg]) -> tuple[Traject
 
 _LAZY_ROUNDS = 3
 """Of planning around the objects in the way before all of them count."""
-_QUICK_EFFORT = 20_000
-"""Expansions without a motion, after which a proof over positions and headings is tried."""
+_QUICK_EFFORT = {
+    True: {"car": 20_000, "planar": 20_000},
+    False: {"car": 20_000, "pivot": 2_000},
+}
+"""Expansions without a motion, after which a proof over positions and headings is tried; by whether
+a body may drive backwards (who may, and turns on the spot, is hardly ever trapped), and planner."""
 _PROOF_SECONDS = 5.0
 """At most, for such a proof."""
 _FIRST_SHARE = 0.75
@@ -220,7 +241,6 @@ class Legs:
             if known is not None:
                 self.cache.hits += 1
                 return name, known
-        self.cache.misses += 1
         reasons, complete = [], True
         for name in names:
             # the first planner ends by itself where it can, later ones are second opinions
@@ -299,9 +319,10 @@ class Legs:
     def _ask_one_way(self, name: str, query: LegQuery, deadline: Deadline) -> Leg | PathReport:
         """Ask a planner; where it finds nothing soon, look for a stronger proof in between."""
         planner = self._planner(name)
-        if name not in ("car", "planar") or self.scene.grid is None:
+        effort = _QUICK_EFFORT[query.body.kinematics.reverse].get(name)
+        if effort is None or self.scene.grid is None:
             return planner.leg(query, deadline)
-        leg = planner.leg(replace(query, effort=_QUICK_EFFORT), deadline)
+        leg = planner.leg(replace(query, effort=effort), deadline)
         if deadline.expired() or (leg.trajectory is not None and leg.complete):
             return leg
         if leg.trajectory is None:
@@ -357,7 +378,8 @@ class Legs:
         scope = (self.scene.digest, name, self.scene.margin, self.seed)
         what = query.body, query.start, query.goal
         # OMPL's planners by their own names never are, and need not be loaded to tell
-        reversible = name in PLANNERS and self._planner(name).reversible
+        both_ways = query.body.kinematics.reverse
+        reversible = both_ways and name in PLANNERS and self._planner(name).reversible
         return MotionCache.key(scope, *what, reversible)
 
     def clears(self, trajectory: Trajectory, body: Body, placed: Placed) -> bool:

@@ -58,7 +58,7 @@ def straight_move(start: FloatArray, goal: FloatArray, kinematics: Kinematics) -
 
 def arc_moves(start: FloatArray, arcs: FloatArray, kinematics: Kinematics) -> list[ShortMove]:
     """Return a car's drive along ``arcs``, one move for each run between its cusps."""
-    _, v, a = limits_of(kinematics)
+    _, v, a, _ = limits_of(kinematics)
     moves = []
     for run in runs_of(arcs):
         run = np.ascontiguousarray(run)
@@ -79,7 +79,7 @@ def steer(body: Body, start: Configuration, goal: Configuration) -> list[ShortMo
         marks.append(np.array([p[0], p[1], q[2]]))
     elif math.dist(p[:2], q[:2]) > 1e-9:
         way = math.atan2(q[1] - p[1], q[0] - p[0])
-        if math.cos(way - p[2]) + math.cos(way - q[2]) < 0.0:
+        if kin.reverse and math.cos(way - p[2]) + math.cos(way - q[2]) < 0.0:
             way += math.pi  # backwards turns less
         marks += [np.array([p[0], p[1], way]), np.array([q[0], q[1], way])]
     marks.append(q)

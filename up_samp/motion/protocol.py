@@ -57,7 +57,9 @@ class Leg:
 
 
 class MotionPlanner(Protocol):
-    """Plans legs. ``reversible``: driven backwards in time a leg is a leg, too."""
+    """Plans legs. ``reversible``: driven backwards in time a leg is a leg, too, of a body that may
+    drive backwards.
+    """
 
     name: str
     reversible: bool

@@ -15,6 +15,7 @@ import numpy as np
 from up_samp.execution.simulate import Delays
 from up_samp.fleet.fleet import Fleet
 from up_samp.fleet.records import FleetRecords, Order, Task
+from up_samp.fleet.spelled_out import with_places
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import ProblemError
 from up_samp.operate.clock import SimulatedClock
@@ -131,7 +132,7 @@ def simulate_day(
     """Simulate a day on a site and judge it. ``watch`` is called with the operation each simulated
     minute.
     """
-    begun, site = time.monotonic(), fleet.records
+    begun, site = time.monotonic(), with_places(fleet.records)
     empty = _without_jobs(fleet)
     robots = SimulatedRobots(
         {n: site.places[r.start].pose for n, r in site.robots.items()},

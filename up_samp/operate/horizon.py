@@ -289,7 +289,7 @@ class _Cutter:
             # at full speed, and what it told last is a moment old
             speed = way.travel.fastest
             least += speed * (2 * REACTION + speed / (2 * way.travel.accel)) + LEAST
-        drives = self.executor._drives
+        drives = self.executor.drives
         path = drives[name, way.object].path
         others = [
             (drives[n, w.object].path, w.progress)
@@ -307,7 +307,7 @@ class _Cutter:
     def _poses(self, kept: set[str], stops: Mapping[str, float]) -> dict[str, Pose]:
         found = {o["name"]: pose_of(o["initial"]) for o in self.executor.plan["objects"]}
         over = {n for n, p in self.state.phase.items() if p is TaskPhase.DONE} | kept
-        drives = self.executor._drives
+        drives = self.executor.drives
         for turn in self.turns.values():
             for name in turn:
                 for way in self.state.ways_of[name]:
@@ -356,7 +356,7 @@ def first_inside(
     something; motions of robots that touch it already, or cannot stop before, go on.
     """
     found: dict[str, float] = {}
-    for (name, robot), drive in executor._drives.items():
+    for (name, robot), drive in executor.drives.items():
         phase = executor.state.phase[name]
         if phase is TaskPhase.DONE or (robots and robot not in robots):
             continue

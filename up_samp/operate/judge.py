@@ -11,11 +11,18 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from unified_planning.shortcuts import MovableType
+
 from up_samp.execution.judge import Contact, contacts_of
+from up_samp.fleet.outlines import movable
 from up_samp.fleet.records import FleetRecords, Order, corners_of
 from up_samp.operate.records import DayOrder, OrderState, Pose
 from up_samp.operate.simulated import Drive, Handled
+from up_samp.validation.kinematics import driven_backwards
+from up_samp.validation.limits import limits_of
 
+_ROBOT = MovableType("robot")
 THERE = 0.25
 """How far (m) from a place a robot may stand for what is done there: its error, twice, and what it
 stops short of the place."""
@@ -24,18 +31,21 @@ stops short of the place."""
 @dataclass(frozen=True)
 class DayVerdict:
     """``contacts``: who met. ``lost``: orders that were taken and not done; ``twice``: done more
-    than once; ``elsewhere``: what was done where it should not have been, in words.
+    than once; ``elsewhere``: what was done where it should not have been, in words; ``backwards``:
+    who drove against its heading and must not, in words.
     """
 
     contacts: tuple[Contact, ...]
     lost: tuple[str, ...]
     twice: tuple[str, ...]
     elsewhere: tuple[str, ...]
+    backwards: tuple[str, ...] = ()
 
     @property
     def good(self) -> bool:
         """Whether nothing is wrong."""
-        return not (self.contacts or self.lost or self.twice or self.elsewhere)
+        wrong = self.contacts or self.lost or self.twice or self.elsewhere or self.backwards
+        return not wrong
 
 
 def judge_day(
@@ -59,7 +69,17 @@ def judge_day(
         if isinstance(job.record, Order) and ends:
             elsewhere += _of_order(site, job.record, mine, initial, drives)
     met = contacts(site, initial, drives)
-    return DayVerdict(tuple(met), tuple(lost), tuple(twice), tuple(elsewhere))
+    back = tuple(_backwards(site, drives))
+    return DayVerdict(tuple(met), tuple(lost), tuple(twice), tuple(elsewhere), back)
+
+
+def _backwards(site: FleetRecords, drives: Sequence[Drive]) -> Iterable[str]:
+    """Yield who drove backwards that must not."""
+    for drive in drives:
+        kind = site.robot_types[site.robots[drive.robot].type]
+        rows, limits = np.reshape(drive.rows, (-1, 4)), limits_of(movable("", _ROBOT, kind))
+        what = f"{drive.robot} in '{drive.activity}'"
+        yield from (v.what for v in driven_backwards(what, limits, rows[:, 0], rows[:, 1:]))
 
 
 def _of_order(
@@ -108,6 +128,7 @@ def record_of_day(
             "name": name, "type": robot.type, "footprint": corners_of(kind.footprint),
             "model": model, "turning_radius": kind.turning_radius, "v_max": kind.v_max,
             "a_max": kind.a_max, "omega_max": kind.omega_max, "initial": list(initial[name]),
+            "reverse": kind.reverse == "free",
         })  # fmt: skip
     activities: list[dict[str, Any]] = []
     motions: list[dict[str, Any]] = []

@@ -22,7 +22,8 @@ from up_samp.execution.reorder import cost
 from up_samp.execution.reports import Command, Do, Go, Heard, Hold, Reply
 from up_samp.execution.state import TaskPhase
 from up_samp.fleet.fleet import Fleet
-from up_samp.fleet.records import FleetRecords, Order, Task, Weights, corners_of
+from up_samp.fleet.records import FleetRecords, Order, Task, Weights, Windows, corners_of
+from up_samp.fleet.spelled_out import with_places
 from up_samp.fleet.statements import Kind, Meaning
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import ProblemError, SampError
@@ -103,7 +104,10 @@ class Operation:
         check_site(fleet.records)
         told = fleet.records.objective
         self.site: FleetRecords = dataclasses.replace(
-            fleet.records, orders=(), tasks=(), objective=told if isinstance(told, Weights) else DAY
+            with_places(fleet.records),
+            orders=(),
+            tasks=(),
+            objective=told if isinstance(told, Weights) else DAY,
         )
         self.folder: Path = fleet.folder
         self.store, self.robots, self.clock = store, robots, clock
@@ -198,7 +202,7 @@ class Operation:
         known = self.jobs.get(record.id)
         if known is not None and known.state not in (OrderState.WAITING, OrderState.PLANNED):
             raise ProblemError(f"'{record.id}' is {known.state.value}: it cannot be changed")
-        _fits(self.site, self.folder, record)
+        _fits(self.site, record)
         now = self.clock.now()
         job = DayOrder(record, now if known is None else known.came)
         with self.store:
@@ -380,7 +384,7 @@ class Operation:
         way = self.executor.state.of_object.get(robot)
         if way is None:
             return self.cut().poses[robot]
-        path = self.executor._drives[way.activity, robot].path
+        path = self.executor.drives[way.activity, robot].path
         x, y, theta = (float(v) for v in path.poses_at(np.array([way.progress]))[0])
         return x, y, theta
 
@@ -730,18 +734,19 @@ def _since(record: Any, now: float, came: float) -> Any:
     if isinstance(record, Order):
         for end in ("pickup", "delivery"):
             stop = getattr(record, end)
-            if stop.window is not None:
-                changes[end] = replace(stop, window=_window(stop.window, came - now))
-    elif record.window is not None:
-        changes["window"] = _window(record.window, came - now)
+            changes[end] = replace(stop, window=_since_now(stop.window, came - now))
+    else:
+        changes["window"] = _since_now(record.window, came - now)
     return replace(record, optional=False, penalty=None, **changes)
 
 
-def _window(window: tuple[float, float], by: float) -> tuple[float, float]:
-    return max(0.0, window[0] + by), max(0.0, window[1] + by)
+def _since_now(windows: Windows, by: float) -> Windows:
+    """Return windows on a later clock: those that are over are gone, but for the last."""
+    later = [(max(0.0, opens + by), max(0.0, closes + by)) for opens, closes in windows]
+    return tuple([w for w in later if w[1] > 0.0] or later[-1:])
 
 
-def _fits(site: FleetRecords, folder: Path, record: Order | Task) -> None:
+def _fits(site: FleetRecords, record: Order | Task) -> None:
     """Raise :class:`FleetError` where an order speaks of what the site has not."""
     alone = replace(record, after=())
     from up_samp.fleet.faults import FleetError, job_faults

@@ -150,9 +150,7 @@ def problem_records(ask: Question) -> FleetRecords:
             orders.append(mine)
         else:
             tasks.append(mine)
-    for name, order in ask.held.items():
-        if name in ask.robots:
-            tasks.append(_brought(order, name))
+    tasks += [_brought(order, name) for name, order in ask.held.items() if name in ask.robots]
     for name in idle if len(ask.robots) > 1 else ():
         units = math.ceil(ask.cut.free.get(name, 0.0) / site.seconds_per_unit)
         if units >= 1 and any(name in j.robots for j in (*orders, *tasks)):
@@ -202,9 +200,8 @@ def _brought(order: Order, robot: str) -> Task:
 
 
 def _busy(robot: str, place: str, seconds: float) -> Task:
-    return Task(
-        id=f"{BUSY}{robot}", at=(place,), duration=seconds, robots=(robot,), window=(0.0, seconds)
-    )
+    window = ((0.0, seconds),)
+    return Task(id=f"{BUSY}{robot}", at=(place,), duration=seconds, robots=(robot,), window=window)
 
 
 def ties_of(ask: Question, written: Written, plan: PlanDict) -> list[tuple[str, str]]:

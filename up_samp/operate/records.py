@@ -25,8 +25,6 @@ class OrderState(enum.Enum):
     """It is with a robot, or one is on its way that will not be sent elsewhere."""
     DONE = "done"
     CANCELLED = "cancelled"
-    REFUSED = "refused"
-    """Nobody can ever do it."""
 
     @property
     def open(self) -> bool:

@@ -132,6 +132,6 @@ def report_text(result: DayResult) -> str:
             *(1000 * s for s in f.steps)
         ),
         f"judged: {len(v.contacts)} contacts, {len(v.lost)} orders lost, {len(v.twice)} done "
-        f"twice, {len(v.elsewhere)} elsewhere",
+        f"twice, {len(v.elsewhere)} elsewhere, {len(v.backwards)} drives against a heading",
         f"simulated in {f.seconds:g} s",
     ))  # fmt: skip

@@ -81,7 +81,7 @@ class RoutesTold:
 def routes_told(executor: Executor) -> RoutesTold:
     """Return what robots know of an executor's plan."""
     return RoutesTold(
-        {key: drive.path for key, drive in executor._drives.items()},
+        {key: drive.path for key, drive in executor.drives.items()},
         dict(executor.dependencies.travels),
         {n: t.expected for n, t in executor.state.graph.tasks.items()},
         executor.plan["meanings"],
@@ -101,7 +101,9 @@ class SimulatedRobots:
         self.drives: list[Drive] = []
         self.handled: list[Handled] = []
         self.waits: dict[str, list[tuple[float, float, Pose]]] = {n: [] for n in poses}
-        """(from, until, where) robots stood though they had a motion to drive."""
+        """(from, until, where) robots stood though they had a motion to drive, and were not broken
+        down.
+        """
         self.broken: dict[str, float] = {}
         self._ends: dict[str, tuple[float, str, float]] = {}
         self._paths: dict[tuple[str, str], Any] = {}
@@ -200,7 +202,7 @@ class SimulatedRobots:
                 robot.held_until = max(robot.held_until, now + seconds)
             was = robot.s
             robot.step(now, seconds)
-            if robot.s <= was and robot.s < robot.length - 0.01:
+            if robot.s <= was and robot.s < robot.length - 0.01 and name not in self.broken:
                 self._wait(name, now, self._now)
 
     def _wait(self, name: str, since: float, until: float) -> None:

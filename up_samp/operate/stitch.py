@@ -22,7 +22,7 @@ from up_samp.execution.graph import MEETING, ORIGIN, At, Event
 from up_samp.execution.lives import lives_of
 from up_samp.execution.meetings import meetings_of
 from up_samp.execution.tolerances import TOLERANCES
-from up_samp.fleet.statements import Kind, Meaning
+from up_samp.fleet.statements import Meaning
 from up_samp.io.plan_dict import VERSIONS, PlanDict
 from up_samp.operate.horizon import Cut, meanings_of
 from up_samp.operate.order import Ordering
@@ -289,8 +289,3 @@ def _after(
     for one_, two_ in ties:
         if two_ in names:
             yield one_, names[two_]
-
-
-def is_busy(meaning: Meaning) -> bool:
-    """Return whether an activity stands for what a robot still does of the plan before."""
-    return meaning.kind is Kind.TASK and meaning.what.startswith(BUSY)

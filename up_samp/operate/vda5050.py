@@ -51,7 +51,6 @@ class Agv:
     name: str
     online: bool = False
     state: Message = field(default_factory=dict)
-    heard: float = -math.inf
     new: bool = False
     order: str = ""
     activity: str = ""
@@ -147,10 +146,10 @@ class MasterControl:
                 name, topic, payload = self._inbox.get_nowait()
             except queue.Empty:
                 break
-            self._read(name, topic, payload, now)
+            self._read(name, topic, payload)
         return [r for agv in self.agvs.values() for r in self._reported(agv, now)]
 
-    def _read(self, name: str, topic: str, payload: bytes, now: float) -> None:
+    def _read(self, name: str, topic: str, payload: bytes) -> None:
         agv = self.agvs.get(name)
         try:
             data = json.loads(payload)
@@ -165,18 +164,15 @@ class MasterControl:
         elif topic == "factsheet":
             self._check(name, data)
         elif topic == "state" and not _older(data, agv.state):
-            agv.state, agv.heard, agv.new = data, now, True
+            agv.state, agv.new = data, True
             agv.online = True
 
     def _check(self, name: str, sheet: Message) -> None:
         """Compare a factsheet with the robot's type in the site file."""
         kind = self.site.robot_types[self.site.robots[name].type]
         told = sheet.get("physicalParameters", {})
-        for key, own, least in (
-            ("speedMax", kind.v_max, True),
-            ("accelerationMax", kind.a_max, True),
-        ):
-            if isinstance(told.get(key), int | float) and told[key] < own - 1e-9 and least:
+        for key, own in (("speedMax", kind.v_max), ("accelerationMax", kind.a_max)):
+            if isinstance(told.get(key), int | float) and told[key] < own - 1e-9:
                 self.faults.append(f"{name}: its {key} is {told[key]:g}, in the site file {own:g}")
         corners = corners_of(kind.footprint)
         for key, axis in (("length", 0), ("width", 1)):
@@ -245,7 +241,7 @@ class MasterControl:
             if agv is None or not agv.online or not agv.state:
                 continue
             if isinstance(command, Hold):
-                self._hold(agv, command)
+                self._hold(agv)
                 continue
             if agv.paused:
                 agv.paused = False
@@ -272,7 +268,7 @@ class MasterControl:
             self.instant(agv.name, "cancelOrder")
         return False
 
-    def _hold(self, agv: Agv, command: Hold) -> None:
+    def _hold(self, agv: Agv) -> None:
         """Pause a robot that might drive on by what was released."""
         left = any(n.get("released") for n in agv.state.get("nodeStates", ()))
         if left and not agv.paused and agv.order and agv.activity:

@@ -94,11 +94,6 @@ def ground_of(plan: dict[str, Any]) -> Backdrop:
     return Backdrop(laid, _joined(drawn), shifts, labels)
 
 
-def background_of(plan: dict[str, Any]) -> Background:
-    """Return the picture under a plan (see :func:`ground_of`)."""
-    return ground_of(plan).background
-
-
 def _joined(parts: Sequence[Background]) -> Background:
     """Return one picture of several that lie beside each other; between them it is white."""
     left, bottom = (min(p.extent[i] for p in parts) for i in (0, 2))

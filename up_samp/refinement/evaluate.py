@@ -13,7 +13,6 @@ from up_samp.model.refinement import (
     Differs,
     Elsewhere,
     Exclusive,
-    FirstUsed,
     Lasts,
     Literal,
     Overlap,
@@ -43,10 +42,6 @@ def holds(
         return end - start >= statement.at_least
     if isinstance(statement, Requires):
         return _meets_requirement(statement, schedule, places)
-    if isinstance(statement, FirstUsed):
-        used = [schedule.times.get(name) for name in statement.activities]
-        starts = [times[0] for times in used if times is not None]
-        return used[: len(starts)].count(None) == 0 and starts == sorted(starts)
     return _fits_place(statement, schedule)
 
 

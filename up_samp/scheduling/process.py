@@ -15,7 +15,7 @@ import weakref
 from typing import IO, Any
 
 from up_samp.model import Deadline, EngineError
-from up_samp.scheduling.worker import _LENGTH, GRACE, ONE_WAIT, WorkerAnswer, WorkerTask, packed
+from up_samp.scheduling.worker import GRACE, LENGTH, ONE_WAIT, WorkerAnswer, WorkerTask, packed
 from up_samp.system import child
 
 
@@ -57,8 +57,8 @@ class WorkerProcess:
         """
         try:
             self._write(packed(task), deadline)
-            header = self._read(_LENGTH.size, deadline)
-            answer: Any = pickle.loads(self._read(_LENGTH.unpack(header)[0], deadline))
+            header = self._read(LENGTH.size, deadline)
+            answer: Any = pickle.loads(self._read(LENGTH.unpack(header)[0], deadline))
         except (BrokenPipeError, EOFError) as error:
             reason = self._reason()
             self.close()

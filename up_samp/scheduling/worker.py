@@ -83,7 +83,8 @@ def slim_down(engine: Any, problem: SchedulingProblem, limit: int) -> None:
     engine._writer.convert(problem)
 
 
-_LENGTH = struct.Struct("!Q")
+LENGTH = struct.Struct("!Q")
+"""What stands in front of a value that is sent: how many bytes it has."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +119,7 @@ class WorkerAnswer:
 def packed(value: object) -> bytes:
     """Return a value as it is sent: with its length in front."""
     data = pickle.dumps(value, protocol=pickle.HIGHEST_PROTOCOL)
-    return _LENGTH.pack(len(data)) + data
+    return LENGTH.pack(len(data)) + data
 
 
 def send(stream: IO[bytes], value: object) -> None:
@@ -133,10 +134,10 @@ def receive(stream: IO[bytes]) -> Any:
     Raises:
         EOFError: the other side is gone.
     """
-    header = stream.read(_LENGTH.size)
-    if len(header) < _LENGTH.size:
+    header = stream.read(LENGTH.size)
+    if len(header) < LENGTH.size:
         raise EOFError
-    (length,) = _LENGTH.unpack(header)
+    (length,) = LENGTH.unpack(header)
     data = stream.read(length)
     if len(data) < length:
         raise EOFError
@@ -156,7 +157,6 @@ def engine_of(task: WorkerTask, known: dict[tuple[str, str, str], Any]) -> Any:
 
 def run(task: WorkerTask, engines: dict[tuple[str, str, str], Any]) -> WorkerAnswer:
     """Solve one task; every failure of the engine becomes an answer."""
-    from up_samp.model import UnsupportedError
     from up_samp.scheduling.compilers.write import write_problem
     from up_samp.scheduling.schedules import to_candidate
 

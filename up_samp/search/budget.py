@@ -117,8 +117,7 @@ class Budget:
             self._asking = False
 
 
-# ------------------ How long the scheduler may take for its next answer
-# How long the scheduler may take for its next answer, and what it is asked for.
+# ------------------ How long the scheduler may take for its next answer, and what it is asked for
 
 
 @dataclass
@@ -161,7 +160,7 @@ class SchedulerPace:
 
 
 # ------------------ Restarts without what was only guessed
-# Restarts without what was only guessed, from other random numbers (lines 17 to 20).
+# From other random numbers (lines 17 to 20).
 
 
 @dataclass

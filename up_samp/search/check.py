@@ -199,15 +199,17 @@ def check_static(itinerary: Itinerary) -> list[Refinement]:
     """Return which static obstacles would have to stay put (none, if the relaxation holds them)."""
     found = []
     for motion in itinerary.motions:
-        for change in itinerary.changes:
-            if change.object in motion.static and motion.start < change.time < motion.end:
-                found.append(rules.stays_put(motion.activity, change.activity, change.object))
-        for drive in itinerary.motions:
-            if drive.start < motion.end and motion.start < drive.end:
-                found += [
-                    rules.not_while_driving(motion.activity, drive.activity, name)
-                    for name in sorted(drive.moved & motion.static)
-                ]
+        found += [
+            rules.stays_put(motion.activity, change.activity, change.object)
+            for change in itinerary.changes
+            if change.object in motion.static and motion.start < change.time < motion.end
+        ]
+        found += [
+            rules.not_while_driving(motion.activity, drive.activity, name)
+            for drive in itinerary.motions
+            if drive.start < motion.end and motion.start < drive.end
+            for name in sorted(drive.moved & motion.static)
+        ]
     return found
 
 
@@ -229,7 +231,7 @@ def check_path(
         obstacles,
         {n: itinerary.place_at(facts.snapshot, n, motion.start) for n in names if facts.movers[n]},
         _alike(checker, motion, names),
-        report.reason or f"no path for {motion.activity} found",
+        facts.case(motion).why_not(report) or f"no path for {motion.activity} found",
         Strength.PROVEN if proven else Strength.HEURISTIC,
     )
     if not alone.places:

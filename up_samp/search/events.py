@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING
 from up_samp.model.refinement import Refinement
 from up_samp.search.history import ProgressEvent
 from up_samp.system.files import write_whole
-from up_samp.upio.objective import Measure, Number
+from up_samp.upio.objective import Measure, Number, shown
 
 if TYPE_CHECKING:
     from up_samp.model import Refusal, ScheduleReport
-    from up_samp.model.refinement import Refinement
     from up_samp.search.history import History
     from up_samp.search.knowledge import Incumbent
 
@@ -172,7 +171,7 @@ class ProgressObserver(Observer):
     def on_plan(self, state: State, incumbent: Incumbent) -> None:
         """Show what a plan is worth."""
         measure, cost = state.measure, state.upper_bound
-        told = "-" if cost is None else measure.told(cost)
+        told = "-" if cost is None else shown(measure.sign * cost)
         self._tell(state, "plan", f"plan with {measure.name} {told}")
 
     def on_refusal(self, state: State, refusals: Sequence[Refusal]) -> None:
@@ -185,7 +184,7 @@ class ProgressObserver(Observer):
 
 
 # ------------------ A readable trace
-# A readable trace: every candidate schedule and every refinement, one text file a round.
+# Every candidate schedule and every refinement, one text file a round.
 
 
 class TraceObserver(Observer):

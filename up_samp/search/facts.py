@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
-from up_samp.model import Body, Configuration, Placed, ScheduledMotion
+from up_samp.model import Body, Configuration, PathReport, Placed, ScheduledMotion
 from up_samp.model.refinement import Given
 from up_samp.model.snapshot import MotionTask, Snapshot, Term, TermKind
 from up_samp.upio import ConfigurationChoice
@@ -30,6 +30,13 @@ class MotionCase:
     def activity(self) -> str:
         """The activity that makes the motion."""
         return self.task.activity
+
+    def why_not(self, report: PathReport) -> str:
+        """Return why there is no such motion, with what its places are called."""
+        if report.where is not None:
+            return f"at '{self.configurations[report.where]}' {report.reason}"
+        places = " to ".join(f"'{name}'" for name in self.configurations)
+        return f"from {places} {report.reason}" if report.reason else ""
 
 
 def cases_of(task: MotionTask, choices: Choices, most: int) -> list[MotionCase]:

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 from up_samp.model.refinement import Layer, Refinement
 from up_samp.system.files import write_whole
 from up_samp.system.memory import peak_memory
+from up_samp.upio.objective import shown
 
 if TYPE_CHECKING:
     from up_samp.search.budget import Budget
@@ -62,7 +63,7 @@ class Stages:
 
 
 # ------------------ What happened in a search
-# What happened in a search: rounds, refinements, times, bounds. Exported as CSV and JSON.
+# Rounds, refinements, times, bounds. Exported as CSV and JSON.
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,7 @@ class ProgressEvent:
             least, most = (">=", self.upper_bound), ("<=", self.lower_bound)
         other = self.named != "makespan"
         known = [(op, v) for op, v in (least, most) if v or (other and v is not None)]
-        told = [f"{op} {self.sign * v}" for op, v in known if v is not None]
+        told = [f"{op} {shown(self.sign * v)}" for op, v in known if v is not None]
         return f"{self.named} {', '.join(told)}" if told else ""
 
 

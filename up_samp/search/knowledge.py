@@ -78,7 +78,7 @@ class Knowledge:
 
 
 # ------------------ The bounds of a search
-# The bounds of a search: the best plan so far, and what no plan can be better than.
+# The best plan so far, and what no plan can be better than.
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,6 @@ from up_samp.search.resolve import (
     slack,
 )
 from up_samp.search.search import Components, Search, Statement
-from up_samp.search.statements.copies import used_in_order
 from up_samp.search.statements.durations import fastest_durations, lower_bounds
 from up_samp.search.statements.handovers import guessed_handovers, proven_handovers
 from up_samp.search.statements.unary_places import unary_places
@@ -61,14 +60,6 @@ def _statements() -> Sequence[tuple[Statement, Ideas]]:
         return fastest_durations(search.motions, search.knowledge, tell)
 
     return (
-        (
-            # what is stated from outside may tell copies apart
-            Statement(
-                "copies of activities",
-                lambda s: [] if parts("constraints") else used_in_order(s.knowledge),
-            ),
-            ("bounds_first", "native"),
-        ),
         (
             Statement("lower bounds on motions", lambda s: lower_bounds(s.motions, s.knowledge)),
             ("bounds_first",),

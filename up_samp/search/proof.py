@@ -20,7 +20,6 @@ from up_samp.model.refinement import (
     Clause,
     Elsewhere,
     Exclusive,
-    FirstUsed,
     Lasts,
     Layer,
     Overlap,
@@ -121,9 +120,9 @@ def _mentioned(expression: FNode) -> set[str]:
 
 
 # ------------------ Why there is no schedule
-# Why there is no schedule: which few facts leave none, and what of the problem they meet. Facts
-# are left out as long as there is still no schedule (QuickXplain, Junker 2004). Our own scheduler
-# judges, whatever engine is wrapped: its "infeasible" is a proof.
+# Which few facts leave none, and what of the problem they meet. Facts are left out as long as there
+# is still no schedule (QuickXplain, Junker 2004). Our own scheduler judges, whatever engine is
+# wrapped: its "infeasible" is a proof.
 
 
 SHOWN = 5
@@ -286,8 +285,6 @@ def activities_of(statement: Statement) -> set[str]:
     """Return the activities that a statement speaks of."""
     if isinstance(statement, Lasts | Requires):
         return {statement.activity}
-    if isinstance(statement, FirstUsed):
-        return set(statement.activities)
     if isinstance(statement, Exclusive):
         decided = {name for name, _, _ in (*statement.leaving, *statement.coming)}
         return {*statement.arrivals, *statement.departures, *decided}

@@ -212,7 +212,7 @@ def places_between(
 
 
 # ------------------ Where the objects of a candidate rest
-# Where the objects of a candidate rest, and who has to be gone before another one stays.
+# And who has to be gone before another one stays.
 
 
 @dataclass(frozen=True)
@@ -299,11 +299,11 @@ def near(body: Body, pose: Configuration, other: Body, there: Configuration) -> 
 
 
 # ------------------ What surely rests where while a motion lasts
-# What surely rests where while a motion lasts: doors that its own robot has come through, say. A
-# door that is opened and never shut again is open for good. Whoever is at a place to which no way
-# leads while the door is shut has come through it, so whenever it leaves that place the door is
-# open. A door that is a static obstacle and would block the way is open from the motion's start
-# on. Cuts that hold while such a door stands open then hold always.
+# Doors that its own robot has come through, say. A door that is opened and never shut again is open
+# for good. Whoever is at a place to which no way leads while the door is shut has come through it,
+# so whenever it leaves that place the door is open. A door that is a static obstacle and would
+# block the way is open from the motion's start on. Cuts that hold while such a door stands open
+# then hold always.
 
 
 Where = Mapping[MotionTask, Mapping[str, str]]

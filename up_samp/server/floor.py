@@ -289,7 +289,7 @@ def _robot(day: Operation, name: str) -> dict[str, Any]:
         what = f"waits: {command.waiting_for[0]}"
     under = None if day.executor is None else day.executor.state.of_object.get(name)
     if under is not None and day.executor is not None:
-        path = day.executor._drives[under.activity, name].path
+        path = day.executor.drives[under.activity, name].path
         at = np.linspace(min(under.progress, path.length), path.length, 30)
         way = [[round(float(v), 2) for v in p[:2]] for p in path.poses_at(at)]
     return {

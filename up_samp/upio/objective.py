@@ -182,6 +182,12 @@ def plain_number(number: Any) -> Number:
     return int(exact) if exact.denominator == 1 else exact
 
 
+def shown(number: Any) -> str:
+    """Return a number as people write it: a whole one exactly, others to ten digits."""
+    exact = plain_number(number)
+    return str(exact) if isinstance(exact, int) else f"{float(exact):.10g}"
+
+
 # ------------------ What plans cost, by a problem's objective
 
 

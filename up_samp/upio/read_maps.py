@@ -119,6 +119,7 @@ def _frame(type_name: str, given: Any) -> tuple[Frame, float]:
 
 _PARAMETERS = ("turning_radius", "v_max", "a_max", "omega_max")
 _HEIGHT = "height"
+_REVERSE = "reverse"
 _BICYCLE = {"v_min", "v_max", "phi_min", "phi_max"}
 
 
@@ -176,7 +177,8 @@ def _corners(name: str, footprint: Any) -> tuple[tuple[float, float], ...]:
 
 
 def _read_kinematics(obj: MovableObject, model: MotionModel) -> Kinematics:
-    given = {k: v for k, v in (obj.motion_parameters or {}).items() if k != _HEIGHT}
+    own = (_HEIGHT, _REVERSE)
+    given = {k: v for k, v in (obj.motion_parameters or {}).items() if k not in own}
     if obj.control_model is None:
         # UP's own examples put the turning radius there
         given = {**(obj.control_parameters or {}), **given}
@@ -184,7 +186,7 @@ def _read_kinematics(obj: MovableObject, model: MotionModel) -> Kinematics:
     if unknown:
         raise ProblemError(
             f"object '{obj.name}': unknown motion parameter '{unknown[0]}' "
-            f"(known: {', '.join((*_PARAMETERS, _HEIGHT))})"
+            f"(known: {', '.join((*_PARAMETERS, *own))})"
         )
     try:
         numbers: dict[str, Any] = {k: float(v) for k, v in given.items()}
@@ -199,9 +201,22 @@ def _read_kinematics(obj: MovableObject, model: MotionModel) -> Kinematics:
         limits = Kinematics(model, **numbers)
     except (TypeError, ValueError) as error:
         raise ProblemError(f"object '{obj.name}': {error}") from error
-    if obj.control_model is None:
-        return limits
-    return _read_control(obj, limits)
+    if obj.control_model is not None:
+        limits = _read_control(obj, limits)
+    return _forbid_reverse(obj, limits)
+
+
+def _forbid_reverse(obj: MovableObject, limits: Kinematics) -> Kinematics:
+    """Return the limits with what is said of driving backwards."""
+    reverse = (obj.motion_parameters or {}).get(_REVERSE, True)
+    if not isinstance(reverse, bool):
+        raise ProblemError(
+            f"object '{obj.name}': '{_REVERSE}' is True or False, not {short(reverse)}"
+        )
+    try:
+        return replace(limits, reverse=reverse)
+    except ValueError as error:
+        raise UnsupportedError(f"object '{obj.name}': '{_REVERSE}' is False: {error}") from error
 
 
 def _read_control(obj: MovableObject, limits: Kinematics) -> Kinematics:

@@ -59,8 +59,6 @@ class Relaxation:
     early: dict[str, int] = field(default_factory=dict)
     reachable: dict[FNode, tuple[str, ...]] = field(default_factory=dict)
     """What each of the problem's ground fluents may hold, as far as it was asked."""
-    orders: set[FNode] = field(default_factory=set)
-    """Constraints that tell which of several activities is used first, where that is no matter."""
     literals: dict[Literal, FNode] = field(default_factory=dict)
     """Parts of statements that are written already: most come many times."""
     told_fluents: dict[str, FNode] = field(default_factory=dict)

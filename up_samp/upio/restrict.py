@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Collection, Set
+from collections.abc import Collection
 
 from unified_planning.model import FNode
 from unified_planning.model.motion import MotionActivity, SchedulingMotionProblem
@@ -79,7 +79,7 @@ def restricted(
     """
     source = relaxation.problem
     target = source.clone()
-    fix = PresenceFixer(source, schedule, free, relaxation.orders)
+    fix = PresenceFixer(source, schedule, free)
     target._activities = []
     for activity in source.activities:
         if activity.name not in schedule.times:
@@ -101,19 +101,13 @@ def restricted(
 
 class PresenceFixer(Decided):
     """Replaces presence by constants and drops what speaks of absent activities: their starts,
-    ends and parameters have no value. Of ``orders`` nothing is kept: which of several is there is
-    decided.
+    ends and parameters have no value.
     """
 
     def __init__(
-        self,
-        problem: SchedulingProblem,
-        schedule: CandidateSchedule,
-        free: frozenset[str],
-        orders: Set[FNode] = frozenset(),
+        self, problem: SchedulingProblem, schedule: CandidateSchedule, free: frozenset[str]
     ):
         super().__init__(problem.environment)
-        self.orders = orders
         self.free = {a.name for a in problem.activities if a.optional and a.name in free}
         self.present = set(schedule.times)
         gone = [a for a in problem.activities if a.name not in self.present]
@@ -124,8 +118,6 @@ class PresenceFixer(Decided):
         """Copy constraints with presence decided."""
         target._constraints = []
         for constraint, scope in source._constraints:
-            if constraint in self.orders:
-                continue
             # a scope that is not known to be true does not bind
             if any(self(s, positive=False).is_false() for s in scope):
                 continue
@@ -176,7 +168,7 @@ def thinned(problem: SchedulingMotionProblem, keep: Collection[str]) -> Scheduli
     hollow = copy.copy(problem)
     hollow._activities, hollow._motion_activities = [], []
     target = hollow.clone()
-    present = CandidateSchedule({name: (0, 0) for name in names})
+    present = CandidateSchedule(dict.fromkeys(names, (0, 0)))
     fix = PresenceFixer(problem, present, frozenset(names))
     for activity in problem.activities:
         if activity.name in names:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -20,7 +19,6 @@ from up_samp.model.refinement import (
     Differs,
     Elsewhere,
     Exclusive,
-    FirstUsed,
     Lasts,
     Overlap,
     Refinement,
@@ -121,16 +119,6 @@ def _write_exclusive(relaxation: Relaxation, place: Exclusive) -> None:
         activity.add_increase_effect(back, free, 1, when(*given))
 
 
-def _write_first_used(relaxation: Relaxation, order: FirstUsed) -> None:
-    manager = relaxation.problem.environment.expression_manager
-    some = [relaxation.activities[name] for name in order.activities]
-    for one, other in itertools.pairwise(some):
-        first = manager.And(one.present, manager.LE(one.start, other.start))
-        stated = manager.Or(manager.Not(other.present), first)
-        relaxation.problem.add_constraint(stated)
-        relaxation.orders.add(stated)
-
-
 def _absent(relaxation: Relaxation, literal: Absent) -> FNode:
     manager = relaxation.problem.environment.expression_manager
     activity = relaxation.activities[literal.activity]
@@ -213,7 +201,6 @@ _WRITERS: dict[type, Callable[[Relaxation, Any], None]] = {
     Lasts: _write_lasts,
     Requires: _write_requires,
     Exclusive: _write_exclusive,
-    FirstUsed: _write_first_used,
 }
 _LITERALS: dict[type, Callable[[Relaxation, Any], FNode]] = {
     Absent: _absent,

@@ -43,9 +43,8 @@ def present_activities(problem: Any, timeline: StateTimeline) -> list[Any]:
     return [a for a in problem.activities if a.name in timeline.decisions.times]
 
 
-def _reader_at(
-    timeline: StateTimeline, instant: int, reading: Reading, owner: str | None
-) -> Reader:
+def reader_at(timeline: StateTimeline, instant: int, reading: Reading, owner: str | None) -> Reader:
+    """Return what reads expressions of an activity (None: of nobody) at an instant."""
     return Reader(timeline.decisions, lambda k: timeline.value(k, instant, reading), owner)
 
 
@@ -121,7 +120,7 @@ def _first_failure(
         new = times_of.get(name, set())
         instants |= {t for t in new if condition.first < t <= condition.seen}
     for instant in sorted(instants):
-        reader = _reader_at(timeline, instant, reading, condition.owner)
+        reader = reader_at(timeline, instant, reading, condition.owner)
         value = reader.value(condition.node)
         if value is False or (surely and value is not True):
             return instant
@@ -157,7 +156,7 @@ def interference(problem: Any, timeline: StateTimeline) -> Iterator[Violation]:
                     continue
                 if not condition.first <= change.time <= condition.last:
                     continue
-                reader = _reader_at(timeline, change.time, Reading.LATER, condition.owner)
+                reader = reader_at(timeline, change.time, Reading.LATER, condition.owner)
                 reader.value(condition.node)
                 if change.key in reader.reads:
                     yield _clash(change, condition.what)
@@ -171,7 +170,7 @@ def _other_interference(
     readings = list(timeline.effect_reads)
     for activity in present_activities(problem, timeline):
         start = timeline.decisions.times[activity.name][0]
-        reader = _reader_at(timeline, start, Reading.LATER, activity.name)
+        reader = reader_at(timeline, start, Reading.LATER, activity.name)
         reader.value(activity.duration.lower)
         reader.value(activity.duration.upper)
         if reader.reads:

@@ -43,6 +43,7 @@ def motion_violations(
         i = int(turns.argmax())
         text = f"{what}: turns by {turns[i]:.3f} rad between two samples at {times[i]:.3f} s"
         yield Violation("sampling", text)
+    yield from driven_backwards(what, limits, times, poses)
     if limits.law is not None:
         yield from breaks_law(what, limits, times, poses, pieces)
     elif limits.model == "REEDSSHEPP":
@@ -103,6 +104,22 @@ def _car(what: str, limits: Limits, times: FloatArray, pieces: Pieces) -> Iterat
     # an S-bend inside a piece makes its arc look shorter than its way by length^3 / (96 radius^2)
     fuzz = TOLERANCES.noise + length**3 / (96 * radius**2)
     yield from _acceleration(what, limits, times, dt, speed[:, None], fuzz, pieces.at_rest)
+
+
+def driven_backwards(
+    what: str, limits: Limits, times: FloatArray, poses: FloatArray
+) -> Iterator[Violation]:
+    """A body that may not drive against its heading: never is it behind where it has been, however
+    slowly it got there (along its way; rounding is allowed for once, not for each piece).
+    """
+    if limits.v_back > 0.0:
+        return
+    ahead = np.concatenate(([0.0], np.cumsum(pieces_of(times, poses).along)))
+    behind = np.maximum.accumulate(ahead) - ahead
+    if behind.max() > 10 * TOLERANCES.noise:
+        i = int(np.argmax(behind > 10 * TOLERANCES.noise))
+        text = f"{what}: drives {behind.max():.3g} m against its heading, from {times[i - 1]:.3f} s"
+        yield Violation("backwards", f"{text} on; its reverse is forbidden")
 
 
 def _pivoting(what: str, limits: Limits, times: FloatArray, pieces: Pieces) -> Iterator[Violation]:

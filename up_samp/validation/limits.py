@@ -11,6 +11,7 @@ from up_samp.model import ProblemError
 
 _KNOWN = ("turning_radius", "v_max", "a_max", "omega_max")
 _HEIGHT = "height"
+_REVERSE = "reverse"
 
 
 @dataclass(frozen=True)
@@ -19,8 +20,9 @@ class Limits:
 
     ``model``: REEDSSHEPP with ``turning_radius`` 0 is called PIVOT: it turns on the spot.
 
-    ``v_back`` is the largest speed backwards. ``law`` with ``controls`` (low, high for each) is
-    set for control models that are no bicycle: ``law(q, u, qdot)`` fills ``qdot``.
+    ``v_back`` is the largest speed backwards: 0 where ``reverse`` is False. ``law`` with
+    ``controls`` (low, high for each) is set for control models that are no bicycle: ``law(q, u,
+    qdot)`` fills ``qdot``.
     """
 
     name: str
@@ -35,7 +37,20 @@ class Limits:
 
 
 def limits_of(item: Any) -> Limits:
-    """Read the limits of a UP ``MovableObject``; unknown parameters are errors.
+    """Read the limits of a UP ``MovableObject``; unknown parameters are errors, and so is
+    ``reverse`` where it is no truth value, or False for what does not drive along its heading.
+    """
+    limits = _limits(item)
+    reverse = (item.motion_parameters or {}).get(_REVERSE, True)
+    allowed = (True, False) if limits.model in ("REEDSSHEPP", "PIVOT") else (True,)
+    if reverse not in allowed:
+        words = " or ".join(map(str, allowed))
+        raise ProblemError(f"object {item.name}: its reverse must be {words}, not {reverse}")
+    return replace(limits, v_back=limits.v_back * reverse)
+
+
+def _limits(item: Any) -> Limits:
+    """Read all limits but ``reverse``.
 
     A control model with ``v_max`` and ``phi_max`` (and optionally ``v_min``, ``phi_min``) that
     moves along its heading with speed u[0] is a bicycle: its speed is at most ``v_max``
@@ -43,7 +58,8 @@ def limits_of(item: Any) -> Limits:
     as motions start and end at rest), and its curvature is at most what the model itself gives
     for the steering limits.
     """
-    given = {k: v for k, v in (item.motion_parameters or {}).items() if k != _HEIGHT}
+    own = (_HEIGHT, _REVERSE)
+    given = {k: v for k, v in (item.motion_parameters or {}).items() if k not in own}
     if item.control_model is None:
         # parameters without a control model are motion parameters too (UP's examples do so)
         given = {**(item.control_parameters or {}), **given}

@@ -10,7 +10,7 @@ from unified_planning.model import metrics
 from up_samp.extensions import parts
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.model.objective import MinimizeCosts
-from up_samp.validation.conditions import _reader_at, holds_throughout
+from up_samp.validation.conditions import holds_throughout, reader_at
 from up_samp.validation.schedule import read_decisions
 from up_samp.validation.timeline import Reading, StateTimeline, build_timeline
 from up_samp.validation.values import Reader, Value, plain
@@ -49,7 +49,7 @@ def evaluate_metric(metric: Any, timeline: StateTimeline) -> Value:
 
 def _final(timeline: StateTimeline, owner: str | None = None) -> Reader:
     """Return what reads expressions after all effects."""
-    return _reader_at(timeline, timeline.horizon + 1, Reading.LATER, owner)
+    return reader_at(timeline, timeline.horizon + 1, Reading.LATER, owner)
 
 
 def _terms(metric: MinimizeCosts, timeline: StateTimeline) -> Iterator[tuple[str, Value]]:

@@ -14,10 +14,9 @@ import numpy as np
 from up_samp.model import ProblemError, Trajectory, UnsupportedError, check_time
 from up_samp.validation.collisions import JudgedShape, hits_map
 from up_samp.validation.judged import JudgedMotion, Obstacle
-from up_samp.validation.kinematics import motion_violations
+from up_samp.validation.kinematics import driven_backwards, motion_violations
 from up_samp.validation.lives import (
     FloatArray,
-    Motions,
     Piece,
     build_lives,
     resting,
@@ -85,8 +84,8 @@ def judge_executed(
     """Judge what was executed, in dense time (``decisions.instant``): the schedule, and that one
     motion of an object comes after the other, from where it is, while static obstacles rest.
 
-    ``samples`` are rows (t in s, pose) of each motion, by activity and object. Contacts and
-    kinematics are not looked at.
+    ``samples`` are rows (t in s, pose) of each motion, by activity and object. Contacts are not
+    looked at, and of kinematics only whether somebody drives backwards who must not.
     """
     judged = judge_decisions(problem, decisions)
     found = list(judged.verdict.violations)
@@ -97,7 +96,9 @@ def judge_executed(
     for task in scene.tasks:
         rows = samples.get((task.activity, task.object))
         if rows is not None:
-            motions[task.name] = rows[:, 0], rows[:, 1:]
+            times, poses = motions[task.name] = rows[:, 0], rows[:, 1:]
+            limits = scene.limits[task.object]
+            found.extend(driven_backwards(task.what, limits, times, poses))
     lives = build_lives(scene, motions, seconds, found)
     for task in scene.tasks:
         found.extend(_obstacles(scene, task, lives, seconds))
@@ -147,7 +148,7 @@ def _motion_violations(
     for task in scene.tasks:
         check_time(JUDGING_GRACE)
         found.extend(_obstacles(scene, task, lives, seconds))
-    found.extend(_collisions(scene, motions, lives))
+    found.extend(_collisions(scene, lives))
     found.extend(_jumps(scene, lives, seconds))
     return found
 
@@ -257,9 +258,7 @@ def _rests(
                 yield Violation("static-obstacle", text, here, (obstacle.name,), piece.until)
 
 
-def _collisions(
-    scene: JudgedScene, motions: Motions, lives: Mapping[str, list[Piece]]
-) -> Iterator[Violation]:
+def _collisions(scene: JudgedScene, lives: Mapping[str, list[Piece]]) -> Iterator[Violation]:
     """Rule 18, swept."""
     looked_at: set[frozenset[int]] = set()
     for name, pieces in lives.items():

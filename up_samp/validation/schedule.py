@@ -15,10 +15,10 @@ from unified_planning.model import OperatorKind, TimepointKind
 from up_samp.extensions import parts
 from up_samp.model import UnsupportedError
 from up_samp.validation.conditions import (
-    _reader_at,
     broken_conditions,
     interference,
     present_activities,
+    reader_at,
 )
 from up_samp.validation.timeline import (
     Reading,
@@ -161,7 +161,7 @@ def _durations(problem: Any, timeline: StateTimeline, reading: Reading) -> Itera
     """Rule 2."""
     for activity in present_activities(problem, timeline):
         start, end = timeline.decisions.times[activity.name]
-        reader = _reader_at(timeline, start, reading, activity.name)
+        reader = reader_at(timeline, start, reading, activity.name)
         bounds = activity.duration
         low, high = reader.value(bounds.lower), reader.value(bounds.upper)
         length = end - start

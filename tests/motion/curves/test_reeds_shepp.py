@@ -66,6 +66,32 @@ def test_lengths_agree_with_ompl():
         assert length == pytest.approx(np.abs(arcs[:, 1]).sum(), abs=1e-9)
 
 
+def test_lengths_ahead_only_agree_with_ompl():
+    ob = pytest.importorskip("ompl.base")
+    space = ob.DubinsStateSpace(1.0)
+    bounds = ob.RealVectorBounds(2)
+    bounds.setLow(-100)
+    bounds.setHigh(100)
+    space.setBounds(bounds)
+    si = ob.SpaceInformation(space)
+    a, b = si.allocState(), si.allocState()
+    for start, goal in random_pairs(2000, seed=4):
+        for state, pose in ((a, start), (b, goal)):
+            state.setX(pose[0])
+            state.setY(pose[1])
+            state.setYaw(math.remainder(pose[2], 2 * math.pi))
+        length, arcs = shortest(start, goal, 1.0, 1.0)
+        assert length == pytest.approx(space.distance(a, b), abs=1e-6)
+        assert away(end_of(start, arcs), goal) < 1e-9
+        assert np.all(arcs[:, 1] > 0)
+        assert fastest(start, goal, 1.0, 2.0, 0.5, 1.0)[0] == run_time(length, 2.0, 0.5)
+        assert length >= shortest(start, goal, 1.0)[0] - 1e-9
+        # a search from the goal drives the same curve from its end
+        back, arcs = shortest(goal, start, 1.0, -1.0)
+        assert back == pytest.approx(length, abs=1e-9)
+        assert np.all(arcs[:, 1] < 0)
+
+
 def test_the_fastest_is_never_slower_than_the_shortest():
     for start, goal in random_pairs(500, seed=2):
         time, _ = fastest(start, goal, 1.0, 2.0, 0.5)

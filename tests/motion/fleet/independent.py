@@ -17,8 +17,9 @@ from up_samp.validation.tracks import Track
 
 def limits_of(name, body):
     kin = body.kinematics
+    back = kin.v_max if kin.reverse else 0.0
     return Limits(
-        name, kin.model.name, kin.turning_radius, kin.v_max, kin.v_max, kin.a_max, kin.omega_max
+        name, kin.model.name, kin.turning_radius, kin.v_max, back, kin.a_max, kin.omega_max
     )
 
 

@@ -14,8 +14,9 @@ from up_samp.motion.fleet.workspace import workspace_of
 from up_samp.motion.service import MotionService
 from up_samp.motion.tuning import CoupledTuning, FleetTuning, MotionTuning, RoadmapTuning
 
-SLOW = {"square of ten", "full ring of six", "room of nine, seven"}
+SLOW = {"square of ten", "full ring of six", "room of nine, seven", "room of nine, four small"}
 SLOWER = {("differential", "door both ways"), ("differential", "square of six")}
+SLOWER |= {("omni", "door both ways")}
 SLOWER |= {("differential", "full ring of three")}
 SLOWER |= {("differential", "full ring, three speeds"), ("omni", "full ring, three speeds")}
 

@@ -1,6 +1,6 @@
 """Small random problems with routes of which a part is no route, or written in rarer ways, by seed.
 
-Beside what :mod:`.random_routes` draws: moves whose origin and goal are parameters, effects at both
+Beside what :mod:`random_routes` draws: moves whose origin and goal are parameters, effects at both
 ends or anywhere in between, effects that depend on a state, cranes that move a traveller while it
 does something else, and the problem itself, which puts it somewhere.
 """

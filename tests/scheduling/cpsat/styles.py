@@ -1,8 +1,9 @@
 """How authors write a site of robots, places, doors and tasks as a scheduling problem.
 
-A :class:`~cpsat.sites.Site` is what is meant; a :class:`Style` is how an author writes it. Sites
-say nothing of the unit that may pass between one thing and the next (``Style.units``); styles that
-agree on that have the same optimum. :func:`cpsat.writer.write` does the writing.
+A :class:`~tests.scheduling.cpsat.sites.Site` is what is meant; a :class:`Style` is how an author
+writes it. Sites say nothing of the unit that may pass between one thing and the next
+(``Style.units``); styles that agree on that have the same optimum.
+:func:`~tests.scheduling.cpsat.writer.write` does the writing.
 """
 
 from __future__ import annotations

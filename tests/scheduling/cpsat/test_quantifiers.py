@@ -109,7 +109,7 @@ def solve(problem):
 def test_it_is_the_same_written_out():
     found = [
         (solve(Yard(seed, written_out=False).problem), solve(Yard(seed, written_out=True).problem))
-        for seed in range(14)
+        for seed in range(6)
     ]
     assert all(short == long for short, long in found), found
     assert {short[0] for short, _ in found} == {Status.SOLVED_OPTIMALLY, Status.UNSOLVABLE_PROVEN}

@@ -11,7 +11,6 @@ corner is moved outwards until the blend's middle lies on it (:func:`through`).
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -244,11 +243,7 @@ def _blend(writer: _BlendWriter, chain: Chain, i: int, reach: float, speed: floa
 
 def pieces(nodes: FloatArray) -> FloatArray:
     """Return the nodes without those that do not move on from the one before."""
-    keep = [nodes[0]]
-    for a, b in itertools.pairwise(nodes):
-        if np.abs(b - a).max() > TINY:
-            keep.append(b)
-    return np.array(keep)
+    return nodes[np.append(True, np.abs(np.diff(nodes, axis=0)).max(axis=1) > TINY)]
 
 
 def moved_corner(nodes: FloatArray, i: int, shift: float, cut: float) -> FloatArray | None:

@@ -3,7 +3,10 @@
 All words of Reeds & Shepp, "Optimal paths for a car that goes both forwards and backwards", Pacific
 J. Math. 145 (1990), sections 8.1 to 8.11, with their time flips, reflections and reversals. For the
 *fastest* way (rest at each cusp, trapezoidal speed between cusps) the words without cusps are
-taken with arcs up to a full turn, too (Dubins 1957): a detour can beat a stop.
+taken with arcs up to a full turn, too: a detour can beat a stop. These are all there is to a car
+that drives one way only (Dubins, "On curves of minimal length with a constraint on average
+curvature, and with prescribed initial and terminal positions and tangents", Amer. J. Math. 79,
+1957).
 """
 
 from __future__ import annotations
@@ -22,12 +25,14 @@ Pose = tuple[float, float, float]
 
 class CarLimits(NamedTuple):
     """What a car can do: turning ``radius`` (m), top speed ``v`` (m/s), acceleration ``a``
-    (m/s^2).
+    (m/s^2). ``sense``: 0 if it drives both ways, 1 ahead only, -1 backwards only (how a search that
+    begins at the goal drives a car that goes ahead only).
     """
 
     radius: float
     v: float
     a: float
+    sense: float = 0.0
 
 
 MAX_ARCS = 5
@@ -180,12 +185,16 @@ def _reversible(x: float, y: float, phi: float, words: FloatArray, n: int) -> in
 def _time_of(
     words: FloatArray, i: int, flip: float, car: CarLimits, runs: tuple[float, float]
 ) -> float:
-    """Return the time (s) of a word between the runs before and after it."""
+    """Return the time (s) of a word between the runs before and after it; 1e300 if it drives where
+    the car cannot.
+    """
     scale = flip * car.radius
     time, run = 0.0, runs[0]
     for k in range(MAX_ARCS + 1):
         s = runs[1] if k == MAX_ARCS else words[i, 5 + k] * scale
         if abs(s) > TINY:
+            if car.sense * s < 0.0 and k < MAX_ARCS:
+                return 1e300
             time, run = driven_on(time, run, s, car.v, car.a)
     return time + run_time(abs(run), car.v, car.a)
 
@@ -228,18 +237,26 @@ def connect(
 
 
 def shortest(
-    start: tuple[float, ...], goal: tuple[float, ...], radius: float
+    start: tuple[float, ...], goal: tuple[float, ...], radius: float, sense: float = 0.0
 ) -> tuple[float, FloatArray]:
     """Return length (m) and arcs (n, 2: curvature 1/m, signed length m) of the shortest curve."""
-    return fastest(start, goal, radius, 1.0, math.inf)
+    return fastest(start, goal, radius, 1.0, math.inf, sense)
 
 
 def fastest(
-    start: tuple[float, ...], goal: tuple[float, ...], radius: float, v: float, a: float
+    start: tuple[float, ...],
+    goal: tuple[float, ...],
+    radius: float,
+    v: float,
+    a: float,
+    sense: float = 0.0,
 ) -> tuple[float, FloatArray]:
-    """Return time (s) and arcs (n, 2) of the fastest curve from rest to rest (rest at cusps)."""
+    """Return time (s) and arcs (n, 2) of the fastest curve from rest to rest (rest at cusps).
+
+    The limits are those of :class:`CarLimits`, in order.
+    """
     out = np.empty((MAX_ARCS, 2))
-    car = CarLimits(float(radius), float(v), float(a))
+    car = CarLimits(float(radius), float(v), float(a), float(sense))
     (x0, y0, th0), (x1, y1, th1) = (map(float, pose[:3]) for pose in (start, goal))
     cost, n = connect((x0, y0, th0), (x1, y1, th1), car, (0.0, 0.0), out)
     return float(cost), out[:n].copy()

@@ -34,7 +34,10 @@ def limits_of(kinematics: Kinematics) -> CarLimits:
     stays far within what any judge of limits has to allow.
     """
     return CarLimits(
-        float(kinematics.turning_radius), float(kinematics.v_max), float(kinematics.a_max)
+        float(kinematics.turning_radius),
+        float(kinematics.v_max),
+        float(kinematics.a_max),
+        0.0 if kinematics.reverse else 1.0,
     )
 
 
@@ -111,7 +114,7 @@ def trajectory_of(
     The car rests at each pose. It starts and passes exactly at the poses (theta modulo 2 pi, but
     continuous).
     """
-    _, v, a = limits_of(kinematics)
+    _, v, a, _ = limits_of(kinematics)
     times = [np.zeros(1)]
     rows = [np.array([poses[0][:3]], dtype=np.float64)]
     now = 0.0

@@ -163,12 +163,11 @@ def _piece_at(s: FloatArray, poses: FloatArray, i: int, at: float) -> SweptPiece
     return SweptPiece(x, y, np.cos(theta), np.sin(theta), tx, ty, 0.0, 0.0, 0.0)
 
 
-# ------------------ Compiled conflict geometry of two bodies on fixed paths
-# Compiled conflict geometry of two bodies on fixed paths, safe between samples. Two pieces (see
-# ``up_samp.motion.fleet.conflicts``) are apart if for one edge normal of the convex parts the gap
-# at the middle poses exceeds what both can move and the margin (conservative advancement along
-# separating axes). Pieces that are neither apart nor overlapping in the middle are split; what
-# stays undecided at the finest level counts as a conflict.
+# ------------------ Compiled conflict geometry of two bodies on fixed paths, safe between samples
+# Two pieces are apart if for one edge normal of the convex
+# parts the gap at the middle poses exceeds what both can move and the margin (conservative
+# advancement along separating axes). Pieces that are neither apart nor overlapping in the middle
+# are split; what stays undecided at the finest level counts as a conflict.
 
 
 class Part(NamedTuple):
@@ -473,9 +472,9 @@ def kept(wish: float, a: Iterable[FloatArray], g: Hull, b: Iterable[FloatArray],
 
 
 # ------------------ Compiled conflicts of two short moves
-# Compiled conflicts of two short moves: driven in step, or one after the other in any way. Two
-# robots drive *in step* when each is at the same share of its own move at every instant. A robot
-# may then follow right behind another, or several may turn in a ring that is full.
+# Driven in step, or one after the other in any way. Two robots drive *in step* when each is at the
+# same share of its own move at every instant. A robot may then follow right behind another, or
+# several may turn in a ring that is full.
 
 
 @inner

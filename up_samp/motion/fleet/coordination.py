@@ -78,10 +78,11 @@ def order_decides(
 
 
 # ------------------ A ladder of efforts, and a report of what really conflicts
-# Everybody is
-# first planned alone; orders of priority are tried with more and more effort
-# (``up_samp.motion.fleet.priority_search``), and a few robots for which no order works are moved
-# together. A group that fails or is late is shrunk to the few motions that really conflict.
+# Everybody is first planned alone; then one after the other, with ejection
+# (``up_samp.motion.fleet.neighbourhoods``). Where somebody is late, orders of priority are tried
+# with more and more effort (``up_samp.motion.fleet.priority_search``), and a few robots for which
+# no order works are moved together. A group that fails or is late is shrunk to the few motions that
+# really conflict.
 
 
 METHODS = ("ladder", "st-rrt*")
@@ -130,7 +131,7 @@ def _coordinated(
     _decide(group, root, seed)
     if group.best is None or not group.finished():
         climb(group, root)
-    conflict = _shrunk(group, root, query) if _is_bad(group) else frozenset()
+    conflict = _shrunk(group, root) if _is_bad(group) else frozenset()
     report = _report(group, conflict, time.monotonic() - began)
     return replace(report, exhaustive=_is_tried_out(group, root))
 
@@ -215,7 +216,7 @@ def _is_bad(group: Group) -> bool:
     return group.best is None or group.lateness(group.best.runs) > 0.0
 
 
-def _shrunk(group: Group, root: Node, query: GroupQuery) -> frozenset[str]:
+def _shrunk(group: Group, root: Node) -> frozenset[str]:
     """Return few motions that cannot meet their windows even without the others.
 
     One that is late alone; or else a pair; or else what is left when every motion that does not

@@ -253,9 +253,8 @@ def _steps(node: _Node) -> list[tuple[RoadmapEdge, ...]]:
 
 
 # ------------------ Joint moves made into few drives
-# Joint moves made into few drives: moves that do not meet are independent of each other. Each
-# robot's moves are joined into as few drives as the others allow, in a sequence in which one
-# drives while the others rest.
+# Moves that do not meet are independent of each other. Each robot's moves are joined into as few
+# drives as the others allow, in a sequence in which one drives while the others rest.
 
 
 @dataclass(frozen=True)
@@ -439,11 +438,10 @@ def _route(
 
 
 # ------------------ Knots solved by construction
-# Knots solved by construction: joint moves on roadmaps, made into drives that need few stops.
-# Where no order of priorities works, a plan for everybody is searched on roadmaps of rest poses
-# (``up_samp.motion.fleet.deadlocks``), coarse to fine. It is then made into few drives
-# (``up_samp.motion.fleet.deadlocks``). A planner's own path replaces the moves of a drive where
-# it finds one. Finding nothing proves nothing: the roadmaps leave poses out.
+# Joint moves on roadmaps, made into drives that need few stops. Where no order of priorities works,
+# a plan for everybody is searched on roadmaps of rest poses, coarse to fine. It is then made into
+# few drives. A planner's own path replaces the moves of a drive where it finds one. Finding nothing
+# proves nothing: the roadmaps leave poses out.
 
 
 DRAWS = ((4, 0), (4, 1), (1, 0), (1, 0))

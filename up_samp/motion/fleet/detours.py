@@ -19,15 +19,14 @@ from up_samp.model import (
     Body,
     Configuration,
     Deadline,
-    Kinematics,
     Placed,
     TimedMotion,
     Trajectory,
 )
 from up_samp.motion.curves.arcs import merged, nodes_of
-from up_samp.motion.curves.reeds_shepp import fastest
+from up_samp.motion.curves.reeds_shepp import CarLimits, fastest
 from up_samp.motion.curves.rolling import rolled, rolling_radius, thinned
-from up_samp.motion.curves.trapezoid import trajectory_of
+from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
 from up_samp.motion.fleet.conflicts import CLEARANCES
 from up_samp.motion.fleet.lanes import lane_offsets
 from up_samp.motion.fleet.paths import (
@@ -121,11 +120,15 @@ def with_detours(
     static: Sequence[Placed],
     deadline: Deadline,
 ) -> TimedPath | None:
-    """Return the best of ``best`` and of paths around whatever the last path met at full speed."""
+    """Return the best of ``best``, of paths straight to where somebody leaves, and of paths around
+    whatever the last path met at full speed.
+    """
+    for coming in _paths_in(workspace, motion, static, others, deadline):
+        best = fit(workspace, motion, window, coming, others, best)
     copies: list[Placed] = []
     for _ in range(workspace.tuning.ladder.detours):
         met = met_at_full_speed(workspace, motion, window, path, others)
-        virtual = _virtual_obstacles(workspace, motion, path, met[:2])
+        virtual = _virtual_obstacles(workspace, path, met[:2])
         if not virtual or deadline.expired():
             break
         copies += virtual
@@ -139,9 +142,35 @@ def with_detours(
     return best
 
 
-def _virtual_obstacles(
+def _paths_in(
     workspace: Workspace,
     motion: TimedMotion,
+    static: Sequence[Placed],
+    others: Sequence[TimedPath],
+    deadline: Deadline,
+) -> Iterator[Path]:
+    """Yield paths that come nearly straight to a pose that somebody leaves, close behind: a tighter
+    bend would be in the way for longer.
+    """
+    body, goal, kin = motion.body, motion.poses[-1], motion.body.kinematics
+    if not (body.mobility.steers or body.mobility.rolls):
+        return
+    rest = workspace.resting(body, goal)
+    left = (workspace.conflicts(rest, o.path)[:, 1] for o in others if o.path.cells > 0)
+    if not any(np.any(first == 0) for first in left):
+        return
+    braking = kin.v_max**2 / (2 * kin.a_max)
+    radius = max(2 * braking, kin.bend_radius)
+    for curvature in (0.0, 1.0 / radius, -1.0 / radius):
+        nodes = nodes_of(np.array(goal, dtype=np.float64), np.array([[curvature, -braking]]))
+        poses = (*motion.poses[:-1], tuple(map(float, nodes[-1])), goal)
+        path = workspace.detour(body, poses, static, (), deadline)
+        if path is not None:
+            yield path
+
+
+def _virtual_obstacles(
+    workspace: Workspace,
     path: Path,
     met: Sequence[tuple[TimedPath, int, float]],
 ) -> list[Placed]:
@@ -212,10 +241,9 @@ def ways_past(
 
 
 # ------------------ Two robots that would meet on one line pass each other
-# Two robots that would meet on one line pass each other, each in a lane of its own. Where a way
-# is just wide enough for both, neither can stay in the middle of it: who goes first has to leave
-# room for who comes. Lanes to both sides are tried, as far from the paths as it takes and a bit
-# more, around where the two would meet and longer ones.
+# Each in a lane of its own. Where a way is just wide enough for both, neither can stay in the
+# middle of it: who goes first has to leave room for who comes. Lanes to both sides are tried, as
+# far from the paths as it takes and a bit more, around where the two would meet and longer ones.
 
 
 def pass_by(
@@ -321,7 +349,7 @@ def drivable(
         if sweeps.samples_free(world, rows, least) >= 0:
             return None
         return path_of(rolled(rows, kin), body, poses)
-    arcs = _steered(poses, points, kin.turning_radius, kin, flip)
+    arcs = _steered(poses, points, limits_of(kin), flip)
     if arcs is None or sweeps.path_free(world, np.array(poses[0], dtype=np.float64), arcs) >= 0:
         return None
     end = nodes_of(np.array(poses[0], dtype=np.float64), arcs)[-1]
@@ -389,13 +417,11 @@ def _slid(
         found = np.stack([x, y, poses[0][2] + turn * share], axis=1)
         found[0], found[-1, :2] = poses[0], poses[1][:2]
         if sweeps.samples_free(world, found, least) < 0:
-            return _timed_slide(body, poses, found, rows)
+            return _timed_slide(body, poses, found)
     return None
 
 
-def _timed_slide(
-    body: Body, poses: tuple[Configuration, ...], rows: FloatArray, arcs: FloatArray
-) -> Path | None:
+def _timed_slide(body: Body, poses: tuple[Configuration, ...], rows: FloatArray) -> Path | None:
     """Return the path along a way, with the fastest timing that its bends allow."""
     kin = body.kinematics
     gone = np.diff(rows[:, :2], axis=0)
@@ -436,22 +462,22 @@ def _turned(poses: tuple[Configuration, ...], rows: FloatArray, flip: bool) -> F
 
 
 def _steered(
-    poses: tuple[Configuration, ...], points: FloatArray, radius: float, kin: Kinematics, flip: bool
+    poses: tuple[Configuration, ...], points: FloatArray, car: CarLimits, flip: bool
 ) -> FloatArray | None:
     """Return a car's arcs from pose to pose by way of the middles of straight pieces."""
     marks = [poses[0]]
     for a, b in itertools.pairwise(points):
         way = math.atan2(b[1] - a[1], b[0] - a[0]) + (math.pi if flip else 0.0)
         size = math.dist(a, b)
-        if size >= 2.0 * radius and len(points) > 2:
+        if size >= 2.0 * car.radius and len(points) > 2:
             marks += [(*(a + 0.4 * (b - a)), way), (*(a + 0.6 * (b - a)), way)]
         else:
             marks.append((*(0.5 * (a + b)), way))
     marks.append(poses[1])
     found = []
     for p, q in itertools.pairwise(marks):
-        arcs = fastest(p, q, radius, kin.v_max, kin.a_max)[1]
-        if np.abs(arcs[:, 1]).sum() > 2.0 * math.dist(p[:2], q[:2]) + 6 * radius:
+        arcs = fastest(p, q, *car)[1]
+        if np.abs(arcs[:, 1]).sum() > 2.0 * math.dist(p[:2], q[:2]) + 6 * car.radius:
             return None
         found.append(arcs)
     return merged(np.concatenate(found))

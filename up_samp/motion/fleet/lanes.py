@@ -114,7 +114,7 @@ def _rolled_aside(
     places where it rests.
     """
     kin, stops = path.body.kinematics, path.s[path.stop]
-    car = CarLimits(rolling_radius(kin), kin.v_max, kin.a_max)
+    car = limits_of(kin)._replace(radius=rolling_radius(kin))
     reach = _swerve(offset, car.radius)
     begin = max(first - reach, float(stops[stops <= first + 1e-9][-1]))
     end = min(last + reach, float(stops[stops >= last - 1e-9][0]))

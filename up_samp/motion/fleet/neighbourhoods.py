@@ -15,9 +15,6 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-import numpy.typing as npt
-
 from up_samp.model import Rest, TimedMotion
 from up_samp.motion.budget import WorkBudget
 from up_samp.motion.fleet.paths import TIMES, Path
@@ -26,7 +23,6 @@ from up_samp.motion.fleet.speed import Window, fit
 from up_samp.motion.fleet.timed_path import TimedPath, natural_timing, run_of
 from up_samp.motion.fleet.workspace import Workspace, rest_run
 
-FloatArray = npt.NDArray[np.float64]
 Cost = Callable[[str, float], float]
 """What it costs that a motion (by name) arrives at a time (s)."""
 
@@ -153,10 +149,6 @@ class MovingGroup:
         rest = Rest(m.object, m.body, m.poses[0], m.present_from, m.release + seconds)
         return replace(rest_run(self.workspace, rest), avoid=m.avoid)
 
-    def total(self, runs: Mapping[str, TimedPath]) -> float:
-        """Return the cost of all runs."""
-        return sum(self.cost(n, runs[n].arrival) for n in sorted(runs))
-
 
 def first_runs(problem: MovingGroup) -> dict[str, TimedPath] | None:
     """Return runs of all motions that keep clear of each other, if found within the budget: one
@@ -276,7 +268,7 @@ class _Search:
         rng: random.Random,
     ) -> None:
         self.problem, self.runs, self.movable, self.rng = problem, runs, movable, rng
-        self.scores = {choose: 1.0 for choose in (self.delayed, self.nearby, self.anybody)}
+        self.scores = dict.fromkeys((self.delayed, self.nearby, self.anybody), 1.0)
 
     def step(self) -> None:
         """Try one neighbourhood."""

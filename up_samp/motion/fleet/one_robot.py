@@ -13,7 +13,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.model import (
     Deadline,
@@ -31,8 +30,6 @@ from up_samp.motion.fleet.paths import Path
 from up_samp.motion.fleet.speed import Window, fit, parked_all_the_time
 from up_samp.motion.fleet.timed_path import TimedPath, fixed_run
 from up_samp.motion.fleet.workspace import PathPlanner, Workspace, rest_run, workspace_of
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

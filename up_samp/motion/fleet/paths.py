@@ -25,9 +25,9 @@ from up_samp.motion.fleet.conflicts import Hull, Swept, sweep_table
 from up_samp.motion.fleet.flyers import ROUND, SweptSolid
 
 # ------------------ Compiled bookkeeping in time
-# Compiled bookkeeping in time: who is in which cell when, and what that leaves free. ``occupied``
-# of a run has shape (cells + 3,): extended cell ``i`` is held during ``[occupied[i], occupied[i +
-# 1]]``. A body that waits between two cells counts as being in the one behind it.
+# Who is in which cell when, and what that leaves free. ``occupied`` of a run has shape (cells +
+# 3,): extended cell ``i`` is held during ``[occupied[i], occupied[i + 1]]``. A body that waits
+# between two cells counts as being in the one behind it.
 
 
 FloatArray = npt.NDArray[np.float64]
@@ -309,7 +309,7 @@ def first_gap(blocked: FloatArray, earliest: float, latest: float) -> float:
 
 
 # ------------------ Where paths bend
-# Where paths bend: their parameter, where they kink, where the body must rest or drive slowly.
+# Their parameter, where they kink, where the body must rest or drive slowly.
 
 
 BoolArray = npt.NDArray[np.bool_]

@@ -100,8 +100,8 @@ def couple(
     """Return runs of a few ``motions`` that keep clear of each other and of the ``world``, or None
     if none are found or they are not of the kind that this can couple.
 
-    ``alone`` are the runs of the motions without each other. The robots must be cars with two
-    poses each, of different names, and all there from before the first release on.
+    ``alone`` are the runs of the motions without each other. The robots must drive in the plane,
+    from one pose to another each, have different names, and be there before the first release.
     """
     if workspace.scene is None or not _can_couple(motions):
         return None

@@ -38,10 +38,6 @@ class ReservationTable:
         self._runs: dict[str, list[TimedPath]] = {}
         self._placed: list[TimedPath] = []
 
-    def decided(self, name: str) -> int:
-        """Return how many motions of an object are decided."""
-        return len(self._runs.get(name, ()))
-
     def arrival(self, name: str) -> float:
         """Return when an object's last decided motion ends (s)."""
         runs = self._runs.get(name)
@@ -183,7 +179,6 @@ class ReservationTable:
     def _others(self, mine: set[str], since: float) -> list[TimedPath]:
         """Return what is there of others after ``since`` (s)."""
         found = [r for n, r in self._first.items() if n not in mine and n not in self._runs]
-        for name, runs in self._runs.items():
-            if name not in mine:
-                found += [run for run in runs if run.until > since]
+        others = (runs for name, runs in self._runs.items() if name not in mine)
+        found += [run for runs in others for run in runs if run.until > since]
         return [*found, *self._placed]

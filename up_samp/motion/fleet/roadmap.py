@@ -118,15 +118,18 @@ class Tensor:
         found = [(n, self._straight(key, n)) for n in turns]
         # turning and driving off is one move: who is pushed has to get away at once
         for way in ways:
-            for n in self._along(0 if way[1] == j else 1):
+            for n in self._along(way[0] - i, way[1] - j):
                 drive = self._straight((i, j, n), (*way, n))
                 found.append(((*way, n), drive if n == k else self._turned(key, n, drive)))
         return found
 
-    def _along(self, axis: int) -> list[int]:
-        """Return the headings along an axis."""
-        across = np.sin(self.headings) if axis == 0 else np.cos(self.headings)
-        return [int(n) for n in np.flatnonzero(np.abs(across) < 1e-9)]
+    def _along(self, dx: int, dy: int) -> list[int]:
+        """Return the headings at which the body may drive along an axis, one way."""
+        c, s = np.cos(self.headings), np.sin(self.headings)
+        along = np.abs(dx * s - dy * c) < 1e-9
+        if not self.body.kinematics.reverse:
+            along &= dx * c + dy * s > 0.0
+        return [int(n) for n in np.flatnonzero(along)]
 
     def _straight(self, key: Key, there: Key) -> ShortMove:
         start, goal = np.array(self.pose(key)), np.array(self.pose(there))
@@ -265,10 +268,10 @@ def steps_of(rows: FloatArray, radius: float) -> FloatArray:
 
 
 # ------------------ A roadmap of one kind of body
-# A roadmap of one kind of body: places to rest at, and the short moves between them. The places
-# are those of a lattice around everybody's ends, the ends themselves, and marks along the robots'
-# own best paths, so that what is too tight for the lattice is on the map all the same. Every move
-# is swept against the map and what rests for good.
+# Places to rest at, and the short moves between them. The places are those of a lattice around
+# everybody's ends, the ends themselves, and marks along the robots' own best paths, so that what is
+# too tight for the lattice is on the map all the same. Every move is swept against the map and what
+# rests for good.
 
 
 def cells_of(body: Body, tuning: RoadmapTuning) -> tuple[float, float, float, float]:
@@ -303,7 +306,8 @@ class Roadmap:
         shape = widest_shape(scene, body, ends, static)
         self.scene, self.body, self.hull = scene, body, hull_of(body)
         self.usable = shape is not None
-        self._pivots = body.mobility.pivots
+        self._pivots, self._both_ways = body.mobility.pivots, body.kinematics.reverse
+        self._orders = (1,) if self._both_ways else (1, -1)
         self.shape: Shape = shape if shape is not None else scene.shape(body)
         self._world = scene.world(self.shape, static)
         self.poses: list[Configuration] = []
@@ -327,8 +331,7 @@ class Roadmap:
         """Return the place at a pose, joined to the places of the lattice near it."""
         if pose not in self.places:
             node = self.places[pose] = self._new(pose)
-            self._join(node, self.tuning.links)
-            if node not in self._keys and node not in self._extra:
+            if not self._join(node, self.tuning.links):
                 self._drive_out(node)
         return self.places[pose]
 
@@ -336,12 +339,12 @@ class Roadmap:
         """Join a place at which the body cannot turn to places straight ahead and behind."""
         x, y, theta = self.poses[node]
         for away in (-2.0, -1.0, 1.0, 2.0):
-            reach = away * self.cell
+            reach, order = away * self.cell, self._orders[-int(away < 0.0)]
             pose = (x + reach * math.cos(theta), y + reach * math.sin(theta), theta)
-            moves = steer(self.body, self.poses[node], pose)
+            moves = steer(self.body, *(self.poses[node], pose)[::order])
             if all(self._sweeps_free(m.rows) for m in moves):
                 there = self._new(pose)
-                self._link(node, there, moves)
+                self._link((node, there)[::order], moves)
                 self._join(there, self.tuning.links)
 
     def rest(self, node: int) -> RoadmapEdge:
@@ -361,19 +364,38 @@ class Roadmap:
         return self._known[node]
 
     def to_go(self, goal: int) -> dict[int, float]:
-        """Return the cost from each place to a goal, over free moves (each has its reverse)."""
+        """Return the cost from each place to a goal, over free moves: back along the moves from it,
+        where each has its reverse, else along those to it.
+        """
         best = {goal: 0.0}
         queue = [(0.0, goal)]
+        before = self._before()
         while queue:
             cost, node = heapq.heappop(queue)
             if cost > best[node]:
                 continue
-            for edge in self.out(node):
-                after = cost + edge.cost
-                if after < best.get(edge.target, math.inf):
-                    best[edge.target] = after
-                    heapq.heappush(queue, (after, edge.target))
+            for there, takes in before(node):
+                after = cost + takes
+                if after < best.get(there, math.inf):
+                    best[there] = after
+                    heapq.heappush(queue, (after, there))
         return best
+
+    def _before(self) -> Callable[[int], Sequence[tuple[int, float]]]:
+        """Return what tells the places before a place, and the cost of the moves from there: of all
+        places that can be reached from the robots' ends.
+        """
+        if self._both_ways:
+            return lambda node: [(edge.target, edge.cost) for edge in self.out(node)]
+        found: dict[int, list[tuple[int, float]]] = {node: [] for node in self.places.values()}
+        queue = list(found)
+        while queue:
+            node = queue.pop()
+            for edge in self.out(node):
+                if edge.target not in found:
+                    queue.append(edge.target)
+                found.setdefault(edge.target, []).append((node, edge.cost))
+        return found.__getitem__
 
     def route(
         self,
@@ -417,11 +439,11 @@ class Roadmap:
         return tuple(way[::-1]), len(closed)
 
     def _lattice_moves(self, node: int) -> list[RoadmapEdge]:
-        found = []
-        for key, move in self.lattice.moves(self._keys[node]):
-            if self._is_place(key) and self._sweeps_free(move.rows):
-                found.append(self._edge(node, self._lattice_place(key), move))
-        return found
+        return [
+            self._edge(node, self._lattice_place(key), move)
+            for key, move in self.lattice.moves(self._keys[node])
+            if self._is_place(key) and self._sweeps_free(move.rows)
+        ]
 
     def _lattice_place(self, key: Key) -> int:
         if key not in self._nodes:
@@ -457,38 +479,48 @@ class Roadmap:
         self.edges.append(edge)
         return edge
 
-    def _link(self, source: int, target: int, moves: Sequence[ShortMove]) -> None:
-        """Add moves between two places, and back, with places where one move ends."""
-        nodes = [source, *(self._new(tuple(m.rows[-1].tolist())) for m in moves[:-1]), target]
+    def _link(self, ends: tuple[int, ...], moves: Sequence[ShortMove]) -> None:
+        """Add moves between two places, and back where the body may drive both ways, with places
+        where one move ends.
+        """
+        inner = (self._new(tuple(m.rows[-1].tolist())) for m in moves[:-1])
+        nodes = [ends[0], *inner, ends[1]]
         for (a, b), move in zip(itertools.pairwise(nodes), moves, strict=True):
             self._extra.setdefault(a, []).append(self._edge(a, b, move).number)
-            self._extra.setdefault(b, []).append(self._edge(b, a, move.back()).number)
+            if self._both_ways:
+                self._extra.setdefault(b, []).append(self._edge(b, a, move.back()).number)
 
-    def _join(self, node: int, most: int) -> None:
-        """Join a place off the lattice to free places near it."""
+    def _join(self, node: int, most: int) -> bool:
+        """Join a place off the lattice to free places near it, and these to it; return whether both
+        were done.
+        """
         pose = self.poses[node]
         options = []
         for key in self.lattice.near(pose[0], pose[1]):
             target = self.lattice.pose(key)
             if _same(pose, target):
                 self._nodes[key], self._keys[node] = node, key
-                return
+                return True
             away = math.dist(pose[:2], target[:2])
             bend = abs(math.remainder(target[2] - pose[2], 2 * math.pi))
             options.append((away + self.hull.radius * bend, key))
         options.sort()
-        joined = 0
-        for _, key in options[: 8 * most]:
-            if joined >= most:
-                break
-            if not self._is_place(key):
-                continue
-            moves = steer(self.body, pose, self.lattice.pose(key))
-            way = sum(float(steps_of(m.rows, 0.0).sum()) for m in moves)
-            limit = self.tuning.local * max(self.cell, self.body.kinematics.bend_radius)
-            if way <= limit and all(self._sweeps_free(m.rows) for m in moves):
-                self._link(node, self._lattice_place(key), moves)
-                joined += 1
+        limit = self.tuning.local * max(self.cell, self.body.kinematics.bend_radius)
+        done = []
+        for order in self._orders:
+            joined = 0
+            for _, key in options[: 8 * most]:
+                if joined >= most:
+                    break
+                if not self._is_place(key):
+                    continue
+                moves = steer(self.body, *(pose, self.lattice.pose(key))[::order])
+                way = sum(float(steps_of(m.rows, 0.0).sum()) for m in moves)
+                if way <= limit and all(self._sweeps_free(m.rows) for m in moves):
+                    self._link((node, self._lattice_place(key))[::order], moves)
+                    joined += 1
+            done.append(joined > 0)
+        return all(done)
 
     def _chain(self, path: Path) -> None:
         """Add marks along a path, and the drives between them."""
@@ -506,7 +538,7 @@ class Roadmap:
         nodes += [self._new(tuple(row.tolist())) for row in poses[1:-1]]
         nodes.append(self.place(_pose(path.poses[-1])))
         for i, (a, b) in enumerate(itertools.pairwise(marks)):
-            self._link(nodes[i], nodes[i + 1], [self._along(path, float(a), float(b))])
+            self._link((nodes[i], nodes[i + 1]), [self._along(path, float(a), float(b))])
         for node in nodes[1:-1]:
             self._join(node, 2)
 

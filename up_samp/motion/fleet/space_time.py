@@ -472,7 +472,7 @@ class Proposer:
         self, motion: TimedMotion, lattice: Lattice, rows: FloatArray, safe: Safe, flip: bool
     ) -> Path | None:
         points = _points(lattice, motion, rows)
-        points = _pulled(self._scene, motion, lattice, points, rows, safe)
+        points = _pulled(self._scene, lattice, points, rows, safe)
         key = (motion.body, motion.poses, points.tobytes(), flip)
         return self._paths.get_or(
             key, lambda: drivable(self._scene, motion.body, motion.poses, points, flip)
@@ -510,7 +510,7 @@ def _links(lattice: Lattice, pose: Configuration, sign: int) -> Links:
 
 def _sides(motion: TimedMotion, able: Mobility) -> tuple[bool, ...]:
     """Return whether to drive ahead or backwards (True), what turns less first."""
-    if able.sideways:
+    if able.sideways or not motion.body.kinematics.reverse:
         return (False,)
     (x, y, first), (u, v, last) = (pose[:3] for pose in motion.poses)
     way = math.atan2(v - y, u - x)
@@ -582,12 +582,7 @@ def _points(lattice: Lattice, motion: TimedMotion, rows: FloatArray) -> FloatArr
 
 
 def _pulled(
-    scene: Scene,
-    motion: TimedMotion,
-    lattice: Lattice,
-    points: FloatArray,
-    rows: FloatArray,
-    safe: Safe,
+    scene: Scene, lattice: Lattice, points: FloatArray, rows: FloatArray, safe: Safe
 ) -> FloatArray:
     """Return a way without the corners that can be left out, as far as the lattice tells."""
     arrive = np.array([rows[rows[:, 0] == p, 1].min() for p in dict.fromkeys(rows[:, 0])])

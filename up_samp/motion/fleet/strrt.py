@@ -156,7 +156,7 @@ def _add(out: FloatArray, count: int, low: float, high: float) -> int:
 
 
 # ------------------ Drives along a few arcs among movers
-# Drives along a few arcs among movers, at sampled poses: how long they take, when they clash.
+# At sampled poses: how long they take, when they clash.
 
 
 @inner

@@ -60,18 +60,19 @@ class CarSettings:
     narrow: int = 300
 
 
-def _primitives(radius: float, unit: float, share: float) -> list[tuple[float, float]]:
+def _primitives(car: CarLimits, unit: float, share: float) -> list[tuple[float, float]]:
     """Return the arcs (curvature, signed length) that a search is made of.
 
     Steps are ``share`` of ``unit``, turns are as tight as can be. Where a car turns tighter than it
     is wide these lead to another heading and nowhere else: wider ones go with them.
     """
-    step = share * unit
+    step, radius = share * unit, car.radius
     lengths = {0.0: step, 1 / radius: share * radius, -1 / radius: share * radius}
     if unit > radius:
         lengths |= {1 / unit: step, -1 / unit: step}
     arcs = [(kappa, s) for kappa, length in lengths.items() for s in (length, -length)]
-    return [*arcs, (0.0, 4 * step), (0.0, -4 * step)]
+    arcs += [(0.0, 4 * step), (0.0, -4 * step)]
+    return [(kappa, s) for kappa, s in arcs if s * car.sense >= 0.0]
 
 
 class CarPlanner:
@@ -124,10 +125,13 @@ class CarPlanner:
             for turned in tuple(sides):
                 if budget.spent():
                     break
-                asked = replace(query, start=goal, goal=start) if turned else query
-                arcs, count, dry = self._search(asked, shape, level, budget)
+                asked, driver = query, car
+                if turned:
+                    asked = replace(query, start=goal, goal=start)
+                    driver = car._replace(sense=-car.sense)
+                arcs, count, dry = self._search(asked, driver, shape, level, budget)
                 if arcs is not None:
-                    arcs = self._smooth(world, asked, arcs, car)
+                    arcs = self._smooth(world, asked, arcs, driver)
                     arcs = reversed_arcs(arcs) if turned else arcs
                     if best is None or path_time(arcs, car.v, car.a) < path_time(
                         best, car.v, car.a
@@ -147,10 +151,10 @@ class CarPlanner:
         return best, ""
 
     def _search(
-        self, query: LegQuery, shape: Shape, level: int, budget: WorkBudget
+        self, query: LegQuery, car: CarLimits, shape: Shape, level: int, budget: WorkBudget
     ) -> tuple[FloatArray | None, int, bool]:
         """Run hybrid A* at one resolution; return arcs or None, expansions, whether it ran dry."""
-        problem = self._problem(query, shape, level)
+        problem = self._problem(query, car, shape, level)
         tree = self._tree(self.settings.nodes[level], problem.space.keys)
         target = np.array(problem.goal)
         hybrid.plant(tree, np.array(query.start[:3], dtype=np.float64))
@@ -174,10 +178,11 @@ class CarPlanner:
         hybrid.clear(tree)
         return arcs, count, state == 2
 
-    def _problem(self, query: LegQuery, shape: Shape, level: int) -> hybrid.CarProblem:
+    def _problem(
+        self, query: LegQuery, car: CarLimits, shape: Shape, level: int
+    ) -> hybrid.CarProblem:
         """Return what one search is about, at one resolution."""
-        settings, car = self.settings, limits_of(query.body.kinematics)
-        finest = settings.levels[level]
+        settings, finest = self.settings, self.settings.levels[level]
         unit = max(car.radius, settings.least * shape.inner[2])
         step = finest * unit
         ends, obstacles = (query.start, query.goal), query.obstacles
@@ -186,7 +191,7 @@ class CarPlanner:
         space = pose_space(self.scene, ends, obstacles, reach, step / 1.5, bins)._replace(
             extra=settings.extra, near=settings.near * unit, weight=settings.weight
         )
-        steps = np.array(_primitives(car.radius, unit, finest))
+        steps = np.array(_primitives(car, unit, finest))
         x, y, th = map(float, query.goal[:3])
         field = self.fields.toward(shape, query.goal, obstacles)
         world = self.scene.world(shape, obstacles)

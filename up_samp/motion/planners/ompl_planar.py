@@ -158,7 +158,8 @@ class PlanarWorld:
         self.car = body.mobility.steers
         self.hits = np.zeros(len(obstacles) + 1, dtype=np.int64)
         self.radius = limits_of(body.kinematics).radius
-        self._car = CarLimits(self.radius, 1.0, math.inf)  # its fastest curves are the shortest
+        # its fastest curves are the shortest
+        self._car = limits_of(body.kinematics)._replace(v=1.0, a=math.inf)
         self._poses = poses
         self.shape = scene.shape(body)
         self.data = scene.world(self.shape, obstacles)
@@ -194,7 +195,10 @@ class PlanarWorld:
     def information(self, budget: WorkBudget) -> tuple[Any, float]:
         """Return OMPL's space information and the longest extension (m)."""
         low, high = self.box()
-        space = ob.ReedsSheppStateSpace(self.radius) if self.car else ob.SE2StateSpace()
+        space = ob.SE2StateSpace()
+        if self.car:
+            curves = ob.ReedsSheppStateSpace if self._car.sense == 0.0 else ob.DubinsStateSpace
+            space = curves(self.radius)
         space.setBounds(box_bounds(low.tolist(), high.tolist()))
         si = ob.SpaceInformation(space)
         si.setStateValidityChecker(Validity(si, lambda s: self.pose_free(*_read(s))))
@@ -275,13 +279,18 @@ def _drive(
 ) -> Trajectory | None:
     """Return a car's timed motion along the curves between ``nodes``, shortened."""
     limits = limits_of(world.body.kinematics)
-    curves = [shortest(tuple(a), tuple(b), limits.radius)[1] for a, b in itertools.pairwise(nodes)]
+    pairs = list(itertools.pairwise(nodes))
+    if limits.sense != 0.0 and not all(world.edge_free(*a, *b) for a, b in pairs):
+        return None  # some of OMPL's planners check an edge one way and take it the other way
+    curves = [shortest(tuple(a), tuple(b), limits.radius, limits.sense)[1] for a, b in pairs]
     raw = merged(np.concatenate(curves))
     origin, target = nodes[0], np.array(goal[:3], dtype=np.float64)
     effort = Effort(SETTINGS.rounds, SETTINGS.patience, seed)
     best = None
     for arcs in (raw, improve(world.data, origin, raw, limits, effort)):
-        faster = best is None or path_time(arcs, *limits[1:]) < path_time(best, *limits[1:])
+        faster = best is None or path_time(arcs, limits.v, limits.a) < path_time(
+            best, limits.v, limits.a
+        )
         if settle(origin, target, arcs) < 1e-7 and faster:
             best = arcs
     if best is None:
@@ -324,5 +333,6 @@ def planar_leg(
         trajectory = _drive(world, start, goal, nodes, seed)
     else:
         trajectory, corners = _glide(world, goal, nodes, seed)
-    reason = "" if trajectory is not None else "a path was found but not timed safely"
+    unsafe = f"OMPL's {planner} found a path, but none that is safe the way it has to be driven"
+    reason = "" if trajectory is not None else unsafe
     return Leg(trajectory, reason, budget.used, not budget.cut, corners)

@@ -2,7 +2,8 @@
 
 A motion's path is at least as long as the shortest way of the footprint's inscribed disc (about
 the reference point) among what surely blocks it, and a car's at least as long as the shortest
-Reeds-Shepp curve; no speed profile from rest to rest beats the trapezoid over that length.
+Reeds-Shepp curve (Dubins curve, if it drives ahead only); no speed profile from rest to rest beats
+the trapezoid over that length.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from up_samp.geometry.records import along
 from up_samp.geometry.shapes import core_of, shape_of
 from up_samp.model import Body, Configuration, Mobility, Placed
 from up_samp.motion.curves.reeds_shepp import run_time, shortest
+from up_samp.motion.curves.trapezoid import limits_of
 from up_samp.motion.guides.visibility import Visibility
 from up_samp.motion.proofs.certificates import Certifier
 
@@ -58,7 +60,8 @@ class DurationBounds:
             return math.dist(start[:3], goal[:3])
         length = self.length(body, start, goal, obstacles)
         if kin.mobility.steers:
-            length = max(length, shortest(start, goal, kin.turning_radius)[0])
+            sense = limits_of(kin).sense
+            length = max(length, shortest(start, goal, kin.turning_radius, sense)[0])
         return length
 
     def length(

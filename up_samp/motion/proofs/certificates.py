@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -69,10 +70,11 @@ class Certifier:
     ) -> PathReport | None:
         """Return a report that driving through ``poses`` is impossible, or None (no proof)."""
         body = core_of(body)
-        for pose in poses:
+        for k, pose in enumerate(poses):
             if self.scene.grid is not None and not self.scene.map_free(body, pose):
                 where = ", ".join(f"{v:g}" for v in pose[:3])
-                return _impossible(f"the configuration ({where}) collides with the map", (), ())
+                reason = f"the configuration ({where}) collides with the map"
+                return replace(_impossible(reason, (), ()), where=k)
         hit = [
             frozenset(p.name for p in obstacles if self.scene.overlap(body, at, p.body, p.pose))
             for at in poses
@@ -84,7 +86,10 @@ class Certifier:
         if must:
             blocker = min(must)
             ways = _minimal([must | way for way in gaps] if gaps else [must])
-            return _impossible(f"a configuration collides with '{blocker}'", (blocker,), ways)
+            k = next(k for k, names in enumerate(hit) if blocker in names)
+            where = ", ".join(f"{v:g}" for v in poses[k][:3])
+            reason = f"the configuration ({where}) collides with '{blocker}'"
+            return replace(_impossible(reason, (blocker,), ways), where=k)
         if not gaps:
             return None
         blockers = self._blockers(body, poses, obstacles)

@@ -4,7 +4,8 @@ The space of poses is cut into boxes: a square of the map times a range of headi
 the footprint, each shrunk by what it can move within a box, tell boxes in which every pose
 collides; all motions, of whatever kind, go through neighbouring other boxes. A flood from the
 start that does not reach the goal's box is a proof, which sees the footprint's length where the
-proof by one disc does not.
+proof by one disc does not. Of a body that drives ahead only, the reference point leaves a square on
+no side that it looks away from: there is a flood from the start, and one back from the goal.
 """
 
 from __future__ import annotations
@@ -64,6 +65,7 @@ class Blocking(NamedTuple):
 class Flood(NamedTuple):
     """What a flood over boxes has seen, kept between calls.
 
+    ``sense``: how the body drives in it: 0 both ways, 1 ahead only, -1 back in time ahead only.
     ``state`` int8 (rows, cols, bins): 0 unseen, 1 free, 2 blocked. ``queue``: boxes (index: (row *
     cols + col) * bins + bin) to go on from; ``ends`` (2,): its head and tail. ``goal``: the box to
     reach. ``size`` (m): side of a box.
@@ -74,6 +76,17 @@ class Flood(NamedTuple):
     ends: npt.NDArray[np.int64]
     goal: int
     size: float
+    sense: float
+
+
+@inner
+def _leads(heading: float, half: float, dr: int, dc: int) -> bool:
+    """Return whether a body that drives ahead at a heading (rad, or ``half`` more or less) may
+    leave a square towards a neighbouring one: over a side it must not look away from that side,
+    over a corner from neither.
+    """
+    off = abs((heading - math.atan2(dr, dc) + math.pi) % (2.0 * math.pi) - math.pi)
+    return dr == 0 == dc or off <= (0.5 - 0.25 * abs(dr * dc)) * math.pi + half + 1e-9
 
 
 @inner
@@ -134,6 +147,11 @@ def spread(flood: Flood, blocking: Blocking, budget: int) -> int:
                     r, c, n = row + dr, col + dc, (b + db + bins) % bins
                     if r < 0 or c < 0 or r >= rows or c >= cols or state[r, c, n] != 0:
                         continue
+                    # the heading between the two, half a turn on where time runs back
+                    between = (2.0 * b + db) * half[1] + 0.5 * math.pi * (1.0 - flood.sense)
+                    wide = (1.0 + abs(db)) * half[1]
+                    if flood.sense != 0.0 and not _leads(between, wide, dr, dc):
+                        continue
                     centre = (c + 0.5) * size, (r + 0.5) * size
                     if _blocked(blocking, centre, 2.0 * math.pi * n / bins, half):
                         state[r, c, n] = 2
@@ -169,16 +187,24 @@ def separated(
     boxes = [_box(scene, pose, size, shape) for pose in ends]
     if boxes[0] < 0 or boxes[1] < 0 or boxes[0] == boxes[1]:
         return False
-    state = np.zeros(shape, dtype=np.int8)
-    state.reshape(-1)[boxes[0]] = 1
-    queue = np.empty(state.size + 1, dtype=np.int32)
-    queue[0] = boxes[0]
-    flood = Flood(state, queue, np.array([0, 1], dtype=np.int64), boxes[1], float(size))
     blocking = Blocking(nearest, scene.data.frame, scene.polys(obstacles), discs_inside(body))
+    a, b = boxes
+    ways = ((a, b, 0.0),) if body.kinematics.reverse else ((a, b, 1.0), (b, a, -1.0))
+    floods = [_begun(shape, start, goal, float(size), sense) for start, goal, sense in ways]
     verdict = 0
     while verdict == 0 and not deadline.expired():
-        verdict = spread(flood, blocking, 20_000)
+        for flood in floods:
+            verdict = verdict or spread(flood, blocking, 20_000)
     return verdict == 2
+
+
+def _begun(shape: tuple[int, int, int], start: int, goal: int, size: float, sense: float) -> Flood:
+    """Return the flood that has seen its start and nothing else."""
+    state = np.zeros(shape, dtype=np.int8)
+    state.reshape(-1)[start] = 1
+    queue = np.empty(state.size + 1, dtype=np.int32)
+    queue[0] = start
+    return Flood(state, queue, np.array([0, 1], dtype=np.int64), goal, size, sense)
 
 
 def _box(scene: Scene, pose: Configuration, size: float, shape: tuple[int, int, int]) -> int:

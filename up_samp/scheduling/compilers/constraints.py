@@ -69,9 +69,8 @@ def _sum(expression: Expr) -> Expr | None:
 
 
 # ------------------ Rules about effects that UP's meaning has and engines do not always keep
-# Rules about effects that UP's meaning has and engines do not always keep, said as constraints.
-# No effect comes before time 0. Two effects of one owner on one state variable at the same
-# instant clash (unless both count up or down): they cannot both happen.
+# Said as constraints. No effect comes before time 0. Two effects of one owner on one state variable
+# at the same instant clash (unless both count up or down): they cannot both happen.
 
 
 def compile_rules(problem: PlainProblem) -> Compiled:

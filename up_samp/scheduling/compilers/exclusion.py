@@ -230,11 +230,10 @@ def pairs_of(problem: PlainProblem) -> dict[tuple[str, str], tuple[int, Expr]]:
 
 
 # ------------------ Cliques of disjunctions to tokens
-# Cliques of disjunctions to tokens, for engines with object fluents: linear, not quadratic. A
-# token is a state variable whose value names an activity. Each member of the clique takes it at
-# its start and needs it unchanged while it runs: over ``[start + 1, end - 1 + gap]``. Another
-# member then cannot start in between, and two cannot start at one instant, as their effects would
-# meet.
+# For engines with object fluents: linear, not quadratic. A token is a state variable whose value
+# names an activity. Each member of the clique takes it at its start and needs it unchanged while it
+# runs: over ``[start + 1, end - 1 + gap]``. Another member then cannot start in between, and two
+# cannot start at one instant, as their effects would meet.
 
 
 def compile_tokens(problem: PlainProblem) -> Compiled:

@@ -146,11 +146,10 @@ def _breaks(condition: Condition, effect: Effect) -> bool:
 
 
 # ------------------ Half-open conditions where time is dense
-# Half-open conditions where time is dense: what is set in their last unit is seen inside. A
-# condition over ``[low, high + 1)`` holds at ``high``, and also right after it. Effects of other
-# activities keep out of it anyway; one of its own activity, or of the problem itself, may come at
-# ``high``. Then the condition has to hold with what that sets, which engines that know integer
-# times only do not ask for.
+# What is set in their last unit is seen inside. A condition over ``[low, high + 1)`` holds at
+# ``high``, and also right after it. Effects of other activities keep out of it anyway; one of its
+# own activity, or of the problem itself, may come at ``high``. Then the condition has to hold with
+# what that sets, which engines that know integer times only do not ask for.
 
 
 def compile_dense(problem: PlainProblem) -> Compiled:
@@ -216,10 +215,9 @@ def _at_other_times(problem: PlainProblem, condition: Condition, effect: Effect)
     return ways
 
 
-# ------------------ Conditions that only keep others away
-# Conditions that only keep others away, and conditions that another one implies. A condition that
-# every value satisfies (``f = f``) still keeps the effects of other activities on ``f`` out of
-# its interval. That is said by differences, which spares engines a supporter.
+# ------------------ Conditions that only keep others away, and conditions that another one implies
+# A condition that every value satisfies (``f = f``) still keeps the effects of other activities on
+# ``f`` out of its interval. That is said by differences, which spares engines a supporter.
 
 
 def compile_stillness(problem: PlainProblem) -> Compiled:
@@ -308,8 +306,7 @@ def _inside(c: Condition, d: Condition) -> bool:
 
 
 # ------------------ Conditions over intervals that may be empty
-# Conditions over intervals that may be empty, for engines that do not take those as asking
-# nothing.
+# For engines that do not take those as asking nothing.
 #
 # Where the duration decides whether the interval holds an instant, the condition moves to an
 # auxiliary optional activity that spans just the interval and is present if that is not empty.

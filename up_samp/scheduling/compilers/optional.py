@@ -145,15 +145,14 @@ def compile_anchor(problem: PlainProblem) -> Compiled:
 
 
 # ------------------ Optional activities away
-# Optional activities away: every activity becomes mandatory, a bool parameter says presence. An
-# absent activity runs as early and as short as it can (at time 0, mostly without duration). Its
-# conditions and effects stay, on private copies of the fluents: every fluent that an optional
-# activity touches gets one more parameter, a *slot*. The slot ``main`` is the real fluent. Each
-# condition and effect of an optional activity has a slot parameter that is ``main`` if the
-# activity is present, and ``off...`` if not; the copies that absent conditions read have suitable
-# initial values (shared where those are equal, as nobody writes there), the copies that absent
-# effects write are read by nobody. An effect with a condition over parameters is treated
-# likewise: its slot is ``main`` if it happens.
+# Every activity becomes mandatory, a bool parameter says presence. An absent activity runs as early
+# and as short as it can (at time 0, mostly without duration). Its conditions and effects stay, on
+# private copies of the fluents: every fluent that an optional activity touches gets one more
+# parameter, a *slot*. The slot ``main`` is the real fluent. Each condition and effect of an
+# optional activity has a slot parameter that is ``main`` if the activity is present, and ``off...``
+# if not; the copies that absent conditions read have suitable initial values (shared where those
+# are equal, as nobody writes there), the copies that absent effects write are read by nobody. An
+# effect with a condition over parameters is treated likewise: its slot is ``main`` if it happens.
 #
 # Size: linear in the conditions and effects.
 

@@ -164,7 +164,7 @@ def show(expression: Expr) -> str:
 
 # ------------------ Scheduling problems as plain values: what the compilers work on
 # A ``PlainProblem`` says the same as a UP ``SchedulingProblem`` in tuples and names: it is cheap
-# to rewrite, to compare and to send to another process (``expressions``).
+# to rewrite, to compare and to send to another process.
 
 
 @dataclass(frozen=True)

@@ -47,8 +47,8 @@ _ANCHORS = {kind: anchor for anchor, kind in POINTS.items()}
 _KINDS = {kind: name for name, kind in EFFECT_KINDS.items()}
 
 
-def read_problem(problem: SchedulingProblem, *, metric: bool = True) -> PlainProblem:
-    """Return ``problem`` as plain values; its ``metric`` only where that is wanted.
+def read_problem(problem: SchedulingProblem, *, objective: bool = True) -> PlainProblem:
+    """Return ``problem`` as plain values; without ``objective``, whatever is best.
 
     Scopes become implications, intervals closed ones over integers, presence of a mandatory
     activity becomes true, quantifiers are expanded.
@@ -56,7 +56,7 @@ def read_problem(problem: SchedulingProblem, *, metric: bool = True) -> PlainPro
     Raises:
         UnsupportedError: real numbers, or a metric other than the makespan.
     """
-    return _ProblemReader(problem).read(metric)
+    return _ProblemReader(problem).read(objective)
 
 
 def read_expression(problem: SchedulingProblem, node: FNode) -> Expr:
@@ -91,7 +91,7 @@ class _ProblemReader:
         }
         self.objects = {o.name: o.type.name for o in problem.all_objects}
 
-    def read(self, metric: bool) -> PlainProblem:
+    def read(self, objective: bool) -> PlainProblem:
         problem = self.problem
         constraints = [c for _, c in self.constraints()]
         conditions, effects = [], []
@@ -119,7 +119,7 @@ class _ProblemReader:
                 self.expression(f): self.expression(v)
                 for f, v in problem.explicit_initial_values.items()
             },
-            minimize_makespan=metric and self._metric(),
+            minimize_makespan=objective and self._metric(),
         )
 
     def constraints(self) -> list[tuple[FNode, Expr]]:

@@ -193,7 +193,7 @@ class ScheduleModel:
         draft.rest = self.stated = merge_forms(draft.rest, self.exact)
 
     def _loads(self, draft: ModelDraft) -> None:
-        self.disjunctions.emit(self.store, self.states)
+        self.disjunctions.emit(self.store)
         self.disjunctions.emit_loads(self.store, Lin(((self.world.makespan, 1),)))
 
     def _metric(self, draft: ModelDraft) -> None:

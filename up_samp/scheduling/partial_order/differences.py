@@ -9,8 +9,7 @@ is broken only where it is false.
 from __future__ import annotations
 
 import itertools
-import operator
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -195,13 +194,6 @@ def _cost(planned: Planned, needs: list[Difference]) -> tuple[int, int, float]:
     loose = sum(planned.time(d.then) < planned.time(d.first) for d in needs)
     room = min((planned.time(d.then) - planned.time(d.first) - d.lag for d in needs), default=0)
     return loose, len(needs), -room
-
-
-_COMPARE: dict[str, Callable[[Any, Any], bool]] = {
-    "le": operator.le,
-    "lt": operator.lt,
-    "eq": operator.eq,
-}
 
 
 def _relation(planned: Planned, e: Expr, positive: bool) -> list[Difference] | None:

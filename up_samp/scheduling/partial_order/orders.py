@@ -219,7 +219,7 @@ def _fluents(planned: Planned) -> Iterator[OrderConstraint]:
         if chained is not None:
             yield from _chained(planned, key, all_writes, chained)
         else:
-            yield from _in_order(planned, key, all_writes)
+            yield from _in_order(key, all_writes)
             moments += _moments(key, all_writes)
         for read in mine:
             yield from _around(planned, key, read, all_writes, chained is not None)
@@ -331,7 +331,7 @@ def _matter(write: _Write, point: Point, owner: str | None, lag: int) -> bool:
     return write.owner != owner or (write.point != point and lag > 1)
 
 
-def _in_order(planned: Planned, key: Expr, writes: list[_Write]) -> Iterator[OrderConstraint]:
+def _in_order(key: Expr, writes: list[_Write]) -> Iterator[OrderConstraint]:
     """Changes of one fluent at different instants happen in the plan's order."""
     instants = sorted({w.time for w in writes})
     for one, two in itertools.pairwise(instants):

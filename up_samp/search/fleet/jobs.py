@@ -144,10 +144,9 @@ def closed(gaps: Gaps, names: Collection[str]) -> dict[tuple[str, str], int]:
     return found
 
 
-# ------------------ Where activities without a drive of their own are done
-# Where activities without a drive of their own are done, as their conditions say. An activity
-# with the condition that a robot's fluent (``up_samp.upio.whereabouts``) equals some place is
-# done there, by that robot.
+# ------------------ Where activities without a drive of their own are done, as their conditions say
+# An activity with the condition that a robot's fluent (``up_samp.upio.whereabouts``) equals some
+# place is done there, by that robot.
 
 
 Stand = tuple[str, str]
@@ -186,11 +185,10 @@ def stand_told(condition: FNode, whose: Mapping[FNode, str]) -> Stand | None:
     return whose[told[0]], told[1].object().name
 
 
-# ------------------ Jobs of which one robot or another does each
-# Jobs of which one robot or another does each, as constraints on presence say. A *job* is an
-# unconditional disjunction of presences. Each of its options draws along what has to be present
-# with it; together they are a robot's share of work, from where it first has to be to where it
-# ends.
+# ------------------ Jobs of which one robot or another does each, as constraints on presence say
+# A *job* is an unconditional disjunction of presences. Each of its options draws along what has to
+# be present with it; together they are a robot's share of work, from where it first has to be to
+# where it ends.
 
 
 _Way = tuple[str, Configuration, Configuration, tuple[tuple[Configuration, Configuration], ...]]

@@ -89,10 +89,9 @@ def _by_place(places: Mapping[str, frozenset[str] | None]) -> dict[str | None, l
 
 
 # ------------------ What a robot has to end before it begins anything else
-# What a robot has to end before it begins anything else: it carries one thing at a time. A
-# Boolean fluent says that the robot is free. Whoever takes something asks for that and ends it,
-# whoever gives it away brings it back. So between taking a thing and giving it away nothing else
-# is taken or given.
+# It carries one thing at a time. A Boolean fluent says that the robot is free. Whoever takes
+# something asks for that and ends it, whoever gives it away brings it back. So between taking a
+# thing and giving it away nothing else is taken or given.
 
 
 def carried(

@@ -71,7 +71,7 @@ class JobMode:
 
 
 # ------------------ What doing a job takes a robot at least
-# What doing a job takes a robot at least: drives, work, and units between them.
+# Drives, work, and units between them.
 
 
 class JobWork:

@@ -92,7 +92,8 @@ def duration_of(
     report, strength = motions.fastest(_among_fixed(facts, cases), deadline)
     if report.outcome is Outcome.IMPOSSIBLE:
         return [
-            rules.only_given(rules.impossible(c.activity, report.reason), c.given) for c in cases
+            rules.only_given(rules.impossible(c.activity, c.why_not(report)), c.given)
+            for c in cases
         ]
     if report.trajectory is None:
         return []

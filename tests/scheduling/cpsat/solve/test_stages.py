@@ -115,7 +115,7 @@ def test_the_searches_that_break_memory_are_never_run(workers, first, capfd):
     plain.minimize(makespan)
     options = {"log_search_progress": True, "stop_after_first_solution": first}
     options |= {"num_workers": workers, "random_seed": 0}
-    answer = run(plain, Deadline.after(30), lambda *_: False, options=options)
+    answer = run(plain, Deadline.after(30), lambda *_: None, options=options)
     assert answer.status in (cp_model.OPTIMAL, cp_model.FEASIBLE)
     lines = capfd.readouterr().out.splitlines()
     told = [line for line in lines if "subsolver" in line and "[" in line]

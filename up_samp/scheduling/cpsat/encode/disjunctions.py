@@ -27,7 +27,6 @@ from up_samp.scheduling.cpsat.encode.forms import (
     indicator_sum,
 )
 from up_samp.scheduling.cpsat.encode.recognition import Unary
-from up_samp.scheduling.cpsat.encode.states import States
 from up_samp.scheduling.cpsat.encode.store import ModelStore
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.normal import Presences, decided
@@ -457,7 +456,7 @@ class Disjunctions:
                 load = indicator_sum([(a.present, a.least + gap) for a in members]).shift(-gap)
                 store.enforce(load.le(makespan))
 
-    def emit(self, store: ModelStore, states: States) -> None:
+    def emit(self, store: ModelStore) -> None:
         """State every pair: cliques of three and more as NoOverlap, the others one by one.
 
         Alternatives that are all kept apart from others are one interval.

@@ -205,7 +205,7 @@ def _unsaid(
         for one in (activities[precondition.activity],)
         if one.least < 1
         or any(gap(one.index, b) < most for b in order if b != one.index)
-        or not _rivals_suffice(writers, precondition, followers)
+        or not _rivals_suffice(precondition, followers)
     ]
 
 
@@ -228,9 +228,7 @@ def _followers(
 
 
 def _rivals_suffice(
-    writers: frozenset[str],
-    precondition: Precondition,
-    followers: dict[str | None, frozenset[str]],
+    precondition: Precondition, followers: dict[str | None, frozenset[str]]
 ) -> bool:
     """Return whether all are named as rivals who may undo what a precondition needs.
 
@@ -288,11 +286,11 @@ def _read(activity: ActivityVars, allowed: frozenset[int]) -> Read:
 
 
 # ------------------ What clauses say of who comes first
-# What clauses say of who comes first: someone who needs one of some others to have ended before.
-# ``Or(not A.present, another value, And(H.present, H.end + k <= A.end), ...)`` asks no more than
-# a condition of A on a state that each H sets once and for all. Where a state variable tells just
-# that (a door that nobody shuts), it is that one; else there is a *milestone* for it. The clauses
-# stay as they are: what is found here constrains nothing, but routes are read off it.
+# Someone who needs one of some others to have ended before. ``Or(not A.present, another value,
+# And(H.present, H.end + k <= A.end), ...)`` asks no more than a condition of A on a state that each
+# H sets once and for all. Where a state variable tells just that (a door that nobody shuts), it is
+# that one; else there is a *milestone* for it. The clauses stay as they are: what is found here
+# constrains nothing, but routes are read off it.
 
 
 Value = tuple[int, int]
@@ -451,10 +449,10 @@ def _read_clause(found: ClausePrecedence, state: StateVar, states: States) -> Re
 
 
 # ------------------ Unary resources in whatever style
-# Unary resources in whatever style: levels of one, busy flags, and states that are held. Each
-# finder returns activities of which no two overlap, with the gap that they keep: what follows
-# from the effects and conditions on one state variable. ``whole`` says that the state variable
-# asks nothing else, so that the disjunctions may take its place.
+# Levels of one, busy flags, and states that are held. Each finder returns activities of which no
+# two overlap, with the gap that they keep: what follows from the effects and conditions on one
+# state variable. ``whole`` says that the state variable asks nothing else, so that the disjunctions
+# may take its place.
 
 
 @dataclass(frozen=True)

@@ -37,10 +37,9 @@ def guard(states: States, state: StateVar, read: Read) -> None:
 
 
 # ------------------ Numeric state variables
-# Numeric state variables: resources that are borrowed, levels that rise and fall, and reads.
-# Increases and decreases of one instant add up, and bounds are looked at after each instant. So a
-# borrowing over [start, end) may begin when another one ends, and one of duration 0 takes
-# nothing.
+# Resources that are borrowed, levels that rise and fall, and reads. Increases and decreases of one
+# instant add up, and bounds are looked at after each instant. So a borrowing over [start, end) may
+# begin when another one ends, and one of duration 0 takes nothing.
 
 
 @dataclass
@@ -479,7 +478,6 @@ class Timeline:
                     self._follow(i, j, literal)
         arcs.append((0, 0, store.raw(last[n])))
         store.model.add_circuit(arcs)
-        self.last = last
 
     @cached_property
     def _followed(self) -> frozenset[int]:
@@ -526,7 +524,7 @@ class Timeline:
         after = read.hi.plus(self._margin(read))
         supporters: list[Literal] = []
         for i, write in enumerate(self.state.writes):
-            literal = self._supporter(i, write, read)
+            literal = self._supporter(write, read)
             if literal is None:
                 continue
             supporters.append(literal)
@@ -543,7 +541,7 @@ class Timeline:
         store.clause([*supporters, ~read.active])
         store.at_most_one(supporters)
 
-    def _supporter(self, i: int, write: Write, read: Read) -> Literal | None:
+    def _supporter(self, write: Write, read: Read) -> Literal | None:
         store = self.store
         if write.active == FALSE or self.states.difference(read.lo, write.time)[1] < 1:
             return None

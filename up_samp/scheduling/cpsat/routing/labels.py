@@ -369,9 +369,8 @@ class Steps:
 
 
 # ------------------ Travellers who can do the same in the same times
-# Travellers who can do the same in the same times: beginnings that differ in who of them did what
-# are one. Where they start is their own, so only those that have done something are exchanged;
-# all of them, where everybody begins anywhere.
+# Beginnings that differ in who of them did what are one. Where they start is their own, so only
+# those that have done something are exchanged; all of them, where everybody begins anywhere.
 
 
 @dataclass(frozen=True)

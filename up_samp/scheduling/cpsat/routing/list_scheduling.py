@@ -279,11 +279,11 @@ def times_of(
 
 
 # ------------------ Schedules of travellers by list scheduling
-# Schedules of travellers by list scheduling: one task after the other, as early as it fits. A
-# plan is a sequence of tasks with who does each; ``Decoder`` gives every task and move its time
-# (a serial schedule generation scheme, Kolisch 1996): doors are opened where nobody has done so
-# before, moves wait until nothing changes in their midst, and robots leave a unary place when
-# somebody else needs it. ``improve`` anneals the sequence (Kirkpatrick et al. 1983).
+# One task after the other, as early as it fits. A plan is a sequence of tasks with who does each;
+# ``Decoder`` gives every task and move its time (a serial schedule generation scheme, Kolisch
+# 1996): doors are opened where nobody has done so before, moves wait until nothing changes in their
+# midst, and robots leave a unary place when somebody else needs it. ``improve`` anneals the
+# sequence (Kirkpatrick et al. 1983).
 
 
 _GREEDY = (4, 20)
@@ -314,11 +314,12 @@ def decode(work: RoutedWork, sequence: list[Step]) -> Tour | None:
 
 def sequence_of(work: RoutedWork, schedule: CandidateSchedule) -> list[Step]:
     """Return who does which task, in the order of a schedule."""
-    found = []
-    for number, task in enumerate(work.tasks):
-        for way, (_, name, _) in enumerate(task.ways):
-            if name in schedule.times:
-                found.append((*schedule.times[name], number, way))
+    found = [
+        (*schedule.times[name], number, way)
+        for number, task in enumerate(work.tasks)
+        for way, (_, name, _) in enumerate(task.ways)
+        if name in schedule.times
+    ]
     first: dict[int, int] = {}
     for _, _, number, way in sorted(found):
         first.setdefault(number, way)  # who opens a door again changes nothing

@@ -195,13 +195,12 @@ def _clean(
 
 
 # ------------------ Doors that the routing relaxation may open once
-# Doors that the routing relaxation may open once: a constraint that loses none of its optima.
-# What opens a door again, where nothing shuts it, changes nothing. Take it out of a schedule: its
-# traveller goes on from the stop before to the stop after, which takes no longer (travel times
-# obey the triangle inequality, and whoever may not go directly is charged for a detour that the
-# way by the button was, too); what reads the door reads what the first opening set. Only
-# something else that an opening is good for could be missing, so there must be nothing of that
-# kind.
+# A constraint that loses none of its optima. What opens a door again, where nothing shuts it,
+# changes nothing. Take it out of a schedule: its traveller goes on from the stop before to the stop
+# after, which takes no longer (travel times obey the triangle inequality, and whoever may not go
+# directly is charged for a detour that the way by the button was, too); what reads the door reads
+# what the first opening set. Only something else that an opening is good for could be missing, so
+# there must be nothing of that kind.
 
 
 def opened_once(parts: Additions, tasks: Iterable[RoutedTask]) -> list[Constraint]:
@@ -272,15 +271,15 @@ def _gives_back(effects: list[tuple[Timing, Effect]]) -> bool:
 
 
 # ------------------ The problem with its moves taken out
-# The problem with its moves taken out: a relaxation that gives bounds, and a hint for the rest.
-# Moves are replaced by the time that they take at least between what happens at places, in a
-# circuit per traveller. A move happens once at most, so only one leg can use it, and others pay
-# for a detour. What moves keep as it is (doors) changes between the legs only, a door is opened
-# once (``once``), a unary place is used by one after the other, and what moves take from
-# (``levels``) lasts. Other constraints, conditions and effects that speak of moves are dropped,
-# so every schedule of the problem is one of the collapsed problem: its optimum is a lower bound,
-# and if it has no schedule, the problem has none. A relaxed schedule, with shortest paths of
-# moves put back in, is a hint for the full model; the full model alone decides whether it holds.
+# A relaxation that gives bounds, and a hint for the rest. Moves are replaced by the time that they
+# take at least between what happens at places, in a circuit per traveller. A move happens once at
+# most, so only one leg can use it, and others pay for a detour. What moves keep as it is (doors)
+# changes between the legs only, a door is opened once (``once``), a unary place is used by one
+# after the other, and what moves take from (``levels``) lasts. Other constraints, conditions and
+# effects that speak of moves are dropped, so every schedule of the problem is one of the collapsed
+# problem: its optimum is a lower bound, and if it has no schedule, the problem has none. A relaxed
+# schedule, with shortest paths of moves put back in, is a hint for the full model; the full model
+# alone decides whether it holds.
 
 
 class RoutingRelaxation:

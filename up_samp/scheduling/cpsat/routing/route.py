@@ -155,7 +155,6 @@ class Route:
             self.travel[a, a] = 0
         for (a, b), moves in self.hops.items():
             self.travel[a, b] = min(m.least for m in moves) + self.step
-            # of copies of one move, the first ones are used first, as the problem has them
             choices = sorted(moves, key=lambda m: m.least)
             self.leaving.setdefault(a, []).append((b, choices))
         for a in order:

@@ -100,9 +100,8 @@ def _told_apart(route: Route, axis: int, tasks: list[RoutedTask]) -> list[tuple[
 
 
 # ------------------ The least time that travellers together spend on their tasks
-# The least time that travellers together spend on their tasks, by dynamic programming. Over
-# (tasks done, where everybody did its last one), after Held and Karp (1962). Times between two
-# tasks of one traveller hold whatever it does in between.
+# By dynamic programming over (tasks done, where everybody did its last one), after Held and Karp
+# (1962). Times between two tasks of one traveller hold whatever it does in between.
 
 
 def cost(route: Route, here: int, place: int, stop: str, *, first: bool) -> int:

@@ -261,13 +261,13 @@ def _possible(
 
 
 # ------------------ A lower bound from all the work there is
-# A lower bound from all the work there is: the least time that travellers need for their tasks.
-# Tasks are done in some order, by their starts; whoever does the next one comes from where it did
-# its last one. The least total over all orders that the precedences allow is found by dynamic
-# programming over (tasks done, where everybody is), after Held and Karp (1962). What has to be
-# done before a place may be entered (doors) adds what it costs to squeeze it in. Everybody's
-# share ends by the makespan, so the total by the number of travellers is a bound; travellers that
-# take turns count as one. Sequences of tasks then prove more (``sequences``).
+# The least time that travellers need for their tasks. Tasks are done in some order, by their
+# starts; whoever does the next one comes from where it did its last one. The least total over all
+# orders that the precedences allow is found by dynamic programming over (tasks done, where
+# everybody is), after Held and Karp (1962). What has to be done before a place may be entered
+# (doors) adds what it costs to squeeze it in. Everybody's share ends by the makespan, so the total
+# by the number of travellers is a bound; travellers that take turns count as one. Sequences of
+# tasks then prove more (``sequences``).
 
 
 def lanes(model: ScheduleModel, routes: list[Route]) -> list[list[int]]:

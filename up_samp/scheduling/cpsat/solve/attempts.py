@@ -335,13 +335,12 @@ class Attempts:
             profile = {**profile, "stop_after_first_solution": True}
         progress = self.orders.progress
 
-        def improved(values: list[int], objective: float, bound: float) -> bool:
+        def improved(values: list[int], bound: float) -> None:
             self._take(values)
             if progress is not None and self.best is not None:
                 if not first and math.isfinite(bound):
                     self.bound = max(self.bound, math.ceil(bound - 1e-6))
                 progress(self.best, self.bound)
-            return False
 
         answer = run(
             model,

@@ -15,8 +15,8 @@ from ortools.sat.python import cp_model
 from up_samp.model import Deadline
 from up_samp.scheduling.cpsat.solve.options import IGNORED
 
-Improved = Callable[[Any, float, float], bool]
-"""Called with (variable index -> value, objective, bound); returns whether to stop."""
+Improved = Callable[[list[int], float], None]
+"""Called with the values of a better solution, by CP-SAT's indices, and the bound."""
 
 
 @dataclass(frozen=True)
@@ -26,8 +26,6 @@ class SolverAnswer:
     status: int
     values: list[int] | None
     bound: float
-    objective: float
-    stopped: bool
     effort: float = 0.0
     """Deterministic time that it took."""
 
@@ -37,14 +35,10 @@ class _Watch(cp_model.CpSolverSolutionCallback):
         super().__init__()
         self._improved = improved
         self.error: BaseException | None = None
-        self.stopped = False
 
     def on_solution_callback(self) -> None:
         try:
-            solution = list(self.response_proto.solution)
-            if self._improved(solution, self.objective_value, self.best_objective_bound):
-                self.stopped = True
-                self.stop_search()
+            self._improved(list(self.response_proto.solution), self.best_objective_bound)
         except BaseException as error:  # raised again by the caller, outside C++
             self.error = error
             self.stop_search()
@@ -97,8 +91,6 @@ def run(
         status,
         solution if known else None,
         solver.best_objective_bound,
-        solver.objective_value if known else math.inf,
-        watch.stopped,
         solver.response_proto.deterministic_time,
     )
 
