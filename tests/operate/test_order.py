@@ -1,15 +1,24 @@
 """Who goes first in a plan of two is decided by what orders' ends cost, and the times say so."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from tests.execution import floors
-from up_samp.execution import dependencies_of
+from up_samp.execution import Executor, dependencies_of
+from up_samp.execution.files import with_dependencies
 from up_samp.execution.judge import contacts_of
 from up_samp.execution.lives import lives_of
 from up_samp.execution.meetings import meetings_of
 from up_samp.execution.reorder import Goal
+from up_samp.execution.state import TaskPhase
+from up_samp.model import ProblemError
+from up_samp.operate.clock import SimulatedClock
+from up_samp.operate.horizon import Cut
+from up_samp.operate.loop import Operation
 from up_samp.operate.order import Ordering
+from up_samp.operate.settings import Settings
 
 
 @pytest.fixture(scope="module")
@@ -45,3 +54,25 @@ def test_what_cannot_be_told_in_time_stays(crossed):
     }
     found = ends(Ordering(goals=goals, lead=60.0)(plan, told))
     assert min(found, key=found.get) == "r0"
+
+
+@pytest.mark.parametrize(("driven", "good"), [(0.5, True), (2.5, False)])
+def test_no_plan_is_taken_over_in_which_somebody_is_beyond_where_it_waits(crossed, driven, good):
+    plan, told = crossed
+    names = {m["object"]: m["activity"] for m in plan["motions"]}
+    later = {name: Goal(20.0 if r == "r1" else 1.0, 0.0, 0.0) for r, name in names.items()}
+    made = Ordering(goals=later)(plan, told)
+    data = with_dependencies(told.problem, made)
+    old = Executor(plan, dependencies=told)
+    old.commands(1.0)
+    old.update("r0", progress=driven, now=4.0)
+    day = SimpleNamespace(
+        executor=old, origin=0.0, settings=Settings(), limits={}, clock=SimulatedClock(4.0)
+    )
+    begun = {n: 3.0 for n, p in old.state.phase.items() if p is not TaskPhase.WAITING}
+    ask = SimpleNamespace(cut=Cut(0.0, kept=(*names.values(),), begun=begun))
+    if good:
+        assert Operation._joined(day, data, ask, 0.0).phase(names["r0"]) is TaskPhase.RUNNING
+    else:
+        with pytest.raises(ProblemError, match="beyond where it would have to wait"):
+            Operation._joined(day, data, ask, 0.0)

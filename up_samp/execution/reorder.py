@@ -181,7 +181,10 @@ def _too_soon(executor: Followed, ahead: Forecast, need: Precedence) -> bool:
         way = state.ways[event.activity, event.object]
         begun = state.phase[event.activity] is not TaskPhase.WAITING
         here = way.travel.time_at(way.progress) if begun else 0.0
-        at = (state.now if begun else at) + way.travel.time_at(event.progress) - here
+        brake = way.travel.fastest * (way.travel.fastest / (2 * way.travel.accel) + REACTION)
+        # who is under way may be at full speed from the point on where it counts
+        place = event.progress - state.localisation - brake * (1 + begun)
+        at = (state.now if begun else at) + way.travel.time_at(max(0.0, place)) - here
     return at < state.now + executor.lead
 
 

@@ -21,6 +21,7 @@ from up_samp.execution.executor import Executor
 from up_samp.execution.forecast import Forecast
 from up_samp.execution.graph import At
 from up_samp.execution.meetings import moving
+from up_samp.execution.reorder import REACTION
 from up_samp.execution.state import MotionUnderWay, TaskPhase
 from up_samp.fleet.statements import Kind, Meaning
 from up_samp.io.plan_dict import PlanDict
@@ -285,7 +286,9 @@ class _Cutter:
         if self.state.phase[name] is TaskPhase.WAITING and now + ahead <= since:
             least = 0.0
         else:
-            least += way.travel.speed_at(least) ** 2 / (2 * way.travel.accel) + LEAST
+            # at full speed, and what it told last is a moment old
+            speed = way.travel.fastest
+            least += speed * (2 * REACTION + speed / (2 * way.travel.accel)) + LEAST
         drives = self.executor.drives
         path = drives[name, way.object].path
         others = [
@@ -337,7 +340,7 @@ def _meets(path: Path, gone: float, rest: Path, apart: float) -> bool:
 def braking(way: MotionUnderWay) -> float:
     """Return the progress (m) at which a robot under way can stand."""
     speed = max(way.travel.speed_at(way.progress), way.travel.speed_at(way.progress + 0.25))
-    return way.progress + speed * speed / (2 * way.travel.accel)
+    return way.progress + speed * (REACTION + speed / (2 * way.travel.accel))
 
 
 def pose_of(values: Iterable[float]) -> Pose:

@@ -29,7 +29,15 @@ from up_samp.io.plan_dict import PlanDict
 from up_samp.model import ProblemError, SampError
 from up_samp.operate.choice import OpenWork, choose
 from up_samp.operate.clock import Clock
-from up_samp.operate.horizon import DELIVERS, Cut, Opened, cut_of, first_inside, meanings_of
+from up_samp.operate.horizon import (
+    DELIVERS,
+    Cut,
+    Opened,
+    braking,
+    cut_of,
+    first_inside,
+    meanings_of,
+)
 from up_samp.operate.planner import Answer, Planner, Question, check_job, check_site, goals_of
 from up_samp.operate.records import DayOrder, OrderState, Pose, Report, Shape, job_record
 from up_samp.operate.settings import Settings
@@ -675,6 +683,14 @@ class Operation:
                 under_way[name] = {w.object: w.told - gone for w in old.state.ways_of[name]}
         executor.join(max(0.0, old.now - by), done=done, under_way=under_way, times=times)
         executor.pace.load(old.pace.saved())
+        for robot, way in executor.state.of_object.items():
+            before = old.state.of_object[robot]
+            gone = question.cut.starts.get(way.activity, 0.0)
+            # it goes on to where it was told that it may, or where it can stand
+            most = self.limits.get(way.activity, before.length)
+            least = min(braking(before), old.state.until(before), most) - gone
+            if executor.state.until(way) < least - old.state.tolerance:
+                raise ProblemError(f"'{robot}' is beyond where it would have to wait")
         return executor
 
     def _better(self, executor: Executor, since: float) -> bool:

@@ -61,7 +61,7 @@ class DayOrder:
 
 def job_data(record: Order | Task) -> dict[str, Any]:
     """Return an order or a task as JSON would hold it."""
-    return {k: v for k, v in asdict(record).items() if v is not None}
+    return asdict(record, dict_factory=lambda kv: {k: v for k, v in kv if v is not None})
 
 
 def job_record(data: Mapping[str, Any]) -> Order | Task:
