@@ -1,5 +1,6 @@
 """Better tours by changes: kept if everybody is done as soon, the same for equal seeds."""
 
+import itertools
 import random
 from dataclasses import replace
 
@@ -105,6 +106,19 @@ def test_equal_seeds_bring_equal_changes(seed):
         told = [plan.ends() for plan in better.improved(lambda: False, Deadline.never())]
         ends.append([*told, better.best.ends()])
     assert ends[0] == ends[1]
+
+
+def test_the_last_end_hangs_on_who_was_at_a_place_before():
+    _, found, _, _ = first_tours((4, 8), seed=1)
+    tours, decided = found.tours, found.decided
+    critical, ends = tours.critical(decided), decided.ends()
+    assert ends[tours.robot_of(critical[0])] == max(ends.values())
+    assert critical[-1] in {tours._chains[robot][0] for robot in tours.robots}
+    for name, before in itertools.pairwise(critical):
+        chain = tours._chains[tours.robot_of(name)]
+        same = before in chain and chain.index(before) == chain.index(name) - 1
+        assert same or tours._motions[before].poses[-1] == tours._motions[name].poses[-1]
+        assert decided.pins[before][1] <= decided.pins[name][1]
 
 
 def test_a_round_is_given_up_once_somebody_is_too_late():

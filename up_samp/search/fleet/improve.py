@@ -60,6 +60,8 @@ _TOGETHER = 5
 """Tours at most, that are decided anew with one of the last."""
 _CHOICE = 6
 """Exchanges of jobs that look best, of which one is tried at random."""
+_CRITICAL = 0.5
+"""Share of choices that fall on what the last end hangs on."""
 _TURNS = (1, 1, 2, 3, 5)
 """Robots whose turns change at once: one of these."""
 _SOONER = 10.0
@@ -227,6 +229,7 @@ class FleetLNS:
     """Exchanges of jobs that did not help since the last change."""
     without_traffic: float = math.inf
     """When (s) all jobs are done at the soonest, as far as shared places tell."""
+    _critical: list[str] = field(default_factory=list)
     _delaying: dict[str, list[str]] = field(default_factory=dict)
     _delays: dict[str, dict[str, float]] = field(default_factory=dict)
     """What was asked of the best tours."""
@@ -249,6 +252,7 @@ class FleetLNS:
             # as good ones, too: they lead elsewhere
             self.best = found
             self.tried.clear()
+            self._critical = []
             self._delaying.clear()
             self._delays.clear()
             if self.cost(found) < before:
@@ -265,8 +269,18 @@ class FleetLNS:
         ends = self.best.ends()
         return sorted(self.tours.robots, key=lambda r: (-ends.get(r, 0.0), r))
 
+    def critical(self) -> list[str]:
+        """Return the motions that the last end hangs on."""
+        if not self._critical:
+            self._critical = self.tours.critical(self.best)
+        return self._critical
+
     def one_of_the_last(self) -> str:
-        """Return a robot at random, one that ends last more likely than others."""
+        """Return a robot at random that the last end hangs on, or one that ends last more likely
+        than others.
+        """
+        if self.rng.random() < _CRITICAL:
+            return self.tours.robot_of(self.rng.choice(self.critical()))
         ranked = self.last_first()
         return ranked[min(int(self.rng.expovariate(0.7)), len(ranked) - 1)]
 
@@ -328,20 +342,30 @@ Move = Callable[[FleetLNS, Deadline], TourChange | None]
 
 def other_turns(search: FleetLNS, deadline: Deadline) -> TourChange | None:
     """Everybody anew from some moment on; some pieces of tours have their turns sooner or later,
-    those of the last robots most often.
+    those of the last robots most often, or sooner, those that the last end hangs on.
     """
     del deadline
     rng, turns, moment = search.rng, dict(search.best.turns), math.inf
     for _ in range(rng.choice(_TURNS)):
-        robot = search.one_of_the_last() if rng.random() < 0.7 else rng.choice(search.tours.robots)
-        pieces = search.tours.pieces(robot)
-        sooner = rng.uniform(-_SOONER, _SOONER)
-        some = pieces if rng.random() < 0.3 else [rng.choice(pieces)]
+        some, sooner = _turned(search)
         for piece in some:
             turns[piece[0]] -= sooner
             moment = min(moment, turns[piece[0]], search.best.turns[piece[0]])
     kept = search.since(search.tours.robots, moment)
     return TourChange(kept, Priorities(turns=turns, latest=search.best.lean().makespan))
+
+
+def _turned(search: FleetLNS) -> tuple[list[list[str]], float]:
+    """Return pieces of a tour whose turns change, and how much sooner (s) they come."""
+    rng, tours = search.rng, search.tours
+    if rng.random() < _CRITICAL:
+        name = rng.choice(search.critical())
+        mine = tours.pieces(tours.robot_of(name))
+        return [piece for piece in mine if name in piece], rng.uniform(0.0, _SOONER)
+    robot = search.one_of_the_last() if rng.random() < 0.7 else rng.choice(tours.robots)
+    pieces = tours.pieces(robot)
+    sooner = rng.uniform(-_SOONER, _SOONER)
+    return pieces if rng.random() < 0.3 else [rng.choice(pieces)], sooner
 
 
 def other_ways(search: FleetLNS, deadline: Deadline) -> TourChange | None:
@@ -443,9 +467,9 @@ def deal_again(search: FleetLNS, deadline: Deadline) -> TourChange | None:
 
 
 MOVES: tuple[tuple[Move, float], ...] = (
-    (other_turns, 0.5),
-    (other_ways, 0.04),
-    (some_of_the_last, 0.45),
+    (other_turns, 0.75),
+    (other_ways, 0.1),
+    (some_of_the_last, 0.14),
     (other_jobs, 0.01),
 )
 """What may be changed, and how large a share of all changes each move has."""

@@ -42,6 +42,8 @@ _PAST = 2
 """Ways past the places where others stand, that are looked for first, for each motion."""
 _TRIES = 200
 """Motions tried for one tour."""
+_CLOSE = 8.0
+"""Seconds after one robot may leave a place, within which the next one has waited for it."""
 _PRESSED = 0.8
 """Of the longest tour's time alone: who has less to spare is decided before others."""
 
@@ -235,24 +237,46 @@ class TourPlanner:
             if self._motions[name].poses[-1] in places
         } - {robot}
 
+    def robot_of(self, name: str) -> str:
+        """Return who makes a motion."""
+        return self._motions[name].object
+
     def changeover(self, decided: FleetSolution) -> float | None:
         """Return the least time (s) from when one robot may leave a place that others need, too, to
         when the next one came there; None where no two came to any.
         """
+        return min((gap for gap, _, _ in self._changes(decided)), default=None)
+
+    def critical(self, decided: FleetSolution) -> list[str]:
+        """Return the motions that the last end hangs on, back from it: before each one that of who
+        was just before at the place where it ends, or else its robot's last one.
+        """
+        before = {n: p for c in self._chains.values() for p, n in itertools.pairwise(c)}
+        before |= {n: p for gap, p, n in self._changes(decided) if gap <= _CLOSE}
+        ends = decided.ends()
+        last = self._chains[max(ends, key=lambda robot: (ends[robot], robot))]
+        name = next((n for n in reversed(last) if n not in decided.needless), None)
+        found = []
+        while name is not None:
+            found.append(name)
+            name = before.get(name)
+        return found
+
+    def _changes(self, decided: FleetSolution) -> Iterator[tuple[float, str, str]]:
+        """Yield how long (s) after one robot may leave a place that others need, too, the next one
+        came there, with the motions that brought them.
+        """
         visits: dict[Configuration, list[tuple[float, float, str]]] = defaultdict(list)
-        for robot, chain in self._chains.items():
+        for chain in self._chains.values():
             for name, then in itertools.pairwise(chain):
                 if name in self._contested and then in decided.pins:
                     left = self._facts.seconds(decided.pins[then][0])
                     arrival = decided.runs[name].arrival
-                    visits[self._motions[name].poses[-1]].append((arrival, left, robot))
-        gaps = [
-            max(0.0, arrival - left)
-            for some in visits.values()
-            for (_, left, one), (arrival, _, other) in itertools.pairwise(sorted(some))
-            if one != other
-        ]
-        return min(gaps, default=None)
+                    visits[self._motions[name].poses[-1]].append((arrival, left, name))
+        for some in visits.values():
+            for (_, left, one), (arrival, _, other) in itertools.pairwise(sorted(some)):
+                if self.robot_of(one) != self.robot_of(other):
+                    yield max(0.0, arrival - left), one, other
 
     def reset(self) -> None:
         """Let nothing be decided."""
