@@ -222,7 +222,8 @@ def _solve(
         if args.tuning is not None:
             params["tuning"] = args.tuning
         with OneshotPlanner(name=name, params=params) as planner:
-            return planner.solve(problem, timeout=args.timeout or LONGEST, warm_start_plan=hint)
+            begin = {} if hint is None else {"warm_start_plan": hint}
+            return planner.solve(problem, timeout=args.timeout or LONGEST, **begin)
 
 
 def judge(problem: SchedulingProblem, plan: Schedule, seconds_per_unit: float = 1.0) -> Verdict:
