@@ -1,6 +1,6 @@
 """Judge the schedule part of a plan: presence, durations, constraints, effects, conditions.
 
-The numbered rules in comments are those of ``semantics.py``.
+The numbered rules in comments are those of ``docs/semantics.md``.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class JudgedSchedule:
 def validate_schedule(problem: Any, plan: Any) -> Verdict:
     """Judge a UP ``Schedule`` of a ``SchedulingProblem`` (motions, if any, are not looked at).
 
-    The rules are in ``semantics.py`` beside this file. Raises ``UnsupportedError`` for a feature
+    The rules are in ``docs/semantics.md``. Raises ``UnsupportedError`` for a feature
     that has no rule there, ``ProblemError`` for a problem that leaves a needed value open.
     """
     return judge_schedule(problem, plan).verdict

@@ -1,6 +1,6 @@
 """Fluents over time: which effects happen when, and the value of every fluent at every instant.
 
-The rules that are numbered in comments are those of ``semantics.py``.
+The rules that are numbered in comments are those of ``docs/semantics.md``.
 """
 
 from __future__ import annotations
