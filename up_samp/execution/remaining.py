@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -37,6 +37,7 @@ from up_samp.model.objective import MinimizeCosts
 from up_samp.scheduling.partial_order.differences import Planned
 from up_samp.upio.expressions import activities_in, walk
 from up_samp.upio.movers import named_as_planned
+from up_samp.upio.relaxing import told_by
 from up_samp.upio.spans import conditions_of, own_end
 from up_samp.upio.whereabouts import brought, whereabouts
 
@@ -659,12 +660,10 @@ class _Builder:
     ) -> ConfigurationObject:
         """Return the configuration object at a pose, a new one where the problem has none."""
         for item in self.source.all_objects:
-            if isinstance(item, ConfigurationObject) and item.type == type_:
-                there = [float(v) for v in item.configuration]
-                turn = math.remainder(there[2] - pose[2], math.tau) if len(pose) == 3 else 0.0
-                gap = max(abs(a - b) for a, b in zip(there[:2], pose[:2], strict=True))
-                if max(gap, abs(turn)) <= TOLERANCES.place:
-                    return item
+            if not isinstance(item, ConfigurationObject) or item.type != type_:
+                continue
+            if _near(item.configuration, pose):
+                return item
         base = f"now_{name}"
         fresh, count = base, 0
         while target.has_name(fresh):
@@ -708,6 +707,61 @@ class _Builder:
             fluent = target.fluent(key[1])
             target.set_initial_value(fluent(*arguments), self._constant(self.values.before(key)))
         standing = {m.object().name: place for m, place in target.initial_configuration}
-        for told, name in self.involved.told.items():
-            if name in self.surprise.broken and told.type.is_compatible(standing[name].type):
-                target.set_initial_value(told, standing[name])
+        told = {node: name for node, name in _told(target) if self._misled(target, node, name)}
+        whose = {n: w for n, w in self.involved.told.items() if w in self.surprise.broken}
+        for node, name in {**whose, **told}.items():
+            if node.type.is_compatible(standing[name].type):
+                self._stands(target, node, standing[name])
+
+    def _misled(self, target: SchedulingMotionProblem, told: FNode, name: str) -> bool:
+        """Return whether a fluent tells of an obstacle a place where it neither stands nor is being
+        brought: one that it has left, and that its fluent tells until its drive is over.
+        """
+        aims = [next(p for m, p in target.initial_configuration if m.object().name == name)]
+        for activity in target._activities:
+            if self.state.phase.get(activity.name) is TaskPhase.RUNNING:
+                aims += [goal for who, goal in brought(activity).items() if who == name]
+        value = target.initial_value(told)
+        return name in self.surprise.broken or not any(_one_place(value, aim) for aim in aims)
+
+    def _stands(self, target: SchedulingMotionProblem, told: FNode, place: FNode) -> None:
+        """Let a fluent tell where an object stands now. What has begun where the fluent told a
+        place that it was at asks for this one.
+        """
+        equal, before = self.m.Equals, target.initial_value(told)
+        target.set_initial_value(told, place)
+        now = equal(told, place)
+        instead: dict[Any, Any] = {equal(told, before): now, equal(before, told): now}
+        for activity in target._activities:
+            if self.state.phase.get(activity.name) is TaskPhase.RUNNING:
+                activity._conditions = {
+                    span: [node.substitute(instead) for node in nodes]
+                    for span, nodes in activity._conditions.items()
+                }
+
+
+def _near(one: Iterable[Any], two: Iterable[Any]) -> bool:
+    """Return whether two poses are the same."""
+    here, there = ([float(v) for v in pose] for pose in (one, two))
+    turn = math.remainder(there[2] - here[2], math.tau) if len(here) == 3 else 0.0
+    gap = max(abs(a - b) for a, b in zip(there[:2], here[:2], strict=True))
+    return max(gap, abs(turn)) <= TOLERANCES.place
+
+
+def _told(problem: SchedulingMotionProblem) -> Iterator[tuple[FNode, str]]:
+    """Yield the fluents that tell where obstacles of motions are, with these."""
+    for activity in problem.motion_activities:
+        for constraint in activity.motion_constraints:
+            for listed in (constraint.static_obstacles, constraint.dynamic_obstacles_at_start):
+                for obstacle, value in listed.items() if isinstance(listed, dict) else ():
+                    node = told_by(activity.name, obstacle, value)
+                    if node.is_fluent_exp() and all(a.is_constant() for a in node.args):
+                        yield node, obstacle.name
+
+
+def _one_place(one: FNode, two: FNode) -> bool:
+    """Return whether two expressions are one place for certain."""
+    if not (one.is_object_exp() and two.is_object_exp()):
+        return bool(one == two)
+    a, b = one.object(), two.object()
+    return a.type == b.type and _near(a.configuration, b.configuration)
