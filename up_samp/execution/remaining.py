@@ -406,7 +406,7 @@ class _Builder:
         self.surely = {a.name for a in problem.activities if not a.optional}
         self.exact = self._over()
         self.past = whole_units(self.exact)
-        self.values = ValuesNow(self.planned, state, self.unit, self.since, self.gone)
+        self.values = ValuesNow(problem, self.planned, state, self.unit, self.since, self.gone)
 
     # ------------------------------------------------------------------ what has happened
 
