@@ -23,13 +23,13 @@ from unified_planning.model.scheduling import Activity
 from unified_planning.model.timing import TimeInterval, Timing
 from unified_planning.plans import Schedule
 
+from up_samp.execution.astray import led_by, place_of
 from up_samp.execution.build import planned_of
 from up_samp.execution.graph import At, Event
-from up_samp.execution.lives import DriveCells
+from up_samp.execution.lives import DriveCells, Life
 from up_samp.execution.state import FloorState, TaskPhase
 from up_samp.execution.substitute import Substitution, ValuesNow, later_by, whole_units
 from up_samp.execution.tolerances import TOLERANCES
-from up_samp.io.floors import map_number, side_by_side
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import Configuration, ProblemError, UnsupportedError
 from up_samp.model.frames import Frame
@@ -290,65 +290,14 @@ Place = tuple[Configuration, Any]
 """A pose, and the type of configurations that it is one of (which says on which map)."""
 
 
-class Places:
-    """Poses by what has happened so far."""
-
-    def __init__(
-        self,
-        problem: SchedulingMotionProblem,
-        plan: PlanDict,
-        state: FloorState,
-        drives: Mapping[tuple[str, str], DriveCells],
-    ):
-        self.plan, self.state, self.drives = plan, state, drives
-        self.frames = side_by_side(plan)[1]
-        self.map_of = {(m["activity"], m["object"]): map_number(m) for m in plan["motions"]}
-        self.first: dict[str, Place] = {}
-        for movable, place in problem.initial_configuration:
-            pose = tuple(float(v) for v in place.object().configuration)
-            self.first[movable.object().name] = pose, place.object().type
-        self.goals: dict[tuple[str, str], Any] = {}
-        """Types of the configurations that activities bring objects to."""
-        for activity in problem.motion_activities:
-            for movable, value in activity.motion_effects.items():
-                self.goals[activity.name, movable.object().name] = value.type
-            for constraint in activity.motion_constraints:
-                key = activity.name, constraint.movable.object().name
-                self.goals[key] = constraint.waypoints[-1].type
-
-    def of(self, name: str, stops: Mapping[str, float], broken: Mapping[str, Any]) -> Place:
-        """Return where an object stands. ``stops`` says how far (m) robots under way still go, and
-        ``broken`` where (x, y, theta) those are that are out of order.
-        """
-        for ride in self.plan.get("rides", ()):
-            key = ride["activity"], ride["carrier"]
-            if ride["object"] == name and self.state.phase[key[0]] is TaskPhase.RUNNING:
-                carrier, type_ = self.of(key[1], stops, broken)
-                return Frame(*carrier).of(ride["offset"]), type_
-        pose, type_ = self._last(name, stops)
-        if name in broken:
-            return tuple(float(v) for v in broken[name]), type_
-        return pose, type_
-
-    def _last(self, name: str, stops: Mapping[str, float]) -> Place:
-        """Return where the last motion or change of an object has brought it."""
-        (pose, type_), since = self.first[name], -math.inf
-        for (activity, who), drive in self.drives.items():
-            phase = self.state.phase[activity]
-            begun = self.state.fired.get(Event(At.START, activity), -math.inf)
-            if who != name or phase is TaskPhase.WAITING or begun < since:
-                continue
-            over = phase is TaskPhase.DONE or name not in stops
-            at = drive.path.length if over else stops[name]
-            home = self.frames[self.map_of[activity, who]].inverse
-            since, type_ = begun, self.goals[activity, who]
-            pose = home.of(drive.path.poses_at(np.array([at]))[0])
-        for change in self.plan["changes"]:
-            when = self.state.fired.get(Event(At.END, change["activity"]), -math.inf)
-            if change["object"] == name and when > since:
-                since, type_ = when, self.goals[change["activity"], name]
-                pose = tuple(float(v) for v in change["configuration"])
-        return pose, type_
+def _types(problem: SchedulingMotionProblem) -> dict[tuple[str, str], Any]:
+    """Return the types of the configurations at which objects are first (``""``), and to which
+    activities bring them.
+    """
+    found = {("", m.object().name): place.type for m, place in problem.initial_configuration}
+    for activity in problem.motion_activities:
+        found |= {(activity.name, who): goal.type for who, goal in brought(activity).items()}
+    return found
 
 
 # ------------------ What is left of a problem
@@ -358,7 +307,7 @@ def remaining_problem(
     problem: SchedulingMotionProblem,
     plan: PlanDict,
     state: FloorState,
-    drives: Mapping[tuple[str, str], DriveCells],
+    lives: Mapping[str, Life],
     surprise: Surprise | None = None,
 ) -> Remaining:
     """Return what is left to do from now on.
@@ -373,7 +322,7 @@ def remaining_problem(
         raise UnsupportedError("remaining problems are made of problems with motions only")
     named = named_as_planned(problem, plan)
     involved = Involved(named, whereabouts(problem))
-    return _Builder(named, plan, state, drives, surprise or Surprise(), involved).build()
+    return _Builder(named, plan, state, lives, surprise or Surprise(), involved).build()
 
 
 class _Builder:
@@ -382,14 +331,14 @@ class _Builder:
         problem: SchedulingMotionProblem,
         plan: PlanDict,
         state: FloorState,
-        drives: Mapping[tuple[str, str], DriveCells],
+        lives: Mapping[str, Life],
         surprise: Surprise,
         involved: Involved,
     ):
         self.involved = involved
-        self.source, self.plan, self.state, self.drives = problem, plan, state, drives
+        self.source, self.plan, self.state, self.lives = problem, plan, state, lives
         self.surprise = surprise
-        self.places = Places(problem, plan, state, drives)
+        self.types = _types(problem)
         self.unit = float(plan["seconds_per_unit"])
         self.m = problem.environment.expression_manager
         self.planned = planned_of(problem, plan)
@@ -642,18 +591,33 @@ class _Builder:
         there.
         """
         found: dict[str, ConfigurationObject] = {}
-        at = {name: progress for name, (progress, _) in self.stops.items()}
         target._initial_configuration = []
         for movable, _ in self.source.initial_configuration:
             name = movable.object().name
-            pose, type_ = self.places.of(name, at, self.surprise.broken)
-            place = self._place(target, name, pose, type_)
+            place = self._place(target, name, *self._where(name))
             found[name] = place
             target._initial_configuration.append((movable, self.m.ObjectExp(place)))
         for activity in target._motion_activities:
             if self.state.phase.get(activity.name) is TaskPhase.RUNNING:
                 self._go_on(activity, found)
         return found
+
+    def _where(self, name: str) -> Place:
+        """Return where an object stands: robots under way stop first."""
+        for ride in self.plan.get("rides", ()):
+            running = self.state.phase[ride["activity"]] is TaskPhase.RUNNING
+            if ride["object"] == name and running:
+                carrier, type_ = self._where(ride["carrier"])
+                return Frame(*carrier).of(ride["offset"]), type_
+        life = self.lives[name]
+        here = place_of(self.state, life)
+        if here is None:
+            raise ProblemError(f"where '{name}' is, what was told does not say")
+        pose = here.path.poses[0]
+        if isinstance(here, DriveCells) and name in self.stops:
+            pose = here.path.poses_at(np.array([self.stops[name][0]]))[0]
+        pose = self.surprise.broken.get(name, here.frame.inverse.of(pose))
+        return tuple(float(v) for v in pose), self.types[led_by(life, here), name]
 
     def _place(
         self, target: SchedulingMotionProblem, name: str, pose: Configuration, type_: Any
