@@ -18,7 +18,7 @@ from pydantic import TypeAdapter, ValidationError
 from up_samp.fleet import records
 from up_samp.fleet.faults import Fault, FleetError, Path, find_faults, show_path, told
 from up_samp.fleet.records import FILE_LIMITS, FleetRecords
-from up_samp.fleet.tables import read_orders
+from up_samp.fleet.tables import read_orders, text_of
 from up_samp.geometry import load_map
 from up_samp.model import ProblemError
 
@@ -181,7 +181,8 @@ def read_problem_file(file: str | File) -> FleetRecords:
     :raises FleetError: that names the file, and line and place of each fault.
     """
     path = File(file)
-    return read_problem_text(path, _text(path), folder=path.parent)
+    text = text_of(path, "; 'up-samp new DIR' writes one to begin with")
+    return read_problem_text(path, text, folder=path.parent)
 
 
 def read_problem_text(
@@ -280,19 +281,6 @@ def _default(field: Any) -> Any:
     if field.default_factory is not dataclasses.MISSING:
         return field.default_factory()
     return field.default
-
-
-def _text(path: File) -> str:
-    if not path.is_file():
-        raise FleetError(
-            (), f"there is no file '{path}'; 'up-samp new DIR' writes one to begin with"
-        )
-    if path.stat().st_size > FILE_LIMITS.file_bytes:
-        raise FleetError((), f"{path}: larger than {FILE_LIMITS.file_bytes // 1_000_000} MB")
-    try:
-        return path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise FleetError((), f"{path}: is not UTF-8 text") from error
 
 
 def compose(path: File, text: str) -> yaml.Node | None:

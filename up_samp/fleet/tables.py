@@ -26,7 +26,7 @@ def read_orders(file: Path) -> dict[int, dict[str, Any]]:
 
     :raises FleetError: that names file and line, where it is no such table.
     """
-    text = _text(file)
+    text = text_of(file, " with orders")
     header = text.partition("\n")[0]
     reader = csv.reader(
         io.StringIO(text, newline=""), delimiter=max(SEPARATORS, key=header.count), strict=True
@@ -42,15 +42,30 @@ def read_orders(file: Path) -> dict[int, dict[str, Any]]:
     return orders
 
 
-def _text(file: Path) -> str:
+def check_size(file: Path, missing: str = "") -> Path:
+    """Return ``file`` if it is one that may be read whole.
+
+    :raises FleetError: where there is none (``missing`` says more of that), or a larger one than
+        any that is meant.
+    """
     if not file.is_file():
-        raise FleetError((), f"there is no file '{file}' with orders")
+        raise FleetError((), f"there is no file '{file}'{missing}")
     if file.stat().st_size > FILE_LIMITS.file_bytes:
         raise FleetError((), f"{file}: larger than {FILE_LIMITS.file_bytes // 1_000_000} MB")
+    return file
+
+
+def text_of(file: Path, missing: str = "") -> str:
+    """Return a file's text.
+
+    :raises FleetError: like :func:`check_size`, and where it cannot be read.
+    """
     try:
-        return file.read_text(encoding="utf-8-sig")  # spreadsheets begin with a mark
+        return check_size(file, missing).read_text(encoding="utf-8-sig")  # some begin with a mark
     except UnicodeDecodeError as error:
         raise FleetError((), f"{file}: is not UTF-8 text") from error
+    except OSError as error:
+        raise FleetError((), f"'{file}' cannot be read: {error.strerror}") from error
 
 
 def _keys(file: Path, header: list[str]) -> list[tuple[str, ...]]:

@@ -12,7 +12,8 @@ from typing import Any
 
 from up_samp.fleet.faults import FleetError, find_faults
 from up_samp.fleet.files import read_record, write_problem_file
-from up_samp.fleet.records import FILE_LIMITS, FleetRecords
+from up_samp.fleet.records import FleetRecords
+from up_samp.fleet.tables import text_of
 from up_samp.model import ProblemError
 from up_samp.model.errors import short
 from up_samp.upio.read_maps import LIMITS as WORLD
@@ -80,29 +81,6 @@ def name_of(text: object, taken: Collection[str] = (), prefix: str = "p") -> str
     while unique in taken:
         unique, number = f"{name}_{number}", number + 1
     return unique
-
-
-def check_size(source: Path) -> Path:
-    """Return ``source`` if it is a file that may be read whole.
-
-    :raises ProblemError: where there is none, or a larger one than any that is meant.
-    """
-    if not source.is_file():
-        raise ProblemError(f"there is no file '{source}'")
-    if source.stat().st_size > FILE_LIMITS.file_bytes:
-        raise wrong(source, None, f"larger than {FILE_LIMITS.file_bytes // 1_000_000} MB")
-    return source
-
-
-def text_of(source: Path) -> str:
-    """Return a file's text.
-
-    :raises ProblemError: where there is none.
-    """
-    try:
-        return check_size(source).read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ProblemError(f"'{source}' cannot be read: {error}") from error
 
 
 def json_of(source: Path) -> Any:

@@ -19,11 +19,11 @@ from up_samp.fleet.importers.common import (
     json_of,
     name_of,
     number_of,
-    text_of,
     wrong,
 )
 from up_samp.fleet.importers.doors import doors_of
 from up_samp.fleet.importers.outlines import map_from_polygons
+from up_samp.fleet.tables import text_of
 from up_samp.geometry.maps import load_map, write_map
 
 AGV = {"footprint": [1.0, 0.7], "model": "omni", "v_max": 1.0, "a_max": 0.5, "omega_max": 1.0}

@@ -16,8 +16,9 @@ from shapely.geometry import LineString, Polygon
 from shapely.geometry.base import BaseGeometry
 from shapely.ops import unary_union
 
-from up_samp.fleet.importers.common import Imported, Options, check_size, finish, number_of, wrong
+from up_samp.fleet.importers.common import Imported, Options, finish, number_of, wrong
 from up_samp.fleet.records import FILE_LIMITS
+from up_samp.fleet.tables import check_size
 from up_samp.geometry.maps import write_map
 from up_samp.model import ProblemError
 from up_samp.system.imports import extra
