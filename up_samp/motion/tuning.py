@@ -87,15 +87,20 @@ class RoadmapTuning(Tunables):
 class KnotsTuning(Tunables):
     """Knots undone by joint moves on roadmaps (``motion/fleet/deadlocks.py``)."""
 
-    short: int = tunable(
-        150_000, "moves", "looked at in one search: most knots come undone soon", least=1
+    efforts: tuple[int, ...] = tunable(
+        (40_000, 150_000),
+        "moves",
+        "looked at in one search, of all roadmaps in turn: most knots come undone soon",
+        least=1,
     )
-    long: int = tunable(
-        1_000_000, "moves", "in rooms of few places, where the search sees them all", least=1
-    )
-    few: int = tunable(300, "places", "of such a room at most", least=0)
     many: int = tunable(
         3_000, "places", "from which on a finer roadmap is not worth its making", least=0
+    )
+    together: int = tunable(
+        150_000, "moves", "looked at where some have to go at the same time", least=1
+    )
+    begins: int = tunable(
+        40, "begins", "tried for drives that have to be at the same time", least=1
     )
     stop: float = tunable(1.0, "s", "that a stop is worth", least=0)
     passes: int = tunable(8, "passes", "over a sequence in which stops are left out", least=0)
@@ -104,25 +109,6 @@ class KnotsTuning(Tunables):
     )
     pushes: int = tunable(
         2_000, "moves", "tried for one joint move before the next constraint is added", least=1
-    )
-
-
-@dataclass(frozen=True)
-class CoupledTuning(Tunables):
-    """Few robots moved together by places aside (``motion/fleet/priority_search.py``)."""
-
-    robots: int = tunable(3, "robots", "that are coupled at most", least=0)
-    aside: int = tunable(4, "places", "aside for each robot", least=0)
-    samples: int = tunable(4_000, "poses", "drawn to find places aside", least=0)
-    drives: int = tunable(200, "drives", "planned at most", least=0)
-    greed: float = tunable(
-        2.0,
-        "weight",
-        "of what is left to drive: the first good sequence is as good as the best, nearly",
-        least=1,
-    )
-    begins: int = tunable(
-        40, "begins", "tried for drives that have to be at the same time", least=1
     )
 
 
@@ -147,7 +133,6 @@ class FleetTuning(Tunables):
     detours: DetoursTuning = field(default_factory=DetoursTuning)
     roadmap: RoadmapTuning = field(default_factory=RoadmapTuning)
     knots: KnotsTuning = field(default_factory=KnotsTuning)
-    coupled: CoupledTuning = field(default_factory=CoupledTuning)
     memory: MemoryTuning = field(default_factory=MemoryTuning)
 
 

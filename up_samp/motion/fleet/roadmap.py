@@ -46,17 +46,25 @@ def box_around(
 
 
 def lattice_of(
-    body: Body, ends: Sequence[Configuration], box: Box, cell: float, tuning: RoadmapTuning
+    body: Body,
+    ends: Sequence[Configuration],
+    box: Box,
+    cell: float,
+    tuning: RoadmapTuning,
+    turning: bool,
 ) -> Tensor | LatticeState:
-    """Return the lattice for a body in a box."""
+    """Return the lattice for a body in a box; ``turning``: with other headings than those of the
+    ends, too, where it could do without.
+    """
     if not body.mobility.pivots:
         x, y, _ = ends[0]
         return LatticeState(body, (x, y), cell, tuning)
     headings = dict.fromkeys(round(math.remainder(p[2], 2 * math.pi), 12) for p in ends)
+    kept = () if body.mobility.sideways and not turning else QUARTERS
     near = [
-        h for h in headings if all(abs(math.remainder(h - q, 2 * math.pi)) > 1e-6 for q in QUARTERS)
+        h for h in headings if all(abs(math.remainder(h - q, 2 * math.pi)) > 1e-6 for q in kept)
     ]
-    chosen = sorted([*QUARTERS, *near[: tuning.pivots - len(QUARTERS)]])
+    chosen = sorted([*kept, *near[: tuning.pivots - len(kept)]])
     xs = _coordinates([p[0] for p in ends], box[0], box[2], cell)
     ys = _coordinates([p[1] for p in ends], box[1], box[3], cell)
     return Tensor(body, xs, ys, chosen)
@@ -319,7 +327,7 @@ class Roadmap:
         self._free: dict[Key, bool] = {}
         self.cell, self.tuning = cell, tuning
         self._box = box or box_around(ends, paths, self.hull.radius, body.kinematics.bend_radius)
-        self.lattice = lattice_of(body, ends, self._box, self.cell, tuning)
+        self.lattice = lattice_of(body, ends, self._box, self.cell, tuning, bool(paths))
         self.places: dict[Configuration, int] = {}
         self._rests: dict[int, RoadmapEdge] = {}
         for pose in ends:
