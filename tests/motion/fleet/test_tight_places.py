@@ -12,7 +12,6 @@ from up_samp.motion.fleet.roadmap import Roadmap, cells_of
 from up_samp.motion.fleet.timed_path import natural_timing, run_of
 from up_samp.motion.fleet.workspace import workspace_of
 from up_samp.motion.service import MotionService
-from up_samp.motion.tuning import RoadmapTuning
 
 SLOW = {"square of ten", "full ring of six", "room of nine, seven", "room of nine, four small"}
 SLOWER = {("differential", "door both ways"), ("differential", "square of six")}
@@ -79,9 +78,7 @@ def test_cars_of_a_full_ring_go_at_once(tmp_path, monkeypatch):
     for m in motions:
         path = workspace.path(m.body, m.poses, (), Deadline.never())
         alone[m.name] = run_of(m, path, natural_timing(path, m.release), m.present_from)
-    search = joint(
-        traffic, motions[0].body, cells_of(motions[0].body, RoadmapTuning())[1], together=True
-    )
+    search = joint(traffic, motions[0].body, cells_of(motions[0].body)[1], together=True)
     knot = Knot(workspace, service.scene, motions, (), [None] * 3, Deadline.never())
     drives = drives_of(knot, search, loosened(search, search.search(20_000, Deadline.never())))
     assert max(len(stage) for stage in drives) == 3
@@ -104,7 +101,7 @@ def test_no_room_at_all_is_not_called_impossible():
 def joint(traffic, body, cell=1.0, together=False):
     service = MotionService(traffic.grid)
     ends = [pose for m in traffic.query.motions for pose in m.poses]
-    roadmap = Roadmap(service.scene, body, ends, (), (), cell, RoadmapTuning())
+    roadmap = Roadmap(service.scene, body, ends, (), (), cell)
     agents = []
     for m in traffic.query.motions:
         goal = roadmap.place(m.poses[-1])

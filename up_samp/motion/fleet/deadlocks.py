@@ -22,9 +22,17 @@ from up_samp.motion.fleet.speed import parked_all_the_time
 from up_samp.motion.fleet.timed_path import TimedPath
 from up_samp.motion.fleet.workspace import Workspace
 from up_samp.motion.moves import ShortMove, drive, in_step
-from up_samp.motion.tuning import KnotsTuning
 
 State = tuple[int, ...]
+
+PUSHES = 2_000
+"""Moves tried for one joint move before the next constraint is added."""
+
+PASSES = 8
+"""Passes over a sequence in which stops are left out."""
+
+STOP = 1.0
+"""Seconds that a stop is worth."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,10 +69,8 @@ class Joint:
         margin: float,
         seed: int,
         together: bool = False,
-        tuning: KnotsTuning | None = None,
     ) -> None:
         self.together = together
-        self.tuning = tuning or KnotsTuning()
         self.agents, self.heeds, self.margin = agents, heeds, margin
         self.rng = random.Random(seed)
         self._lots = [self.rng.random() for _ in agents] if seed else []
@@ -160,7 +166,7 @@ class Joint:
             if any(self.meet(robot, edge, other, e) for other, e in chosen.items()):
                 return None
             chosen[robot] = edge
-        self._budget = self.tuning.pushes
+        self._budget = PUSHES
         rests = [a.roadmap.rest(at) for a, at in zip(self.agents, node.state, strict=True)]
         # those that a forced move drives into go first
         pushed = [
@@ -293,7 +299,7 @@ def loosened(joint: Joint, steps: Sequence[tuple[RoadmapEdge, ...]]) -> list[Sta
     between.
     """
     found = _joined(joint, _in_order(joint, steps))
-    for _ in range(joint.tuning.passes):
+    for _ in range(PASSES):
         before = len(found), _seconds(found)
         k = 0
         while k < len(found):
@@ -385,7 +391,7 @@ def _merge(joint: Joint, stages: list[Stage], k: int) -> bool:
         if first.start == second.end:
             del stages[n], stages[k]
             return True
-        limit = first.seconds + second.seconds + joint.tuning.stop
+        limit = first.seconds + second.seconds + STOP
         rests = _rests(joint, stages, when)
         way = _route(joint, first.robot, (first.start, second.end), rests, limit)
         if way is not None:
@@ -444,6 +450,15 @@ def _route(
 # proves nothing: the roadmaps leave poses out.
 
 
+TOGETHER = 150_000
+"""Moves looked at in one search where some have to go at the same time."""
+
+MANY = 3_000
+"""Places from which on a finer roadmap is not worth its making."""
+
+AIR = 0.02
+"""Metres kept from what rests beside a drive, for rounding."""
+
 DRAWS = 2
 """Searches with other draws on one roadmap: the better way out counts."""
 
@@ -500,10 +515,9 @@ def untie(
         return []
     paths = [alone[m.name].path if m.name in alone else None for m in motions]
     knot = Knot(workspace, scene, motions, world, paths, deadline, seed)
-    tuning = workspace.tuning.knots
-    searches = [(most, False) for most in tuning.efforts]
+    searches = [(most, False) for most in workspace.tuning.knots]
     if len(motions) > 2:  # nobody can go first: some at the same time; in a ring there are three
-        searches.append((tuning.together, True))
+        searches.append((TOGETHER, True))
     known: list[list[Agent]] = []
     dry: set[int] = set()
     for turn, (most, together) in enumerate(searches):
@@ -513,7 +527,7 @@ def untie(
                 continue
             found = []
             for draw in range(DRAWS):
-                joint = Joint(agents, knot.heeds, knot.margin, 100 * seed + draw, together, tuning)
+                joint = Joint(agents, knot.heeds, knot.margin, 100 * seed + draw, together)
                 steps = joint.search(most, deadline)
                 drives = None if steps is None else drives_of(knot, joint, loosened(joint, steps))
                 found += [] if drives is None else [drives]
@@ -545,13 +559,12 @@ def _coarse_to_fine(knot: Knot) -> Iterator[list[Agent]]:
     """Yield the robots on roadmaps of each grain, without and with places on their own paths (few
     and close: only where the lattice fails), as far as those before have not too many places.
     """
-    tuning, bodies = knot.workspace.tuning, [m.body for m in knot.motions]
-    grains = dict.fromkeys(zip(*(cells_of(body, tuning.roadmap) for body in bodies), strict=True))
+    grains = dict.fromkeys(zip(*(cells_of(m.body) for m in knot.motions), strict=True))
     for cells, own in itertools.product(grains, (False, True)):
         agents = _agents(knot, cells, own)
         if agents is not None and all(agent.start in agent.to_go for agent in agents):
             yield agents
-            if _places(agents) > tuning.knots.many:
+            if _places(agents) > MANY:
                 return
 
 
@@ -582,8 +595,7 @@ def _agents(knot: Knot, cells: Sequence[float], marks: bool) -> list[Agent] | No
         ends = [pose for i in robots for pose in knot.motions[i].poses]
         own = [path for i in robots if marks and (path := knot.paths[i]) is not None]
         body, static = knot.motions[robots[0]].body, knot.static[robots[0]]
-        tuning = knot.workspace.tuning.roadmap
-        roadmap = Roadmap(knot.scene, body, ends, own, static, cells[robots[0]], tuning)
+        roadmap = Roadmap(knot.scene, body, ends, own, static, cells[robots[0]])
         if not roadmap.usable or knot.deadline.expired():
             return None
         for i in robots:
@@ -615,8 +627,7 @@ def _drive(
         for j, other in enumerate(knot.motions)
         if joint.heeds[robot][j]
     ]
-    air = knot.workspace.tuning.knots.air
-    wide = [Placed(p.name, grown(p.body, air), p.pose) for p in parked]
+    wide = [Placed(p.name, grown(p.body, AIR), p.pose) for p in parked]
     path = knot.workspace.detour(
         motion.body, (at[robot], end), knot.static[robot], wide, knot.deadline
     )

@@ -31,6 +31,14 @@ from up_samp.motion.fleet.speed import Window, first_start, fit
 from up_samp.motion.fleet.timed_path import TimedPath, Timing, natural_timing, pose_at, run_of
 from up_samp.motion.fleet.workspace import Workspace, rest_run
 
+BEGINS = 40
+"""Begins tried for drives that have to be at the same time."""
+
+POLISH, POLISH_WORTH = 4, 0.1
+"""Rounds in which each of those moved together is planned again; s that a round has to gain for
+another one.
+"""
+
 
 def tied_by(conflicts: Iterable[tuple[str, str]]) -> list[set[str]]:
     """Return the sets of motions that hang together by conflicts."""
@@ -152,7 +160,7 @@ def _begun(
         run = fit(workspace, *parts[0], others)
         return None if run is None else [run]
     begin = max(window.release for _, window, _ in parts)
-    for _ in range(workspace.tuning.knots.begins):
+    for _ in range(BEGINS):
         found = []
         for leg, window, path in parts:
             start = first_start(workspace, leg, replace(window, release=begin), path, others)
@@ -323,8 +331,7 @@ def _polished(group: Group, runs: Mapping[str, TimedPath]) -> dict[str, TimedPat
     last to arrive first.
     """
     found = dict(runs)
-    tuning = group.workspace.tuning.ladder
-    for _ in range(tuning.polish):
+    for _ in range(POLISH):
         gained = 0.0
         for name in sorted(found, key=lambda n: (-found[n].arrival, n)):
             others = [n for n in found if n != name]
@@ -335,7 +342,7 @@ def _polished(group: Group, runs: Mapping[str, TimedPath]) -> dict[str, TimedPat
                 gained += old - attempt.run.arrival
             if group.deadline.expired():
                 return found
-        if gained < tuning.polish_worth:
+        if gained < POLISH_WORTH:
             break
     return found
 
