@@ -27,7 +27,7 @@ from up_samp.motion.curves.arcs import merged, nodes_of
 from up_samp.motion.curves.reeds_shepp import CarLimits, fastest
 from up_samp.motion.curves.rolling import rolled, rolling_radius, thinned
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
-from up_samp.motion.fleet.conflicts import CLEARANCES
+from up_samp.motion.fleet.conflicts import ROOM
 from up_samp.motion.fleet.lanes import lane_offsets
 from up_samp.motion.fleet.paths import (
     TIMES,
@@ -305,7 +305,7 @@ def _passing_lanes(
     """Yield pairs of lanes of two runs that meet at a time."""
     met = [float(np.interp(at, r.timing.trajectory.times, r.timing.s)) for r in runs]
     reach = sum(r.path.hull.radius for r in runs)
-    air = workspace.margin + CLEARANCES.room
+    air = workspace.margin + ROOM
     apart = 0.5 * (sum(_half_width(r.path, s) for r, s in zip(runs, met, strict=True)) + air)
     for stretch, share in itertools.product(STRETCH, BESIDE):
         for sides in ((-1, -1), (1, 1), (-1, 1), (1, -1)):

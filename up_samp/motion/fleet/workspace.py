@@ -30,7 +30,7 @@ from up_samp.model import (
     check_time,
 )
 from up_samp.motion.fleet.conflicts import (
-    CLEARANCES,
+    ROOM,
     conflicting_cells,
     eased,
     kept,
@@ -298,7 +298,7 @@ class Workspace:
 
     def crowds(self, path: Path, body: Body, pose: Configuration) -> bool:
         """Return whether a body at a pose is near an end of a path."""
-        rest, enough = self.resting(body, pose), self.margin + CLEARANCES.room
+        rest, enough = self.resting(body, pose), self.margin + ROOM
         if path.body.flies or body.flies:
             return min(gaps_at_ends(path.solid, rest.solid)) < enough
         return any(
