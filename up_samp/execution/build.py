@@ -582,7 +582,7 @@ def _orders_again(dependencies: Dependencies, sides: Sides) -> Draft:
     old = dependencies.graph
     draft = Draft(old.tasks, dependencies.lives)
     for edge in old.edges:
-        if edge.kind != MEETING and not edge.free:
+        if edge.fixed:
             pair = (old.events[edge.first], old.events[edge.then])
             draft.edges[pair] = (edge.lag, edge.kind, edge.why)
     for k, choice in enumerate(dependencies.choices):

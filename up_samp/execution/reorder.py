@@ -15,7 +15,7 @@ from ortools.sat.python import cp_model
 
 from up_samp.execution.build import Component, Dependencies, Key, steps_by, with_sides
 from up_samp.execution.forecast import Forecast, Routes, forecast, routes_of
-from up_samp.execution.graph import MEETING, At, Event, Graph, Precedence, topological
+from up_samp.execution.graph import At, Event, Graph, Precedence, topological
 from up_samp.execution.lives import Stay
 from up_samp.execution.meetings import Meeting, switched
 from up_samp.execution.state import FloorState, RobotPace, TaskPhase
@@ -219,12 +219,7 @@ def can_wait(state: FloorState, need: Precedence) -> bool:
 
 def settled(executor: Followed, open_: set[Key]) -> list[Precedence]:
     """Return all precedences but those of the decisions ``open_``."""
-    graph = executor.dependencies.graph
-    found = [
-        Precedence(graph.events[e.first], graph.events[e.then], e.lag)
-        for e in graph.edges
-        if e.kind != MEETING and not e.free
-    ]
+    found = executor.dependencies.graph.precedences(fixed=True)
     choices = enumerate(executor.dependencies.choices)
     found += [c.ways[int(not executor.sides.get(k, True))] for k, c in choices if k not in open_]
     for meeting in executor.dependencies.meetings:
@@ -468,10 +463,8 @@ def adopt(executor: Followed, proposal: Proposal) -> int:
     if proposal.base != executor.sides:
         return 0
     old, state = executor.state.graph, executor.state
-    known = {(old.events[e.first], old.events[e.then], e.lag) for e in old.edges}
-    for edge in proposal.graph.edges:
-        events = proposal.graph.events
-        need = Precedence(events[edge.first], events[edge.then], edge.lag)
+    known = {(p.first, p.then, p.lag) for p in old.precedences()}
+    for need in proposal.graph.precedences():
         if (need.first, need.then, need.lag) not in known and not can_wait(state, need):
             return 0
     before = executor.retime()
