@@ -338,7 +338,7 @@ def test_what_was_found_out_of_what_is_left_is_kept():
     short = with_lefts(rules, 200, Deadline.never()).lefts
     assert (short <= full).all()
     assert 0 < short[0] < full[0]
-    with mock.patch.object(Sequences, "refuted", side_effect=AssertionError):
+    with mock.patch.object(Sequences, "soonest", side_effect=AssertionError):
         assert (with_lefts(rules, 10**6, Deadline.never(), memory).lefts == full).all()
 
 

@@ -514,6 +514,22 @@ class SequenceRules:
         return np.array([*(self.programme.tasks[c.task].length for c in self.choices), 0])
 
     @cached_property
+    def tasks(self) -> Any:
+        """The task of each choice; last: of none (any one)."""
+        return np.array([*(c.task for c in self.choices), 0])
+
+    @cached_property
+    def places(self) -> Any:
+        """(traveller, choice): where each choice is; last: where the traveller begins."""
+        places = [c.place for c in self.choices]
+        return np.array([[*places, w.number[w.route.initial]] for w in self.ways])
+
+    @cached_property
+    def spots(self) -> Any:
+        """The place of each choice in tables; last: nothing that was done."""
+        return np.array([*(c.spot for c in self.choices), 0])
+
+    @cached_property
     def gaps(self) -> Any:
         """How long each traveller rests between two tasks."""
         return np.array([route.gap for route in self.programme.routes])
@@ -524,6 +540,5 @@ class SequenceRules:
 
     def rest(self, done: Any, last: Any) -> Any:
         """Return the least time that is left for all travellers together."""
-        spots = np.array([*(c.spot for c in self.choices), 0])
-        where = np.ravel_multi_index(tuple(spots[last].T), self.shape)
+        where = np.ravel_multi_index(tuple(self.spots[last].T), self.shape)
         return self.rests[self.row(done), where]

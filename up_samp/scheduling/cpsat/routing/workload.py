@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
@@ -19,7 +20,7 @@ from up_samp.scheduling.cpsat.routing.dispatch import (
     entrances_of,
 )
 from up_samp.scheduling.cpsat.routing.route import Route, way_back
-from up_samp.scheduling.cpsat.routing.rules import Programme, SequenceRules, cost
+from up_samp.scheduling.cpsat.routing.rules import NEVER, Programme, SequenceRules, cost
 from up_samp.scheduling.cpsat.routing.sequences import Sequences, raised
 from up_samp.scheduling.cpsat.tuning import CpsatTuning
 
@@ -64,18 +65,47 @@ def with_lefts(
     if free is None:
         return rules
     free = replace(free, aside=aside, lefts=rules.lefts.copy())
-    looked = Sequences(free, most)
-    sets = [int(done) for done in rules.sets if int(done) & aside == aside]
+    looked = Sequences(free, most, anywhere=True)
+    sets = sorted((int(done) for done in rules.sets if int(done) & aside == aside), key=_size)
     found = {} if memory is None else memory.setdefault(_names(rules, aside), {})
-    for done in sorted(sets, key=lambda some: -some.bit_count()):
-        known = found.get(done)
-        if known is None:
-            known = raised(replace(looked, begun=done), _of_more(free, done), deadline)
-            if not deadline.expired() and not looked.is_spent:
-                found[done] = known
-        free.lefts[free.row(done)] = known
+    for _, layer in itertools.groupby(reversed(sets), key=_size):
+        some = list(layer)
+        known = {done: found.get(done, _of_more(free, done)) for done in some}
+        settled = _raise_all(looked, known, {d for d in some if d not in found}, deadline)
+        for done in some:
+            free.lefts[free.row(done)] = known[done]
+        found.update((done, known[done]) for done in settled)
     lefts = free.lefts[free.row(rules.sets | aside)]
     return replace(rules, aside=aside, lefts=lefts)
+
+
+def _size(done: int) -> int:
+    return done.bit_count()
+
+
+def _raise_all(
+    looked: Sequences, known: dict[int, int], some: set[int], deadline: Deadline
+) -> set[int]:
+    """Raise what is ``known`` of ``some`` sets of equally many tasks to the least time that is left
+    of them; return those of which it was found out.
+    """
+    open_, steps, high = set(some), dict.fromkeys(some, 1), {}
+    while open_ and not looked.is_spent and not deadline.expired():
+        asked = sorted(open_)
+        ends = [min(known[d] + steps[d], high.get(d, NEVER)) - 1 for d in asked]
+        soonest = looked.soonest(asked, ends, deadline)
+        if soonest is None:
+            break
+        for done, end, first in zip(asked, ends, soonest.tolist(), strict=True):
+            if first < 0:
+                known[done], steps[done] = end + 1, 2 * steps[done]
+            else:
+                # to refute one unit less is enough: what is found ends as soon as any does, mostly
+                high[done] = max(known[done], min(end, first))
+                steps[done] = high[done] - known[done]
+            if known[done] >= high.get(done, NEVER):
+                open_.discard(done)
+    return some - open_
 
 
 def _names(rules: SequenceRules, aside: int) -> tuple[object, ...]:
@@ -344,10 +374,11 @@ def bound_by_work(
         return WorkBound(known)
     labels = tuning.labels
     sequences = Sequences(rules, min(labels, tuning.unaided))
-    if labels:
+    if labels and not work.lefts:
         known = raised(sequences.plain(), known, deadline, value)
         known = raised(sequences, known, deadline, value)
-    if sequences.is_spent and labels > tuning.unaided and not deadline.expired():
+    aided = sequences.is_spent or bool(work.lefts)
+    if aided and labels > tuning.unaided and not deadline.expired():
         rules = with_lefts(rules, labels // 2, deadline, work.lefts)
         sequences = Sequences(rules, labels)
         known = raised(sequences, known, deadline, value)

@@ -31,7 +31,10 @@ from up_samp.scheduling.cpsat.solve import options as profiles
 from up_samp.scheduling.cpsat.solve.attempts import Attempts, hint_values
 
 _SHARE = 0.35
-"""Of the time that is left: for bounds without search, for tours, for the routing relaxation."""
+"""Of the time that is left: for tours, for the routing relaxation, and for bounds without search
+where the optimum is not asked for."""
+_BOUNDING = 0.7
+"""For bounds without search, where it is: most of what is proven of routed problems they prove."""
 _LABELS_AGAIN = 150_000
 """Beginnings of sequences that proofs may look at if bounds were sought before."""
 _BEAM = 500
@@ -77,10 +80,10 @@ class Solve:
         """Whether the proven optimum is asked for."""
         return self.whole.orders.optimal
 
-    def share(self) -> Deadline:
+    def share(self, share: float = _SHARE) -> Deadline:
         """Return the deadline of a stage that may take no more than a share of what is left."""
         deadline = self.whole.deadline
-        return deadline.within(_SHARE * deadline.remaining())
+        return deadline.within(share * deadline.remaining())
 
 
 @dataclass(frozen=True)
@@ -141,7 +144,7 @@ def _find_routes(search: Solve) -> None:
 def _bound_by_work(search: Solve) -> None:
     whole = search.whole
     assert search.work is not None
-    deadline = search.share()
+    deadline = search.share(_BOUNDING if search.optimal else _SHARE)
     tuning = whole.orders.tuning
     labels = _LABELS_AGAIN if search.again else tuning.labels
     tuning = replace(tuning, labels=labels if search.optimal else 0)
