@@ -577,6 +577,23 @@ def coarse(dependencies: Dependencies) -> Dependencies:
     return replace(dependencies, graph=graph)
 
 
+def timed(dependencies: Dependencies) -> Dependencies:
+    """Return the baseline that follows the clock: everybody begins when the plan says so, after
+    what they did before, and looks at nobody. Late robots collide.
+    """
+    old = dependencies.graph
+    draft = Draft(old.tasks, dependencies.lives)
+    last: dict[str, Event] = {}
+    for task in sorted(old.tasks.values(), key=lambda t: t.planned):
+        begin = Event(At.START, task.name)
+        draft.put(ORIGIN, begin, task.planned[0], "constraint", "the timetable")
+        for who in task.who:
+            if who in last:
+                draft.put(last[who], begin, 0.0, "constraint", f"{who} does one after the other")
+            last[who] = Event(At.END, task.name)
+    return replace(dependencies, graph=draft.graph(old.margin))
+
+
 def _orders_again(dependencies: Dependencies, sides: Sides) -> Draft:
     """Return a draft with everything but who goes first where bodies would meet."""
     old = dependencies.graph
