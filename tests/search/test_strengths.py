@@ -191,7 +191,7 @@ class Seen(Observer):
 
 def test_no_order_of_three_robots_is_a_proof(tmp_path):
     """Their orders, and who gives way where, are tried and not searched to an end: what is learned
-    of the three stays a guess. The facts on which a bound may rest leave 22 units, which a plan has.
+    of the three stays a guess. The facts on which a bound may rest leave 22 units, as a plan does.
     """
     problem, seen = through_a_doorway(tmp_path), Seen()
     with OneshotPlanner(

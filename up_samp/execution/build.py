@@ -30,7 +30,6 @@ from up_samp.execution.lives import DriveCells, Life, drives_of, lives_of
 from up_samp.execution.meetings import (
     Meeting,
     Narrow,
-    Step,
     meetings_of,
     narrow_places,
     steps_of,
@@ -181,7 +180,7 @@ class Draft:
     def add_meeting(self, meeting: Meeting) -> None:
         """Add the steps of a meeting."""
         for step in steps_of(meeting):
-            self._edge(step.first, step.then, 0.0, MEETING, why_of(meeting, step))
+            self._edge(step.first, step.then, 0.0, MEETING, step.why)
 
     def coarsen(self, meetings: Iterable[Meeting]) -> None:
         """Let motions that meet wait for each other as a whole, where one goes first all the way
@@ -195,10 +194,21 @@ class Draft:
         for one, two in self.edges:
             after.setdefault(one, []).append(two)
         for meeting in meetings:
-            whole = _whole(steps_of(meeting))
+            whole = self._whole(steps_of(meeting))
             if whole is not None and not _leads(after, whole.then, whole.first):
-                self.put(whole.first, whole.then, 0.0, MEETING, why_of(meeting, whole))
+                self.put(whole.first, whole.then, 0.0, MEETING, whole.why)
                 after.setdefault(whole.first, []).append(whole.then)
+
+    def _whole(self, steps: list[Precedence]) -> Precedence | None:
+        """Return one step for a whole meeting, if one of the two goes first everywhere: the second
+        may not begin before the first has ended.
+        """
+        if len({(s.first.activity, s.then.activity) for s in steps}) != 1:
+            return None
+        last = max(steps, key=lambda s: self.time(s.first))
+        first, then = Event(At.END, last.first.activity), last.then
+        begun = Event(At.START, then.activity) if then.at is At.LEAVE else then
+        return replace(last, first=first, then=begun)
 
     def _edge(self, first: Event, then: Event, lag: float, kind: str, why: str) -> None:
         task = self.tasks.get(then.activity)
@@ -358,25 +368,6 @@ def _leads(after: Mapping[Event, list[Event]], first: Event, then: Event) -> boo
                 seen.add(event)
                 stack.append(event)
     return then in seen
-
-
-def why_of(meeting: Meeting, step: Step) -> str:
-    """Return in words who would meet where."""
-    x, y = step.where
-    return f"{meeting.one.object} and {meeting.other.object} would meet near ({x:.1f}, {y:.1f})"
-
-
-def _whole(steps: list[Step]) -> Step | None:
-    """Return one step for a whole meeting, if one of the two goes first everywhere: the second
-    may not begin before the first has ended.
-    """
-    sides = {(s.first.activity, s.then.activity) for s in steps}
-    if len(sides) != 1:
-        return None
-    last = max(steps, key=lambda s: s.first_time)
-    first = Event(At.END, last.first.activity)
-    then = Event(At.START, last.then.activity) if last.then.at is At.LEAVE else last.then
-    return Step(first, then, last.first_time, last.where)
 
 
 # ------------------ From a problem and its plan to the graph of what depends on what
@@ -567,7 +558,7 @@ def with_sides(
     draft = _orders_again(dependencies, turned)
     for meeting in dependencies.meetings:
         for step in steps_by(meeting, sides):
-            draft.put(step.first, step.then, 0.0, MEETING, why_of(meeting, step))
+            draft.put(step.first, step.then, 0.0, MEETING, step.why)
     return draft.graph(dependencies.graph.margin)
 
 
@@ -599,7 +590,7 @@ def _orders_again(dependencies: Dependencies, turned: Collection[int] = frozense
     return draft
 
 
-def steps_by(meeting: Meeting, sides: Side, without: Collection[int] = ()) -> list[Step]:
+def steps_by(meeting: Meeting, sides: Side, without: Collection[int] = ()) -> list[Precedence]:
     """Return a meeting's steps, with other sides than planned for some components. Components
     ``without`` are left out.
     """

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from up_samp.execution.build import why_of
 from up_samp.execution.graph import MEETING, ORIGIN, At, Edge, Event, Graph, PlannedTask, Precedence
 from up_samp.execution.lives import DriveCells, Life, drives_of, in_turn
 from up_samp.execution.meetings import Meeting, steps_of
@@ -210,10 +209,7 @@ def needs_of_motions(
     plan: PlanDict, lives: Mapping[str, Life], meetings: Iterable[Meeting]
 ) -> list[Precedence]:
     """Return what the motions ask for, whatever the problem is."""
-    found = []
-    for meeting in meetings:
-        for step in steps_of(meeting):
-            found.append(Precedence(step.first, step.then, 0.0, why_of(meeting, step)))
+    found = [step for meeting in meetings for step in steps_of(meeting)]
     for name, life in lives.items():
         turns = dict.fromkeys(
             (item["activity"], "samples" in item or item["activity"] in life.rides)

@@ -17,7 +17,7 @@ from up_samp.execution.build import Dependencies, steps_by, with_sides
 from up_samp.execution.forecast import Forecast, Routes, forecast, routes_of
 from up_samp.execution.graph import MEETING, At, Event, Graph, Precedence, topological
 from up_samp.execution.lives import Stay
-from up_samp.execution.meetings import Meeting, Step, switched
+from up_samp.execution.meetings import Meeting, switched
 from up_samp.execution.state import FloorState, RobotPace, TaskPhase
 from up_samp.model import ProblemError
 from up_samp.model.execution_tuning import ExecutionTuning
@@ -150,7 +150,7 @@ def _components(executor: Followed) -> list[Decision]:
         if key not in executor.open_sides:
             continue
         needs = {
-            side: tuple(_need(s) for m in meetings for s in switched(m, key[2], side))
+            side: tuple(step for m in meetings for step in switched(m, key[2], side))
             for side in (True, False)
         }
         found.append(Decision(key, executor.sides.get(key, executor.open_sides[key]), needs))
@@ -186,10 +186,6 @@ def _too_soon(executor: Followed, ahead: Forecast, need: Precedence) -> bool:
         place = event.progress - state.localisation - brake * (1 + begun)
         at = (state.now if begun else at) + way.travel.time_at(max(0.0, place)) - here
     return at < state.now + executor.lead
-
-
-def _need(step: Step) -> Precedence:
-    return Precedence(step.first, step.then, 0.0)
 
 
 def _over(state: FloorState, meeting: Meeting) -> bool:
@@ -242,7 +238,7 @@ def settled(executor: Followed, open_: set[Key | int]) -> list[Precedence]:
         if _over(executor.state, meeting):
             continue
         mine = {c for c in meeting.components if (*meeting.pair, c) in open_}
-        found += [_need(s) for s in steps_by(meeting, executor.sides, mine)]
+        found += steps_by(meeting, executor.sides, mine)
     return found
 
 
