@@ -13,14 +13,14 @@ pytest.importorskip("fastapi")
 from tests.operate.days import Day
 from tests.server.soak_server import free_port
 from tests.server.test_page import browser, until  # noqa: F401
-from up_samp.server.floor import serve_floor
+from up_samp.server.floor import FloorPage
 
 
 @pytest.fixture
 def floor(tmp_path):
     """A floor whose loop runs in this thread by ``floor.run``."""
     day = Day(tmp_path, robots=2)
-    page = serve_floor(day.operation, "127.0.0.1", free_port())
+    page = FloorPage(day.operation, "127.0.0.1", free_port())
     yield day, page
     page.close()
     day.operation.close()
