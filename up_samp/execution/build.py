@@ -30,7 +30,6 @@ from up_samp.execution.lives import DriveCells, Life, drives_of, lives_of
 from up_samp.execution.meetings import (
     Meeting,
     Narrow,
-    Step,
     meetings_of,
     narrow_places,
     steps_of,
@@ -181,7 +180,7 @@ class Draft:
     def add_meeting(self, meeting: Meeting) -> None:
         """Add the steps of a meeting."""
         for step in steps_of(meeting):
-            self._edge(step.first, step.then, 0.0, MEETING, why_of(meeting, step))
+            self._edge(step.first, step.then, 0.0, MEETING, step.why)
 
     def coarsen(self, meetings: Iterable[Meeting]) -> None:
         """Let motions that meet wait for each other as a whole, where one goes first all the way
@@ -195,10 +194,21 @@ class Draft:
         for one, two in self.edges:
             after.setdefault(one, []).append(two)
         for meeting in meetings:
-            whole = _whole(steps_of(meeting))
+            whole = self._whole(steps_of(meeting))
             if whole is not None and not _leads(after, whole.then, whole.first):
-                self.put(whole.first, whole.then, 0.0, MEETING, why_of(meeting, whole))
+                self.put(whole.first, whole.then, 0.0, MEETING, whole.why)
                 after.setdefault(whole.first, []).append(whole.then)
+
+    def _whole(self, steps: list[Precedence]) -> Precedence | None:
+        """Return one step for a whole meeting, if one of the two goes first everywhere: the second
+        may not begin before the first has ended.
+        """
+        if len({(s.first.activity, s.then.activity) for s in steps}) != 1:
+            return None
+        last = max(steps, key=lambda s: self.time(s.first))
+        first, then = Event(At.END, last.first.activity), last.then
+        begun = Event(At.START, then.activity) if then.at is At.LEAVE else then
+        return replace(last, first=first, then=begun)
 
     def _edge(self, first: Event, then: Event, lag: float, kind: str, why: str) -> None:
         task = self.tasks.get(then.activity)
@@ -358,25 +368,6 @@ def _leads(after: Mapping[Event, list[Event]], first: Event, then: Event) -> boo
                 seen.add(event)
                 stack.append(event)
     return then in seen
-
-
-def why_of(meeting: Meeting, step: Step) -> str:
-    """Return in words who would meet where."""
-    x, y = step.where
-    return f"{meeting.one.object} and {meeting.other.object} would meet near ({x:.1f}, {y:.1f})"
-
-
-def _whole(steps: list[Step]) -> Step | None:
-    """Return one step for a whole meeting, if one of the two goes first everywhere: the second
-    may not begin before the first has ended.
-    """
-    sides = {(s.first.activity, s.then.activity) for s in steps}
-    if len(sides) != 1:
-        return None
-    last = max(steps, key=lambda s: s.first_time)
-    first = Event(At.END, last.first.activity)
-    then = Event(At.START, last.then.activity) if last.then.at is At.LEAVE else last.then
-    return Step(first, then, last.first_time, last.where)
 
 
 # ------------------ From a problem and its plan to the graph of what depends on what
@@ -552,22 +543,25 @@ def _mentions(text: str, name: str) -> bool:
     return bool(re.search(rf"(?<![A-Za-z0-9]){re.escape(name)}(?![A-Za-z0-9])", text))
 
 
-Side = Mapping[tuple[str, str, int], bool]
-"""Who goes first in a component of two objects' obstacle: (one, other, component) -> whether
-one.
+Component = tuple[str, str, int]
+"""A component of two objects' obstacle: (one, other, number)."""
+
+Key = Component | int
+"""What may be one way or the other: a component, by whether its ``one`` goes first, or a choice by
+its number, by whether it is as planned.
 """
 
+Sides = Mapping[Key, bool]
 
-def with_sides(
-    dependencies: Dependencies, sides: Side, turned: Collection[int] = frozenset()
-) -> Graph:
-    """Return the graph with other sides for some components, and the choices numbered ``turned``
-    the other way round; :class:`ProblemError` on a cycle.
+
+def with_sides(dependencies: Dependencies, sides: Sides) -> Graph:
+    """Return the graph with other sides for some components and choices; :class:`ProblemError` on
+    a cycle.
     """
-    draft = _orders_again(dependencies, turned)
+    draft = _orders_again(dependencies, sides)
     for meeting in dependencies.meetings:
         for step in steps_by(meeting, sides):
-            draft.put(step.first, step.then, 0.0, MEETING, why_of(meeting, step))
+            draft.put(step.first, step.then, 0.0, MEETING, step.why)
     return draft.graph(dependencies.graph.margin)
 
 
@@ -575,7 +569,7 @@ def coarse(dependencies: Dependencies) -> Dependencies:
     """Return the baseline in which motions that meet wait for each other as a whole, wherever one
     of them goes first all the way and no cycle comes of it.
     """
-    draft = _orders_again(dependencies)
+    draft = _orders_again(dependencies, {})
     for meeting in dependencies.meetings:
         draft.add_meeting(meeting)
     draft.coarsen(dependencies.meetings)
@@ -583,23 +577,40 @@ def coarse(dependencies: Dependencies) -> Dependencies:
     return replace(dependencies, graph=graph)
 
 
-def _orders_again(dependencies: Dependencies, turned: Collection[int] = frozenset()) -> Draft:
+def timed(dependencies: Dependencies) -> Dependencies:
+    """Return the baseline that follows the clock: everybody begins when the plan says so, after
+    what they did before, and looks at nobody. Late robots collide.
+    """
+    old = dependencies.graph
+    draft = Draft(old.tasks, dependencies.lives)
+    last: dict[str, Event] = {}
+    for task in sorted(old.tasks.values(), key=lambda t: t.planned):
+        begin = Event(At.START, task.name)
+        draft.put(ORIGIN, begin, task.planned[0], "constraint", "the timetable")
+        for who in task.who:
+            if who in last:
+                draft.put(last[who], begin, 0.0, "constraint", f"{who} does one after the other")
+            last[who] = Event(At.END, task.name)
+    return replace(dependencies, graph=draft.graph(old.margin))
+
+
+def _orders_again(dependencies: Dependencies, sides: Sides) -> Draft:
     """Return a draft with everything but who goes first where bodies would meet."""
     old = dependencies.graph
     draft = Draft(old.tasks, dependencies.lives)
     for edge in old.edges:
-        if edge.kind != MEETING and not edge.free:
+        if edge.fixed:
             pair = (old.events[edge.first], old.events[edge.then])
             draft.edges[pair] = (edge.lag, edge.kind, edge.why)
     for k, choice in enumerate(dependencies.choices):
-        draft.put_choice(choice, int(k in turned))
+        draft.put_choice(choice, int(not sides.get(k, True)))
     for bound in old.bounds:
         pair = (old.events[bound.first], old.events[bound.then])
         draft.bounds.append((*pair, bound.most, bound.why))
     return draft
 
 
-def steps_by(meeting: Meeting, sides: Side, without: Collection[int] = ()) -> list[Step]:
+def steps_by(meeting: Meeting, sides: Sides, without: Collection[int] = ()) -> list[Precedence]:
     """Return a meeting's steps, with other sides than planned for some components. Components
     ``without`` are left out.
     """

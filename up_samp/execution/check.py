@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from up_samp.execution.build import why_of
 from up_samp.execution.graph import MEETING, ORIGIN, At, Edge, Event, Graph, PlannedTask, Precedence
 from up_samp.execution.lives import DriveCells, Life, drives_of, in_turn
 from up_samp.execution.meetings import Meeting, steps_of
@@ -210,10 +209,7 @@ def needs_of_motions(
     plan: PlanDict, lives: Mapping[str, Life], meetings: Iterable[Meeting]
 ) -> list[Precedence]:
     """Return what the motions ask for, whatever the problem is."""
-    found = []
-    for meeting in meetings:
-        for step in steps_of(meeting):
-            found.append(Precedence(step.first, step.then, 0.0, why_of(meeting, step)))
+    found = [step for meeting in meetings for step in steps_of(meeting)]
     for name, life in lives.items():
         turns = dict.fromkeys(
             (item["activity"], "samples" in item or item["activity"] in life.rides)
@@ -273,17 +269,6 @@ def lacking(
     return missing
 
 
-def graph_needs(graph: Graph, *, orders: bool = False) -> list[Precedence]:
-    """Return a graph's edges; ``orders``: those that stay when meetings are re-ordered and choices
-    are turned round.
-    """
-    return [
-        Precedence(graph.events[e.first], graph.events[e.then], e.lag, e.why)
-        for e in graph.edges
-        if not orders or (e.kind != MEETING and not e.free)
-    ]
-
-
 def named(items: Sequence[object], most: int = 12) -> list[str]:
     """Return faults in words, the first ``most`` of them one by one."""
     found = [str(item) for item in items[:most]]
@@ -299,13 +284,13 @@ def graph_faults(told: Graph, made: Graph) -> list[str]:
     """Return what a file's graph lacks of the one that its problem asks for, and which of its own
     edges the plan itself does not keep.
     """
-    lost = lacking(told.tasks, graph_needs(told, orders=True), graph_needs(made, orders=True))
-    every = lacking(told.tasks, graph_needs(told), graph_needs(made))
+    lost = lacking(told.tasks, told.precedences(fixed=True), made.precedences(fixed=True))
+    every = lacking(told.tasks, told.precedences(), made.precedences())
     found = named(list(dict.fromkeys([*lost, *every])))
-    own = {(n.first, n.then): n.lag for n in graph_needs(made)}
+    own = {(n.first, n.then): n.lag for n in made.precedences()}
     broken = [
         need
-        for need, edge in zip(graph_needs(told), told.edges, strict=True)
+        for need, edge in zip(told.precedences(), told.edges, strict=True)
         if (
             need.lag > own.get((need.first, need.then), 0.0) + TOLERANCES.rounded
             and told.times[edge.then] < told.times[edge.first] + need.lag - TOLERANCES.late

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from functools import cached_property
 from typing import Any
 
 from unified_planning.model.scheduling import SchedulingProblem
@@ -16,7 +15,6 @@ from up_samp.execution.astray import (
     beside,
     coming_to,
     kept_away,
-    led_by,
     place_of,
     pose_in,
 )
@@ -44,11 +42,9 @@ from up_samp.execution.reports import (
 from up_samp.execution.state import FloorState, MotionUnderWay, RobotPace, Squeezed, TaskPhase
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.execution.travel import Along, along, away, pose_at
-from up_samp.io.floors import map_number, side_by_side
 from up_samp.io.plan_dict import PlanDict, plan_to_dict
-from up_samp.model import Configuration, ProblemError
+from up_samp.model import ProblemError
 from up_samp.model.execution_tuning import ExecutionTuning
-from up_samp.model.frames import Frame
 
 
 class Executor(Followed):
@@ -98,7 +94,7 @@ class Executor(Followed):
         self.routes = routes_of(graph, self.state.ways)
         self.tuning = tuning or ExecutionTuning()
         self.pace = RobotPace()
-        self.sides, self.turned = {}, frozenset()
+        self.sides = {}
         self.drives = drives_of(self.dependencies.lives)
         """The robots' motions, by activity and robot."""
         self._drivers = {robot for _, robot in self.drives}
@@ -196,7 +192,9 @@ class Executor(Followed):
         """
         if self.problem is None:
             raise ProblemError("what is left can be told only where the problem is known")
-        return remaining_problem(self.problem, self.plan, self.state, self.drives, surprise)
+        return remaining_problem(
+            self.problem, self.plan, self.state, self.dependencies.lives, surprise
+        )
 
     # ------------------------------------------------------------------ what is told
 
@@ -271,8 +269,7 @@ class Executor(Followed):
         if pose is None:
             told = [pose_at(drive.path, progress) for drive in drives or beside(life, here)]
         else:
-            led = [d.activity for d in drives] or [led_by(life, p) for p in rests] or [""]
-            told = [self._in_plane((activity, robot), pose) for activity in led]
+            told = [p.frame.of(pose) for p in drives or rests or life.pieces[:1]]
         far = [(away(at, pose_in(state, p), life.body), at) for at in told for p in rests]
         least, at = min(far, default=(0.0, told[0]))
         astray, near = Strayed(at, least, state.now), least <= self._near
@@ -336,7 +333,7 @@ class Executor(Followed):
         drive = self.drives.get((activity, robot))
         if drive is None:
             raise ProblemError(f"the plan has no motion '{activity}' of '{robot}'")
-        here = self._in_plane(drive.key, pose)
+        here = drive.frame.of(pose)
         way = self.state.of_object.get(robot)
         if way is None or way.activity != activity:
             return along(drive.path, here)
@@ -350,16 +347,6 @@ class Executor(Followed):
         """How far (m) a robot may tell to be off its path, or its place."""
         return 2 * self.state.localisation + TOLERANCES.place
 
-    @cached_property
-    def _frames(self) -> dict[tuple[str, str], Frame]:
-        """Where the plan's poses lie in the one plane of all paths, by what leads an object there:
-        a motion or a change of an activity, or nothing (``""``).
-        """
-        frames = side_by_side(self.plan)[1]
-        led = [*self.plan["changes"], *self.plan["motions"]]
-        first = {("", o["name"]): frames[map_number(o)] for o in self.plan["objects"]}
-        return {**first, **{(m["activity"], m["object"]): frames[map_number(m)] for m in led}}
-
     def placed(self, way: MotionUnderWay, pose: Any) -> float | Strayed | str:
         """Return the progress (m) of a robot that tells a pose, or where it is off its path, or why
         it cannot be there.
@@ -370,15 +357,8 @@ class Executor(Followed):
         place = self.progress_of(way.activity, way.object, pose)
         if place.off <= self._near:
             return place.progress
-        here = self._in_plane((way.activity, way.object), pose)
-        return Strayed(here, place.off, self.now)
-
-    def _in_plane(self, motion: tuple[str, str], pose: Sequence[float]) -> Configuration:
-        """Return a pose of the plan in the one plane of all paths, for a robot in a motion, or led
-        to where it rests by it.
-        """
-        x, y, theta = self._frames[motion].of(pose)
-        return x, y, theta
+        frame = self.drives[way.activity, way.object].frame
+        return Strayed(frame.of(pose), place.off, self.now)
 
     def done(self, activity: str, now: float | None = None) -> Reply:
         """Note that a task that drives nothing is over, or that a motion's robots are at its end.
@@ -631,8 +611,8 @@ def saved(executor: Executor) -> dict[str, Any]:
         "heard": dict(executor._told),
         "held": dict(executor._held),
         "strayed": {r: [*s.pose, s.off, s.time] for r, s in executor._strayed.items()},
-        "sides": [[*key, side] for key, side in executor.sides.items()],
-        "turned": sorted(executor.turned),
+        "sides": [[*k, side] for k, side in executor.sides.items() if not isinstance(k, int)],
+        "turned": [k for k, side in executor.sides.items() if isinstance(k, int) and not side],
         "pace": executor.pace.saved(),
     }
 
@@ -654,9 +634,9 @@ def resume(executor: Executor, known: Mapping[str, Any], graph: Graph | None = N
         if name not in state.phase:
             raise ProblemError(f"what was saved speaks of '{name}', which the plan has not")
     executor.sides = {(one, other, int(c)): side for one, other, c, side in known["sides"]}
-    executor.turned = frozenset(known["turned"])
-    if graph is None and (executor.sides or executor.turned):
-        graph = with_sides(executor.dependencies, executor.sides, executor.turned)
+    executor.sides |= dict.fromkeys(known["turned"], False)
+    if graph is None and executor.sides:
+        graph = with_sides(executor.dependencies, executor.sides)
     state.now = float(known["now"])
     state.fired = {event_from_list(event): float(time) for event, time in known["fired"]}
     for entry in known["motions"]:

@@ -24,10 +24,9 @@ from up_samp.execution.build import Dependencies, planned_of
 from up_samp.execution.graph import At, Bound, Graph
 from up_samp.execution.lives import DriveCells, Life, drives_of
 from up_samp.execution.tolerances import TOLERANCES
-from up_samp.io.floors import map_number, side_by_side
+from up_samp.io.floors import side_by_side
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import avoids
-from up_samp.model.frames import Frame
 from up_samp.scheduling.partial_order.orders import constraint_texts
 from up_samp.upio.movers import named_as_planned
 from up_samp.validation.collisions import JudgedShape, hits_body
@@ -64,12 +63,10 @@ def record_of(
     done = {n: (a, now if b is None else b) for n, (a, b) in spans.items()}
     drives = drives_of(lives)
     planned = {(m["activity"], m["object"]): m for m in plan["motions"]}
-    frames = side_by_side(plan)[1]
     motions = []
     for key, trace in drivings.items():
-        number = map_number(planned[key])
-        motion = _motion(drives[key], trace, frames[number].inverse)
-        motions.append({**motion, "map": number} if "map" in planned[key] else motion)
+        on = {"map": planned[key]["map"]} if "map" in planned[key] else {}
+        motions.append({**_motion(drives[key], trace), **on})
     for motion in plan["motions"]:
         name, key = motion["activity"], (motion["activity"], motion["object"])
         if name in done and key not in drives:
@@ -116,19 +113,19 @@ def _activities(
     return sorted(found, key=lambda a: (a["start"], a["end"]))
 
 
-def _motion(drive: DriveCells, trace: list[tuple[float, float]], home: Frame) -> dict[str, Any]:
-    """Return what was driven; ``home`` leads back to where the plan has it."""
+def _motion(drive: DriveCells, trace: list[tuple[float, float]]) -> dict[str, Any]:
+    """Return what was driven, where the plan has it."""
     motion: dict[str, Any] = {
         "activity": drive.activity,
         "object": drive.object,
-        "samples": _rows(drive, trace, home),
+        "samples": _rows(drive, trace),
     }
     if drive.avoid is not None:
         motion["avoid"] = sorted(drive.avoid)
     return motion
 
 
-def _rows(drive: DriveCells, trace: list[tuple[float, float]], home: Frame) -> list[list[float]]:
+def _rows(drive: DriveCells, trace: list[tuple[float, float]]) -> list[list[float]]:
     """Return samples [t, x, y, theta]; where the path's curvature changes there is one, too."""
     times = np.array([t for t, _ in trace])
     s = np.array([p for _, p in trace])
@@ -146,7 +143,7 @@ def _rows(drive: DriveCells, trace: list[tuple[float, float]], home: Frame) -> l
         s = np.concatenate([s, kinks])
         order = np.argsort(times, kind="stable")
         times, s = times[order], s[order]
-    poses = home.out(path.poses_at(s))
+    poses = drive.frame.inverse.out(path.poses_at(s))
     rows = np.round(np.column_stack([times, poses]), 6) + 0.0
     later = np.diff(rows[:, 0], prepend=-np.inf) > 0.0  # times do not go back: they are sorted
     found: list[list[float]] = rows[later].tolist()
@@ -270,7 +267,6 @@ def _known_ends(
     """Return what was driven; a motion is over where its robot is known to be at its end, which
     may be wrong by twice the localisation error along its path: such a robot counts as there.
     """
-    frames = side_by_side(record)[1]
     drives = drives_of(dependencies.lives)
     found = {}
     for motion in record["motions"]:
@@ -281,7 +277,7 @@ def _known_ends(
         path = drives[key].path
         least = max(0.0, path.length - 2 * dependencies.localisation)
         last = path.poses_at(np.linspace(least, path.length, 101))
-        last = frames[map_number(motion)].inverse.out(last)
+        last = drives[key].frame.inverse.out(last)
         apart = np.abs(last - rows[-1, 1:]).max(axis=1).min()
         if apart <= np.abs(np.diff(last, axis=0)).max(initial=0.0) + TOLERANCES.arrived:
             rows[-1, 1:] = last[-1]

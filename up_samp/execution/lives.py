@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Container, Mapping
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -19,9 +19,10 @@ import numpy.typing as npt
 
 from up_samp.execution.graph import At, Event
 from up_samp.execution.tolerances import TOLERANCES
-from up_samp.io.floors import side_by_side
+from up_samp.io.floors import map_number, side_by_side
 from up_samp.io.sampling import rows_trajectory
 from up_samp.model import Body, Configuration, Kinematics, MotionModel, UnsupportedError, avoids
+from up_samp.model.frames import Frame
 from up_samp.motion.fleet.conflicts import Hull
 from up_samp.motion.fleet.paths import Path, hull_of, path_of, resting_path
 from up_samp.upio.rides import laden_body
@@ -68,6 +69,8 @@ class DriveCells:
     begin: float
     """When the planned trajectory begins (s, plan time)."""
     avoid: frozenset[str] | None
+    frame: Frame = field(default_factory=Frame)
+    """Where the plan's poses on its map lie in the one plane of all paths."""
 
     @cached_property
     def planned(self) -> tuple[FloatArray, FloatArray]:
@@ -125,7 +128,7 @@ def _between(times: FloatArray, s: FloatArray, i: npt.NDArray[Any], at: FloatArr
 @dataclass(frozen=True, eq=False)
 class Stay:
     """A rest at ``pose``. ``enter`` and ``leave`` are set where a change, not a motion, puts the
-    object there or takes it away; the times are those of the plan (s).
+    object there or takes it away; the times are those of the plan (s). ``frame`` as in a motion.
     """
 
     body: Body
@@ -134,6 +137,7 @@ class Stay:
     until: float
     enter: Event | None = None
     leave: Event | None = None
+    frame: Frame = field(default_factory=Frame)
 
     @cached_property
     def path(self) -> Path:
@@ -194,7 +198,7 @@ def lives_of(plan: Mapping[str, Any]) -> dict[str, Life]:
 
     Raises :class:`UnsupportedError` for free flyers: their motions have no planar footprint.
     """
-    plan, _ = side_by_side(plan)
+    plan, frames = side_by_side(plan)
     bodies = {entry["name"]: body_of(entry) for entry in plan["objects"]}
     laden = laden_bodies(plan, bodies)
     for entry in plan["objects"]:
@@ -207,11 +211,12 @@ def lives_of(plan: Mapping[str, Any]) -> dict[str, Life]:
     drives = {}
     for motion in plan["motions"]:
         key = motion["activity"], motion["object"]
-        drives[key] = _drive(motion, laden.get(key, bodies[motion["object"]]))
+        body = laden.get(key, bodies[motion["object"]])
+        drives[key] = _drive(motion, body, frames[map_number(motion)])
     lives = {}
     for name, body in bodies.items():
         rides = {r["activity"]: r["carrier"] for r in plan.get("rides", ()) if r["object"] == name}
-        pieces = _pieces(plan, name, body, drives, rides)
+        pieces = _pieces(plan, frames, name, body, drives, rides)
         if pieces:
             lives[name] = Life(name, body, tuple(pieces), rides)
     return lives
@@ -219,6 +224,7 @@ def lives_of(plan: Mapping[str, Any]) -> dict[str, Life]:
 
 def _pieces(
     plan: Mapping[str, Any],
+    frames: Sequence[Frame],
     name: str,
     body: Body,
     drives: Mapping[tuple[str, str], DriveCells],
@@ -226,9 +232,9 @@ def _pieces(
 ) -> list[Piece]:
     unit = float(plan["seconds_per_unit"])
     ends = {a["name"]: a["end"] * unit for a in plan["activities"]}
-    initial = next(o["initial"] for o in plan["objects"] if o["name"] == name)
-    pose = None if initial is None else tuple(initial)
-    since, enter = -np.inf, None
+    item = next(o for o in plan["objects"] if o["name"] == name)
+    pose = None if item["initial"] is None else tuple(item["initial"])
+    since, enter, frame = -np.inf, None, frames[map_number(item)]
     pieces: list[Piece] = []
     for item in in_turn(plan, name, rides):
         activity = item["activity"]
@@ -241,19 +247,21 @@ def _pieces(
                     continue  # its carrier stays where it is
                 until, leave, back, entered = hold_of(ride)
             if pose is not None:
-                pieces.append(Stay(body, pose, since, until, enter, leave))
+                pieces.append(Stay(body, pose, since, until, enter, leave, frame))
             pose, since, enter = tuple(item["configuration"]), back, entered
+            frame = frames[map_number(item)]
             continue
         drive = drives[activity, name]
         if drive.path.cells == 0:
             continue  # it stays where it is
         if pose is not None:
-            pieces.append(Stay(body, pose, since, item["samples"][0][0], enter, None))
+            until = item["samples"][0][0]
+            pieces.append(Stay(body, pose, since, until, enter, None, frame))
         pieces.append(drive)
         last = item["samples"][-1]
-        pose, since, enter = tuple(last[1:]), last[0], None
+        pose, since, enter, frame = tuple(last[1:]), last[0], None, drive.frame
     if pose is not None:
-        pieces.append(Stay(body, pose, since, np.inf, enter, None))
+        pieces.append(Stay(body, pose, since, np.inf, enter, None, frame))
     return pieces
 
 
@@ -274,12 +282,12 @@ def in_turn(plan: Mapping[str, Any], name: str, rides: Container[str]) -> list[d
     return sorted(found, key=place)
 
 
-def _drive(item: Mapping[str, Any], body: Body) -> DriveCells:
+def _drive(item: Mapping[str, Any], body: Body, frame: Frame) -> DriveCells:
     trajectory = rows_trajectory(item["samples"])
     listed = item.get("avoid")
     avoid = None if listed is None else frozenset(listed)
     path = path_of(trajectory, body)
-    return DriveCells(item["activity"], item["object"], path, trajectory.start, avoid)
+    return DriveCells(item["activity"], item["object"], path, trajectory.start, avoid, frame)
 
 
 def concerned(one: Life, k: int, other: Life, m: int) -> bool:

@@ -18,7 +18,7 @@ from typing import cast
 import numpy as np
 import numpy.typing as npt
 
-from up_samp.execution.graph import At, Event
+from up_samp.execution.graph import At, Event, Precedence
 from up_samp.execution.lives import DriveCells, Life, Piece, Stay, concerned, pairs_of
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.model import ProblemError, UnsupportedError
@@ -277,21 +277,9 @@ def _on_lives(meetings: list[Meeting]) -> FloatArray:
 # "This robot may go beyond there once that one has come to here".
 
 
-@dataclass(frozen=True)
-class Step:
-    """``then`` (leaving a point, or a change) waits for ``first`` (reaching one, or a change).
-
-    ``where`` is a point (x, y; m) near which the two would meet.
-    """
-
-    first: Event
-    then: Event
-    first_time: float
-    where: tuple[float, float]
-
-
-def steps_of(meeting: Meeting, *, without: Container[int] = ()) -> list[Step]:
-    """Return the steps of a meeting on the side on which the plan passes it.
+def steps_of(meeting: Meeting, *, without: Container[int] = ()) -> list[Precedence]:
+    """Return the steps of a meeting on the side on which the plan passes it: leaving a point (or a
+    change) waits for reaching one (or a change).
 
     Steps less than half of the body's radius apart are joined where the plan allows: the later exit
     is waited for at the earlier entry. Components ``without`` are left out.
@@ -303,16 +291,16 @@ def steps_of(meeting: Meeting, *, without: Container[int] = ()) -> list[Step]:
         found = list(_side(meeting, meeting.one_first & wanted, True))
         found += _side(meeting, ~meeting.one_first & wanted, False)
         meeting.memo[key] = found
-    return list(cast("list[Step]", meeting.memo[key]))
+    return list(cast("list[Precedence]", meeting.memo[key]))
 
 
-def switched(meeting: Meeting, component: int, one_first: bool) -> list[Step]:
+def switched(meeting: Meeting, component: int, one_first: bool) -> list[Precedence]:
     """Return the steps of one component on the given side, whatever the plan does."""
     key = (component, one_first)
     if key not in meeting.memo:
         chosen = meeting.component == component
         meeting.memo[key] = list(_side(meeting, chosen, one_first, planned=False))
-    return list(cast("list[Step]", meeting.memo[key]))
+    return list(cast("list[Precedence]", meeting.memo[key]))
 
 
 def _side(
@@ -321,7 +309,7 @@ def _side(
     one_first: bool,
     *,
     planned: bool = True,
-) -> Iterator[Step]:
+) -> Iterator[Precedence]:
     rows = meeting.rows[chosen]
     if len(rows) == 0:
         return
@@ -343,7 +331,7 @@ def _side(
         first, then = _exit(leaver, p, gone), _entry(enterer, q, entered)
         if first is None or then is None:
             continue
-        pose = q.poses[0] if q.cells == 0 else q.poses_at(q.edges[entered : entered + 1])[0]
+        x, y, _ = q.poses[0] if q.cells == 0 else q.poses_at(q.edges[entered : entered + 1])[0]
         entered_at, gone_at = float(in_times[entered]), float(out_times[gone])
         if isinstance(enterer, DriveCells):
             entered_at = float(enterer.left(np.array([then.progress]))[0])
@@ -352,7 +340,8 @@ def _side(
                 f"'{follower.object}' cannot stop on its way, but the plan lets it begin before "
                 f"{first}: no executive could hold it back"
             )
-        yield Step(first, then, gone_at, (float(pose[0]), float(pose[1])))
+        who = f"{meeting.one.object} and {meeting.other.object}"
+        yield Precedence(first, then, 0.0, f"{who} would meet near ({x:.1f}, {y:.1f})")
 
 
 def _corners(exits: IntArray, entries: IntArray) -> list[tuple[int, int]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -23,13 +23,13 @@ from unified_planning.model.scheduling import Activity
 from unified_planning.model.timing import TimeInterval, Timing
 from unified_planning.plans import Schedule
 
+from up_samp.execution.astray import led_by, place_of
 from up_samp.execution.build import planned_of
 from up_samp.execution.graph import At, Event
-from up_samp.execution.lives import DriveCells
+from up_samp.execution.lives import DriveCells, Life
 from up_samp.execution.state import FloorState, TaskPhase
 from up_samp.execution.substitute import Substitution, ValuesNow, later_by, whole_units
 from up_samp.execution.tolerances import TOLERANCES
-from up_samp.io.floors import map_number, side_by_side
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import Configuration, ProblemError, UnsupportedError
 from up_samp.model.frames import Frame
@@ -37,6 +37,7 @@ from up_samp.model.objective import MinimizeCosts
 from up_samp.scheduling.partial_order.differences import Planned
 from up_samp.upio.expressions import activities_in, walk
 from up_samp.upio.movers import named_as_planned
+from up_samp.upio.relaxing import told_by
 from up_samp.upio.spans import conditions_of, own_end
 from up_samp.upio.whereabouts import brought, whereabouts
 
@@ -289,65 +290,14 @@ Place = tuple[Configuration, Any]
 """A pose, and the type of configurations that it is one of (which says on which map)."""
 
 
-class Places:
-    """Poses by what has happened so far."""
-
-    def __init__(
-        self,
-        problem: SchedulingMotionProblem,
-        plan: PlanDict,
-        state: FloorState,
-        drives: Mapping[tuple[str, str], DriveCells],
-    ):
-        self.plan, self.state, self.drives = plan, state, drives
-        self.frames = side_by_side(plan)[1]
-        self.map_of = {(m["activity"], m["object"]): map_number(m) for m in plan["motions"]}
-        self.first: dict[str, Place] = {}
-        for movable, place in problem.initial_configuration:
-            pose = tuple(float(v) for v in place.object().configuration)
-            self.first[movable.object().name] = pose, place.object().type
-        self.goals: dict[tuple[str, str], Any] = {}
-        """Types of the configurations that activities bring objects to."""
-        for activity in problem.motion_activities:
-            for movable, value in activity.motion_effects.items():
-                self.goals[activity.name, movable.object().name] = value.type
-            for constraint in activity.motion_constraints:
-                key = activity.name, constraint.movable.object().name
-                self.goals[key] = constraint.waypoints[-1].type
-
-    def of(self, name: str, stops: Mapping[str, float], broken: Mapping[str, Any]) -> Place:
-        """Return where an object stands. ``stops`` says how far (m) robots under way still go, and
-        ``broken`` where (x, y, theta) those are that are out of order.
-        """
-        for ride in self.plan.get("rides", ()):
-            key = ride["activity"], ride["carrier"]
-            if ride["object"] == name and self.state.phase[key[0]] is TaskPhase.RUNNING:
-                carrier, type_ = self.of(key[1], stops, broken)
-                return Frame(*carrier).of(ride["offset"]), type_
-        pose, type_ = self._last(name, stops)
-        if name in broken:
-            return tuple(float(v) for v in broken[name]), type_
-        return pose, type_
-
-    def _last(self, name: str, stops: Mapping[str, float]) -> Place:
-        """Return where the last motion or change of an object has brought it."""
-        (pose, type_), since = self.first[name], -math.inf
-        for (activity, who), drive in self.drives.items():
-            phase = self.state.phase[activity]
-            begun = self.state.fired.get(Event(At.START, activity), -math.inf)
-            if who != name or phase is TaskPhase.WAITING or begun < since:
-                continue
-            over = phase is TaskPhase.DONE or name not in stops
-            at = drive.path.length if over else stops[name]
-            home = self.frames[self.map_of[activity, who]].inverse
-            since, type_ = begun, self.goals[activity, who]
-            pose = home.of(drive.path.poses_at(np.array([at]))[0])
-        for change in self.plan["changes"]:
-            when = self.state.fired.get(Event(At.END, change["activity"]), -math.inf)
-            if change["object"] == name and when > since:
-                since, type_ = when, self.goals[change["activity"], name]
-                pose = tuple(float(v) for v in change["configuration"])
-        return pose, type_
+def _types(problem: SchedulingMotionProblem) -> dict[tuple[str, str], Any]:
+    """Return the types of the configurations at which objects are first (``""``), and to which
+    activities bring them.
+    """
+    found = {("", m.object().name): place.type for m, place in problem.initial_configuration}
+    for activity in problem.motion_activities:
+        found |= {(activity.name, who): goal.type for who, goal in brought(activity).items()}
+    return found
 
 
 # ------------------ What is left of a problem
@@ -357,7 +307,7 @@ def remaining_problem(
     problem: SchedulingMotionProblem,
     plan: PlanDict,
     state: FloorState,
-    drives: Mapping[tuple[str, str], DriveCells],
+    lives: Mapping[str, Life],
     surprise: Surprise | None = None,
 ) -> Remaining:
     """Return what is left to do from now on.
@@ -372,7 +322,7 @@ def remaining_problem(
         raise UnsupportedError("remaining problems are made of problems with motions only")
     named = named_as_planned(problem, plan)
     involved = Involved(named, whereabouts(problem))
-    return _Builder(named, plan, state, drives, surprise or Surprise(), involved).build()
+    return _Builder(named, plan, state, lives, surprise or Surprise(), involved).build()
 
 
 class _Builder:
@@ -381,14 +331,14 @@ class _Builder:
         problem: SchedulingMotionProblem,
         plan: PlanDict,
         state: FloorState,
-        drives: Mapping[tuple[str, str], DriveCells],
+        lives: Mapping[str, Life],
         surprise: Surprise,
         involved: Involved,
     ):
         self.involved = involved
-        self.source, self.plan, self.state, self.drives = problem, plan, state, drives
+        self.source, self.plan, self.state, self.lives = problem, plan, state, lives
         self.surprise = surprise
-        self.places = Places(problem, plan, state, drives)
+        self.types = _types(problem)
         self.unit = float(plan["seconds_per_unit"])
         self.m = problem.environment.expression_manager
         self.planned = planned_of(problem, plan)
@@ -405,7 +355,7 @@ class _Builder:
         self.surely = {a.name for a in problem.activities if not a.optional}
         self.exact = self._over()
         self.past = whole_units(self.exact)
-        self.values = ValuesNow(self.planned, state, self.unit, self.since, self.gone)
+        self.values = ValuesNow(problem, self.planned, state, self.unit, self.since, self.gone)
 
     # ------------------------------------------------------------------ what has happened
 
@@ -641,12 +591,10 @@ class _Builder:
         there.
         """
         found: dict[str, ConfigurationObject] = {}
-        at = {name: progress for name, (progress, _) in self.stops.items()}
         target._initial_configuration = []
         for movable, _ in self.source.initial_configuration:
             name = movable.object().name
-            pose, type_ = self.places.of(name, at, self.surprise.broken)
-            place = self._place(target, name, pose, type_)
+            place = self._place(target, name, *self._where(name))
             found[name] = place
             target._initial_configuration.append((movable, self.m.ObjectExp(place)))
         for activity in target._motion_activities:
@@ -654,17 +602,32 @@ class _Builder:
                 self._go_on(activity, found)
         return found
 
+    def _where(self, name: str) -> Place:
+        """Return where an object stands: robots under way stop first."""
+        for ride in self.plan.get("rides", ()):
+            running = self.state.phase[ride["activity"]] is TaskPhase.RUNNING
+            if ride["object"] == name and running:
+                carrier, type_ = self._where(ride["carrier"])
+                return Frame(*carrier).of(ride["offset"]), type_
+        life = self.lives[name]
+        here = place_of(self.state, life)
+        if here is None:
+            raise ProblemError(f"where '{name}' is, what was told does not say")
+        pose = here.path.poses[0]
+        if isinstance(here, DriveCells) and name in self.stops:
+            pose = here.path.poses_at(np.array([self.stops[name][0]]))[0]
+        pose = self.surprise.broken.get(name, here.frame.inverse.of(pose))
+        return tuple(float(v) for v in pose), self.types[led_by(life, here), name]
+
     def _place(
         self, target: SchedulingMotionProblem, name: str, pose: Configuration, type_: Any
     ) -> ConfigurationObject:
         """Return the configuration object at a pose, a new one where the problem has none."""
         for item in self.source.all_objects:
-            if isinstance(item, ConfigurationObject) and item.type == type_:
-                there = [float(v) for v in item.configuration]
-                turn = math.remainder(there[2] - pose[2], math.tau) if len(pose) == 3 else 0.0
-                gap = max(abs(a - b) for a, b in zip(there[:2], pose[:2], strict=True))
-                if max(gap, abs(turn)) <= TOLERANCES.place:
-                    return item
+            if not isinstance(item, ConfigurationObject) or item.type != type_:
+                continue
+            if _near(item.configuration, pose):
+                return item
         base = f"now_{name}"
         fresh, count = base, 0
         while target.has_name(fresh):
@@ -708,6 +671,61 @@ class _Builder:
             fluent = target.fluent(key[1])
             target.set_initial_value(fluent(*arguments), self._constant(self.values.before(key)))
         standing = {m.object().name: place for m, place in target.initial_configuration}
-        for told, name in self.involved.told.items():
-            if name in self.surprise.broken and told.type.is_compatible(standing[name].type):
-                target.set_initial_value(told, standing[name])
+        told = {node: name for node, name in _told(target) if self._misled(target, node, name)}
+        whose = {n: w for n, w in self.involved.told.items() if w in self.surprise.broken}
+        for node, name in {**whose, **told}.items():
+            if node.type.is_compatible(standing[name].type):
+                self._stands(target, node, standing[name])
+
+    def _misled(self, target: SchedulingMotionProblem, told: FNode, name: str) -> bool:
+        """Return whether a fluent tells of an obstacle a place where it neither stands nor is being
+        brought: one that it has left, and that its fluent tells until its drive is over.
+        """
+        aims = [next(p for m, p in target.initial_configuration if m.object().name == name)]
+        for activity in target._activities:
+            if self.state.phase.get(activity.name) is TaskPhase.RUNNING:
+                aims += [goal for who, goal in brought(activity).items() if who == name]
+        value = target.initial_value(told)
+        return name in self.surprise.broken or not any(_one_place(value, aim) for aim in aims)
+
+    def _stands(self, target: SchedulingMotionProblem, told: FNode, place: FNode) -> None:
+        """Let a fluent tell where an object stands now. What has begun where the fluent told a
+        place that it was at asks for this one.
+        """
+        equal, before = self.m.Equals, target.initial_value(told)
+        target.set_initial_value(told, place)
+        now = equal(told, place)
+        instead: dict[Any, Any] = {equal(told, before): now, equal(before, told): now}
+        for activity in target._activities:
+            if self.state.phase.get(activity.name) is TaskPhase.RUNNING:
+                activity._conditions = {
+                    span: [node.substitute(instead) for node in nodes]
+                    for span, nodes in activity._conditions.items()
+                }
+
+
+def _near(one: Iterable[Any], two: Iterable[Any]) -> bool:
+    """Return whether two poses are the same."""
+    here, there = ([float(v) for v in pose] for pose in (one, two))
+    turn = math.remainder(there[2] - here[2], math.tau) if len(here) == 3 else 0.0
+    gap = max(abs(a - b) for a, b in zip(there[:2], here[:2], strict=True))
+    return max(gap, abs(turn)) <= TOLERANCES.place
+
+
+def _told(problem: SchedulingMotionProblem) -> Iterator[tuple[FNode, str]]:
+    """Yield the fluents that tell where obstacles of motions are, with these."""
+    for activity in problem.motion_activities:
+        for constraint in activity.motion_constraints:
+            for listed in (constraint.static_obstacles, constraint.dynamic_obstacles_at_start):
+                for obstacle, value in listed.items() if isinstance(listed, dict) else ():
+                    node = told_by(activity.name, obstacle, value)
+                    if node.is_fluent_exp() and all(a.is_constant() for a in node.args):
+                        yield node, obstacle.name
+
+
+def _one_place(one: FNode, two: FNode) -> bool:
+    """Return whether two expressions are one place for certain."""
+    if not (one.is_object_exp() and two.is_object_exp()):
+        return bool(one == two)
+    a, b = one.object(), two.object()
+    return a.type == b.type and _near(a.configuration, b.configuration)

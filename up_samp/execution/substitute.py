@@ -11,22 +11,25 @@ from typing import Any
 from unified_planning.environment import Environment
 from unified_planning.model import FNode, TimepointKind, Timing
 from unified_planning.model.operators import OperatorKind as Op
+from unified_planning.model.scheduling import SchedulingProblem
 
 from up_samp.execution.graph import At, Event
 from up_samp.execution.state import FloorState, TaskPhase
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.model.objective import Cost
 from up_samp.scheduling.compilers.plain import Expr, show, subexpressions
-from up_samp.scheduling.partial_order.differences import Planned, constant
+from up_samp.scheduling.compilers.read import read_expression
+from up_samp.scheduling.partial_order.differences import Planned, constant, kept
 from up_samp.upio.expressions import Decided
 
 
 @dataclass(eq=False)
 class ValuesNow:
-    """What effects that have happened leave behind, ``since`` units (of ``unit`` s) after the
-    plan's start. Activities that are ``gone`` have given back what they took.
+    """What effects of ``source`` that have happened leave behind, ``since`` units (of ``unit`` s)
+    after the plan's start. Activities that are ``gone`` have given back what they took.
     """
 
+    source: SchedulingProblem
     planned: Planned
     state: FloorState
     unit: float
@@ -34,33 +37,16 @@ class ValuesNow:
     gone: frozenset[str]
 
     def holds(self, node: FNode) -> bool:
-        """Return whether a condition certainly holds in the new initial state."""
-        if node.is_bool_constant():
-            return bool(node.constant_value())
-        if node.is_and():
-            return all(self.holds(a) for a in node.args)
-        if node.is_fluent_exp():
-            return self.value(node) is True
-        if node.is_not() and node.arg(0).is_fluent_exp():
-            return self.value(node.arg(0)) is False
-        if node.is_equals():
-            one, two = (self.value(a) for a in node.args)
-            return one is not None and bool(one == two)
-        return False
+        """Return whether a condition holds in the new initial state."""
+        return kept(self.now, read_expression(self.source, node)) == []
 
-    def value(self, node: FNode) -> Any:
-        """Return the value of a fluent or a constant in the new initial state (``None``: open)."""
-        if node.is_constant():
-            return node.object().name if node.is_object_exp() else node.constant_value()
-        if node.is_parameter_exp():
-            return self.planned.values.get(node.parameter().name)
-        arguments = [self.value(a) for a in node.args]
-        if not node.is_fluent_exp() or None in arguments:
-            return None
-        key: Expr = ("flu", node.fluent().name, *map(constant, arguments))
-        if key in self.changed:
-            return self.changed[key]
-        return self.planned.value(self.planned.problem.initial_value(key))
+    @cached_property
+    def now(self) -> Planned:
+        """The plan, with fluents as they are now."""
+        changed = {key: constant(value) for key, value in self.changed.items()}
+        problem = self.planned.problem
+        initial = {**problem.initial, **changed}
+        return replace(self.planned, problem=replace(problem, initial=initial))
 
     @cached_property
     def changed(self) -> dict[Expr, Any]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -18,64 +19,38 @@ from up_samp.export.legs import motions_of, quaternion, robots_of
 from up_samp.export.precision import PRECISION
 from up_samp.geometry.maps import OccupancyGrid, load_map
 from up_samp.io import PlanDict
-from up_samp.model import UnsupportedError
 from up_samp.plotting.tracks import ObjectTrack, horizon, tracks_of
+from up_samp.system.imports import extra
 
-_PARTS = {
-    "builtin_interfaces/Time": "int32 sec\nuint32 nanosec",
-    "builtin_interfaces/Duration": "int32 sec\nuint32 nanosec",
-    "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id",
-    "std_msgs/ColorRGBA": "float32 r\nfloat32 g\nfloat32 b\nfloat32 a",
-    "geometry_msgs/Point": "float64 x\nfloat64 y\nfloat64 z",
-    "geometry_msgs/Vector3": "float64 x\nfloat64 y\nfloat64 z",
-    "geometry_msgs/Quaternion": "float64 x\nfloat64 y\nfloat64 z\nfloat64 w",
-    "geometry_msgs/Pose": "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation",
-    "geometry_msgs/PoseStamped": "std_msgs/Header header\ngeometry_msgs/Pose pose",
-    "geometry_msgs/Transform": (
-        "geometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation"
-    ),
-    "geometry_msgs/TransformStamped": (
-        "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/Transform transform"
-    ),
-    "nav_msgs/MapMetaData": (
-        "builtin_interfaces/Time map_load_time\nfloat32 resolution\nuint32 width\n"
-        "uint32 height\ngeometry_msgs/Pose origin"
-    ),
-    "visualization_msgs/Marker": (
-        "std_msgs/Header header\nstring ns\nint32 id\nint32 type\nint32 action\n"
-        "geometry_msgs/Pose pose\ngeometry_msgs/Vector3 scale\nstd_msgs/ColorRGBA color\n"
-        "builtin_interfaces/Duration lifetime\nbool frame_locked\ngeometry_msgs/Point[] points\n"
-        "std_msgs/ColorRGBA[] colors\nstring text\nstring mesh_resource\n"
-        "bool mesh_use_embedded_materials"
-    ),
-}
-
-_TOPS = {
-    "nav_msgs/msg/OccupancyGrid": (
-        "std_msgs/Header header\nnav_msgs/MapMetaData info\nint8[] data"
-    ),
-    "nav_msgs/msg/Path": "std_msgs/Header header\ngeometry_msgs/PoseStamped[] poses",
-    "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms",
-    "visualization_msgs/msg/MarkerArray": "visualization_msgs/Marker[] markers",
-}
+_RULE = "\n" + "=" * 80 + "\n"
+"""Between definitions, as ROS 2 has it."""
 
 
-def _whole(text: str) -> str:
-    """Return a definition followed by the definitions of all it is made of."""
-    needed: list[str] = []
-    todo = [text]
-    while todo:
-        for line in todo.pop().splitlines():
-            part = line.split()[0].removesuffix("[]")
-            if part in _PARTS and part not in needed:
-                needed.append(part)
-                todo.append(_PARTS[part])
-    rule = "\n" + "=" * 80 + "\n"
-    return rule.join([text, *(f"MSG: {name}\n{_PARTS[name]}" for name in needed)])
+def _definitions() -> dict[str, str]:
+    """Return by type the definitions of the messages that are written (``pkg/msg/Name``), each
+    followed by those of all that it is made of (``pkg/Name``).
+    """
+    text = resources.files("up_samp.export").joinpath("ros2_messages.txt").read_text("utf-8")
+    parts = {}
+    for block in text.rstrip().split(_RULE):
+        name, _, fields = block.removeprefix("MSG: ").partition("\n")
+        parts[name] = fields
+
+    def needed(fields: str) -> Iterator[str]:
+        for line in fields.splitlines():
+            name = line.split()[0].removesuffix("[]")
+            if name in parts:
+                yield name
+                yield from needed(parts[name])
+
+    return {
+        top: _RULE.join([fields, *(f"MSG: {n}\n{parts[n]}" for n in dict.fromkeys(needed(fields)))])
+        for top, fields in parts.items()
+        if "/msg/" in top
+    }
 
 
-DEFINITIONS = {name: _whole(text) for name, text in _TOPS.items()}
-"""Definitions by the names of their types."""
+DEFINITIONS = _definitions()
 
 
 # ------------------ A plan as a recording of ROS 2 messages
@@ -90,12 +65,8 @@ Timed = tuple[float, str, str, Message]
 
 def export(plan: PlanDict, folder: Path) -> list[Path]:
     """Write ``plan.mcap``."""
-    try:
+    with extra("an MCAP file", "mcap", "mcap mcap-ros2-support"):
         from mcap_ros2.writer import Writer
-    except ImportError as error:
-        raise UnsupportedError(
-            "MCAP files need the extra [mcap] (pip install mcap mcap-ros2-support)"
-        ) from error
     path = folder / "plan.mcap"
     with path.open("wb") as stream:
         writer = Writer(stream)

@@ -16,8 +16,9 @@ from tests.scheduling.cpsat.writer import Writer
 from up_samp.model import Deadline, ScheduleStatus
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.model import ScheduleModel
+from up_samp.scheduling.cpsat.routing import workload
 from up_samp.scheduling.cpsat.routing.detection import find_routes
-from up_samp.scheduling.cpsat.routing.dispatch import find_work
+from up_samp.scheduling.cpsat.routing.dispatch import cases_of, find_work
 from up_samp.scheduling.cpsat.routing.list_scheduling import decode, steps_of, times_of
 from up_samp.scheduling.cpsat.routing.sequences import Sequences, raised
 from up_samp.scheduling.cpsat.routing.workload import WorkBound, bound_by_work, with_lefts
@@ -294,6 +295,22 @@ def test_what_is_left_prunes_no_best_sequence_of_many(block):
         assert one == other, f"seed {seed}"
 
 
+@pytest.mark.parametrize("seed", [4, 26, 44, 72, 106, 122, 126])
+def test_doors_that_need_not_be_opened_are_opened_or_not(seed):
+    """The least of both cases is no more than the optimum, and no less than with nothing told of
+    what opens such doors: more, where it pays to open none, or one that costs a way.
+    """
+    model = ScheduleModel(Still(*gated(seed)).problem)
+    best, work = optimum(model.problem), find_work(model, find_routes(model))
+    assert all(case is not work for case in cases_of(work))
+    told = bound_by_work(model, work).value
+    aided = bound_by_work(model, work, tuning=CpsatTuning(unaided=0)).value
+    with mock.patch.object(workload, "cases_of", lambda work: [work]):
+        untold = bound_by_work(model, work).value
+    assert untold <= told == aided <= best
+    assert (untold < told) == (seed > 50)
+
+
 def test_leaps_end_where_steps_of_one_do():
     """However far a proof leaps ahead, the bound is the first end that is not refuted."""
     sites = [Still(*gated(seed)) for seed in range(2000, 2008)]
@@ -338,7 +355,7 @@ def test_what_was_found_out_of_what_is_left_is_kept():
     short = with_lefts(rules, 200, Deadline.never()).lefts
     assert (short <= full).all()
     assert 0 < short[0] < full[0]
-    with mock.patch.object(Sequences, "refuted", side_effect=AssertionError):
+    with mock.patch.object(Sequences, "soonest", side_effect=AssertionError):
         assert (with_lefts(rules, 10**6, Deadline.never(), memory).lefts == full).all()
 
 

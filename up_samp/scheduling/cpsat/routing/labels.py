@@ -23,7 +23,7 @@ _ROUNDS = 6
 
 @dataclass(frozen=True)
 class LabelTable:
-    """Labels in rows; columns are travellers but for ``done`` and ``parent``.
+    """Labels in rows; columns are travellers but for ``done``, ``parent`` and ``origin``.
 
     ``done``: bits of the tasks. ``last``: the number of what it did last, as one traveller at one
     place (-1: nothing). ``free``: when it can do something again, where that was. ``leave``: when
@@ -31,7 +31,8 @@ class LabelTable:
     can do something there, or go on from there. All of these are lower bounds. ``used``: bits of
     moves that are used up. ``spent``: how much of its time is spent at least, be it with waiting.
     ``turned``: who of its parent's travellers each one is (twins are exchanged). ``parent``: the
-    row that it was made from, among the labels with one task less.
+    row that it was made from, among the labels with one task less. ``origin``: the beginning that
+    it goes on from, where sequences are sought from several at once.
     """
 
     done: Any
@@ -43,6 +44,7 @@ class LabelTable:
     spent: Any
     turned: Any
     parent: Any
+    origin: Any
 
     def __len__(self) -> int:
         return len(self.done)
@@ -57,7 +59,7 @@ class LabelTable:
         nothing = np.full((1, count), -1, dtype=np.int64)
         none = np.zeros(1, dtype=np.int64)
         own = np.arange(count)[None]
-        return LabelTable(none, nothing, zero, zero, ready[None], zero, zero, own, none)
+        return LabelTable(none, nothing, zero, zero, ready[None], zero, zero, own, none, none)
 
     def rows(self, which: Any) -> LabelTable:
         """Return some of the labels (numbers or a mask)."""
@@ -65,7 +67,8 @@ class LabelTable:
 
     def _columns(self) -> tuple[Any, ...]:
         times = self.free, self.leave, self.ready
-        return self.done, self.last, *times, self.used, self.spent, self.turned, self.parent
+        whence = self.turned, self.parent, self.origin
+        return self.done, self.last, *times, self.used, self.spent, *whence
 
     def numbered(self) -> LabelTable:
         """Return the labels as parents of those that are made from them."""
@@ -92,7 +95,7 @@ class LabelTable:
         more of them, if the ``deadline`` comes.
         """
         sums = self.free.sum(1) + self.leave.sum(1) + self.ready.sum((1, 2), dtype=np.int64)
-        mine = self.rows(np.lexsort((sums, *self.last.T, self.done)))
+        mine = self.rows(np.lexsort((sums, *self.last.T, self.done, self.origin)))
         deadline = deadline or Deadline.never()
         first, last = 1, _NEAR
         for _ in range(_ROUNDS):
@@ -109,6 +112,7 @@ class LabelTable:
         """Return which rows are dominated by one that is so many rows before."""
         worse = np.zeros(len(self), dtype=bool)
         same = (self.done[1:] == self.done[:-1]) & (self.last[1:] == self.last[:-1]).all(1)
+        same &= self.origin[1:] == self.origin[:-1]
         group = np.concatenate(([0], np.cumsum(~same)))
         for shift in (s for s in shifts if s < len(self)):
             near = group[shift:] == group[:-shift]
@@ -134,13 +138,24 @@ class Steps:
     rules: SequenceRules
     end: int
 
-    def beginning(self, begun: int = 0) -> LabelTable:
-        """Return the one label of the beginning: everybody is at its place, nothing is done but
-        what was ``begun`` before.
+    def beginnings(self, done: Any = (0,), since: Any = (0,)) -> LabelTable:
+        """Return a label for each beginning: everybody is at its place ``since`` then, and nothing
+        is done but those tasks (bits).
         """
         ready = [w.travel[w.number[w.route.initial]] for w in self.rules.ways]
-        first = LabelTable.first(self._until(np.stack(ready)))
-        return replace(first, done=first.done | begun)
+        first = LabelTable.first(np.stack(ready)).rows(np.zeros(len(done), dtype=np.int64))
+        since = np.array(since)
+        ready = np.minimum(first.ready + since[:, None, None], NEVER).astype(first.ready.dtype)
+        times = np.broadcast_to(since[:, None], first.free.shape)
+        return replace(
+            first,
+            done=np.array(done),
+            free=times,
+            leave=times,
+            ready=self._until(ready),
+            spent=np.minimum(times, self.end),
+            origin=np.arange(len(done)),
+        )
 
     def _until(self, ready: Any) -> Any:
         """Return when travellers are ready where, and never where moves would end after
@@ -152,7 +167,7 @@ class Steps:
     def continued(self, labels: LabelTable, number: int) -> Iterator[LabelTable]:
         """Yield the labels of what goes on with a choice, as far as that may end in time."""
         choice = self.rules.choices[number]
-        needs = self.rules.programme.before[choice.task]
+        needs = self.rules.programme.before[choice.task] | choice.needs
         bit = 1 << choice.task
         labels = labels.rows(((labels.done & bit) == 0) & ((needs & ~labels.done) == 0))
         if not len(labels):
@@ -203,19 +218,18 @@ class Steps:
 
     def _places(self, labels: LabelTable, axis: int) -> Any:
         """Return where a traveller did its last task (at the beginning: where it is)."""
-        initial = self.rules.ways[axis].number[self.rules.ways[axis].route.initial]
-        places = np.array([*(c.place for c in self.rules.choices), initial])
-        return places[labels.last[:, axis]]
+        return self.rules.places[axis][labels.last[:, axis]]
 
     def _soonest(self, labels: LabelTable, task: int) -> Any:
         """Return when a task may start, after the last ones of all travellers."""
-        tasks = np.array([*(c.task for c in self.rules.choices), 0])
-        lengths = np.array([t.length for t in self.rules.programme.tasks])
+        rules = self.rules
         soonest = np.zeros(len(labels), dtype=np.int64)
-        for axis, route in enumerate(self.rules.programme.routes):
-            last = tasks[labels.last[:, axis]]
-            since = labels.free[:, axis] - route.gap - lengths[last] + self.rules.waits[last, task]
-            soonest = np.maximum(soonest, np.where(labels.last[:, axis] >= 0, since, 0))
+        for axis in range(len(rules.ways)):
+            last = labels.last[:, axis]
+            since = labels.free[:, axis] - rules.gaps[axis] - rules.lengths[last]
+            since += rules.waits[rules.tasks[last], task]
+            free = labels.free[:, axis]  # since the beginning, where nothing is done
+            soonest = np.maximum(soonest, np.where(labels.last[:, axis] >= 0, since, free))
         return soonest
 
     def _undisturbed(
@@ -365,7 +379,7 @@ class Steps:
     def _front(self, labels: LabelTable) -> Any:
         """Return when the last task started."""
         begun = labels.free - self.rules.gaps - self.rules.lengths[labels.last]
-        return np.where(labels.last >= 0, begun, 0).max(1)
+        return np.where(labels.last >= 0, begun, labels.free).max(1)
 
 
 # ------------------ Travellers who can do the same in the same times
@@ -455,7 +469,7 @@ def _are_alike(
         return False
     for what, number in mine[one].items():
         a, b = rules.choices[number], rules.choices[mine[other][what]]
-        if (a.spot, a.late, a.back) != (b.spot, b.late, b.back):
+        if (a.spot, a.late, a.back, a.needs) != (b.spot, b.late, b.back, b.needs):
             return False
     tables = ("travel", "detour", "hop", "leading")
     if not all(np.array_equal(getattr(ways[one], t), getattr(ways[other], t)) for t in tables):

@@ -57,10 +57,8 @@ class Sequences:
     """How many were looked at."""
     found: list[Found] = field(default_factory=list)
     """Sequences that the last end was not refuted for, the one that ends first first."""
-    begun: int | None = None
-    """Tasks (bits) that were done before, with everybody wherever it likes now (``None``: nothing
-    was done, and everybody is where it begins).
-    """
+    anywhere: bool = False
+    """Whether travellers may begin wherever they like: then all are alike who do the same."""
 
     def plain(self) -> Sequences:
         """Return the same with no regard to changes and to moves that happen once: it bounds less,
@@ -87,6 +85,24 @@ class Sequences:
         """
         return bool(self._search(end, deadline, width))
 
+    def soonest(self, done: list[int], ends: list[int], deadline: Deadline) -> Any:
+        """Return, for each of several sets of equally many tasks that were done before (bits), when
+        the first sequence of the others ends, from 0 on, if one may end by its end; -1 where it is
+        proven that none does. ``None`` if it was not found out.
+
+        All are sought at once: each begins so much later that it has to end with the others.
+        """
+        last = max(ends)
+        since = np.array([last - end for end in ends])
+        steps = Steps(self.rules, last)
+        layers = self._layers(steps, steps.beginnings(done, since), deadline)
+        if layers is None:
+            return None
+        found = np.full(len(done), NEVER)
+        labels = layers[-1]
+        np.minimum.at(found, labels.origin, self._ends(labels) - since[labels.origin])
+        return np.where(found < NEVER, found, -1)
+
     def _search(self, end: int, deadline: Deadline, width: int = 0) -> bool | None:
         """Return whether some sequence may end by ``end``; ``None`` if there is none, ``False`` if
         it was not found out.
@@ -94,31 +110,43 @@ class Sequences:
         if end >= NEVER:
             return False
         steps = Steps(self.rules, end)
-        begun = self.begun or 0
-        layers, labels = [], steps.beginning(begun)
-        for _ in range(len(self.rules.programme.tasks) - begun.bit_count()):
-            following: list[LabelTable] = []
+        layers = self._layers(steps, steps.beginnings(), deadline, width)
+        if layers is None:
+            return False
+        labels = layers[-1]
+        if not len(labels):
+            return None
+        order = np.argsort(self._ends(labels), kind="stable")[:_KEPT]
+        self.found[:] = [self._path(layers, int(row)) for row in order]
+        return True
+
+    def _layers(
+        self, steps: Steps, labels: LabelTable, deadline: Deadline, width: int = 0
+    ) -> list[LabelTable] | None:
+        """Return the labels with one task more each time, up to those with all tasks or to where
+        there are none; ``None`` if they are too many, or time is over.
+        """
+        layers = []
+        for _ in range(len(self.rules.programme.tasks) - int(labels.done[0]).bit_count()):
             layers.append(labels.bare())
             labels = labels.numbered()
+            following: list[LabelTable] = []
             for start in range(0, len(labels), _AT_ONCE):
                 some = labels.rows(slice(start, start + _AT_ONCE))
                 for choice in range(len(self.rules.choices)):
                     if deadline.expired() or self.is_spent:
-                        return False
+                        return None
                     more = [found for found in steps.continued(some, choice) if len(found)]
                     self.seen[0] += sum(map(len, more))
                     following += more
             labels = steps.hopeful(LabelTable.joined(following)) if following else labels.rows([])
             if not len(labels):
-                return None
+                break
             labels = self.twins.ordered(labels).undominated(deadline)
             if 0 < width < len(labels):
                 total = labels.spent.sum(1) + self.rules.rest(labels.done, labels.last)
                 labels = labels.rows(np.sort(np.argsort(total, kind="stable")[:width]))
-        ends = self._ends(labels)
-        order = np.argsort(ends, kind="stable")[:_KEPT]
-        self.found[:] = [self._path([*layers, labels], int(row)) for row in order]
-        return True
+        return [*layers, labels]
 
     def _ends(self, labels: LabelTable) -> Any:
         """Return when everybody is where it has to be in the end."""
@@ -161,7 +189,7 @@ class Sequences:
     @cached_property
     def twins(self) -> Twins:
         """Who of the travellers is like whom."""
-        return Twins.of(self.rules, anywhere=self.begun is not None)
+        return Twins.of(self.rules, anywhere=self.anywhere)
 
 
 def raised(sequences: Sequences, known: int, deadline: Deadline, value: int = 0) -> int:

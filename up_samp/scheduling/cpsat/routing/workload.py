@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
@@ -16,14 +17,15 @@ from up_samp.scheduling.cpsat.routing.dispatch import (
     Need,
     RoutedTask,
     RoutedWork,
+    cases_of,
     entrances_of,
 )
 from up_samp.scheduling.cpsat.routing.route import Route, way_back
-from up_samp.scheduling.cpsat.routing.rules import Programme, SequenceRules, cost
+from up_samp.scheduling.cpsat.routing.rules import NEVER, Programme, SequenceRules, cost
 from up_samp.scheduling.cpsat.routing.sequences import Sequences, raised
 from up_samp.scheduling.cpsat.tuning import CpsatTuning
 
-_STATES = 2_000_000
+_STATES = 8_000_000
 """States of the dynamic programme over sets of tasks; with more it is only asked who does what."""
 _SETS = 20_000
 """Sets of tasks that one proof over who does what may look at."""
@@ -64,23 +66,53 @@ def with_lefts(
     if free is None:
         return rules
     free = replace(free, aside=aside, lefts=rules.lefts.copy())
-    looked = Sequences(free, most)
-    sets = [int(done) for done in rules.sets if int(done) & aside == aside]
+    looked = Sequences(free, most, anywhere=True)
+    sets = sorted((int(done) for done in rules.sets if int(done) & aside == aside), key=_size)
     found = {} if memory is None else memory.setdefault(_names(rules, aside), {})
-    for done in sorted(sets, key=lambda some: -some.bit_count()):
-        known = found.get(done)
-        if known is None:
-            known = raised(replace(looked, begun=done), _of_more(free, done), deadline)
-            if not deadline.expired() and not looked.is_spent:
-                found[done] = known
-        free.lefts[free.row(done)] = known
+    for _, layer in itertools.groupby(reversed(sets), key=_size):
+        some = list(layer)
+        known = {done: found.get(done, _of_more(free, done)) for done in some}
+        settled = _raise_all(looked, known, {d for d in some if d not in found}, deadline)
+        for done in some:
+            free.lefts[free.row(done)] = known[done]
+        found.update((done, known[done]) for done in settled)
     lefts = free.lefts[free.row(rules.sets | aside)]
     return replace(rules, aside=aside, lefts=lefts)
 
 
+def _size(done: int) -> int:
+    return done.bit_count()
+
+
+def _raise_all(
+    looked: Sequences, known: dict[int, int], some: set[int], deadline: Deadline
+) -> set[int]:
+    """Raise what is ``known`` of ``some`` sets of equally many tasks to the least time that is left
+    of them; return those of which it was found out.
+    """
+    open_, steps, high = set(some), dict.fromkeys(some, 1), dict[int, int]()
+    while open_ and not looked.is_spent and not deadline.expired():
+        asked = sorted(open_)
+        ends = [min(known[d] + steps[d], high.get(d, NEVER)) - 1 for d in asked]
+        soonest = looked.soonest(asked, ends, deadline)
+        if soonest is None:
+            break
+        for done, end, first in zip(asked, ends, soonest.tolist(), strict=True):
+            if first < 0:
+                known[done], steps[done] = end + 1, 2 * steps[done]
+            else:
+                # to refute one unit less is enough: what is found ends as soon as any does, mostly
+                high[done] = max(known[done], min(end, first))
+                steps[done] = high[done] - known[done]
+            if known[done] >= high.get(done, NEVER):
+                open_.discard(done)
+    return some - open_
+
+
 def _names(rules: SequenceRules, aside: int) -> tuple[object, ...]:
     """Return what the tasks of sets are called, one way and another."""
-    return aside, *(tuple(name for _, name, _ in task.ways) for task in rules.programme.tasks)
+    names = ((tuple((n, some) for _, n, some in task.ways)) for task in rules.programme.tasks)
+    return aside, *names
 
 
 def _of_more(rules: SequenceRules, done: int) -> int:
@@ -299,11 +331,13 @@ def lanes(model: ScheduleModel, routes: list[Route]) -> list[list[int]]:
 @dataclass(frozen=True)
 class WorkBound:
     """A lower bound on the makespan, and the sequences of tasks that it was found among (``None``:
-    they are too many); what the proof of a greater bound failed at is ``found`` there.
+    they are too many); what the proof of a greater bound failed at is ``found`` there. ``cases``:
+    the sequences of each case, where some doors need not be opened.
     """
 
     value: int
     sequences: Sequences | None = None
+    cases: tuple[Sequences, ...] = ()
 
 
 def bound_by_work(
@@ -325,12 +359,35 @@ def bound_by_work(
     :param value: the makespan of a schedule (0: there is none); no more is asked for.
     """
     tuning, deadline = tuning or CpsatTuning(), deadline or Deadline.never()
+    cases = cases_of(work)
+    found: list[WorkBound] = []
+    for left, case in zip(range(len(cases), 0, -1), cases, strict=True):
+        part = deadline if left == 1 else deadline.within(deadline.remaining() / left)
+        # the least of all is the bound: no more is asked for
+        value = min((one.value for one in found), default=value)
+        one = _bound_of(model, case, known, part, value, tuning)
+        found += [one] if one.value < INFINITE else []
+    least = min(found, key=lambda one: one.value, default=WorkBound(known))
+    return replace(least, cases=tuple(s for one in found if (s := one.sequences) is not None))
+
+
+def _bound_of(
+    model: ScheduleModel,
+    work: RoutedWork,
+    known: int,
+    deadline: Deadline,
+    value: int,
+    tuning: CpsatTuning,
+) -> WorkBound:
+    """Return the bound of one case; INFINITE where not all tasks can be done in it."""
     programme = Programme.of(work, _STATES) or Programme.of(work, _STATES, doors=False)
     if programme is None:
         return WorkBound(bound_by_assignment(work, known, deadline))
     tables = programme.tables(deadline)
-    if tables is None or programme.start(tables) >= INFINITE:
+    if tables is None:
         return WorkBound(known)
+    if programme.start(tables) >= INFINITE:
+        return WorkBound(INFINITE)
     counted = {id(task) for task in programme.tasks}
     extra = sum(
         _squeezed(work, tasks)
@@ -344,10 +401,11 @@ def bound_by_work(
         return WorkBound(known)
     labels = tuning.labels
     sequences = Sequences(rules, min(labels, tuning.unaided))
-    if labels:
+    begun = _names(rules, aside_of(programme)) in work.lefts
+    if labels and not begun:
         known = raised(sequences.plain(), known, deadline, value)
         known = raised(sequences, known, deadline, value)
-    if sequences.is_spent and labels > tuning.unaided and not deadline.expired():
+    if (begun or sequences.is_spent) and labels > tuning.unaided and not deadline.expired():
         rules = with_lefts(rules, labels // 2, deadline, work.lefts)
         sequences = Sequences(rules, labels)
         known = raised(sequences, known, deadline, value)

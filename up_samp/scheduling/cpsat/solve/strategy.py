@@ -31,7 +31,10 @@ from up_samp.scheduling.cpsat.solve import options as profiles
 from up_samp.scheduling.cpsat.solve.attempts import Attempts, hint_values
 
 _SHARE = 0.35
-"""Of the time that is left: for bounds without search, for tours, for the routing relaxation."""
+"""Of the time that is left: for tours, for the routing relaxation, and for bounds without search
+where the optimum is not asked for."""
+_BOUNDING = 0.7
+"""For bounds without search, where it is: most of what is proven of routed problems they prove."""
 _LABELS_AGAIN = 150_000
 """Beginnings of sequences that proofs may look at if bounds were sought before."""
 _BEAM = 500
@@ -65,6 +68,8 @@ class Solve:
     work: RoutedWork | None = None
     sequences: Sequences | None = None
     """All of the tasks, with those that the lower bound was met by."""
+    cases: tuple[Sequences, ...] = ()
+    """The same of each case, where some doors need not be opened."""
     expected: int = 0
     again: bool = False
     memory: Memory = field(default_factory=dict)
@@ -77,10 +82,10 @@ class Solve:
         """Whether the proven optimum is asked for."""
         return self.whole.orders.optimal
 
-    def share(self) -> Deadline:
+    def share(self, share: float = _SHARE) -> Deadline:
         """Return the deadline of a stage that may take no more than a share of what is left."""
         deadline = self.whole.deadline
-        return deadline.within(_SHARE * deadline.remaining())
+        return deadline.within(share * deadline.remaining())
 
 
 @dataclass(frozen=True)
@@ -141,14 +146,14 @@ def _find_routes(search: Solve) -> None:
 def _bound_by_work(search: Solve) -> None:
     whole = search.whole
     assert search.work is not None
-    deadline = search.share()
+    deadline = search.share(_BOUNDING if search.optimal else _SHARE)
     tuning = whole.orders.tuning
     labels = _LABELS_AGAIN if search.again else tuning.labels
     tuning = replace(tuning, labels=labels if search.optimal else 0)
     found = bound_by_work(
         whole.model, search.work, whole.bound, deadline, value=whole.value, tuning=tuning
     )
-    whole.bound, search.sequences = found.value, found.sequences
+    whole.bound, search.sequences, search.cases = found.value, found.sequences, found.cases
     some = found.sequences
     search.bounded = tuning.labels > 0 and some is not None and (bool(some.found) or some.is_spent)
 
@@ -184,13 +189,12 @@ def _seek_sequences(search: Solve) -> None:
     long as they lead to better ones.
     """
     whole = search.whole
-    assert search.sequences is not None
     deadline = search.share()
     width = _BEAM if search.optimal else _BEAM // 5
-    sequences = search.sequences.anew(sys.maxsize)
-    while not whole.over() and sequences.sought(whole.value - 1, width, deadline):
-        if not _realize_one(search, sequences):
-            return
+    for sequences in (some.anew(sys.maxsize) for some in search.cases):
+        while not whole.over() and sequences.sought(whole.value - 1, width, deadline):
+            if not _realize_one(search, sequences):
+                break
 
 
 def _work(search: Solve) -> RoutedWork:
