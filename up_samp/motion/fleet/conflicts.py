@@ -433,11 +433,10 @@ def separation(p: FloatArray, g: Hull, q: FloatArray, h: Hull, enough: float) ->
 # ------------------ How much clearance two bodies keep from each other
 
 
-MARGIN = 0.01
-"""Clearance (m) kept where the service has no scene that tells another one."""
-
-ROOM = 0.02
-"""What bodies at rest have to spare of theirs (m), so that one of them may drive off."""
+MARGIN, ROOM = 0.01, 0.02
+"""Clearance (m) kept where the service has no scene that tells another one, and what bodies at rest
+have to spare of theirs, so that one of them may drive off.
+"""
 
 
 def wished(scene: Scene | None) -> float:

@@ -199,33 +199,6 @@ def first_meeting(
 
 
 @kernel
-def shared_stretch(runs: IntArray, a: FloatArray, b: FloatArray, after: float) -> tuple[int, int]:
-    """Return the first and last cell of ``a`` in which two runs conflict at some time, from the
-    first conflict (at ``after`` or later) on as long as they are no more than 2 s apart (-1: none).
-    """
-    low = np.empty(len(runs))
-    for r in range(len(runs)):
-        i, j0, j1 = runs[r, 0], runs[r, 1], runs[r, 2]
-        low[r] = max(a[i], b[j0])
-        if min(a[i + 1], b[j1 + 1]) - low[r] <= TIMES.same or low[r] < after - TIMES.same:
-            low[r] = np.inf
-    first, last = -1, -1
-    until = low.min() if len(low) > 0 else np.inf
-    grown = until < np.inf
-    while grown:
-        grown = False
-        for r in range(len(runs)):
-            if low[r] <= until and low[r] < np.inf:  # until may be endless
-                i = runs[r, 0]
-                first = i if first < 0 else min(first, i)
-                last = max(last, i)
-                until = max(until, min(a[i + 1], b[runs[r, 2] + 1]) + 2.0)
-                low[r] = np.inf
-                grown = True
-    return first, last
-
-
-@kernel
 def safe_intervals(rows: FloatArray, cells: int) -> Safe:
     """Return the safe time intervals of all extended cells, ascending, outside of ``rows`` (cell,
     from, until).
@@ -315,26 +288,31 @@ def first_gap(blocked: FloatArray, earliest: float, latest: float) -> float:
 BoolArray = npt.NDArray[np.bool_]
 
 
-TINY = 1e-7
-"""Steps shorter than this (m) carry no shape of their own."""
-KINK = 1e-6
-"""Change of the direction of the twist that ends a stretch of constant curvature."""
-CORNER = 0.1
-"""Where the direction of a body with its own equations changes by so much (rad) from sample to
-sample, it must stop.
-"""
-LEVELS, LEAST = 20, 2
-"""Speed levels that the timing aims at (see :mod:`up_samp.motion.fleet.speed`), and those below the
-top speed of a tight arc, at least.
-"""
-STRAIGHT, SHARP = 1e-4, 0.35
-"""An omnidirectional body bends where its direction changes by the first from sample to sample, and
-rests where it changes by the second.
-"""
-HELD, SLOW = 0.95, 0.3
-"""In a bend it keeps to one speed, this share of the one that its planner chose; it rests where
-that would be less than such a share of its top speed.
-"""
+@dataclass(frozen=True)
+class PathCut:
+    """How paths are cut. Steps shorter than ``tiny`` (m) carry no shape of their own; a change of
+    the direction of the twist by ``kink`` ends a stretch of constant curvature; where the direction
+    of a body with its own equations changes by ``corner`` (rad) from sample to sample, it must
+    stop; ``levels``:
+    speed levels that the tuning aims at (see :mod:`up_samp.motion.fleet.speed`); ``least``: those
+    below the top speed of a tight arc, at least. An omnidirectional body bends where its direction
+    changes by ``straight`` from sample to sample; there it keeps to one speed, ``held`` of the one
+    that its planner chose. It rests where that would be less than ``slow`` of its top speed, and
+    where its direction changes by ``sharp``.
+    """
+
+    tiny: float = 1e-7
+    kink: float = 1e-6
+    corner: float = 0.1
+    straight: float = 1e-4
+    held: float = 0.95
+    sharp: float = 0.35
+    slow: float = 0.3
+    levels: int = 20
+    least: int = 2
+
+
+CUT = PathCut()
 
 
 def path_steps(poses: FloatArray, body: Body, radius: float) -> FloatArray:
@@ -372,11 +350,11 @@ def top_speeds(poses: FloatArray, body: Body) -> FloatArray:
 
 def kept_samples(s: FloatArray) -> IntArray:
     """Return samples that lie at least a tiny step apart, always with the first and the last."""
-    if np.all(np.diff(s) >= TINY):
+    if np.all(np.diff(s) >= CUT.tiny):
         return np.arange(len(s), dtype=np.int64)
     keep = [0]
     for i in range(1, len(s)):
-        if s[i] - s[keep[-1]] >= TINY:
+        if s[i] - s[keep[-1]] >= CUT.tiny:
             keep.append(i)
     if keep[-1] != len(s) - 1 and len(keep) > 1:
         keep[-1] = len(s) - 1
@@ -390,7 +368,7 @@ def kinks_and_stops(poses: FloatArray, s: FloatArray, body: Body) -> tuple[BoolA
     kink[0] = kink[-1] = stop[0] = stop[-1] = True
     if n > 2 and not body.flies:
         unit = twists(poses) / np.diff(s)[:, None]
-        kink[1:-1] = np.abs(np.diff(unit, axis=0)).max(axis=1) > KINK
+        kink[1:-1] = np.abs(np.diff(unit, axis=0)).max(axis=1) > CUT.kink
         if body.mobility.steers:
             stop[1:-1] = unit[:-1, 0] * unit[1:, 0] < 0
         elif body.mobility.rolls:  # it turns at will, but on the spot it rests
@@ -398,7 +376,7 @@ def kinks_and_stops(poses: FloatArray, s: FloatArray, body: Body) -> tuple[BoolA
         elif not body.mobility.sideways:
             # a velocity may not jump: chords of smooth curves turn little from sample to sample
             chord = np.diff(poses, axis=0) / np.diff(s)[:, None]
-            stop[1:-1] = np.abs(np.diff(chord, axis=0)).max(axis=1) > CORNER
+            stop[1:-1] = np.abs(np.diff(chord, axis=0)).max(axis=1) > CUT.corner
     return kink, stop
 
 
@@ -416,12 +394,12 @@ def bends_of(
     spot = way < ON_SPOT * turn
     tops = np.where(spot, kin.v_max, np.minimum(kin.v_max, kin.omega_max * way / (turn + 1e-12)))
     driven = np.minimum(step / np.diff(times), kin.v_max)
-    unit = np.where(spot[:, None], 0.0, gone / np.maximum(way, TINY)[:, None])
+    unit = np.where(spot[:, None], 0.0, gone / np.maximum(way, CUT.tiny)[:, None])
     change = np.hypot(*np.diff(unit, axis=0).T)
-    bend = change > STRAIGHT
-    speed = HELD * np.minimum(driven[1:], driven[:-1])
-    slow = bend & (speed < SLOW * kin.v_max)
-    rests = (spot[1:] != spot[:-1]) | slow | (change > SHARP)
+    bend = change > CUT.straight
+    speed = CUT.held * np.minimum(driven[1:], driven[:-1])
+    slow = bend & (speed < CUT.slow * kin.v_max)
+    rests = (spot[1:] != spot[:-1]) | slow | (change > CUT.sharp)
     bend &= ~rests
     steady = np.zeros(len(step), dtype=np.bool_)
     for side in (slice(None, -1), slice(1, None)):
@@ -437,14 +415,14 @@ def ways_at(poses: FloatArray, s: FloatArray) -> tuple[FloatArray, FloatArray]:
     """
     unit = np.diff(poses[:, :2], axis=0) / np.diff(s)[:, None]
     change = np.concatenate([[0.0], np.hypot(*np.diff(unit, axis=0).T), [0.0]])
-    bend = change > STRAIGHT
+    bend = change > CUT.straight
     before, after = np.concatenate([unit[:1], unit]), np.concatenate([unit, unit[-1:]])
     begins = bend & ~np.append(False, bend[:-1])
     ends = bend & ~np.append(bend[1:], False)
     mean = 0.5 * (before + after)
     way = np.where((begins & ~ends)[:, None], before, mean)
     way = np.where((ends & ~begins)[:, None], after, way)
-    sharp = (change > SHARP)[:, None]
+    sharp = (change > CUT.sharp)[:, None]
     return np.where(sharp, before, way), np.where(sharp, after, way)
 
 
@@ -717,7 +695,7 @@ def _waypoints(
 
 def _pauses(trajectory: Trajectory, natural_s: FloatArray, s: FloatArray) -> BoolArray:
     """Return at which samples of the path the trajectory stands still for a while."""
-    still = np.diff(natural_s) < TINY
+    still = np.diff(natural_s) < CUT.tiny
     paused = np.flatnonzero(still & (np.diff(trajectory.times) > 0.5 * Trajectory.MAX_STEP))
     return _marks(s, natural_s[paused])
 
@@ -733,7 +711,7 @@ def _marks(s: FloatArray, values: Iterable[float]) -> BoolArray:
 def _cell_length(body: Body) -> float:
     """Return the wished length (m) of a cell: short beside the body, about so many speeds."""
     k, radius = body.kinematics, radius_of(body)
-    return float(np.clip(k.v_max**2 / (2 * k.a_max * LEVELS), 0.1 * radius, 0.2 * radius))
+    return float(np.clip(k.v_max**2 / (2 * k.a_max * CUT.levels), 0.1 * radius, 0.2 * radius))
 
 
 def _cells(
@@ -749,7 +727,7 @@ def _cells(
         top, length = float(tops[low:high].min()), float(s[high] - s[low])
         size = wish
         if top < kin.v_max:  # cells so short that there are speeds below the slowest arc's
-            least = 1 if body.mobility.sideways else LEAST
+            least = 1 if body.mobility.sideways else CUT.least
             size = min(wish, top**2 / (2 * kin.a_max * least))
         count = 2 * max(1, math.ceil(length / size / 2))
         edges.append(np.linspace(s[low], s[high], count + 1)[:-1])

@@ -33,10 +33,10 @@ Box = tuple[float, float, float, float]
 
 NODES = 30_000
 """Places of a roadmap at most."""
-LINKS = 6
-"""Places of the lattice that a place off it is joined to, at most..."""
-LOCAL = 3.0
-"""...by links at most so many cells longer than the straight line."""
+LINKS, LOCAL = 6, 3.0
+"""Places of the lattice that a place off it is joined to, at most, by links that are at most so
+many cells longer than the straight line.
+"""
 EACH = 0.05
 """Seconds that a move costs besides its length: fewer are better."""
 ROOMY = 2.1

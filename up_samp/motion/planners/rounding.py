@@ -23,10 +23,10 @@ FloatArray = npt.NDArray[np.float64]
 Point = tuple[float, float]
 
 
-FLAT = 1e-9
-"""Turns (rad) and lines (m) below this are none."""
-SHARP = 2.6
-"""Corners that turn by more (rad) are not cut: the arc would lie far away from them."""
+FLAT, SHARP = 1e-9, 2.6
+"""Turns (rad) and lines (m) below the first are none; corners that turn by more than the second
+(rad) are not cut: the arc would lie far away from them.
+"""
 GAIN = 1e-3
 """Seconds that another way must save."""
 FITTED = 4
