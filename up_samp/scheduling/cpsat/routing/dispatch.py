@@ -8,12 +8,14 @@ model: order, machines, doors, unary places.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 from up_samp.scheduling.cpsat.encode.forms import TRUE, Literal, difference_told
 from up_samp.scheduling.cpsat.encode.states import Key, StateVar, Write
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.model import ScheduleModel
+from up_samp.scheduling.cpsat.routing.levels import RouteLevel, find_levels
 from up_samp.scheduling.cpsat.routing.route import Move, Route
 
 
@@ -266,8 +268,8 @@ def _greatest(some: list[tuple[int, int]]) -> dict[int, int]:
 
 
 def _mark(routes: list[Route], tasks: list[RoutedTask], openers: dict[Need, int]) -> None:
-    """Mark what has to be opened for what is wanted, and so on."""
-    agenda = [i for i, task in enumerate(tasks) if task.wanted]
+    """Mark what has to be opened for what is wanted (or needed anyhow), and so on."""
+    agenda = [i for i, task in enumerate(tasks) if task.wanted or task.needed]
     known = set(agenda)
     while agenda:
         number = agenda.pop()
@@ -300,24 +302,102 @@ def entrances_of(routes: list[Route], task: RoutedTask) -> dict[Need, int]:
     return common or {}
 
 
+# ------------------ Doors that need not be opened
+# What is wanted may be done behind a door or elsewhere. Then the door is opened in a schedule, or
+# it is not: in the one case somebody has to open it, in the other nothing is done behind it. A
+# bound is the least of both.
+
+_CASES = 2
+"""Doors that are told apart so: more of them are left as they are."""
+
+
+def cases_of(work: RoutedWork) -> list[RoutedWork]:
+    """Return the cases of which one holds in every schedule: which doors are opened that need not
+    be. ``work`` itself, where there are none.
+    """
+    doors = [i for i, t in enumerate(work.tasks) if t.opens and not t.needed and not t.wanted]
+    doors = doors[:_CASES]
+    every = range(2 ** len(doors)) if doors else ()
+    found = [_case(work, doors, [bool(some >> n & 1) for n in range(len(doors))]) for some in every]
+    return [case for case in found if case is not None] or [work]
+
+
+def _case(work: RoutedWork, doors: list[int], opened: list[bool]) -> RoutedWork | None:
+    """Return the case in which those of some doors are opened; ``None`` if nothing can be done."""
+    openers = work.openers()
+    shut = {d for d, is_open in zip(doors, opened, strict=True) if not is_open}
+    behind = {need for need, task in openers.items() if task in shut}
+    tasks = []
+    for number, task in enumerate(work.tasks):
+        ways = [
+            (r, name, frozenset(p for p in places if not work.routes[r].needs(p) & behind))
+            for r, name, places in task.ways
+        ]
+        kept = [way for way in ways if way[2]]
+        if not kept and task.wanted:
+            return None
+        needed = task.needed or (number in doors and number not in shut)
+        tasks.append(replace(task, ways=kept, needed=needed, opened=[]))
+    _mark(work.routes, tasks, {e: task for e, task in openers.items() if task not in shut})
+    return replace(work, tasks=tasks)
+
+
 # ------------------ Who does what where
 
 
 Memory = dict[tuple[object, ...], dict[int, int]]
 """By what the tasks are called: of each set of them that are done (bits), what is left at least."""
 
+Way = tuple[int, int]
+"""(task, number of its way)."""
+
+
+@dataclass
+class WayNeeds:
+    """What one way to do a task asks besides its place: ``along``: the ways of others that come
+    with it; ``first``: (way that comes before it, time from its start); ``reads`` and ``sets`` are
+    (state, values) of states that one traveller's stops alone change.
+    """
+
+    along: list[Way] = field(default_factory=list)
+    first: list[tuple[Way, int]] = field(default_factory=list)
+    reads: list[Need] = field(default_factory=list)
+    sets: list[tuple[Key, int]] = field(default_factory=list)
+
+
+Refill = tuple[int, int, frozenset[int], int]
+"""(task, number of its way, where, how much): a stop that adds to a level."""
+
 
 @dataclass
 class RoutedWork:
-    """All tasks, with the routes they are on. ``lefts``: what was found out before about what sets
-    of tasks leave (:mod:`.lefts`).
+    """All tasks, with the routes they are on, and the ``levels`` of each route. ``lefts``: what was
+    found out before about what sets of tasks leave (:mod:`.lefts`).
     """
 
     routes: list[Route]
     tasks: list[RoutedTask]
     units: list[UnitPlace]
     initial: dict[Key, int | None]
+    levels: list[list[RouteLevel]] = field(default_factory=list)
+    needs: dict[Way, WayNeeds] = field(default_factory=dict)
     lefts: Memory = field(default_factory=dict)
+
+    def openers(self) -> dict[Need, int]:
+        """Return what must be open to come to some place, with the task that opens it."""
+        entries = {
+            (entry.state, entry.allowed)
+            for route in self.routes
+            for some in route.entries.values()
+            for entry in some
+            if self.initial[entry.state] not in entry.allowed
+        }
+        return {
+            (state, allowed): number
+            for number, task in enumerate(self.tasks)
+            for state, allowed in sorted(entries, key=str)
+            if task.opens == state and any(k == state and v in allowed for k, v, _ in task.changes)
+        }
 
     def providers(self, state: Key, allowed: frozenset[int]) -> list[int]:
         """Return the tasks that bring a state variable to one of ``allowed``."""
@@ -325,6 +405,22 @@ class RoutedWork:
             i
             for i, task in enumerate(self.tasks)
             if any(k == state and v in allowed for k, v, _ in task.changes)
+        ]
+
+    @cached_property
+    def refills(self) -> list[list[list[Refill]]]:
+        """What adds to each level of each route."""
+        return [
+            [
+                [
+                    (task, way, places, level.gains[name])
+                    for task, known in enumerate(self.tasks)
+                    for way, (route, name, places) in enumerate(known.ways)
+                    if route == number and level.gains.get(name, 0) > 0
+                ]
+                for level in levels
+            ]
+            for number, levels in enumerate(self.levels)
         ]
 
 
@@ -342,7 +438,71 @@ def find_work(model: ScheduleModel, routes: list[Route]) -> RoutedWork | None:
     if any(a.present == TRUE or a.present in model.exact for a in others):
         return None
     initial = {key: state.initial for key, state in model.states.vars.items()}
-    return RoutedWork(routes, find_tasks(model, routes), find_unit_places(model, routes), initial)
+    tasks, units = find_tasks(model, routes), find_unit_places(model, routes)
+    levels = [find_levels(model, route) for route in routes]
+    needs = find_needs(model, routes, tasks)
+    return RoutedWork(routes, tasks, units, initial, levels, needs)
+
+
+def find_needs(
+    model: ScheduleModel, routes: list[Route], tasks: list[RoutedTask]
+) -> dict[Way, WayNeeds]:
+    """Return what the ways to do tasks ask of each other, for quick schedules: a hint, no rule."""
+    names = {
+        name: (number, way)
+        for number, task in enumerate(tasks)
+        for way, (_, name, _) in enumerate(task.ways)
+        if not task.visit
+    }
+    activities = model.world.activities
+    ways = {activities[name].present: way for name, way in names.items()}
+    needs = {way: WayNeeds() for way in names.values()}
+    starts = {way: activities[name].start.terms[0][0] for name, way in names.items()}
+    for form in model.stated:
+        parts = form[1:] if form.__class__ is tuple and form[0] == "|" else ()
+        literals = [part for part in parts if part.__class__ is int]
+        told = [difference_told(part) for part in parts if part.__class__ is not int]
+        if len(literals) != 2 or len(told) > 1:
+            continue
+        for one, other in (literals, literals[::-1]):
+            before = ways.get(~one)
+            if before is None:
+                continue
+            if not told and other in ways:
+                needs[before].along.append(ways[other])
+            then = ways.get(~other)
+            if told and told[0] is not None and then is not None:
+                first, last, gap = told[0]
+                if (starts[before], starts[then]) == (first, last):
+                    needs[then].first.append((before, gap))
+    _find_states(model, routes, names, needs)
+    return needs
+
+
+def _find_states(
+    model: ScheduleModel,
+    routes: list[Route],
+    names: Mapping[str, Way],
+    needs: dict[Way, WayNeeds],
+) -> None:
+    """Find the states that one traveller's stops alone change, and who reads and sets them."""
+    stops = [{name for name, _ in route.stops} for route in routes]
+    for key, state in model.states.vars.items():
+        owners = {
+            None if w.owner is None else model.states.activity(w.owner).name
+            for w in state.writes
+            if not model.store.never(w.active)
+        }
+        if state.numeric or not owners or not any(owners <= some for some in stops):
+            continue
+        for write in state.writes:
+            name = model.states.activity(write.owner or 0).name
+            if name in names and not write.value.terms:
+                needs[names[name]].sets.append((key, write.value.const))
+        for read in state.reads:
+            name = "" if read.owner is None else model.states.activity(read.owner).name
+            if name in names and read.allowed is not None:
+                needs[names[name]].reads.append((key, read.allowed))
 
 
 def find_tasks(model: ScheduleModel, routes: list[Route]) -> list[RoutedTask]:

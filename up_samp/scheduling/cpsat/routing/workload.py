@@ -17,6 +17,7 @@ from up_samp.scheduling.cpsat.routing.dispatch import (
     Need,
     RoutedTask,
     RoutedWork,
+    cases_of,
     entrances_of,
 )
 from up_samp.scheduling.cpsat.routing.route import Route, way_back
@@ -24,7 +25,7 @@ from up_samp.scheduling.cpsat.routing.rules import NEVER, Programme, SequenceRul
 from up_samp.scheduling.cpsat.routing.sequences import Sequences, raised
 from up_samp.scheduling.cpsat.tuning import CpsatTuning
 
-_STATES = 2_000_000
+_STATES = 8_000_000
 """States of the dynamic programme over sets of tasks; with more it is only asked who does what."""
 _SETS = 20_000
 """Sets of tasks that one proof over who does what may look at."""
@@ -89,7 +90,7 @@ def _raise_all(
     """Raise what is ``known`` of ``some`` sets of equally many tasks to the least time that is left
     of them; return those of which it was found out.
     """
-    open_, steps, high = set(some), dict.fromkeys(some, 1), {}
+    open_, steps, high = set(some), dict.fromkeys(some, 1), dict[int, int]()
     while open_ and not looked.is_spent and not deadline.expired():
         asked = sorted(open_)
         ends = [min(known[d] + steps[d], high.get(d, NEVER)) - 1 for d in asked]
@@ -110,7 +111,8 @@ def _raise_all(
 
 def _names(rules: SequenceRules, aside: int) -> tuple[object, ...]:
     """Return what the tasks of sets are called, one way and another."""
-    return aside, *(tuple(name for _, name, _ in task.ways) for task in rules.programme.tasks)
+    names = ((tuple((n, some) for _, n, some in task.ways)) for task in rules.programme.tasks)
+    return aside, *names
 
 
 def _of_more(rules: SequenceRules, done: int) -> int:
@@ -329,11 +331,13 @@ def lanes(model: ScheduleModel, routes: list[Route]) -> list[list[int]]:
 @dataclass(frozen=True)
 class WorkBound:
     """A lower bound on the makespan, and the sequences of tasks that it was found among (``None``:
-    they are too many); what the proof of a greater bound failed at is ``found`` there.
+    they are too many); what the proof of a greater bound failed at is ``found`` there. ``cases``:
+    the sequences of each case, where some doors need not be opened.
     """
 
     value: int
     sequences: Sequences | None = None
+    cases: tuple[Sequences, ...] = ()
 
 
 def bound_by_work(
@@ -355,12 +359,35 @@ def bound_by_work(
     :param value: the makespan of a schedule (0: there is none); no more is asked for.
     """
     tuning, deadline = tuning or CpsatTuning(), deadline or Deadline.never()
+    cases = cases_of(work)
+    found: list[WorkBound] = []
+    for left, case in zip(range(len(cases), 0, -1), cases, strict=True):
+        part = deadline if left == 1 else deadline.within(deadline.remaining() / left)
+        # the least of all is the bound: no more is asked for
+        value = min((one.value for one in found), default=value)
+        one = _bound_of(model, case, known, part, value, tuning)
+        found += [one] if one.value < INFINITE else []
+    least = min(found, key=lambda one: one.value, default=WorkBound(known))
+    return replace(least, cases=tuple(s for one in found if (s := one.sequences) is not None))
+
+
+def _bound_of(
+    model: ScheduleModel,
+    work: RoutedWork,
+    known: int,
+    deadline: Deadline,
+    value: int,
+    tuning: CpsatTuning,
+) -> WorkBound:
+    """Return the bound of one case; INFINITE where not all tasks can be done in it."""
     programme = Programme.of(work, _STATES) or Programme.of(work, _STATES, doors=False)
     if programme is None:
         return WorkBound(bound_by_assignment(work, known, deadline))
     tables = programme.tables(deadline)
-    if tables is None or programme.start(tables) >= INFINITE:
+    if tables is None:
         return WorkBound(known)
+    if programme.start(tables) >= INFINITE:
+        return WorkBound(INFINITE)
     counted = {id(task) for task in programme.tasks}
     extra = sum(
         _squeezed(work, tasks)
@@ -374,11 +401,11 @@ def bound_by_work(
         return WorkBound(known)
     labels = tuning.labels
     sequences = Sequences(rules, min(labels, tuning.unaided))
-    if labels and not work.lefts:
+    begun = _names(rules, aside_of(programme)) in work.lefts
+    if labels and not begun:
         known = raised(sequences.plain(), known, deadline, value)
         known = raised(sequences, known, deadline, value)
-    aided = sequences.is_spent or bool(work.lefts)
-    if aided and labels > tuning.unaided and not deadline.expired():
+    if (begun or sequences.is_spent) and labels > tuning.unaided and not deadline.expired():
         rules = with_lefts(rules, labels // 2, deadline, work.lefts)
         sequences = Sequences(rules, labels)
         known = raised(sequences, known, deadline, value)
