@@ -20,7 +20,7 @@ from up_samp.execution.lives import DriveCells, Life, drives_of, in_turn
 from up_samp.execution.meetings import Meeting, steps_of
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.io.plan_dict import PlanDict
-from up_samp.io.shape import distance, number, text
+from up_samp.io.shape import Check, distance, number, text
 from up_samp.model import MotionModel, ProblemError
 from up_samp.model.errors import short
 
@@ -165,7 +165,7 @@ def _ways(value: Any) -> str | None:
     return "two precedences"
 
 
-_ENTRIES = {
+_ENTRIES: dict[str, dict[str, Check]] = {
     "tasks": {"activity": text, "expected": distance, "who": _who},
     "edges": {"first": _event, "then": _event, "lag": distance, "kind": _kind, "why": _words},
     "bounds": {"first": _event, "then": _event, "most": number, "why": _words},
