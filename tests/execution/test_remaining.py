@@ -194,6 +194,23 @@ def test_effects_some_time_after_a_start_are_still_to_come(tmp_path):
     assert starts["after"] > 9 - left.since
 
 
+def test_a_deadline_that_what_has_begun_will_miss_is_told_and_dropped(tmp_path):
+    """It was a proof that nothing of the rest can be done, for ever."""
+    hall = Hall(tmp_path, robots=1)
+    hall.move("go", 0, "left0", "right0", bounds=(1, 100))
+    work = hall.problem.add_activity("work", 20)
+    other = hall.problem.add_activity("other", 2)
+    work.add_constraint(LE(work.end, 22))
+    hall.problem.add_constraint(LE(other.end, Plus(work.start, 100)))
+    executor = Executor(solved(hall.problem), hall.problem)
+    for now in range(5, 9):
+        executor.commands(float(now))
+    left = executor.remaining_problem()
+    assert left.notes == ("already broken, dropped: (end(work) <= 22)",)
+    ends = {a["name"]: a["end"] for a in solved(left.problem)["activities"]}
+    assert ends["work"] == 25 - left.since
+
+
 def test_values_that_a_fluent_cannot_have_are_told(made):
     problem, plan = made
     changed = problem.clone()

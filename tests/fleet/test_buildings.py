@@ -9,9 +9,19 @@ import pytest
 from tests.fleet.buildings import Building, built, looser
 from tests.fleet.rulebook import Rulebook
 from tests.shuffled import shuffled_fleet
-from up_samp.execution import Delays, dependencies_of, simulate
+from up_samp.execution import (
+    Delays,
+    Executor,
+    Surprise,
+    dependencies_of,
+    simulate,
+    solve_remaining,
+)
+from up_samp.execution.simulate import floor_of
 from up_samp.fleet import Fleet, FleetError
 from up_samp.fleet.files import write_problem_file
+from up_samp.io import plan_from_dict
+from up_samp.model import ProblemError
 from up_samp.validation import validate_plan
 
 FLOORS = (
@@ -107,6 +117,42 @@ def test_plans_keep_what_is_asked_also_on_the_floor(seed, tmp_path):
 @pytest.mark.parametrize("first", range(100, 400, 25))
 def test_many_plans_keep_what_is_asked(first, tmp_path):
     findings = {seed: told(seed, tmp_path) for seed in range(first, first + 25)}
+    assert {seed: found for seed, found in findings.items() if found} == {}
+
+
+def rests(seed, folder):
+    """Yield what is wrong with plans of what is left of a late run, at a third and at two."""
+    spec = Building(seed, folder).spec
+    try:
+        answer = Answer(spec, built(spec), 3, 10.0)
+    except FleetError:
+        return
+    if answer.value is None:
+        return
+    plan, problem = answer.result.data, answer.fleet.problem
+    executor = Executor(plan, problem)
+    floor = floor_of(executor, Delays(slow=0.3, late=0.3), seed)
+    for share in (0.3, 0.6):
+        until = share * plan["makespan"] * spec["unit"]
+        while floor.goes_on and floor.now < until:
+            floor.step()
+        if not floor.goes_on:
+            return
+        left = executor.remaining_problem(Surprise(same_choices=share < 0.5))
+        try:
+            rest = plan_from_dict(left.problem, solve_remaining(left, seconds=20.0))
+        except ProblemError as error:
+            if not executor.missed():  # what has not begun may have a deadline, too
+                yield str(error)
+            continue
+        verdict = validate_plan(left.problem, rest, seconds_per_unit=spec["unit"])
+        yield from map(str, verdict.violations)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("first", range(300, 400, 25))
+def test_the_rest_of_many_plans_is_planned_anew(first, tmp_path):
+    findings = {seed: [*rests(seed, tmp_path)] for seed in range(first, first + 25)}
     assert {seed: found for seed, found in findings.items() if found} == {}
 
 

@@ -160,8 +160,7 @@ def begun(activity: Activity, values: ValuesNow, environment: Environment) -> Ac
         longest = max(w.travel.whole for w in state.ways_of[name])
         copy.set_duration_bounds(1, max(whole, 2 * math.ceil(longest / unit) + 10))
     else:
-        left = state.graph.tasks[name].expected - gone
-        copy.set_fixed_duration(max(1, math.ceil(left / unit - 1e-9)))
+        copy.set_fixed_duration(units_left(name, values))
     copy._effects = {}
     for timing, effects in activity.effects.items():
         if timing.timepoint.kind != TimepointKind.START:
@@ -187,6 +186,13 @@ def begun(activity: Activity, values: ValuesNow, environment: Environment) -> Ac
         copy._motion_constraints_set = set(activity._motion_constraints_set)
         copy._motion_effects = dict(activity._motion_effects)
     return copy
+
+
+def units_left(name: str, values: ValuesNow) -> int:
+    """Return how long (units) an activity goes on that has begun and drives nothing."""
+    state = values.state
+    end = state.fired[Event(At.START, name)] + state.graph.tasks[name].expected
+    return max(1, math.ceil(end / values.unit - values.since - 1e-9))
 
 
 def _rest_of(span: TimeInterval, activity: Activity, passed: float) -> TimeInterval | None:
@@ -421,15 +427,8 @@ class _Builder:
         """Return the remaining problem."""
         target = self.source.clone()
         running = set(self._running())
-        fix = Substitution(
-            self.source.environment,
-            self.since,
-            self.exact,
-            self.gone,
-            self._known_values(),
-            frozenset(running),
-            frozenset(p.name for p in self._parameters(self.gone)),
-        )
+        fix = self._substitution(self.exact)
+        self.sure = self._substitution(self._sure_times())
         self._costs(fix, target)
         target._base._constraints = self._constraints(fix, self.source._base)
         self._timed(target._base)
@@ -467,6 +466,29 @@ class _Builder:
             tuple(self.notes),
             {k: float(self.plan[k]) for k in ("seconds_per_unit", "margin") if k in self.plan},
         )
+
+    def _substitution(self, exact: Mapping[str, tuple[float, float]]) -> Substitution:
+        """Return what puts in what is known, with these times (units, old clock)."""
+        return Substitution(
+            self.source.environment,
+            self.since,
+            exact,
+            self.gone,
+            self._known_values(),
+            frozenset(self._running()),
+            frozenset(p.name for p in self._parameters(self.gone)),
+        )
+
+    def _sure_times(self) -> dict[str, tuple[float, float]]:
+        """Return the times (units, old clock) of what is over, and of what has begun and ends when
+        it ends: a deadline that it will miss is over for the rest, too.
+        """
+        found = dict(self.exact)
+        for name in self._running():
+            if not self.state.graph.tasks[name].moves:
+                start = self.state.fired[Event(At.START, name)] / self.unit
+                found[name] = start, self.since + units_left(name, self.values)
+        return found
 
     def _costs(self, fix: Substitution, target: SchedulingMotionProblem) -> None:
         """Let what is to be best count from where the old clock began."""
@@ -517,6 +539,8 @@ class _Builder:
             fixed = fix(constraint)
             if fixed.is_true():
                 continue
+            known = self.sure(constraint)
+            fixed = known if known.is_false() else fixed
             open_scopes = [s for s in scopes if not s.is_true() and not self._mandatory(s)]
             if fixed.is_false() and open_scopes:
                 # whoever it is about may still be left out
