@@ -90,7 +90,8 @@ def _raise_all(
     """Raise what is ``known`` of ``some`` sets of equally many tasks to the least time that is left
     of them; return those of which it was found out.
     """
-    open_, steps, high = set(some), dict.fromkeys(some, 1), {}
+    open_, steps = set(some), dict.fromkeys(some, 1)
+    high: dict[int, int] = {}
     while open_ and not looked.is_spent and not deadline.expired():
         asked = sorted(open_)
         ends = [min(known[d] + steps[d], high.get(d, NEVER)) - 1 for d in asked]
@@ -332,7 +333,7 @@ def lanes(model: ScheduleModel, routes: list[Route]) -> list[list[int]]:
 class WorkBound:
     """A lower bound on the makespan, and the sequences of tasks that it was found among (``None``:
     they are too many); what the proof of a greater bound failed at is ``found`` there. ``cases``:
-    the sequences of each case, where some doors need not be opened.
+    the sequences of each case, where a door need not be opened.
     """
 
     value: int
