@@ -34,8 +34,8 @@ A TOML file names what it changes; the rest stays as it is:
 [search]
 stale = 4000
 
-[motion.fleet.detours]
-beside = [1.0, 1.6]
+[motion.fleet]
+knots = [80000, 300000]
 ```
 
 ```sh

@@ -11,10 +11,9 @@ import pytest
 
 from tests import handmade
 from up_samp.cli import main
-from up_samp.cli.solving import write_outputs
 from up_samp.io import plan_to_dict, read_plan
 from up_samp.model import ProblemError
-from up_samp.plotting import animation_html, write_html
+from up_samp.plotting import animation_html, write_html, write_outputs
 from up_samp.system import child
 from up_samp.system.files import check_folder, whole, write_whole
 
@@ -57,7 +56,7 @@ def test_every_output_is_whole_where_the_disk_is_full(data, tmp_path):
     script = (
         "import json, resource, signal, sys\n"
         "from pathlib import Path\n"
-        "from up_samp.cli.solving import write_outputs\n"
+        "from up_samp.plotting import write_outputs\n"
         "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (3000, 3000))\n"
         "plan = json.load(sys.stdin)\n"

@@ -106,17 +106,18 @@ def turn_one(rng):
         choices = executor.dependencies.choices
         open_ = []
         for k, choice in enumerate(choices):
-            now, other = choice.ways if k not in executor.turned else choice.ways[::-1]
+            now, other = choice.ways if executor.sides.get(k, True) else choice.ways[::-1]
             if can_wait(executor.state, other) and not happened(executor.state, now.first):
                 open_.append(k)
         if not open_ or rng.random() < 0.5:
             return 0
-        turned = executor.turned ^ {rng.choice(open_)}
+        k = rng.choice(open_)
+        sides = {**executor.sides, k: not executor.sides.get(k, True)}
         try:
-            graph = with_sides(executor.dependencies, executor.sides, turned)
+            graph = with_sides(executor.dependencies, sides)
         except ProblemError:
             return 0
-        executor.turned = turned
+        executor.sides = sides
         _load(executor, graph)
         return 1
 

@@ -11,7 +11,7 @@ import pytest
 from unified_planning.shortcuts import OneshotPlanner, get_environment
 
 import up_samp  # noqa: F401
-from tests.metamorphic.motions import MotionStyle, MotionWriter
+from tests.metamorphic.motions import ALIKE, OTHERS, MotionStyle, MotionWriter
 from tests.metamorphic.sites import store
 from up_samp.benchmarks import instance
 from up_samp.execution import Delays, Executor, dependencies_of, solve_remaining
@@ -21,11 +21,8 @@ from up_samp.upio.relaxing import told_by
 from up_samp.validation import validate_plan
 
 INSTANCES = ("logistics-do-oc-r2-i2", "logistics-dc-all-r2-i2", "jobshop-r2-j1-m1", "doors-r2-d1")
-STYLES = (
-    MotionStyle(fluents="parameter"),
-    MotionStyle(shuffled=2, fluents="parameter", alone="level"),
-    MotionStyle(arrive="end"),
-)
+STYLES = (MotionStyle(shuffled=2, fluents="parameter", alone="level"), MotionStyle(arrive="end"))
+MORE = [s for s in (*ALIKE, *OTHERS) if s.obstacles not in ("lists", "none") and s not in STYLES]
 
 
 @functools.cache
@@ -99,11 +96,21 @@ def test_they_are_at_many_moments(name, seed):
         assert not told_elsewhere(left.problem, begun), left.since
 
 
-@pytest.mark.parametrize("style", STYLES, ids=str)
-def test_they_are_in_other_styles(style, tmp_path):
-    problem = MotionWriter(store(0, robots=2, items=1), style, tmp_path).problem
+def in_style(style, folder):
+    problem = MotionWriter(store(0, robots=2, items=1), style, folder).problem
     for left, begun in moments(problem, plan_of(problem), 1, 2.0):
         assert not told_elsewhere(left.problem, begun), left.since
+
+
+@pytest.mark.parametrize("style", STYLES, ids=str)
+def test_they_are_in_other_styles(style, tmp_path):
+    in_style(style, tmp_path)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("style", MORE, ids=str)
+def test_they_are_in_every_style(style, tmp_path):
+    in_style(style, tmp_path)
 
 
 def test_what_is_left_while_robots_drive_is_planned_and_valid():

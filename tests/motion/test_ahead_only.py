@@ -32,7 +32,6 @@ from up_samp.motion.curves.trajectories import reversed_trajectory
 from up_samp.motion.fleet.coordination import METHODS
 from up_samp.motion.fleet.roadmap import Roadmap, cells_of
 from up_samp.motion.proofs.heading_slices import separated
-from up_samp.motion.tuning import RoadmapTuning
 from up_samp.upio.read_maps import read_movable
 from up_samp.validation.kinematics import driven_backwards, motion_violations
 from up_samp.validation.limits import limits_of as limits_read
@@ -203,8 +202,8 @@ def test_many_groups_of_robots(tmp_path, method):
 def test_no_move_of_a_roadmap_leads_back(body):
     service = MotionService(hall(8, 8))
     ends = ((2.5, 2.3, 0.4), (5.5, 5.5, math.pi / 2))
-    cell = cells_of(body, RoadmapTuning())[1]
-    roadmap = Roadmap(service.scene, body, ends, (), (), cell, RoadmapTuning())
+    cell = cells_of(body)[1]
+    roadmap = Roadmap(service.scene, body, ends, (), (), cell)
     start, goal = (roadmap.place(pose) for pose in ends)
     to_go = roadmap.to_go(goal)
     assert start in to_go

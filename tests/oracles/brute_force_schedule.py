@@ -1,7 +1,7 @@
 """A naive oracle for small scheduling problems: try every schedule, look at every instant.
 
 It shares nothing with the engines and the validator; its rules are those of
-``up_samp/validation/semantics.py``, written as directly as possible.
+``docs/semantics.md``, written as directly as possible.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 """Search, schedulers and validator mean the same: obstacles with fluents, shutting doors, loads,
-lists that are not mutual. Rules: ``up_samp/validation/semantics.py``.
+lists that are not mutual. Rules: ``docs/semantics.md``.
 """
 
 import pytest

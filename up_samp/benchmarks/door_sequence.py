@@ -54,7 +54,6 @@ def door_sequence(
     encoding: Published = "fluents",
     metric: bool = True,
     seed: int = 0,
-    name: str | None = None,
 ) -> SchedulingMotionProblem:
     """Build a problem of doors in sequence: every robot has to get to its goal."""
     if not 1 <= robots <= MOST_ROBOTS or not 1 <= doors <= MOST_DOORS:
@@ -73,7 +72,7 @@ def door_sequence(
         turning_radius=4.0,
         bounds=(1, 100),
     )
-    form = Form(name or title, manner, encoding, metric)
+    form = Form(title, manner, encoding, metric)
     places = {key: form.place(key, pose) for key, pose in (*starts.items(), *goals.items())}
     for key in starts:
         form.robot(places[key])

@@ -85,7 +85,7 @@ def instance(name: str) -> Instance:
         if family == "warehouse":
             check_encoding(encoding, ("lean",))  # where robots are is always a fluent here
             form = "compact" if compact else "moves"
-        return make(*sizes, encoding=form, metric=metric, name=name, **options)
+        return make(*sizes, encoding=form, metric=metric, **options)
 
     groups = {"logistics": f"{found[2]}-d{found[1]}".upper(), "jobshop": "JSP"} if form else {}
     return Instance(name, family, groups.get(family, family), build)

@@ -146,7 +146,6 @@ def job_shop(
     encoding: Encoding = "lean",
     metric: bool = True,
     seed: int = 0,
-    name: str | None = None,
 ) -> SchedulingMotionProblem:
     """Build a job shop with robots.
 
@@ -159,7 +158,7 @@ def job_shop(
     """
     data = shop(robots, jobs, machines, seed)
     data.floor.check(shop_poses(data))
-    title = name or instance_name(robots, jobs, machines) + (f"-s{seed}" if seed else "")
+    title = instance_name(robots, jobs, machines) + (f"-s{seed}" if seed else "")
     if is_published(encoding):
         return published_job_shop(title, data, encoding, metric)
     family = Family(title, data.floor, a_max=ACCELERATION, encoding=encoding, metric=metric)

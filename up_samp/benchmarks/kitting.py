@@ -77,7 +77,6 @@ def kitting(
     operator: bool = False,
     metric: bool = True,
     seed: int = 0,
-    name: str | None = None,
 ) -> SchedulingMotionProblem:
     """Build a kitting problem.
 
@@ -85,7 +84,8 @@ def kitting(
     :param operator: loading and unloading need the one operator, too.
     """
     _check_sizes(robots, kits, parts, doors)
-    title = f"kitting-r{robots}-k{kits}-p{parts}-d{doors}" + (f"-s{seed}" if seed else "")
+    sizes, drawn = f"kitting-r{robots}-k{kits}-p{parts}-d{doors}", f"-s{seed}" if seed else ""
+    title = sizes + drawn
     rng = random.Random(title) if seed else None
     floor = kitting_floor(doors, rng, title)
     starts, spots = _places(floor, robots, [(k, s) for k in range(kits) for s in range(parts)], rng)
@@ -96,7 +96,7 @@ def kitting(
         early=0,
         model=MotionModels.SE2,
     )
-    form = Form(name or title, manner, encoding, metric)
+    form = Form(sizes + "-op" * operator + drawn, manner, encoding, metric)
     homes = [form.place(key, pose) for key, pose in starts.items()]
     for home in homes:
         form.robot(home)

@@ -116,11 +116,6 @@ def _drawn(robots: int, items: int, seed: int) -> Layout:
     return Layout(floor, tuple(depots), tuple(inner), tuple(outer))
 
 
-def instance_name(robots: int, items: int, door: DoorState, sides: Sides) -> str:
-    """Return the name of an instance, such as ``logistics-dc-all-r2-i4``."""
-    return f"logistics-d{door[0]}-{'all' if sides == 'all' else 'oc'}-r{robots}-i{items}"
-
-
 def logistics(
     robots: int = 2,
     items: int = 4,
@@ -130,7 +125,6 @@ def logistics(
     encoding: Encoding = "lean",
     metric: bool = True,
     seed: int = 0,
-    name: str | None = None,
 ) -> SchedulingMotionProblem:
     """Build a logistics problem.
 
@@ -153,7 +147,8 @@ def logistics(
     _check(spots)
     if door == "open":
         spots = replace(spots, floor=replace(spots.floor, doors=()))
-    title = name or instance_name(robots, items, door, sides) + (f"-s{seed}" if seed else "")
+    side = "all" if sides == "all" else "oc"
+    title = f"logistics-d{door[0]}-{side}-r{robots}-i{items}" + (f"-s{seed}" if seed else "")
     if is_published(encoding):
         return published_logistics(title, spots, sides == "all", encoding, metric)
     family = Family(title, spots.floor, a_max=ACCELERATION, encoding=encoding, metric=metric)

@@ -48,7 +48,6 @@ def navigation(
     *,
     encoding: Published = "fluents",
     metric: bool = True,
-    name: str | None = None,
     seed: int = 0,
 ) -> SchedulingMotionProblem:
     """Build a navigation problem: one optional move per robot, that has to be made."""
@@ -73,7 +72,7 @@ def navigation(
         model=MotionModels.SE2,
         heed_all=True,
     )
-    form = Form(name or title, manner, encoding, metric)
+    form = Form(title, manner, encoding, metric)
     places = {key: form.place(key, pose) for key, pose in poses.items()}
     for r in range(robots):
         form.robot(places[f"robot{r}_start"])

@@ -1,8 +1,8 @@
-"""One benchmark run in a process of its own: ``python -m up_samp.benchmarks.one_run OUT < SPEC``.
+"""One benchmark run in a process of its own.
 
-Reads a :class:`~up_samp.benchmarks.one_run.RunSpec` as JSON from stdin, writes the record as
-JSON to the file OUT. Whatever goes wrong becomes part of the record; a process that dies leaves
-no record, and its parent says so.
+Reads a :class:`~up_samp.benchmarks.one_run.RunSpec` as a line of JSON from stdin, writes a line
+when its engine is called, and the record as a line of JSON. Whatever goes wrong becomes part of the
+record; a process that dies leaves none, and its parent says so.
 """
 
 from __future__ import annotations
@@ -15,19 +15,21 @@ import json
 import math
 import os
 import platform
-import signal
 import sys
-import threading
 import time
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from up_samp.benchmarks.builder import Encoding, check_encoding
 from up_samp.benchmarks.instances import Instance, families, instance, instances
 from up_samp.model import ProblemError
+from up_samp.system.child import die_with
+from up_samp.system.memory import limit_memory
+
+BEGINS = b"begins\n"
+"""What a run says when everything is built, before its engine is called."""
 
 Record = dict[str, Any]
 """The outcome of a run, as one line of JSON.
@@ -165,38 +167,6 @@ def machine() -> dict[str, Any]:
     return {"system": platform.system(), "processor": platform.machine(), "cores": usable}
 
 
-def limit_memory(megabytes: int) -> None:
-    """Bound the data of this process (and, each by itself, of its children), where possible."""
-    try:
-        import resource
-    except ImportError:  # not on this system: the record says so
-        return
-    _, most = resource.getrlimit(resource.RLIMIT_DATA)
-    wanted = megabytes * 1_000_000
-    if most != resource.RLIM_INFINITY:
-        wanted = min(wanted, most)
-    resource.setrlimit(resource.RLIMIT_DATA, (wanted, most))
-
-
-def die_with_parent() -> None:
-    """End this process and its children when the process that started it is gone."""
-    if not hasattr(os, "killpg") or os.getpgrp() != os.getpid():
-        return
-    parent = os.getppid()
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(1.0)
-        os.killpg(os.getpgrp(), signal.SIGKILL)
-
-    threading.Thread(target=watch, daemon=True).start()
-
-
-def began_file(out: Path) -> Path:
-    """Return the file of a run that writes ``out``: it is there from the engine's call on."""
-    return out.with_suffix(".began")
-
-
 def perform(spec: RunSpec, begin: Callable[[], None] = lambda: None) -> Record:
     """Solve the instance and judge the plan; return what the run found. ``begin`` is called when
     everything is built, before the engine.
@@ -308,15 +278,19 @@ def _plain(value: object) -> Any:
 
 
 def main() -> None:
-    """Run the spec on stdin; write the record to the file named on the command line."""
-    die_with_parent()
-    spec = RunSpec(**json.load(sys.stdin))
-    limit_memory(spec.memory)
-    out = Path(sys.argv[1])
-    record = perform(spec, began_file(out).touch)
-    scratch = Path(sys.argv[1] + ".part")
-    scratch.write_text(json.dumps(record), encoding="utf-8")
-    scratch.replace(out)
+    """Run the spec that is the first line of stdin; tell when it begins, and its record."""
+    # whatever libraries print must not get between the lines that are told
+    channel = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    spec = RunSpec(**json.loads(sys.stdin.buffer.readline()))
+    die_with(sys.stdin.fileno())
+    limit_memory(spec.memory * 1_000_000, "DATA")
+
+    def tell(line: bytes) -> None:
+        channel.write(line)
+        channel.flush()
+
+    tell(json.dumps(perform(spec, lambda: tell(BEGINS))).encode() + b"\n")
 
 
 if __name__ == "__main__":

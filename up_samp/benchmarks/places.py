@@ -187,10 +187,10 @@ class Layout:
 class ProblemOnMap:
     """A problem with a map and named places on it; ``metric``: the makespan is minimised."""
 
-    def __init__(self, name: str, map_yaml: str, *, metric: bool, poses: str = "pose") -> None:
+    def __init__(self, name: str, map_yaml: str, *, metric: bool) -> None:
         self.problem = SchedulingMotionProblem(name)
         occupancy = OccupancyMap(map_yaml, SE2(0.0, 0.0, 0.0))
-        self.pose_type = ConfigurationType(poses, occupancy, ConfigurationKind.SE2)
+        self.pose_type = ConfigurationType("pose", occupancy, ConfigurationKind.SE2)
         self.poses: dict[str, Pose] = {}
         if metric:
             self.problem.add_quality_metric(MinimizeMakespan())

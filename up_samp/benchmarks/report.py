@@ -26,8 +26,6 @@ PAPER: dict[str, tuple[float, ...]] = {
 """Table 1 of the paper: solved per group, in total, and mean seconds of the solved (1800 s and
 20 GB per instance, means of three runs, AMD EPYC 7413)."""
 
-REFINEMENTS = ("refinements_geometric", "refinements_temporal", "refinements_group")
-
 
 def solved(record: Record) -> bool:
     """Return whether the run found a plan that the independent validator accepts."""
@@ -82,10 +80,6 @@ def write(records: Sequence[Record], folder: Path) -> Path:
         table_drawn(records),
         "## Coverage over time",
         f"![solved instances over time]({plot.name})",
-        "## Where the time goes, and refinements",
-        table_effort(records),
-        "## Parallel against sequential",
-        table_parallel(records),
         "## Runs that were not solved",
         table_failures(records),
         "## Every instance",
@@ -161,40 +155,6 @@ def _drawn_cell(part: Sequence[Record]) -> str:
     gaps = [max(0.0, 1 - bound / max(1, makespan)) for makespan, bound in plans]
     mean = f"{statistics.fmean(gaps):.1%}" if gaps else "-"
     return f"{len(plans)} / {sum(map(proven, part))} of {len(part)}, gap {mean}"
-
-
-def table_effort(records: Sequence[Record]) -> str:
-    """Return means over the solved runs: rounds, refinements by layer, shares of time."""
-    rows = [["engine", "rounds", "geometric", "temporal", "group", "scheduler s", "motion s"]]
-    for title, members in columns(records).items():
-        good = [r.get("metrics", {}) for r in members if counts(r)]
-        keys = ("rounds", *REFINEMENTS, "seconds_scheduler", "seconds_motion")
-        rows.append([title, *(_mean(m[k] for m in good if _number(m.get(k))) for k in keys)])
-    return _table(rows)
-
-
-def table_parallel(records: Sequence[Record]) -> str:
-    """Return how much shorter plans are than the same activities one after another, on instances
-    with several robots (and several items or jobs), where parallel work can help.
-    """
-    rows = [["engine", "runs", "mean saving", "theoretical maximum"]]
-    for title, members in columns(records).items():
-        savings, most = [], []
-        for r in members:
-            workers = _workers(r["instance"])
-            if counts(r) and workers > 1 and r.get("sequential"):
-                savings.append(1 - r["makespan"] / r["sequential"])
-                most.append(1 - 1 / workers)
-        if savings:
-            mean, best = statistics.fmean(savings), statistics.fmean(most)
-            rows.append([title, str(len(savings)), f"{mean:.0%}", f"{best:.0%}"])
-    return _table(rows) if len(rows) > 1 else "No solved instance with several robots."
-
-
-def _workers(name: str) -> int:
-    """Return how many robots can be at work at once: no more than items or jobs."""
-    sizes = {part[0]: int(part[1:]) for part in name.split("-")[1:] if part[1:].isdigit()}
-    return min(sizes.get("r", 1), sizes.get("i", sizes.get("j", 1)))
 
 
 def table_failures(records: Sequence[Record]) -> str:
@@ -279,10 +239,6 @@ def plot_coverage(records: Sequence[Record], path: Path) -> None:
     if axes.get_legend_handles_labels()[0]:
         axes.legend(fontsize="small")
     figure.savefig(path, dpi=120)
-
-
-def _number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
 def _mean(values: Any) -> str:

@@ -12,11 +12,9 @@ import contextlib
 import datetime
 import json
 import os
-import signal
 import subprocess
 import tempfile
 import threading
-import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
 from dataclasses import replace
@@ -25,7 +23,7 @@ from typing import Any
 
 from tqdm import tqdm
 
-from up_samp.benchmarks.one_run import Record, RunSpec, began_file, machine, versions
+from up_samp.benchmarks.one_run import BEGINS, Record, RunSpec, machine, versions
 from up_samp.model import EngineError
 from up_samp.system import child
 
@@ -43,7 +41,7 @@ ENTRY = "from up_samp.benchmarks.one_run import main\nmain()"
 
 Work = Callable[[dict[str, Any]], Record]
 
-_running: set[subprocess.Popen[bytes]] = set()
+_running: set[child.ProcessGroup] = set()
 _lock = threading.Lock()
 
 
@@ -55,16 +53,7 @@ def execute(spec: dict[str, Any], grace: float = GRACE, start: float = 600.0) ->
     """
     run = RunSpec(**spec)
     with tempfile.TemporaryDirectory(prefix="up-samp-run-") as folder:
-        out = Path(folder) / "record.json"
-        status, stderr = _in_process(run, out, folder, start, grace)
-        if out.exists():
-            found: Record = json.loads(out.read_text(encoding="utf-8"))
-        elif status is None:
-            late = f"still running {grace:g} s after its timeout"
-            told = late if began_file(out).exists() else f"not built {start:g} s after its start"
-            found = {"status": "KILLED", "error": told}
-        else:
-            found = {"status": "CRASH", "error": f"exit status {status}: {stderr[-2000:]}"}
+        found = _performed(run, folder, start, grace)
     now = datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds")
     return {
         "key": run.key,
@@ -76,65 +65,70 @@ def execute(spec: dict[str, Any], grace: float = GRACE, start: float = 600.0) ->
     }
 
 
-def _in_process(
-    run: RunSpec, out: Path, folder: str, start: float, grace: float
-) -> tuple[int | None, str]:
-    """Start the run and wait for its end; return exit status (None: killed) and stderr."""
+def _performed(run: RunSpec, folder: str, start: float, grace: float) -> Record:
+    """Return what a run's process tells: that it begins (a run's time counts from there: on a
+    loaded machine the imports alone may take as long as a small run), and its record.
+    """
+    late = ""
     with open(Path(folder) / "stderr", "w+b") as errors:
-        process = subprocess.Popen(
-            child.command(ENTRY, [str(out)]),
+        group = child.ProcessGroup(
+            child.command(ENTRY),
             stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
             stderr=errors,
             env=child.environment({"TMPDIR": folder}),
-            start_new_session=True,
         )
+        process = group.process
+        assert process.stdin is not None
+        assert process.stdout is not None
+
+        def told(seconds: float, why: str) -> bytes:
+            """Return a line that comes within some seconds; else the run is ended."""
+
+            def end() -> None:
+                nonlocal late
+                late = why
+                group.end()
+
+            overdue = threading.Timer(seconds, end)
+            overdue.daemon = True
+            overdue.start()
+            try:
+                return process.stdout.readline()  # type: ignore[union-attr]
+            finally:
+                overdue.cancel()
+
         with _lock:
-            _running.add(process)
-        status: int | None
+            _running.add(group)
         try:
-            assert process.stdin is not None
-            with contextlib.suppress(BrokenPipeError), process.stdin as stream:
-                stream.write(json.dumps(run.to_dict()).encode())
-            _wait_until(process, start, begun=began_file(out))
-            status = process.wait(run.timeout + grace)
-        except subprocess.TimeoutExpired:
-            status = None
+            with contextlib.suppress(BrokenPipeError):
+                process.stdin.write(json.dumps(run.to_dict()).encode() + b"\n")
+                process.stdin.flush()
+            line = told(start, f"not built {start:g} s after its start")
+            if line == BEGINS:
+                line = told(run.timeout + grace, f"still running {grace:g} s after its timeout")
+            group.settle(grace)
         finally:
-            _end(process)
+            status = group.end()
+            child.close_pipes(process)
             with _lock:
-                _running.discard(process)
+                _running.discard(group)
+        if line:
+            found: Record = json.loads(line)
+            return found
+        if late:
+            return {"status": "KILLED", "error": late}
         errors.seek(0)
-        return status, errors.read().decode(errors="replace")
-
-
-def _wait_until(process: subprocess.Popen[bytes], limit: float, *, begun: Path) -> None:
-    """Return when a run's engine is called, or the run is over; a run's time counts from there: on
-    a loaded machine the imports alone may take as long as a small run.
-    """
-    until = time.monotonic() + limit
-    while not begun.exists() and process.poll() is None:
-        if time.monotonic() > until:
-            raise subprocess.TimeoutExpired(process.args, limit)
-        time.sleep(0.1)
-
-
-def _end(process: subprocess.Popen[bytes]) -> None:
-    """Kill what is left of a run: its process and the session that it leads."""
-    if hasattr(os, "killpg"):
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(process.pid, signal.SIGKILL)
-    elif process.poll() is None:
-        process.kill()
-    process.wait()
+        text = errors.read().decode(errors="replace")
+        return {"status": "CRASH", "error": f"exit status {status}: {text[-2000:]}"}
 
 
 def stop_all() -> None:
     """Kill the runs that this process has under way."""
     with _lock:
-        processes = list(_running)
-    for process in processes:
-        _end(process)
+        groups = list(_running)
+    for group in groups:
+        group.end()
 
 
 def read_records(*folders: Path) -> list[Record]:

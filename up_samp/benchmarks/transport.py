@@ -46,11 +46,6 @@ ItemTrip = tuple[Activity, Activity, Activity]
 """One trip of an item by one robot: load, carry, unload."""
 
 
-def instance_name(robots: int, jobs: int, machines: int, door: DoorState) -> str:
-    """Return the name of an instance, such as ``transport-dc-r2-j2-m2``."""
-    return f"transport-d{door[0]}-r{robots}-j{jobs}-m{machines}"
-
-
 def _starts(family: Family, shop: Shop) -> list[ConfigurationObject]:
     """Add the robots where they start, and return these places."""
     starts = [family.place(f"start{r}", pose) for r, pose in enumerate(shop.starts)]
@@ -82,7 +77,6 @@ def transport(
     encoding: Encoding = "lean",
     metric: bool = True,
     seed: int = 0,
-    name: str | None = None,
 ) -> SchedulingMotionProblem:
     """Build a transport problem.
 
@@ -103,10 +97,10 @@ def transport(
         jobs, machines = len(FT06), len(FT06[0])
     shop = jobshop.draw_shop(robots, jobs, machines, seed)
     floor = shop.floor if door == "closed" else replace(shop.floor, doors=())
-    own = f"transport-{data}-d{door[0]}-r{robots}" if data else None
-    title = own or instance_name(robots, jobs, machines, door)
+    sizes = "" if data else f"-j{jobs}-m{machines}"
+    title = f"transport{f'-{data}' if data else ''}-d{door[0]}-r{robots}{sizes}"
     family = Family(
-        name or title + (f"-s{seed}" if seed else ""),
+        title + (f"-s{seed}" if seed else ""),
         floor,
         a_max=jobshop.ACCELERATION,
         encoding=encoding,

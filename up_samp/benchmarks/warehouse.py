@@ -80,11 +80,6 @@ class TransportOrder:
     optional: bool
 
 
-def instance_name(robots: int, orders: int) -> str:
-    """Return the name of an instance, such as ``warehouse-r5-o10``."""
-    return f"warehouse-r{robots}-o{orders}"
-
-
 def store(robots: int) -> WarehouseLayout:
     """Return the floor plan for that many robots: about three aisles for four of them."""
     rows = max(2, round(math.sqrt(robots / 5)) + 1)
@@ -136,7 +131,6 @@ def warehouse(
     encoding: WarehouseEncoding = "moves",
     metric: bool = True,
     seed: int = 0,
-    name: str | None = None,
 ) -> SchedulingMotionProblem:
     """Build a warehouse problem (``encoding``: see the module)."""
     if encoding not in WAREHOUSE_ENCODINGS:
@@ -144,8 +138,9 @@ def warehouse(
     if robots < 1 or orders < 1:
         raise ProblemError(f"a warehouse needs robots and orders, not {robots} and {orders}")
     plan = store(robots)
-    title = name or instance_name(robots, orders) + (f"-s{seed}" if seed else "")
-    work = _Work(title, plan, compact=encoding == "compact", metric=metric)
+    form = "compact-" if encoding == "compact" else ""
+    title = f"warehouse-{form}r{robots}-o{orders}" + (f"-s{seed}" if seed else "")
+    work = _Work(title, plan, compact=bool(form), metric=metric)
     drawn = draw_orders(plan, orders, seed)
     works = [work.order(k, order) for k, order in enumerate(drawn)]
     pending: list[Activity] = []

@@ -156,16 +156,18 @@ def _run(args: argparse.Namespace) -> int:
         return Exit.ERROR
 
 
-class _Terminated(KeyboardInterrupt):
-    """SIGTERM: like Ctrl-C, so that the best plan is kept and files are whole."""
+_TERMINATED = "SIGTERM"
+"""What a ``KeyboardInterrupt`` holds that is none: like Ctrl-C, so that the best plan is kept and
+files are whole.
+"""
 
 
 def _terminate(_number: int, _frame: object) -> None:
-    raise _Terminated
+    raise KeyboardInterrupt(_TERMINATED)
 
 
 def _was_terminated(stop: BaseException | None) -> bool:
-    while stop is not None and not isinstance(stop, _Terminated):
+    while stop is not None and stop.args != (_TERMINATED,):
         stop = stop.__cause__
     return stop is not None
 

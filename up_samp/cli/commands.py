@@ -28,15 +28,15 @@ from up_samp.cli.solving import (
     describe,
     judge,
     solve_and_show,
-    write_outputs,
 )
 from up_samp.execution import Incident, Surprise, dependency_faults, remaining_at
 from up_samp.execution.check import check_motions, refuse
 from up_samp.export import FORMATS, export_plan
 from up_samp.io import read_plan
-from up_samp.model import ProblemError, UnsupportedError
+from up_samp.model import ProblemError
 from up_samp.model.errors import short
 from up_samp.system.files import check_folder
+from up_samp.system.imports import extra
 
 
 def add_serve(parser: argparse.ArgumentParser) -> None:
@@ -62,16 +62,11 @@ def add_serve(parser: argparse.ArgumentParser) -> None:
 
 
 def _serve(args: argparse.Namespace) -> int:
-    try:
+    with extra("the service", "server", "fastapi uvicorn"):
         import uvicorn
 
         from up_samp.server.app import create_app
         from up_samp.server.jobs import JobLimits, JobQueue
-    except ImportError as error:
-        raise UnsupportedError(
-            f"the service needs the extra [server] ({error.name} is missing): "
-            "pip install fastapi uvicorn"
-        ) from error
     limits = JobLimits(
         running=args.jobs,
         waiting=args.queue,
@@ -339,6 +334,8 @@ def add_draw(parser: argparse.ArgumentParser) -> None:
 
 
 def _draw(args: argparse.Namespace) -> int:
+    from up_samp.plotting import write_outputs  # matplotlib is slow
+
     check_folder(args.out, "--out")
     files = write_outputs(read_plan(args.plan), args.out, gif=args.gif, plan_file=False)
     print("\n".join(str(f) for f in files))

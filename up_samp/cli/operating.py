@@ -12,7 +12,8 @@ from pathlib import Path
 
 from up_samp.fleet import Fleet
 from up_samp.fleet.spelled_out import with_places
-from up_samp.model import ProblemError, UnsupportedError
+from up_samp.model import ProblemError
+from up_samp.system.imports import extra
 
 
 def add_operate(parser: argparse.ArgumentParser) -> None:
@@ -56,24 +57,14 @@ def _operate(args: argparse.Namespace) -> int:
     site = with_places(fleet.records)
     epoch = store.day("epoch", time.time())
     clock = RealClock(epoch)
-    poses = {n: site.places[r.start].pose for n, r in site.robots.items()}
+    settings = Settings(budget=args.budget)
     if args.mqtt is None:
-        floor = SimulatedRobots(poses)
-        day = Operation(
-            fleet,
-            store=store,
-            robots=floor,
-            clock=SteppedClock(clock, floor),
-            settings=Settings(budget=args.budget),
-        )
+        floor = SimulatedRobots({n: site.places[r.start].pose for n, r in site.robots.items()})
+        stepped = SteppedClock(clock, floor)
+        day = Operation(fleet, store=store, robots=floor, clock=stepped, settings=settings)
     else:
-        day = Operation(
-            fleet,
-            store=store,
-            robots=_behind_broker(args, fleet),
-            clock=clock,
-            settings=Settings(budget=args.budget),
-        )
+        robots = _behind_broker(args, fleet)
+        day = Operation(fleet, store=store, robots=robots, clock=clock, settings=settings)
     try:
         return _until(day, args)
     finally:
@@ -83,13 +74,8 @@ def _operate(args: argparse.Namespace) -> int:
 def _behind_broker(args: argparse.Namespace, fleet: Fleet):  # type: ignore[no-untyped-def]
     import os
 
-    try:
+    with extra("a broker", "mqtt", "paho-mqtt"):
         from up_samp.operate.vda5050 import MasterControl
-    except ImportError as error:
-        raise UnsupportedError(
-            f"robots behind a broker need the extra [mqtt] ({error.name} is missing): "
-            "pip install paho-mqtt"
-        ) from error
     return MasterControl(
         fleet.records,
         *args.mqtt,
@@ -105,14 +91,9 @@ def _behind_broker(args: argparse.Namespace, fleet: Fleet):  # type: ignore[no-u
 def _until(day, args: argparse.Namespace) -> int:  # type: ignore[no-untyped-def]
     page = None
     if args.http is not None:
-        try:
-            from up_samp.server.floor import serve_floor
-        except ImportError as error:
-            raise UnsupportedError(
-                f"the floor's page needs the extra [server] ({error.name} is missing): "
-                "pip install fastapi uvicorn"
-            ) from error
-        page = serve_floor(day, args.host, args.http)
+        with extra("the floor's page", "server", "fastapi uvicorn"):
+            from up_samp.server.floor import FloorPage
+        page = FloorPage(day, args.host, args.http)
         print("\n".join(page.told), flush=True)
     stop = None if args.seconds is None else time.monotonic() + args.seconds
     print(f"operating '{args.site}', kept in '{args.store}'", flush=True)

@@ -6,7 +6,6 @@ import argparse
 import math
 import sys
 import time
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -175,7 +174,7 @@ def _show(
     verdict = judge(problem, result.plan, args.seconds_per_unit)
     print(describe(verdict))
     if args.out is not None:
-        from up_samp.plotting import places_of
+        from up_samp.plotting import places_of, write_outputs  # matplotlib is slow
 
         files = write_outputs(plan, args.out, places=places_of(problem), gif=args.gif)
         print(f"written to {args.out}{_slash(args.out)}: {', '.join(f.name for f in files)}")
@@ -269,31 +268,3 @@ def _explain_failure(
     print(f"{problem.name}: no plan, {result.status.name} after {seconds:.1f} s")
     for message in result.log_messages or []:
         print(f"  {message.message}")
-
-
-def write_outputs(
-    plan: PlanDict,
-    folder: Path,
-    *,
-    places: Mapping[str, tuple[float, ...]] | None = None,
-    gif: bool = True,
-    plan_file: bool = True,
-) -> list[Path]:
-    """Write ``plan.json`` and the pictures; return the files. Pictures of the map are left out
-    where the plan has no objects to show on it.
-    """
-    from up_samp.plotting import plot_gantt, plot_map, write_gif, write_html  # matplotlib is slow
-    from up_samp.plotting.style import saved
-
-    folder.mkdir(parents=True, exist_ok=True)
-    written = []
-    if plan_file:
-        written.append(write_plan(folder / "plan.json", plan))
-    written.append(saved(plot_gantt(plan), folder / "gantt.png"))
-    if not plan["objects"]:
-        return written
-    written.append(saved(plot_map(plan, places=places), folder / "map.png"))
-    written.append(write_html(plan, folder / "animation.html", places=places))
-    if gif:
-        written.append(write_gif(plan, folder / "animation.gif"))
-    return written

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import queue
+import re
 import threading
 from collections.abc import Iterator
 from fractions import Fraction
@@ -26,7 +27,6 @@ from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.plans import Schedule
 
 from up_samp.engines.direct import Call, DirectFace
-from up_samp.engines.results import STATUSES
 from up_samp.model import (
     CandidateSchedule,
     Deadline,
@@ -41,64 +41,27 @@ if TYPE_CHECKING:
     from up_samp.scheduling.cpsat import CpsatSession
 
 
-FEATURES = [
-    "SCHEDULING",
-    "OPTIONAL_ACTIVITIES",
-    "SCOPED_CONSTRAINTS",
-    "SIMPLE_NUMERIC_PLANNING",
-    "GENERAL_NUMERIC_PLANNING",
-    "BOUNDED_TYPES",
-    "DISCRETE_NUMBERS",
-    "DISCRETE_TIME",
-    "CONTINUOUS_TIME",
-    "INTERMEDIATE_CONDITIONS_AND_EFFECTS",
-    "EXTERNAL_CONDITIONS_AND_EFFECTS",
-    "TIMED_EFFECTS",
-    "TIMED_GOALS",
-    "DURATION_INEQUALITIES",
-    "SELF_OVERLAPPING",
-    "STATIC_FLUENTS_IN_DURATIONS",
-    "FLUENTS_IN_DURATIONS",
-    "INT_TYPE_DURATIONS",
-    "REAL_TYPE_DURATIONS",
-    "NEGATIVE_CONDITIONS",
-    "DISJUNCTIVE_CONDITIONS",
-    "EXISTENTIAL_CONDITIONS",
-    "UNIVERSAL_CONDITIONS",
-    "FORALL_EFFECTS",
-    "EQUALITIES",
-    "CONDITIONAL_EFFECTS",
-    "INCREASE_EFFECTS",
-    "DECREASE_EFFECTS",
-    "STATIC_FLUENTS_IN_BOOLEAN_ASSIGNMENTS",
-    "STATIC_FLUENTS_IN_NUMERIC_ASSIGNMENTS",
-    "STATIC_FLUENTS_IN_OBJECT_ASSIGNMENTS",
-    "FLUENTS_IN_BOOLEAN_ASSIGNMENTS",
-    "FLUENTS_IN_NUMERIC_ASSIGNMENTS",
-    "FLUENTS_IN_OBJECT_ASSIGNMENTS",
-    "FLAT_TYPING",
-    "HIERARCHICAL_TYPING",
-    "INT_FLUENTS",
-    "OBJECT_FLUENTS",
-    "NUMERIC_FLUENTS",
-    "BOOL_FLUENT_PARAMETERS",
-    "BOUNDED_INT_FLUENT_PARAMETERS",
-    "BOOL_ACTION_PARAMETERS",
-    "BOUNDED_INT_ACTION_PARAMETERS",
-    "UNBOUNDED_INT_ACTION_PARAMETERS",
-    "MAKESPAN",
-    "FINAL_VALUE",
-    "OVERSUBSCRIPTION",
-    "INT_NUMBERS_IN_OVERSUBSCRIPTION",
-    "REAL_NUMBERS_IN_OVERSUBSCRIPTION",
-    "TEMPORAL_OVERSUBSCRIPTION",
-    "ACTIONS_COST",
-    "INT_NUMBERS_IN_ACTIONS_COST",
-    "REAL_NUMBERS_IN_ACTIONS_COST",
-    "STATIC_FLUENTS_IN_ACTIONS_COST",
-    "REAL_FLUENTS",
-    "CONTINUOUS_NUMBERS",
-]
+FEATURES = re.findall(
+    r"\w+",
+    """
+    SCHEDULING OPTIONAL_ACTIVITIES SCOPED_CONSTRAINTS SIMPLE_NUMERIC_PLANNING
+    GENERAL_NUMERIC_PLANNING BOUNDED_TYPES DISCRETE_NUMBERS DISCRETE_TIME CONTINUOUS_TIME
+    INTERMEDIATE_CONDITIONS_AND_EFFECTS EXTERNAL_CONDITIONS_AND_EFFECTS TIMED_EFFECTS
+    TIMED_GOALS DURATION_INEQUALITIES SELF_OVERLAPPING STATIC_FLUENTS_IN_DURATIONS
+    FLUENTS_IN_DURATIONS INT_TYPE_DURATIONS REAL_TYPE_DURATIONS NEGATIVE_CONDITIONS
+    DISJUNCTIVE_CONDITIONS EXISTENTIAL_CONDITIONS UNIVERSAL_CONDITIONS FORALL_EFFECTS
+    EQUALITIES CONDITIONAL_EFFECTS INCREASE_EFFECTS DECREASE_EFFECTS
+    STATIC_FLUENTS_IN_BOOLEAN_ASSIGNMENTS STATIC_FLUENTS_IN_NUMERIC_ASSIGNMENTS
+    STATIC_FLUENTS_IN_OBJECT_ASSIGNMENTS FLUENTS_IN_BOOLEAN_ASSIGNMENTS
+    FLUENTS_IN_NUMERIC_ASSIGNMENTS FLUENTS_IN_OBJECT_ASSIGNMENTS FLAT_TYPING
+    HIERARCHICAL_TYPING INT_FLUENTS OBJECT_FLUENTS NUMERIC_FLUENTS BOOL_FLUENT_PARAMETERS
+    BOUNDED_INT_FLUENT_PARAMETERS BOOL_ACTION_PARAMETERS BOUNDED_INT_ACTION_PARAMETERS
+    UNBOUNDED_INT_ACTION_PARAMETERS MAKESPAN FINAL_VALUE OVERSUBSCRIPTION
+    INT_NUMBERS_IN_OVERSUBSCRIPTION REAL_NUMBERS_IN_OVERSUBSCRIPTION TEMPORAL_OVERSUBSCRIPTION
+    ACTIONS_COST INT_NUMBERS_IN_ACTIONS_COST REAL_NUMBERS_IN_ACTIONS_COST
+    STATIC_FLUENTS_IN_ACTIONS_COST REAL_FLUENTS CONTINUOUS_NUMBERS
+    """,
+)
 
 
 # ------------------ ``cpsat``: exact scheduling on OR-Tools CP-SAT, as a Unified Planning
@@ -182,26 +145,6 @@ class CpsatEngine(DirectFace, Engine, OneshotPlannerMixin, AnytimePlannerMixin):
     def _is_direct(self, problem: Any) -> bool:
         return type(problem) is SchedulingProblem
 
-    def _solve(
-        self,
-        problem: Any,
-        heuristic: Any = None,
-        timeout: float | None = None,
-        output_stream: IO[str] | None = None,
-    ) -> PlanGenerationResult:
-        return self._solve_directly(Call(problem, timeout, output_stream))
-
-    def _solve_with_params(
-        self,
-        problem: Any,
-        heuristic: Any = None,
-        timeout: float | None = None,
-        output_stream: IO[str] | None = None,
-        warm_start_plan: Any = None,
-        **kwargs: Any,
-    ) -> PlanGenerationResult:
-        return self._solve_directly(Call(problem, timeout, output_stream, warm_start_plan))
-
     def _solve_directly(self, call: Call) -> PlanGenerationResult:
         deadline = Deadline.after(call.timeout)
         try:
@@ -212,21 +155,6 @@ class CpsatEngine(DirectFace, Engine, OneshotPlannerMixin, AnytimePlannerMixin):
         result = self._result(call.problem, report)
         _write(call.output_stream, result)
         return result
-
-    def _get_solutions(
-        self, problem: Any, timeout: float | None = None, output_stream: IO[str] | None = None
-    ) -> Iterator[PlanGenerationResult]:
-        return self._improve_directly(Call(problem, timeout, output_stream))
-
-    def _get_solutions_with_params(
-        self,
-        problem: Any,
-        timeout: float | None = None,
-        output_stream: IO[str] | None = None,
-        warm_start_plan: Any = None,
-        **kwargs: Any,
-    ) -> Iterator[PlanGenerationResult]:
-        return self._improve_directly(Call(problem, timeout, output_stream, warm_start_plan))
 
     def _improve_directly(self, call: Call) -> Iterator[PlanGenerationResult]:
         deadline = Deadline.after(call.timeout)
@@ -305,39 +233,10 @@ class CpsatEngine(DirectFace, Engine, OneshotPlannerMixin, AnytimePlannerMixin):
     def _result(
         self, problem: Any, report: ScheduleReport, final: bool = True
     ) -> PlanGenerationResult:
-        from up_samp.engines.plain import worth_of
-        from up_samp.upio.plan import build_schedule
-        from up_samp.validation import validate_schedule
+        from up_samp.engines.plain import result_of_schedule
 
-        status, plan = STATUSES[report.status], None
-        messages = [LogMessage(LogLevel.INFO, report.message)] if report.message else []
         metrics = {"engine_internal_time": f"{report.seconds:.3f}"}
-        if report.refuted:
-            metrics["refuted"] = report.refuted
-            messages.append(LogMessage(LogLevel.ERROR, report.refuted))
-        if report.recognised or report.left_over:
-            metrics["recognised"] = "; ".join(report.recognised)
-            metrics["left_over"] = "; ".join(report.left_over)
-            told = f"recognised: {metrics['recognised']}. Left over: {metrics['left_over'] or '-'}"
-            messages.append(LogMessage(LogLevel.INFO, told))
-        if report.schedule is not None:
-            plan = build_schedule(problem, report.schedule)
-            metrics["makespan"] = str(report.schedule.makespan)
-            violations = validate_schedule(problem, plan).violations
-            if violations:
-                messages.append(LogMessage(LogLevel.ERROR, f"invalid schedule: {violations[0]}"))
-                status, plan = PlanGenerationResultStatus.INTERNAL_ERROR, None
-        worth, honest = worth_of(problem, report, plan)
-        metrics |= worth
-        if plan is not None:
-            if not honest and status is PlanGenerationResultStatus.SOLVED_OPTIMALLY:
-                status = PlanGenerationResultStatus.SOLVED_SATISFICING
-            elif not final:
-                status = PlanGenerationResultStatus.INTERMEDIATE
-            elif report.late and problem.quality_metrics:
-                # the engine promises optimal plans, and this one is not proven to be one
-                status = PlanGenerationResultStatus.TIMEOUT
-        return PlanGenerationResult(status, plan, self.name, metrics, messages)
+        return result_of_schedule(self.name, problem, report, metrics, promised=True, final=final)
 
 
 class _StoppedError(Exception):
@@ -353,20 +252,8 @@ def _write(stream: IO[str] | None, result: PlanGenerationResult) -> None:
 
 def _candidate(plan: Any) -> CandidateSchedule | None:
     """Return a UP schedule as plain values (``None`` for no plan)."""
-    if plan is None:
-        return None
-    if not isinstance(plan, Schedule):
+    if plan is not None and not isinstance(plan, Schedule):
         raise ProblemError("cpsat starts from schedules only")
-    times = {
-        a.name: (
-            int(plan.get(a.start).constant_value()),
-            int(plan.get(a.end).constant_value()),
-        )
-        for a in plan.activities
-    }
-    parameters: dict[str, bool | int | str] = {}
-    for variable, value in plan.assignment.items():
-        if not hasattr(variable, "container"):
-            plain = value.object().name if value.is_object_exp() else value.constant_value()
-            parameters[variable.name] = plain
-    return CandidateSchedule(times, parameters)
+    from up_samp.scheduling.schedules import to_candidate
+
+    return None if plan is None else to_candidate(plan)

@@ -69,6 +69,33 @@ class DirectFace:
         self._check_metric(problem)
         yield from self._improve_directly(Call(problem, timeout, output_stream, warm_start_plan))
 
+    def _solve_with_params(
+        self,
+        problem: Any,
+        heuristic: Callable[[Any], float | None] | None = None,
+        timeout: float | None = None,
+        output_stream: IO[str] | None = None,
+        warm_start_plan: Plan | None = None,
+        **kwargs: Any,
+    ) -> PlanGenerationResult:
+        return self._solve_directly(
+            Call(problem, timeout, output_stream, warm_start_plan, heuristic)
+        )
+
+    _solve = _solve_with_params
+
+    def _get_solutions_with_params(
+        self,
+        problem: Any,
+        timeout: float | None = None,
+        output_stream: IO[str] | None = None,
+        warm_start_plan: Plan | None = None,
+        **kwargs: Any,
+    ) -> Iterator[PlanGenerationResult]:
+        return self._improve_directly(Call(problem, timeout, output_stream, warm_start_plan))
+
+    _get_solutions = _get_solutions_with_params
+
     def _takes(self, problem: Any) -> bool:
         """Return whether to solve without the kind; also where UP could not compute it."""
         from up_samp.upio.spans import has_bare_ends

@@ -59,7 +59,13 @@ def schedule_plainly(
         report = ScheduleReport(ScheduleStatus.OUT_OF_TIME, message=str(error))
     finally:
         scheduler.close()
-    return _to_result(engine, problem, report)
+    metrics = {
+        "seconds_scheduler": f"{report.seconds:.3f}",
+        "preset": engine.params.preset,
+        "seconds_per_unit": repr(engine.params.seconds_per_unit),
+    }
+    promised = engine.satisfies(OptimalityGuarantee.SOLVED_OPTIMALLY)
+    return result_of_schedule(engine.name, problem, report, metrics, promised=promised)
 
 
 def worth_of(
@@ -85,33 +91,46 @@ def _check(problem: Any, schedule: Schedule) -> list[str]:
     return [str(v) for v in validate_schedule(problem, schedule).violations]
 
 
-def _to_result(engine: Any, problem: Any, report: ScheduleReport) -> PlanGenerationResult:
-    status, message, plan = STATUSES[report.status], report.message, None
-    if report.schedule is not None:
-        plan = build_schedule(problem, report.schedule)
-        violations = _check(problem, plan)
-        if violations:
-            status = PlanGenerationResultStatus.INTERNAL_ERROR
-            message, plan = f"invalid schedule: {violations[0]}", None
-    if status is PlanGenerationResultStatus.SOLVED_OPTIMALLY and not problem.quality_metrics:
-        status = PlanGenerationResultStatus.SOLVED_SATISFICING
-    promised = problem.quality_metrics and engine.satisfies(OptimalityGuarantee.SOLVED_OPTIMALLY)
-    if status is PlanGenerationResultStatus.SOLVED_SATISFICING and promised and report.late:
-        status = PlanGenerationResultStatus.TIMEOUT  # with the best plan until then
-    metrics = {
-        "seconds_scheduler": f"{report.seconds:.3f}",
-        "preset": engine.params.preset,
-        "seconds_per_unit": repr(engine.params.seconds_per_unit),
-    }
-    told, honest = worth_of(problem, report, plan)
-    metrics |= told
-    if not honest and status is PlanGenerationResultStatus.SOLVED_OPTIMALLY:
-        status = PlanGenerationResultStatus.SOLVED_SATISFICING
-    if plan is not None and report.schedule is not None:
-        metrics["makespan"] = str(report.schedule.makespan)
+def result_of_schedule(
+    name: str,
+    problem: Any,
+    report: ScheduleReport,
+    metrics: dict[str, str],
+    *,
+    promised: bool,
+    final: bool = True,
+) -> PlanGenerationResult:
+    """Return a scheduler's answer in UP's words, its schedule validated.
+
+    :param metrics: what else is told.
+    :param promised: whether the engine ``name`` says that its plans are optimal.
+    :param final: whether it is the engine's last word.
+    """
+    status, plan = STATUSES[report.status], None
+    metrics = dict(metrics)
     level = LogLevel.ERROR if report.status is ScheduleStatus.ERROR else LogLevel.INFO
-    messages = [LogMessage(level, message)] if message else []
+    messages = [LogMessage(level, report.message)] if report.message else []
     if report.refuted:
         metrics["refuted"] = report.refuted
         messages.append(LogMessage(LogLevel.ERROR, report.refuted))
-    return PlanGenerationResult(status, plan, engine.name, metrics, messages)
+    if report.recognised or report.left_over:
+        metrics["recognised"] = "; ".join(report.recognised)
+        metrics["left_over"] = "; ".join(report.left_over)
+        told = f"recognised: {metrics['recognised']}. Left over: {metrics['left_over'] or '-'}"
+        messages.append(LogMessage(LogLevel.INFO, told))
+    if report.schedule is not None:
+        plan = build_schedule(problem, report.schedule)
+        metrics["makespan"] = str(report.schedule.makespan)
+        violations = _check(problem, plan)
+        if violations:
+            messages.append(LogMessage(LogLevel.ERROR, f"invalid schedule: {violations[0]}"))
+            status, plan = PlanGenerationResultStatus.INTERNAL_ERROR, None
+    worth, honest = worth_of(problem, report, plan)
+    proven = status is PlanGenerationResultStatus.SOLVED_OPTIMALLY
+    if proven and not (honest and problem.quality_metrics):
+        status = PlanGenerationResultStatus.SOLVED_SATISFICING
+    elif plan is not None and not final:
+        status = PlanGenerationResultStatus.INTERMEDIATE
+    elif plan is not None and report.late and promised and problem.quality_metrics:
+        status = PlanGenerationResultStatus.TIMEOUT  # with the best plan until then
+    return PlanGenerationResult(status, plan, name, metrics | worth, messages)

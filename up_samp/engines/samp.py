@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import logging
 import math
+import re
 import warnings
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Generator, Iterator
 from fractions import Fraction
 from functools import partial
 from typing import IO, TYPE_CHECKING, Any
@@ -80,40 +81,25 @@ def _movers(problem: SchedulingMotionProblem) -> set[MovableObject]:
 # ------------------ Which problems ``samp-refine`` takes, given the engine that it wraps
 
 
-COMPILED = (
-    "SCHEDULING",
-    "OPTIONAL_ACTIVITIES",
-    "SCOPED_CONSTRAINTS",
-    "EXISTENTIAL_CONDITIONS",
-    "UNIVERSAL_CONDITIONS",
-    "FORALL_EFFECTS",
-    "NEGATIVE_CONDITIONS",
-    "DISJUNCTIVE_CONDITIONS",
-    "EQUALITIES",
-    "OBJECT_FLUENTS",
-    "FLAT_TYPING",
-    "HIERARCHICAL_TYPING",
-    "BOOL_ACTION_PARAMETERS",
-    "BOUNDED_TYPES",
-    "DISCRETE_NUMBERS",
-    "DISCRETE_TIME",
-    "CONTINUOUS_TIME",
-    "TIMED_EFFECTS",
-    "TIMED_GOALS",
-    "DURATION_INEQUALITIES",
-    "INT_TYPE_DURATIONS",
-    "REAL_TYPE_DURATIONS",
-    "INTERMEDIATE_CONDITIONS_AND_EFFECTS",
-    "EXTERNAL_CONDITIONS_AND_EFFECTS",
-    "MAKESPAN",
+COMPILED = re.findall(
+    r"\w+",
+    """
+    SCHEDULING OPTIONAL_ACTIVITIES SCOPED_CONSTRAINTS EXISTENTIAL_CONDITIONS
+    UNIVERSAL_CONDITIONS FORALL_EFFECTS NEGATIVE_CONDITIONS DISJUNCTIVE_CONDITIONS EQUALITIES
+    OBJECT_FLUENTS FLAT_TYPING HIERARCHICAL_TYPING BOOL_ACTION_PARAMETERS BOUNDED_TYPES
+    DISCRETE_NUMBERS DISCRETE_TIME CONTINUOUS_TIME TIMED_EFFECTS TIMED_GOALS
+    DURATION_INEQUALITIES INT_TYPE_DURATIONS REAL_TYPE_DURATIONS
+    INTERMEDIATE_CONDITIONS_AND_EFFECTS EXTERNAL_CONDITIONS_AND_EFFECTS MAKESPAN
+    """,
 )
 """What the compilers bring to every engine that can schedule."""
 
-PASSED_ON = (
-    "SELF_OVERLAPPING",
-    "STATIC_FLUENTS_IN_DURATIONS",
-    "STATIC_FLUENTS_IN_BOOLEAN_ASSIGNMENTS",
-    "STATIC_FLUENTS_IN_OBJECT_ASSIGNMENTS",
+PASSED_ON = re.findall(
+    r"\w+",
+    """
+    SELF_OVERLAPPING STATIC_FLUENTS_IN_DURATIONS STATIC_FLUENTS_IN_BOOLEAN_ASSIGNMENTS
+    STATIC_FLUENTS_IN_OBJECT_ASSIGNMENTS
+    """,
 )
 """What a wrapped engine keeps of its own kind. Of what is not here some problems can be told to
 it and some cannot, which a kind does not tell (numbers that are assigned, counted, or read over
@@ -216,23 +202,6 @@ class SampRefine(ReplanningFace, MetaEngine, OneshotPlannerMixin, AnytimePlanner
     def _improve_directly(self, call: Call) -> Iterator[PlanGenerationResult]:
         optimal = bool(call.problem.quality_metrics) and not self.params.first_plan
         return self._results(call, optimal)
-
-    def _solve(
-        self,
-        problem: Any,
-        heuristic: Callable[[Any], float | None] | None = None,
-        timeout: float | None = None,
-        output_stream: IO[str] | None = None,
-    ) -> PlanGenerationResult:
-        return self._solve_directly(Call(problem, timeout, output_stream, heuristic=heuristic))
-
-    def _get_solutions(
-        self,
-        problem: Any,
-        timeout: float | None = None,
-        output_stream: IO[str] | None = None,
-    ) -> Iterator[PlanGenerationResult]:
-        yield from self._improve_directly(Call(problem, timeout, output_stream))
 
     def _goal(self, call: Call) -> tuple[bool, float]:
         """Return whether to go on after the first plan, and with how much patience.

@@ -62,7 +62,7 @@ class SampValidator(Engine, PlanValidatorMixin):
     """``PlanValidator(name="samp-validator")``: judges schedules with and without motions.
 
     A schedule is valid if it is so by the PDDL 2.1 reading of effects and conditions or by the
-    one of Definition 3 (see ``up_samp.validation.semantics``; ``metrics["reading"]`` says which):
+    one of Definition 3 (see ``docs/semantics.md``; ``metrics["reading"]`` says which):
     Unified Planning does not say what it means, and its own recorded plans need the second one.
     ``seconds_per_unit`` is the length of one unit of schedule time (s), by default the one that the
     plan was made with (1 where it says none).

@@ -543,19 +543,22 @@ def _mentions(text: str, name: str) -> bool:
     return bool(re.search(rf"(?<![A-Za-z0-9]){re.escape(name)}(?![A-Za-z0-9])", text))
 
 
-Side = Mapping[tuple[str, str, int], bool]
-"""Who goes first in a component of two objects' obstacle: (one, other, component) -> whether
-one.
+Component = tuple[str, str, int]
+"""A component of two objects' obstacle: (one, other, number)."""
+
+Key = Component | int
+"""What may be one way or the other: a component, by whether its ``one`` goes first, or a choice by
+its number, by whether it is as planned.
 """
 
+Sides = Mapping[Key, bool]
 
-def with_sides(
-    dependencies: Dependencies, sides: Side, turned: Collection[int] = frozenset()
-) -> Graph:
-    """Return the graph with other sides for some components, and the choices numbered ``turned``
-    the other way round; :class:`ProblemError` on a cycle.
+
+def with_sides(dependencies: Dependencies, sides: Sides) -> Graph:
+    """Return the graph with other sides for some components and choices; :class:`ProblemError` on
+    a cycle.
     """
-    draft = _orders_again(dependencies, turned)
+    draft = _orders_again(dependencies, sides)
     for meeting in dependencies.meetings:
         for step in steps_by(meeting, sides):
             draft.put(step.first, step.then, 0.0, MEETING, step.why)
@@ -566,7 +569,7 @@ def coarse(dependencies: Dependencies) -> Dependencies:
     """Return the baseline in which motions that meet wait for each other as a whole, wherever one
     of them goes first all the way and no cycle comes of it.
     """
-    draft = _orders_again(dependencies)
+    draft = _orders_again(dependencies, {})
     for meeting in dependencies.meetings:
         draft.add_meeting(meeting)
     draft.coarsen(dependencies.meetings)
@@ -574,23 +577,40 @@ def coarse(dependencies: Dependencies) -> Dependencies:
     return replace(dependencies, graph=graph)
 
 
-def _orders_again(dependencies: Dependencies, turned: Collection[int] = frozenset()) -> Draft:
+def timed(dependencies: Dependencies) -> Dependencies:
+    """Return the baseline that follows the clock: everybody begins when the plan says so, after
+    what they did before, and looks at nobody. Late robots collide.
+    """
+    old = dependencies.graph
+    draft = Draft(old.tasks, dependencies.lives)
+    last: dict[str, Event] = {}
+    for task in sorted(old.tasks.values(), key=lambda t: t.planned):
+        begin = Event(At.START, task.name)
+        draft.put(ORIGIN, begin, task.planned[0], "constraint", "the timetable")
+        for who in task.who:
+            if who in last:
+                draft.put(last[who], begin, 0.0, "constraint", f"{who} does one after the other")
+            last[who] = Event(At.END, task.name)
+    return replace(dependencies, graph=draft.graph(old.margin))
+
+
+def _orders_again(dependencies: Dependencies, sides: Sides) -> Draft:
     """Return a draft with everything but who goes first where bodies would meet."""
     old = dependencies.graph
     draft = Draft(old.tasks, dependencies.lives)
     for edge in old.edges:
-        if edge.kind != MEETING and not edge.free:
+        if edge.fixed:
             pair = (old.events[edge.first], old.events[edge.then])
             draft.edges[pair] = (edge.lag, edge.kind, edge.why)
     for k, choice in enumerate(dependencies.choices):
-        draft.put_choice(choice, int(k in turned))
+        draft.put_choice(choice, int(not sides.get(k, True)))
     for bound in old.bounds:
         pair = (old.events[bound.first], old.events[bound.then])
         draft.bounds.append((*pair, bound.most, bound.why))
     return draft
 
 
-def steps_by(meeting: Meeting, sides: Side, without: Collection[int] = ()) -> list[Precedence]:
+def steps_by(meeting: Meeting, sides: Sides, without: Collection[int] = ()) -> list[Precedence]:
     """Return a meeting's steps, with other sides than planned for some components. Components
     ``without`` are left out.
     """

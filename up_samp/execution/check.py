@@ -269,17 +269,6 @@ def lacking(
     return missing
 
 
-def graph_needs(graph: Graph, *, orders: bool = False) -> list[Precedence]:
-    """Return a graph's edges; ``orders``: those that stay when meetings are re-ordered and choices
-    are turned round.
-    """
-    return [
-        Precedence(graph.events[e.first], graph.events[e.then], e.lag, e.why)
-        for e in graph.edges
-        if not orders or (e.kind != MEETING and not e.free)
-    ]
-
-
 def named(items: Sequence[object], most: int = 12) -> list[str]:
     """Return faults in words, the first ``most`` of them one by one."""
     found = [str(item) for item in items[:most]]
@@ -295,13 +284,13 @@ def graph_faults(told: Graph, made: Graph) -> list[str]:
     """Return what a file's graph lacks of the one that its problem asks for, and which of its own
     edges the plan itself does not keep.
     """
-    lost = lacking(told.tasks, graph_needs(told, orders=True), graph_needs(made, orders=True))
-    every = lacking(told.tasks, graph_needs(told), graph_needs(made))
+    lost = lacking(told.tasks, told.precedences(fixed=True), made.precedences(fixed=True))
+    every = lacking(told.tasks, told.precedences(), made.precedences())
     found = named(list(dict.fromkeys([*lost, *every])))
-    own = {(n.first, n.then): n.lag for n in graph_needs(made)}
+    own = {(n.first, n.then): n.lag for n in made.precedences()}
     broken = [
         need
-        for need, edge in zip(graph_needs(told), told.edges, strict=True)
+        for need, edge in zip(told.precedences(), told.edges, strict=True)
         if (
             need.lag > own.get((need.first, need.then), 0.0) + TOLERANCES.rounded
             and told.times[edge.then] < told.times[edge.first] + need.lag - TOLERANCES.late

@@ -94,7 +94,7 @@ class Executor(Followed):
         self.routes = routes_of(graph, self.state.ways)
         self.tuning = tuning or ExecutionTuning()
         self.pace = RobotPace()
-        self.sides, self.turned = {}, frozenset()
+        self.sides = {}
         self.drives = drives_of(self.dependencies.lives)
         """The robots' motions, by activity and robot."""
         self._drivers = {robot for _, robot in self.drives}
@@ -611,8 +611,8 @@ def saved(executor: Executor) -> dict[str, Any]:
         "heard": dict(executor._told),
         "held": dict(executor._held),
         "strayed": {r: [*s.pose, s.off, s.time] for r, s in executor._strayed.items()},
-        "sides": [[*key, side] for key, side in executor.sides.items()],
-        "turned": sorted(executor.turned),
+        "sides": [[*k, side] for k, side in executor.sides.items() if not isinstance(k, int)],
+        "turned": [k for k, side in executor.sides.items() if isinstance(k, int) and not side],
         "pace": executor.pace.saved(),
     }
 
@@ -634,9 +634,9 @@ def resume(executor: Executor, known: Mapping[str, Any], graph: Graph | None = N
         if name not in state.phase:
             raise ProblemError(f"what was saved speaks of '{name}', which the plan has not")
     executor.sides = {(one, other, int(c)): side for one, other, c, side in known["sides"]}
-    executor.turned = frozenset(known["turned"])
-    if graph is None and (executor.sides or executor.turned):
-        graph = with_sides(executor.dependencies, executor.sides, executor.turned)
+    executor.sides |= dict.fromkeys(known["turned"], False)
+    if graph is None and executor.sides:
+        graph = with_sides(executor.dependencies, executor.sides)
     state.now = float(known["now"])
     state.fired = {event_from_list(event): float(time) for event, time in known["fired"]}
     for entry in known["motions"]:

@@ -12,7 +12,6 @@ from unified_planning.model.scheduling import SchedulingProblem
 from up_samp.execution.build import Dependencies, dependencies_of, graph_of, tasks_of, with_avoid
 from up_samp.execution.check import (
     graph_faults,
-    graph_needs,
     lacking,
     motion_faults,
     needs_of_motions,
@@ -230,7 +229,7 @@ def _faults_alone(plan: PlanDict, told: Dependencies, *, alone: bool = True) -> 
     if found or not alone:
         return found
     needs = needs_of_motions(plan, told.lives, told.meetings)
-    return faults_named(lacking(graph.tasks, graph_needs(graph), needs))
+    return faults_named(lacking(graph.tasks, graph.precedences(), needs))
 
 
 def _as_told(plan: PlanDict) -> Dependencies:

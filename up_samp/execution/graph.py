@@ -56,6 +56,9 @@ class Event:
 
 ORIGIN = Event(At.ORIGIN)
 
+MEETING = "meeting"
+"""The kind of edges that say who goes first where two bodies would meet."""
+
 
 @dataclass(frozen=True)
 class Edge:
@@ -71,6 +74,11 @@ class Edge:
     why: str
     free: bool = False
     """Whether it comes from a :class:`Choice`."""
+
+    @property
+    def fixed(self) -> bool:
+        """Whether it stays when meetings are re-ordered and choices are turned round."""
+        return self.kind != MEETING and not self.free
 
 
 @dataclass(frozen=True)
@@ -142,6 +150,14 @@ class Graph:
     margin: float = 0.0
     lengths: Mapping[tuple[str, str], float] = field(default_factory=dict)
     """Length (m) of each motion's path, by (activity, object)."""
+
+    def precedences(self, *, fixed: bool = False) -> list[Precedence]:
+        """Return what the edges say; ``fixed``: those that always stay."""
+        return [
+            Precedence(self.events[e.first], self.events[e.then], e.lag, e.why)
+            for e in self.edges
+            if e.fixed or not fixed
+        ]
 
     @cached_property
     def number(self) -> dict[Event, int]:
@@ -251,10 +267,6 @@ Clock = npt.NDArray[np.int32]
 """The latest place on each chain that is known to come before (-1: none)."""
 
 
-MEETING = "meeting"
-"""The kind of edges that say who goes first where two bodies would meet."""
-
-
 def reduced(graph: Graph) -> list[Edge]:
     """Return the edges that do not follow from the others. Those with a lag of their own are all
     kept; "strictly after" follows from any way that has a lag.
@@ -263,9 +275,9 @@ def reduced(graph: Graph) -> list[Edge]:
     asks for: who goes first where bodies would meet, and what is free to be turned round, may still
     change.
     """
-    orders = [e for e in graph.edges if e.kind != MEETING and not e.free]
+    orders = [e for e in graph.edges if e.fixed]
     kept = set(_needed(replace(graph, edges=tuple(orders)), frozenset()))
-    meetings = [e for e in graph.edges if e.kind == MEETING or e.free]
+    meetings = [e for e in graph.edges if not e.fixed]
     needed = set(_needed(replace(graph, edges=(*kept, *meetings)), frozenset(kept)))
     return [e for e in graph.edges if e in needed]
 

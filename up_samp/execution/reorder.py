@@ -13,20 +13,17 @@ from typing import NamedTuple
 
 from ortools.sat.python import cp_model
 
-from up_samp.execution.build import Dependencies, steps_by, with_sides
+from up_samp.execution.build import Component, Dependencies, Key, steps_by, with_sides
 from up_samp.execution.forecast import Forecast, Routes, forecast, routes_of
-from up_samp.execution.graph import MEETING, At, Event, Graph, Precedence, topological
+from up_samp.execution.graph import At, Event, Graph, Precedence, topological
 from up_samp.execution.lives import Stay
 from up_samp.execution.meetings import Meeting, switched
 from up_samp.execution.state import FloorState, RobotPace, TaskPhase
 from up_samp.model import ProblemError
 from up_samp.model.execution_tuning import ExecutionTuning
 
-Key = tuple[str, str, int]
-"""A component: the two objects and its number."""
 
-
-def planned_sides(dependencies: Dependencies) -> dict[Key, bool]:
+def planned_sides(dependencies: Dependencies) -> dict[Component, bool]:
     """Return the components that could be passed on either side, with the plan's side."""
     found = {}
     for key, meetings in _parts(dependencies.meetings).items():
@@ -36,9 +33,9 @@ def planned_sides(dependencies: Dependencies) -> dict[Key, bool]:
     return found
 
 
-def _parts(meetings: Iterable[Meeting]) -> dict[Key, list[Meeting]]:
+def _parts(meetings: Iterable[Meeting]) -> dict[Component, list[Meeting]]:
     """Return the meetings that each component is part of."""
-    parts: dict[Key, list[Meeting]] = {}
+    parts: dict[Component, list[Meeting]] = {}
     for meeting in meetings:
         for component in meeting.components:
             parts.setdefault((*meeting.pair, component), []).append(meeting)
@@ -91,9 +88,7 @@ class Followed:
     tuning: ExecutionTuning
     pace: RobotPace
     sides: dict[Key, bool]
-    """Components that are passed on another side than planned."""
-    turned: frozenset[int]
-    """Choices that are the other way round than planned, by their number."""
+    """What was decided anew."""
     goals: Mapping[str, Goal] = MappingProxyType({})
     """The activities whose ends count (none: the last end of all counts)."""
     lead: float = 0.0
@@ -105,7 +100,7 @@ class Followed:
         return self.state.now
 
     @cached_property
-    def open_sides(self) -> dict[Key, bool]:
+    def open_sides(self) -> dict[Component, bool]:
         """The components that could be passed on either side, with the plan's side."""
         return planned_sides(self.dependencies)
 
@@ -118,11 +113,9 @@ class Followed:
 
 @dataclass(frozen=True)
 class Decision:
-    """Something that may be one way (``True``) or the other: the side of a component (``True``: the
-    pair's first object goes first), or a choice by its number (``True``: as planned).
-    """
+    """Something that may be one way (``True``) or the other."""
 
-    key: Key | int
+    key: Key
     now: bool
     """How it is so far."""
     needs: Mapping[bool, tuple[Precedence, ...]]
@@ -159,7 +152,7 @@ def _components(executor: Followed) -> list[Decision]:
 
 def _choices(executor: Followed) -> list[Decision]:
     return [
-        Decision(k, k not in executor.turned, {True: (c.ways[0],), False: (c.ways[1],)})
+        Decision(k, executor.sides.get(k, True), {True: (c.ways[0],), False: (c.ways[1],)})
         for k, c in enumerate(executor.dependencies.choices)
     ]
 
@@ -224,16 +217,11 @@ def can_wait(state: FloorState, need: Precedence) -> bool:
     return max(0.0, event.progress - state.localisation) >= committed - 1e-9
 
 
-def settled(executor: Followed, open_: set[Key | int]) -> list[Precedence]:
+def settled(executor: Followed, open_: set[Key]) -> list[Precedence]:
     """Return all precedences but those of the decisions ``open_``."""
-    graph = executor.dependencies.graph
-    found = [
-        Precedence(graph.events[e.first], graph.events[e.then], e.lag)
-        for e in graph.edges
-        if e.kind != MEETING and not e.free
-    ]
+    found = executor.dependencies.graph.precedences(fixed=True)
     choices = enumerate(executor.dependencies.choices)
-    found += [c.ways[int(k in executor.turned)] for k, c in choices if k not in open_]
+    found += [c.ways[int(not executor.sides.get(k, True))] for k, c in choices if k not in open_]
     for meeting in executor.dependencies.meetings:
         if _over(executor.state, meeting):
             continue
@@ -436,12 +424,12 @@ def tied(executor: Followed, decisions: Sequence[Decision]) -> tuple[Times, list
 @dataclass(frozen=True)
 class Proposal:
     """Another order: ``flips`` says how decisions are to be, and ``graph`` is what comes of them
-    where orders were ``base`` (sides and turned choices) before.
+    where ``base`` was decided before.
     """
 
-    flips: Mapping[Key | int, bool]
+    flips: Mapping[Key, bool]
     graph: Graph
-    base: tuple[Mapping[Key, bool], frozenset[int]]
+    base: Mapping[Key, bool]
 
 
 def propose(executor: Followed) -> Proposal | None:
@@ -451,7 +439,7 @@ def propose(executor: Followed) -> Proposal | None:
     executor is used up: it is left with whatever order was tried last.
     """
     tuning = executor.tuning.reorder
-    base = dict(executor.sides), executor.turned
+    base = dict(executor.sides)
     before = executor.retime()
     decisions = open_decisions(executor, before, tuning.horizon, _MOST)
     if not decisions:
@@ -461,7 +449,7 @@ def propose(executor: Followed) -> Proposal | None:
     if not flips:
         return None
     try:
-        graph = with_sides(executor.dependencies, *_with(base, flips))
+        graph = with_sides(executor.dependencies, {**base, **flips})
     except ProblemError:  # it would have opened a cycle
         return None
     proposal = Proposal(flips, graph, base)
@@ -472,13 +460,11 @@ def adopt(executor: Followed, proposal: Proposal) -> int:
     """Take over an order, if it still can be kept and still is better; return how many orders
     changed. Nothing that has begun is touched.
     """
-    if proposal.base != (executor.sides, executor.turned):
+    if proposal.base != executor.sides:
         return 0
     old, state = executor.state.graph, executor.state
-    known = {(old.events[e.first], old.events[e.then], e.lag) for e in old.edges}
-    for edge in proposal.graph.edges:
-        events = proposal.graph.events
-        need = Precedence(events[edge.first], events[edge.then], edge.lag)
+    known = {(p.first, p.then, p.lag) for p in old.precedences()}
+    for need in proposal.graph.precedences():
         if (need.first, need.then, need.lag) not in known and not can_wait(state, need):
             return 0
     before = executor.retime()
@@ -486,23 +472,8 @@ def adopt(executor: Followed, proposal: Proposal) -> int:
     if not _better(executor.goals, before, executor.retime()):
         _load(executor, old)
         return 0
-    executor.sides, executor.turned = _with(proposal.base, proposal.flips)
+    executor.sides = {**proposal.base, **proposal.flips}
     return len(proposal.flips)
-
-
-def _with(
-    base: tuple[Mapping[Key, bool], frozenset[int]], flips: Mapping[Key | int, bool]
-) -> tuple[dict[Key, bool], frozenset[int]]:
-    """Return the sides and the turned choices with some decisions changed."""
-    sides, turned = dict(base[0]), set(base[1])
-    for key, way in flips.items():
-        if not isinstance(key, int):
-            sides[key] = way
-        elif way:
-            turned.discard(key)
-        else:
-            turned.add(key)
-    return sides, frozenset(turned)
 
 
 def _load(executor: Followed, graph: Graph) -> None:
@@ -561,7 +532,7 @@ def _value(
     return total
 
 
-def _solve(executor: Followed, ahead: Forecast, decisions: list[Decision]) -> dict[Key | int, bool]:
+def _solve(executor: Followed, ahead: Forecast, decisions: list[Decision]) -> dict[Key, bool]:
     """Return how each decision should be; empty where nothing better was found."""
     state = executor.state
     times, ends = tied(executor, decisions)

@@ -216,7 +216,6 @@ def simulate_replanned(
 def _until(floor: Floor, since: float, waiting: list[Incident], late: float | None) -> Told | None:
     """Execute until something happens; ``None``: until the end."""
     executor = floor.executive
-    assert isinstance(executor, Executor)
     planned, looked = floor.dependencies.graph.planned, 0.0
     while floor.goes_on:
         if waiting and since + floor.now >= waiting[0].time:

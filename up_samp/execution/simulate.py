@@ -9,12 +9,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
-from up_samp.execution.build import Dependencies
+import numpy as np
+
+from up_samp.execution.build import Dependencies, timed
 from up_samp.execution.executor import Executor
 from up_samp.execution.judge import Contact, Drivings, broken_rules, contacts_of, record_of
 from up_samp.execution.reports import Do, Go, Hold
 from up_samp.execution.state import TaskPhase
-from up_samp.execution.timetable import Timetable
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.execution.travel import TravelProfile
 from up_samp.io.plan_dict import PlanDict
@@ -321,10 +322,12 @@ class Simulation:
 class Floor:
     """The simulated world: robots, tasks under way, what was driven and who waited."""
 
-    executive: Executor | Timetable
+    executive: Executor
     dependencies: Dependencies
     luck: Luck
     tuning: FloorTuning = field(default_factory=FloorTuning)
+    by_clock: bool = False
+    """Whether robots drive by the plan's clock: never ahead of it, waiting for nobody."""
     now: float = 0.0
     drivings: Drivings = field(default_factory=dict)
     ends: dict[str, float] = field(default_factory=dict)
@@ -382,10 +385,10 @@ class Floor:
         if progress is None or robot.motion is None:
             return
         name, motion, executive = robot.name, robot.motion, self.executive
-        if isinstance(executive, Timetable):
+        if self.by_clock:
             progress = robot.length if robot.arrived else robot.s
         executive.update(name, progress=progress, now=self.now, motion=motion)
-        if isinstance(executive, Timetable) or not robot.arrived or robot.senses.silent:
+        if not robot.arrived or robot.senses.silent:
             return
         if executive.phase(motion) is not TaskPhase.DONE:
             executive.done(motion, self.now)
@@ -394,19 +397,20 @@ class Floor:
         return self.executive.left, tuple((r.motion, r.s) for r in self.robots.values())
 
     def _drive(self, robot: SimulatedRobot, command: Any) -> None:
-        name, executive = robot.name, self.executive
+        name = robot.name
         if isinstance(command, Go):
             if robot.motion != command.motion:
                 self.keep(robot)
                 robot.begin(command.motion, self.travels[command.motion, name], self.now)
             robot.until = command.until
-        robot.hold = isinstance(command, Hold) and bool(command.waiting_for)
+        robot.hold = isinstance(command, Hold) and bool(command.waiting_for) and not self.by_clock
         if robot.motion is None:
             self._wait(robot, command)
             return
         ceiling = float("inf")
-        if isinstance(executive, Timetable):
-            ceiling = executive.ceiling(robot.motion, name, self.now + self.tick)
+        if self.by_clock:
+            times, s = self.executive.drives[robot.motion, name].planned
+            ceiling = float(np.interp(self.now + self.tick, times, s))
         was = robot.s
         robot.step(self.now, self.tick, ceiling)
         if robot.s > was:
@@ -415,7 +419,7 @@ class Floor:
             self._wait(robot, command)
 
     def _wait(self, robot: SimulatedRobot, command: Any) -> None:
-        if isinstance(command, Do):
+        if isinstance(command, Do) or self.by_clock:
             self.last[robot.name] = self.now
             return
         for whom in self.executive.waits_for(robot.name)[:1]:
@@ -496,19 +500,18 @@ def simulate(
     order.
     """
     tuning = tuning or ExecutionTuning()
-    executive: Executor | Timetable
-    if policy == "timed":
-        executive = Timetable(dependencies)
-    else:
-        executive = Executor(plan, dependencies=dependencies, tuning=tuning)
+    by_clock = policy == "timed"
+    followed = timed(dependencies) if by_clock else dependencies
+    executive = Executor(plan, dependencies=followed, tuning=tuning)
     if policy == "reorder" and watch is None:
         watch = Reorderer()
-    floor = Floor(executive, dependencies, draw(delays, dependencies, seed), tuning.floor)
+    luck = draw(delays, dependencies, seed)
+    floor = Floor(executive, dependencies, luck, tuning.floor, by_clock)
     reorders = 0
     looked = 0.0
     while floor.goes_on:
         floor.step()
-        if watch is not None and isinstance(executive, Executor) and floor.now >= looked + 1.0:
+        if watch is not None and floor.now >= looked + 1.0:
             looked = floor.now
             reorders += watch(executive)
     return simulation_of(floor, plan, policy, seed, reorders=reorders, judged=judged)

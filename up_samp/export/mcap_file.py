@@ -19,8 +19,8 @@ from up_samp.export.legs import motions_of, quaternion, robots_of
 from up_samp.export.precision import PRECISION
 from up_samp.geometry.maps import OccupancyGrid, load_map
 from up_samp.io import PlanDict
-from up_samp.model import UnsupportedError
 from up_samp.plotting.tracks import ObjectTrack, horizon, tracks_of
+from up_samp.system.imports import extra
 
 _RULE = "\n" + "=" * 80 + "\n"
 """Between definitions, as ROS 2 has it."""
@@ -65,12 +65,8 @@ Timed = tuple[float, str, str, Message]
 
 def export(plan: PlanDict, folder: Path) -> list[Path]:
     """Write ``plan.mcap``."""
-    try:
+    with extra("an MCAP file", "mcap", "mcap mcap-ros2-support"):
         from mcap_ros2.writer import Writer
-    except ImportError as error:
-        raise UnsupportedError(
-            "MCAP files need the extra [mcap] (pip install mcap mcap-ros2-support)"
-        ) from error
     path = folder / "plan.mcap"
     with path.open("wb") as stream:
         writer = Writer(stream)

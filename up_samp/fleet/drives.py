@@ -12,7 +12,7 @@ from up_samp.fleet.batteries import Meter
 from up_samp.fleet.floors import floor_of, lift_between
 from up_samp.fleet.loads import is_stand_of, is_under, load_name, loads_of, place_of, ridden
 from up_samp.fleet.records import GROUND, RobotType
-from up_samp.fleet.site import Passing, Site
+from up_samp.fleet.site import Site
 from up_samp.fleet.statements import Kind, Meaning, at_start
 from up_samp.fleet.visits import Successions, moves_needed
 from up_samp.fleet.work import Work
@@ -105,11 +105,13 @@ class Drives:
         for crowd in (c for c in self._site.crowds if c.floor == floor_of(self._site.records, to)):
             area, room = self._site.rooms[crowd.zone]
             passing = crowd.passing(robot, origin, to)
-            if passing is Passing.AROUND:
+            if passing is None:
                 around.append(area)
-            if passing in (Passing.IN, Passing.THROUGH):
+                continue
+            takes, gives = passing
+            if takes:
                 a.add_decrease_effect(a.start, room, 1)
-            if passing in (Passing.OUT, Passing.THROUGH):
+            if gives:
                 a.add_increase_effect(a.end, room, 1)
         return around
 

@@ -18,7 +18,7 @@ from pydantic import TypeAdapter, ValidationError
 from up_samp.fleet import records
 from up_samp.fleet.faults import Fault, FleetError, Path, find_faults, show_path, told
 from up_samp.fleet.records import FILE_LIMITS, FleetRecords
-from up_samp.fleet.tables import OrderTable, read_orders
+from up_samp.fleet.tables import read_orders
 from up_samp.geometry import load_map
 from up_samp.model import ProblemError
 
@@ -197,13 +197,14 @@ def read_problem_text(
     if not isinstance(root, yaml.MappingNode):
         raise FleetError((), f"{path}: a problem file has keys such as map, robots and orders")
     data = _plain(path, root)
-    table = None
+    table: tuple[File, list[int]] | None = None
     if isinstance(data.get("orders"), str):
         if folder is None:
             text = "list the orders here: there is no folder to read a table from"
             raise _error(path, root, [Fault(("orders",), text)])
-        table = read_orders(folder / data["orders"])
-        data["orders"] = list(table.orders)
+        file = folder / data["orders"]
+        listed = read_orders(file)
+        data["orders"], table = [*listed.values()], (file, [*listed])
     try:
         records = checked_records(data, map_file)
     except FleetError as error:
@@ -392,15 +393,20 @@ def _plain(path: File, root: yaml.Node) -> Any:
 
 
 def _error(
-    path: File, root: yaml.Node, faults: Sequence[Fault], table: OrderTable | None = None
+    path: File,
+    root: yaml.Node,
+    faults: Sequence[Fault],
+    table: tuple[File, Sequence[int]] | None = None,
 ) -> FleetError:
-    """Return an error that tells file and line of each fault."""
+    """Return an error that tells file and line of each fault; ``table``: a file of orders, and the
+    line in which each stands.
+    """
 
     def tell(fault: Fault) -> str:
         match fault.path:
             case ("orders", int(row), *inner) if table is not None:
                 there = dataclasses.replace(fault, path=tuple(inner))
-                return f"{table.file}:{table.lines[row]}: {there}"
+                return f"{table[0]}:{table[1][row]}: {there}"
         return f"{path}:{_line(root, fault.path)}: {fault}"
 
     return FleetError(faults, told(faults, tell))

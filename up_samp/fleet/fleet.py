@@ -102,7 +102,7 @@ class Fleet:
             where = (self._folder / map_file).resolve()
             return str(where.relative_to(home) if where.is_relative_to(home) else where)
 
-        records = self._records
+        records = self.records
         floors = {
             name: dataclasses.replace(floor, map=seen_from_home(floor.map))
             for name, floor in records.floors.items()
@@ -113,10 +113,6 @@ class Fleet:
     @property
     def records(self) -> FleetRecords:
         """All that was said, as frozen records."""
-        return self._records
-
-    @property
-    def _records(self) -> FleetRecords:
         if any(len(some) > len(getattr(self._told, kind)) for kind, some in self._jobs.items()):
             listed: dict[str, Any] = {kind: tuple(some) for kind, some in self._jobs.items()}
             self._told = dataclasses.replace(self._told, **listed)
@@ -225,12 +221,12 @@ class Fleet:
 
     def _as_written(self) -> Written:
         if self._written is None:
-            faults = find_faults(self._records)
-            if not self._records.robots:
+            faults = find_faults(self.records)
+            if not self.records.robots:
                 faults.append(NO_ROBOT)
             if faults:
                 raise FleetError(faults)
-            self._written = write_problem(self._records, self._folder)
+            self._written = write_problem(self.records, self._folder)
         return self._written
 
     def solve(self, timeout: float | None = 60.0, **params: Any) -> FleetResult:
@@ -238,13 +234,13 @@ class Fleet:
         ``engine="aries"`` takes another scheduler. Other ``seconds_per_unit`` or another ``margin``
         than the problem's hold for this time only.
         """
-        settings = self._records.settings
+        settings = self.records.settings
         other = {k: params[k] for k in settings if k in params}
         if other:
             rest = {k: v for k, v in params.items() if k not in settings}
             return self.with_settings(**other).solve(timeout, **rest)
         given = {**settings, **params}
-        records, folder, written = self._records, self._folder, self._as_written()
+        records, folder, written = self.records, self._folder, self._as_written()
         return solve_problem(
             written,
             timeout,
@@ -255,30 +251,30 @@ class Fleet:
 
     def with_settings(self, **settings: float) -> Fleet:
         """Return the same problem with other ``seconds_per_unit`` or another ``margin``."""
-        unknown = settings.keys() - self._records.settings
+        unknown = settings.keys() - self.records.settings
         if unknown:
             raise FleetError([Fault((min(unknown),), "is no setting of a problem")])
-        read = read_record(FleetRecords, {"map": self._records.map, **settings})
+        read = read_record(FleetRecords, {"map": self.records.map, **settings})
         fleet = copy.copy(self)
         other = {name: getattr(read, name) for name in settings}
-        fleet._hold(dataclasses.replace(self._records, **other))
+        fleet._hold(dataclasses.replace(self.records, **other))
         return fleet
 
     @property
     def settings(self) -> dict[str, float]:
         """The length of a schedule unit (s) and the margin (m): an engine's parameters."""
-        return self._records.settings
+        return self.records.settings
 
     def check(self) -> list[Finding]:
         """Look at it before any solving: what overlaps, what can be reached at all."""
-        return check_fleet(self._records, self._folder)
+        return check_fleet(self.records, self._folder)
 
     def draw(self, file: str | PathLike[str] | None = None) -> Axes:
         """Draw the map with all places, doors, zones and robots; what the check tells of is red."""
-        return saved(draw_fleet(self._records, self._folder, self.check()), file)
+        return saved(draw_fleet(self.records, self._folder, self.check()), file)
 
     def _named(self, kind: str, record: type, name: str, data: dict[str, Any]) -> None:
-        known = getattr(self._records, kind)
+        known = getattr(self.records, kind)
         if name in known:
             raise FleetError([Fault((kind, name), "is there already")])
 
@@ -291,7 +287,7 @@ class Fleet:
         if self._by_id.keys() & set(ids_of(job)) or any(
             True for _ in job_faults(self._about(job), job)
         ):
-            self._take(kind, (*getattr(self._records, kind), job), path)
+            self._take(kind, (*getattr(self.records, kind), job), path)
         else:
             self._list(self._jobs[kind], job)
 
@@ -306,8 +302,8 @@ class Fleet:
 
     def _take(self, kind: str, value: Any, path: tuple[str | int, ...]) -> None:
         """Keep what was added, unless something in it is wrong."""
-        changed = dataclasses.replace(self._records, **{kind: value})
-        clashes = [f for f in same_names(changed) if f not in [*same_names(self._records)]]
+        changed = dataclasses.replace(self.records, **{kind: value})
+        clashes = [f for f in same_names(changed) if f not in [*same_names(self.records)]]
         faults = [f for f in find_faults(changed) if f.path[: len(path)] == path]
         faults += [f for f in clashes if f not in faults]
         if faults:

@@ -116,12 +116,11 @@ class JobRules:
         """
         robots = [a for some in self._work.busy.values() for a in some]
         of_door: dict[str, list[Activity]] = {}
-        for found in self._work.closings:
-            of_door.setdefault(found.door, []).extend((found.opening, found.closing))
+        for door, opening, closing, units in self._work.closings:
+            of_door.setdefault(door, []).extend((opening, closing))
             for a in robots:
-                over = LE(a.end, Plus(found.opening.end, found.units))
-                both = present(found.opening, a)
-                self._problem.add_constraint(Or(found.closing.present, over), both)
+                over = LE(a.end, Plus(opening.end, units))
+                self._problem.add_constraint(Or(closing.present, over), present(opening, a))
         for door, activities in of_door.items():
             one_at_a_time(self._problem, door, activities)
 

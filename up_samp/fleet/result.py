@@ -21,10 +21,10 @@ from unified_planning.shortcuts import OneshotPlanner
 from up_samp.engines.factory import engine_named
 from up_samp.engines.registration import register
 from up_samp.fleet.statements import Kind, Written
-from up_samp.io import PlanDict, result_to_dict, write_plan
+from up_samp.io import PlanDict, result_to_dict
 from up_samp.model import SampError
 from up_samp.model.objective import MinimizeCosts
-from up_samp.plotting import places_of, plot_gantt, plot_map, write_html
+from up_samp.plotting import places_of, plot_gantt, plot_map, write_html, write_outputs
 from up_samp.plotting.style import saved as save_figure
 from up_samp.validation import terms_of
 
@@ -99,13 +99,8 @@ class FleetResult:
 
     def save(self, folder: str | PathLike[str]) -> list[Path]:
         """Write ``plan.json``, ``gantt.png``, ``map.png`` and ``animation.html``."""
-        target = Path(folder)
-        target.mkdir(parents=True, exist_ok=True)
-        self.gantt(target / "gantt.png")
-        self.map(target / "map.png")
-        page = write_html(self.data, target / "animation.html", places=places_of(self.problem))
-        plan = write_plan(target / "plan.json", self.data)
-        return [plan, target / "gantt.png", target / "map.png", page]
+        places = places_of(self.problem)
+        return write_outputs(self.data, Path(folder), places=places, gif=False)
 
     def show(self, folder: str | PathLike[str] | None = None, *, browser: bool = True) -> Path:
         """Write the animated page (to ``folder``, or a temporary one) and open it in a browser;

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import enum
 import math
+from functools import cache
 from pathlib import Path
 
 from shapely.geometry import Polygon
@@ -62,15 +62,10 @@ from up_samp.fleet.records import (
 from up_samp.fleet.spelled_out import stop_of
 from up_samp.fleet.statements import Meaning
 
-
-class Passing(enum.Enum):
-    """What a drive has to do with a zone."""
-
-    AROUND = "around"
-    IN = "in"
-    OUT = "out"
-    WITHIN = "within"
-    THROUGH = "through"
+Passing = tuple[bool, bool] | None
+"""What a drive has to do with a zone: whether it takes room there as it starts, and gives some back
+as it ends; None: it goes around.
+"""
 
 
 class Crowd:
@@ -81,7 +76,7 @@ class Crowd:
         self._records = records
         self._floors = floors
         self._polygon = Polygon(records.zones[zone].polygon)
-        self._known: dict[tuple[str, str, str], Passing] = {}
+        self._passed = cache(self._passing)
 
     def starts_inside(self, robot: str) -> bool:
         """Return whether a robot touches the zone where it starts."""
@@ -101,10 +96,7 @@ class Crowd:
         with the load that rides with it.
         """
         kind = self._records.robots[robot].type
-        key = (kind, origin, to)
-        if key not in self._known:
-            self._known[key] = self._passing(*key)
-        return self._known[key]
+        return self._passed(kind, origin, to)
 
     def _passing(self, kind: str, origin: str, to: str) -> Passing:
         order = ridden(self._records, origin, to)
@@ -112,16 +104,14 @@ class Crowd:
         # the drives to and from the ride are made without the load: so the count is of robots alone
         leaves, comes = self._inside(kind, origin), self._inside(kind, to)
         if leaves or comes:
-            return {(True, True): Passing.WITHIN, (False, True): Passing.IN}.get(
-                (leaves, comes), Passing.OUT
-            )
+            return comes and not leaves, leaves and not comes
         if load is not None and any(self._inside(kind, p, load) for p in (origin, to)):
-            return Passing.THROUGH
+            return True, True
         poses = [self._records.places[place_of(p)].pose for p in (origin, to)]
         body = with_load(self._records.robot_types[kind], load)
         service = self._floors.service(self.floor)
         proof = service.certificate(body, poses, (area_of(self._records, self.zone),))
-        return Passing.AROUND if proof is None else Passing.THROUGH
+        return None if proof is None else (True, True)
 
     def _inside(self, kind: str, place: str, load: Attached | None = None) -> bool:
         if floor_of(self._records, place) != self.floor:

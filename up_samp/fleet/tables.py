@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import csv
 import io
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,17 +20,9 @@ WORDS = {"yes": True, "true": True, "no": False, "false": False}
 STOPS = ("pickup", "delivery")
 
 
-@dataclass(frozen=True)
-class OrderTable:
-    """Orders as plain data, and the line of ``file`` in which each stands."""
-
-    file: Path
-    orders: tuple[dict[str, Any], ...]
-    lines: tuple[int, ...]
-
-
-def read_orders(file: Path) -> OrderTable:
-    """Read the orders of a CSV file; what its cells mean is not looked at.
+def read_orders(file: Path) -> dict[int, dict[str, Any]]:
+    """Return the orders of a CSV file as plain data, by the line in which each stands; what cells
+    mean is not looked at.
 
     :raises FleetError: that names file and line, where it is no such table.
     """
@@ -40,16 +31,15 @@ def read_orders(file: Path) -> OrderTable:
     reader = csv.reader(
         io.StringIO(text, newline=""), delimiter=max(SEPARATORS, key=header.count), strict=True
     )
-    orders, lines = [], []
+    orders = {}
     try:
         keys = _keys(file, next(reader, []))
         for row in reader:
             if any(cell.strip() for cell in row):
-                orders.append(_order(file, reader.line_num, keys, row))
-                lines.append(reader.line_num)
+                orders[reader.line_num] = _order(file, reader.line_num, keys, row)
     except csv.Error as error:
         raise FleetError((), f"{file}:{reader.line_num}: not readable as CSV: {error}") from error
-    return OrderTable(file, tuple(orders), tuple(lines))
+    return orders
 
 
 def _text(file: Path) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import Any
 
 from unified_planning.model.scheduling import Activity
@@ -24,16 +23,6 @@ from up_samp.fleet.statements import (
 from up_samp.fleet.visits import WORK, Visit, visits_of
 
 
-@dataclass(frozen=True)
-class Closing:
-    """A door that is opened, and closes by itself ``units`` later."""
-
-    door: str
-    opening: Activity
-    closing: Activity
-    units: int
-
-
 class Work:
     """Activities at places, each optional: which robot does what where is decided later.
 
@@ -46,7 +35,8 @@ class Work:
         self.visits = {r: visits_of(self._records, r) for r in self._records.robots}
         self.activities: dict[Visit, Activity] = {}
         self.machines: dict[str, dict[str, Activity]] = {}
-        self.closings: list[Closing] = []
+        self.closings: list[tuple[str, Activity, Activity, int]] = []
+        """Doors that are opened, and close by themselves so many units later."""
         self.busy: dict[str, list[Activity]] = {r: [] for r in self._records.robots}
         for visits in self.visits.values():
             for visit in visits:
@@ -132,7 +122,7 @@ class Work:
         closed = f"{visit.what}.closed"
         a.add_motion_effect(site.doors[visit.what], site.places[closed])
         a.add_effect(a.end, site.at[visit.what], site.spots[closed])
-        self.closings.append(Closing(visit.what, opening, a, site.up(door.closes)))
+        self.closings.append((visit.what, opening, a, site.up(door.closes)))
 
     def _charge(self, visit: Visit) -> None:
         """Add the steps of a visit to a charger: one after the other, as many as are wanted."""

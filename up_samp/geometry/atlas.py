@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
-from up_samp.geometry.maps import SIZES, OccupancyGrid, load_map
+from up_samp.geometry.maps import MOST_PIXELS, OccupancyGrid, load_map
 from up_samp.model import Configuration, UnsupportedError
 from up_samp.model.frames import Frame, PlacedMap
 from up_samp.model.snapshot import Snapshot, TermKind
@@ -113,10 +113,10 @@ def _side_by_side(
         starts[k] = end + apart
         end = starts[k] + widths[k]
     shape = rows, end
-    if shape[0] * shape[1] > SIZES.pixels:
+    if shape[0] * shape[1] > MOST_PIXELS:
         raise UnsupportedError(
             f"the maps {', '.join(m.label for m in maps)} need {shape[0] * shape[1]} cells of "
-            f"{cell:g} m together; {SIZES.pixels} are the most"
+            f"{cell:g} m together; {MOST_PIXELS} are the most"
         )
     occupied = np.zeros(shape, dtype=np.bool_)
     unknown = np.ones(shape, dtype=np.bool_)

@@ -32,20 +32,14 @@ FORMATS = ("PNG", "PPM")
 """What Pillow may take an image for, whatever its name (PGM is a kind of PPM)."""
 
 
-@dataclass(frozen=True)
-class MapSizes:
-    """What a map may be at most, and how much of it is worked on at a time."""
-
-    pixels: int = 100_000_000
-    yaml: int = 1_000_000
-    """Bytes of its YAML file."""
-    number: float = 1e9
-    """Any number in it."""
-    band: int = 1_000_000
-    """Pixels that are turned into numbers at a time."""
-
-
-SIZES = MapSizes()
+MOST_PIXELS = 100_000_000
+"""Of a map."""
+MOST_YAML = 1_000_000
+"""Bytes of its YAML file."""
+MOST_NUMBER = 1e9
+"""Any number in it."""
+BAND = 1_000_000
+"""Pixels that are turned into numbers at a time."""
 
 MODES = ("trinary", "scale", "raw")
 KEYS = {"image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh", "mode"}
@@ -196,8 +190,8 @@ def _read_yaml(path: Path) -> Mapping[str, Any]:
     if not path.is_file():
         raise ProblemError(f"map '{path}' does not exist; give the path of a map_server YAML file")
     try:
-        if path.stat().st_size > SIZES.yaml:
-            raise ProblemError(f"map '{path}' is larger than {SIZES.yaml} bytes: no map file is")
+        if path.stat().st_size > MOST_YAML:
+            raise ProblemError(f"map '{path}' is larger than {MOST_YAML} bytes: no map file is")
         data = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
         if isinstance(error, ProblemError):
@@ -215,7 +209,7 @@ def _number(path: Path, data: Mapping[str, Any], key: str, default: float | None
         raise ProblemError(f"map '{path}': the key '{key}' is missing")
     # compared, not converted: a whole number in YAML may be too long for a float
     if isinstance(value, bool) or not (
-        isinstance(value, int | float) and abs(value) <= SIZES.number
+        isinstance(value, int | float) and abs(value) <= MOST_NUMBER
     ):
         raise ProblemError(f"map '{path}': '{key}' must be a finite number, not {short(value)}")
     return float(value)
@@ -256,10 +250,10 @@ def _read_image(path: Path, data: Mapping[str, Any], judged: Judge) -> tuple[Boo
             opened = Image.open(image_path, formats=FORMATS)
         with opened as image:
             width, height = image.size
-            if width * height > SIZES.pixels:
+            if width * height > MOST_PIXELS:
                 raise ProblemError(
                     f"map '{path}': its image '{image_path}' has {width} x {height} pixels; "
-                    f"{SIZES.pixels} are the most"
+                    f"{MOST_PIXELS} are the most"
                 )
             check_time()
             image.load()
@@ -297,7 +291,7 @@ def _by_bands(
 ) -> tuple[BoolArray, BoolArray]:
     width, height = image.size
     occupied, unknown = (np.empty((height, width), dtype=np.bool_) for _ in range(2))
-    step = max(1, SIZES.band // max(1, width))
+    step = max(1, BAND // max(1, width))
     for first in range(0, height, step):
         check_time()
         rows = slice(first, min(height, first + step))

@@ -14,47 +14,26 @@ Check = Callable[[Any], str | None]
 """Returns what a value should be, if it is not that."""
 
 
-def text(value: Any) -> str | None:
-    """Check a name or another short text."""
-    if not isinstance(value, str):
-        return "a text"
-    return (
-        None if len(value) <= PRECISION.name else f"a text of at most {PRECISION.name} characters"
-    )
-
-
-def number(value: Any) -> str | None:
-    """Check a finite number of a size that makes sense."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return "a number"
+def _is_number(value: Any) -> bool:
     # comparing works for whole numbers of any size, converting does not
-    return (
-        None
-        if -PRECISION.largest <= value <= PRECISION.largest
-        else f"a number between -{PRECISION.largest:g} and {PRECISION.largest:g}"
-    )
+    real = isinstance(value, int | float) and not isinstance(value, bool)
+    return real and -PRECISION.largest <= value <= PRECISION.largest
 
 
-def truth(value: Any) -> str | None:
-    """Check a truth value."""
-    return None if isinstance(value, bool) else "true or false"
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str) and len(value) <= PRECISION.name
 
 
-def positive(value: Any) -> str | None:
-    """Check a number above zero."""
-    return number(value) or (None if value > 0 else "a number above 0")
+def _is_numbers(value: Any, *lengths: int) -> bool:
+    return isinstance(value, list) and len(value) in lengths and all(map(_is_number, value))
 
 
-def distance(value: Any) -> str | None:
-    """Check a number from zero."""
-    return number(value) or (None if value >= 0 else "a number from 0")
+def _is_plain(value: Any) -> bool:
+    return isinstance(value, bool) or _is_number(value) or _is_text(value)
 
 
-def plain(value: Any) -> str | None:
-    """Check a parameter's value."""
-    if isinstance(value, bool):
-        return None
-    return None if number(value) is None or text(value) is None else "a truth value, number or name"
+def _check(good: Callable[[Any], bool], wanted: str) -> Check:
+    return lambda value: None if good(value) else wanted
 
 
 def optional(check: Check) -> Check:
@@ -67,52 +46,26 @@ def optional(check: Check) -> Check:
     return checked
 
 
-def numbers(*lengths: int) -> Check:
-    """Return a check for a list of numbers, of one of these lengths."""
-
-    def checked(value: Any) -> str | None:
-        wanted = f"a list of {' or '.join(map(str, lengths))} numbers"
-        if not isinstance(value, list) or len(value) not in lengths:
-            return wanted
-        return wanted if any(number(v) for v in value) else None
-
-    return checked
-
-
-def corners(value: Any) -> str | None:
-    """Check a footprint; an object with a mesh may have none."""
-    pair = numbers(2)
-    good = isinstance(value, list) and not any(pair(c) for c in value)
-    return None if good and len(value) != 1 and len(value) != 2 else "a list of corners [x, y]"
-
-
-def values(value: Any) -> str | None:
-    """Check parameters by name."""
-    good = isinstance(value, dict) and not any(text(k) or plain(v) for k, v in value.items())
-    return None if good else "an object of names and plain values"
-
-
-def index(value: Any) -> str | None:
-    """Check the number of a map."""
-    good = isinstance(value, int) and not isinstance(value, bool) and value >= 0
-    return None if good else "a whole number from 0"
-
-
-def model(value: Any) -> str | None:
-    """Check a motion model's name."""
-    names = [m.value for m in MotionModel]
-    return None if isinstance(value, str) and value in names else f"one of {', '.join(names)}"
-
-
-def table(value: Any) -> str | None:
-    """Check an object."""
-    return None if isinstance(value, dict) else "an object"
-
-
-def several(value: Any) -> str | None:
-    """Check a list."""
-    return None if isinstance(value, list) else "a list"
-
+_MODELS = [m.value for m in MotionModel]
+text = _check(_is_text, f"a text of at most {PRECISION.name} characters")
+number = _check(_is_number, f"a number between -{PRECISION.largest:g} and {PRECISION.largest:g}")
+positive = _check(lambda v: _is_number(v) and v > 0, "a number above 0")
+distance = _check(lambda v: _is_number(v) and v >= 0, "a number from 0")
+truth = _check(lambda v: isinstance(v, bool), "true or false")
+table = _check(lambda v: isinstance(v, dict), "an object")
+several = _check(lambda v: isinstance(v, list), "a list")
+offset = _check(lambda v: _is_numbers(v, 3), "a list of 3 numbers")
+pose = _check(lambda v: _is_numbers(v, 3, 7), "a list of 3 or 7 numbers")
+index = _check(lambda v: type(v) is int and v >= 0, "a whole number from 0")
+model = _check(lambda v: v in _MODELS, f"one of {', '.join(_MODELS)}")
+corners = _check(  # none, for an object with a mesh
+    lambda v: isinstance(v, list) and len(v) not in (1, 2) and all(_is_numbers(c, 2) for c in v),
+    "a list of corners [x, y]",
+)
+values = _check(
+    lambda v: isinstance(v, dict) and all(_is_text(k) and _is_plain(x) for k, x in v.items()),
+    "an object of names and plain values",
+)
 
 PLAN: Mapping[str, Check] = {
     "problem": text,
@@ -140,7 +93,7 @@ ENTRIES: Mapping[str, Mapping[str, Check]] = {
         "type": text,
         "footprint": corners,
         "model": model,
-        "initial": optional(numbers(3, 7)),
+        "initial": optional(pose),
     },
     "activities": {"name": text, "start": number, "end": number},
     "motions": {"activity": text, "object": text, "samples": lambda v: None},
@@ -148,9 +101,9 @@ ENTRIES: Mapping[str, Mapping[str, Check]] = {
         "activity": text,
         "object": text,
         "time": number,
-        "configuration": numbers(3, 7),
+        "configuration": pose,
     },
-    "rides": {"activity": text, "object": text, "carrier": text, "offset": numbers(3)},
+    "rides": {"activity": text, "object": text, "carrier": text, "offset": offset},
     "maps": {"yaml": text},
 }
 MAYBE: Mapping[str, Mapping[str, Check]] = {
@@ -168,7 +121,7 @@ MAYBE: Mapping[str, Mapping[str, Check]] = {
     "motions": {"map": index},
     "changes": {"map": index},
     "rides": {},
-    "maps": {"frame": numbers(3), "height": number},
+    "maps": {"frame": offset, "height": number},
 }
 """Fields that an entry need not have."""
 

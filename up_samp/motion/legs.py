@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -41,18 +41,11 @@ from up_samp.motion.registry import (
 FloatArray = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Allowance:
-    """What is allowed. Limits may be exceeded by a ``share``: less than the validator allows;
-    positions (m) and angles (rad) may be off by ``noise``, the ends by ``end`` only.
-    """
+EXCESS = 0.005
+"""Share by which limits may be exceeded: less than the validator allows."""
 
-    share: float = 0.005
-    noise: float = 1e-6
-    end: float = 1e-9
-
-
-ALLOWED = Allowance()
+NOISE, AT_ENDS = 1e-6, 1e-9
+"""By how much positions (m) and angles (rad) may be off, and those at the ends."""
 
 
 def is_sound(scene: Scene, query: LegQuery, trajectory: Trajectory) -> bool:
@@ -69,7 +62,7 @@ def _same(pose: FloatArray, wanted: Configuration) -> bool:
     off = pose - np.array(wanted)
     if len(pose) == 3:
         off[2] = math.remainder(float(off[2]), 2 * math.pi)
-    return float(np.abs(off).max()) < ALLOWED.end
+    return float(np.abs(off).max()) < AT_ENDS
 
 
 def _in_plane(body: Body) -> bool:
@@ -87,7 +80,7 @@ def _is_clear(scene: Scene, query: LegQuery, trajectory: Trajectory) -> bool:
             return False
         return all(air.edge_free(a, b) for a, b in itertools.pairwise(poses))
     world = scene.world(shape_of(query.body, 0.0), query.obstacles)
-    return bool(sweeps.samples_free(world, poses, ALLOWED.noise) < 0)
+    return bool(sweeps.samples_free(world, poses, NOISE) < 0)
 
 
 def keeps_limits(trajectory: Trajectory, kinematics: Kinematics) -> bool:
@@ -107,19 +100,19 @@ def keeps_limits(trajectory: Trajectory, kinematics: Kinematics) -> bool:
         speed = d[:, :size] / dt[:, None]
         turned = d[:, 2:] if size == 2 else rotations(trajectory.poses)
         turn = np.linalg.norm(turned, axis=1)
-        bends = bool(np.any(turn > kinematics.omega_max * (1 + ALLOWED.share) * dt + ALLOWED.noise))
+        bends = bool(np.any(turn > kinematics.omega_max * (1 + EXCESS) * dt + NOISE))
     if bends:
         return False
     size = np.linalg.norm(speed, axis=1)
-    if np.any(size * dt > kinematics.v_max * (1 + ALLOWED.share) * dt + ALLOWED.noise):
+    if np.any(size * dt > kinematics.v_max * (1 + EXCESS) * dt + NOISE):
         return False
-    moving = np.where(size * dt > ALLOWED.noise, Trajectory.MAX_STEP, math.inf)
+    moving = np.where(size * dt > NOISE, Trajectory.MAX_STEP, math.inf)
     if np.any(dt > 1.01 * moving):
         return False
-    fuzz = 2 * ALLOWED.noise / dt
+    fuzz = 2 * NOISE / dt
     half = dt / 2
     change = np.linalg.norm(np.diff(speed, axis=0), axis=1)
-    allowed = kinematics.a_max * (1 + ALLOWED.share)
+    allowed = kinematics.a_max * (1 + EXCESS)
     inner = change <= allowed * (half[1:] + half[:-1]) + fuzz[1:] + fuzz[:-1]
     ends = size[[0, -1]] <= allowed * half[[0, -1]] + fuzz[[0, -1]]
     return bool(inner.all() and ends.all())
@@ -127,7 +120,7 @@ def keeps_limits(trajectory: Trajectory, kinematics: Kinematics) -> bool:
 
 def _goes_back(poses: FloatArray, kinematics: Kinematics) -> bool:
     """Return whether poses (n, 3) lead against the heading anywhere, where that is forbidden."""
-    return not kinematics.reverse and bool(np.any(twists(poses)[:, 0] < -ALLOWED.noise))
+    return not kinematics.reverse and bool(np.any(twists(poses)[:, 0] < -NOISE))
 
 
 def _speeds_ahead(
@@ -141,8 +134,8 @@ def _speeds_ahead(
     if kinematics.mobility.steers:
         along = np.copysign(np.hypot(along, across), along)
         most = np.abs(along) / kinematics.turning_radius
-    tight = np.abs(turn) > most * (1 + ALLOWED.share) + ALLOWED.noise
-    slips = np.abs(across) > 10 * ALLOWED.noise
+    tight = np.abs(turn) > most * (1 + EXCESS) + NOISE
+    slips = np.abs(across) > 10 * NOISE
     return along[:, None] / dt[:, None], bool(np.any(tight | slips))
 
 

@@ -58,7 +58,7 @@ class MotionService:
         self.planner = planner
         self.seed = seed
         self.cache = MotionCache() if cache is None else cache
-        self._flat: Memory[tuple[Placed, ...]] = Memory(self.tuning.fleet.memory.shadows)
+        self._flat: Memory[tuple[Placed, ...]] = Memory(1_000)
         self.certifier = Certifier(self.scene)
         self.bounds = DurationBounds(self.scene, self.certifier)
         self.legs = Legs(self.scene, planner, seed, self.cache, self.certifier, self.certificate)

@@ -120,11 +120,10 @@ def compile_knots() -> None:
     """Run the search for joint moves, once: two that change places."""
     from up_samp.motion.fleet.deadlocks import Agent, Joint
     from up_samp.motion.fleet.roadmap import Roadmap
-    from up_samp.motion.tuning import RoadmapTuning
 
     ends = ((2.0, 4.0, 0.0), (4.0, 4.0, 0.0))
     body = Body(_BODY.footprint, Kinematics(MotionModel.SE2))
-    roadmap = Roadmap(Scene(_hall()), body, ends, (), (), 1.0, RoadmapTuning())
+    roadmap = Roadmap(Scene(_hall()), body, ends, (), (), 1.0)
     places = [roadmap.place(pose) for pose in ends]
     agents = [
         Agent(roadmap, start, goal, roadmap.to_go(goal))

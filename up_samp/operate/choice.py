@@ -12,15 +12,14 @@ import itertools
 import math
 import random
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, replace
 
 from up_samp.execution.executor import Executor
 from up_samp.execution.state import TaskPhase
 from up_samp.fleet.records import FleetRecords, Order
 from up_samp.fleet.statements import Kind, Meaning
 from up_samp.operate.clock import Clock
-from up_samp.operate.horizon import DELIVERS, Cut, Opened
+from up_samp.operate.horizon import DELIVERS, Cut, Opened, cut_of
 from up_samp.operate.records import DayOrder, OrderState, Pose
 from up_samp.operate.settings import Settings
 
@@ -28,34 +27,110 @@ PATIENCE = 2.0
 """An order that could wait for so many times its own length is worth a third of a late one."""
 
 
-class Day(Protocol):
-    """What there is to choose from: an operation, as :class:`up_samp.operate.loop.Operation`."""
+class Day:
+    """What there is to choose from: the state of an operation, and what follows from it now."""
 
     settings: Settings
     clock: Clock
     site: FleetRecords
-    executor: Executor | None
+    executor: Executor | None = None
+    origin: float = 0.0
+    """When the executor's clock began (s of the day)."""
+    number: int = 0
+    """The plan's."""
     meanings: dict[str, Meaning]
     jobs: dict[str, DayOrder]
-    number: int
+    poses: dict[str, Pose]
+    away: dict[str, str]
+    """Robots that do nothing now, and why."""
+    limits: dict[str, float]
+    """How far (m) motions may go, where that is less than their whole length."""
 
-    def stranded(self) -> list[str]:
-        """Return robots that stand where they should not stay."""
+    def _home(self, place: str) -> Pose:
+        return self.site.places[place].pose
 
-    def stale(self) -> list[str]:
-        """Return robots that are to do what is cancelled, or was changed."""
+    def _is_done(self, name: str) -> bool:
+        return self.executor is not None and self.executor.phase(name) is TaskPhase.DONE
 
     def waiting(self) -> list[DayOrder]:
         """Return the orders that are in no plan."""
+        return [j for j in self.jobs.values() if j.state is OrderState.WAITING]
 
-    def dropped(self) -> list[DayOrder]:
-        """Return orders whose robot has gone before it had them."""
+    def there(self) -> list[str]:
+        """Return the robots that do their work."""
+        return [r for r in self.site.robots if r not in self.away]
+
+    def stranded(self) -> list[str]:
+        """Return robots that have nothing to do, and stand where they should not stay: with an
+        order, or not where they end.
+        """
+        if self.executor is None:
+            return []
+        cut = self.cut()
+        left = (n for n in cut.kept if n not in cut.stops and not self._is_done(n))
+        busy = {self.meanings[n].robot for n in left}
+        found = []
+        for name in self.there():
+            end = self.site.robots[name].end
+            home = end is None or self._near(cut.poses[name], self._home(end))
+            if name not in busy and (name in cut.carrying or not home):
+                found.append(name)
+        return found
+
+    def stale(self) -> list[str]:
+        """Return robots that are still to do what is cancelled, or was changed."""
+        found: dict[str, None] = {}
+        for name, meaning in self.meanings.items():
+            job = self.jobs.get(meaning.what)
+            over = job is not None and job.state in (OrderState.WAITING, OrderState.CANCELLED)
+            if over and self.executor and self.executor.phase(name) is TaskPhase.WAITING:
+                found[meaning.robot] = None
+        return [r for r in found if r not in self.away]
+
+    def _near(self, one: Pose, two: Pose) -> bool:
+        return max(abs(one[0] - two[0]), abs(one[1] - two[1])) < 0.01
 
     def free_at(self) -> dict[str, tuple[float, Pose]]:
         """Return in how many seconds each robot will have done its last order, and where."""
+        found = {r: (0.0, self.poses[r]) for r in self.there()}
+        if self.executor is not None:
+            cut = self.cut(opened=dict.fromkeys(found, Opened.TAIL))
+            found = {r: (cut.free.get(r, 0.0), cut.poses[r]) for r in found}
+        return found
 
     def cut(self, opened: Mapping[str, Opened] | None = None) -> Cut:
-        """Return where the plan can be cut."""
+        """Return where the plan can be cut now, so that there is time to plan; ``opened``: the
+        robots that are planned anew (None: nobody).
+        """
+        now, s = self.clock.now(), self.settings
+        if self.executor is None:
+            return Cut(0.0, poses=self.poses, free=dict.fromkeys(self.site.robots, 0.0))
+        found = cut_of(
+            self.executor,
+            s.budget + s.grace + 2 * s.tick,
+            broken={r: self.poses[r] for r in self.away},
+            limits=self.limits,
+            opened=opened or {},
+        )
+        return replace(found, since=now - self.origin)
+
+    def dropped(self) -> list[DayOrder]:
+        """Return orders that a robot had begun to drive to and cannot do any more."""
+        found = []
+        for job in self.jobs.values():
+            if (
+                job.state is OrderState.BEGUN
+                and job.robot in self.away
+                and self.executor is not None
+            ):
+                picked = any(
+                    m.what == job.id and m.kind is Kind.PICKUP
+                    and self.executor.phase(n) is not TaskPhase.WAITING
+                    for n, m in self.meanings.items()
+                )  # fmt: skip
+                if not picked and job.id not in self.executor.plan.get("carrying", {}).values():
+                    found.append(job)
+        return found
 
 
 @dataclass(frozen=True)
@@ -68,13 +143,8 @@ class OpenWork:
 
 def choose(day: Day) -> OpenWork | None:
     """Return what to plan next; None: nothing is left to plan."""
-    stranded = day.stranded()[:2]
-    if stranded:
-        opened = dict.fromkeys(stranded, Opened.ALL)
-        return OpenWork(opened, tuple(_theirs(day, opened)))
-    stale = day.stale()[:2]
-    if stale:
-        opened = dict.fromkeys(stale, Opened.ALL)
+    if robots := (day.stranded() or day.stale())[:2]:
+        opened = dict.fromkeys(robots, Opened.ALL)
         return OpenWork(opened, tuple(_theirs(day, opened)))
     waiting = [j for j in (*day.waiting(), *day.dropped()) if _ready(day, j)]
     if waiting and day.settings.commit == "begun":

@@ -6,7 +6,7 @@ import dataclasses
 import random
 import statistics
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -127,11 +127,8 @@ def simulate_day(
     *,
     settings: Settings | None = None,
     speed: float = 0.0,
-    watch: Callable[[Operation], None] = lambda _: None,
 ) -> DayResult:
-    """Simulate a day on a site and judge it. ``watch`` is called with the operation each simulated
-    minute.
-    """
+    """Simulate a day on a site and judge it."""
     begun, site = time.monotonic(), with_places(fleet.records)
     empty = _without_jobs(fleet)
     robots = SimulatedRobots(
@@ -148,7 +145,7 @@ def simulate_day(
         settings=settings or Settings(stretch=10.0, seed=plan.seed),
     )
     try:
-        steps = _run(day, robots, [*orders_of(site, plan)], plan, watch)
+        steps = _run(day, robots, [*orders_of(site, plan)], plan)
         robots.close()
         jobs = tuple(day.jobs.values())
         verdict = judge_day(site, day.jobs, robots.initial, robots.drives, robots.handled)
@@ -175,10 +172,9 @@ def _run(
     robots: SimulatedRobots,
     orders: Sequence[Order | Task],
     plan: DayPlan,
-    watch: Callable[[Operation], None],
 ) -> list[float]:
     """Run the day to its end; return how long (CPU s) the loop took for each step."""
-    left, steps, told = list(orders), [], 0.0
+    left, steps = list(orders), []
     known: dict[str, float] = {}
     while left or not day.idle:
         now = day.clock.now()
@@ -198,9 +194,6 @@ def _run(
         cpu = time.thread_time()
         day.step()
         steps.append(time.thread_time() - cpu)
-        if now >= told + 60.0:
-            told = now
-            watch(day)
     return steps
 
 

@@ -349,16 +349,14 @@ def pose_of(values: Iterable[float]) -> Pose:
     return x, y, theta
 
 
-def first_inside(
-    executor: Executor, touches: Callable[[Pose, str], bool], robots: Collection[str] = ()
-) -> dict[str, float]:
+def first_inside(executor: Executor, touches: Callable[[Pose, str], bool]) -> dict[str, float]:
     """Return how far (m) the motions that are not over may go until their robot would touch
     something; motions of robots that touch it already, or cannot stop before, go on.
     """
     found: dict[str, float] = {}
     for (name, robot), drive in executor.drives.items():
         phase = executor.state.phase[name]
-        if phase is TaskPhase.DONE or (robots and robot not in robots):
+        if phase is TaskPhase.DONE:
             continue
         way = executor.state.ways[name, robot]
         here = 0.0 if phase is TaskPhase.WAITING else braking(way)

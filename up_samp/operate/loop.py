@@ -24,17 +24,14 @@ from up_samp.execution.state import TaskPhase
 from up_samp.fleet.fleet import Fleet
 from up_samp.fleet.records import FleetRecords, Order, Task, Weights, Windows, corners_of
 from up_samp.fleet.spelled_out import with_places
-from up_samp.fleet.statements import Kind, Meaning
+from up_samp.fleet.statements import Kind
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import ProblemError, SampError
-from up_samp.operate.choice import OpenWork, choose
+from up_samp.operate.choice import Day, OpenWork, choose
 from up_samp.operate.clock import Clock
 from up_samp.operate.horizon import (
     DELIVERS,
-    Cut,
-    Opened,
     braking,
-    cut_of,
     first_inside,
     meanings_of,
 )
@@ -58,23 +55,6 @@ class Robots(Protocol):
         """Take note that commands speak of the motions of another plan from now on."""
 
 
-class Asked(Protocol):
-    """Who plans: a process (:class:`up_samp.operate.planner.Planner`), or what stands for one."""
-
-    @property
-    def busy(self) -> bool:
-        """Whether an answer is due."""
-
-    def ask(self, question: Question) -> None:
-        """Ask."""
-
-    def taken(self, wait: bool = False) -> Answer | None:
-        """Return the answer, once it is there."""
-
-    def close(self) -> None:
-        """End."""
-
-
 SNAPSHOT = 60.0
 """Seconds after which all that has happened is kept as a whole, so that a restart is quick."""
 RETRY = 5.0
@@ -85,7 +65,7 @@ DAY = Weights(tardiness=10.0, completion=1.0, driving=0.1)
 """What is best where a site file says only "makespan": a day has no end that counts."""
 
 
-class Operation:
+class Operation(Day):
     """A day on the floor of ``fleet``, kept in ``store``: a new day, or one that goes on.
 
     :raises StoreError: where another process operates the same store.
@@ -98,12 +78,12 @@ class Operation:
         store: Store,
         robots: Robots,
         clock: Clock,
-        planner: Asked | None = None,
+        planner: Planner | None = None,
         settings: Settings | None = None,
     ) -> None:
         check_site(fleet.records)
         told = fleet.records.objective
-        self.site: FleetRecords = dataclasses.replace(
+        self.site = dataclasses.replace(
             with_places(fleet.records),
             orders=(),
             tasks=(),
@@ -111,24 +91,16 @@ class Operation:
         )
         self.folder: Path = fleet.folder
         self.store, self.robots, self.clock = store, robots, clock
-        self.planner: Asked = planner or Planner()
+        self.planner = planner or Planner()
         self.settings = settings or Settings()
-        self.executor: Executor | None = None
-        self.origin = 0.0
-        """When the executor's clock began (s of the day)."""
-        self.number = 0
-        """The plan's."""
-        self.meanings: dict[str, Meaning] = {}
+        self.meanings = {}
         self.gone: dict[str, float] = {}
         """How much (m) of motions was driven when their plan began: robots count all of it."""
         self.poses = {n: self._home(r.start) for n, r in self.site.robots.items()}
-        self.jobs: dict[str, DayOrder] = {}
-        self.away: dict[str, str] = {}
-        """Robots that do nothing now, and why."""
+        self.jobs, self.away, self.limits = {}, {}, {}
         self.held: dict[str, str] = {}
         """Robots that are held where they are, and why."""
         self.areas: dict[str, Shape] = {}
-        self.limits: dict[str, float] = {}
         self.commands: dict[str, Command] = {}
         self.wanted = ""
         """Why the rest is to be planned anew (``""``: it is not)."""
@@ -140,9 +112,6 @@ class Operation:
         self._forecast = 0.0
         self._told: list[Callable[[], None]] = []
         self._load([*fleet.records.jobs])
-
-    def _home(self, place: str) -> Pose:
-        return self.site.places[place].pose
 
     # ------------------------------------------------------------------ a day begins, or goes on
 
@@ -484,68 +453,6 @@ class Operation:
         elif self._end() > self._forecast + self.settings.late:
             self.want(OVERDUE)
 
-    def waiting(self) -> list[DayOrder]:
-        """Return the orders that are in no plan."""
-        return [j for j in self.jobs.values() if j.state is OrderState.WAITING]
-
-    def there(self) -> list[str]:
-        """Return the robots that do their work."""
-        return [r for r in self.site.robots if r not in self.away]
-
-    def stranded(self) -> list[str]:
-        """Return robots that have nothing to do, and stand where they should not stay: with an
-        order, or not where they end.
-        """
-        if self.executor is None:
-            return []
-        cut = self.cut()
-        left = (n for n in cut.kept if n not in cut.stops and not self._is_done(n))
-        busy = {self.meanings[n].robot for n in left}
-        found = []
-        for name in self.there():
-            end = self.site.robots[name].end
-            home = end is None or self._near(cut.poses[name], self._home(end))
-            if name not in busy and (name in cut.carrying or not home):
-                found.append(name)
-        return found
-
-    def stale(self) -> list[str]:
-        """Return robots that are still to do what is cancelled, or was changed."""
-        found: dict[str, None] = {}
-        for name, meaning in self.meanings.items():
-            job = self.jobs.get(meaning.what)
-            over = job is not None and job.state in (OrderState.WAITING, OrderState.CANCELLED)
-            if over and self.executor and self.executor.phase(name) is TaskPhase.WAITING:
-                found[meaning.robot] = None
-        return [r for r in found if r not in self.away]
-
-    def _near(self, one: Pose, two: Pose) -> bool:
-        return max(abs(one[0] - two[0]), abs(one[1] - two[1])) < 0.01
-
-    def free_at(self) -> dict[str, tuple[float, Pose]]:
-        """Return in how many seconds each robot will have done its last order, and where."""
-        found = {r: (0.0, self.poses[r]) for r in self.there()}
-        if self.executor is not None:
-            cut = self.cut(opened=dict.fromkeys(found, Opened.TAIL))
-            found = {r: (cut.free.get(r, 0.0), cut.poses[r]) for r in found}
-        return found
-
-    def cut(self, opened: Mapping[str, Opened] | None = None) -> Cut:
-        """Return where the plan can be cut now, so that there is time to plan; ``opened``: the
-        robots that are planned anew (None: nobody).
-        """
-        now, s = self.clock.now(), self.settings
-        if self.executor is None:
-            return Cut(0.0, poses=self.poses, free=dict.fromkeys(self.site.robots, 0.0))
-        found = cut_of(
-            self.executor,
-            s.budget + s.grace + 2 * s.tick,
-            broken={r: self.poses[r] for r in self.away},
-            limits=self.limits,
-            opened=opened or {},
-        )
-        return replace(found, since=now - self.origin)
-
     def _ask(self, now: float) -> None:
         """Ask the planner for a plan of what is left."""
         why, self.wanted = self.wanted, ""
@@ -591,24 +498,6 @@ class Operation:
         more = any(j.state is not OrderState.PLANNED for j in choice.jobs)
         return more or any(r in (*self.stranded(), *self.stale()) for r in choice.opened)
 
-    def dropped(self) -> list[DayOrder]:
-        """Return orders that a robot had begun to drive to and cannot do any more."""
-        found = []
-        for job in self.jobs.values():
-            if (
-                job.state is OrderState.BEGUN
-                and job.robot in self.away
-                and self.executor is not None
-            ):
-                picked = any(
-                    m.what == job.id and m.kind is Kind.PICKUP
-                    and self.executor.phase(n) is not TaskPhase.WAITING
-                    for n, m in self.meanings.items()
-                )  # fmt: skip
-                if not picked and job.id not in self.executor.plan.get("carrying", {}).values():
-                    found.append(job)
-        return found
-
     def _take(self, question: Question, answer: Answer, why: str, since: float) -> tuple[bool, str]:
         """Take a plan over if it is valid from now on, and needed or better; return whether, and
         why.
@@ -649,9 +538,6 @@ class Operation:
         kept = {m.what for n, m in self.meanings.items() if self._is_done(n) and m.kind in DELIVERS}
         again = [m for m in over if m not in kept or ends.count(m) > 1]
         return next(iter([*again, *(m for m in ends if ends.count(m) > 1)]), "")
-
-    def _is_done(self, name: str) -> bool:
-        return self.executor is not None and self.executor.phase(name) is TaskPhase.DONE
 
     def _joined(self, plan: PlanDict, question: Question, since: float) -> Executor:
         """Return an executor that goes on with a new plan.

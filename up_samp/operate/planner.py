@@ -4,7 +4,6 @@ budget, and put behind what is kept of the plan that is driven.
 
 from __future__ import annotations
 
-import contextlib
 import math
 import os
 import pickle
@@ -37,7 +36,7 @@ from up_samp.operate.horizon import DELIVERS, Cut
 from up_samp.operate.order import Ordering
 from up_samp.operate.records import Pose, Shape
 from up_samp.operate.stitch import BUSY, Kept, stitched
-from up_samp.system.child import ProcessGroup, command, environment
+from up_samp.system.child import ProcessGroup, close_pipes, command, environment
 
 LATE = 10.0
 """What a second of lateness costs beside one until an order is done."""
@@ -380,7 +379,4 @@ class Planner:
         group, self._group = self._group, None
         if group is not None:
             group.end()
-            for stream in (group.process.stdin, group.process.stdout):
-                if stream is not None:
-                    with contextlib.suppress(OSError):
-                        stream.close()
+            close_pipes(group.process)

@@ -5,29 +5,22 @@ from __future__ import annotations
 import json
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
-from up_samp.geometry.maps import load_map
 from up_samp.operate.day import DayResult
 from up_samp.operate.simulated import driven_until
-from up_samp.plotting.style import saved
+from up_samp.plotting.background import ground_of
+from up_samp.plotting.style import figure_axes, saved
 
 CELL = 1.0
 """m: cells of the heat map of waiting."""
 
 
-def _axes(width: float, height: float) -> Any:
-    figure = Figure(figsize=(width, height), layout="constrained")
-    return figure.add_subplot()
-
-
 def draw_gantt(result: DayResult, file: Path) -> Path:
     """Draw for each robot when it drove, and above when plans were taken over."""
     names = [o["name"] for o in result.record["objects"]]
-    ax = _axes(12, 1.2 + 0.32 * len(names))
+    ax = figure_axes(12, 1.2 + 0.32 * len(names))
     for k, name in enumerate(names):
         drives = [m["samples"] for m in result.record["motions"] if m["object"] == name]
         spans = [(rows[0][0] / 60.0, (driven_until(rows) - rows[0][0]) / 60.0) for rows in drives]
@@ -42,12 +35,12 @@ def draw_gantt(result: DayResult, file: Path) -> Path:
     ax.set_xlabel("min since the day's start")
     ax.set_title("who drove (blue) and handled orders (orange) when")
     ax.legend(loc="upper right", frameon=False, fontsize=8)
-    return _kept(ax, file)
+    return saved(ax, file)
 
 
 def draw_orders(result: DayResult, file: Path) -> Path:
     """Draw how many orders were open, and how late those were that were done."""
-    ax = _axes(12, 3.6)
+    ax = figure_axes(12, 3.6)
     events = [(j.came, 1) for j in result.jobs]
     events += [(j.done, -1) for j in result.jobs if j.done is not None]
     times, steps = zip(*sorted(events), strict=True) if events else ((0.0,), (0,))
@@ -61,20 +54,18 @@ def draw_orders(result: DayResult, file: Path) -> Path:
     late.set_ylabel("s late", color="#c44e52")
     late.set_ylim(-0.5, max(10.0, *(1.05 * j.tardiness for j in done)) if done else 10.0)
     ax.set_title("orders")
-    return _kept(ax, file)
+    return saved(ax, file)
 
 
 def draw_waiting(result: DayResult, file: Path) -> Path:
     """Draw where robots stood though they had a motion to drive, on the map."""
-    grid = load_map(result.record["map"]["yaml"])
-    rows, cols = grid.occupied.shape
-    x, y = grid.origin[0], grid.origin[1]
-    width, height = cols * grid.resolution, rows * grid.resolution
-    ax = _axes(10, max(2.5, 9.0 * height / width))
-    extent = (x, x + width, y, y + height)
-    ax.imshow(grid.occupied, origin="lower", extent=extent, cmap="Greys", vmax=2.0)
+    ground = ground_of(result.record).background
+    x, right, y, top = ground.extent
+    width, height = right - x, top - y
+    ax = figure_axes(10, max(2.5, 9.0 * height / width))
+    ax.imshow(ground.pixels, extent=ground.extent)
     where = np.array([(w[0], w[1]) for w in result.waits]).reshape(-1, 2)
-    bins = (np.arange(x, x + width + CELL, CELL), np.arange(y, y + height + CELL, CELL))
+    bins = (np.arange(x, right + CELL, CELL), np.arange(y, top + CELL, CELL))
     seconds, _, _ = np.histogram2d(
         where[:, 0], where[:, 1], bins=bins, weights=[w[2] for w in result.waits]
     )
@@ -82,15 +73,9 @@ def draw_waiting(result: DayResult, file: Path) -> Path:
     picture = ax.pcolormesh(*bins, shown, cmap="YlOrRd", alpha=0.8)
     ax.figure.colorbar(picture, ax=ax, label="min waited")
     ax.set_aspect("equal")
-    ax.set_xlim(x, x + width)
-    ax.set_ylim(y, y + height)
+    ax.set(xlim=(x, right), ylim=(y, top))
     ax.set_title("where robots waited")
-    return _kept(ax, file)
-
-
-def _kept(ax: Any, file: Path) -> Path:
-    saved(ax, file)
-    return file
+    return saved(ax, file)
 
 
 # ------------------ The report

@@ -66,21 +66,15 @@ class Handled:
     end: float
 
 
-@dataclass(frozen=True)
-class RoutesTold:
-    """What robots know of a plan: their paths and how fast these may be driven (by activity and
-    robot), how long tasks last (s), and what activities stand for.
-    """
-
-    paths: Mapping[tuple[str, str], Any]
-    travels: Mapping[tuple[str, str], Any]
-    expected: Mapping[str, float]
-    meanings: Mapping[str, Any]
+Told = tuple[Mapping[tuple[str, str], Any], Mapping[tuple[str, str], Any], Mapping[str, float], Any]
+"""What robots know of a plan: their paths and how fast these may be driven (by activity and robot),
+how long tasks last (s), and what activities stand for.
+"""
 
 
-def routes_told(executor: Executor) -> RoutesTold:
+def routes_told(executor: Executor) -> Told:
     """Return what robots know of an executor's plan."""
-    return RoutesTold(
+    return (
         {key: drive.path for key, drive in executor.drives.items()},
         dict(executor.dependencies.travels),
         {n: t.expected for n, t in executor.state.graph.tasks.items()},
@@ -106,12 +100,12 @@ class SimulatedRobots:
         """
         self.broken: dict[str, float] = {}
         self._ends: dict[str, tuple[float, str, float]] = {}
-        self._paths: dict[tuple[str, str], Any] = {}
+        self._paths: Mapping[tuple[str, str], Any] = {}
         self._path_of: dict[str, Any] = {}
         """The path of the motion that each robot drives, or drove last."""
-        self._travels: dict[tuple[str, str], Any] = {}
+        self._travels: Mapping[tuple[str, str], Any] = {}
         self._told_at: dict[str, float] = {}
-        self._expected: dict[str, float] = {}
+        self._expected: Mapping[str, float] = {}
         self._meanings: dict[str, Any] = {}
         self._may: dict[str, bool] = {}
         self._now = 0.0
@@ -136,11 +130,10 @@ class SimulatedRobots:
         """Know the paths of another plan."""
         self.know(routes_told(executor))
 
-    def know(self, told: RoutesTold) -> None:
+    def know(self, told: Told) -> None:
         """Know the paths of another plan, without its executor."""
-        self._paths, self._travels = dict(told.paths), dict(told.travels)
-        self._expected = dict(told.expected)
-        self._meanings |= told.meanings
+        self._paths, self._travels, self._expected, meanings = told
+        self._meanings |= meanings
 
     def tell(self, commands: Mapping[str, Command], now: float) -> None:
         """Obey from now on."""

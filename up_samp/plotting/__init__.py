@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from up_samp.plotting.gantt import plot_gantt
     from up_samp.plotting.gif import write_gif
     from up_samp.plotting.map_picture import places_of, plot_map
+    from up_samp.plotting.outputs import write_outputs
 
 _HOMES = {
     "animation_html": "animation",
@@ -21,6 +22,7 @@ _HOMES = {
     "plot_map": "map_picture",
     "write_gif": "gif",
     "write_html": "animation",
+    "write_outputs": "outputs",
 }
 
 __all__ = [
@@ -32,6 +34,7 @@ __all__ = [
     "plot_map",
     "write_gif",
     "write_html",
+    "write_outputs",
 ]
 
 

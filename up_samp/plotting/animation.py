@@ -134,8 +134,8 @@ def animation_html(
     picture.quantize(32).save(buffer, format="PNG", optimize=True)
     scene = scene_of(plan)
     scene["places"] = [
-        {"name": " / ".join(stop.names), "at": [round(v, 3) for v in stop.pose[:2]]}
-        for stop in stops_of(tracks_of(plan), laid.places(places))
+        {"name": " / ".join(names), "at": [round(v, 3) for v in pose[:2]]}
+        for _, pose, names in stops_of(tracks_of(plan), laid.places(places))
     ]
     scene["places"] += [
         {"name": name, "at": [round(v, 3) for v in corner]} for name, corner in laid.labels

@@ -75,8 +75,8 @@ def plot_map(
     for track in tracks:
         if not track.moves:
             _draw_rides(ax, track, step)
-    for stop in stops_of(movers, laid.places(places)):
-        labels.append(_named(stop.track, " / ".join(stop.names), stop.pose, INK))
+    for track, pose, names in stops_of(movers, laid.places(places)):
+        labels.append(_named(track, " / ".join(names), pose, INK))
     for name, corner in laid.labels:
         ax.text(*corner, name, fontsize=8, color=INK, va="top", bbox=_PLATE, zorder=6)
     ax.set_title(title_of(plan), loc="left", fontsize=11, color=INK)

@@ -114,20 +114,14 @@ def tracks_of(plan: dict[str, Any]) -> list[ObjectTrack]:
     return tracks
 
 
-@dataclass(frozen=True)
-class TrackStop:
-    """A place where ``track``'s object stands before or after a motion, and its names."""
-
-    track: ObjectTrack
-    pose: tuple[float, float, float]
-    names: tuple[str, ...]
+Stop = tuple[ObjectTrack, tuple[float, float, float], tuple[str, ...]]
+"""A place where an object stands before or after a motion: its track, its pose, the place's names.
+"""
 
 
-def stops_of(
-    tracks: Sequence[ObjectTrack], places: Mapping[str, Sequence[float]]
-) -> list[TrackStop]:
+def stops_of(tracks: Sequence[ObjectTrack], places: Mapping[str, Sequence[float]]) -> list[Stop]:
     """Return where motions start and end among ``places`` (names to poses); one entry a point."""
-    found: dict[tuple[float, float], TrackStop] = {}
+    found: dict[tuple[float, float], Stop] = {}
     for track in tracks:
         for leg in track.legs:
             for i in (0, -1):
@@ -136,10 +130,8 @@ def stops_of(
                     if math.hypot(x - place[0], y - place[1]) > 1e-2:
                         continue
                     key = (round(place[0], 2), round(place[1], 2))
-                    stop = found.get(key, TrackStop(track, (x, y, yaw), ()))
-                    if name not in stop.names:
-                        stop = TrackStop(stop.track, stop.pose, (*stop.names, name))
-                    found[key] = stop
+                    own, pose, names = found.get(key, (track, (x, y, yaw), ()))
+                    found[key] = own, pose, tuple(dict.fromkeys((*names, name)))
     return list(found.values())
 
 

@@ -98,7 +98,7 @@ def learn_from_refusal(search: Search, found: Incumbent | None) -> list[Refineme
         itinerary = read_itinerary(search.knowledge.relaxation, found.schedule)
         cuts = cuts_from(search.facts, itinerary, refusals)
     texts = [f"{r.kind}: {r.what}" for r in refusals]
-    search.tell.refusal(refusals)
+    search.tell("refusal", refusals)
     search.history.refused += texts
     if not search.learn(cuts):
         raise InvalidPlanError("; ".join(texts[:3]))
@@ -112,7 +112,7 @@ def keep_if_better(search: Search, found: Incumbent | None) -> Incumbent | None:
     search.budget.planned()
     # its round is not in the history yet
     search.history.planned(len(search.history.rounds) + 1, search.budget.deadline.elapsed())
-    search.tell.plan(found)
+    search.tell("plan", found)
     return found
 
 
@@ -149,4 +149,4 @@ def record(search: Search, report: ScheduleReport, check: Check, learned: list[R
             outcome="fits" if check.passed else "refined",
         )
     )
-    search.tell.round(report, check.refinements, learned, history)
+    search.tell("round", report, check.refinements, learned, history)

@@ -176,7 +176,7 @@ def restart(search: Search) -> None:
     search.restarts.begin(search.knowledge.guesses)
     search.history.restarts = search.restarts.done
     search.budget.double_queries()
-    search.tell.restart(search.budget.query_seconds)
+    search.tell("restart", search.budget.query_seconds)
     search.start_over()
 
 

@@ -96,38 +96,14 @@ class Telling:
     observers: tuple[Observer, ...]
     state: Callable[[], State]
 
-    def _tell(self, what: str, *told: object) -> None:
+    def __call__(self, event: str, *told: object) -> None:
+        """Tell of an event: ``plan`` for :meth:`Observer.on_plan`, say."""
         for observer in self.observers:
-            getattr(observer, f"on_{what}")(self.state(), *told)
+            getattr(observer, f"on_{event}")(self.state(), *told)
 
     def stage(self, phase: Phase, name: str = "", count: int = 0, total: int = 0) -> None:
         """Tell that something begins."""
-        self._tell("stage", phase, name, count, total)
-
-    def schedule(self, report: ScheduleReport) -> None:
-        """Tell what the scheduler answered."""
-        self._tell("schedule", report)
-
-    def refinements(self, new: Sequence[Refinement]) -> None:
-        """Tell what was learned, if anything."""
-        if new:
-            self._tell("refinement", new)
-
-    def round(self, report: Report, learned: Learned, rejecting: Learned, history: History) -> None:
-        """Tell what came of a candidate."""
-        self._tell("round", report, learned, rejecting, history)
-
-    def plan(self, incumbent: Incumbent) -> None:
-        """Tell of a better plan."""
-        self._tell("plan", incumbent)
-
-    def refusal(self, refusals: Sequence[Refusal]) -> None:
-        """Tell of a refused plan."""
-        self._tell("refusal", refusals)
-
-    def restart(self, query_seconds: float) -> None:
-        """Tell of a new beginning."""
-        self._tell("restart", query_seconds)
+        self("stage", phase, name, count, total)
 
 
 # ------------------ Progress displays: every event of a search as one line of text

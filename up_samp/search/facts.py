@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
-from up_samp.model import Body, Configuration, PathReport, Placed, ScheduledMotion
+from up_samp.model import Body, Configuration, PathReport, Placed, ScheduledMotion, avoids
 from up_samp.model.refinement import Given
 from up_samp.model.snapshot import MotionTask, Snapshot, Term, TermKind
 from up_samp.upio import ConfigurationChoice
@@ -64,6 +64,21 @@ def case_of(snapshot: Snapshot, motion: ScheduledMotion) -> MotionCase:
     tasks = snapshot.tasks_of(motion.activity)
     task = next(t for t in tasks if t.index == motion.constraint)
     return MotionCase(task, motion.configurations, motion.given)
+
+
+def are_apart(one: MotionCase, other: MotionCase) -> bool:
+    """Return whether two motions are of two objects that both heed each other.
+
+    What one of them brings the other one may take on at that instant: their bodies have the load in
+    common then, and tell nothing.
+    """
+    a, b = one.task, other.task
+    if a.moved & b.moved or a.index or b.index:
+        return False
+    given = dict(one.given)
+    if any(given.get(name, value) != value for name, value in other.given):
+        return False
+    return avoids(a.avoid, b.object) and avoids(b.avoid, a.object)
 
 
 # ------------------ Facts of the problem: what no search changes

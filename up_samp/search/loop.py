@@ -128,7 +128,7 @@ def state_what_is_known(search: Search) -> None:
             search.tell.stage(Phase.PREPARE, statement.name)
             search.learn(statement.find(search))
     search.history.take_times(search.budget)
-    search.tell.round(None, search.knowledge.active, (), search.history)
+    search.tell("round", None, search.knowledge.active, (), search.history)
 
 
 def get_schedule(search: Search, *, optimal: bool) -> ScheduleReport:
@@ -155,7 +155,7 @@ def get_schedule(search: Search, *, optimal: bool) -> ScheduleReport:
     if report.bound is not None and not guessing:
         # it was told the bound so far, too
         bounds.raise_lower(report.bound, relative=bounds.stated or bounds.relative)
-    search.tell.schedule(report)
+    search.tell("schedule", report)
     return report
 
 

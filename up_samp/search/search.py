@@ -139,7 +139,8 @@ class Search:
         """Tell the scheduler what is new of these and return how many that were."""
         new = self.knowledge.learn(refinements)
         self.bounds.stated |= any(r.strength is Strength.RELATIVE for r in new)
-        self.tell.refinements(new)
+        if new:
+            self.tell("refinement", new)
         return len(new)
 
     def judged(self, plan: SampSchedule) -> list[Refusal]:

@@ -7,19 +7,14 @@ MaxRounds(50)``. A search also stops where nothing is left to be found.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 from up_samp.model.errors import ProblemError, short
 from up_samp.search.events import State
 
-
-class StopCriterion(Protocol):
-    """A stopping criterion; any callable from a search's state will do."""
-
-    def __call__(self, state: State) -> bool:
-        """Return whether the search is to stop."""
-        ...
+StopCriterion = Callable[[State], bool]
+"""A stopping criterion: tells of a search's state whether it is to stop."""
 
 
 def runtime_of(stop: StopCriterion | None) -> float:

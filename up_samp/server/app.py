@@ -16,6 +16,7 @@ import anyio
 from fastapi import FastAPI, HTTPException, Request, Response
 from fastapi.openapi.utils import get_openapi
 from fastapi.responses import HTMLResponse, StreamingResponse
+from pydantic import create_model
 
 from up_samp.model.errors import short
 from up_samp.server.desk import Desk, DeskError
@@ -228,41 +229,16 @@ ANSWERS = {
 """What the server answers where it does not do what it is asked for."""
 
 
+Fault = create_model("Fault", loc=(list[str | int], ...), msg=(str, ...), type=(str, ...))
+_DETAIL: Any = str | list[Fault]  # type: ignore[valid-type]
+Refusal = create_model("Refusal", detail=(_DETAIL, ...))
+"""What answers hold that do not do what they are asked for."""
+
+
 def _documented(*codes: int) -> dict[str, Any]:
     """Return the answers of a path other than its own, for OpenAPI."""
-    schema = {"$ref": f"{_SCHEMAS}Refusal"}
-    content = {"application/json": {"schema": schema}}
-    told = {c: {"description": ANSWERS[c], "content": content} for c in sorted({*codes, 403, 421})}
-    return {"responses": told}
-
-
-_SCHEMAS = "#/components/schemas/"
-_REFUSAL = {
-    "type": "object",
-    "required": ["detail"],
-    "properties": {
-        "detail": {
-            "anyOf": [
-                {"type": "string"},
-                {
-                    "type": "array",
-                    "items": {
-                        "type": "object",
-                        "required": ["loc", "msg", "type"],
-                        "properties": {
-                            "loc": {
-                                "type": "array",
-                                "items": {"anyOf": [{"type": "string"}, {"type": "integer"}]},
-                            },
-                            "msg": {"type": "string"},
-                            "type": {"type": "string"},
-                        },
-                    },
-                },
-            ]
-        }
-    },
-}
+    every = sorted({*codes, 403, 421})
+    return {"responses": {c: {"description": ANSWERS[c], "model": Refusal} for c in every}}
 
 
 def _describe(app: FastAPI, jobs: JobQueue) -> None:
@@ -273,7 +249,6 @@ def _describe(app: FastAPI, jobs: JobQueue) -> None:
             found = get_openapi(title=app.title, version=app.version, routes=app.routes)
             found["info"]["x-limits"] = dataclasses.asdict(jobs.limits)
             schemas = found.setdefault("components", {}).setdefault("schemas", {})
-            schemas["Refusal"] = _REFUSAL
             for kind, path in (("plan", "/v1/plans"), ("validate", "/v1/validate")):
                 model = REQUESTS[kind].model_json_schema(
                     ref_template="#/components/schemas/{model}"

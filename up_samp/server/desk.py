@@ -15,8 +15,8 @@ import threading
 from pathlib import Path
 from typing import Any
 
-from up_samp.server.jobs import WORKER, JobLimits, close_pipes, started
-from up_samp.system.child import ProcessGroup
+from up_samp.server.jobs import WORKER, JobLimits, started
+from up_samp.system.child import ProcessGroup, close_pipes
 
 
 class DeskError(Exception):

@@ -101,11 +101,6 @@ class FloorPage:
         self._thread.join(5.0)
 
 
-def serve_floor(day: Operation, host: str, port: int) -> FloorPage:
-    """Serve an operation's floor at a port."""
-    return FloorPage(day, host, port)
-
-
 def create_floor_app(page: FloorPage, hosts: Collection[str]) -> FastAPI:
     """Return the application; it answers requests to this machine's names and ``hosts``."""
     app = FastAPI(title="up_samp floor", docs_url=None, redoc_url=None, openapi_url=None)

@@ -7,7 +7,6 @@ its event. Requests and plans are kept as bytes: what JSON stands for may be far
 
 from __future__ import annotations
 
-import contextlib
 import enum
 import json
 import os
@@ -24,7 +23,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from up_samp.system.child import ProcessGroup
+from up_samp.system.child import ProcessGroup, close_pipes
 
 Event = dict[str, Any]
 
@@ -339,14 +338,6 @@ def started(command: tuple[str, ...], argument: str, folder: Path) -> ProcessGro
         stderr=subprocess.DEVNULL,
         env={**os.environ, "PYTHONSAFEPATH": "1", "TMPDIR": str(folder)},
     )
-
-
-def close_pipes(process: subprocess.Popen[bytes]) -> None:
-    """Close this end of the pipes to a process that has been ended."""
-    for pipe in (process.stdin, process.stdout):
-        with contextlib.suppress(OSError):  # what could not be written any more
-            if pipe is not None:
-                pipe.close()
 
 
 def _why(code: int | None) -> str:

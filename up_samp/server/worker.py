@@ -27,7 +27,7 @@ from up_samp.server.requests import (
     read_request,
     records_of,
 )
-from up_samp.system.memory import peak_memory
+from up_samp.system.memory import limit_memory, peak_memory
 
 QUIET_SECONDS = 0.2
 """Progress is told so often at most, unless a bound moves."""
@@ -141,15 +141,6 @@ def judge(request: ValidateRequest, teller: Teller) -> None:
     verdict = validate_plan(problem, plan_from_dict(problem, plan), seconds_per_unit=unit)
     found = [str(v) for v in verdict.violations]
     teller.tell(event="end", status="JUDGED", valid=verdict.valid, violations=found, message="")
-
-
-def limit_memory(size: int) -> None:
-    """Limit this process's address space, where the system can."""
-    try:
-        import resource
-    except ImportError:  # not a POSIX system
-        return
-    resource.setrlimit(resource.RLIMIT_AS, (size, size))
 
 
 def do_job(teller: Teller) -> int:

@@ -94,14 +94,16 @@ def _has(pid: int, wanted: bytes) -> bool:
 
 
 def die_with(descriptor: int) -> None:
-    """End this process at once when ``descriptor`` (the read end of a pipe that only the parent
-    holds open) is closed, however the parent goes away.
+    """End this process at once, with the group that it leads, when ``descriptor`` (the read end
+    of a pipe that only the parent holds open) is closed, however the parent goes away.
     """
 
     def watch() -> None:
         # not a buffered stream: its lock would be in the way when the interpreter ends
         while os.read(descriptor, 1):
             pass
+        if hasattr(os, "killpg") and os.getpgrp() == os.getpid():
+            os.killpg(0, signal.SIGKILL)
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
@@ -145,3 +147,11 @@ class ProcessGroup:
                         self.process.kill()
                 self.process.wait()
             return self.process.returncode
+
+
+def close_pipes(process: subprocess.Popen[bytes]) -> None:
+    """Close this end of the pipes to a process that has been ended."""
+    for pipe in (process.stdin, process.stdout):
+        with contextlib.suppress(OSError):  # what could not be written any more
+            if pipe is not None:
+                pipe.close()

@@ -9,12 +9,29 @@ is not as it is known here, its own imports run as they stand.
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import os
 import sys
 import types
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
+
+
+@contextlib.contextmanager
+def extra(what: str, name: str, packages: str) -> Iterator[None]:
+    """Import what the extra ``name`` brings; where it is missing, say so of ``what`` needs it.
+
+    :raises UnsupportedError: that names the missing module and the ``packages`` to install.
+    """
+    try:
+        yield
+    except ImportError as error:
+        from up_samp.model.errors import UnsupportedError
+
+        missing = f"({error.name} is missing): pip install {packages}"
+        raise UnsupportedError(f"{what} needs the extra [{name}] {missing}") from error
+
 
 _ours = [False]
 

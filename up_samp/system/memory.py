@@ -1,4 +1,4 @@
-"""How much memory this process holds."""
+"""How much memory this process holds, and may hold."""
 
 from __future__ import annotations
 
@@ -26,3 +26,16 @@ def peak_memory() -> float | None:
         return None
     held = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return held / (1024.0 * 1024.0 if sys.platform == "darwin" else 1024.0)
+
+
+def limit_memory(size: int, what: str = "AS") -> None:
+    """Limit this process's address space (or its ``DATA``; each by itself also its children's), in
+    bytes, where the system can.
+    """
+    if resource is None:
+        return
+    kind = getattr(resource, f"RLIMIT_{what}")
+    _, most = resource.getrlimit(kind)
+    if most != resource.RLIM_INFINITY:
+        size = min(size, most)
+    resource.setrlimit(kind, (size, most if what == "DATA" else size))

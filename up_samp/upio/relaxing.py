@@ -375,7 +375,7 @@ def _leads_away(snapshot: Snapshot, task: MotionTask) -> bool:
 # object's state and is set a unit early, the two agree at every instant. Where it is set at the end
 # of what moves the object, they differ for one instant, and the motion must not start just then.
 # Any other fluent is compared with the state at the motion's start, and stays until its end.
-# Dynamic obstacles' fluents ask nothing more (``up_samp.validation.semantics``, rule 19).
+# Dynamic obstacles' fluents ask nothing more (``docs/semantics.md``, rule 19).
 
 
 def hold_told(relaxation: Relaxation, source: MotionActivity) -> None:

@@ -1,7 +1,7 @@
 """An independent judge of plans.
 
 It shares no map reading, collision checking, timing or scheduling code with the planners: what it
-accepts was found right twice. The rules are stated in :mod:`up_samp.validation.semantics`.
+accepts was found right twice. The rules are stated in ``docs/semantics.md``.
 """
 
 from up_samp.validation.metrics import terms_of, value_of

@@ -14,7 +14,7 @@ from up_samp.validation.timeline import (
     StateTimeline,
     show,
 )
-from up_samp.validation.values import MISSING, Reader
+from up_samp.validation.values import MISSING, Reader, chronicles
 from up_samp.validation.verdict import Violation
 
 
@@ -52,10 +52,7 @@ def _timed_conditions(
     problem: Any, timeline: StateTimeline, reading: Reading
 ) -> Iterator[_Condition]:
     """Rules 10, 12 and 13: each condition with its first and last instant."""
-    chronicles = [(problem._base, None)] + [
-        (a, a.name) for a in present_activities(problem, timeline)
-    ]
-    for chronicle, owner in chronicles:
+    for chronicle, owner in chronicles(problem, timeline.decisions):
         for interval, nodes in chronicle.conditions.items():
             found = _instants(interval, owner, timeline, reading)
             if found is not None and found[0] <= found[1]:

@@ -1,6 +1,6 @@
 """Judge a plan with motions: Definitions 8 and 9 of the SAMP paper.
 
-The numbered rules in comments are those of ``semantics.py``.
+The numbered rules in comments are those of ``docs/semantics.md``.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def validate_plan(
     activity's k-th further motion constraint). Without it they are ``plan.trajectories``, or read
     from the plan's ``SE2WithControlsPath`` paths, starting at their activities' starts. Where a
     plan holds both, they have to agree. A unit of the schedule is ``seconds_per_unit`` s (None: as
-    the plan says, else 1). Rules: ``semantics.py``. Raises ``UnsupportedError`` for
+    the plan says, else 1). Rules: ``docs/semantics.md``. Raises ``UnsupportedError`` for
     what has no rule there, ``ProblemError`` for a wrong problem.
     """
     if seconds_per_unit is None:

@@ -46,14 +46,8 @@ def is_same(one: Pose, other: Pose) -> bool:
 
 def carried_along(poses: FloatArray, offset: Pose) -> FloatArray:
     """Return the poses (n, 3) of a load on a carrier at ``poses`` (n, 3)."""
-    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-    return np.column_stack(
-        (
-            poses[:, 0] + c * offset[0] - s * offset[1],
-            poses[:, 1] + s * offset[0] + c * offset[1],
-            poses[:, 2] + offset[2],
-        )
-    )
+    points = placed(np.array([offset[:2]]), poses)[:, 0]
+    return np.column_stack((points, poses[:, 2] + offset[2]))
 
 
 def between(carrier: JudgedShape, loads: Sequence[tuple[JudgedShape, Pose]]) -> JudgedShape | None:

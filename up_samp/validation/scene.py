@@ -29,7 +29,7 @@ from up_samp.validation.values import MISSING, Reader
 
 @dataclass(frozen=True)
 class JudgedScene:
-    """A SAMP problem under a schedule. Values are read by the rules of ``semantics.py``."""
+    """A SAMP problem under a schedule. Values are read by the rules of ``docs/semantics.md``."""
 
     problem: Any
     timeline: StateTimeline

@@ -1,6 +1,6 @@
 """Judge the schedule part of a plan: presence, durations, constraints, effects, conditions.
 
-The numbered rules in comments are those of ``semantics.py``.
+The numbered rules in comments are those of ``docs/semantics.md``.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from up_samp.validation.timeline import (
     constant,
     in_type,
 )
-from up_samp.validation.values import MISSING, Decisions, Key, Reader, Value
+from up_samp.validation.values import MISSING, Decisions, Key, Reader, Value, chronicles
 from up_samp.validation.verdict import Verdict, Violation
 
 
@@ -44,7 +44,7 @@ class JudgedSchedule:
 def validate_schedule(problem: Any, plan: Any) -> Verdict:
     """Judge a UP ``Schedule`` of a ``SchedulingProblem`` (motions, if any, are not looked at).
 
-    The rules are in ``semantics.py`` beside this file. Raises ``UnsupportedError`` for a feature
+    The rules are in ``docs/semantics.md``. Raises ``UnsupportedError`` for a feature
     that has no rule there, ``ProblemError`` for a problem that leaves a needed value open.
     """
     return judge_schedule(problem, plan).verdict
@@ -183,10 +183,7 @@ def _constraints(problem: Any, timeline: StateTimeline) -> Iterator[Violation]:
             raise UnsupportedError(f"fluent {key[0]} in a constraint: effects change it")
         return timeline.initial(key)
 
-    sources = [(problem._base, None)] + [(a, a.name) for a in problem.activities]
-    for chronicle, owner in sources:
-        if owner is not None and owner not in timeline.decisions.times:
-            continue
+    for chronicle, owner in chronicles(problem, timeline.decisions):
         for constraint, scope in chronicle.scoped_constraints:
             reader = Reader(timeline.decisions, static, owner, hasty=True)
             if all(reader.value(s) is True for s in scope) and reader.value(constraint) is False:

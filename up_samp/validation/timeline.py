@@ -1,6 +1,6 @@
 """Fluents over time: which effects happen when, and the value of every fluent at every instant.
 
-The rules that are numbered in comments are those of ``semantics.py``.
+The rules that are numbered in comments are those of ``docs/semantics.md``.
 """
 
 from __future__ import annotations
@@ -15,7 +15,15 @@ from typing import Any
 from unified_planning.model import TimepointKind
 
 from up_samp.model import ProblemError, UnsupportedError
-from up_samp.validation.values import MISSING, Decisions, Key, Reader, Value, combinations
+from up_samp.validation.values import (
+    MISSING,
+    Decisions,
+    Key,
+    Reader,
+    Value,
+    chronicles,
+    combinations,
+)
 from up_samp.validation.verdict import Violation
 
 
@@ -122,10 +130,7 @@ def build_timeline(problem: Any, decisions: Decisions) -> StateTimeline:
 
 def _events(problem: Any, decisions: Decisions) -> list[_Event]:
     placed: list[tuple[Any, Any, str | None]] = []
-    chronicles = [(problem._base, None)] + [
-        (a, a.name) for a in problem.activities if a.name in decisions.times
-    ]
-    for chronicle, owner in chronicles:
+    for chronicle, owner in chronicles(problem, decisions):
         if chronicle.simulated_effects:
             raise UnsupportedError(f"simulated effects ({owner or 'the problem'})")
         for timing, effects in chronicle.effects.items():

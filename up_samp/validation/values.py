@@ -135,6 +135,12 @@ class Reader:
         return _joined(values, node.node_type == Op.EXISTS)
 
 
+def chronicles(problem: Any, decisions: Decisions) -> list[tuple[Any, str | None]]:
+    """Return what says something in a plan: the problem, and its present activities by name."""
+    present = [(a, a.name) for a in problem.activities if a.name in decisions.times]
+    return [(problem._base, None), *present]
+
+
 def plain(number: Any) -> Value:
     """Return an integral ``Fraction`` as ``int``, anything else unchanged."""
     if number.__class__ is int:  # the most common, and asking for Fraction is slow

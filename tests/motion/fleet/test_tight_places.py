@@ -7,12 +7,11 @@ from tests.motion.fleet.independent import judge
 from up_samp.model import Deadline, GroupReport, Outcome
 from up_samp.motion.fleet import coordinate
 from up_samp.motion.fleet import priority_search as coupled
-from up_samp.motion.fleet.deadlocks import Agent, Joint, Knot, untied
+from up_samp.motion.fleet.deadlocks import Agent, Joint, Knot, drives_of, loosened
 from up_samp.motion.fleet.roadmap import Roadmap, cells_of
 from up_samp.motion.fleet.timed_path import natural_timing, run_of
 from up_samp.motion.fleet.workspace import workspace_of
 from up_samp.motion.service import MotionService
-from up_samp.motion.tuning import CoupledTuning, FleetTuning, MotionTuning, RoadmapTuning
 
 SLOW = {"square of ten", "full ring of six", "room of nine, seven", "room of nine, four small"}
 SLOWER = {("differential", "door both ways"), ("differential", "square of six")}
@@ -65,7 +64,7 @@ def test_where_nobody_can_go_first_all_go_at_once(tmp_path):
     steps = search.search(10_000, Deadline.never())
     assert [len(group) for group in search.turns(steps[0])] == [4]
     knot = Knot(workspace, service.scene, motions, (), [None] * 4, Deadline.never())
-    [drives] = untied(knot, search.agents, (10_000,), together=True)
+    [drives] = drives_of(knot, search, loosened(search, steps))
     assert {robot for robot, _ in drives} == {0, 1, 2, 3}
     found = {motions[robot].name: path.natural for robot, path in drives}
     judge(traffic, GroupReport(Outcome.FOUND, found), tmp_path)
@@ -74,19 +73,16 @@ def test_where_nobody_can_go_first_all_go_at_once(tmp_path):
 def test_cars_of_a_full_ring_go_at_once(tmp_path, monkeypatch):
     traffic = tight.CASES["full ring of three"].build(tight.car())
     motions = traffic.query.motions
-    tuning = MotionTuning(fleet=FleetTuning(coupled=CoupledTuning(robots=0)))
-    service = MotionService(traffic.grid, tuning=tuning)
+    service = MotionService(traffic.grid)
     workspace, alone = workspace_of(service), {}
     for m in motions:
         path = workspace.path(m.body, m.poses, (), Deadline.never())
         alone[m.name] = run_of(m, path, natural_timing(path, m.release), m.present_from)
-    search = joint(
-        traffic, motions[0].body, cells_of(motions[0].body, RoadmapTuning())[1], together=True
-    )
+    search = joint(traffic, motions[0].body, cells_of(motions[0].body)[1], together=True)
     knot = Knot(workspace, service.scene, motions, (), [None] * 3, Deadline.never())
-    drives = untied(knot, search.agents, (20_000,), together=True)
+    drives = drives_of(knot, search, loosened(search, search.search(20_000, Deadline.never())))
     assert max(len(stage) for stage in drives) == 3
-    monkeypatch.setattr(coupled, "untie", lambda *given: drives)
+    monkeypatch.setattr(coupled, "untie", lambda *given: [drives])
     runs = coupled.couple(workspace, motions, alone, [], Deadline.never())
     found = {name: run.timing.trajectory for name, run in runs.items()}
     judge(traffic, GroupReport(Outcome.FOUND, found), tmp_path)
@@ -105,7 +101,7 @@ def test_no_room_at_all_is_not_called_impossible():
 def joint(traffic, body, cell=1.0, together=False):
     service = MotionService(traffic.grid)
     ends = [pose for m in traffic.query.motions for pose in m.poses]
-    roadmap = Roadmap(service.scene, body, ends, (), (), cell, RoadmapTuning())
+    roadmap = Roadmap(service.scene, body, ends, (), (), cell)
     agents = []
     for m in traffic.query.motions:
         goal = roadmap.place(m.poses[-1])

@@ -16,6 +16,7 @@ from up_samp.model import Body, Deadline, Kinematics, MotionModel, Rest, TimedMo
 from up_samp.motion import MotionService
 from up_samp.motion.fleet.reservations import ReservationTable
 from up_samp.search import session
+from up_samp.search.fleet import improve
 from up_samp.search.fleet.assignment import decided_by, state_order
 from up_samp.search.fleet.improve import plan_tours, undecided_tours
 from up_samp.search.fleet.jobs import find_jobs
@@ -131,39 +132,51 @@ def test_every_fleet_that_parks_out_of_the_way_gets_a_plan(seed):
     search, itinerary, build, _ = opened(problem, seed)
     found = plan_tours(search, itinerary, Deadline.after(100))
     assert found is not None
-    done = found.decided
+    _, done = found
     whole = build(done.schedule, done.trajectories())
     assert validate_plan(problem, whole).violations == ()
 
 
-def test_what_is_late_goes_first_and_who_is_not_in_its_way_keeps_its_tour():
+@pytest.mark.parametrize("seed", [1, 2])
+def test_whole_tours_are_decided_where_no_round_brings_any(seed, monkeypatch):
+    monkeypatch.setattr(improve, "squeaky_wheel", lambda *_: None)
+    problem = warehouse(4, 6, encoding="compact", seed=seed)
+    search, itinerary, build, _ = opened(problem, seed)
+    _, done = plan_tours(search, itinerary, Deadline.after(100))
+    whole = build(done.schedule, done.trajectories())
+    assert validate_plan(problem, whole).violations == ()
+
+
+def test_who_goes_first_is_done_sooner_and_what_is_kept_stays():
     problem = warehouse(4, 6, encoding="compact")
     search, itinerary, _, _ = opened(problem, 0)
     tours = undecided_tours(search, itinerary, frozenset())
-    assert tours.decide(Priorities(), Deadline.after(60)) is None
+    everybody = tuple(tours.ranked())
+    assert tours.decide_in_turns(Priorities(everybody), Deadline.after(60)) is None
     done = tours.decided()
     last = max(done.ends(), key=done.ends().get)
-    tours.begin_anew(Priorities((last,)), Deadline.after(60))
-    assert tours.decide(Priorities((last,)), Deadline.after(60)) is None
+    tours.reset()
+    first = (last, *(robot for robot in everybody if robot != last))
+    assert tours.decide_in_turns(Priorities(first), Deadline.after(60)) is None
     again = tours.decided()
     assert again.ends()[last] <= done.ends()[last]
     # the same tours as a start, and one of them anew with nobody else moved
     assert tours.adopt(again, {last: 0})
-    assert tours.decide(Priorities(), Deadline.after(60)) is None
+    assert tours.decide_in_turns(Priorities((last,)), Deadline.after(60)) is None
     kept = tours.decided()
     others = [name for name, run in again.runs.items() if run.object != last]
     assert others
     assert all(kept.runs[n].timing is again.runs[n].timing for n in others)
     # nobody ends later than the limit
     assert tours.adopt(again, {last: 0})
-    assert tours.decide(Priorities(limit=5), Deadline.after(60)) == last
+    assert tours.decide_in_turns(Priorities((last,), limit=5), Deadline.after(60)) == last
 
 
 def test_needless_ways_home_are_left_out_of_plans():
     problem = warehouse(3, 5, encoding="compact")
     search, itinerary, build, _ = opened(problem, 0)
     homes = homes_of(find_jobs(problem, read_problem(problem)))
-    done = plan_tours(search, itinerary, Deadline.after(100), homes=homes).decided
+    done = plan_tours(search, itinerary, Deadline.after(100), homes=homes)[1]
     assert done.needless
     assert all(name.startswith("leave_") for name in done.needless)
     assert done.lean().makespan < done.schedule.makespan

@@ -55,36 +55,30 @@ class Bicycle:
 # ------------------ What a problem in a published form is made of
 
 
-@dataclass(frozen=True)
-class Need:
-    """What an activity needs, and who gives and takes it (for the form without fluents).
+Need = tuple[Activity, Sequence[Activity], Sequence[Activity], bool]
+"""What an activity needs, and who gives and takes it (for the form without fluents): helpers make
+it true, rivals may undo it, and whether it holds from the beginning.
+"""
 
-    ``helpers`` make it true, ``rivals`` may undo it; ``initially``: it holds from the beginning.
-    """
 
-    activity: Activity
-    helpers: Sequence[Activity]
-    rivals: Sequence[Activity]
-    initially: bool = False
-
-    def formula(self) -> FNode:
-        """Return the constraint over starts, ends and presences that says it."""
-        a = self.activity
-        rivals = [(r, r.present, GE(r.start, a.end)) for r in self.rivals if r is not a]
-        ways = []
-        for h in self.helpers:
-            if h is a:
-                continue
-            begin = h.start
-            kept = [
-                Implies(present, Or(LE(r.end, begin), after))
-                for r, present, after in rivals
-                if r is not h
-            ]
-            ways.append(And([h.present, LE(h.end, a.start), *kept]))
-        if self.initially:
-            ways.append(And([Implies(present, after) for _, present, after in rivals]))
-        return Or(ways)
+def needed(need: Need) -> FNode:
+    """Return the constraint over starts, ends and presences that says a need."""
+    a, helpers, undoing, initially = need
+    rivals = [(r, r.present, GE(r.start, a.end)) for r in undoing if r is not a]
+    ways = []
+    for h in helpers:
+        if h is a:
+            continue
+        begin = h.start
+        kept = [
+            Implies(present, Or(LE(r.end, begin), after))
+            for r, present, after in rivals
+            if r is not h
+        ]
+        ways.append(And([h.present, LE(h.end, a.start), *kept]))
+    if initially:
+        ways.append(And([Implies(present, after) for _, present, after in rivals]))
+    return Or(ways)
 
 
 @dataclass
@@ -123,7 +117,7 @@ class PublishedRobot:
             same = {id(h) for h in helpers}
             rivals = [m for m in moves if id(m) not in same]
             initially = any(p.name == self.start.name for p in places)
-            yield Need(a, helpers, rivals, initially)
+            yield a, helpers, rivals, initially
 
 
 @dataclass
@@ -349,7 +343,7 @@ class Form(ProblemOnMap):
             for robot in self.robots:
                 self.needs += robot.preconditions()
             for need in self.needs:
-                self.problem.add_constraint(need.formula(), scope=[need.activity.present])
+                self.problem.add_constraint(needed(need), scope=[need[0].present])
         if not self.with_resources:
             for robot in self.robots:
                 self.one_at_a_time(robot.busy)

@@ -14,7 +14,6 @@ from up_samp.benchmarks.published.form import (
     HANDLING,
     Form,
     Manner,
-    Need,
     Published,
     PublishedRobot,
 )
@@ -86,7 +85,7 @@ def _picks(form: Form, robot: PublishedRobot, shelves: Shelves) -> list[Activity
         return picks
     leaving = robot.moves_from(robot.start)
     for pick in picks:
-        form.needs.append(Need(pick, leaving, picks))
+        form.needs.append((pick, leaving, picks, False))
         home = Or([And(m.present, LE(pick.end, m.start)) for m in homeward])
         form.problem.add_constraint(home, scope=[pick.present])
     return picks

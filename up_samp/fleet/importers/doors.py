@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from shapely.geometry import LineString, Point
@@ -17,29 +16,21 @@ LEAF, BEFORE_DOOR = 0.1, 1.2
 """Assumed: thickness of a leaf, and how far before a door robots open it if no lane tells (m)."""
 
 
-@dataclass(frozen=True)
-class Doorway:
-    """Where a door is: its ends (m), and what the building says of it."""
+Ends = tuple[XY, XY]
+"""Where a doorway begins and ends, m."""
+Traits = Mapping[str, Sequence[Any]]
+"""What a building says of a door; RMF writes ``key: [type, value]``."""
 
-    name: str
-    ends: tuple[XY, XY]
-    traits: Mapping[str, Sequence[Any]]
 
-    @property
-    def middle(self) -> XY:
-        """Its middle, m."""
-        (x, y), (u, v) = self.ends
-        return (x + u) / 2, (y + v) / 2
+def _middle(ends: Ends) -> XY:
+    (x, y), (u, v) = ends
+    return (x + u) / 2, (y + v) / 2
 
-    @property
-    def heading(self) -> float:
-        """The direction from its first end to the other, rad."""
-        (x, y), (u, v) = self.ends
-        return math.atan2(v - y, u - x)
 
-    def trait(self, key: str, default: Any) -> Any:
-        """Return what the building says; RMF writes ``key: [type, value]``."""
-        return self.traits[key][1] if key in self.traits else default
+def _heading(ends: Ends) -> float:
+    """Return the direction from the first end to the other, rad."""
+    (x, y), (u, v) = ends
+    return math.atan2(v - y, u - x)
 
 
 def doors_of(
@@ -55,66 +46,61 @@ def doors_of(
     for first, second, traits in level.get("doors", ()):
         title = str(traits.get("name", [1, ""])[1]) or "door"
         taken = {*places, *doors}
-        doorway = Doorway(name_of(title, taken, "door"), (points[first], points[second]), traits)
-        before = _before(doorway, level, points, free)
+        name, ends = name_of(title, taken, "door"), (points[first], points[second])
+        before = _before(ends, level, points, free)
         if not before:
             left.append(title)
             continue
-        names = [_place(doorway, pose, i, places) for i, pose in enumerate(before, 1)]
-        x, y = doorway.middle
-        doors[doorway.name] = {
-            "leaf": [round(math.dist(*doorway.ends), 4), LEAF],
-            "closed": _rounded(x, y, doorway.heading),
-            "open": _rounded(*_opened(doorway)),
+        names = [_place(name, ends, pose, i, places) for i, pose in enumerate(before, 1)]
+        doors[name] = {
+            "leaf": [round(math.dist(*ends), 4), LEAF],
+            "closed": _rounded(*_middle(ends), _heading(ends)),
+            "open": _rounded(*_opened(ends, traits)),
             "opened_from": names,
         }
     return doors, left
 
 
-def _opened(doorway: Doorway) -> tuple[float, float, float]:
+def _opened(ends: Ends, traits: Traits) -> tuple[float, float, float]:
     """Return where the leaf is when the door is open: turned about its hinge, or slid aside by its
     own length (doors of two leaves are taken as one that slides).
     """
-    sign = 1.0 if doorway.trait("motion_direction", 1) >= 0 else -1.0
-    length = math.dist(*doorway.ends)
-    if doorway.trait("type", "hinged") == "hinged":
-        at_end = doorway.trait("motion_axis", "start") == "end"
-        hinge = doorway.ends[1] if at_end else doorway.ends[0]
-        turn = sign * math.radians(number_of(doorway.trait("motion_degrees", 90.0)))
-        heading = doorway.heading + turn
-        reach = -length / 2 if at_end else length / 2
-        return (
-            hinge[0] + reach * math.cos(heading),
-            hinge[1] + reach * math.sin(heading),
-            heading,
-        )
-    x, y = doorway.middle
+
+    def trait(key: str, default: Any) -> Any:
+        return traits[key][1] if key in traits else default
+
+    sign = 1.0 if trait("motion_direction", 1) >= 0 else -1.0
+    length, heading, (x, y) = math.dist(*ends), _heading(ends), _middle(ends)
     shift = sign * length
-    heading = doorway.heading
+    if trait("type", "hinged") == "hinged":
+        at_end = trait("motion_axis", "start") == "end"
+        x, y = ends[1] if at_end else ends[0]
+        heading += sign * math.radians(number_of(trait("motion_degrees", 90.0)))
+        shift = -length / 2 if at_end else length / 2
     return x + shift * math.cos(heading), y + shift * math.sin(heading), heading
 
 
 def _before(
-    doorway: Doorway, level: Mapping[str, Any], points: Sequence[XY], free: BaseGeometry
+    ends: Ends, level: Mapping[str, Any], points: Sequence[XY], free: BaseGeometry
 ) -> list[XY]:
-    leaf = LineString(doorway.ends)
+    leaf = LineString(ends)
     lanes = [(points[a], points[b]) for a, b, *_ in level.get("lanes", ())]
     found = [p for lane in lanes if LineString(lane).intersects(leaf) for p in lane]
     if not found:
-        (x, y), across = doorway.middle, doorway.heading + math.pi / 2
+        (x, y), across = _middle(ends), _heading(ends) + math.pi / 2
         for side in (BEFORE_DOOR, -BEFORE_DOOR):
             found.append((x + side * math.cos(across), y + side * math.sin(across)))
     return [p for p in dict.fromkeys(found) if free.contains(Point(p)) and leaf.distance(Point(p))]
 
 
-def _place(doorway: Doorway, point: XY, number: int, places: dict[str, Any]) -> str:
+def _place(door: str, ends: Ends, point: XY, number: int, places: dict[str, Any]) -> str:
     """Return the place at a point, a new one where there is none: it looks to the door."""
     for name, place in places.items():
         pose = place["pose"] if isinstance(place, dict) else place
         if math.dist(pose[:2], point) < 1e-3:
             return name
-    name = name_of(f"{doorway.name}_side{number}", places, "door")
-    x, y = doorway.middle
+    name = name_of(f"{door}_side{number}", places, "door")
+    x, y = _middle(ends)
     places[name] = _rounded(*point, math.atan2(y - point[1], x - point[0]))
     return name
 

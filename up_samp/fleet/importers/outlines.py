@@ -19,7 +19,8 @@ from shapely.ops import unary_union
 from up_samp.fleet.importers.common import Imported, Options, check_size, finish, number_of, wrong
 from up_samp.fleet.records import FILE_LIMITS
 from up_samp.geometry.maps import write_map
-from up_samp.model import ProblemError, UnsupportedError
+from up_samp.model import ProblemError
+from up_samp.system.imports import extra
 
 CELL, DRAWN_WALL = 0.05, 0.05
 """Assumed: size of a cell of a map that is drawn from outlines, thickness of a wall that is drawn
@@ -57,12 +58,10 @@ def import_dxf(source: Path, folder: Path, options: Options) -> Imported:
     """Import a DXF drawing: the largest closed polyline is the floor, other closed ones and circles
     are in the way, lines and open polylines are walls. Its unit comes from the drawing.
     """
-    try:
+    with extra("DXF", "drawings", "ezdxf"):
         import ezdxf
         from ezdxf.path import make_path
         from ezdxf.units import conversion_factor
-    except ImportError as error:
-        raise UnsupportedError("DXF needs the extra [drawings]: pip install ezdxf") from error
     try:
         drawing = ezdxf.readfile(check_size(source))
     except (OSError, ezdxf.DXFError) as error:
@@ -89,10 +88,8 @@ def import_dxf(source: Path, folder: Path, options: Options) -> Imported:
 
 def import_svg(source: Path, folder: Path, options: Options) -> Imported:
     """Import an SVG drawing, read like DXF: one user unit is ``Options.cell`` m, y points up."""
-    try:
+    with extra("SVG", "drawings", "svgelements"):
         import svgelements
-    except ImportError as error:
-        raise UnsupportedError("SVG needs the extra [drawings]: pip install svgelements") from error
     try:
         _check_pieces(source, ElementTree.parse(check_size(source)).getroot())
         drawing = svgelements.SVG.parse(str(source), ppi=96)

@@ -11,7 +11,6 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -27,21 +26,14 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 
-@dataclass(frozen=True)
-class Fineness:
-    """Who turns round a point nearer than ``spot`` (m) turns on the spot. Curvatures (1/m) that
-    differ by less than ``same`` are one, speeds of which less is missing (as a share) are whole.
-    Phases of a motion shorter than ``shortest`` (s) have no sample of their own; poses that differ
-    by no more than ``nowhere`` (m, rad) are one.
-    """
-
-    spot: float = 1e-3
-    same: float = 1e-6
-    shortest: float = 1e-7
-    nowhere: float = 1e-12
-
-
-FINE = Fineness()
+ON_SPOT = 1e-3
+"""Who turns round a point nearer than this (m) turns on the spot."""
+SAME = 1e-6
+"""Curvatures (1/m) that differ by less are one, speeds of which a less share is missing whole."""
+SHORTEST = 1e-7
+"""Phases of a motion shorter than this (s) have no sample of their own."""
+NOWHERE = 1e-12
+"""Poses that differ by no more (m, rad) are one."""
 
 
 class Rolls(NamedTuple):
@@ -60,10 +52,10 @@ def rolls_of(rows: FloatArray, kinematics: Kinematics) -> Rolls:
     """Return the pieces between poses (n, 3), theta continuous, each another one than the next."""
     ahead, _, turns = twists(rows).T
     way, size = np.abs(ahead), np.abs(turns)
-    on_spot = way < FINE.spot * size
+    on_spot = way < ON_SPOT * size
     kinds = np.where(on_spot, 2 * np.sign(turns), np.sign(ahead)).astype(np.int64)
     bound = kinematics.omega_max * way / np.where(size > 0.0, size, 1.0)
-    slow = (size > 0.0) & (bound < kinematics.v_max * (1.0 - FINE.same))
+    slow = (size > 0.0) & (bound < kinematics.v_max * (1.0 - SAME))
     tops = np.where(slow, bound, kinematics.v_max)
     tops = np.where(on_spot, kinematics.omega_max, tops)
     return Rolls(np.where(on_spot, size, way), turns, kinds, tops)
@@ -71,7 +63,7 @@ def rolls_of(rows: FloatArray, kinematics: Kinematics) -> Rolls:
 
 def rolling_radius(kinematics: Kinematics) -> float:
     """Return the radius (m) of the tightest arc that such a body drives at top speed."""
-    return kinematics.v_max / kinematics.omega_max * (1.0 + FINE.same)
+    return kinematics.v_max / kinematics.omega_max * (1.0 + SAME)
 
 
 def rows_of(start: FloatArray, arcs: FloatArray) -> FloatArray:
@@ -114,7 +106,7 @@ def rolled(rows: FloatArray, kinematics: Kinematics) -> Trajectory:
         for seconds, speed, push in phases:
             driven = speed * seconds + 0.5 * push * seconds * seconds
             steps = max(seconds / Trajectory.MAX_STEP, turn * driven / size / MOST_TURN)
-            count = max(1, math.ceil(steps - 1e-9)) if seconds > FINE.shortest else 0
+            count = max(1, math.ceil(steps - 1e-9)) if seconds > SHORTEST else 0
             for k in range(1, count + 1):
                 t = seconds * k / count
                 times.append(now + t)
@@ -144,7 +136,7 @@ def thinned(
     rows, kept = rows[distinct], None if kept is None else kept[distinct]
     _, _, kinds, _ = rolls = rolls_of(rows, kinematics)
     bends = np.where(np.abs(kinds) == 2, 0.0, kinds * rolls.turns / rolls.sizes)
-    changes = (np.diff(kinds) != 0) | (np.abs(np.diff(bends)) > FINE.same)
+    changes = (np.diff(kinds) != 0) | (np.abs(np.diff(bends)) > SAME)
     stay = [0]
     for i in range(1, len(rows) - 1):
         asked = kept is not None and kept[i]
@@ -161,7 +153,7 @@ rad, and s)."""
 
 def _moves_on(rows: FloatArray) -> npt.NDArray[np.bool_]:
     """Return which poses are not where the one before is."""
-    return np.append(True, np.abs(np.diff(rows, axis=0)).max(axis=1) > FINE.nowhere)
+    return np.append(True, np.abs(np.diff(rows, axis=0)).max(axis=1) > NOWHERE)
 
 
 def _phases(rolls: Rolls, a: float) -> Iterator[tuple[_Phase, ...]]:

@@ -5,7 +5,6 @@ samples.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from itertools import product
 from typing import NamedTuple
 
@@ -434,29 +433,23 @@ def separation(p: FloatArray, g: Hull, q: FloatArray, h: Hull, enough: float) ->
 # ------------------ How much clearance two bodies keep from each other
 
 
-@dataclass(frozen=True)
-class Clearances:
-    """``margin``: clearance (m) kept where the service has no scene that tells another one;
-    ``room``: what bodies at rest have to spare of theirs, so that one of them may drive off.
-    """
+MARGIN = 0.01
+"""Clearance (m) kept where the service has no scene that tells another one."""
 
-    margin: float = 0.01
-    room: float = 0.02
-
-
-CLEARANCES = Clearances()
+ROOM = 0.02
+"""What bodies at rest have to spare of theirs (m), so that one of them may drive off."""
 
 
 def wished(scene: Scene | None) -> float:
     """Return the clearance (m) asked for: that of the scene, from walls and from others alike."""
-    return CLEARANCES.margin if scene is None else scene.margin
+    return MARGIN if scene is None else scene.margin
 
 
 def eased(wish: float, gap: float) -> float:
     """Return the clearance (m) that two bodies keep which rest ``gap`` m apart at an end: ``wish``,
     or less where they could not drive off with so much.
     """
-    return min(wish, max(0.5 * gap, gap - CLEARANCES.room))
+    return min(wish, max(0.5 * gap, gap - ROOM))
 
 
 def kept(wish: float, a: Iterable[FloatArray], g: Hull, b: Iterable[FloatArray], h: Hull) -> float:
@@ -465,7 +458,7 @@ def kept(wish: float, a: Iterable[FloatArray], g: Hull, b: Iterable[FloatArray],
     """
     margin = wish
     for p, q in product(a, b):
-        gap = separation(p, g, q, h, margin + CLEARANCES.room)
+        gap = separation(p, g, q, h, margin + ROOM)
         if gap > 0.0:
             margin = eased(margin, gap)
     return margin

@@ -142,7 +142,7 @@ def _decide(group: Group, root: Node, seed: int) -> None:
     """
     if not root.conflicts:
         return
-    effort = group.workspace.tuning.ladder
+    effort = group.workspace.tuning
     budget = WorkBudget(group.deadline, effort.first * len(root.runs))
     cost = arrivals_and_lateness(group.motions)
     ways = {name: [run.path] for name, run in root.runs.items()}

@@ -6,7 +6,7 @@ import itertools
 import math
 import random
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -22,9 +22,17 @@ from up_samp.motion.fleet.speed import parked_all_the_time
 from up_samp.motion.fleet.timed_path import TimedPath
 from up_samp.motion.fleet.workspace import Workspace
 from up_samp.motion.moves import ShortMove, drive, in_step
-from up_samp.motion.tuning import KnotsTuning
 
 State = tuple[int, ...]
+
+PUSHES = 2_000
+"""Moves tried for one joint move before the next constraint is added."""
+
+PASSES = 8
+"""Passes over a sequence in which stops are left out."""
+
+STOP = 1.0
+"""Seconds that a stop is worth."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,10 +69,8 @@ class Joint:
         margin: float,
         seed: int,
         together: bool = False,
-        tuning: KnotsTuning | None = None,
     ) -> None:
         self.together = together
-        self.tuning = tuning or KnotsTuning()
         self.agents, self.heeds, self.margin = agents, heeds, margin
         self.rng = random.Random(seed)
         self._lots = [self.rng.random() for _ in agents] if seed else []
@@ -160,7 +166,7 @@ class Joint:
             if any(self.meet(robot, edge, other, e) for other, e in chosen.items()):
                 return None
             chosen[robot] = edge
-        self._budget = self.tuning.pushes
+        self._budget = PUSHES
         rests = [a.roadmap.rest(at) for a, at in zip(self.agents, node.state, strict=True)]
         # those that a forced move drives into go first
         pushed = [
@@ -293,7 +299,7 @@ def loosened(joint: Joint, steps: Sequence[tuple[RoadmapEdge, ...]]) -> list[Sta
     between.
     """
     found = _joined(joint, _in_order(joint, steps))
-    for _ in range(joint.tuning.passes):
+    for _ in range(PASSES):
         before = len(found), _seconds(found)
         k = 0
         while k < len(found):
@@ -385,7 +391,7 @@ def _merge(joint: Joint, stages: list[Stage], k: int) -> bool:
         if first.start == second.end:
             del stages[n], stages[k]
             return True
-        limit = first.seconds + second.seconds + joint.tuning.stop
+        limit = first.seconds + second.seconds + STOP
         rests = _rests(joint, stages, when)
         way = _route(joint, first.robot, (first.start, second.end), rests, limit)
         if way is not None:
@@ -444,11 +450,17 @@ def _route(
 # proves nothing: the roadmaps leave poses out.
 
 
-DRAWS = ((4, 0), (4, 1), (1, 0), (1, 0))
-"""Short and long searches on the roadmaps of each grain (see ``cells_of``), each with another draw.
-The long one is for rooms of few places, where it sees them all.
-"""
+TOGETHER = 150_000
+"""Moves looked at in one search where some have to go at the same time."""
 
+MANY = 3_000
+"""Places from which on a finer roadmap is not worth its making."""
+
+AIR = 0.02
+"""Metres kept from what rests beside a drive, for rounding."""
+
+DRAWS = 2
+"""Searches with other draws on one roadmap: the better way out counts."""
 
 Drives = tuple[tuple[int, Path], ...]
 """Paths of robots at the same time: one, or several with a timing in which they keep clear."""
@@ -491,57 +503,69 @@ def untie(
     world: Sequence[TimedPath],
     deadline: Deadline,
     seed: int = 0,
-) -> list[Drives] | None:
-    """Return drives (robot, path) in a sequence that brings everybody from start to goal, each one
-    clear of all others at rest where the drives before left them; or None if none is found.
+) -> list[list[Drives]]:
+    """Return drives (robot, path) in sequences that bring everybody from start to goal, each one
+    clear of all others at rest where the drives before left them; none if none are found.
 
     ``alone`` are the runs of the motions without each other. For robots with two poses each and
-    of different names.
+    of different names. Little work is done on all roadmaps before more is on any.
     """
     scene = workspace.scene
     if scene is None or any(m.body.mobility.own_law for m in motions):
-        return None
+        return []
     paths = [alone[m.name].path if m.name in alone else None for m in motions]
     knot = Knot(workspace, scene, motions, world, paths, deadline, seed)
+    searches = [(most, False) for most in workspace.tuning.knots]
+    if len(motions) > 2:  # nobody can go first: some at the same time; in a ring there are three
+        searches.append((TOGETHER, True))
     known: list[list[Agent]] = []
-    done: set[tuple[float, ...]] = set()
-    tuning = workspace.tuning.knots
-    for level, (short, long) in enumerate(DRAWS):
-        attempts = [tuning.short] * short + [tuning.long] * long
-        cells = tuple(cells_of(m.body, workspace.tuning.roadmap)[level] for m in motions)
-        if cells in done or deadline.expired():
-            continue
-        done.add(cells)
-        for own in (False, True):
-            # marks on the robots' own paths are few and close: only where the lattice fails
-            agents = _agents(knot, cells, own)
-            if agents is None or any(agent.start not in agent.to_go for agent in agents):
+    dry: set[int] = set()
+    for turn, (most, together) in enumerate(searches):
+        for number, agents in enumerate(known if turn else _coarse_to_fine(knot)):
+            known += [] if turn else [agents]
+            if number in dry and not together:
                 continue
-            drives = untied(knot, agents, attempts)
-            if drives is not None:
-                return drives
-            if deadline.expired() or _places(agents) > tuning.many:
+            found = []
+            for draw in range(DRAWS):
+                joint = Joint(agents, knot.heeds, knot.margin, 100 * seed + draw, together)
+                steps = joint.search(most, deadline)
+                drives = None if steps is None else drives_of(knot, joint, loosened(joint, steps))
+                found += [] if drives is None else [drives]
+                dry |= {number} if joint.dry else set()
+            if found or deadline.expired():
+                return found
+    return []
+
+
+def drives_of(knot: Knot, joint: Joint, stages: Sequence[Stage]) -> list[Drives] | None:
+    """Return the drives with a planner's paths where it finds shorter ones."""
+    at: list[Configuration] = [m.poses[0] for m in knot.motions]
+    found: list[Drives] = []
+    for stage in stages:
+        ends = {t.robot: joint.agents[t.robot].roadmap.poses[t.end] for t in stage}
+        if len(stage) == 1:
+            path = _drive(knot, joint, stage[0], at, ends[stage[0].robot])
+            if path is None:
                 return None
-            known.append(agents)
-    # nobody can go first: some at the same time, then; in a ring there are three at least
-    for agents in known if len(motions) > 2 else ():
-        drives = (
-            None if deadline.expired() else untied(knot, agents, (tuning.short,), together=True)
-        )
-        if drives is not None:
-            return drives
-    return None
+            found.append(((stage[0].robot, path),))
+        else:
+            found.append(_together(knot, stage, at, ends))
+        for robot, end in ends.items():
+            at[robot] = end
+    return found
 
 
-def untied(
-    knot: Knot, agents: Sequence[Agent], attempts: Sequence[int], *, together: bool = False
-) -> list[Drives] | None:
-    """Return drives that bring everybody from start to goal, if some are found."""
-    found = _joint_moves(knot, agents, attempts, together)
-    if found is None:
-        return None
-    joint, steps = found
-    return _drives(knot, joint, loosened(joint, steps))
+def _coarse_to_fine(knot: Knot) -> Iterator[list[Agent]]:
+    """Yield the robots on roadmaps of each grain, without and with places on their own paths (few
+    and close: only where the lattice fails), as far as those before have not too many places.
+    """
+    grains = dict.fromkeys(zip(*(cells_of(m.body) for m in knot.motions), strict=True))
+    for cells, own in itertools.product(grains, (False, True)):
+        agents = _agents(knot, cells, own)
+        if agents is not None and all(agent.start in agent.to_go for agent in agents):
+            yield agents
+            if _places(agents) > MANY:
+                return
 
 
 def _places(agents: Sequence[Agent]) -> int:
@@ -558,23 +582,6 @@ def _margin(wish: float, motions: Sequence[TimedMotion]) -> float:
     return margin
 
 
-def _joint_moves(
-    knot: Knot, agents: Sequence[Agent], attempts: Sequence[int], together: bool
-) -> tuple[Joint, list[tuple[RoadmapEdge, ...]]] | None:
-    """Return joint moves on roadmaps of one grain, and who found them, if some are found."""
-    places, tuning = _places(agents), knot.workspace.tuning.knots
-    for attempt, most in enumerate(attempts):
-        if most > tuning.short and places > tuning.few:
-            continue
-        joint = Joint(agents, knot.heeds, knot.margin, 100 * knot.seed + attempt, together, tuning)
-        steps = joint.search(most, knot.deadline)
-        if steps is not None:
-            return joint, steps
-        if joint.dry or knot.deadline.expired():
-            break
-    return None
-
-
 def _agents(knot: Knot, cells: Sequence[float], marks: bool) -> list[Agent] | None:
     """Return the robots on roadmaps, one for each kind of body among the same resting things;
     ``marks``: with places along the robots' own paths.
@@ -588,32 +595,13 @@ def _agents(knot: Knot, cells: Sequence[float], marks: bool) -> list[Agent] | No
         ends = [pose for i in robots for pose in knot.motions[i].poses]
         own = [path for i in robots if marks and (path := knot.paths[i]) is not None]
         body, static = knot.motions[robots[0]].body, knot.static[robots[0]]
-        tuning = knot.workspace.tuning.roadmap
-        roadmap = Roadmap(knot.scene, body, ends, own, static, cells[robots[0]], tuning)
+        roadmap = Roadmap(knot.scene, body, ends, own, static, cells[robots[0]])
         if not roadmap.usable or knot.deadline.expired():
             return None
         for i in robots:
             start, goal = (roadmap.place(pose) for pose in knot.motions[i].poses)
             agents[i] = Agent(roadmap, start, goal, roadmap.to_go(goal))
     return [agents[i] for i in range(len(knot.motions))]
-
-
-def _drives(knot: Knot, joint: Joint, loose: Sequence[Stage]) -> list[Drives] | None:
-    """Return the drives with a planner's paths where it finds shorter ones."""
-    at: list[Configuration] = [m.poses[0] for m in knot.motions]
-    found: list[Drives] = []
-    for stage in loose:
-        ends = {t.robot: joint.agents[t.robot].roadmap.poses[t.end] for t in stage}
-        if len(stage) == 1:
-            path = _drive(knot, joint, stage[0], at, ends[stage[0].robot])
-            if path is None:
-                return None
-            found.append(((stage[0].robot, path),))
-        else:
-            found.append(_together(knot, stage, at, ends))
-        for robot, end in ends.items():
-            at[robot] = end
-    return found
 
 
 def _together(
@@ -639,8 +627,7 @@ def _drive(
         for j, other in enumerate(knot.motions)
         if joint.heeds[robot][j]
     ]
-    air = knot.workspace.tuning.knots.air
-    wide = [Placed(p.name, grown(p.body, air), p.pose) for p in parked]
+    wide = [Placed(p.name, grown(p.body, AIR), p.pose) for p in parked]
     path = knot.workspace.detour(
         motion.body, (at[robot], end), knot.static[robot], wide, knot.deadline
     )

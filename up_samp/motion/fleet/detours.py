@@ -27,7 +27,7 @@ from up_samp.motion.curves.arcs import merged, nodes_of
 from up_samp.motion.curves.reeds_shepp import CarLimits, fastest
 from up_samp.motion.curves.rolling import rolled, rolling_radius, thinned
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
-from up_samp.motion.fleet.conflicts import CLEARANCES
+from up_samp.motion.fleet.conflicts import ROOM
 from up_samp.motion.fleet.lanes import lane_offsets
 from up_samp.motion.fleet.paths import (
     TIMES,
@@ -42,6 +42,16 @@ from up_samp.motion.fleet.workspace import Workspace
 from up_samp.motion.guides.search_space import widest_shape
 
 FloatArray = npt.NDArray[np.float64]
+
+
+ROUNDS = 4
+"""Of paths around, and of lanes beside, what the last path met."""
+COPIES = 0.8
+"""Radii of a mover between the copies of it that a detour keeps clear of."""
+BESIDE = (1.0, 1.4)
+"""Shares, in turn, of the room that two lanes take at least."""
+STRETCH = (2.0, 6.0)
+"""How long two lanes are, in turn, in radii of both; a quarter of it lies before both meet."""
 
 
 def is_good(run: TimedPath | None, motion: TimedMotion) -> bool:
@@ -76,7 +86,7 @@ def with_lanes(
     others: Sequence[TimedPath],
 ) -> TimedPath | None:
     """Return the best of ``best`` and of paths that change lanes where ``path`` meets somebody."""
-    for _ in range(workspace.tuning.ladder.detours):
+    for _ in range(ROUNDS):
         met = met_at_full_speed(workspace, motion, window, path, others)
         if not met or len(motion.poses) != 2:
             break
@@ -126,7 +136,7 @@ def with_detours(
     for coming in _paths_in(workspace, motion, static, others, deadline):
         best = fit(workspace, motion, window, coming, others, best)
     copies: list[Placed] = []
-    for _ in range(workspace.tuning.ladder.detours):
+    for _ in range(ROUNDS):
         met = met_at_full_speed(workspace, motion, window, path, others)
         virtual = _virtual_obstacles(workspace, path, met[:2])
         if not virtual or deadline.expired():
@@ -180,7 +190,6 @@ def _virtual_obstacles(
     to be there, and with them no way would keep more of the margin, from anything.
     """
     virtual: list[Placed] = []
-    copies = workspace.tuning.detours.copies
     for other, cell, _ in met:
         runs = workspace.conflicts(path, other.path)
         hits = np.unique(np.concatenate([np.arange(a, b + 1) for _, a, b in runs]))
@@ -190,7 +199,7 @@ def _virtual_obstacles(
         for j in hits:
             pose = other.path.middle(int(j))
             near = math.dist(pose[:size], centre) <= 4 * reach
-            if not near or math.dist(pose[:size], last) < copies * other.path.radius:
+            if not near or math.dist(pose[:size], last) < COPIES * other.path.radius:
                 continue
             if workspace.crowds(path, other.path.body, pose):
                 continue
@@ -294,12 +303,11 @@ def _passing_lanes(
     workspace: Workspace, runs: Sequence[TimedPath], at: float
 ) -> Iterator[tuple[Path, Path]]:
     """Yield pairs of lanes of two runs that meet at a time."""
-    tuning = workspace.tuning.detours
     met = [float(np.interp(at, r.timing.trajectory.times, r.timing.s)) for r in runs]
     reach = sum(r.path.hull.radius for r in runs)
-    air = workspace.margin + CLEARANCES.room
+    air = workspace.margin + ROOM
     apart = 0.5 * (sum(_half_width(r.path, s) for r, s in zip(runs, met, strict=True)) + air)
-    for stretch, share in itertools.product(tuning.stretch, tuning.beside):
+    for stretch, share in itertools.product(STRETCH, BESIDE):
         for sides in ((-1, -1), (1, 1), (-1, 1), (1, -1)):
             found = []
             for run, s, side in zip(runs, met, sides, strict=True):

@@ -39,23 +39,20 @@ def arrivals_and_lateness(motions: Mapping[str, TimedMotion]) -> Cost:
     return cost
 
 
-@dataclass(frozen=True)
-class Choices:
-    """How it is searched. A motion that is so much later (s) than alone is given other ways;
-    so many ways are ``known`` for each; who is in the way is ejected for a ``price`` (s), more
-    each time it has been by ``more``; who has to go again and again gets time to ``leave`` (s);
-    ``sizes`` of neighbourhoods.
-    """
+SOON = 0.2
+"""A motion that is so much later (s) than alone is given other ways."""
 
-    late: float = 0.2
-    known: int = 8
-    price: float = 8.0
-    more: float = 4.0
-    leave: float = 3.0
-    sizes: tuple[int, ...] = (2, 3, 4, 5, 6, 8)
+KNOWN = 8
+"""Ways that are known for each motion, at most."""
 
+PRICE, MORE = 8.0, 4.0
+"""What it costs (s) to eject who is in the way, and by how much more each time that it has been."""
 
-CHOICES = Choices()
+LEAVE = 3.0
+"""Seconds that who has to go again and again gets to leave its start."""
+
+SIZES = (2, 3, 4, 5, 6, 8)
+"""Of neighbourhoods."""
 
 
 @dataclass
@@ -105,7 +102,7 @@ class MovingGroup:
         others = [*self.world, *(run for n, run in runs.items() if n not in gone)]
         best: TimedPath | None = None
         ways = self.ways[name]
-        enough = window.release + self.alone(name) + CHOICES.late
+        enough = window.release + self.alone(name) + SOON
         for way in sorted(ways, key=lambda way: (way.fastest, way.number))[:2]:
             best = fit(self.workspace, motion, window, way, others, best)
         if best is not None and best.arrival <= enough:
@@ -130,7 +127,7 @@ class MovingGroup:
         if best is not None and best.path in ways[1:]:
             ways.remove(best.path)
             ways.insert(1, best.path)
-        del ways[CHOICES.known :]
+        del ways[KNOWN:]
 
     def met(self, run: TimedPath, runs: Mapping[str, TimedPath]) -> list[str]:
         """Return which runs one meets."""
@@ -156,7 +153,7 @@ def first_runs(problem: MovingGroup) -> dict[str, TimedPath] | None:
     is ejected where that is cheaper, and planned again.
     """
     motions = problem.motions
-    price = dict.fromkeys(motions, CHOICES.price)
+    price = dict.fromkeys(motions, PRICE)
     quarrels = Counter[tuple[str, str]]()
 
     def spare(name: str) -> tuple[float, str]:
@@ -177,7 +174,7 @@ def first_runs(problem: MovingGroup) -> dict[str, TimedPath] | None:
         if run is None or name in gone:
             return None
         for other in gone:
-            price[other] += CHOICES.more
+            price[other] += MORE
             quarrels.update([(name, other), (other, name)])
             for follower in (other, *problem.after[other]):
                 if runs.pop(follower, None) is not None:
@@ -192,7 +189,7 @@ def _inserted(
     """Return the cheapest run of a motion, and who has to go for it."""
     best, gone = problem.plan(name, runs), list[str]()
     ideal = problem.ideal(name, runs)
-    if best is None or best.arrival <= ideal.arrival + CHOICES.late:
+    if best is None or best.arrival <= ideal.arrival + SOON:
         return best, gone
     least, mine = best.arrival, problem.motions[name].object
     met = [n for n in problem.met(ideal, runs) if problem.motions[n].object != mine]
@@ -225,7 +222,7 @@ def _forced(
     own = {n: run for n, run in runs.items() if problem.motions[n].object == mine}
     kept = [n for n in runs if (name, n) in quarrels and n not in own]
     kept.sort(key=lambda n: (-quarrels[name, n], n))
-    starts = {n: problem.at_start(n, CHOICES.leave * quarrels[name, n]) for n in kept}
+    starts = {n: problem.at_start(n, LEAVE * quarrels[name, n]) for n in kept}
     while True:
         run = problem.plan(name, {**own, **starts, **{n: runs[n] for n in kept}})
         if run is not None:
@@ -274,7 +271,7 @@ class _Search:
         """Try one neighbourhood."""
         choices = list(self.scores)
         [choose] = self.rng.choices(choices, [self.scores[c] for c in choices])
-        size = min(self.rng.choice(CHOICES.sizes), len(self.movable))
+        size = min(self.rng.choice(SIZES), len(self.movable))
         names = self._whole(choose(size))
         old = sum(self.problem.cost(n, self.runs[n].arrival) for n in names)
         found = self._again(names, old)

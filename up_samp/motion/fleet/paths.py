@@ -19,7 +19,7 @@ from up_samp.geometry.meshes import load_mesh
 from up_samp.geometry.records import inner, kernel
 from up_samp.geometry.shapes import Shape, shape_of
 from up_samp.model import Body, Configuration, Trajectory
-from up_samp.motion.curves.rolling import FINE, rolls_of
+from up_samp.motion.curves.rolling import ON_SPOT, rolls_of
 from up_samp.motion.curves.twists import partway, twists
 from up_samp.motion.fleet.conflicts import Hull, Swept, sweep_table
 from up_samp.motion.fleet.flyers import ROUND, SweptSolid
@@ -315,31 +315,26 @@ def first_gap(blocked: FloatArray, earliest: float, latest: float) -> float:
 BoolArray = npt.NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
-class PathCut:
-    """How paths are cut. Steps shorter than ``tiny`` (m) carry no shape of their own; a change of
-    the direction of the twist by ``kink`` ends a stretch of constant curvature; where the direction
-    of a body with its own equations changes by ``corner`` (rad) from sample to sample, it must
-    stop; ``levels``:
-    speed levels that the tuning aims at (see :mod:`up_samp.motion.fleet.speed`); ``least``: those
-    below the top speed of a tight arc, at least. An omnidirectional body bends where its direction
-    changes by ``straight`` from sample to sample; there it keeps to one speed, ``held`` of the one
-    that its planner chose. It rests where that would be less than ``slow`` of its top speed, and
-    where its direction changes by ``sharp``.
-    """
-
-    tiny: float = 1e-7
-    kink: float = 1e-6
-    corner: float = 0.1
-    straight: float = 1e-4
-    held: float = 0.95
-    sharp: float = 0.35
-    slow: float = 0.3
-    levels: int = 20
-    least: int = 2
-
-
-CUT = PathCut()
+TINY = 1e-7
+"""Steps shorter than this (m) carry no shape of their own."""
+KINK = 1e-6
+"""Change of the direction of the twist that ends a stretch of constant curvature."""
+CORNER = 0.1
+"""Where the direction of a body with its own equations changes by so much (rad) from sample to
+sample, it must stop.
+"""
+LEVELS, LEAST = 20, 2
+"""Speed levels that the timing aims at (see :mod:`up_samp.motion.fleet.speed`), and those below the
+top speed of a tight arc, at least.
+"""
+STRAIGHT, SHARP = 1e-4, 0.35
+"""An omnidirectional body bends where its direction changes by the first from sample to sample, and
+rests where it changes by the second.
+"""
+HELD, SLOW = 0.95, 0.3
+"""In a bend it keeps to one speed, this share of the one that its planner chose; it rests where
+that would be less than such a share of its top speed.
+"""
 
 
 def path_steps(poses: FloatArray, body: Body, radius: float) -> FloatArray:
@@ -352,7 +347,7 @@ def path_steps(poses: FloatArray, body: Body, radius: float) -> FloatArray:
     if body.mobility.sideways:  # chords: between samples it goes straight on, see ``poses_at``
         ways = np.hypot(*np.diff(poses[:, :2], axis=0).T)
     if body.mobility.pivots:
-        return np.where(ways < FINE.spot * turns, turns * kin.v_max / kin.omega_max, ways)
+        return np.where(ways < ON_SPOT * turns, turns * kin.v_max / kin.omega_max, ways)
     turn_metre = 0.0 if kin.mobility.steers else radius
     return np.asarray(np.maximum(ways, turn_metre * turns))
 
@@ -377,11 +372,11 @@ def top_speeds(poses: FloatArray, body: Body) -> FloatArray:
 
 def kept_samples(s: FloatArray) -> IntArray:
     """Return samples that lie at least a tiny step apart, always with the first and the last."""
-    if np.all(np.diff(s) >= CUT.tiny):
+    if np.all(np.diff(s) >= TINY):
         return np.arange(len(s), dtype=np.int64)
     keep = [0]
     for i in range(1, len(s)):
-        if s[i] - s[keep[-1]] >= CUT.tiny:
+        if s[i] - s[keep[-1]] >= TINY:
             keep.append(i)
     if keep[-1] != len(s) - 1 and len(keep) > 1:
         keep[-1] = len(s) - 1
@@ -395,7 +390,7 @@ def kinks_and_stops(poses: FloatArray, s: FloatArray, body: Body) -> tuple[BoolA
     kink[0] = kink[-1] = stop[0] = stop[-1] = True
     if n > 2 and not body.flies:
         unit = twists(poses) / np.diff(s)[:, None]
-        kink[1:-1] = np.abs(np.diff(unit, axis=0)).max(axis=1) > CUT.kink
+        kink[1:-1] = np.abs(np.diff(unit, axis=0)).max(axis=1) > KINK
         if body.mobility.steers:
             stop[1:-1] = unit[:-1, 0] * unit[1:, 0] < 0
         elif body.mobility.rolls:  # it turns at will, but on the spot it rests
@@ -403,7 +398,7 @@ def kinks_and_stops(poses: FloatArray, s: FloatArray, body: Body) -> tuple[BoolA
         elif not body.mobility.sideways:
             # a velocity may not jump: chords of smooth curves turn little from sample to sample
             chord = np.diff(poses, axis=0) / np.diff(s)[:, None]
-            stop[1:-1] = np.abs(np.diff(chord, axis=0)).max(axis=1) > CUT.corner
+            stop[1:-1] = np.abs(np.diff(chord, axis=0)).max(axis=1) > CORNER
     return kink, stop
 
 
@@ -418,15 +413,15 @@ def bends_of(
     kin = body.kinematics
     step, gone = np.diff(s), np.diff(poses[:, :2], axis=0)
     turn, way = np.abs(np.diff(poses[:, 2])), np.hypot(*gone.T)
-    spot = way < FINE.spot * turn
+    spot = way < ON_SPOT * turn
     tops = np.where(spot, kin.v_max, np.minimum(kin.v_max, kin.omega_max * way / (turn + 1e-12)))
     driven = np.minimum(step / np.diff(times), kin.v_max)
-    unit = np.where(spot[:, None], 0.0, gone / np.maximum(way, CUT.tiny)[:, None])
+    unit = np.where(spot[:, None], 0.0, gone / np.maximum(way, TINY)[:, None])
     change = np.hypot(*np.diff(unit, axis=0).T)
-    bend = change > CUT.straight
-    speed = CUT.held * np.minimum(driven[1:], driven[:-1])
-    slow = bend & (speed < CUT.slow * kin.v_max)
-    rests = (spot[1:] != spot[:-1]) | slow | (change > CUT.sharp)
+    bend = change > STRAIGHT
+    speed = HELD * np.minimum(driven[1:], driven[:-1])
+    slow = bend & (speed < SLOW * kin.v_max)
+    rests = (spot[1:] != spot[:-1]) | slow | (change > SHARP)
     bend &= ~rests
     steady = np.zeros(len(step), dtype=np.bool_)
     for side in (slice(None, -1), slice(1, None)):
@@ -442,14 +437,14 @@ def ways_at(poses: FloatArray, s: FloatArray) -> tuple[FloatArray, FloatArray]:
     """
     unit = np.diff(poses[:, :2], axis=0) / np.diff(s)[:, None]
     change = np.concatenate([[0.0], np.hypot(*np.diff(unit, axis=0).T), [0.0]])
-    bend = change > CUT.straight
+    bend = change > STRAIGHT
     before, after = np.concatenate([unit[:1], unit]), np.concatenate([unit, unit[-1:]])
     begins = bend & ~np.append(False, bend[:-1])
     ends = bend & ~np.append(bend[1:], False)
     mean = 0.5 * (before + after)
     way = np.where((begins & ~ends)[:, None], before, mean)
     way = np.where((ends & ~begins)[:, None], after, way)
-    sharp = (change > CUT.sharp)[:, None]
+    sharp = (change > SHARP)[:, None]
     return np.where(sharp, before, way), np.where(sharp, after, way)
 
 
@@ -722,7 +717,7 @@ def _waypoints(
 
 def _pauses(trajectory: Trajectory, natural_s: FloatArray, s: FloatArray) -> BoolArray:
     """Return at which samples of the path the trajectory stands still for a while."""
-    still = np.diff(natural_s) < CUT.tiny
+    still = np.diff(natural_s) < TINY
     paused = np.flatnonzero(still & (np.diff(trajectory.times) > 0.5 * Trajectory.MAX_STEP))
     return _marks(s, natural_s[paused])
 
@@ -738,7 +733,7 @@ def _marks(s: FloatArray, values: Iterable[float]) -> BoolArray:
 def _cell_length(body: Body) -> float:
     """Return the wished length (m) of a cell: short beside the body, about so many speeds."""
     k, radius = body.kinematics, radius_of(body)
-    return float(np.clip(k.v_max**2 / (2 * k.a_max * CUT.levels), 0.1 * radius, 0.2 * radius))
+    return float(np.clip(k.v_max**2 / (2 * k.a_max * LEVELS), 0.1 * radius, 0.2 * radius))
 
 
 def _cells(
@@ -754,7 +749,7 @@ def _cells(
         top, length = float(tops[low:high].min()), float(s[high] - s[low])
         size = wish
         if top < kin.v_max:  # cells so short that there are speeds below the slowest arc's
-            least = 1 if body.mobility.sideways else CUT.least
+            least = 1 if body.mobility.sideways else LEAST
             size = min(wish, top**2 / (2 * kin.a_max * least))
         count = 2 * max(1, math.ceil(length / size / 2))
         edges.append(np.linspace(s[low], s[high], count + 1)[:-1])

@@ -26,12 +26,27 @@ from up_samp.motion.fleet.lanes import arcs_between
 from up_samp.motion.fleet.paths import Path, hull_of
 from up_samp.motion.guides.search_space import widest_shape
 from up_samp.motion.moves import ShortMove, steer, straight_move
-from up_samp.motion.tuning import RoadmapTuning
 
 FloatArray = npt.NDArray[np.float64]
 Key = tuple[int, int, int]
 Box = tuple[float, float, float, float]
 
+NODES = 30_000
+"""Places of a roadmap at most."""
+LINKS = 6
+"""Places of the lattice that a place off it is joined to, at most..."""
+LOCAL = 3.0
+"""...by links at most so many cells longer than the straight line."""
+EACH = 0.05
+"""Seconds that a move costs besides its length: fewer are better."""
+ROOMY = 2.1
+"""Radii of the body between places of the coarsest lattice."""
+HEADINGS, PIVOTS = 8, 8
+"""Of a car's lattice, evenly spread; of a body that turns on the spot, at most."""
+OFFSETS, STRAIGHTER = 5, 1.25
+"""Cells away, up to which a car's lattice looks for its moves; times the straight line that one may
+be long.
+"""
 QUARTERS = (0.0, math.pi / 2, math.pi, -math.pi / 2)
 
 
@@ -46,17 +61,24 @@ def box_around(
 
 
 def lattice_of(
-    body: Body, ends: Sequence[Configuration], box: Box, cell: float, tuning: RoadmapTuning
+    body: Body,
+    ends: Sequence[Configuration],
+    box: Box,
+    cell: float,
+    turning: bool,
 ) -> Tensor | LatticeState:
-    """Return the lattice for a body in a box."""
+    """Return the lattice for a body in a box; ``turning``: with other headings than those of the
+    ends, too, where it could do without.
+    """
     if not body.mobility.pivots:
         x, y, _ = ends[0]
-        return LatticeState(body, (x, y), cell, tuning)
+        return LatticeState(body, (x, y), cell)
     headings = dict.fromkeys(round(math.remainder(p[2], 2 * math.pi), 12) for p in ends)
+    kept = () if body.mobility.sideways and not turning else QUARTERS
     near = [
-        h for h in headings if all(abs(math.remainder(h - q, 2 * math.pi)) > 1e-6 for q in QUARTERS)
+        h for h in headings if all(abs(math.remainder(h - q, 2 * math.pi)) > 1e-6 for q in kept)
     ]
-    chosen = sorted([*QUARTERS, *near[: tuning.pivots - len(QUARTERS)]])
+    chosen = sorted([*kept, *near[: PIVOTS - len(kept)]])
     xs = _coordinates([p[0] for p in ends], box[0], box[2], cell)
     ys = _coordinates([p[1] for p in ends], box[1], box[3], cell)
     return Tensor(body, xs, ys, chosen)
@@ -147,26 +169,24 @@ class LatticeState:
     Kelly, *Differentially constrained mobile robot motion planning in state lattices*, 2009).
     """
 
-    def __init__(
-        self, body: Body, origin: tuple[float, float], cell: float, tuning: RoadmapTuning
-    ) -> None:
-        self.body, self.origin, self.cell, self.tuning = body, origin, cell, tuning
+    def __init__(self, body: Body, origin: tuple[float, float], cell: float) -> None:
+        self.body, self.origin, self.cell = body, origin, cell
 
     def pose(self, key: Key) -> Configuration:
         """Return the pose of a place."""
         x, y = self.origin[0] + key[0] * self.cell, self.origin[1] + key[1] * self.cell
-        return x, y, math.remainder(key[2] * 2 * math.pi / self.tuning.headings, 2 * math.pi)
+        return x, y, math.remainder(key[2] * 2 * math.pi / HEADINGS, 2 * math.pi)
 
     def near(self, x: float, y: float) -> list[Key]:
         """Return the places around a point."""
         i, j = round((x - self.origin[0]) / self.cell), round((y - self.origin[1]) / self.cell)
         reach = math.ceil(1.5 * self.body.kinematics.turning_radius / self.cell)
-        span, headings = range(-reach, reach + 1), range(self.tuning.headings)
+        span, headings = range(-reach, reach + 1), range(HEADINGS)
         return [(i + a, j + b, k) for a in span for b in span for k in headings]
 
     @property
     def _primitives(self) -> tuple[tuple[Primitive, ...], ...]:
-        return _primitives(self.body.kinematics, self.cell, self.tuning)
+        return _primitives(self.body.kinematics, self.cell)
 
     def moves(self, key: Key) -> list[tuple[Key, ShortMove]]:
         """Return the moves from a place, map or no map."""
@@ -183,25 +203,23 @@ Primitive = tuple[Key, FloatArray, float]
 
 
 @lru_cache(maxsize=64)
-def _primitives(
-    kin: Kinematics, cell: float, tuning: RoadmapTuning
-) -> tuple[tuple[Primitive, ...], ...]:
+def _primitives(kin: Kinematics, cell: float) -> tuple[tuple[Primitive, ...], ...]:
     """Return the moves from each heading of a car's lattice: without a cusp, the shortest ones
     straight on, into the lane beside and to the next heading, forwards and backwards.
     """
     found = []
-    headings, offsets = tuning.headings, range(-tuning.offsets, tuning.offsets + 1)
-    for k in range(headings):
-        start = (0.0, 0.0, k * 2 * math.pi / headings)
+    offsets = range(-OFFSETS, OFFSETS + 1)
+    for k in range(HEADINGS):
+        start = (0.0, 0.0, k * 2 * math.pi / HEADINGS)
         best: dict[tuple[int, bool, int], tuple[float, Primitive]] = {}
         for i, j, turn in itertools.product(offsets, repeat=3):
             if abs(turn) > 1 or (i, j) == (0, 0):
                 continue
-            n = (k + turn) % headings
-            goal = (i * cell, j * cell, n * 2 * math.pi / headings)
+            n = (k + turn) % HEADINGS
+            goal = (i * cell, j * cell, n * 2 * math.pi / HEADINGS)
             seconds, arcs = fastest(start, goal, *limits_of(kin))
             length = length_of(arcs)
-            longest = tuning.straighter * math.hypot(i * cell, j * cell)
+            longest = STRAIGHTER * math.hypot(i * cell, j * cell)
             if len(runs_of(arcs)) != 1 or length > longest:
                 continue
             side = -math.sin(start[2]) * i + math.cos(start[2]) * j
@@ -274,14 +292,14 @@ def steps_of(rows: FloatArray, radius: float) -> FloatArray:
 # rests for good.
 
 
-def cells_of(body: Body, tuning: RoadmapTuning) -> tuple[float, float, float, float]:
+def cells_of(body: Body) -> tuple[float, float, float, float]:
     """Return grains (m) of a lattice for a body, coarse to fine. At the first one neighbours can
     turn on the spot at the same time.
     """
     shape, able = shape_of(body), body.mobility
     inner = shape.inner[2]
     most = math.inf if able.pivots else 0.5 * body.kinematics.bend_radius
-    cells = (tuning.roomy * shape.circumscribed, 2.0 * inner, inner, 0.5 * inner)
+    cells = (ROOMY * shape.circumscribed, 2.0 * inner, inner, 0.5 * inner)
     return tuple(min(cell, most) for cell in cells)  # type: ignore[return-value]
 
 
@@ -296,7 +314,6 @@ class Roadmap:
         paths: Sequence[Path],
         static: tuple[Placed, ...],
         cell: float,
-        tuning: RoadmapTuning,
         box: Box | None = None,
     ) -> None:
         """``ends``: where the robots of this body start and go; ``paths``: their best paths;
@@ -317,9 +334,9 @@ class Roadmap:
         self._extra: dict[int, list[int]] = {}
         self._known: dict[int, list[RoadmapEdge]] = {}
         self._free: dict[Key, bool] = {}
-        self.cell, self.tuning = cell, tuning
+        self.cell = cell
         self._box = box or box_around(ends, paths, self.hull.radius, body.kinematics.bend_radius)
-        self.lattice = lattice_of(body, ends, self._box, self.cell, tuning)
+        self.lattice = lattice_of(body, ends, self._box, self.cell, bool(paths))
         self.places: dict[Configuration, int] = {}
         self._rests: dict[int, RoadmapEdge] = {}
         for pose in ends:
@@ -331,7 +348,7 @@ class Roadmap:
         """Return the place at a pose, joined to the places of the lattice near it."""
         if pose not in self.places:
             node = self.places[pose] = self._new(pose)
-            if not self._join(node, self.tuning.links):
+            if not self._join(node, LINKS):
                 self._drive_out(node)
         return self.places[pose]
 
@@ -345,7 +362,7 @@ class Roadmap:
             if all(self._sweeps_free(m.rows) for m in moves):
                 there = self._new(pose)
                 self._link((node, there)[::order], moves)
-                self._join(there, self.tuning.links)
+                self._join(there, LINKS)
 
     def rest(self, node: int) -> RoadmapEdge:
         """Return the rest at a place."""
@@ -358,7 +375,7 @@ class Roadmap:
         if node not in self._known:
             check_time()
             found = [self.edges[k] for k in self._extra.get(node, ())]
-            if node in self._keys and len(self.poses) < self.tuning.nodes:
+            if node in self._keys and len(self.poses) < NODES:
                 found += self._lattice_moves(node)
             self._known[node] = found
         return self._known[node]
@@ -474,7 +491,7 @@ class Roadmap:
         kin = self.body.kinematics
         way = float(steps_of(move.rows, 0.0).sum()) if len(move.rows) > 1 else 0.0
         turn = float(np.abs(np.diff(move.rows[:, 2])).sum()) if self._pivots else 0.0
-        cost = max(way / kin.v_max, turn / kin.omega_max) + self.tuning.each
+        cost = max(way / kin.v_max, turn / kin.omega_max) + EACH
         edge = RoadmapEdge(len(self.edges), source, target, move, self.hull, cost)
         self.edges.append(edge)
         return edge
@@ -505,7 +522,7 @@ class Roadmap:
             bend = abs(math.remainder(target[2] - pose[2], 2 * math.pi))
             options.append((away + self.hull.radius * bend, key))
         options.sort()
-        limit = self.tuning.local * max(self.cell, self.body.kinematics.bend_radius)
+        limit = LOCAL * max(self.cell, self.body.kinematics.bend_radius)
         done = []
         for order in self._orders:
             joined = 0

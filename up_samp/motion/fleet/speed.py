@@ -352,6 +352,10 @@ def tune(
 # ------------------ The earliest arrival along one path among runs: waiting, and speeds tuned
 
 
+GAIN = 0.02
+"""Seconds for which another timing is worth having."""
+
+
 @dataclass(frozen=True)
 class Window:
     """When a motion may happen: it is there from ``since``, leaves not before ``release``."""
@@ -381,7 +385,7 @@ def fit(
         rows = workspace.forbidden(path, motion.object, motion.avoid, soon)
         ends = _end_rows(workspace, motion, path, later)
         rows = np.concatenate([rows, ends])
-        timing = _earliest(motion, window, path, rows, limit, workspace.tuning.ladder.gain)
+        timing = _earliest(motion, window, path, rows, limit)
         if timing is None and (not later or limit <= horizon):
             return best
         if timing is not None and (not later or timing.trajectory.end <= horizon):
@@ -424,10 +428,9 @@ def _earliest(
     path: Path,
     rows: FloatArray,
     limit: float,
-    gain: float,
 ) -> Timing | None:
     """Return the earliest arrival along ``path``, before ``limit``, with forbidden (cell, from,
-    until) ``rows``; at another speed only if that gains so much (s).
+    until) ``rows``; at another speed only if that gains ``GAIN`` s.
     """
     rows = rows[(rows[:, 2] > window.release) | (rows[:, 0] == path.cells + 1)]
     until = motion.present_until
@@ -444,8 +447,8 @@ def _earliest(
         ends = rows[(rows[:, 0] == path.cells + 1) & (rows[:, 1] < until)]
         goal_free = float(np.max(ends[:, 2], initial=-math.inf))
         # hundredths of a second are not worth a timing that stops and goes
-        if max(goal_free, window.release + path.fastest) < limit - gain:
-            tuned = tune(path, safe, window.release, goal_free, limit - gain)
+        if max(goal_free, window.release + path.fastest) < limit - GAIN:
+            tuned = tune(path, safe, window.release, goal_free, limit - GAIN)
             best = tuned or best
     return best
 

@@ -30,7 +30,7 @@ from up_samp.model import (
     check_time,
 )
 from up_samp.motion.fleet.conflicts import (
-    CLEARANCES,
+    ROOM,
     conflicting_cells,
     eased,
     kept,
@@ -95,6 +95,17 @@ CHORD = 0.1
 """Allowance (m) for positions read along chords instead of arcs."""
 
 
+PATHS, DIAGRAMS = 4_000, 400_000
+"""Paths of each kind (a fleet of 50 with 150 orders drives 300), and pairs of paths whose conflicts
+are known, that are remembered.
+"""
+
+QUICK = 0.5
+"""Seconds for a detour where no planner stops after fixed work."""
+
+LANE = 25.0
+"""Metres of a stretch beside which a lane is tried, at most."""
+
 NOTHING = np.empty((0, 3), dtype=np.int64)
 """No conflicting cells."""
 
@@ -133,17 +144,16 @@ class Workspace:
 
     def __init__(self, service: PathPlanner) -> None:
         self.tuning: FleetTuning = fleet_tuning(service)
-        paths = self.tuning.memory.paths
         self._service = weakref.ref(service)  # the service owns its workspace, not the other way
         self.truncated = 0
         """How often a path's search was cut short; what came of it is not remembered."""
-        self._paths: Memory[Path | PathReport] = Memory(paths)
+        self._paths: Memory[Path | PathReport] = Memory(PATHS)
         self._quick: dict[MotionModel, MotionPlanner | None] = {}
-        self._drives: Memory[Path] = Memory(paths)
-        self._lanes: Memory[Path | None] = Memory(paths)
-        self._rests: Memory[Path] = Memory(paths)
-        self._ways: Memory[KnownPaths] = Memory(paths)
-        self._conflicts: Memory[IntArray] = Memory(self.tuning.memory.diagrams)
+        self._drives: Memory[Path] = Memory(PATHS)
+        self._lanes: Memory[Path | None] = Memory(PATHS)
+        self._rests: Memory[Path] = Memory(PATHS)
+        self._ways: Memory[KnownPaths] = Memory(PATHS)
+        self._conflicts: Memory[IntArray] = Memory(DIAGRAMS)
 
     @property
     def service(self) -> PathPlanner:
@@ -227,7 +237,7 @@ class Workspace:
         quick = self._quick_planner(body)
         if quick is None or self.scene is None:
             if not body.flies:  # who plans for flyers counts its work
-                deadline = deadline.within(self.tuning.detours.quick)
+                deadline = deadline.within(QUICK)
             path = self.path(body, poses, obstacles, deadline)
             return path if isinstance(path, Path) else None
         around = frozenset((solid_of(p.body), p.pose) for p in obstacles)
@@ -275,7 +285,7 @@ class Workspace:
 
     def lane(self, path: Path, first: float, last: float, offset: float) -> Path | None:
         """Return ``path`` moved sideways by ``offset`` m on [first, last] m, if the map allows."""
-        if self.scene is None or path.body.flies or last - first > self.tuning.detours.lane:
+        if self.scene is None or path.body.flies or last - first > LANE:
             return None
         key = (path.number, first, last, offset)
         scene = self.scene
@@ -288,7 +298,7 @@ class Workspace:
 
     def crowds(self, path: Path, body: Body, pose: Configuration) -> bool:
         """Return whether a body at a pose is near an end of a path."""
-        rest, enough = self.resting(body, pose), self.margin + CLEARANCES.room
+        rest, enough = self.resting(body, pose), self.margin + ROOM
         if path.body.flies or body.flies:
             return min(gaps_at_ends(path.solid, rest.solid)) < enough
         return any(

@@ -21,12 +21,16 @@ from up_samp.model import (
 )
 from up_samp.motion.budget import WorkBudget
 from up_samp.motion.models import MODELS, made_by
-from up_samp.motion.planners.ompl_planar import SETTINGS, PlanarWorld, search
+from up_samp.motion.planners.ompl_planar import PlanarWorld, search
 from up_samp.motion.planners.ompl_solve import ONE_TREE, canonical, known_planners
 from up_samp.motion.protocol import Leg, LegQuery
 
 PLANNERS = known_planners()
 """Names of the geometric planners that the installed OMPL offers."""
+
+
+NEAREST = 40
+"""Vertices of a tree from which a target is tried."""
 
 
 class OmplPlanner:
@@ -93,7 +97,7 @@ def explore(
     """Search from the first to the last pose of a query and tell what was reached.
 
     The paper's reading of an RRT: a target counts as reached if the tree has a vertex from which it
-    is one free edge away (the nearest ``SETTINGS.nearest`` are tried); an obstacle is a blocker if
+    is one free edge away (the nearest ``NEAREST`` are tried); an obstacle is a blocker if
     an extension collided with it. A target that was not reached is *not* proven unreachable.
     """
     if canonical(planner) not in ONE_TREE:
@@ -117,6 +121,6 @@ def _reaches(world: PlanarWorld, tree: npt.NDArray[np.float64], pose: Configurat
     x, y, th = (float(v) for v in pose[:3])
     if not world.pose_free(x, y, th):
         return False
-    nearest = np.argsort(np.hypot(tree[:, 0] - x, tree[:, 1] - y))[: SETTINGS.nearest]
+    nearest = np.argsort(np.hypot(tree[:, 0] - x, tree[:, 1] - y))[:NEAREST]
     a = tree[nearest].tolist()
     return any(world.edge_free(v[0], v[1], v[2], x, y, th) for v in a)

@@ -11,7 +11,6 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -55,22 +54,14 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 
-@dataclass(frozen=True)
-class OmplSettings:
-    """Effort. ``polish``: edge checks that improving planners spend after a first path.
-    ``rounds``, ``patience``: of the shortening. ``reach``: longest extension, in turning radii or
-    body lengths, but not less than ``share`` of the map's diagonal.
-    """
-
-    polish: int = 400
-    rounds: int = 1500
-    patience: int = 300
-    reach: float = 6.0
-    share: float = 0.05
-    nearest: int = 40
-
-
-SETTINGS = OmplSettings()
+POLISH = 400
+"""Edge checks that improving planners spend after a first path."""
+ROUNDS, PATIENCE = 1500, 300
+"""Of the shortening."""
+REACH, SHARE = 6.0, 0.05
+"""Longest extension, in turning radii or body lengths, but not less than a share of the map's
+diagonal.
+"""
 
 
 @kernel
@@ -208,7 +199,7 @@ class PlanarWorld:
         si.setup()
         size = self.radius if self.car else 2 * self.shape.circumscribed
         diagonal = float(np.linalg.norm(high - low))
-        return si, max(SETTINGS.reach * size, SETTINGS.share * diagonal)
+        return si, max(REACH * size, SHARE * diagonal)
 
 
 def state_of(si: Any, pose: Configuration) -> Any:
@@ -252,7 +243,7 @@ def search(
         if hasattr(method, "setNumSamples"):
             method.setNumSamples(samples)
         # SORRT* samples ever smaller sets by rejection: after a good path it hardly gets on
-        polish = 1 if name == "SORRTstar" else SETTINGS.polish
+        polish = 1 if name == "SORRTstar" else POLISH
         states, status = solve(method, pdef, budget, polish=polish, read=_read)
         one_shot = hasattr(method, "setNumSamples")
         if states is not None or not one_shot or budget.deadline.expired():
@@ -285,7 +276,7 @@ def _drive(
     curves = [shortest(tuple(a), tuple(b), limits.radius, limits.sense)[1] for a, b in pairs]
     raw = merged(np.concatenate(curves))
     origin, target = nodes[0], np.array(goal[:3], dtype=np.float64)
-    effort = Effort(SETTINGS.rounds, SETTINGS.patience, seed)
+    effort = Effort(ROUNDS, PATIENCE, seed)
     best = None
     for arcs in (raw, improve(world.data, origin, raw, limits, effort)):
         faster = best is None or path_time(arcs, limits.v, limits.a) < path_time(
@@ -305,7 +296,7 @@ def _glide(
     and its corners.
     """
     limits = planar_limits(world.body.kinematics)
-    nodes = shortened(world.data, nodes, limits, SETTINGS.rounds, seed)
+    nodes = shortened(world.data, nodes, limits, ROUNDS, seed)
     corners = pieces(nodes)
     found = Glider(world.scene, world.body, world.shape, world.obstacles).glide(corners, goal)
     return (None if found is None else found[0]), corners

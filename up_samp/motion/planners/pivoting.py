@@ -29,7 +29,6 @@ from up_samp.motion.moves import ShortMove, corners_of, steer
 from up_samp.motion.planners.car import CarPlanner, CarSettings
 from up_samp.motion.planners.rounding import RoundedWay, Rounding
 from up_samp.motion.protocol import Leg, LegQuery
-from up_samp.motion.tuning import RoadmapTuning
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -134,13 +133,12 @@ class PivotPlanner:
             self.scene, ends, query.obstacles, self.settings.reach * shape.circumscribed
         )
         box = (float(low[0]), float(low[1]), float(high[0]), float(high[1]))
-        grid = RoadmapTuning()
         effort, speed = 0, body.kinematics.v_max / self.settings.weight
-        for cell, most in zip(cells_of(body, grid), self.settings.places, strict=True):
+        for cell, most in zip(cells_of(body), self.settings.places, strict=True):
             left = most if query.effort is None else min(most, query.effort - effort)
             if deadline.expired() or left <= 0:
                 return None, effort, True
-            roadmap = Roadmap(self.scene, body, ends, (), query.obstacles, cell, grid, box)
+            roadmap = Roadmap(self.scene, body, ends, (), query.obstacles, cell, box)
             start, goal = (roadmap.place(pose) for pose in ends)
 
             def estimate(node: int, roadmap: Roadmap = roadmap) -> float:

@@ -23,21 +23,14 @@ FloatArray = npt.NDArray[np.float64]
 Point = tuple[float, float]
 
 
-@dataclass(frozen=True)
-class Sense:
-    """What is worth rounding. Turns (rad) and lines (m) below ``flat`` are none; corners that turn
-    by more than ``sharp`` (rad) are not cut: the arc would lie far away from them. Another way must
-    save ``gain`` s. The place of a new corner and the angle there are made to fit in ``fitted``
-    rounds.
-    """
-
-    flat: float = 1e-9
-    sharp: float = 2.6
-    gain: float = 1e-3
-    fitted: int = 4
-
-
-SENSE = Sense()
+FLAT = 1e-9
+"""Turns (rad) and lines (m) below this are none."""
+SHARP = 2.6
+"""Corners that turn by more (rad) are not cut: the arc would lie far away from them."""
+GAIN = 1e-3
+"""Seconds that another way must save."""
+FITTED = 4
+"""Rounds in which the place of a new corner and the angle there are made to fit."""
 RADII = (1.0, 0.7, 0.5, 0.35)
 """Of arcs that are tried: shares of the rolling radius, that of the tightest arc at top speed."""
 SHIFTS = (0.0, 0.5, 1.0)
@@ -65,7 +58,7 @@ class RoundedWay:
         ahead: list[int] = []
         for a, b in itertools.pairwise(nodes):
             dx, dy = float(b[0] - a[0]), float(b[1] - a[1])
-            if math.hypot(dx, dy) > SENSE.flat:
+            if math.hypot(dx, dy) > FLAT:
                 along = dx * math.cos(a[2]) + dy * math.sin(a[2])
                 ahead.append(1 if along > 0.0 else -1)
                 points.append((float(b[0]), float(b[1])))
@@ -113,12 +106,12 @@ class RoundedWay:
             return math.inf
         pieces: list[tuple[float, int, float]] = []
         for k, (turn, radius) in enumerate(zip(turns, self.radii, strict=True)):
-            if abs(turn) > SENSE.flat and radius == 0.0:
+            if abs(turn) > FLAT and radius == 0.0:
                 pieces.append((abs(turn), 2, kinematics.omega_max))
-            elif abs(turn) > SENSE.flat:
+            elif abs(turn) > FLAT:
                 top = min(kinematics.v_max, kinematics.omega_max * radius)
                 pieces.append((abs(turn) * radius, self.ahead[k], top))
-            if k < len(self.ahead) and found[1][k] > SENSE.flat:
+            if k < len(self.ahead) and found[1][k] > FLAT:
                 pieces.append((found[1][k], self.ahead[k], kinematics.v_max))
         return drive_time(pieces, kinematics.a_max)
 
@@ -141,7 +134,7 @@ class RoundedWay:
             if k > 0:
                 rows.append((x, y, theta))
             theta += turn
-            if abs(turn) > SENSE.flat:
+            if abs(turn) > FLAT:
                 rows.append((x, y, theta))
         return np.array(rows)
 
@@ -168,7 +161,7 @@ class Rounding:
                 if found is not None:
                     best, seconds = found
                 k += 1
-            if before - seconds < SENSE.gain:
+            if before - seconds < GAIN:
                 break
         return best
 
@@ -177,7 +170,7 @@ class Rounding:
     ) -> tuple[RoundedWay, float] | None:
         """Return the fastest free one of some ways, if it is faster than ``limit`` (s)."""
         timed = ((way.seconds(self.kinematics), k, way) for k, way in enumerate(others))
-        for seconds, _, way in sorted(item for item in timed if item[0] < limit - SENSE.gain):
+        for seconds, _, way in sorted(item for item in timed if item[0] < limit - GAIN):
             if self.is_free(way.rows()):
                 return way, seconds
         return None
@@ -192,7 +185,7 @@ class Rounding:
                     yield found if k == 0 else _reversed(found)
             return
         turn = way.turns[k]
-        if way.ahead[k - 1] != way.ahead[k] or abs(turn) > SENSE.sharp:
+        if way.ahead[k - 1] != way.ahead[k] or abs(turn) > SHARP:
             return
         yield _without(way, k)
         for radius, share in itertools.product(radii, SHIFTS):
@@ -212,7 +205,7 @@ def _cut_by(way: RoundedWay, k: int, radius: float, shift: float) -> RoundedWay:
     before, after = math.hypot(x - ax, y - ay), math.hypot(bx - x, by - y)
     inside = (bx - x) / after - (x - ax) / before, (by - y) / after - (y - ay) / before
     bend = math.hypot(*inside)
-    if bend > SENSE.flat:
+    if bend > FLAT:
         x, y = x - shift * inside[0] / bend, y - shift * inside[1] / bend
     points = (*way.points[:k], (x, y), *way.points[k + 1 :])
     return replace(way, points=points, radii=(*way.radii[:k], radius, *way.radii[k + 1 :]))
@@ -224,17 +217,17 @@ def _begun_in_an_arc(way: RoundedWay, radius: float) -> RoundedWay | None:
     """
     turn, sign = way.turns[0], way.ahead[0]
     (x, y), (bx, by) = way.points[:2]
-    if not SENSE.flat < abs(turn) < SENSE.sharp:
+    if not FLAT < abs(turn) < SHARP:
         return None
     c, s = sign * math.cos(way.ends[0]), sign * math.sin(way.ends[0])
     away = 0.0
-    for _ in range(SENSE.fitted):
+    for _ in range(FITTED):
         away = max(away, radius * math.tan(0.5 * abs(turn)))
         dx, dy = bx - x - away * c, by - y - away * s
         turn = math.remainder(math.atan2(sign * dy, sign * dx) - way.ends[0], 2 * math.pi)
-        if abs(turn) > SENSE.sharp:
+        if abs(turn) > SHARP:
             return None
-    radius = min(radius, away / max(math.tan(0.5 * abs(turn)), SENSE.flat))
+    radius = min(radius, away / max(math.tan(0.5 * abs(turn)), FLAT))
     points = ((x, y), (x + away * c, y + away * s), *way.points[1:])
     return replace(
         way, points=points, ahead=(sign, *way.ahead), radii=(0.0, radius, *way.radii[1:])

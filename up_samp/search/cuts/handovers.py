@@ -5,9 +5,9 @@ from __future__ import annotations
 from up_samp.model import ScheduledMotion
 from up_samp.model.refinement import Refinement
 from up_samp.search.cuts.protocol import Failure
-from up_samp.search.facts import MotionCase
+from up_samp.search.facts import are_apart
 from up_samp.search.motions import Motions
-from up_samp.search.statements.handovers import are_apart, handover
+from up_samp.search.statements.handovers import handover
 
 
 def handover_cuts(failure: Failure, late: str) -> list[Refinement]:
@@ -23,7 +23,8 @@ def handover_cuts(failure: Failure, late: str) -> list[Refinement]:
     found = []
     for other in failure.scheduled.values():
         if leaves_for(motions, other, coming):
-            for pair in _same_pairs(failure, other, coming):
+            pairs = failure.pairs_like(other, coming)
+            for pair in pairs if are_apart(*pairs[0]) else ():
                 cut = handover(motions, knowledge, pair, deadline)
                 found += [] if cut is None else [cut]
     return found
@@ -37,15 +38,3 @@ def leaves_for(motions: Motions, other: ScheduledMotion, coming: ScheduledMotion
     if len(coming.poses[-1]) != 3 or len(other.poses[0]) != 3:
         return False
     return motions.service.overlap(theirs, other.poses[0], mine, coming.poses[-1])
-
-
-def _same_pairs(
-    failure: Failure, other: ScheduledMotion, coming: ScheduledMotion
-) -> list[tuple[MotionCase, MotionCase]]:
-    facts = failure.facts
-    own = facts.case(other), facts.case(coming)
-    if not are_apart(*own):
-        return []
-    both = failure.alike(facts, other), failure.alike(facts, coming)
-    pairs = [(x, y) for x in both[0] for y in both[1] if are_apart(x, y)]
-    return pairs if own in pairs else [own, *pairs]

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Callable
+from dataclasses import replace
 
-from up_samp.model import Deadline, FixedMotion, ScheduledMotion, TimedMotion, avoids
-from up_samp.model.refinement import Given, Refinement, Strength
-from up_samp.model.snapshot import MotionTask
+from up_samp.model import Deadline, FixedMotion, TimedMotion
+from up_samp.model.refinement import Refinement, Strength
 from up_samp.refinement import rules
 from up_samp.search.cuts.protocol import Failure
-from up_samp.search.facts import MotionCase
 from up_samp.search.motions import Motions
 
 
@@ -46,49 +43,18 @@ def _partners(failure: Failure, late: str) -> list[str]:
     return [n for n in overlapping if n in named] or overlapping
 
 
-@dataclass(frozen=True)
-class _Pair:
-    """Two motions; offsets are the second's start after the first's (units)."""
+def _behind(
+    motions: Motions, leader: TimedMotion, follower: TimedMotion, slack: int, deadline: Deadline
+) -> Callable[[int], int]:
+    """Return what tells for the follower's start after the leader's its earliest end after that
+    (units; 0: not known) if it gives way, or any that is within ``slack``. Only the two are there.
+    """
+    facts, drive = motions.facts, motions.fastest_alone(leader)
 
-    motions: Motions
-    first: TimedMotion
-    second: TimedMotion
-    slack_first: int
-    """Units after the second's start by which the first may end."""
-    slack_second: int
-    deadline: Deadline
-
-    def second_end(self, offset: int) -> int | None:
-        """Return the second's end after the first's start, if it gives way."""
-        return self._behind(self._leader_first, self.second, offset, self.slack_second)
-
-    def first_end(self, offset: int) -> int | None:
-        """Return the first's end after the second's start, if it gives way."""
-        return self._behind(self._leader_second, self.first, -offset, self.slack_first)
-
-    @cached_property
-    def _leader_first(self) -> FixedMotion | None:
-        return self._leading(self.first)
-
-    @cached_property
-    def _leader_second(self) -> FixedMotion | None:
-        return self._leading(self.second)
-
-    def _leading(self, motion: TimedMotion) -> FixedMotion | None:
-        drive = self.motions.fastest_alone(motion)
+    def end(offset: int) -> int:
         if drive is None:
-            return None
-        return FixedMotion(motion.name, motion.object, motion.body, drive, drive.start, drive.end)
-
-    def _behind(
-        self, leader: FixedMotion | None, follower: TimedMotion, offset: int, slack: int
-    ) -> int | None:
-        """Return the follower's earliest end (units after the leader's start) when it gives way,
-        or any that is within ``slack``. Only the two are there.
-        """
-        if leader is None:
-            return None
-        facts = self.motions.facts
+            return 0
+        ahead = FixedMotion(leader.name, leader.object, leader.body, drive, drive.start, drive.end)
         release = facts.seconds(offset)
         moved = replace(
             follower,
@@ -97,10 +63,11 @@ class _Pair:
             present_from=release,
             present_until=math.inf,
         )
-        arrival = self.motions.arrival(
-            moved, fixed=(leader,), enough=facts.seconds(slack), deadline=self.deadline
-        )
-        return None if arrival is None else facts.units(arrival)
+        enough = facts.seconds(slack)
+        arrival = motions.arrival(moved, fixed=(ahead,), enough=enough, deadline=deadline)
+        return 0 if arrival is None else facts.units(arrival)
+
+    return end
 
 
 def _pair_cut(
@@ -109,22 +76,24 @@ def _pair_cut(
     """Return the pair's cuts for the widest range of offsets that still rejects the candidate."""
     a, b = failure.scheduled[first], failure.scheduled[second]
     timed_a, timed_b = failure.timed[first], failure.timed[second]
-    pair = _Pair(failure.motions, timed_a, timed_b, a.end - b.start, b.end - a.start, deadline)
+    motions, slack_first, slack_second = failure.motions, a.end - b.start, b.end - a.start
+    second_end = _behind(motions, timed_a, timed_b, slack_second, deadline)
+    first_end = _behind(motions, timed_b, timed_a, slack_first, deadline)
     offset = b.start - a.start
 
     def second_late(at: int) -> bool:
-        return (pair.second_end(at) or 0) > pair.slack_second
+        return second_end(at) > slack_second
 
     def first_late(at: int) -> bool:
-        return (pair.first_end(at) or 0) > pair.slack_first
+        return first_end(-at) > slack_first
 
     if not second_late(offset) or not first_late(offset):
         return None
     reach = max(a.end - a.start, b.end - b.start)
     low = _widest(offset, -1, reach, second_late)
     high = _widest(offset, +1, reach, first_late)
-    needed_b, needed_a = pair.second_end(low), pair.first_end(high)
-    if low > high or needed_b is None or needed_a is None:
+    needed_b, needed_a = second_end(low), first_end(-high)
+    if low > high or not needed_b or not needed_a:
         return None
     why = f"{a.activity} and {b.activity} meet when started {low} to {high} units apart"
     exhaustive = failure.motions.order_decides(timed_a, timed_b)
@@ -137,39 +106,8 @@ def _pair_cut(
             ),
             tuple(sorted({*x.given, *y.given})),
         )
-        for x, y in _same_pairs(failure, first, second)
+        for x, y in failure.pairs_like(a, b)
     ]
-
-
-def _same_pairs(
-    failure: Failure, first: str, second: str
-) -> Iterator[tuple[MotionCase, MotionCase]]:
-    """Yield the pair and all pairs of two objects' motions that are the same to the planner."""
-    facts = failure.facts
-    a, b = failure.scheduled[first], failure.scheduled[second]
-    mine = facts.case(a), facts.case(b)
-    yield mine
-    if a.constraint or b.constraint:
-        return
-    if not _each_other(a, b):
-        return
-    for one in failure.alike(facts, a):
-        for two in failure.alike(facts, b):
-            x, y = one.task, two.task
-            if x.moved & y.moved or (one, two) == mine or _contradict(one.given, two.given):
-                continue
-            if x.index == y.index == 0 and _each_other(x, y):
-                yield one, two
-
-
-def _contradict(one: Given, two: Given) -> bool:
-    """Return whether two motions ask for different values of one variable."""
-    values = dict(one)
-    return any(values.get(name, value) != value for name, value in two)
-
-
-def _each_other(a: ScheduledMotion | MotionTask, b: ScheduledMotion | MotionTask) -> bool:
-    return avoids(a.avoid, b.object) and avoids(b.avoid, a.object)
 
 
 def _widest(offset: int, step: int, reach: int, works: Callable[[int], bool]) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,7 +19,7 @@ from up_samp.model import (
 from up_samp.model.refinement import Refinement, Strength
 from up_samp.model.snapshot import Snapshot
 from up_samp.refinement import holds, rules, timed
-from up_samp.search.facts import Facts, MotionCase
+from up_samp.search.facts import Facts, MotionCase, are_apart
 from up_samp.search.knowledge import Knowledge
 from up_samp.search.motions import Motions
 from up_samp.search.world import motion_key, places_between
@@ -108,6 +109,19 @@ class Failure:
             for m in self.group
             if motion_key(m) in names or (m.moved & objects and m.start <= last and m.end >= first)
         ]
+
+    def pairs_like(
+        self, one: ScheduledMotion, other: ScheduledMotion
+    ) -> list[tuple[MotionCase, MotionCase]]:
+        """Return two of the group's motions and then, where they heed each other, all pairs of two
+        objects' motions that are the same to the planner.
+        """
+        facts = self.facts
+        own = facts.case(one), facts.case(other)
+        if not are_apart(*own):
+            return [own]
+        pairs = itertools.product(self.alike(facts, one), self.alike(facts, other))
+        return [own, *(pair for pair in pairs if pair != own and are_apart(*pair))]
 
     def rivals(self, motions: Sequence[ScheduledMotion]) -> list[str]:
         """Return the other motion activities of the same objects: they might clear the way."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -56,24 +56,9 @@ class Assignment:
         """All jobs, with the ways to do each."""
         return self.rehearsal.jobs
 
-    def cost(self, robot: str, tour: Sequence[Step]) -> float:
-        """Return when a robot would have done a tour if it were alone (s), and what is late counts
-        more.
-        """
-        end, late = self.rehearsal.alone(robot, tour)
-        return end + self.rehearsal.rules.late * late
-
-    def late(self) -> float:
-        """Return by how much jobs are late in all (s)."""
-        return math.fsum(late for _, late in self.rehearsal.ends(self.tours).values())
-
     def ways(self) -> list[OneDrive]:
         """Return all drives that are made, also those home."""
         return [(robot, a, b) for robot in sorted(self.tours) for a, b in _all_ways(self, robot)]
-
-    def with_tours(self, changed: Mapping[str, list[Step]]) -> Assignment:
-        """Return the same with other tours of some robots."""
-        return replace(self, tours={**self.tours, **changed})
 
 
 def assign(
@@ -147,7 +132,7 @@ def exchanged(
             break
         draws = drawn(chance, len(some))
         anneal(rehearsal.work(), rehearsal.rules, now, best, draws, some)
-    return found.with_tours(rehearsal.tours(best))
+    return replace(found, tours=rehearsal.tours(best))
 
 
 def decided_by(assign: Assignment, names: Sequence[str]) -> frozenset[str]:

@@ -64,10 +64,6 @@ class AssignmentEvaluator:
             r: (float(end), float(late)) for r, (end, late) in self._by_name(found) if r in tours
         }
 
-    def alone(self, robot: str, tour: Sequence[Step]) -> tuple[float, float]:
-        """Return when (s) a robot would have done its jobs without others, and how late it is."""
-        return self.ends({robot: tour})[robot]
-
     def shares(self, tours: Mapping[str, Sequence[Step]]) -> TourArrays:
         """Return tours as rows of numbers, with room for one job more than there are."""
         rows = np.full((len(self.robots), len(self.jobs.options) + 1), -1)

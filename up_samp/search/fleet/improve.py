@@ -20,7 +20,6 @@ from dataclasses import dataclass, field, replace
 from up_samp.model import Deadline
 from up_samp.search.events import Phase
 from up_samp.search.fleet.assignment import Assignment, exchanged, mended
-from up_samp.search.fleet.evaluator import Step
 from up_samp.search.fleet.sequential import FleetSolution, alone, can_decide, times_of
 from up_samp.search.fleet.tours import Past, Priorities, TourPlanner
 from up_samp.search.knowledge import Incumbent
@@ -58,8 +57,6 @@ _LOOKS, _LOOKING = 4, 0.1
 """How often other ways from pose to pose are looked for, and in what share of the changes."""
 _TOGETHER = 5
 """Tours at most, that are decided anew with one of the last."""
-_CHOICE = 6
-"""Exchanges of jobs that look best, of which one is tried at random."""
 _CRITICAL = 0.5
 """Share of choices that fall on what the last end hangs on."""
 _TURNS = (1, 1, 2, 3, 5)
@@ -72,25 +69,15 @@ DELAYED = 6.0
 """...each taking longer than alone by so much (s)."""
 
 
-@dataclass(frozen=True)
-class FirstTours:
-    """Tours and the best way to decide them that was found. ``ahead``: how much sooner (s) robots
-    had their turns than they would.
-    """
-
-    tours: TourPlanner
-    decided: FleetSolution
-    ahead: Mapping[str, float] = field(default_factory=dict)
-
-
 def plan_tours(
     search: Search,
     itinerary: Itinerary,
     deadline: Deadline,
     *,
     homes: frozenset[str] = frozenset(),
-) -> FirstTours | None:
-    """Return the tours of a candidate, decided; None where there is no way to do that.
+) -> tuple[TourPlanner, FleetSolution] | None:
+    """Return the tours of a candidate, and the best way to decide them that was found; None where
+    there is none.
 
     :param homes: motions at the end of tours that may be left out where nobody needs them.
     """
@@ -102,8 +89,8 @@ def plan_tours(
         tours.learn_ways_past(deadline)
         found = squeaky_wheel(tours, search.tuning.rounds, random.Random(search.seed), deadline)
         if found is None and _whole(tours, deadline):
-            found = FirstTours(tours, tours.decided())
-    return found
+            found = tours.decided()
+    return None if found is None else (tours, found)
 
 
 def in_order(search: Search, itinerary: Itinerary) -> Incumbent | None:
@@ -120,7 +107,7 @@ def in_order(search: Search, itinerary: Itinerary) -> Incumbent | None:
         found = None if tours is None else squeaky_wheel(tours, _FEW_ROUNDS, rng, deadline)
     if found is None:
         return None
-    return search.plan_of(found.decided.schedule, found.decided.trajectories())
+    return search.plan_of(found.schedule, found.trajectories())
 
 
 def undecided_tours(
@@ -137,12 +124,15 @@ def undecided_tours(
 
 def squeaky_wheel(
     tours: TourPlanner, rounds: int, rng: random.Random, deadline: Deadline
-) -> FirstTours | None:
+) -> FleetSolution | None:
     """Return the tours of the best of some rounds, if any brings some. In each all are decided in
     the order of time; who is stuck, or ends late, has its turns sooner in the next one.
     """
-    best: FirstTours | None = None
+    best: FleetSolution | None = None
     ahead: dict[str, float] = {}
+    """How much sooner (s) robots have their turns than they would."""
+    kept: dict[str, float] = {}
+    """The same, in the best round so far."""
     first: list[str] = []  # whose whole tours go before all others
     late = set[str]()  # who was stuck before there was any good round
     for number in range(rounds):
@@ -160,12 +150,12 @@ def squeaky_wheel(
             if best is None and stuck in late:
                 first = _sooner(stuck, first)
             late.add(stuck)
-            before = ahead if best is None else best.ahead
+            before = ahead if best is None else kept
             ahead = {**before, stuck: before.get(stuck, 0.0) + _STUCK_SOONER}
             continue
         found = tours.decided()
-        if best is None or found.cost(1) < best.decided.cost(1):
-            best = FirstTours(tours, found, turns)
+        if best is None or found.cost(1) < best.cost(1):
+            best, kept = found, turns
         ends = found.ends()
         usual = sorted(ends.values())[len(ends) // 2]
         ahead = {
@@ -177,17 +167,15 @@ def squeaky_wheel(
 
 def _whole(tours: TourPlanner, deadline: Deadline) -> bool:
     """Decide whole tours, one after the other; return whether that was possible."""
-    first: list[str] = []
-    tours.reset()
+    first = tours.ranked()
     for _ in range(_ORDERS):
-        given = Priorities(tuple(first), looks=1)
-        stuck = tours.decide(given, deadline)
+        tours.reset()
+        stuck = tours.decide_in_turns(Priorities(tuple(first), looks=1), deadline)
         if stuck is None:
             return True
         if deadline.expired() or first[:1] == [stuck]:
             return False
         first = _sooner(stuck, first)
-        tours.begin_anew(replace(given, first=tuple(first)), deadline)
     return False
 
 
@@ -203,19 +191,6 @@ OpenTours = Callable[[Assignment, Deadline], TourPlanner | None]
 """Opens tours of what was dealt out, with nothing decided; None where they cannot be."""
 
 
-@dataclass(frozen=True)
-class TourChange:
-    """What a move asks for: of some robots only so many motions as are ``kept`` stay as they are;
-    all others are decided anew in turns.
-
-    :param dealt: what is dealt out then, if that is something else.
-    """
-
-    kept: Mapping[str, int]
-    given: Priorities
-    dealt: Assignment | None = None
-
-
 @dataclass
 class FleetLNS:
     """The best tours so far of a fleet, and the search for better ones."""
@@ -225,8 +200,6 @@ class FleetLNS:
     best: FleetSolution
     open_tours: OpenTours
     rng: random.Random
-    tried: set[tuple[object, ...]] = field(default_factory=set)
-    """Exchanges of jobs that did not help since the last change."""
     without_traffic: float = math.inf
     """When (s) all jobs are done at the soonest, as far as shared places tell."""
     _critical: list[str] = field(default_factory=list)
@@ -245,13 +218,11 @@ class FleetLNS:
             move = next(firsts, None) or self.rng.choices(MOVES, shares)[0][0]
             stale += 1
             before = self.cost(self.best)
-            change = move(self, deadline)
-            found = None if change is None else self._decided(change, deadline)
+            found = move(self, deadline)
             if found is None or self.cost(found) > before:
                 continue
             # as good ones, too: they lead elsewhere
             self.best = found
-            self.tried.clear()
             self._critical = []
             self._delaying.clear()
             self._delays.clear()
@@ -306,45 +277,35 @@ class FleetLNS:
             found[robot] = sum(map(len, before))
         return found
 
-    def _decided(self, change: TourChange, deadline: Deadline) -> FleetSolution | None:
-        """Return what comes of a change; None where somebody is stuck or too late."""
-        if change.dealt is not None and not change.kept:
-            return self._dealt_again(change.dealt, deadline)
-        tours = self.tours if change.dealt is None else self.open_tours(change.dealt, deadline)
-        if tours is None or not tours.adopt(self.best, change.kept):
+    def anew(
+        self, kept: Mapping[str, int], given: Priorities, deadline: Deadline
+    ) -> FleetSolution | None:
+        """Return what comes of it if of some robots only so many motions as are ``kept`` stay as
+        they are and all others are decided anew in turns; None where somebody is stuck or too late.
+        """
+        if not self.tours.adopt(self.best, kept):
             return None
-        if tours.decide_in_turns(change.given, deadline) is not None:
-            return None
-        return self._gone_on(tours, tours.decided(), change.dealt)
-
-    def _dealt_again(self, dealt: Assignment, deadline: Deadline) -> FleetSolution | None:
-        """Return the best of some rounds of tours in which others do everybody's jobs."""
-        tours = self.open_tours(dealt, deadline)
-        again = (
-            None if tours is None else squeaky_wheel(tours, dealt.tuning.rounds, self.rng, deadline)
-        )
-        return None if again is None else self._gone_on(again.tours, again.decided, dealt)
-
-    def _gone_on(
-        self, tours: TourPlanner, found: FleetSolution, dealt: Assignment | None
-    ) -> FleetSolution:
-        """Return what was found; its tours are those to go on with, if it is kept."""
-        if dealt is not None and self.cost(found) <= self.cost(self.best):
-            self.tours, self.dealt = tours, dealt
-        return found
+        stuck = self.tours.decide_in_turns(given, deadline)
+        return self.tours.decided() if stuck is None else None
 
 
 # ------------------ Moves: what is withdrawn, and whose turn comes first then
 
 
-Move = Callable[[FleetLNS, Deadline], TourChange | None]
+Move = Callable[[FleetLNS, Deadline], FleetSolution | None]
 
 
-def other_turns(search: FleetLNS, deadline: Deadline) -> TourChange | None:
+def other_turns(search: FleetLNS, deadline: Deadline) -> FleetSolution | None:
     """Everybody anew from some moment on; some pieces of tours have their turns sooner or later,
     those of the last robots most often, or sooner, those that the last end hangs on.
     """
-    del deadline
+    return search.anew(*_turns_changed(search), deadline)
+
+
+def _turns_changed(search: FleetLNS) -> tuple[dict[str, int], Priorities]:
+    """Return how many motions of each robot come before the first turn that changes, and all turns
+    then.
+    """
     rng, turns, moment = search.rng, dict(search.best.turns), math.inf
     for _ in range(rng.choice(_TURNS)):
         some, sooner = _turned(search)
@@ -352,7 +313,7 @@ def other_turns(search: FleetLNS, deadline: Deadline) -> TourChange | None:
             turns[piece[0]] -= sooner
             moment = min(moment, turns[piece[0]], search.best.turns[piece[0]])
     kept = search.since(search.tours.robots, moment)
-    return TourChange(kept, Priorities(turns=turns, latest=search.best.lean().makespan))
+    return kept, Priorities(turns=turns, latest=search.best.lean().makespan)
 
 
 def _turned(search: FleetLNS) -> tuple[list[list[str]], float]:
@@ -368,7 +329,7 @@ def _turned(search: FleetLNS) -> tuple[list[list[str]], float]:
     return pieces if rng.random() < 0.3 else [rng.choice(pieces)], sooner
 
 
-def other_ways(search: FleetLNS, deadline: Deadline) -> TourChange | None:
+def other_ways(search: FleetLNS, deadline: Deadline) -> FleetSolution | None:
     """The same, and those motions of some of the last that take longest look for other ways, which
     all know from then on.
     """
@@ -379,20 +340,21 @@ def other_ways(search: FleetLNS, deadline: Deadline) -> TourChange | None:
         for name in longest[:_LOOKING_AT_ONCE]:
             if delays[name] > DELAYED:
                 looking[name] = search.tours.looked(name) + 1
-    change = other_turns(search, deadline)
-    if change is None or not looking:
+    kept, given = _turns_changed(search)
+    if not looking:
         return None
     some = {r: search.tours.pieces(r) for r in search.tours.robots}
     heads = [p[0] for ps in some.values() for p in ps if looking.keys() & set(p)]
     moment = min(search.best.turns[head] for head in heads)
     earlier = search.since(search.tours.robots, moment)
-    kept = {robot: min(many, earlier[robot]) for robot, many in change.kept.items()}
-    return replace(change, kept=kept, given=replace(change.given, looking=looking))
+    kept = {robot: min(many, earlier[robot]) for robot, many in kept.items()}
+    return search.anew(kept, replace(given, looking=looking), deadline)
 
 
-def some_of_the_last(search: FleetLNS, deadline: Deadline) -> TourChange | None:
+def some_of_the_last(search: FleetLNS, deadline: Deadline) -> FleetSolution | None:
     """One of the last tours anew from some moment on, with those of some that delay it, or work
-    where it does, or any others.
+    where it does, or any others: one after the other, as they had their turns before, or as they
+    come.
     """
     rng = search.rng
     last = search.one_of_the_last()
@@ -402,16 +364,8 @@ def some_of_the_last(search: FleetLNS, deadline: Deadline) -> TourChange | None:
     some = rng.sample(near, min(len(near), many))
     some += rng.sample([r for r in others if r not in some], many - len(some))
     some.insert(rng.randrange(len(some) + 1) if rng.random() < 0.5 else 0, last)
-    return _anew(search, some)
-
-
-def _anew(search: FleetLNS, some: Sequence[str], dealt: Assignment | None = None) -> TourChange:
-    """Return a change in which some tours are decided anew: one after the other, as they had their
-    turns before, or as they come.
-    """
-    rng = search.rng
     moment = -math.inf
-    if dealt is None and rng.random() < 0.5:
+    if rng.random() < 0.5:
         moment = search.best.turns[rng.choice(search.tours.pieces(some[0]))[0]]
     order = rng.choice(("one after the other", "as before", "as they come"))
     first = tuple(some) if order == "one after the other" else ()
@@ -420,7 +374,7 @@ def _anew(search: FleetLNS, some: Sequence[str], dealt: Assignment | None = None
     looks = _LOOKS if rng.random() < _LOOKING else 0
     limit = search.best.lean().makespan
     given = Priorities(first, turns=turns, looks=looks, limit=limit)
-    return TourChange(search.since(some, moment), given, dealt)
+    return search.anew(search.since(some, moment), given, deadline)
 
 
 NEAR: tuple[Callable[[FleetLNS, str, Deadline], list[str]], ...] = (
@@ -431,30 +385,9 @@ NEAR: tuple[Callable[[FleetLNS, str, Deadline], list[str]], ...] = (
 """Whose tours may be decided anew with a robot's before any others."""
 
 
-def other_jobs(search: FleetLNS, deadline: Deadline) -> TourChange | None:
-    """A job of the last tour done by another robot, with or without one in exchange: one of those
-    changes that are over soonest as far as driving alone tells.
-    """
-    ends, worst = search.best.ends(), search.last_first()[0]
-    options = []
-    for key, changed in _exchanges(search.dealt, worst):
-        longer = {r: search.dealt.cost(r, changed[r]) - search.dealt.cost(r, search.dealt.tours[r])
-                  for r in changed}  # fmt: skip
-        then = max(ends.get(r, 0.0) + more for r, more in longer.items())
-        if key not in search.tried and then < ends[worst]:
-            options.append((then, str(key), key, changed))
-    if not options:
-        return None
-    options.sort(key=lambda option: option[:2])
-    few = min(len(options), _CHOICE)
-    _, _, key, changed = options[search.rng.randrange(few)]
-    search.tried.add(key)
-    return _anew(search, list(changed), search.dealt.with_tours(changed))
-
-
-def deal_again(search: FleetLNS, deadline: Deadline) -> TourChange | None:
+def deal_again(search: FleetLNS, deadline: Deadline) -> FleetSolution | None:
     """All jobs dealt out anew with what is known now of drives and of changes at shared places, and
-    all tours decided in rounds.
+    all tours decided in rounds; those are gone on with, if they are kept.
     """
     dealt = search.dealt
     rules, handover = dealt.rehearsal.rules, search.tours.changeover(search.best)
@@ -463,44 +396,19 @@ def deal_again(search: FleetLNS, deadline: Deadline) -> TourChange | None:
     found = mended(exchanged(found, search.rng, deadline), search.rng, deadline)
     ends = found.rehearsal.ends(found.tours).values()
     search.without_traffic = min(search.without_traffic, max(end for end, _ in ends))
-    return TourChange({}, Priorities(), replace(found, rehearsal=dealt.rehearsal))
+    again = replace(found, rehearsal=dealt.rehearsal)
+    tours = search.open_tours(again, deadline)
+    if tours is None:
+        return None
+    decided = squeaky_wheel(tours, again.tuning.rounds, search.rng, deadline)
+    if decided is not None and search.cost(decided) <= search.cost(search.best):
+        search.tours, search.dealt = tours, again
+    return decided
 
 
 MOVES: tuple[tuple[Move, float], ...] = (
     (other_turns, 0.75),
     (other_ways, 0.1),
-    (some_of_the_last, 0.14),
-    (other_jobs, 0.01),
+    (some_of_the_last, 0.15),
 )
 """What may be changed, and how large a share of all changes each move has."""
-
-
-def _exchanges(
-    dealt: Assignment, worst: str
-) -> Iterator[tuple[tuple[object, ...], dict[str, list[Step]]]]:
-    """Yield tours in which a job of one robot is done by another one, with or without one in
-    exchange.
-    """
-    jobs, tours = dealt.jobs.options, dealt.tours
-    for at, step in enumerate(tours.get(worst, ())):
-        left = [s for s in tours[worst] if s != step]
-        for number, option in enumerate(jobs[step[0]]):
-            other, mine = option.robot, (step[0], number)
-            if other == worst:
-                continue
-            theirs = tours[other]
-            for place in range(len(theirs) + 1):
-                moved = [*theirs[:place], mine, *theirs[place:]]
-                yield ("move", step, other, place), {worst: left, other: moved}
-            for place, back in enumerate(theirs):
-                mirrored = _option_of(dealt, back, worst)
-                if mirrored is not None:
-                    swapped = [*theirs[:place], mine, *theirs[place + 1 :]]
-                    taken = [*tours[worst][:at], mirrored, *tours[worst][at + 1 :]]
-                    yield ("swap", step, back), {worst: taken, other: swapped}
-
-
-def _option_of(dealt: Assignment, step: Step, robot: str) -> Step | None:
-    """Return how a robot would do the job of a step, if it can."""
-    options: Mapping[int, str] = {k: o.robot for k, o in enumerate(dealt.jobs.options[step[0]])}
-    return next(((step[0], k) for k, who in options.items() if who == robot), None)

@@ -175,8 +175,8 @@ def plan_of_deal(
     if found is None:
         return None
     rng, again = random.Random(search.seed), partial(open_tours, large)
-    plan = plan_of_tours(search, found.decided)
-    better = FleetLNS(dealt, found.tours, found.decided, again, rng)
+    plan = plan_of_tours(search, found[1])
+    better = FleetLNS(dealt, *found, again, rng)
     return None if plan is None else (plan, better)
 
 

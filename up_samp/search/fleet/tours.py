@@ -324,23 +324,6 @@ class TourPlanner:
             if not self._take(name, replace(run, until=math.inf)):
                 return
 
-    def begin_anew(self, priorities: Priorities, deadline: Deadline) -> None:
-        """Decide the tours of those that go first before all others, of which those stay decided
-        that are in nobody's way then.
-        """
-        self._given, self._past, first = priorities, Past.ANY, priorities.first
-        runs = self._floor.trajectories()
-        pins = {name: (self._start(name), self._end(name)) for name in runs}
-        order = list(dict.fromkeys(run.object for run in runs.values()))
-        self.reset()
-        for robot in [*first, *(r for r in order if r not in first)]:
-            mine = [runs[name] for name in self._chains[robot] if name in runs]
-            whole = len(mine) == len(self._chains[robot])
-            if whole and self._floor.clear(mine) and self._adopted(robot, runs, pins):
-                continue
-            if robot in first:
-                self._decide(self._stretch(robot), deadline)
-
     def _adopted(
         self,
         robot: str,
@@ -388,26 +371,6 @@ class TourPlanner:
                 self._floor.withdraw(runs[name].object)
                 found.add(name)
         return frozenset(found)
-
-    def decide(self, priorities: Priorities, deadline: Deadline) -> str | None:
-        """Decide all tours whole; return None, or the robot that should have gone sooner."""
-        self._given, self._past = priorities, Past.ANY
-        order = self._ranked(priorities.first)
-        while self._waiting:
-            stuck: list[str] = []
-            done = len(self._waiting)
-            for robot in order:
-                stretch = self._stretch(robot)
-                if not stretch:
-                    continue
-                end = self._decide(stretch, deadline)
-                if end is TourEnd.LATE or deadline.expired():
-                    return robot
-                if end is TourEnd.STUCK:
-                    stuck.append(robot)
-            if len(self._waiting) == done:
-                return stuck[0] if stuck else next(r for r in order if self._left(r))
-        return None
 
     def decide_in_turns(self, priorities: Priorities, deadline: Deadline) -> str | None:
         """Decide all tours that are not decided piece by piece in the order of time, those of
@@ -461,10 +424,9 @@ class TourPlanner:
         own = [n for n, name in enumerate(stretch) if name not in self._contested]
         return stretch[: own[0] + 1] if own else stretch
 
-    def _ranked(self, first: Sequence[str]) -> list[str]:
-        """Return all robots: ``first``, then those that may well be late, then the others; those
-        with the least time to spare come first, until something of theirs has to be done or until
-        all is done.
+    def ranked(self) -> list[str]:
+        """Return all robots: those that may well be late, then the others; those with the least
+        time to spare come first, until something of theirs has to be done or until all is done.
         """
         latest, times = self._times.latest(), self._times.times
         last = {r: times["end", chain[-1]] for r, chain in self._chains.items()}
@@ -476,7 +438,7 @@ class TourPlanner:
         pressed = [r for r in last if spare[r] < _PRESSED * longest]
         pressed.sort(key=lambda r: (spare[r], r))
         others = sorted((r for r in last if r not in pressed), key=lambda r: (-last[r], r))
-        return list(dict.fromkeys(r for r in (*first, *pressed, *others) if r in last))
+        return [*pressed, *others]
 
     def _left(self, robot: str) -> list[str]:
         """Return the motions of a robot that are not decided."""

@@ -23,12 +23,11 @@ from up_samp.model import (
     FixedMotion,
     PathQuery,
     TimedMotion,
-    avoids,
     check_time,
 )
 from up_samp.model.refinement import Refinement, Strength
 from up_samp.refinement import rules
-from up_samp.search.facts import MotionCase, Signature
+from up_samp.search.facts import MotionCase, Signature, are_apart
 from up_samp.search.knowledge import Knowledge
 from up_samp.search.motions import Motions
 
@@ -125,21 +124,6 @@ def _pairs(motions: Motions) -> Iterator[tuple[MotionCase, MotionCase]]:
                 for other in arriving:
                     if are_apart(one, other):
                         yield one, other
-
-
-def are_apart(one: MotionCase, other: MotionCase) -> bool:
-    """Return whether two motions are of two objects that both heed each other.
-
-    What one of them brings the other one may take on at that instant: their bodies have the load in
-    common then, and tell nothing.
-    """
-    a, b = one.task, other.task
-    if a.moved & b.moved or a.index or b.index:
-        return False
-    given = dict(one.given)
-    if any(given.get(name, value) != value for name, value in other.given):
-        return False
-    return avoids(a.avoid, b.object) and avoids(b.avoid, a.object)
 
 
 def _planar(*bodies: Body) -> bool:

@@ -2,6 +2,7 @@
 
 import itertools
 import random
+from pathlib import Path
 
 import pytest
 from unified_planning.model import ClosedTimeInterval, OpenTimeInterval, TimePointInterval, Timing
@@ -20,6 +21,7 @@ from tests.scheduling.cpsat.encode.test_alternatives import exactly_one
 from tests.scheduling.cpsat.random_routes import whole
 from up_samp.benchmarks import job_shop
 from up_samp.benchmarks.instances import instance
+from up_samp.fleet import Fleet
 from up_samp.model import Deadline, ScheduleStatus
 from up_samp.refinement import rules
 from up_samp.scheduling.cpsat import CpsatSession
@@ -33,6 +35,8 @@ from up_samp.upio import read_problem, relax
 from up_samp.upio.plan import build_schedule
 from up_samp.upio.write import write_refinement
 from up_samp.validation import validate_schedule
+
+MAPS = Path(__file__).parents[4] / "examples" / "maps"
 
 
 class RandomShop:
@@ -203,3 +207,34 @@ def test_tours_do_without_what_never_happens(kind):
     model.grow(watcher.look())
     check_tour_without(model, absent)
     check_tour_without(ScheduleModel(problem), absent)
+
+
+def deliveries(seed):
+    """Two robots that carry one or two things each, some with a battery that does not last."""
+    rng = random.Random(seed)
+    battery = {"capacity": 100, "per_metre": 1.0, "reserve": 2, "level": rng.choice([35, 60])}
+    fleet = Fleet(MAPS / "two_rooms.yaml")
+    fleet.add_robot_type(
+        "agv", (1.2, 0.8), model="diff", v_max=2.0, a_max=1.0, omega_max=2.0,
+        capacity={"totes": rng.choice([1, 2])}, **({"battery": battery} if seed % 3 else {}),
+    )  # fmt: skip
+    fleet.add_place("plug", 2, 12.5, charger={"per_second": 2.0, "step": 10})
+    places = {"a": (7, 3), "b": (12, 12), "c": (25, 4), "h0": (2, 3), "h1": (4, 6)}
+    for name in rng.sample(list(places), len(places)):
+        fleet.add_place(name, *places[name])
+    for k in rng.sample((0, 1), 2):
+        fleet.add_robot(f"r{k}", "agv", f"h{k}", end=f"h{k}")
+    for k in range(3):
+        fleet.add_order(f"o{k}", *rng.sample("abc", 2), load={"totes": 1})
+    return fleet
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_tours_of_fleets_bring_what_they_fetched_and_charge_in_time(seed):
+    samp = deliveries(seed).problem
+    problem = relax(samp, read_problem(samp)).problem
+    model = ScheduleModel(problem)
+    tour = improve(find_work(model, find_routes(model)), 0, 0, Deadline.never())
+    assert tour is not None
+    assert not validate_schedule(problem, build_schedule(problem, tour.schedule)).violations
+    assert sum(name.startswith("deliver_") for name in tour.schedule.times) == 3

@@ -115,7 +115,7 @@ def no_fluents(node: FNode) -> Lin:
 
 # ------------------ State variables
 # Ground fluents with who writes and who reads them, and when. Semantics (PDDL 2.1 as up-aries has
-# it; see ``up_samp/validation/semantics.py``): an effect at t is seen from t + 1 on; a condition
+# it; see ``docs/semantics.md``): an effect at t is seen from t + 1 on; a condition
 # over integer instants lo..hi holds at each of them; an effect of another activity on a fluent that
 # the condition reads must not lie in lo..hi, whatever its value; the activity's own effects and the
 # problem's own are not kept apart, the old value counts at t.

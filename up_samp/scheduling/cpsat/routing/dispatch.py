@@ -9,11 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 from up_samp.scheduling.cpsat.encode.forms import TRUE, Literal, difference_told
 from up_samp.scheduling.cpsat.encode.states import Key, StateVar, Write
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.model import ScheduleModel
+from up_samp.scheduling.cpsat.routing.levels import RouteLevel, find_levels
 from up_samp.scheduling.cpsat.routing.route import Move, Route
 
 
@@ -340,17 +342,39 @@ def _case(work: RoutedWork, door: int, opened: bool) -> RoutedWork | None:
 Memory = dict[tuple[object, ...], dict[int, int]]
 """By what the tasks are called: of each set of them that are done (bits), what is left at least."""
 
+Way = tuple[int, int]
+"""(task, number of its way)."""
+
+
+@dataclass
+class WayNeeds:
+    """What one way to do a task asks besides its place: ``along``: the ways of others that come
+    with it; ``first``: (way that comes before it, time from its start); ``reads`` and ``sets`` are
+    (state, values) of states that one traveller's stops alone change.
+    """
+
+    along: list[Way] = field(default_factory=list)
+    first: list[tuple[Way, int]] = field(default_factory=list)
+    reads: list[Need] = field(default_factory=list)
+    sets: list[tuple[Key, int]] = field(default_factory=list)
+
+
+Refill = tuple[int, int, frozenset[int], int]
+"""(task, number of its way, where, how much): a stop that adds to a level."""
+
 
 @dataclass
 class RoutedWork:
-    """All tasks, with the routes they are on. ``lefts``: what was found out before about what sets
-    of tasks leave (:mod:`.lefts`).
+    """All tasks, with the routes they are on, and the ``levels`` of each route. ``lefts``: what was
+    found out before about what sets of tasks leave (:mod:`.lefts`).
     """
 
     routes: list[Route]
     tasks: list[RoutedTask]
     units: list[UnitPlace]
     initial: dict[Key, int | None]
+    levels: list[list[RouteLevel]] = field(default_factory=list)
+    needs: dict[Way, WayNeeds] = field(default_factory=dict)
     lefts: Memory = field(default_factory=dict)
 
     def openers(self) -> dict[Need, int]:
@@ -377,6 +401,22 @@ class RoutedWork:
             if any(k == state and v in allowed for k, v, _ in task.changes)
         ]
 
+    @cached_property
+    def refills(self) -> list[list[list[Refill]]]:
+        """What adds to each level of each route."""
+        return [
+            [
+                [
+                    (task, way, places, level.gains[name])
+                    for task, known in enumerate(self.tasks)
+                    for way, (route, name, places) in enumerate(known.ways)
+                    if route == number and level.gains.get(name, 0) > 0
+                ]
+                for level in levels
+            ]
+            for number, levels in enumerate(self.levels)
+        ]
+
 
 def find_work(model: ScheduleModel, routes: list[Route]) -> RoutedWork | None:
     """Return the tasks of ``routes``; ``None`` if something else must be done, too.
@@ -392,7 +432,71 @@ def find_work(model: ScheduleModel, routes: list[Route]) -> RoutedWork | None:
     if any(a.present == TRUE or a.present in model.exact for a in others):
         return None
     initial = {key: state.initial for key, state in model.states.vars.items()}
-    return RoutedWork(routes, find_tasks(model, routes), find_unit_places(model, routes), initial)
+    tasks, units = find_tasks(model, routes), find_unit_places(model, routes)
+    levels = [find_levels(model, route) for route in routes]
+    needs = find_needs(model, routes, tasks)
+    return RoutedWork(routes, tasks, units, initial, levels, needs)
+
+
+def find_needs(
+    model: ScheduleModel, routes: list[Route], tasks: list[RoutedTask]
+) -> dict[Way, WayNeeds]:
+    """Return what the ways to do tasks ask of each other, for quick schedules: a hint, no rule."""
+    names = {
+        name: (number, way)
+        for number, task in enumerate(tasks)
+        for way, (_, name, _) in enumerate(task.ways)
+        if not task.visit
+    }
+    activities = model.world.activities
+    ways = {activities[name].present: way for name, way in names.items()}
+    needs = {way: WayNeeds() for way in names.values()}
+    starts = {way: activities[name].start.terms[0][0] for name, way in names.items()}
+    for form in model.stated:
+        parts = form[1:] if form.__class__ is tuple and form[0] == "|" else ()
+        literals = [part for part in parts if part.__class__ is int]
+        told = [difference_told(part) for part in parts if part.__class__ is not int]
+        if len(literals) != 2 or len(told) > 1:
+            continue
+        for one, other in (literals, literals[::-1]):
+            before = ways.get(~one)
+            if before is None:
+                continue
+            if not told and other in ways:
+                needs[before].along.append(ways[other])
+            then = ways.get(~other)
+            if told and told[0] is not None and then is not None:
+                first, last, gap = told[0]
+                if (starts[before], starts[then]) == (first, last):
+                    needs[then].first.append((before, gap))
+    _find_states(model, routes, names, needs)
+    return needs
+
+
+def _find_states(
+    model: ScheduleModel,
+    routes: list[Route],
+    names: Mapping[str, Way],
+    needs: dict[Way, WayNeeds],
+) -> None:
+    """Find the states that one traveller's stops alone change, and who reads and sets them."""
+    stops = [{name for name, _ in route.stops} for route in routes]
+    for key, state in model.states.vars.items():
+        owners = {
+            None if w.owner is None else model.states.activity(w.owner).name
+            for w in state.writes
+            if not model.store.never(w.active)
+        }
+        if state.numeric or not owners or not any(owners <= some for some in stops):
+            continue
+        for write in state.writes:
+            name = model.states.activity(write.owner or 0).name
+            if name in names and not write.value.terms:
+                needs[names[name]].sets.append((key, write.value.const))
+        for read in state.reads:
+            name = "" if read.owner is None else model.states.activity(read.owner).name
+            if name in names and read.allowed is not None:
+                needs[names[name]].reads.append((key, read.allowed))
 
 
 def find_tasks(model: ScheduleModel, routes: list[Route]) -> list[RoutedTask]:

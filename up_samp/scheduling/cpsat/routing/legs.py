@@ -7,17 +7,16 @@ in their own time.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
-from up_samp.scheduling.cpsat.encode.durations import INFINITE
 from up_samp.scheduling.cpsat.encode.forms import TRUE, Form, Lin, Literal, constant, disjunction
-from up_samp.scheduling.cpsat.encode.states import Key, StateVar, Write
+from up_samp.scheduling.cpsat.encode.states import Key, StateVar
 from up_samp.scheduling.cpsat.encode.store import ModelStore
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
-from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.dispatch import UnitPlace
-from up_samp.scheduling.cpsat.routing.route import Entrance, Route, Still, shorten
+from up_samp.scheduling.cpsat.routing.levels import RouteLevel
+from up_samp.scheduling.cpsat.routing.route import Entrance, Route, Still
 
 
 @dataclass(frozen=True)
@@ -184,99 +183,10 @@ def entry_form(stop: ActivityVars, time: Lin, lead: int) -> Form:
     return disjunction([~stop.present, time.shift(lead).le(stop.start)])
 
 
-# ------------------ What travellers have left on their way
-# What travellers have left on their way (batteries, tanks), in the routing relaxation. A level is
-# taken from by moves alone and changed by stops of one traveller. As that one does one thing at a
-# time, the level at a stop follows from the one at the stop before, less what the way takes at
-# least. So a schedule of the relaxation charges about where one of the problem has to.
-
-
-Ways = dict[tuple[int, int], int]
-"""(place, place) -> what is taken on the way at least."""
-
-
-@dataclass(frozen=True)
-class RouteLevel:
-    """A level within ``low`` and ``high``: ``gains`` are what stops add to it, ``ways`` what ways
-    take from it at least; ``start`` is the place at first.
-    """
-
-    start: int
-    initial: int
-    low: int
-    high: int
-    gains: Mapping[str, int]
-    ways: Ways
-
-    def taken(self, some: Iterable[int], others: Iterable[int]) -> int:
-        """Return what is taken at least from one of some places to one of others."""
-        targets = list(others)
-        least = min((self.ways.get((a, b), INFINITE) for a in some for b in targets), default=0)
-        return 0 if least >= INFINITE else least
-
-
-def find_levels(model: ScheduleModel, route: Route) -> list[RouteLevel]:
-    """Return the levels of a route: numbers that its moves take from, and that nobody but its moves
-    and stops changes. (Who may be put somewhere else gets there for nothing.)
-
-    Assumes: nobody but a traveller's moves and stops changes a level, and its moves only take from
-    it.
-    """
-    if route.free:
-        return []
-    found = (_level(model, route, state) for state in model.states.vars.values() if state.numeric)
-    return [level for level in found if level is not None]
-
-
-def _level(model: ScheduleModel, route: Route, state: StateVar) -> RouteLevel | None:
-    stops = {name for name, _ in route.stops}
-    taken: dict[str, int] = {}
-    gains: dict[str, int] = {}
-    for write in state.writes:
-        if model.store.never(write.active):
-            continue
-        name = _owner(model, write)
-        if name is None or not (write.add and not write.value.terms):
-            return None
-        if name in route.movers and write.value.const <= 0:
-            taken[name] = taken.get(name, 0) - write.value.const
-        elif name in stops and _after_start(model, write):
-            gains[name] = gains.get(name, 0) + write.value.const
-        else:
-            return None
-    if not taken or state.initial is None:
-        return None
-    return RouteLevel(route.initial, state.initial, *state.bounds, gains, _ways(route, taken))
-
-
-def _owner(model: ScheduleModel, write: Write) -> str | None:
-    """Return the activity that always has this effect, within it."""
-    if write.owner is None:
-        return None
-    owner = model.states.activity(write.owner)
-    inside = model.states.difference(write.time, owner.start)[0] >= 0
-    ends = model.states.difference(owner.end, write.time)[0] >= 0
-    return owner.name if inside and ends and write.active == owner.present else None
-
-
-def _after_start(model: ScheduleModel, write: Write) -> bool:
-    """Return whether an effect comes after the start of its activity: nobody sees it together with
-    one at the end of what came before.
-    """
-    owner = model.states.activity(write.owner or 0)
-    return model.states.difference(write.time, owner.start)[0] >= 1
-
-
-def _ways(route: Route, taken: Mapping[str, int]) -> Ways:
-    """Return what ways take at least."""
-    ways: Ways = {}
-    places = {route.initial}
-    for (a, b), moves in route.hops.items():
-        ways[a, b] = min(taken.get(m.name, 0) for m in moves)
-        places |= {a, b}
-    ways |= {(p, p): 0 for p in places}
-    shorten(ways, places)
-    return ways
+# ------------------ What travellers have left on their way, in the routing relaxation
+# As a traveller does one thing at a time, the level at a stop follows from the one at the stop
+# before, less what the way takes at least. So a schedule of the relaxation charges about where one
+# of the problem has to.
 
 
 class Course:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from up_samp.model import CandidateSchedule, Deadline
 from up_samp.scheduling.cpsat.encode.states import Key
 from up_samp.scheduling.cpsat.model import ScheduleModel
-from up_samp.scheduling.cpsat.routing.dispatch import RoutedTask, RoutedWork, UnitPlace
+from up_samp.scheduling.cpsat.routing.dispatch import RoutedTask, RoutedWork, UnitPlace, WayNeeds
 from up_samp.scheduling.cpsat.routing.route import (
     Entrance,
     Move,
@@ -40,14 +40,21 @@ class Traveller:
     here: int
     free: int = 0
     used: set[str] = field(default_factory=set)
+    left: list[int] = field(default_factory=list)
+    """Of each level of its route."""
 
 
 class Decoder:
-    """Times for one sequence of tasks."""
+    """Times for one sequence of tasks. ``full``: who fills a level up fills it as far as it goes,
+    not only as far as it has to.
+    """
 
-    def __init__(self, work: RoutedWork) -> None:
-        self.work = work
-        self.robots = [Traveller(route, route.initial) for route in work.routes]
+    def __init__(self, work: RoutedWork, *, full: bool = False) -> None:
+        self.work, self.full = work, full
+        self.robots = [
+            Traveller(route, route.initial, left=[level.initial for level in levels])
+            for route, levels in zip(work.routes, work.levels, strict=True)
+        ]
         self.done: dict[int, tuple[int, int]] = {}
         self.ways: dict[int, int] = {}
         self.order: list[int] = []
@@ -60,6 +67,7 @@ class Decoder:
             for unit in work.units:
                 if robot.here in unit.places_of(robot.route.key):
                     self.inside[unit] = number
+        self.states = dict(work.initial)
         self._chosen: dict[int, int] = {}
 
     def run(self, sequence: list[Step]) -> CandidateSchedule:
@@ -67,40 +75,67 @@ class Decoder:
         self._chosen = dict(sequence)
         pending = [task for task, _ in sequence]
         while pending:
-            tasks = self.work.tasks
-            ready = next(
-                (
-                    t
-                    for t in pending
-                    if t in self.done
-                    or all(p in self.done for p, _ in tasks[t].after if tasks[p].wanted)
-                ),
-                None,
-            )
+            ready = next((t for t in pending if self._is_ready(t)), None)
             if ready is None:
-                raise DeadEnd
+                if any(self.work.tasks[t].wanted for t in pending):
+                    raise DeadEnd
+                break
             pending.remove(ready)
             self._do(ready, 0)
         for number, robot in enumerate(self.robots):
             if robot.route.home is not None and robot.here not in robot.route.home:
-                self._go(number, robot.route.home, 0)
+                self._go(number, robot.route.home, 0, last=True)
         return CandidateSchedule(dict(self.times))
 
     # -- tasks ---------------------------------------------------------------------------------
+    def _is_ready(self, number: int) -> bool:
+        tasks = self.work.tasks
+        before = (p for p, _ in tasks[number].after if tasks[p].wanted)
+        return number in self.done or (
+            all(p in self.done for p in before) and bool(self._open_ways(number))
+        )
+
+    def _open_ways(self, number: int) -> list[int]:
+        """Return the ways in which a task may be done now, of those that are chosen."""
+        chosen = self._chosen.get(number, -1)
+        ways = [chosen] if chosen >= 0 else range(len(self.work.tasks[number].ways))
+        return [way for way in ways if self._is_open(number, way)]
+
+    def _is_open(self, number: int, way: int) -> bool:
+        robot, name, _ = self.work.tasks[number].ways[way]
+        levels = zip(self.robots[robot].left, self.work.levels[robot], strict=True)
+        if not all(v.low <= left + v.gains.get(name, 0) <= v.high for left, v in levels):
+            return False
+        needs = self.work.needs.get((number, way))
+        return needs is None or (
+            all(self.ways.get(t, w) == w for t, w in needs.along)
+            and all(
+                t in self.done or self._chosen.get(t, w) not in (-1, w) for (t, w), _ in needs.first
+            )
+            and all(self.states[key] in values for key, values in needs.reads)
+        )
+
     def _do(self, number: int, depth: int) -> None:
         if number in self.done:
             return
         if depth > _DEEP:
             raise DeadEnd
         task = self.work.tasks[number]
-        way = self._chosen.get(number, -1)
-        if way < 0:
-            way = min(range(len(task.ways)), key=lambda w: (self._estimate(task, w), w))
+        ways = self._open_ways(number)
+        if not ways:
+            raise DeadEnd
+        way = min(ways, key=lambda w: (self._estimate(task, w), w))
+        needs = self.work.needs.get((number, way), WayNeeds())
+        self._chosen.update(needs.along)
         robot_number, name, places = task.ways[way]
         robot = self.robots[robot_number]
         if robot.here not in places:
             self._go(robot_number, places, depth)
+        for i, level in enumerate(self.work.levels[robot_number]):
+            robot.left[i] += level.gains.get(name, 0)
         start = max(robot.free, self._earliest(task))
+        for (other, _), gap in needs.first:
+            start = max(start, self.done[other][0] + gap if other in self.done else 0)
         for entry in (
             robot.route.entries.get(robot.here, ()) if robot.here != robot.route.initial else ()
         ):
@@ -112,6 +147,7 @@ class Decoder:
             self.times[name] = (start, start + task.length)
         for key, value, delay in task.changes:
             self.changed.setdefault(key, []).append((start + delay, value))
+        self.states.update(needs.sets)
         robot.free = start + task.length + robot.route.gap
         self.ways[number] = way
         self.order.append(number)
@@ -166,8 +202,10 @@ class Decoder:
         return self._provided(number, entry, depth + 1)
 
     # -- moves ---------------------------------------------------------------------------------
-    def _go(self, number: int, places: frozenset[int], depth: int) -> None:
-        """Drive a robot to one of ``places``, with the doors opened before."""
+    def _go(self, number: int, places: frozenset[int], depth: int, *, last: bool = False) -> None:
+        """Drive a robot to one of ``places``, with the doors opened and levels filled up before.
+        ``last``: it goes nowhere from there.
+        """
         if depth > _DEEP:
             raise DeadEnd
         robot = self.robots[number]
@@ -177,11 +215,47 @@ class Decoder:
                     self._provided(number, entry, depth + 1)
         if robot.here in places:
             return
+        for level in range(len(robot.left)):
+            self._fill(number, level, places, depth, last=last)
+        self._drive(number, places, depth)
+
+    def _drive(self, number: int, places: frozenset[int], depth: int) -> None:
+        robot = self.robots[number]
         found = robot.route.way(robot.here, places, robot.used)
         if found is None:
             raise DeadEnd
         for move in found[1]:
             self._move(number, move, depth)
+
+    def _fill(
+        self, number: int, level: int, places: frozenset[int], depth: int, *, last: bool
+    ) -> None:
+        """Fill a level up, at the nearest place, unless it lasts until ``places``, and from there
+        to where there is more (not if that is the ``last`` drive).
+        """
+        robot, known = self.robots[number], self.work.levels[number][level]
+
+        def lasts() -> bool:
+            further = [known.taken(places, f[2]) for f in refills if f[0] not in self.done]
+            onward = 0 if last else min(further, default=0)
+            needed = known.taken((robot.here,), places) + onward
+            return robot.left[level] - needed >= known.low
+
+        refills = self.work.refills[number][level]
+        if lasts():
+            return
+        open_ = [f for f in refills if f[0] not in self.done]
+        if depth > _DEEP or not open_:
+            raise DeadEnd
+        where = min((f[2] for f in open_), key=lambda p: robot.route.between({robot.here}, p))
+        if robot.here not in where:
+            self._drive(number, where, depth)
+        for task, way, at, _ in open_:
+            if at == where and self._is_open(task, way) and (self.full or not lasts()):
+                self._chosen[task] = way
+                self._do(task, depth + 1)
+        if not lasts():
+            raise DeadEnd
 
     def _move(self, number: int, move: Move, depth: int) -> None:
         robot = self.robots[number]
@@ -206,6 +280,10 @@ class Decoder:
         for unit in arriving:
             self.inside[unit] = number
         robot.used.add(move.name)
+        for i, level in enumerate(self.work.levels[number]):
+            robot.left[i] -= level.taken((robot.here,), (move.to,))
+            if robot.left[i] < level.low:
+                raise DeadEnd
         robot.here = move.to
         robot.free = start + move.least + robot.route.step
 
@@ -301,9 +379,9 @@ class Tour:
     cost: float
 
 
-def decode(work: RoutedWork, sequence: list[Step]) -> Tour | None:
-    """Return the tour of a sequence, ``None`` at a dead end."""
-    decoder = Decoder(work)
+def decode(work: RoutedWork, sequence: list[Step], *, full: bool = False) -> Tour | None:
+    """Return the tour of a sequence, ``None`` at a dead end (``full``: see :class:`Decoder`)."""
+    decoder = Decoder(work, full=full)
     try:
         schedule = decoder.run(sequence)
     except DeadEnd:
@@ -370,7 +448,7 @@ def _greedy(work: RoutedWork, rng: random.Random, attempts: int) -> Tour | None:
     for attempt in range(attempts):
         noise = {i: rng.random() * attempt for i in wanted}
         order = sorted(wanted, key=lambda i: (-tails[i] - noise[i] * work.tasks[i].length, i))
-        tour = decode(work, [(i, -1) for i in order])
+        tour = decode(work, [(i, -1) for i in order], full=attempt % 2 == 1)
         if tour is not None:
             found.append(tour)
     return min(found, key=lambda tour: tour.cost, default=None)

@@ -37,8 +37,8 @@ from up_samp.scheduling.cpsat.routing.legs import (
     LegTimes,
     LegVariables,
     entry_form,
-    find_levels,
 )
+from up_samp.scheduling.cpsat.routing.levels import find_levels
 from up_samp.scheduling.cpsat.routing.route import (
     Entrance,
     Route,
@@ -321,7 +321,8 @@ class RoutingRelaxation:
         circuit: list[tuple[int, int, Any]] = [(0, 0, store.raw(store.boolean()))]
         load: list[tuple[Literal, int]] = []
         hops: dict[tuple[int, int], list[Literal]] = {}
-        courses = [Course(store, level, stops) for level in find_levels(self.full, route)]
+        levels = [level for level in find_levels(self.full, route) if any(level.ways.values())]
+        courses = [Course(store, level, stops) for level in levels]
         for j, (stop, places) in enumerate(stops, 1):
             circuit.append((j, j, store.raw(~stop.present)))
             load.append((stop.present, stop.least))

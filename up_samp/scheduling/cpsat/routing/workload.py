@@ -90,8 +90,7 @@ def _raise_all(
     """Raise what is ``known`` of ``some`` sets of equally many tasks to the least time that is left
     of them; return those of which it was found out.
     """
-    open_, steps = set(some), dict.fromkeys(some, 1)
-    high: dict[int, int] = {}
+    open_, steps, high = set(some), dict.fromkeys(some, 1), dict[int, int]()
     while open_ and not looked.is_spent and not deadline.expired():
         asked = sorted(open_)
         ends = [min(known[d] + steps[d], high.get(d, NEVER)) - 1 for d in asked]
