@@ -12,7 +12,7 @@ import numpy.typing as npt
 from PIL import Image
 
 from up_samp.geometry.atlas import in_world
-from up_samp.geometry.maps import SIZES, OccupancyGrid
+from up_samp.geometry.maps import MOST_PIXELS, OccupancyGrid
 from up_samp.io.floors import maps_of, side_by_side
 from up_samp.model.frames import Frame
 from up_samp.plotting.style import FREE, OCCUPIED, UNKNOWN
@@ -99,7 +99,7 @@ def _joined(parts: Sequence[Background]) -> Background:
     left, bottom = (min(p.extent[i] for p in parts) for i in (0, 2))
     right, top = (max(p.extent[i] for p in parts) for i in (1, 3))
     cell = min((p.extent[1] - p.extent[0]) / p.pixels.shape[1] for p in parts)
-    cell = max(cell, math.sqrt((right - left) * (top - bottom) / SIZES.pixels))
+    cell = max(cell, math.sqrt((right - left) * (top - bottom) / MOST_PIXELS))
     size = math.ceil((right - left) / cell), math.ceil((top - bottom) / cell)
     whole = Image.new("RGB", size, "white")
     for part in parts:
