@@ -302,25 +302,31 @@ def entrances_of(routes: list[Route], task: RoutedTask) -> dict[Need, int]:
     return common or {}
 
 
-# ------------------ A door that need not be opened
+# ------------------ Doors that need not be opened
 # What is wanted may be done behind a door or elsewhere. Then the door is opened in a schedule, or
 # it is not: in the one case somebody has to open it, in the other nothing is done behind it. A
-# bound is the less of both. Of several such doors the first one is told apart.
+# bound is the least of both.
+
+_CASES = 2
+"""Doors that are told apart so: more of them are left as they are."""
 
 
 def cases_of(work: RoutedWork) -> list[RoutedWork]:
-    """Return the cases of which one holds in every schedule: whether a door that need not be opened
-    is. ``work`` itself, where there is no such door.
+    """Return the cases of which one holds in every schedule: which doors are opened that need not
+    be. ``work`` itself, where there are none.
     """
     doors = [i for i, t in enumerate(work.tasks) if t.opens and not t.needed and not t.wanted]
-    found = [_case(work, door, opened) for door in doors[:1] for opened in (False, True)]
+    doors = doors[:_CASES]
+    every = range(2 ** len(doors)) if doors else ()
+    found = [_case(work, doors, [bool(some >> n & 1) for n in range(len(doors))]) for some in every]
     return [case for case in found if case is not None] or [work]
 
 
-def _case(work: RoutedWork, door: int, opened: bool) -> RoutedWork | None:
-    """Return the case in which a door is ``opened`` or not; ``None`` if nothing can be done."""
-    openers = {e: task for e, task in work.openers().items() if opened or task != door}
-    behind = work.openers().keys() - openers.keys()
+def _case(work: RoutedWork, doors: list[int], opened: list[bool]) -> RoutedWork | None:
+    """Return the case in which those of some doors are opened; ``None`` if nothing can be done."""
+    openers = work.openers()
+    shut = {d for d, is_open in zip(doors, opened, strict=True) if not is_open}
+    behind = {need for need, task in openers.items() if task in shut}
     tasks = []
     for number, task in enumerate(work.tasks):
         ways = [
@@ -330,9 +336,9 @@ def _case(work: RoutedWork, door: int, opened: bool) -> RoutedWork | None:
         kept = [way for way in ways if way[2]]
         if not kept and task.wanted:
             return None
-        needed = task.needed or (opened and number == door)
+        needed = task.needed or (number in doors and number not in shut)
         tasks.append(replace(task, ways=kept, needed=needed, opened=[]))
-    _mark(work.routes, tasks, openers)
+    _mark(work.routes, tasks, {e: task for e, task in openers.items() if task not in shut})
     return replace(work, tasks=tasks)
 
 

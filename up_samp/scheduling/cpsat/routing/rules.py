@@ -153,8 +153,8 @@ class Programme:
             return None
         tasks = [work.tasks[t] for t in wanted]
         openers = {need: number[t] for need, t in work.openers().items() if t in number}
-        ordered = [sorted(some) for some in spots]
-        return Programme(work.routes, tasks, before, layers, ordered, openers)
+        places = [sorted(some) for some in spots]
+        return Programme(work.routes, tasks, before, layers, places, openers)
 
     def tables(self, deadline: Deadline, *, anywhere: bool = False) -> dict[int, Any] | None:
         """Return the table of each set; ``None`` if there is no time. ``anywhere``: travellers may

@@ -332,7 +332,7 @@ def lanes(model: ScheduleModel, routes: list[Route]) -> list[list[int]]:
 class WorkBound:
     """A lower bound on the makespan, and the sequences of tasks that it was found among (``None``:
     they are too many); what the proof of a greater bound failed at is ``found`` there. ``cases``:
-    the sequences of each case, where a door need not be opened.
+    the sequences of each case, where some doors need not be opened.
     """
 
     value: int

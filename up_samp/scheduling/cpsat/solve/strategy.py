@@ -32,8 +32,9 @@ from up_samp.scheduling.cpsat.solve.attempts import Attempts, hint_values
 
 _SHARE = 0.35
 """Of the time that is left: for tours, for the routing relaxation, and for bounds without search
-where the optimum is not asked for. Where it is, twice as much: most of what is proven of routed
-problems they prove."""
+where the optimum is not asked for."""
+_BOUNDING = 0.7
+"""For bounds without search, where it is: most of what is proven of routed problems they prove."""
 _LABELS_AGAIN = 150_000
 """Beginnings of sequences that proofs may look at if bounds were sought before."""
 _BEAM = 500
@@ -68,7 +69,7 @@ class Solve:
     sequences: Sequences | None = None
     """All of the tasks, with those that the lower bound was met by."""
     cases: tuple[Sequences, ...] = ()
-    """The same of each case, where a door need not be opened."""
+    """The same of each case, where some doors need not be opened."""
     expected: int = 0
     again: bool = False
     memory: Memory = field(default_factory=dict)
@@ -81,10 +82,10 @@ class Solve:
         """Whether the proven optimum is asked for."""
         return self.whole.orders.optimal
 
-    def share(self, times: int = 1) -> Deadline:
+    def share(self, share: float = _SHARE) -> Deadline:
         """Return the deadline of a stage that may take no more than a share of what is left."""
         deadline = self.whole.deadline
-        return deadline.within(times * _SHARE * deadline.remaining())
+        return deadline.within(share * deadline.remaining())
 
 
 @dataclass(frozen=True)
@@ -145,7 +146,7 @@ def _find_routes(search: Solve) -> None:
 def _bound_by_work(search: Solve) -> None:
     whole = search.whole
     assert search.work is not None
-    deadline = search.share(2 if search.optimal else 1)
+    deadline = search.share(_BOUNDING if search.optimal else _SHARE)
     tuning = whole.orders.tuning
     labels = _LABELS_AGAIN if search.again else tuning.labels
     tuning = replace(tuning, labels=labels if search.optimal else 0)
