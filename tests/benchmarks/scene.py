@@ -56,7 +56,7 @@ class SceneBuilder(ProblemOnMap):
     """A problem in a hall of 40 x 20 m (``rooms``: with a wall across and an opening of 4 m)."""
 
     def __init__(self, name: str, *, rooms: bool = False, metric: bool = True) -> None:
-        super().__init__(name, str(hall_map(divided=rooms)), metric=metric, poses="hall_pose")
+        super().__init__(name, str(hall_map(divided=rooms)), metric=metric)
         self.robot_type = MovableType("robot")
 
     def robot(

@@ -16,9 +16,8 @@ from tests.scheduling.cpsat.writer import Writer
 from up_samp.model import Deadline, ScheduleStatus
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.model import ScheduleModel
-from up_samp.scheduling.cpsat.routing import workload
 from up_samp.scheduling.cpsat.routing.detection import find_routes
-from up_samp.scheduling.cpsat.routing.dispatch import cases_of, find_work
+from up_samp.scheduling.cpsat.routing.dispatch import find_work
 from up_samp.scheduling.cpsat.routing.list_scheduling import decode, steps_of, times_of
 from up_samp.scheduling.cpsat.routing.sequences import Sequences, raised
 from up_samp.scheduling.cpsat.routing.workload import WorkBound, bound_by_work, with_lefts
@@ -293,22 +292,6 @@ def test_what_is_left_prunes_no_best_sequence_of_many(block):
     for seed in range(3000 + 50 * block, 3050 + 50 * block):
         one, other = bounds_with_and_without_what_is_left(Still(*gated(seed)).problem)
         assert one == other, f"seed {seed}"
-
-
-@pytest.mark.parametrize("seed", [4, 26, 44, 72, 106, 122, 126])
-def test_doors_that_need_not_be_opened_are_opened_or_not(seed):
-    """The least of both cases is no more than the optimum, and no less than with nothing told of
-    what opens such doors: more, where it pays to open none, or one that costs a way.
-    """
-    model = ScheduleModel(Still(*gated(seed)).problem)
-    best, work = optimum(model.problem), find_work(model, find_routes(model))
-    assert all(case is not work for case in cases_of(work))
-    told = bound_by_work(model, work).value
-    aided = bound_by_work(model, work, tuning=CpsatTuning(unaided=0)).value
-    with mock.patch.object(workload, "cases_of", lambda work: [work]):
-        untold = bound_by_work(model, work).value
-    assert untold <= told == aided <= best
-    assert (untold < told) == (seed > 50)
 
 
 def test_leaps_end_where_steps_of_one_do():

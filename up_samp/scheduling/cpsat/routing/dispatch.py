@@ -8,7 +8,7 @@ model: order, machines, doors, unary places.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 
 from up_samp.scheduling.cpsat.encode.forms import TRUE, Literal, difference_told
@@ -268,8 +268,8 @@ def _greatest(some: list[tuple[int, int]]) -> dict[int, int]:
 
 
 def _mark(routes: list[Route], tasks: list[RoutedTask], openers: dict[Need, int]) -> None:
-    """Mark what has to be opened for what is wanted (or needed anyhow), and so on."""
-    agenda = [i for i, task in enumerate(tasks) if task.wanted or task.needed]
+    """Mark what has to be opened for what is wanted, and so on."""
+    agenda = [i for i, task in enumerate(tasks) if task.wanted]
     known = set(agenda)
     while agenda:
         number = agenda.pop()
@@ -300,46 +300,6 @@ def entrances_of(routes: list[Route], task: RoutedTask) -> dict[Need, int]:
                 else {e: min(lead, mine[e]) for e, lead in common.items() if e in mine}
             )
     return common or {}
-
-
-# ------------------ Doors that need not be opened
-# What is wanted may be done behind a door or elsewhere. Then the door is opened in a schedule, or
-# it is not: in the one case somebody has to open it, in the other nothing is done behind it. A
-# bound is the least of both.
-
-_CASES = 2
-"""Doors that are told apart so: more of them are left as they are."""
-
-
-def cases_of(work: RoutedWork) -> list[RoutedWork]:
-    """Return the cases of which one holds in every schedule: which doors are opened that need not
-    be. ``work`` itself, where there are none.
-    """
-    doors = [i for i, t in enumerate(work.tasks) if t.opens and not t.needed and not t.wanted]
-    doors = doors[:_CASES]
-    every = range(2 ** len(doors)) if doors else ()
-    found = [_case(work, doors, [bool(some >> n & 1) for n in range(len(doors))]) for some in every]
-    return [case for case in found if case is not None] or [work]
-
-
-def _case(work: RoutedWork, doors: list[int], opened: list[bool]) -> RoutedWork | None:
-    """Return the case in which those of some doors are opened; ``None`` if nothing can be done."""
-    openers = work.openers()
-    shut = {d for d, is_open in zip(doors, opened, strict=True) if not is_open}
-    behind = {need for need, task in openers.items() if task in shut}
-    tasks = []
-    for number, task in enumerate(work.tasks):
-        ways = [
-            (r, name, frozenset(p for p in places if not work.routes[r].needs(p) & behind))
-            for r, name, places in task.ways
-        ]
-        kept = [way for way in ways if way[2]]
-        if not kept and task.wanted:
-            return None
-        needed = task.needed or (number in doors and number not in shut)
-        tasks.append(replace(task, ways=kept, needed=needed, opened=[]))
-    _mark(work.routes, tasks, {e: task for e, task in openers.items() if task not in shut})
-    return replace(work, tasks=tasks)
 
 
 # ------------------ Who does what where
@@ -382,22 +342,6 @@ class RoutedWork:
     levels: list[list[RouteLevel]] = field(default_factory=list)
     needs: dict[Way, WayNeeds] = field(default_factory=dict)
     lefts: Memory = field(default_factory=dict)
-
-    def openers(self) -> dict[Need, int]:
-        """Return what must be open to come to some place, with the task that opens it."""
-        entries = {
-            (entry.state, entry.allowed)
-            for route in self.routes
-            for some in route.entries.values()
-            for entry in some
-            if self.initial[entry.state] not in entry.allowed
-        }
-        return {
-            (state, allowed): number
-            for number, task in enumerate(self.tasks)
-            for state, allowed in sorted(entries, key=str)
-            if task.opens == state and any(k == state and v in allowed for k, v, _ in task.changes)
-        }
 
     def providers(self, state: Key, allowed: frozenset[int]) -> list[int]:
         """Return the tasks that bring a state variable to one of ``allowed``."""

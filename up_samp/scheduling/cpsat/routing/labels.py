@@ -167,7 +167,7 @@ class Steps:
     def continued(self, labels: LabelTable, number: int) -> Iterator[LabelTable]:
         """Yield the labels of what goes on with a choice, as far as that may end in time."""
         choice = self.rules.choices[number]
-        needs = self.rules.programme.before[choice.task] | choice.needs
+        needs = self.rules.programme.before[choice.task]
         bit = 1 << choice.task
         labels = labels.rows(((labels.done & bit) == 0) & ((needs & ~labels.done) == 0))
         if not len(labels):
@@ -469,7 +469,7 @@ def _are_alike(
         return False
     for what, number in mine[one].items():
         a, b = rules.choices[number], rules.choices[mine[other][what]]
-        if (a.spot, a.late, a.back, a.needs) != (b.spot, b.late, b.back, b.needs):
+        if (a.spot, a.late, a.back) != (b.spot, b.late, b.back):
             return False
     tables = ("travel", "detour", "hop", "leading")
     if not all(np.array_equal(getattr(ways[one], t), getattr(ways[other], t)) for t in tables):

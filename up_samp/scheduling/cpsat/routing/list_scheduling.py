@@ -331,16 +331,14 @@ class Decoder:
 def steps_of(work: RoutedWork, sequences: Sequences, found: Found) -> list[Step]:
     """Return who does which task, in the order of a sequence."""
     rules = sequences.rules
-    numbers = {(r, name): n for n, task in enumerate(work.tasks) for r, name, _ in task.ways}
+    numbers = {id(task): number for number, task in enumerate(work.tasks)}
     steps = []
     for choice in (rules.choices[number] for number, _ in found):
         task = rules.programme.tasks[choice.task]
         place = rules.ways[choice.traveller].places[choice.place]
-        here = (r == choice.traveller and place in some for r, _, some in task.ways)
-        number = numbers[next(way[:2] for way, is_it in zip(task.ways, here, strict=True) if is_it)]
-        ways = enumerate(work.tasks[number].ways)
+        ways = enumerate(task.ways)
         way = next(w for w, (r, _, some) in ways if r == choice.traveller and place in some)
-        steps.append((number, way))
+        steps.append((numbers[id(task)], way))
     return steps
 
 

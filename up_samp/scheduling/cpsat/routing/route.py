@@ -115,11 +115,6 @@ class Route:
         default_factory=dict
     )
 
-    def needs(self, place: int) -> set[tuple[Key, frozenset[int]]]:
-        """Return what must be open for whoever comes to a place: states, with their values."""
-        entries = () if place == self.initial else self.entries.get(place, ())
-        return {(entry.state, entry.allowed) for entry in entries}
-
     @property
     def step(self) -> int:
         """Time from the end of a move to what may come next (its effect has to be seen)."""

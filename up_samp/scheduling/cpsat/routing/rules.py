@@ -13,7 +13,7 @@ import numpy as np
 
 from up_samp.model import Deadline
 from up_samp.scheduling.cpsat.encode.durations import INFINITE
-from up_samp.scheduling.cpsat.routing.dispatch import Need, RoutedTask, RoutedWork
+from up_samp.scheduling.cpsat.routing.dispatch import RoutedTask, RoutedWork
 from up_samp.scheduling.cpsat.routing.route import Route, way_back
 
 MOST_BITS = 62
@@ -128,8 +128,6 @@ class Programme:
     layers: list[list[int]]
     """Sets of tasks, by size."""
     spots: list[list[int]]
-    openers: dict[Need, int]
-    """What must be open to come to some place, with the task that opens it."""
 
     @staticmethod
     def of(work: RoutedWork, most: int, *, doors: bool = True) -> Programme | None:
@@ -152,9 +150,7 @@ class Programme:
         if not wanted or layers is None:
             return None
         tasks = [work.tasks[t] for t in wanted]
-        openers = {need: number[t] for need, t in work.openers().items() if t in number}
-        places = [sorted(some) for some in spots]
-        return Programme(work.routes, tasks, before, layers, places, openers)
+        return Programme(work.routes, tasks, before, layers, [sorted(some) for some in spots])
 
     def tables(self, deadline: Deadline, *, anywhere: bool = False) -> dict[int, Any] | None:
         """Return the table of each set; ``None`` if there is no time. ``anywhere``: travellers may
@@ -231,8 +227,7 @@ def _ideals(before: list[int], most: int) -> list[list[int]] | None:
 class SequenceChoice:
     """A task as one traveller does it at one place (by its number). ``late``: time by which it
     may begin before the move there is seen to have ended. ``spot``: the place in tables. ``back``:
-    time from its end to that of everything, if it is the last one. ``needs``: bits of the tasks
-    that have to start before it, for its traveller to come there.
+    time from its end to that of everything, if it is the last one.
     """
 
     task: int
@@ -241,7 +236,6 @@ class SequenceChoice:
     spot: int
     late: int
     back: int
-    needs: int
 
 
 @dataclass(frozen=True)
@@ -268,24 +262,11 @@ def choices_of(programme: Programme, ways: list[TravelTables]) -> list[SequenceC
             1 + programme.spots[axis].index(place),
             programme.routes[axis].step - programme.routes[axis].rest(stop),
             way_back(programme.routes[axis], {place}, programme.routes[axis].final),
-            _needed_at(programme, axis, number, stop, place),
         )
         for number, task in enumerate(programme.tasks)
         for axis, stop, places in task.ways
         for place in sorted(places)
     ]
-
-
-def _needed_at(programme: Programme, axis: int, number: int, stop: str, place: int) -> int:
-    """Return the tasks (bits) that open the way to a place: they start before a stop there."""
-    route, bits = programme.routes[axis], 0
-    late = route.step - route.rest(stop)
-    for entry in () if place == route.initial else route.entries.get(place, ()):
-        opener = programme.openers.get((entry.state, entry.allowed), number)
-        if opener != number:
-            delay = next(d for k, _, d in programme.tasks[opener].changes if k == entry.state)
-            bits |= (delay + entry.lead - late > 0) << opener
-    return bits
 
 
 def waits_of(work: RoutedWork, programme: Programme) -> tuple[Any, Any]:

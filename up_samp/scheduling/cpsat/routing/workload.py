@@ -17,7 +17,6 @@ from up_samp.scheduling.cpsat.routing.dispatch import (
     Need,
     RoutedTask,
     RoutedWork,
-    cases_of,
     entrances_of,
 )
 from up_samp.scheduling.cpsat.routing.route import Route, way_back
@@ -25,7 +24,7 @@ from up_samp.scheduling.cpsat.routing.rules import NEVER, Programme, SequenceRul
 from up_samp.scheduling.cpsat.routing.sequences import Sequences, raised
 from up_samp.scheduling.cpsat.tuning import CpsatTuning
 
-_STATES = 8_000_000
+_STATES = 2_000_000
 """States of the dynamic programme over sets of tasks; with more it is only asked who does what."""
 _SETS = 20_000
 """Sets of tasks that one proof over who does what may look at."""
@@ -111,8 +110,7 @@ def _raise_all(
 
 def _names(rules: SequenceRules, aside: int) -> tuple[object, ...]:
     """Return what the tasks of sets are called, one way and another."""
-    names = ((tuple((n, some) for _, n, some in task.ways)) for task in rules.programme.tasks)
-    return aside, *names
+    return aside, *(tuple(name for _, name, _ in task.ways) for task in rules.programme.tasks)
 
 
 def _of_more(rules: SequenceRules, done: int) -> int:
@@ -331,13 +329,11 @@ def lanes(model: ScheduleModel, routes: list[Route]) -> list[list[int]]:
 @dataclass(frozen=True)
 class WorkBound:
     """A lower bound on the makespan, and the sequences of tasks that it was found among (``None``:
-    they are too many); what the proof of a greater bound failed at is ``found`` there. ``cases``:
-    the sequences of each case, where some doors need not be opened.
+    they are too many); what the proof of a greater bound failed at is ``found`` there.
     """
 
     value: int
     sequences: Sequences | None = None
-    cases: tuple[Sequences, ...] = ()
 
 
 def bound_by_work(
@@ -359,35 +355,12 @@ def bound_by_work(
     :param value: the makespan of a schedule (0: there is none); no more is asked for.
     """
     tuning, deadline = tuning or CpsatTuning(), deadline or Deadline.never()
-    cases = cases_of(work)
-    found: list[WorkBound] = []
-    for left, case in zip(range(len(cases), 0, -1), cases, strict=True):
-        part = deadline if left == 1 else deadline.within(deadline.remaining() / left)
-        # the least of all is the bound: no more is asked for
-        value = min((one.value for one in found), default=value)
-        one = _bound_of(model, case, known, part, value, tuning)
-        found += [one] if one.value < INFINITE else []
-    least = min(found, key=lambda one: one.value, default=WorkBound(known))
-    return replace(least, cases=tuple(s for one in found if (s := one.sequences) is not None))
-
-
-def _bound_of(
-    model: ScheduleModel,
-    work: RoutedWork,
-    known: int,
-    deadline: Deadline,
-    value: int,
-    tuning: CpsatTuning,
-) -> WorkBound:
-    """Return the bound of one case; INFINITE where not all tasks can be done in it."""
     programme = Programme.of(work, _STATES) or Programme.of(work, _STATES, doors=False)
     if programme is None:
         return WorkBound(bound_by_assignment(work, known, deadline))
     tables = programme.tables(deadline)
-    if tables is None:
+    if tables is None or programme.start(tables) >= INFINITE:
         return WorkBound(known)
-    if programme.start(tables) >= INFINITE:
-        return WorkBound(INFINITE)
     counted = {id(task) for task in programme.tasks}
     extra = sum(
         _squeezed(work, tasks)
@@ -401,11 +374,11 @@ def _bound_of(
         return WorkBound(known)
     labels = tuning.labels
     sequences = Sequences(rules, min(labels, tuning.unaided))
-    begun = _names(rules, aside_of(programme)) in work.lefts
-    if labels and not begun:
+    if labels and not work.lefts:
         known = raised(sequences.plain(), known, deadline, value)
         known = raised(sequences, known, deadline, value)
-    if (begun or sequences.is_spent) and labels > tuning.unaided and not deadline.expired():
+    aided = sequences.is_spent or bool(work.lefts)
+    if aided and labels > tuning.unaided and not deadline.expired():
         rules = with_lefts(rules, labels // 2, deadline, work.lefts)
         sequences = Sequences(rules, labels)
         known = raised(sequences, known, deadline, value)

@@ -68,8 +68,6 @@ class Solve:
     work: RoutedWork | None = None
     sequences: Sequences | None = None
     """All of the tasks, with those that the lower bound was met by."""
-    cases: tuple[Sequences, ...] = ()
-    """The same of each case, where some doors need not be opened."""
     expected: int = 0
     again: bool = False
     memory: Memory = field(default_factory=dict)
@@ -153,7 +151,7 @@ def _bound_by_work(search: Solve) -> None:
     found = bound_by_work(
         whole.model, search.work, whole.bound, deadline, value=whole.value, tuning=tuning
     )
-    whole.bound, search.sequences, search.cases = found.value, found.sequences, found.cases
+    whole.bound, search.sequences = found.value, found.sequences
     some = found.sequences
     search.bounded = tuning.labels > 0 and some is not None and (bool(some.found) or some.is_spent)
 
@@ -189,12 +187,13 @@ def _seek_sequences(search: Solve) -> None:
     long as they lead to better ones.
     """
     whole = search.whole
+    assert search.sequences is not None
     deadline = search.share()
     width = _BEAM if search.optimal else _BEAM // 5
-    for sequences in (some.anew(sys.maxsize) for some in search.cases):
-        while not whole.over() and sequences.sought(whole.value - 1, width, deadline):
-            if not _realize_one(search, sequences):
-                break
+    sequences = search.sequences.anew(sys.maxsize)
+    while not whole.over() and sequences.sought(whole.value - 1, width, deadline):
+        if not _realize_one(search, sequences):
+            return
 
 
 def _work(search: Solve) -> RoutedWork:
