@@ -258,8 +258,7 @@ class EngineScheduler:
 
     def _proven(self, schedule: CandidateSchedule, compiled: Compiled) -> bool:
         return (
-            self._quirks.proves_optimal
-            and compiled.exact
+            compiled.exact
             and compiled.problem.minimize_makespan
             and schedule.makespan > compiled.floor
         )

@@ -29,7 +29,6 @@ class Quirks:
         products: multiplies by constants.
         reports_variables: returns values of variables that belong to no activity.
         proves_unsolvable: its ``UNSOLVABLE_PROVEN`` is a proof.
-        proves_optimal: its ``SOLVED_OPTIMALLY`` is a proof.
         message_limit: largest problem in bytes of protobuf, if it is sent to a server.
         environment: environment variables to set for its process.
         satisficing: class of the same module to ask instead where no optimum is wanted.
@@ -46,7 +45,6 @@ class Quirks:
     products: bool = True
     reports_variables: bool = True
     proves_unsolvable: bool = True
-    proves_optimal: bool = True
     message_limit: int | None = None
     environment: tuple[tuple[str, str], ...] = ()
     fallback: tuple[tuple[str, str], ...] | None = None

@@ -239,7 +239,7 @@ def test_a_resource_with_too_many_sets_stays_only_where_durations_are_certain():
 def test_optional_activities_go_and_come_back():
     plain = read_problem(problems.fetch_and_return())
     compiled = compile_optional(compile_differences(plain).problem)
-    assert not compiled.problem.optional_names()
+    assert not compiled.problem.optional_names
     assert write_problem(compiled.problem).kind.has_optional_activities() is False
     parameters = {n: False for n, t in compiled.problem.parameter_types().items()}
     parameters["pick.present"] = True

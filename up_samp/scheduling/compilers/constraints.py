@@ -204,7 +204,7 @@ class DifferenceForm:
     def __init__(self, problem: PlainProblem):
         self._parameters: Mapping[str, Type] = problem.parameter_types()
         self._fluents: Mapping[str, Fluent] = problem.fluents
-        self._optional = problem.optional_names()
+        self._optional = problem.optional_names
         self._activities = [a.name for a in problem.activities]
         self._fixed = {
             a.name: a.lower[1]

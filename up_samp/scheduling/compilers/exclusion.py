@@ -218,7 +218,7 @@ def pairs_of(problem: PlainProblem) -> dict[tuple[str, str], tuple[int, Expr]]:
 
     Of several constraints over one pair the one with the larger gap counts.
     """
-    optional = problem.optional_names()
+    optional = problem.optional_names
     pairs: dict[tuple[str, str], tuple[int, Expr]] = {}
     for constraint in problem.constraints:
         pair = disjunctive_pair(constraint, optional)

@@ -164,7 +164,7 @@ def compile_optional(problem: PlainProblem) -> Compiled:
         UnsupportedError: an optional activity with a duration that depends on parameters, or with
             a condition that no values of the fluents satisfy.
     """
-    if not problem.optional_names() and all(e.condition == TRUE for e in problem.effects):
+    if not problem.optional_names and all(e.condition == TRUE for e in problem.effects):
         return Compiled(problem)
     return _OptionalCompiler(problem).compile()
 
@@ -173,7 +173,7 @@ class _OptionalCompiler:
     def __init__(self, problem: PlainProblem):
         self.problem = problem
         self.taken = names_in_use(problem)
-        self.optional = problem.optional_names()
+        self.optional = problem.optional_names
         self.shortest = {a.name: self._shortest(a) for a in problem.activities if a.optional}
         self.earliest = {name: self._earliest(name) for name in self.optional}
         self.present: dict[str, str] = {

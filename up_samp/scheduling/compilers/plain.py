@@ -289,12 +289,9 @@ class PlainProblem:
             ),
         )
 
-    def optional_names(self) -> frozenset[str]:
-        """Return the names of the optional activities."""
-        return self._optional
-
     @cached_property
-    def _optional(self) -> frozenset[str]:
+    def optional_names(self) -> frozenset[str]:
+        """The names of the optional activities."""
         return frozenset(a.name for a in self.activities if a.optional)
 
     def parameter_types(self) -> dict[str, Type]:
