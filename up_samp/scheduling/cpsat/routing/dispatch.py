@@ -332,7 +332,7 @@ Refill = tuple[int, int, frozenset[int], int]
 @dataclass
 class RoutedWork:
     """All tasks, with the routes they are on, and the ``levels`` of each route. ``lefts``: what was
-    found out before about what sets of tasks leave (:mod:`.lefts`).
+    found out before about what sets of tasks leave (:mod:`.workload`).
     """
 
     routes: list[Route]

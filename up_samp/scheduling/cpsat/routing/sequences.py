@@ -14,7 +14,7 @@ of the others has come to one more place; after it, each is where it may be, and
 Of two beginnings with the same tasks done and the same last ones, one with no end later is enough:
 labels, as in resource-constrained shortest paths. A beginning that cannot be continued in time,
 even if the rest is shared out evenly, is dropped, and so is one that leaves more than can be done
-(:mod:`.lefts`); if none is left, no schedule ends by then (a destructive lower bound, Klein and
+(:mod:`.workload`); if none is left, no schedule ends by then (a destructive lower bound, Klein and
 Scholl 1999).
 """
 
