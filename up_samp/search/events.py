@@ -8,20 +8,16 @@ import enum
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from up_samp.model import Refusal, ScheduleReport
 from up_samp.model.refinement import Refinement
-from up_samp.search.history import ProgressEvent
+from up_samp.search.history import History, ProgressEvent
+from up_samp.search.knowledge import Incumbent
 from up_samp.system.files import write_whole
 from up_samp.upio.objective import Measure, Number, shown
 
-if TYPE_CHECKING:
-    from up_samp.model import Refusal, ScheduleReport
-    from up_samp.search.history import History
-    from up_samp.search.knowledge import Incumbent
-
-    Report = ScheduleReport | None
-    Learned = Sequence[Refinement]
+Report = ScheduleReport | None
+Learned = Sequence[Refinement]
 
 
 @dataclass(frozen=True)

@@ -13,16 +13,13 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from up_samp.model.refinement import Layer, Refinement
+from up_samp.search.budget import Budget
 from up_samp.system.files import write_whole
 from up_samp.system.memory import peak_memory
 from up_samp.upio.objective import shown
-
-if TYPE_CHECKING:
-    from up_samp.search.budget import Budget
-
 
 READING, STATING, SCHEDULING = "reading", "stating", "scheduling"
 BUILDING = "building"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 from up_samp.model import (
     Deadline,
@@ -17,15 +16,13 @@ from up_samp.model import (
     Trajectory,
 )
 from up_samp.model.refinement import Strength
+from up_samp.motion import MotionService
+from up_samp.motion.crew import Crew
 from up_samp.motion.fleet import earliest_arrival
 from up_samp.motion.fleet.coordination import order_decides
 from up_samp.search.budget import Budget
 from up_samp.search.facts import Facts
 from up_samp.search.world import Where, surely_there
-
-if TYPE_CHECKING:
-    from up_samp.motion import MotionService
-    from up_samp.motion.crew import Crew
 
 
 @dataclass(frozen=True)

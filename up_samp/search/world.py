@@ -7,7 +7,6 @@ import math
 from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from up_samp.model import (
     Body,
@@ -20,11 +19,9 @@ from up_samp.model import (
     avoids,
 )
 from up_samp.model.snapshot import MotionTask, Snapshot, TermKind
+from up_samp.motion import MotionService
 from up_samp.search.facts import Facts, MotionCase
 from up_samp.upio import Itinerary
-
-if TYPE_CHECKING:
-    from up_samp.motion import MotionService
 
 
 def motion_key(motion: ScheduledMotion) -> str:

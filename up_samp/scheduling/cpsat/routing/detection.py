@@ -7,7 +7,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from unified_planning.model import FNode
 from unified_planning.model.operators import OperatorKind as Op
@@ -26,11 +25,8 @@ from up_samp.scheduling.cpsat.encode.states import Key, Read, StateVar, Write
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.encode.timeline import Timeline
 from up_samp.scheduling.cpsat.encode.variables import Values, implied_length
+from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.route import Entrance, Move, Route, Still
-
-if TYPE_CHECKING:
-    from up_samp.scheduling.cpsat.model import ScheduleModel
-
 
 # ------------------ What moves a traveller, in whatever form
 # A *move* leads from what it needs the place to be at its start (else from anywhere) to one place,
