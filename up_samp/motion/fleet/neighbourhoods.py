@@ -19,7 +19,7 @@ from up_samp.model import Rest, TimedMotion
 from up_samp.motion.budget import WorkBudget
 from up_samp.motion.fleet.paths import TIMES, Path
 from up_samp.motion.fleet.space_time import proposer_of
-from up_samp.motion.fleet.speed import Window, fit, window_after
+from up_samp.motion.fleet.speed import Window, fit
 from up_samp.motion.fleet.timed_path import TimedPath, natural_timing, run_of
 from up_samp.motion.fleet.workspace import Workspace, rest_run
 
@@ -84,7 +84,13 @@ class MovingGroup:
 
     def window(self, name: str, runs: Mapping[str, TimedPath]) -> Window:
         """Return when a motion may happen: after its object's last one."""
-        return window_after(self.motions[name], runs.get(self.before.get(name, "")))
+        motion, previous = self.motions[name], self.before.get(name)
+        if previous is None or previous not in runs:
+            return Window(motion.present_from, motion.release)
+        arrival = runs[previous].arrival
+        since = max(motion.present_from, arrival) if motion.present_from > -math.inf else arrival
+        release = max(motion.release, arrival)
+        return Window(min(since, release), release)
 
     def plan(
         self, name: str, runs: Mapping[str, TimedPath], without: Iterable[str] = ()

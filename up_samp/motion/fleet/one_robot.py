@@ -1,8 +1,8 @@
 """One robot among movers: a ladder from the best path at full speed to new ways round.
 
 1. the best path among what rests there all the time, begun as soon as its planner's own timing
-   meets nothing; 2. its speed tuned; 3. other paths, around parked robots and the places where it
-   would meet the movers, each tuned.
+   meets nothing; 2. its speed tuned; 3. other paths, in a lane beside it, around parked robots and
+   the places where it would meet the movers, each tuned.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from up_samp.model import (
     TimedMotion,
     UnsupportedError,
 )
-from up_samp.motion.fleet.detours import is_good, met_at_full_speed, with_detours
+from up_samp.motion.fleet.detours import is_good, met_at_full_speed, with_detours, with_lanes
 from up_samp.motion.fleet.flyers import met_by
 from up_samp.motion.fleet.paths import Path
 from up_samp.motion.fleet.speed import Window, fit, parked_all_the_time
@@ -51,7 +51,7 @@ def plan_one(
     effort: int = 0,
 ) -> Attempt:
     """Return a safe run of ``motion`` among ``others``: the first one found that is on time, or
-    else the earliest. ``effort`` 0 tunes, 1 plans detours, too.
+    else the earliest. ``effort`` 0 tunes and changes lanes, 1 plans detours, too.
     """
     static = parked_all_the_time(motion, others)
     first = workspace.path(motion.body, motion.poses, static, deadline)
@@ -66,6 +66,7 @@ def plan_one(
     if is_good(best, motion):
         return Attempt(best)
     met = met_at_full_speed(workspace, motion, window, first, others)
+    best = with_lanes(workspace, motion, window, first, best, others)
     if effort > 0 and not is_good(best, motion):
         best = with_detours(workspace, motion, window, first, best, others, static, deadline)
     return Attempt(best, None, frozenset(o.object for o, _, _ in met))

@@ -27,7 +27,7 @@ from up_samp.motion.fleet.deadlocks import Drives, untie
 from up_samp.motion.fleet.detours import pass_by
 from up_samp.motion.fleet.one_robot import Attempt, plan_one
 from up_samp.motion.fleet.paths import TIMES, Path, path_of
-from up_samp.motion.fleet.speed import Window, first_start, fit, window_after
+from up_samp.motion.fleet.speed import Window, first_start, fit
 from up_samp.motion.fleet.timed_path import TimedPath, Timing, natural_timing, pose_at, run_of
 from up_samp.motion.fleet.workspace import Workspace, rest_run
 
@@ -198,7 +198,9 @@ def _one_run(motion: TimedMotion, legs: Sequence[TimedPath]) -> TimedPath:
 Pair = tuple[str, str]
 
 NODES = (60, 8)
-"""Nodes of the search over priorities by effort for one robot: speeds, detours."""
+"""Nodes of the search over priorities on each rung, that is by effort for one robot: speeds and
+lanes, detours.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -347,7 +349,13 @@ def _polished(group: Group, runs: Mapping[str, TimedPath]) -> dict[str, TimedPat
 
 def window_of(group: Group, name: str, runs: Mapping[str, TimedPath]) -> Window:
     """Return when a motion may happen: not before its object has arrived from the last one."""
-    return window_after(group.motions[name], runs.get(group.previous.get(name, "")))
+    motion = group.motions[name]
+    previous = group.previous.get(name)
+    if previous is None or previous not in runs:
+        return Window(motion.present_from, motion.release)
+    arrival = runs[previous].arrival
+    since = max(motion.present_from, arrival) if motion.present_from > -math.inf else arrival
+    return Window(min(since, max(motion.release, arrival)), max(motion.release, arrival))
 
 
 def _plan(group: Group, name: str, runs: Mapping[str, TimedPath], first: Iterable[str]) -> Attempt:

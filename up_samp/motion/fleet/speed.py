@@ -364,14 +364,6 @@ class Window:
     release: float
 
 
-def window_after(motion: TimedMotion, last: TimedPath | None) -> Window:
-    """Return when a motion may happen: not before its object has arrived from its ``last`` one."""
-    if last is None:
-        return Window(motion.present_from, motion.release)
-    release = max(motion.release, last.arrival)
-    return Window(min(max(motion.present_from, last.arrival), release), release)
-
-
 def fit(
     workspace: Workspace,
     motion: TimedMotion,
