@@ -97,7 +97,7 @@ def kitting(
         model=MotionModels.SE2,
     )
     form = Form(sizes + "-op" * operator + drawn, manner, encoding, metric)
-    homes = [form.place(key, pose) for key, pose in starts.items()]
+    homes = list(itertools.starmap(form.place, starts.items()))
     for home in homes:
         form.robot(home)
     places = {key: form.place(key, pose) for key, pose in spots.items()}

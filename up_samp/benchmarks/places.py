@@ -9,6 +9,7 @@ import random
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import starmap
 from typing import Any
 
 import shapely
@@ -103,7 +104,7 @@ class FamilyFloor:
 
     @cached_property
     def _solid(self) -> shapely.Geometry:
-        return shapely.union_all([shapely.box(*w) for w in self.walls])
+        return shapely.union_all(list(starmap(shapely.box, self.walls)))
 
     def fault(self, pose: Pose) -> str:
         """Return why no robot can stand at a pose ("": it can): it has to be inside the map, out

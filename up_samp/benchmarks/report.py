@@ -174,8 +174,10 @@ def table_instances(records: Sequence[Record]) -> str:
         for title, members in columns(records).items()
     }
     rows = [["instance", *by_column]]
-    for name in dict.fromkeys(r["instance"] for r in sorted(records, key=_order)):
-        rows.append([name, *(_outcome(runs.get(name)) for runs in by_column.values())])
+    rows.extend(
+        [name, *(_outcome(runs.get(name)) for runs in by_column.values())]
+        for name in dict.fromkeys(r["instance"] for r in sorted(records, key=_order))
+    )
     return _table(rows)
 
 

@@ -142,7 +142,7 @@ def warehouse(
     title = f"warehouse-{form}r{robots}-o{orders}" + (f"-s{seed}" if seed else "")
     work = _Work(title, plan, compact=bool(form), metric=metric)
     drawn = draw_orders(plan, orders, seed)
-    works = [work.order(k, order) for k, order in enumerate(drawn)]
+    works = list(itertools.starmap(work.order, enumerate(drawn)))
     pending: list[Activity] = []
     for order, loads in zip(drawn, works, strict=True):
         if not order.optional:

@@ -70,7 +70,7 @@ class Executor(Followed):
         tolerance: float = TOLERANCES.progress,
         localisation: float | None = None,
         dependencies: Dependencies | None = None,
-        tuning: ExecutionTuning | None = None,
+        tuning: ExecutionTuning = ExecutionTuning(),
     ):
         for name, value in (("localisation", localisation), ("tolerance", tolerance)):
             if value is not None and (not is_number(value) or value < 0.0):
@@ -92,7 +92,7 @@ class Executor(Followed):
             localisation = self.dependencies.localisation or TOLERANCES.localisation
         self.state = FloorState(graph, self.dependencies.travels, tolerance, localisation)
         self.routes = routes_of(graph, self.state.ways)
-        self.tuning = tuning or ExecutionTuning()
+        self.tuning = tuning
         self.pace = RobotPace()
         self.sides = {}
         self.drives = drives_of(self.dependencies.lives)

@@ -101,14 +101,12 @@ def forecast(state: FloorState, routes: Routes, pace: Mapping[str, float]) -> Fo
         came = now
         for first, seconds, who in before[k]:
             at = times[first] + seconds / paces.get(who, 1.0)
-            if at > came:
-                came = at
+            came = max(came, at)
         came = moved.get(k, came)
         allowed = now
         for edge in into[k]:
             at = times[edge.first] + edge.lag
-            if at > allowed:
-                allowed = at
+            allowed = max(allowed, at)
         if allowed > came:
             # it stops at the gate and has to get going again
             times[k] = allowed + min(loss[k], allowed - came)

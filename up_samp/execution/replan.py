@@ -184,7 +184,7 @@ def simulate_replanned(
     incidents: Sequence[Incident] = (),
     late: float | None = None,
     solve: Callable[[Remaining], PlanDict] = solve_remaining,
-    tuning: ExecutionTuning | None = None,
+    tuning: ExecutionTuning = ExecutionTuning(),
 ) -> Journey:
     """Execute a plan; plan the rest anew at each incident, and once when it is forecast to end
     ``late`` s later than planned (with the same choices).

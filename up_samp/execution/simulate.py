@@ -488,7 +488,7 @@ def simulate(
     *,
     policy: Policy = "staircase",
     judged: bool = True,
-    tuning: ExecutionTuning | None = None,
+    tuning: ExecutionTuning = ExecutionTuning(),
     watch: Callable[[Executor], int] | None = None,
 ) -> Simulation:
     """Execute a plan once with the delays of ``seed``, which are the same for every policy.
@@ -499,7 +499,6 @@ def simulate(
     ``watch`` is called about every second with the executor and returns how often it changed an
     order.
     """
-    tuning = tuning or ExecutionTuning()
     by_clock = policy == "timed"
     followed = timed(dependencies) if by_clock else dependencies
     executive = Executor(plan, dependencies=followed, tuning=tuning)

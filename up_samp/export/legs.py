@@ -56,7 +56,7 @@ def pieces_of(motion: dict[str, Any]) -> list[PathPiece]:
             f"'{motion['activity']}' moves '{motion['object']}' in space; this format knows the "
             "plane only"
         )
-    kinds = [_direction(a, b) for a, b in itertools.pairwise(rows)]
+    kinds = list(itertools.starmap(_direction, itertools.pairwise(rows)))
     pieces: list[PathPiece] = []
     begin = 0
     for i in range(1, len(kinds) + 1):

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from importlib import resources
+from itertools import starmap
 from pathlib import Path
 from typing import Any
 
@@ -85,7 +86,7 @@ def messages(plan: PlanDict) -> Iterator[Timed]:
     tracks = tracks_of(plan)
     for robot in robots_of(plan):
         yield 0.0, f"/{robot}/path", "nav_msgs/msg/Path", _path(plan, robot)
-    outlines = [_outline(i, t) for i, t in enumerate(tracks)]
+    outlines = list(starmap(_outline, enumerate(tracks)))
     yield 0.0, "/footprints", "visualization_msgs/msg/MarkerArray", {"markers": outlines}
     yield from _transforms(plan, tracks)
     yield from _activities(plan)

@@ -8,6 +8,7 @@ path's stamps are when the plan has the robot there, from its start; Nav2 does n
 from __future__ import annotations
 
 import math
+from itertools import starmap
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ def export(plan: PlanDict, folder: Path) -> list[Path]:
     everything = steps_of(plan)
     names = file_names(everything)
     for robot, steps in everything.items():
-        legs = [_leg(number, step) for number, step in enumerate(steps)]
+        legs = list(starmap(_leg, enumerate(steps)))
         path = folder / f"{names[robot]}.yaml"
         text = yaml.safe_dump({"robot": robot, "frame_id": "map", "legs": legs}, sort_keys=False)
         path.write_text(text, encoding="utf-8")

@@ -139,7 +139,7 @@ class Successions:
         """
         if origin != to and (a.what == b.what or ridden(self._records, origin, to) is None):
             for way in legs_between(self._records, origin, to):
-                if all(self._may_ride(p, q) for p, q in way):
+                if all(itertools.starmap(self._may_ride, way)):
                     yield from way
 
     def _may_ride(self, origin: str, to: str) -> bool:

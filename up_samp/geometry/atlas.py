@@ -93,7 +93,7 @@ def in_world(placed: PlacedMap) -> OccupancyGrid:
 
 
 def _radius(footprint: Sequence[tuple[float, float]]) -> float:
-    return max((math.hypot(*corner) for corner in footprint), default=0.0)
+    return max(itertools.starmap(math.hypot, footprint), default=0.0)
 
 
 def _side_by_side(

@@ -120,8 +120,7 @@ def prism(polygons: Sequence[FloatArray], low: float, high: float) -> Mesh:
     base = 0
     for ring in polygons:
         n = len(ring)
-        for height in (low, high):
-            vertices.append(np.column_stack((ring, np.full(n, height))))
+        vertices.extend(np.column_stack((ring, np.full(n, height))) for height in (low, high))
         for i in range(n):
             j = (i + 1) % n
             faces += [(base + i, base + j, base + n + j), (base + i, base + n + j, base + n + i)]
@@ -145,8 +144,7 @@ def wall_rectangles(grid: OccupancyGrid) -> list[FloatArray]:
                 np.diff(np.concatenate(([0], blocked[row].astype(np.int8), [0])))
             )
             runs = {(int(a), int(b)) for a, b in edges.reshape(-1, 2)}
-        for run in [r for r in growing if r not in runs]:
-            done.append((growing.pop(run), row, *run))
+        done.extend((growing.pop(run), row, *run) for run in [r for r in growing if r not in runs])
         for run in runs:
             growing.setdefault(run, row)
     found = []

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from itertools import starmap
 
 import numpy as np
 import numpy.typing as npt
@@ -111,7 +112,7 @@ def _shape(footprint: tuple[Point, ...], margin: float) -> Shape:
         footprint=tuple(ring),
         parts=parts,
         margin=margin,
-        circumscribed=max(math.hypot(x, y) for x, y in ring),
+        circumscribed=max(starmap(math.hypot, ring)),
         inscribed=inscribed,
         inner=inner,
         discs=np.concatenate([_covering_discs(part) for part in parts]),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import starmap
 from typing import Any
 
 from up_samp.io.precision import PRECISION
@@ -106,8 +107,7 @@ def _poses(plan: Mapping[str, Any]) -> Iterator[tuple[int, Box]]:
     """Yield what each pose takes up, with the number of its map."""
     corners = {o["name"]: o["footprint"] for o in plan["objects"]}
     reach = {
-        o["name"]: max((math.hypot(*c) for c in o["footprint"]), default=0.0)
-        for o in plan["objects"]
+        o["name"]: max(starmap(math.hypot, o["footprint"]), default=0.0) for o in plan["objects"]
     }
 
     def around(name: str, x: float, y: float) -> Box:

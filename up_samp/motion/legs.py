@@ -53,7 +53,7 @@ def is_sound(scene: Scene, query: LegQuery, trajectory: Trajectory) -> bool:
     ends = trajectory.poses[0], trajectory.poses[-1]
     if trajectory.times[0] != 0.0 or len(ends[0]) != len(query.start):
         return False
-    if not all(_same(a, b) for a, b in zip(ends, (query.start, query.goal), strict=True)):
+    if not all(itertools.starmap(_same, zip(ends, (query.start, query.goal), strict=True))):
         return False
     return keeps_limits(trajectory, query.body.kinematics) and _is_clear(scene, query, trajectory)
 
@@ -78,7 +78,7 @@ def _is_clear(scene: Scene, query: LegQuery, trajectory: Trajectory) -> bool:
         air = FlyerWorld(scene, query.body, (query.start, query.goal), query.obstacles)
         if not air.fit_margin() or any(air.swallowed(p) for p in (query.start, query.goal)):
             return False
-        return all(air.edge_free(a, b) for a, b in itertools.pairwise(poses))
+        return all(itertools.starmap(air.edge_free, itertools.pairwise(poses)))
     world = scene.world(shape_of(query.body, 0.0), query.obstacles)
     return bool(sweeps.samples_free(world, poses, NOISE) < 0)
 

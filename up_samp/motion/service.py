@@ -50,9 +50,9 @@ class MotionService:
         margin: float = 0.01,
         seed: int = 0,
         cache: MotionCache | None = None,
-        tuning: MotionTuning | None = None,
+        tuning: MotionTuning = MotionTuning(),
     ) -> None:
-        self.tuning = tuning or MotionTuning()
+        self.tuning = tuning
         self.grid = grid
         self.scene = Scene(grid, margin)
         self.planner = planner

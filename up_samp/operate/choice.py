@@ -199,7 +199,7 @@ def _handling(day: Day, job: DayOrder, robot: str) -> float:
         return record.duration or 0.0
     speed = day.site.robot_types[day.site.robots[robot].type].v_max
     ends = ([day.site.places[p].pose[:2] for p in s.at] for s in (record.pickup, record.delivery))
-    way = min(math.dist(one, two) for one, two in itertools.product(*ends))
+    way = min(itertools.starmap(math.dist, itertools.product(*ends)))
     return record.pickup.service + way / speed + record.delivery.service
 
 

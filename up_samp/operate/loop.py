@@ -79,7 +79,7 @@ class Operation(Day):
         robots: Robots,
         clock: Clock,
         planner: Planner | None = None,
-        settings: Settings | None = None,
+        settings: Settings = Settings(),
     ) -> None:
         check_site(fleet.records)
         told = fleet.records.objective
@@ -92,7 +92,7 @@ class Operation(Day):
         self.folder: Path = fleet.folder
         self.store, self.robots, self.clock = store, robots, clock
         self.planner = planner or Planner()
-        self.settings = settings or Settings()
+        self.settings = settings
         self.meanings = {}
         self.gone: dict[str, float] = {}
         """How much (m) of motions was driven when their plan began: robots count all of it."""

@@ -86,9 +86,9 @@ class SimulatedRobots:
     """All robots of a site on a simulated floor; times are those of the day."""
 
     def __init__(
-        self, poses: Mapping[str, Pose], mishaps: Mishaps | None = None, seed: int = 0
+        self, poses: Mapping[str, Pose], mishaps: Mishaps = Mishaps(), seed: int = 0
     ) -> None:
-        self.mishaps, self.seed = mishaps or Mishaps(), seed
+        self.mishaps, self.seed = mishaps, seed
         self.poses: dict[str, Pose] = dict(poses)
         self.initial = dict(poses)
         self.robots = {name: SimulatedRobot(name, self._luck(name)) for name in poses}

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import starmap
 
 from up_samp.model import ScheduledMotion
 from up_samp.model.refinement import (
@@ -49,7 +50,7 @@ def only_given(refinement: Refinement, given: Given) -> Refinement:
 
 def differs(given: Given) -> list[Literal]:
     """State that one of the decisions is another."""
-    return [Differs(variable, value) for variable, value in given]
+    return list(starmap(Differs, given))
 
 
 def other_motions(motions: Iterable[ScheduledMotion]) -> list[Literal]:

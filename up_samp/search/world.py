@@ -291,7 +291,7 @@ def near(body: Body, pose: Configuration, other: Body, there: Configuration) -> 
     """Return whether two placed bodies may overlap at all: a cheap test before the exact one."""
     if body.flies or other.flies:
         return True
-    reach = sum(max(math.hypot(*p) for p in b.footprint) for b in (body, other))
+    reach = sum(max(itertools.starmap(math.hypot, b.footprint)) for b in (body, other))
     return math.hypot(pose[0] - there[0], pose[1] - there[1]) <= reach
 
 

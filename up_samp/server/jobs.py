@@ -153,8 +153,8 @@ class JobQueue:
     come and go, there are no more threads, processes or folders than that.
     """
 
-    def __init__(self, limits: JobLimits | None = None, command: tuple[str, ...] = ()) -> None:
-        self.limits = limits or JobLimits()
+    def __init__(self, limits: JobLimits = JobLimits(), command: tuple[str, ...] = ()) -> None:
+        self.limits = limits
         self._command = command or WORKER
         self._jobs: OrderedDict[str, Job] = OrderedDict()
         self._lock = threading.Lock()

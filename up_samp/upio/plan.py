@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import starmap
 from typing import Any
 
 import numpy as np
@@ -124,15 +125,15 @@ def up_path(trajectory: Trajectory, model: MotionModel) -> SE2Path | SE3Path | S
     """
     poses = trajectory.poses
     if model.mobility.flies:
-        return SE3Path([SE3(*p) for p in poses.tolist()])
+        return SE3Path(list(starmap(SE3, poses.tolist())))
     if model.mobility.sideways:
-        return SE2Path([SE2(*p) for p in poses.tolist()])
+        return SE2Path(list(starmap(SE2, poses.tolist())))
     steps = np.diff(trajectory.times)
     moves = np.diff(poses, axis=0)
     middle = poses[:-1, 2] + 0.5 * moves[:, 2]
     across = moves[:, 1] * np.cos(middle) - moves[:, 0] * np.sin(middle)
     if model.mobility.own_law and np.abs(across).max(initial=0.0) > 1e-6:  # m
-        return SE2Path([SE2(*p) for p in poses.tolist()])
+        return SE2Path(list(starmap(SE2, poses.tolist())))
     chord = moves[:, 0] * np.cos(middle) + moves[:, 1] * np.sin(middle)
     half = 0.5 * moves[:, 2]
     stretch = np.ones_like(half)

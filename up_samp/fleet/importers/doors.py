@@ -88,8 +88,10 @@ def _before(
     found = [p for lane in lanes if LineString(lane).intersects(leaf) for p in lane]
     if not found:
         (x, y), across = _middle(ends), _heading(ends) + math.pi / 2
-        for side in (BEFORE_DOOR, -BEFORE_DOOR):
-            found.append((x + side * math.cos(across), y + side * math.sin(across)))
+        found.extend(
+            (x + side * math.cos(across), y + side * math.sin(across))
+            for side in (BEFORE_DOOR, -BEFORE_DOOR)
+        )
     return [p for p in dict.fromkeys(found) if free.contains(Point(p)) and leaf.distance(Point(p))]
 
 

@@ -117,7 +117,7 @@ def earliest_arrival(
     motion: TimedMotion,
     rests: Sequence[Rest] = (),
     fixed: Sequence[FixedMotion] = (),
-    deadline: Deadline | None = None,
+    deadline: Deadline = Deadline.never(),
 ) -> PathReport:
     """Return the earliest found arrival of one motion among movers and things that come and go.
 
@@ -128,11 +128,10 @@ def earliest_arrival(
     workspace = workspace_of(service)
     others = [rest_run(workspace, rest) for rest in rests] + [fixed_run(f) for f in fixed]
     window = Window(motion.present_from, motion.release)
-    limit = deadline or Deadline.never()
     truncated = workspace.truncated
-    attempt = plan_one(workspace, motion, window, others, limit, effort=1)
+    attempt = plan_one(workspace, motion, window, others, deadline, effort=1)
     seconds = time.monotonic() - began
-    complete = not limit.expired() and workspace.truncated == truncated
+    complete = not deadline.expired() and workspace.truncated == truncated
     if attempt.run is not None:
         found = attempt.run.timing.trajectory
         return PathReport(
@@ -140,7 +139,7 @@ def earliest_arrival(
         )
     report = attempt.report
     return PathReport(
-        failed(attempt, limit),
+        failed(attempt, deadline),
         blockers=attempt.met,
         alternatives=report.alternatives if report else (),
         reason=report.reason if report else "no safe timing or detour found",

@@ -303,8 +303,7 @@ def first_gap(blocked: FloatArray, earliest: float, latest: float) -> float:
     for k in range(len(blocked)):
         if blocked[k, 0] >= at:
             break
-        if blocked[k, 1] > at:
-            at = blocked[k, 1]
+        at = max(at, blocked[k, 1])
     return at if at <= latest else np.inf
 
 

@@ -159,7 +159,7 @@ def _drives(growth: Growth, pose: Pose, arcs: FloatArray, n: int, begin: float) 
     return True
 
 
-@kernel
+@inner
 def edge_free(growth: Growth, p: Vertex, q: Vertex) -> bool:
     """Return whether one can stand at ``p`` at its time and at ``q`` at its time."""
     arcs = np.empty((5, 2))

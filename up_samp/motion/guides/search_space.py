@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import starmap
 from typing import NamedTuple
 
 import numpy as np
@@ -73,7 +74,7 @@ def search_box(
     if scene.grid is not None:
         rows, cols = scene.grid.shape
         corners = [(r, c) for r in (-0.5, rows - 0.5) for c in (-0.5, cols - 0.5)]
-        points = np.array([scene.grid.point_of(r, c) for r, c in corners])
+        points = np.array(list(starmap(scene.grid.point_of, corners)))
         return points.min(axis=0), points.max(axis=0)
     points = np.array([p[:2] for p in poses])
     polys = scene.polys(obstacles)

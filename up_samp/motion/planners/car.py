@@ -85,10 +85,10 @@ class CarPlanner:
     name = "hybrid-astar"
     reversible = True
 
-    def __init__(self, scene: Scene, seed: int = 0, settings: CarSettings | None = None) -> None:
+    def __init__(self, scene: Scene, seed: int = 0, settings: CarSettings = CarSettings()) -> None:
         self.scene = scene
         self.seed = seed
-        self.settings = settings or CarSettings()
+        self.settings = settings
         self.fields = Fields(scene)
         self._trees: Memory[hybrid.Tree] = Memory(4)
 

@@ -113,7 +113,7 @@ class FlyerWorld:
         if grid is not None:
             rows, cols = grid.shape
             corners = [(r, c) for r in (-0.5, rows - 0.5) for c in (-0.5, cols - 0.5)]
-            flat = np.array([grid.point_of(r, c) for r, c in corners])
+            flat = np.array(list(itertools.starmap(grid.point_of, corners)))
             low[:2], high[:2] = flat.min(axis=0), flat.max(axis=0)
         return low, high
 

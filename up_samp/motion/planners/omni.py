@@ -78,10 +78,12 @@ class PlanarPlanner:
     name = "planar-astar"
     reversible = True
 
-    def __init__(self, scene: Scene, seed: int = 0, settings: PlanarSettings | None = None) -> None:
+    def __init__(
+        self, scene: Scene, seed: int = 0, settings: PlanarSettings = PlanarSettings()
+    ) -> None:
         self.scene = scene
         self.seed = seed
-        self.settings = settings or PlanarSettings()
+        self.settings = settings
         self.fields = Fields(scene)
 
     @classmethod

@@ -58,9 +58,11 @@ class PivotPlanner:
     name = "pivot-lattice"
     reversible = True
 
-    def __init__(self, scene: Scene, seed: int = 0, settings: PivotSettings | None = None) -> None:
+    def __init__(
+        self, scene: Scene, seed: int = 0, settings: PivotSettings = PivotSettings()
+    ) -> None:
         self.scene = scene
-        self.settings = settings or PivotSettings()
+        self.settings = settings
         self.fields = Fields(scene)
         self._car = CarPlanner(scene, seed, QUICK_CAR)
 

@@ -109,7 +109,7 @@ class Certifier:
         total: list[frozenset[str]] = [frozenset()]
         labels = [self._label(regions, body, pose) for pose in poses]
         for start, goal in pairwise(labels):
-            if start == 0 or goal == 0 or start == goal:
+            if start == 0 or goal in (0, start):
                 continue
             if not regions.reaches(start, goal, everything):
                 return None

@@ -282,8 +282,7 @@ def _with_tokens(
                 held = ("eq", ("flu", token), ("obj", mine))
                 low, high = start(name, 1), end(name, gap - 1)
                 conditions.append(Condition(low, high, held, name))
-            for other in members[:i]:
-                covered.add(pairs[min(name, other), max(name, other)][1])
+            covered.update(pairs[min(name, other), max(name, other)][1] for other in members[:i])
     return replace(
         problem,
         constraints=tuple(c for c in problem.constraints if c not in covered),

@@ -74,7 +74,7 @@ def _choices(
     domains = [values_of(problem, types[p[1]]) for p in open_parameters]
     for choice in itertools.product(*domains):
         values = dict(zip(open_parameters, choice, strict=True))
-        yield conjunction(equals(p, v) for p, v in values.items()), values
+        yield conjunction(itertools.starmap(equals, values.items())), values
 
 
 def equals(variable: Expr, value: Expr) -> Expr:

@@ -110,7 +110,7 @@ def negation(expression: Expr) -> Expr:
 
 def implies(condition: Expr, consequence: Expr) -> Expr:
     """Return the simplified implication."""
-    if condition == TRUE or consequence == TRUE:
+    if TRUE in (condition, consequence):
         return consequence
     if condition == FALSE:
         return TRUE

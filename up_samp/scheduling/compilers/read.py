@@ -96,8 +96,7 @@ class _ProblemReader:
         constraints = [c for _, c in self.constraints()]
         conditions, effects = [], []
         chronicles: list[tuple[Any, str | None]] = [(problem._base, None)]
-        for activity in problem.activities:
-            chronicles.append((activity, activity.name))
+        chronicles.extend((activity, activity.name) for activity in problem.activities)
         for chronicle, owner in chronicles:
             for span, expressions in chronicle.conditions.items():
                 conditions += [self._condition(span, e, owner) for e in expressions]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import starmap
 from typing import Any
 
 from unified_planning.environment import Environment, get_environment
@@ -64,7 +65,7 @@ class _ProblemWriter:
         for name, user_type in plain.objects.items():
             problem.add_object(Object(name, self.type(("user", user_type)), self.environment))
         for name, fluent in plain.fluents.items():
-            signature = [self._parameter(n, t) for n, t in fluent.parameters]
+            signature = list(starmap(self._parameter, fluent.parameters))
             problem.add_fluent(
                 UpFluent(name, self.type(fluent.type), signature, environment=self.environment),
                 default_initial_value=None

@@ -68,7 +68,7 @@ class ScheduleModel:
         self,
         problem: SchedulingProblem,
         parts: Additions | None = None,
-        deadline: Deadline | None = None,
+        deadline: Deadline = Deadline.never(),
         *,
         limit_at_least: int = 0,
         plain: bool = False,
@@ -96,7 +96,7 @@ class ScheduleModel:
         self.disjunctions = Disjunctions()
         self.stated: list[Form] = []
         """What was stated at first, but for disjunctions of pairs."""
-        self._deadline = deadline or Deadline.never()
+        self._deadline = deadline
         self._is_exact = False
         """Whether the makespan variable is the latest end, not only at least that."""
         # without a deadline of its own, the one that is in force goes on to be

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import starmap
 
 from up_samp.scheduling.cpsat.encode.forms import (
     TRUE,
@@ -442,7 +443,7 @@ def _read_clause(found: ClausePrecedence, state: StateVar, states: States) -> Re
     seen = max(delays[helper] + 1 - gap for helper, gap in found.helpers.items())
     at = found.point.shift(seen)
     store = states.store
-    chosen = [store.is_value(var, value) for var, value in found.values]
+    chosen = list(starmap(store.is_value, found.values))
     allowed = frozenset(w.value.const for w in state.writes)
     active = store.all_of([activity.present, *chosen])
     return Read(activity.index, active, at, at, allowed=allowed)

@@ -391,7 +391,7 @@ def _before_end(model: ScheduleModel, activity: ActivityVars, move: Move, read: 
 
 def _true(model: ScheduleModel, activity: ActivityVars, move: Move) -> set[Literal]:
     """Return what is true of a move that is made: it is present, with its parameters' values."""
-    chosen = [model.store.is_value(var, value) for var, value in move.values]
+    chosen = list(itertools.starmap(model.store.is_value, move.values))
     return {
         model.store.all_of([activity.present, *some])
         for size in range(len(chosen) + 1)

@@ -86,7 +86,7 @@ class LabelTable:
         columns = zip(*(labels._columns() for labels in some), strict=True)
         return LabelTable(*(np.concatenate(column) for column in columns))
 
-    def undominated(self, deadline: Deadline | None = None) -> LabelTable:
+    def undominated(self, deadline: Deadline = Deadline.never()) -> LabelTable:
         """Return the labels without those that another one is at least as good as: the same is
         done by the same, nothing later, nobody further on its way, with no more moves used up.
 
@@ -96,7 +96,6 @@ class LabelTable:
         """
         sums = self.free.sum(1) + self.leave.sum(1) + self.ready.sum((1, 2), dtype=np.int64)
         mine = self.rows(np.lexsort((sums, *self.last.T, self.done, self.origin)))
-        deadline = deadline or Deadline.never()
         first, last = 1, _NEAR
         for _ in range(_ROUNDS):
             worse = mine._worse(range(first, last + 1), deadline)

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import partial
 
 from ortools.sat.python import cp_model
 
@@ -14,10 +12,7 @@ from up_samp.scheduling.cpsat.encode.durations import INFINITE
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.dispatch import (
     Memory,
-    Need,
-    RoutedTask,
     RoutedWork,
-    entrances_of,
 )
 from up_samp.scheduling.cpsat.routing.route import Route, way_back
 from up_samp.scheduling.cpsat.routing.rules import NEVER, Programme, SequenceRules, cost
@@ -206,13 +201,12 @@ def _share(
     return TaskShare(first, later, way_back(route, places, route.final))
 
 
-def bound_by_assignment(work: RoutedWork, known: int, deadline: Deadline | None = None) -> int:
+def bound_by_assignment(work: RoutedWork, known: int, deadline: Deadline = Deadline.never()) -> int:
     """Return a lower bound on the makespan, at least ``known``: the first that is not refuted, or
     less if the ``deadline`` comes.
 
     Assumes: a traveller comes to each task from its start or from another task that is done.
     """
-    deadline = deadline or Deadline.never()
     costs = shares(work)
     if not costs or any(not mine for mine in costs):
         return known
@@ -294,8 +288,7 @@ def _possible(
 # The least time that travellers need for their tasks. Tasks are done in some order, by their
 # starts; whoever does the next one comes from where it did its last one. The least total over all
 # orders that the precedences allow is found by dynamic programming over (tasks done, where
-# everybody is), after Held and Karp (1962). What has to be done before a place may be entered
-# (doors) adds what it costs to squeeze it in. Everybody's share ends by the makespan, so the total
+# everybody is), after Held and Karp (1962). Everybody's share ends by the makespan, so the total
 # by the number of travellers is a bound; travellers that take turns count as one. Sequences of
 # tasks then prove more (``sequences``).
 
@@ -340,10 +333,10 @@ def bound_by_work(
     model: ScheduleModel,
     work: RoutedWork,
     known: int = 0,
-    deadline: Deadline | None = None,
+    deadline: Deadline = Deadline.never(),
     *,
     value: int = 0,
-    tuning: CpsatTuning | None = None,
+    tuning: CpsatTuning = CpsatTuning(),
 ) -> WorkBound:
     """Return a lower bound on the makespan; of large fleets, by who does what alone.
 
@@ -354,20 +347,13 @@ def bound_by_work(
     :param deadline: when to give up with what is known (None: never).
     :param value: the makespan of a schedule (0: there is none); no more is asked for.
     """
-    tuning, deadline = tuning or CpsatTuning(), deadline or Deadline.never()
     programme = Programme.of(work, _STATES) or Programme.of(work, _STATES, doors=False)
     if programme is None:
         return WorkBound(bound_by_assignment(work, known, deadline))
     tables = programme.tables(deadline)
     if tables is None or programme.start(tables) >= INFINITE:
         return WorkBound(known)
-    counted = {id(task) for task in programme.tasks}
-    extra = sum(
-        _squeezed(work, tasks)
-        for tasks in _needed(model, work)
-        if not any(id(task) in counted for task in tasks)
-    )
-    total = programme.start(tables) + extra
+    total = programme.start(tables)
     known = max(known, -(-total // len(lanes(model, work.routes))))
     rules = SequenceRules.of(work, programme, tables)
     if rules is None:
@@ -383,64 +369,3 @@ def bound_by_work(
         sequences = Sequences(rules, labels)
         known = raised(sequences, known, deadline, value)
     return WorkBound(known, sequences)
-
-
-# -- what has to be squeezed in ----------------------------------------------------------------
-def _needed(model: ScheduleModel, work: RoutedWork) -> list[list[RoutedTask]]:
-    """Return sets of tasks of each of which one has to be done, though nobody wants it by itself:
-    what opens the doors on the only ways to what is wanted. The sets have no task in common.
-    """
-    wanted: dict[Need, None] = {}
-    for task in work.tasks:
-        if task.wanted:
-            needs = entrances_of(work.routes, task)
-            wanted.update(dict.fromkeys(sorted(needs, key=str)))
-    owners = {name: i for i, task in enumerate(work.tasks) for _, name, _ in task.ways}
-    found, taken = [], set[int]()
-    for key, allowed in wanted:
-        state = model.states.vars[key]
-        if state.numeric or state.initial in allowed:
-            continue
-        tasks: set[int] | None = set()
-        for write in state.writes:
-            if model.store.never(write.active):
-                continue
-            if write.value.terms or write.value.const in allowed:
-                name = "" if write.owner is None else model.states.activity(write.owner).name
-                tasks = None if tasks is None or name not in owners else tasks | {owners[name]}
-        if tasks and not tasks & taken and not any(work.tasks[t].wanted for t in tasks):
-            taken |= tasks
-            found.append([work.tasks[t] for t in sorted(tasks)])
-    return found
-
-
-def _squeezed(work: RoutedWork, tasks: list[RoutedTask]) -> int:
-    """Return the least time that one of ``tasks`` adds to a route, wherever it comes in it."""
-    least = INFINITE
-    for task in tasks:
-        for route_number, stop, places in task.ways:
-            route = work.routes[route_number]
-            own = {name for t in tasks for _, name, _ in t.ways}
-            stops = [*route.stops, *route.visits]
-            spots = {p for name, some in stops if name not in own for p in some}
-            spots.add(route.initial)
-            late = max((route.step - route.rest(s) for s, _ in stops), default=0)
-            for place in places:
-                around = min(_detours(route, stop, place, spots, late), default=INFINITE)
-                least = min(least, task.length + max(0, around))
-    return 0 if least >= INFINITE else least
-
-
-def _detours(route: Route, stop: str, place: int, spots: set[int], late: int) -> Iterator[int]:
-    """Yield how much longer a route is by ``place`` between any two places, or in the end."""
-    back = partial(way_back, route, final=route.final)
-    for a in spots:
-        coming = cost(route, a, place, stop, first=True)
-        if coming >= INFINITE:
-            continue
-        yield coming + back({place}) - back({a})
-        for b in spots:
-            going = route.travel.get((place, b), INFINITE)
-            direct = route.travel.get((a, b), INFINITE)
-            if going < INFINITE and direct < INFINITE:
-                yield coming + going + route.gap - late - direct
