@@ -8,14 +8,16 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from up_samp.model.errors import ProblemError, short
 from up_samp.search.events import Observer
 from up_samp.search.history import ProgressEvent
-from up_samp.search.search import Components
 from up_samp.search.stopping import StopCriterion
-from up_samp.tuning import Tuning
+
+if TYPE_CHECKING:
+    from up_samp.search.search import Components
+    from up_samp.tuning import Tuning
 
 GROUP_PLANNERS = {"default": "ladder", "ladder": "ladder", "st-rrt*": "st-rrt*"}
 """Group planners by parameter: our ladder, or the paper's ST-RRT* for one robot after the other."""
