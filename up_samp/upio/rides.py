@@ -11,8 +11,7 @@ import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-
-from shapely.geometry.base import BaseGeometry
+from typing import TYPE_CHECKING
 
 from up_samp.model import (
     Body,
@@ -23,6 +22,10 @@ from up_samp.model import (
 )
 from up_samp.model.frames import Frame
 from up_samp.model.snapshot import ChangeTask, MotionTask, Ride, Term, TermKind
+
+if TYPE_CHECKING:
+    from shapely.geometry.base import BaseGeometry
+
 
 SAME = 1e-3
 """Relative poses this near (m, rad) are the same: as near as a plan has to come to a pose."""
