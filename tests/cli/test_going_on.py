@@ -24,7 +24,7 @@ def go_on(folder, *more):
 
 
 def test_the_rest_begins_where_robots_stop(planned, tmp_path, capsys):
-    assert go_on(planned, "--at", "3", "--first", "--out", str(tmp_path)) == 0
+    assert go_on(planned, "--at", "8", "--first", "--out", str(tmp_path)) == 0
     said = capsys.readouterr()
     assert "valid: the independent validator" in said.out
     assert "s of its clock" in said.err
@@ -32,7 +32,7 @@ def test_the_rest_begins_where_robots_stop(planned, tmp_path, capsys):
     homes = {o["name"]: o["initial"] for o in before["objects"]}
     here = {o["name"]: o["initial"] for o in after["objects"]}
     assert any(here[name] != homes[name] for name in homes)
-    assert after["makespan"] < before["makespan"]
+    assert after["makespan"] <= before["makespan"] - 3
 
 
 def test_who_is_out_of_order_does_nothing_more(planned, tmp_path):

@@ -8,9 +8,10 @@ from up_samp.operate.clock import SimulatedClock
 from up_samp.operate.judge import judge_day
 from up_samp.operate.loop import Operation
 from up_samp.operate.settings import Settings
-from up_samp.operate.simulated import SimulatedRobots, SteppedClock
+from up_samp.operate.simulated import Mishaps, SimulatedRobots, SteppedClock
 from up_samp.operate.store import Store
 
+NONE = Mishaps()
 PATIENT = Settings(stretch=20.0)
 """The planner has 40 s of real time, however busy the machine is."""
 
@@ -18,7 +19,7 @@ PATIENT = Settings(stretch=20.0)
 class Day:
     """An operation with simulated robots, in ``folder``."""
 
-    def __init__(self, folder, robots=2, mishaps=None, settings=PATIENT, seed=0, fleet=None):
+    def __init__(self, folder, robots=2, mishaps=NONE, settings=PATIENT, seed=0, fleet=None):
         self.fleet = fleet or hall(Path(folder), robots)
         site = self.fleet.records
         poses = {n: site.places[r.start].pose for n, r in site.robots.items()}

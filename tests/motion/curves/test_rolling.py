@@ -136,8 +136,8 @@ def test_plans_in_rooms_are_valid_no_later_than_with_stops_and_not_below_the_bou
         parked = Placed("parked", body, free_pose(rng, service, body))
         query = LegQuery(body, *ends, (parked,), effort=1500)
         motion, stops = (
-            PivotPlanner(service.scene, 0, tuning).leg(query, Deadline.never()).trajectory
-            for tuning in (None, STOPS)
+            PivotPlanner(service.scene, 0, settings).leg(query, Deadline.never()).trajectory
+            for settings in (PivotSettings(), STOPS)
         )
         if motion is None:
             assert stops is None

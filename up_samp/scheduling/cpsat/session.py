@@ -58,7 +58,7 @@ class CpsatSession:
         seed: int = 0,
         workers: int | None = None,
         effort: float | None = None,
-        tuning: CpsatTuning = CpsatTuning(),
+        tuning: CpsatTuning | None = None,
         plain: bool = False,
     ) -> None:
         self.problem = problem
@@ -66,7 +66,7 @@ class CpsatSession:
         self.doubts = False
         self.seed, self.workers = seed, workers or os.cpu_count() or 1
         self.effort = effort
-        self.tuning = tuning
+        self.tuning = tuning or CpsatTuning()
         self.bound: float | Fraction = -math.inf
         self.rebuilds = 0
         self._watcher = Watcher(problem)
