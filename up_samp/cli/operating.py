@@ -5,6 +5,7 @@ what.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import re
 import tempfile
 import time
@@ -62,13 +63,12 @@ def _operate(args: argparse.Namespace) -> int:
         floor = SimulatedRobots({n: site.places[r.start].pose for n, r in site.robots.items()})
         stepped = SteppedClock(clock, floor)
         day = Operation(fleet, store=store, robots=floor, clock=stepped, settings=settings)
-    else:
-        robots = _behind_broker(args, fleet)
-        day = Operation(fleet, store=store, robots=robots, clock=clock, settings=settings)
-    try:
+        with contextlib.closing(day):
+            return _until(day, args)
+    robots = _behind_broker(args, fleet)
+    day = Operation(fleet, store=store, robots=robots, clock=clock, settings=settings)
+    with contextlib.closing(robots), contextlib.closing(day):
         return _until(day, args)
-    finally:
-        day.close()
 
 
 def _behind_broker(args: argparse.Namespace, fleet: Fleet):  # type: ignore[no-untyped-def]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import queue
-import re
 import threading
 from collections.abc import Iterator
 from fractions import Fraction
@@ -27,6 +26,7 @@ from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.plans import Schedule
 
 from up_samp.engines.direct import Call, DirectFace
+from up_samp.engines.features import SCHEDULES
 from up_samp.model import (
     CandidateSchedule,
     Deadline,
@@ -39,29 +39,6 @@ from up_samp.model.errors import short
 
 if TYPE_CHECKING:
     from up_samp.scheduling.cpsat import CpsatSession
-
-
-FEATURES = re.findall(
-    r"\w+",
-    """
-    SCHEDULING OPTIONAL_ACTIVITIES SCOPED_CONSTRAINTS SIMPLE_NUMERIC_PLANNING
-    GENERAL_NUMERIC_PLANNING BOUNDED_TYPES DISCRETE_NUMBERS DISCRETE_TIME CONTINUOUS_TIME
-    INTERMEDIATE_CONDITIONS_AND_EFFECTS EXTERNAL_CONDITIONS_AND_EFFECTS TIMED_EFFECTS
-    TIMED_GOALS DURATION_INEQUALITIES SELF_OVERLAPPING STATIC_FLUENTS_IN_DURATIONS
-    FLUENTS_IN_DURATIONS INT_TYPE_DURATIONS REAL_TYPE_DURATIONS NEGATIVE_CONDITIONS
-    DISJUNCTIVE_CONDITIONS EXISTENTIAL_CONDITIONS UNIVERSAL_CONDITIONS FORALL_EFFECTS
-    EQUALITIES CONDITIONAL_EFFECTS INCREASE_EFFECTS DECREASE_EFFECTS
-    STATIC_FLUENTS_IN_BOOLEAN_ASSIGNMENTS STATIC_FLUENTS_IN_NUMERIC_ASSIGNMENTS
-    STATIC_FLUENTS_IN_OBJECT_ASSIGNMENTS FLUENTS_IN_BOOLEAN_ASSIGNMENTS
-    FLUENTS_IN_NUMERIC_ASSIGNMENTS FLUENTS_IN_OBJECT_ASSIGNMENTS FLAT_TYPING
-    HIERARCHICAL_TYPING INT_FLUENTS OBJECT_FLUENTS NUMERIC_FLUENTS BOOL_FLUENT_PARAMETERS
-    BOUNDED_INT_FLUENT_PARAMETERS BOOL_ACTION_PARAMETERS BOUNDED_INT_ACTION_PARAMETERS
-    UNBOUNDED_INT_ACTION_PARAMETERS MAKESPAN FINAL_VALUE OVERSUBSCRIPTION
-    INT_NUMBERS_IN_OVERSUBSCRIPTION REAL_NUMBERS_IN_OVERSUBSCRIPTION TEMPORAL_OVERSUBSCRIPTION
-    ACTIONS_COST INT_NUMBERS_IN_ACTIONS_COST REAL_NUMBERS_IN_ACTIONS_COST
-    STATIC_FLUENTS_IN_ACTIONS_COST REAL_FLUENTS CONTINUOUS_NUMBERS
-    """,
-)
 
 
 # ------------------ ``cpsat``: exact scheduling on OR-Tools CP-SAT, as a Unified Planning
@@ -119,7 +96,7 @@ class CpsatEngine(DirectFace, Engine, OneshotPlannerMixin, AnytimePlannerMixin):
     @staticmethod
     def supported_kind() -> ProblemKind:
         """Return the features that are supported (a new object at each call)."""
-        return ProblemKind(FEATURES, version=LATEST_PROBLEM_KIND_VERSION)
+        return ProblemKind(SCHEDULES, version=LATEST_PROBLEM_KIND_VERSION)
 
     @staticmethod
     def supports(problem_kind: ProblemKind) -> bool:

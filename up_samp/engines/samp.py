@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import math
-import re
 import warnings
 from collections.abc import Generator, Iterator
 from fractions import Fraction
@@ -25,6 +24,7 @@ from unified_planning.model.motion import MotionModels, MovableObject, Schedulin
 from unified_planning.plans import Plan, Schedule
 
 from up_samp.engines.direct import Call
+from up_samp.engines.features import COMPILED, PASSED_ON
 from up_samp.engines.replanning import ReplanningFace
 from up_samp.engines.results import (
     SampResult,
@@ -79,31 +79,6 @@ def _movers(problem: SchedulingMotionProblem) -> set[MovableObject]:
 
 
 # ------------------ Which problems ``samp-refine`` takes, given the engine that it wraps
-
-
-COMPILED = re.findall(
-    r"\w+",
-    """
-    SCHEDULING OPTIONAL_ACTIVITIES SCOPED_CONSTRAINTS EXISTENTIAL_CONDITIONS
-    UNIVERSAL_CONDITIONS FORALL_EFFECTS NEGATIVE_CONDITIONS DISJUNCTIVE_CONDITIONS EQUALITIES
-    OBJECT_FLUENTS FLAT_TYPING HIERARCHICAL_TYPING BOOL_ACTION_PARAMETERS BOUNDED_TYPES
-    DISCRETE_NUMBERS DISCRETE_TIME CONTINUOUS_TIME TIMED_EFFECTS TIMED_GOALS
-    DURATION_INEQUALITIES INT_TYPE_DURATIONS REAL_TYPE_DURATIONS
-    INTERMEDIATE_CONDITIONS_AND_EFFECTS EXTERNAL_CONDITIONS_AND_EFFECTS MAKESPAN
-    """,
-)
-"""What the compilers bring to every engine that can schedule."""
-
-PASSED_ON = re.findall(
-    r"\w+",
-    """
-    SELF_OVERLAPPING STATIC_FLUENTS_IN_DURATIONS STATIC_FLUENTS_IN_BOOLEAN_ASSIGNMENTS
-    STATIC_FLUENTS_IN_OBJECT_ASSIGNMENTS
-    """,
-)
-"""What a wrapped engine keeps of its own kind. Of what is not here some problems can be told to
-it and some cannot, which a kind does not tell (numbers that are assigned, counted, or read over
-intervals; effects on conditions; durations of parameters): engines that are asked by name try."""
 
 
 def samp_kind(engine: Any) -> ProblemKind:

@@ -47,41 +47,35 @@ def test_curves_end_where_they_should():
             assert np.all(np.abs(arcs[:, 0]) <= 1 / radius + 1e-12)
 
 
-def test_lengths_agree_with_ompl():
+def distances(name, seed):
+    """Yield random pairs of poses with how far they are apart in one of OMPL's spaces."""
     ob = pytest.importorskip("ompl.base")
-    space = ob.ReedsSheppStateSpace(1.0)
+    space = getattr(ob, name)(1.0)
     bounds = ob.RealVectorBounds(2)
     bounds.setLow(-100)
     bounds.setHigh(100)
     space.setBounds(bounds)
     si = ob.SpaceInformation(space)
     a, b = si.allocState(), si.allocState()
-    for start, goal in random_pairs(2000, seed=1):
+    for start, goal in random_pairs(2000, seed=seed):
         for state, pose in ((a, start), (b, goal)):
             state.setX(pose[0])
             state.setY(pose[1])
             state.setYaw(math.remainder(pose[2], 2 * math.pi))
+        yield start, goal, space.distance(a, b)
+
+
+def test_lengths_agree_with_ompl():
+    for start, goal, apart in distances("ReedsSheppStateSpace", 1):
         length, arcs = shortest(start, goal, 1.0)
-        assert length == pytest.approx(space.distance(a, b), abs=1e-6)
+        assert length == pytest.approx(apart, abs=1e-6)
         assert length == pytest.approx(np.abs(arcs[:, 1]).sum(), abs=1e-9)
 
 
 def test_lengths_ahead_only_agree_with_ompl():
-    ob = pytest.importorskip("ompl.base")
-    space = ob.DubinsStateSpace(1.0)
-    bounds = ob.RealVectorBounds(2)
-    bounds.setLow(-100)
-    bounds.setHigh(100)
-    space.setBounds(bounds)
-    si = ob.SpaceInformation(space)
-    a, b = si.allocState(), si.allocState()
-    for start, goal in random_pairs(2000, seed=4):
-        for state, pose in ((a, start), (b, goal)):
-            state.setX(pose[0])
-            state.setY(pose[1])
-            state.setYaw(math.remainder(pose[2], 2 * math.pi))
+    for start, goal, apart in distances("DubinsStateSpace", 4):
         length, arcs = shortest(start, goal, 1.0, 1.0)
-        assert length == pytest.approx(space.distance(a, b), abs=1e-6)
+        assert length == pytest.approx(apart, abs=1e-6)
         assert away(end_of(start, arcs), goal) < 1e-9
         assert np.all(arcs[:, 1] > 0)
         assert fastest(start, goal, 1.0, 2.0, 0.5, 1.0)[0] == run_time(length, 2.0, 0.5)

@@ -325,10 +325,6 @@ class WayNeeds:
     sets: list[tuple[Key, int]] = field(default_factory=list)
 
 
-Refill = tuple[int, int, frozenset[int], int]
-"""(task, number of its way, where, how much): a stop that adds to a level."""
-
-
 @dataclass
 class RoutedWork:
     """All tasks, with the routes they are on, and the ``levels`` of each route. ``lefts``: what was
@@ -352,16 +348,16 @@ class RoutedWork:
         ]
 
     @cached_property
-    def refills(self) -> list[list[list[Refill]]]:
-        """What adds to each level of each route."""
+    def refills(self) -> list[list[dict[Way, frozenset[int]]]]:
+        """What adds to each level of each route, and where."""
         return [
             [
-                [
-                    (task, way, places, level.gains[name])
+                {
+                    (task, way): places
                     for task, known in enumerate(self.tasks)
                     for way, (route, name, places) in enumerate(known.ways)
                     if route == number and level.gains.get(name, 0) > 0
-                ]
+                }
                 for level in levels
             ]
             for number, levels in enumerate(self.levels)

@@ -9,7 +9,13 @@ from dataclasses import dataclass, field
 from up_samp.model import CandidateSchedule, Deadline
 from up_samp.scheduling.cpsat.encode.states import Key
 from up_samp.scheduling.cpsat.model import ScheduleModel
-from up_samp.scheduling.cpsat.routing.dispatch import RoutedTask, RoutedWork, UnitPlace, WayNeeds
+from up_samp.scheduling.cpsat.routing.dispatch import (
+    RoutedTask,
+    RoutedWork,
+    UnitPlace,
+    Way,
+    WayNeeds,
+)
 from up_samp.scheduling.cpsat.routing.route import (
     Entrance,
     Move,
@@ -235,22 +241,25 @@ class Decoder:
         """
         robot, known = self.robots[number], self.work.levels[number][level]
 
+        def left() -> dict[Way, frozenset[int]]:
+            refills = self.work.refills[number][level]
+            return {way: at for way, at in refills.items() if way[0] not in self.done}
+
         def lasts() -> bool:
-            further = [known.taken(places, f[2]) for f in refills if f[0] not in self.done]
+            further = (known.taken(places, at) for at in left().values())
             onward = 0 if last else min(further, default=0)
             needed = known.taken((robot.here,), places) + onward
             return robot.left[level] - needed >= known.low
 
-        refills = self.work.refills[number][level]
         if lasts():
             return
-        open_ = [f for f in refills if f[0] not in self.done]
-        if depth > _DEEP or not open_:
+        refills = left()
+        if depth > _DEEP or not refills:
             raise DeadEnd
-        where = min((f[2] for f in open_), key=lambda p: robot.route.between({robot.here}, p))
+        where = min(refills.values(), key=lambda at: robot.route.between({robot.here}, at))
         if robot.here not in where:
             self._drive(number, where, depth)
-        for task, way, at, _ in open_:
+        for (task, way), at in refills.items():
             if at == where and self._is_open(task, way) and (self.full or not lasts()):
                 self._chosen[task] = way
                 self._do(task, depth + 1)

@@ -321,6 +321,7 @@ class RoutingRelaxation:
         circuit: list[tuple[int, int, Any]] = [(0, 0, store.raw(store.boolean()))]
         load: list[tuple[Literal, int]] = []
         hops: dict[tuple[int, int], list[Literal]] = {}
+        # where no way takes anything, the stops' own constraints say the same
         levels = [level for level in find_levels(self.full, route) if any(level.ways.values())]
         courses = [Course(store, level, stops) for level in levels]
         for j, (stop, places) in enumerate(stops, 1):
