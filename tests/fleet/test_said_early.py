@@ -1,6 +1,7 @@
 """What is wrong with a problem file is told where it is written, in its words, before solving."""
 
 import copy
+import cProfile
 import dataclasses
 
 import pytest
@@ -246,3 +247,22 @@ def test_faults_of_what_is_added_are_those_of_the_whole(order):
     whole = find_faults(dataclasses.replace(before, orders=(*before.orders, added)))
     others = {f for f in whole if f.path[:2] == ("orders", 1)}  # who takes that load, too
     assert set(told.value.faults) == set(whole) - others
+
+
+def calls_of(site, orders):
+    """How many functions are called while a starter problem with so many orders is checked."""
+    record = yaml.safe_load(site.read_text())
+    record["orders"] = [
+        {**copy.deepcopy(record["orders"][k % 3]), "id": f"o{k}"} for k in range(orders)
+    ]
+    file = site.with_name(f"{orders}.yaml")
+    file.write_text(yaml.safe_dump(record))
+    profile = cProfile.Profile()
+    findings = profile.runcall(check_fleet, read_problem_file(file), file.parent)
+    assert not [f for f in findings if f.level is Level.ERROR]
+    return sum(entry.callcount for entry in profile.getstats())
+
+
+def test_what_is_looked_at_grows_with_the_orders_and_not_with_their_pairs(site):
+    few, many = calls_of(site, 300), calls_of(site, 3_000)
+    assert many < 12 * few

@@ -4,9 +4,12 @@ import base64
 import io
 import json
 import re
+import socket
 import subprocess
 import sys
+import threading
 import time
+from contextlib import ExitStack
 
 import pytest
 import yaml
@@ -249,6 +252,26 @@ def test_a_body_that_does_not_arrive_is_not_waited_for():
     with JobQueue(JobLimits(body_seconds=1)) as jobs, serving(jobs) as client:
         head = {"Content_Length": "100", "Content_Type": "application/json"}
         assert client.announce("/v1/plans", **head) == 408
+
+
+def test_three_hundred_slow_clients_cost_the_others_nothing(starter):
+    """Half of them stop within the head of a request, half within its body."""
+    head = "POST /v1/plans HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n"
+    with JobQueue(JobLimits(body_seconds=2)) as jobs, serving(jobs) as client, ExitStack() as lines:
+        slow = [
+            lines.enter_context(socket.create_connection(("127.0.0.1", client.port), timeout=60))
+            for _ in range(300)
+        ]
+        for line in slow[::2]:
+            line.sendall(head.encode())
+        for line in slow[1::2]:
+            line.sendall(f"{head}Content-Length: 100\r\n\r\n{{".encode())
+        threads = threading.active_count()
+        assert client.get("/v1/plans").status_code == 200
+        assert client.post("/v1/plans", json=starter).status_code == 202
+        assert all(b" 408 " in line.recv(4096) for line in slow[1::2])
+        assert client.post("/v1/plans", json=starter).status_code in (202, 503)
+        assert threading.active_count() < threads + 50  # a pool's, not one for each
 
 
 def test_what_arrives_at_once_is_bounded():
