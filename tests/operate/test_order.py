@@ -9,16 +9,17 @@ from tests.execution import floors
 from up_samp.execution import Executor, dependencies_of
 from up_samp.execution.files import with_dependencies
 from up_samp.execution.judge import contacts_of
-from up_samp.execution.lives import lives_of
+from up_samp.execution.lives import drives_of, lives_of
 from up_samp.execution.meetings import meetings_of
 from up_samp.execution.reorder import Goal
 from up_samp.execution.state import TaskPhase
 from up_samp.model import ProblemError
 from up_samp.operate.clock import SimulatedClock
-from up_samp.operate.horizon import Cut
+from up_samp.operate.horizon import Cut, cut_of
 from up_samp.operate.loop import Operation
 from up_samp.operate.order import Ordering
 from up_samp.operate.settings import Settings
+from up_samp.operate.stitch import kept_of
 
 
 @pytest.fixture(scope="module")
@@ -76,3 +77,22 @@ def test_no_plan_is_taken_over_in_which_somebody_is_beyond_where_it_waits(crosse
     else:
         with pytest.raises(ProblemError, match="beyond where it would have to wait"):
             Operation._joined(day, data, ask, 0.0)
+
+
+@pytest.mark.parametrize("driven", [0.3, 1.0, 1.37, 2.5, 4.21])
+def test_what_is_left_of_a_motion_has_the_cells_that_it_had(crossed, driven):
+    """Else robots would have to wait elsewhere than they were told: such plans are dropped."""
+    plan, told = crossed
+    names = {m["object"]: m["activity"] for m in plan["motions"]}
+    plan = with_dependencies(told.problem, plan)
+    plan |= {"meanings": {name: ["move", "", robot] for robot, name in names.items()}}
+    old = Executor(plan, dependencies=told)
+    old.commands(1.0)
+    old.update("r0", progress=driven, now=8.0)
+    cut = cut_of(old, 1.0, opened={})
+    gone = cut.starts[names["r0"]]
+    assert driven - 0.4 < gone <= driven - old.state.localisation
+    (left,) = (m for m in kept_of(old, cut).motions if m["object"] == "r0")
+    edges = old.drives[names["r0"], "r0"].path.edges
+    fresh = drives_of(lives_of({**plan, "motions": [left]}))[names["r0"], "r0"].path.edges
+    assert fresh == pytest.approx(edges[edges >= gone - 2e-5] - gone, abs=2e-5)

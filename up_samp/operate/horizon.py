@@ -56,6 +56,8 @@ class Cut:
 
 LEAST = 0.1
 """m of a motion under way that are left of it at least."""
+ROUNDED = 1e-5
+"""m by which what is left of a motion is shorter than its cells, so that rounding adds none."""
 
 
 class Opened(enum.Enum):
@@ -200,13 +202,18 @@ class _Cutter:
     def _starts(self, names: Iterable[str]) -> dict[str, float]:
         """Return from where on (m) motions under way count: what is driven is over, and others may
         stand there by now.
+
+        They are cut at every second edge of their cells: so what is left has the same cells, and
+        robots wait for the same others at the same places as before.
         """
         found = {}
         for name in names:
             for way in self.state.ways_of[name]:
                 if self.state.phase[name] is TaskPhase.RUNNING:
                     most = self.stops.get(name, way.length) - LEAST
-                    found[name] = max(0.0, min(way.progress - self.state.localisation, most))
+                    most = min(way.progress - self.state.localisation, most)
+                    edges = self.executor.drives[name, way.object].path.edges[2::2] + ROUNDED
+                    found[name] = float(edges[edges <= most].max(initial=0.0))
         return found
 
     def _staying(self, robot: str, turn: list[str]) -> list[str]:
