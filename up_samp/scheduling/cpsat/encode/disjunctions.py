@@ -29,7 +29,7 @@ from up_samp.scheduling.cpsat.encode.forms import (
 from up_samp.scheduling.cpsat.encode.recognition import Unary
 from up_samp.scheduling.cpsat.encode.store import ModelStore
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
-from up_samp.scheduling.cpsat.normal import Presences, decided
+from up_samp.scheduling.cpsat.normal import Presences, decided, told_together
 from up_samp.scheduling.cpsat.problem import Additions
 from up_samp.upio.expressions import end_before_start, fluent_told, walk
 
@@ -59,16 +59,13 @@ def find_groups(parts: Additions, presences: Presences | None = None) -> list[Al
     named: dict[tuple[str, ...], None] = {}
     wanted: dict[tuple[str, ...], None] = {}
     for constraint, scope, _ in parts.constraints:
-        if any(not s.is_true() for s in scope):
-            continue
-        names = _all_decided(_options(constraint))
-        if names is not None:
-            named.update(dict.fromkeys(members.named(names)))
-            wanted.update(dict.fromkeys(members.in_parallel(names)))
-            continue
-        pair = _excluded(constraint)
-        if pair is not None:
-            exclusive |= members.products(pair)
+        for clause in _either([(constraint, True), *((s, False) for s in scope)]):
+            names, signs = tuple(name for name, _ in clause), {sign for _, sign in clause}
+            if signs == {True}:
+                named.update(dict.fromkeys(members.named(names)))
+                wanted.update(dict.fromkeys(members.in_parallel(names)))
+            elif signs == {False} and len(names) == 2:
+                exclusive |= members.products(names)
     candidates = [(names, True) for names in named | wanted]
     candidates += [(names, False) for names in _switched_once(parts)]
     groups, taken = [], set[str]()
@@ -119,7 +116,7 @@ class _Members:
             found += zip(*alike, strict=False)
         return found
 
-    def products(self, pair: tuple[str, str]) -> set[frozenset[str]]:
+    def products(self, pair: tuple[str, ...]) -> set[frozenset[str]]:
         """Return the pairs of activities that exclude each other because ``pair`` does."""
         one, other = (self.of(name) for name in pair)
         return {frozenset((a, b)) for a in one for b in other if a != b}
@@ -143,39 +140,47 @@ def _kinds(parts: Additions, names: set[str]) -> dict[str, tuple[int | None, fro
 def _own_decisions(parts: Additions, optional: set[str]) -> dict[str, str]:
     """Return activity or bool variable -> the one activity that it decides about, as written."""
     found = {name: {name} for name in optional}
-    for node, scope, _ in parts.constraints:
-        if scope or node.node_type not in (Op.IFF, Op.EQUALS) or len(node.args) != 2:
-            continue
-        names = [decided(arg) for arg in node.args]
+    for names in told_together(parts.constraints):
         for one, other in (names, names[::-1]):
-            if one is not None and other in optional and one not in optional:
-                found.setdefault(one, set()).add(str(other))
+            if other in optional and one not in optional:
+                found.setdefault(one, set()).add(other)
     return {name: next(iter(some)) for name, some in found.items() if len(some) == 1}
 
 
-def _options(node: FNode) -> list[FNode]:
-    return list(node.args) if node.node_type is Op.OR else [node]
+Decisions = tuple[tuple[str, bool], ...]
+"""A clause over presences and bool variables: one of them is true, or false."""
 
 
-def _excluded(node: FNode) -> tuple[str, str] | None:
-    """Return the two that a constraint does not let be there together."""
-    if node.node_type is not Op.OR or len(node.args) != 2:
-        return None
-    if any(a.node_type is not Op.NOT for a in node.args):
-        return None
-    names = _all_decided([a.arg(0) for a in node.args])
-    return None if names is None else (names[0], names[1])
+def _clauses(node: FNode, positive: bool = True) -> list[Decisions]:
+    """Return clauses over presences and bool variables that follow from a formula (its negation, if
+    not ``positive``): parts that speak of anything else say none.
+    """
+    kind, name = node.node_type, decided(node)
+    if name is not None:
+        return [((name, positive),)]
+    if kind is Op.NOT:
+        return _clauses(node.arg(0), not positive)
+    parts = [(arg, positive) for arg in node.args]
+    if kind is Op.IMPLIES:
+        parts[0] = (node.arg(0), not positive)
+    elif kind not in (Op.AND, Op.OR):
+        return [()] if kind is Op.BOOL_CONSTANT and node.is_true() != positive else []
+    if (kind is Op.AND) == positive:
+        return [clause for part in parts for clause in _clauses(*part)]
+    return _either(parts)
 
 
-def _all_decided(nodes: Iterable[FNode]) -> tuple[str, ...] | None:
-    """Return whose presences (or bool variables) ``nodes`` are; ``None`` if they are not."""
-    names = []
-    for node in nodes:
-        name = decided(node)
-        if name is None:
-            return None
-        names.append(name)
-    return tuple(names) if len(set(names)) == len(names) else None
+def _either(parts: Iterable[tuple[FNode, bool]]) -> list[Decisions]:
+    """Return the same of a disjunction; nothing if two of its parts are conjunctions."""
+    found: list[Decisions] = [()]
+    for part in parts:
+        more = _clauses(*part)
+        if len(found) > 1 and len(more) > 1:
+            return []
+        found = [(*one, *(d for d in other if d not in one)) for one in found for other in more]
+        if not found:
+            return []
+    return [clause for clause in found if len({name for name, _ in clause}) == len(clause)]
 
 
 def _length(activity: Activity) -> int | None:
