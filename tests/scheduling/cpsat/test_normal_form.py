@@ -27,7 +27,7 @@ from unified_planning.shortcuts import (
 
 from up_samp.model import Deadline
 from up_samp.scheduling.cpsat import CpsatSession
-from up_samp.scheduling.cpsat.encode.disjunctions import Alternatives, find_groups
+from up_samp.scheduling.cpsat.encode.disjunctions import find_groups
 from up_samp.scheduling.cpsat.encode.forms import Cmp
 from up_samp.scheduling.cpsat.encode.recognition import find_unary
 from up_samp.scheduling.cpsat.model import ScheduleModel
@@ -106,8 +106,8 @@ def test_variables_that_decide_presences_make_alternatives(problem):
     form = normal_form(Watcher(problem).look())
     assert form.presences["builds1"] == form.presences["load1y"] != form.presences["load2y"]
     assert find_groups(form.parts, form.presences) == [
-        Alternatives(("load1x", "load2x"), True),
-        Alternatives(("load1y", "load2y"), True),
+        ("load1x", "load2x"),
+        ("load1y", "load2y"),
     ]
     model = built(problem)
     made = model.world.activities
@@ -134,7 +134,7 @@ def test_alternatives_are_of_one_kind_in_whatever_order_they_are_written(problem
         problem.add_constraint(Or(*who))
     problem.add_constraint(Not(And(*who)))
     form = normal_form(Watcher(problem).look())
-    found = {frozenset(g.names) for g in find_groups(form.parts, form.presences)}
+    found = {frozenset(g) for g in find_groups(form.parts, form.presences)}
     assert found == {frozenset({"do0x", "do1x"}), frozenset({"do0y", "do1y"})}
 
 

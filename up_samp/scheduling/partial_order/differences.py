@@ -246,7 +246,7 @@ def _difference(form: Linear, strict: bool) -> Difference | None:
     minus = [p for p, k in form.coefficients.items() if k == -1]
     if len(plus) + len(minus) != len(form.coefficients) or max(len(plus), len(minus)) > 1:
         return None
-    return Difference(*(plus or [ZERO]), *(minus or [ZERO]), form.constant, strict)
+    return Difference((plus or [ZERO])[0], (minus or [ZERO])[0], form.constant, strict)
 
 
 def other_way(planned: Planned, e: Expr, needs: list[Difference]) -> Difference | None:

@@ -7,12 +7,11 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-from unified_planning.model import Effect, FNode, Timing
+from unified_planning.model import FNode
 from unified_planning.model.operators import OperatorKind as Op
 from unified_planning.model.scheduling import Activity
-from unified_planning.model.timing import TimepointKind
 
 from up_samp.scheduling.cliques import clique_cover, graph_of
 from up_samp.scheduling.cpsat.encode.durations import LIMITS, constant_bounds
@@ -31,18 +30,11 @@ from up_samp.scheduling.cpsat.encode.store import ModelStore
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.normal import Presences, decided, told_together
 from up_samp.scheduling.cpsat.problem import Additions
-from up_samp.upio.expressions import end_before_start, fluent_told, walk
+from up_samp.upio.expressions import end_before_start, walk
 
-
-@dataclass(frozen=True)
-class Alternatives:
-    """Activities of one fixed duration, at most one of them present; ``exact``: one is.
-
-    An optional activity that must be there is an exact group of one.
-    """
-
-    names: tuple[str, ...]
-    exact: bool
+Alternatives = tuple[str, ...]
+"""Activities of one fixed duration, one of which is present (an optional activity that must be
+there is a group of one)."""
 
 
 def find_groups(parts: Additions, presences: Presences | None = None) -> list[Alternatives]:
@@ -66,18 +58,14 @@ def find_groups(parts: Additions, presences: Presences | None = None) -> list[Al
                 wanted.update(dict.fromkeys(members.in_parallel(names)))
             elif signs == {False} and len(names) == 2:
                 exclusive |= members.products(names)
-    candidates = [(names, True) for names in named | wanted]
-    candidates += [(names, False) for names in _switched_once(parts)]
     groups, taken = [], set[str]()
-    for names, exact in candidates:
-        apart = not exact or all(
-            frozenset(pair) in exclusive for pair in itertools.combinations(names, 2)
-        )
+    for names in named | wanted:
+        apart = all(frozenset(pair) in exclusive for pair in itertools.combinations(names, 2))
         same = {lengths.get(n) for n in names}
         alike = len(same) == 1 and None not in same
-        if (exact or len(names) > 1) and apart and alike and not taken.intersection(names):
+        if apart and alike and not taken.intersection(names):
             taken.update(names)
-            groups.append(Alternatives(names, exact))
+            groups.append(names)
     return groups
 
 
@@ -187,86 +175,6 @@ def _length(activity: Activity) -> int | None:
     """Return the duration if it is fixed."""
     lower, upper = constant_bounds(activity.duration)
     return lower if lower == upper else None
-
-
-# -- switches ----------------------------------------------------------------------------------
-def _switched_once(parts: Additions) -> list[tuple[str, ...]]:
-    """Return, for every fluent that is changed once at most, the activities that can do it.
-
-    Each of them needs the fluent to have a value right before its effect that no effect ever gives
-    it back; after the first effect no other one can come.
-
-    Assumes: no effect ever gives a fluent back what those that change it need, each of them for
-    certain.
-    """
-    by_fluent: dict[FNode, list[tuple[Timing, Effect, Activity | None]]] = {}
-    vague = set()
-    for timing, effect, owner in parts.effects:
-        if not all(a.is_constant() for a in effect.fluent.args):
-            vague.add(effect.fluent.fluent().name)
-        by_fluent.setdefault(effect.fluent, []).append((timing, effect, owner))
-    needs = _needs(parts)
-    found = []
-    for fluent, effects in by_fluent.items():
-        owners = [owner for _, _, owner in effects if owner is not None and owner.optional]
-        if fluent.fluent().name in vague or len(owners) < len(effects):
-            continue
-        if len({o.name for o in owners}) < len(owners):
-            continue
-        before = {_needed(t, o, needs.get((o.name, fluent), ())) for t, _, o in effects if o}
-        given = {e.value if _plain(t, e, o) else None for t, e, o in effects}
-        if len(before) == 1 and None not in before | given and not before & given:
-            found.append(tuple(o.name for o in owners))
-    return found
-
-
-def _plain(timing: Timing, effect: Effect, owner: Activity | None) -> bool:
-    """Return whether an effect assigns a constant, at a known time, whatever else holds."""
-    return (
-        owner is not None
-        and _offset(timing, owner) is not None
-        and effect.is_assignment()
-        and not effect.forall
-        and effect.condition.is_true()
-        and effect.value.is_constant()
-    )
-
-
-def _offset(timing: Timing, owner: Activity) -> int | None:
-    """Return a timing as a time after the start of an activity of fixed length."""
-    length = _length(owner)
-    if length is None or timing.timepoint.container != owner.name or timing.delay % 1:
-        return None
-    at_end = timing.timepoint.kind is TimepointKind.END
-    return int(timing.delay) + (length if at_end else 0)
-
-
-def _needs(parts: Additions) -> dict[tuple[str, FNode], list[tuple[int, int, FNode]]]:
-    """Return (activity, fluent) -> (first and last time after the start, value that it needs)."""
-    found: dict[tuple[str, FNode], list[tuple[int, int, FNode]]] = {}
-    for span, condition, owner in parts.conditions:
-        told = fluent_told(condition)
-        if owner is None or told is None or not told[1].is_constant():
-            continue
-        fluent, value = told
-        ends = (_offset(span.lower, owner), _offset(span.upper, owner))
-        if ends[0] is not None and ends[1] is not None:
-            first, last = ends[0] + span.is_left_open(), ends[1] - span.is_right_open()
-            if first <= last:
-                found.setdefault((owner.name, fluent), []).append((first, last, value))
-    return found
-
-
-def _needed(
-    timing: Timing, owner: Activity, needs: Iterable[tuple[int, int, FNode]]
-) -> FNode | None:
-    """Return the value needed until an effect, or until the unit before it."""
-    offset = _offset(timing, owner)
-    if offset is None:
-        return None
-    return next(
-        (v for first, last, v in needs if first <= offset and 0 <= offset - last <= 1), None
-    )
 
 
 # -- what is said of every member --------------------------------------------------------------
@@ -387,13 +295,12 @@ class Disjunctions:
         """Tell who is never there together; return presence -> presences of its exact group."""
         exact: dict[int, tuple[int, ...]] = {}
         for group in groups:
-            members = [activities[name] for name in group.names]
+            members = [activities[name] for name in group]
             indices = sorted(a.index for a in members)
             self.exclusive.update(itertools.combinations(indices, 2))
             store.at_most_one([a.present for a in members])
-            if group.exact:
-                self.groups.append(members)
-                exact.update({a.present: tuple(m.present for m in members) for a in members})
+            self.groups.append(members)
+            exact.update({a.present: tuple(m.present for m in members) for a in members})
         return exact
 
     def add_written(
