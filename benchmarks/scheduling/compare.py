@@ -23,8 +23,9 @@ from up_samp.scheduling.compilers.pipeline import chain, compilers_for
 from up_samp.scheduling.compilers.read import read_problem
 from up_samp.scheduling.compilers.write import plain_schedule, write_problem
 from up_samp.scheduling.quirks import quirks_of
-from up_samp.scheduling.schedules import complete, to_up_schedule
+from up_samp.scheduling.schedules import complete
 from up_samp.scheduling.worker import slim_down
+from up_samp.upio.plan import build_schedule
 from up_samp.validation import validate_schedule
 
 COLUMNS = ("cpsat", "aries-opt", "cpse", "aries-opt compiled", "cpse compiled")
@@ -84,7 +85,7 @@ def solve(column: str, problem: Any, seconds: float) -> dict[str, Any]:
         taken = round(time.perf_counter() - started, 3)
     if schedule is None:
         return {"status": status, "seconds": taken, "makespan": None}
-    if validate_schedule(problem, to_up_schedule(problem, schedule)).violations:
+    if validate_schedule(problem, build_schedule(problem, schedule)).violations:
         return {"status": f"invalid: {status}", "seconds": taken, "makespan": None}
     return {"status": status, "seconds": taken, "makespan": schedule.makespan}
 

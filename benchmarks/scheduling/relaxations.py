@@ -68,7 +68,7 @@ def bounds(problem: Any) -> dict[str, Any]:
     cpu, some = time.process_time() - began, found.sequences
     start = steps_of(work, some, some.found[0]) if some is not None and some.found else []
     effort = 60 * len(work.tasks)
-    tour = improve(work, effort, 0, lambda: False, start=start, enough=found.value)
+    tour = improve(work, effort, 0, Deadline.never(), start=start, enough=found.value)
     makespan = tour.schedule.makespan if tour is not None else None
     return {"bound": found.value, "tour": makespan, "cpu": cpu}
 

@@ -7,7 +7,8 @@ from unified_planning.shortcuts import LE, IntType, MinimizeActionCosts, Not, Re
 
 from tests.scheduling import problems
 from up_samp.model import Deadline, ScheduleStatus, UnsupportedError
-from up_samp.scheduling import known_engines, open_scheduler, to_candidate, to_up_schedule
+from up_samp.scheduling import known_engines, open_scheduler, to_candidate
+from up_samp.upio.plan import build_schedule
 from up_samp.validation import validate_schedule
 
 ENGINES = ("cpsat", *(name for name, _, _ in known_engines()))
@@ -59,7 +60,7 @@ def test_solves_and_proves(solve, name):
     problem = getattr(problems, name)()
     report = solve(problem)
     assert report.status in SOLVED, report.message
-    assert not check(problem, to_up_schedule(problem, report.schedule))
+    assert not check(problem, build_schedule(problem, report.schedule))
     assert report.schedule.makespan >= OPTIMA[name]
     if solve.engine in PROVING:
         assert report.status is ScheduleStatus.OPTIMAL
@@ -137,4 +138,4 @@ def test_schedules_travel_both_ways():
         candidate = scheduler.solve(Deadline.after(20.0)).schedule
     assert candidate.parameters["park.where"] == "box"
     assert 2 <= candidate.parameters["level"] <= 4
-    assert to_candidate(to_up_schedule(problem, candidate)) == candidate
+    assert to_candidate(build_schedule(problem, candidate)) == candidate

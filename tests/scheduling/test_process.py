@@ -174,10 +174,8 @@ def test_features_that_remain_after_compilation_are_named():
 
 
 def test_a_message_that_aries_would_refuse_is_refused_by_its_size(monkeypatch):
-    from up_samp.scheduling import quirks
-
-    small = quirks.Quirks(optional=False, assignments=True, message_limit=500)
-    monkeypatch.setattr(quirks, "quirks_of", lambda engine: small)
+    small = Quirks(optional=False, assignments=True, message_limit=500)
+    monkeypatch.setattr("up_samp.scheduling.engine_scheduler.quirks_of", lambda engine: small)
     with (
         open_scheduler("aries", fetch_and_return()) as scheduler,
         pytest.raises(UnsupportedError, match="at most 500 bytes"),

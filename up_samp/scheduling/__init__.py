@@ -2,7 +2,7 @@
 
 from up_samp.scheduling.adapters import Scheduler, open_scheduler
 from up_samp.scheduling.quirks import is_compatible, known_engines
-from up_samp.scheduling.schedules import to_candidate, to_up_schedule
+from up_samp.scheduling.schedules import to_candidate
 
 __all__ = [
     "Scheduler",
@@ -10,5 +10,4 @@ __all__ = [
     "known_engines",
     "open_scheduler",
     "to_candidate",
-    "to_up_schedule",
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Mapping
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, Protocol
@@ -13,10 +14,12 @@ from up_samp.model import (
     ScheduleReport,
     UnsupportedError,
 )
-from up_samp.scheduling.engine_scheduler import Check, EngineScheduler
+from up_samp.scheduling.quirks import is_compatible, known_engines, no_engine
 
 if TYPE_CHECKING:
     from unified_planning.model.scheduling import SchedulingProblem
+
+    from up_samp.scheduling.engine_scheduler import Check
 
 
 class Scheduler(Protocol):
@@ -60,6 +63,8 @@ def open_scheduler(
     """
     if engine == "cpsat" or getattr(engine, "has_sessions", False):
         return _open_cpsat(problem, params or {}, seed)
+    from up_samp.scheduling.engine_scheduler import EngineScheduler  # and all compilers
+
     cls = _engine_class(engine, environment or problem.environment)
     return EngineScheduler(cls, problem, params or {}, check)
 
@@ -72,15 +77,11 @@ def _open_cpsat(problem: SchedulingProblem, params: Mapping[str, Any], seed: int
 
 
 def _engine_class(engine: Any, environment: Any) -> Any:
-    from up_samp.scheduling.quirks import is_compatible, known_engines, no_engine
-
     if isinstance(engine, str):
         name = engine
         if name in environment.factory.engines:
             engine = environment.factory.engine(name)
         else:
-            import importlib
-
             known = {n: (module, cls) for n, module, cls in known_engines()}
             if name not in known:
                 raise ProblemError(no_engine(name, {*known, *environment.factory.engines}))

@@ -17,15 +17,18 @@ from up_samp.model import (
     ScheduleStatus,
     UnsupportedError,
 )
+from up_samp.scheduling.compilers.pipeline import chain, compilers_for
+from up_samp.scheduling.compilers.plain import Compiled, PlainProblem, end, integer
+from up_samp.scheduling.compilers.read import read_problem
+from up_samp.scheduling.process import OverrunError, WorkerProcess
+from up_samp.scheduling.quirks import quirks_of
+from up_samp.scheduling.schedules import complete
+from up_samp.scheduling.worker import WorkerAnswer, WorkerTask
+from up_samp.upio.plan import build_schedule
 
 if TYPE_CHECKING:
     from unified_planning.model.scheduling import SchedulingProblem
     from unified_planning.plans import Schedule
-
-    from up_samp.scheduling.compilers.plain import Compiled, PlainProblem
-    from up_samp.scheduling.process import WorkerProcess
-    from up_samp.scheduling.worker import WorkerAnswer, WorkerTask
-
 
 Check = Callable[["SchedulingProblem", "Schedule"], list[str]]
 
@@ -58,8 +61,6 @@ class EngineScheduler:
         params: Mapping[str, Any],
         check: Check | None,
     ):
-        from up_samp.scheduling.process import WorkerProcess
-        from up_samp.scheduling.quirks import quirks_of
 
         self._engine = engine
         self._problem = problem
@@ -105,9 +106,6 @@ class EngineScheduler:
         *,
         apart: bool,
     ) -> ScheduleReport:
-        from up_samp.scheduling.compilers.pipeline import chain, compilers_for
-        from up_samp.scheduling.compilers.read import read_problem
-        from up_samp.scheduling.process import OverrunError
 
         try:
             passes = compilers_for(self._quirks, apart=apart)
@@ -143,8 +141,6 @@ class EngineScheduler:
         """Yield the call of the engine, then (for engines that may crash on a problem and solve
         the same one told otherwise) further tries.
         """
-        from up_samp.scheduling.quirks import quirks_of
-
         problem, quirks = compiled.problem, quirks_of(runner)
         first = self._first_task(runner, problem, deadline)
         yield first
@@ -158,8 +154,6 @@ class EngineScheduler:
             yield replace(first, problem=turned, until=until, environment=dict(environment))
 
     def _first_task(self, runner: Any, problem: PlainProblem, deadline: Deadline) -> WorkerTask:
-        from up_samp.scheduling.quirks import quirks_of
-        from up_samp.scheduling.worker import WorkerTask
 
         quirks = quirks_of(runner)
         return WorkerTask(
@@ -178,9 +172,6 @@ class EngineScheduler:
         """Return the best schedule of the class that seeks no proof, asked for shorter and shorter
         ones: some problems crash the prover in whatever way they are told.
         """
-        from up_samp.scheduling.compilers.plain import end, integer
-        from up_samp.scheduling.process import OverrunError
-
         engine, problem = _satisficing(runner), compiled.problem
         best: WorkerAnswer | None = None
         while engine is not runner and not deadline.expired():
@@ -202,7 +193,6 @@ class EngineScheduler:
         return best
 
     def _ready_worker(self) -> WorkerProcess:
-        from up_samp.scheduling.process import WorkerProcess
 
         if self._worker is None or not self._worker.alive:
             if self._worker is not None:
@@ -218,8 +208,6 @@ class EngineScheduler:
         started: float,
     ) -> ScheduleReport:
         """Turn the worker's answer into a report that can be believed."""
-        from up_samp.scheduling.schedules import complete
-
         if answer.status == "unsupported":
             raise UnsupportedError(f"engine {self.name}: {answer.message}")
         status = _STATUSES.get(answer.status, ScheduleStatus.ERROR)
@@ -264,11 +252,10 @@ class EngineScheduler:
         )
 
     def _violations(self, schedule: CandidateSchedule) -> list[str]:
-        from up_samp.scheduling.schedules import to_up_schedule
 
         if self._check is None:
             return []
-        return self._check(self._problem, to_up_schedule(self._problem, schedule))[:5]
+        return self._check(self._problem, build_schedule(self._problem, schedule))[:5]
 
     def close(self) -> None:
         """End the worker process."""
@@ -285,8 +272,6 @@ class EngineScheduler:
 
 def _satisficing(engine: Any) -> Any:
     """Return the engine class that finds a first schedule sooner, if there is one."""
-    from up_samp.scheduling.quirks import quirks_of
-
     name = quirks_of(engine).satisficing
     # an engine derived from a known one lives elsewhere, and is asked itself
     return engine if name is None else getattr(sys.modules[engine.__module__], name, engine)

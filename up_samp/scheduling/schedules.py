@@ -1,4 +1,4 @@
-"""Between UP's ``Schedule`` and :class:`CandidateSchedule`."""
+"""From UP's ``Schedule`` to :class:`CandidateSchedule` (back: ``upio/plan.py``)."""
 
 from __future__ import annotations
 
@@ -58,33 +58,3 @@ def _some_value(problem: SchedulingProblem, tpe: Any) -> Value:
     if tpe.is_user_type():
         return str(next(iter(problem.objects(tpe))).name)
     return int(tpe.lower_bound if tpe.lower_bound is not None else min(0, tpe.upper_bound or 0))
-
-
-def to_up_schedule(problem: SchedulingProblem, candidate: CandidateSchedule) -> Schedule:
-    """Return a candidate as a UP schedule of ``problem``: the present activities with their
-    times, and the values of their parameters and of the problem's variables.
-    """
-    from unified_planning.plans import Schedule
-
-    assignment: dict[Any, Any] = {}
-    for parameter in problem.base_variables:
-        _assign(problem, assignment, parameter, candidate.parameters)
-    present = [a for a in problem.activities if a.name in candidate.times]
-    for activity in present:
-        assignment[activity.start], assignment[activity.end] = candidate.times[activity.name]
-        for parameter in activity.parameters:
-            _assign(problem, assignment, parameter, candidate.parameters)
-    return Schedule(present, assignment, problem.environment)
-
-
-def _assign(
-    problem: SchedulingProblem, assignment: dict[Any, Any], parameter: Any, values: Any
-) -> None:
-    value: Value | None = values.get(parameter.name)
-    if value is None:
-        return
-    if parameter.type.is_user_type():
-        manager = problem.environment.expression_manager
-        assignment[parameter] = manager.ObjectExp(problem.object(str(value)))
-    else:
-        assignment[parameter] = value

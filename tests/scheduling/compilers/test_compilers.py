@@ -12,7 +12,7 @@ from unified_planning.shortcuts import BoolType, MinimizeMakespan
 from tests.scheduling import problems
 from up_samp.model import CandidateSchedule, Deadline, UnsupportedError
 from up_samp.scheduling.adapters import _engine_class
-from up_samp.scheduling.compilers.constraints import compile_differences, compile_settled
+from up_samp.scheduling.compilers.constraints import compile_differences
 from up_samp.scheduling.compilers.exclusion import compile_resources, compile_tokens, find_cliques
 from up_samp.scheduling.compilers.fluents import compile_ground
 from up_samp.scheduling.compilers.intervals import compile_dense, compile_stillness, compile_support
@@ -107,29 +107,6 @@ def test_cliques_cover_overlapping_groups():
     pairs = {(x, y): 0 for g in groups for x in g for y in g if x < y}
     covered = {(x, y) for c, _ in find_cliques(pairs, order) for x in c for y in c if x < y}
     assert covered == set(pairs)
-
-
-def test_what_is_settled_goes():
-    problem = of(
-        activity("a", optional=True),
-        activity("b", optional=True),
-        activity("c"),
-        constraints=(
-            ("pres", "a"),
-            ("or", ("not", ("pres", "a")), ("not", ("pres", "b"))),
-            ("or", ("le", integer(9), start("c")), ("par", "late")),
-            ("le", end("c"), integer(5)),
-        ),
-        variables={"late": ("bool",)},
-    )
-    compiled = compile_settled(problem)
-    assert [(a.name, a.optional) for a in compiled.problem.activities] == [
-        ("a", False),
-        ("c", False),
-    ]
-    assert texts(compiled) == ["le(c.end, 5)"]
-    back = compiled.map_back(CandidateSchedule({"a": (0, 2), "c": (0, 2)}))
-    assert back.parameters == {"late": True}
 
 
 def test_static_fluents_become_their_values():
@@ -302,21 +279,6 @@ def test_a_duration_that_effects_change_is_refused_by_name():
     )
     with pytest.raises(UnsupportedError, match="duration of a reads the fluent level"):
         compile_ground(problem)
-
-
-def test_nothing_is_asked_of_an_activity_that_cannot_be_there():
-    # the plan's end is that of the last one present: "a.end < horizon" speaks of b, too
-    ends_before = ("lt", end("a"), ("time", "horizon", None, 0))
-    absent = ("not", ("pres", "b"))
-    problem = of(
-        activity("a"),
-        activity("b", optional=True),
-        activity("c"),
-        constraints=(ends_before, absent),
-    )
-    compiled = compile_settled(compile_differences(problem).problem)
-    assert [a.name for a in compiled.problem.activities] == ["a", "c"]
-    assert texts(compiled) == ["le(a.end + 1, c.end)"]
 
 
 @pytest.mark.parametrize(

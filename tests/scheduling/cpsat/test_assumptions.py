@@ -91,23 +91,6 @@ def none_need_be_made():
     return pair(condition=True)[0].done()
 
 
-def shut_by_the_problem(value=False):
-    """A switch that two may set, and that the problem itself sets back."""
-    problem = new_problem()
-    on = problem.add_fluent("on", BoolType(), default_initial_value=False)
-    for k in range(2):
-        a = problem.add_activity(f"on{k}", 2, optional=True)
-        a.add_condition(begin(a), Not(on()))
-        a.add_effect(a.end, on(), True)
-    problem.add_effect(GlobalStartTiming(4), on(), value)
-    for k, since in enumerate((0, 6)):
-        b = problem.add_activity(f"b{k}", 1)
-        b.add_condition(whole(b), on())
-        problem.add_constraint(GE(b.start, since))
-        problem.add_constraint(LE(b.end, since + 4))
-    return problem
-
-
 def said_of_one_alternative():
     trip, one, other = pair()
     last = trip.stop("last", "A", 1)
@@ -436,7 +419,6 @@ LINE = ((3, 30), (9, 21), (2, 4), ((0, 1), (0, 1)))
 BROKEN = {
     "find_presences": [together_on_a_condition],
     "find_groups": [both_may_be_made, other_lengths, none_need_be_made],
-    "_switched_once": [shut_by_the_problem],
     "merge_forms": [said_of_one_alternative],
     "domains": [value_left_to_some],
     "find_histories": [helpers_that_overlap],
@@ -450,7 +432,6 @@ BROKEN = {
     "changes_of": [an_effect_on_a_condition, a_move_beside_all_else],
     "least": [a_length_for_company],
     "find_entries": [one_way_in_needs_nothing, a_way_in_that_opens_itself],
-    "_find_closed_off": [one_way_in_needs_nothing],
     "_may_stay": [a_move_that_may_stay],
     "find_still": [a_move_that_keeps_nothing_still],
     "find_visits": [a_visit_or_something_else],

@@ -27,10 +27,11 @@ from unified_planning.shortcuts import (
 
 from up_samp.model import Deadline
 from up_samp.scheduling.cpsat import CpsatSession
-from up_samp.scheduling.cpsat.encode.disjunctions import Alternatives, find_groups
+from up_samp.scheduling.cpsat.encode.disjunctions import find_groups
+from up_samp.scheduling.cpsat.encode.forms import Cmp
 from up_samp.scheduling.cpsat.encode.recognition import find_unary
 from up_samp.scheduling.cpsat.model import ScheduleModel
-from up_samp.scheduling.cpsat.normal import anchor, normal_form, split
+from up_samp.scheduling.cpsat.normal import anchor, normal_form
 from up_samp.scheduling.cpsat.problem import Watcher
 
 
@@ -49,58 +50,47 @@ def built(problem):
 
 
 # -- clauses ---------------------------------------------------------------------------------------
-def clauses(problem, node, scope=()):
-    return [(c, s) for c, s, _ in split([(node, list(scope), None)])]
+def stated(problem, node, scope=()):
+    """What a problem with one constraint states: forms without needs."""
+    problem.add_constraint(node, list(scope))
+    return [bare(form) for form in built(problem).stated]
 
 
-def test_conjunctions_are_split_and_implications_become_scopes(problem):
+def bare(form):
+    if isinstance(form, Cmp):
+        return form._replace(needs=())
+    return (form[0], *map(bare, form[1:])) if isinstance(form, tuple) else form
+
+
+def test_conjunctions_are_clauses_behind_what_has_to_be_there(problem):
     a, b, c = three(problem)
     first, second = LE(a.end, b.start), LE(b.end, c.start)
     node = Implies(And(a.present, b.present), And(first, Implies(c.present, second)))
-    assert clauses(problem, node) == [
-        (first, [a.present, b.present]),
-        (second, [a.present, b.present, c.present]),
-    ]
-
-
-def test_absences_in_a_disjunction_become_a_scope(problem):
-    a, b, _ = three(problem)
-    order = LE(a.end, b.start)
-    assert clauses(problem, Or(Not(a.present), order), [b.present]) == [
-        (order, [b.present, a.present])
-    ]
+    one, other = stated(problem, node)
+    assert one[0] == other[0] == "|"
+    assert (len(one), len(other)) == (4, 5)  # and who has to be there
 
 
 def test_exclusions_are_said_pair_by_pair(problem):
     a, b, c = three(problem)
-    pairs = [
-        (Or(Not(a.present), Not(b.present)), []),
-        (Or(Not(a.present), Not(c.present)), []),
-    ]
     others = Not(Or(b.present, c.present))
-    assert clauses(problem, others, [a.present]) == pairs
-    assert clauses(problem, Implies(a.present, others)) == pairs
-    assert clauses(problem, Not(And(a.present, Or(b.present, c.present)))) == pairs
+    said = [
+        (others, [a.present]),
+        (Implies(a.present, others), []),
+        (Not(And(a.present, Or(b.present, c.present))), []),
+    ]
+    for node, scope in said:
+        mine = SchedulingProblem("p")
+        a, b, c = three(mine)
+        forms = stated(mine, node, scope)
+        assert [len(form) for form in forms] == [3, 3]
 
 
 def test_overlap_that_is_denied_is_a_disjunction(problem):
     a, b, _ = three(problem)
     denied = Not(And(a.present, b.present, LT(a.start, b.end), LT(b.start, a.end)))
-    ((node, scope),) = clauses(problem, denied)
-    assert node == Or(LE(b.end, a.start), LE(a.end, b.start))
-    assert scope == [a.present, b.present]
-
-
-def test_splitting_twice_changes_nothing(problem):
-    a, b, c = three(problem)
-    written = [
-        (Implies(a.present, Not(Or(b.present, c.present))), [], None),
-        (And(Or(LE(a.end, b.start), LE(b.end, a.start)), a.present), [c.present], None),
-        (Iff(a.present, b.present), [], None),
-    ]
-    once = split(written)
-    assert split(once) == once
-    assert len(once) == 5
+    assert stated(problem, denied) == []
+    assert built(problem).disjunctions.gaps == {(0, 1): 0}
 
 
 # -- presences -------------------------------------------------------------------------------------
@@ -116,8 +106,8 @@ def test_variables_that_decide_presences_make_alternatives(problem):
     form = normal_form(Watcher(problem).look())
     assert form.presences["builds1"] == form.presences["load1y"] != form.presences["load2y"]
     assert find_groups(form.parts, form.presences) == [
-        Alternatives(("load1x", "load2x"), True),
-        Alternatives(("load1y", "load2y"), True),
+        ("load1x", "load2x"),
+        ("load1y", "load2y"),
     ]
     model = built(problem)
     made = model.world.activities
@@ -144,7 +134,7 @@ def test_alternatives_are_of_one_kind_in_whatever_order_they_are_written(problem
         problem.add_constraint(Or(*who))
     problem.add_constraint(Not(And(*who)))
     form = normal_form(Watcher(problem).look())
-    found = {frozenset(g.names) for g in find_groups(form.parts, form.presences)}
+    found = {frozenset(g) for g in find_groups(form.parts, form.presences)}
     assert found == {frozenset({"do0x", "do1x"}), frozenset({"do0y", "do1y"})}
 
 
@@ -184,7 +174,7 @@ def test_preconditions_by_helpers_and_rivals_are_read(problem):
     assert (found.activity, found.helpers) == ("a", {"b": frozenset({"c"})})
     assert found.initially == frozenset({"b", "c"})
     assert [(f.activity, f.helpers) for f in form.follow_ups] == [("a", frozenset({"c"}))]
-    assert len(form.parts.constraints) == 3
+    assert len(form.parts.constraints) == 2  # what comes afterwards is stated, too
 
 
 def walk(problem, *, apart=True, forgotten=False):

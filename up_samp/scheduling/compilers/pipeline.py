@@ -9,7 +9,6 @@ from up_samp.scheduling.compilers.constraints import (
     compile_differences,
     compile_products,
     compile_rules,
-    compile_settled,
 )
 from up_samp.scheduling.compilers.exclusion import compile_resources, compile_tokens
 from up_samp.scheduling.compilers.fluents import compile_ground, compile_instances, compile_numbers
@@ -58,7 +57,7 @@ def compilers_for(quirks: Quirks, *, apart: bool = False) -> list[Compiler]:
         passes.append(compile_resources)
     if not quirks.empty_intervals:
         passes.append(compile_intervals)
-    passes += [compile_differences, compile_settled]
+    passes.append(compile_differences)
     if not quirks.products:
         passes.append(compile_products)
     if quirks.assignments and not quirks.optional:

@@ -14,7 +14,16 @@ from up_samp.extensions import parts as parts_from_outside
 from up_samp.model import Deadline, OutOfTimeError, UnsupportedError, check_time, in_force
 from up_samp.scheduling.cpsat.encode.disjunctions import Disjunctions, find_groups, merge_forms
 from up_samp.scheduling.cpsat.encode.durations import LIMITS, constant_bounds, constants, least
-from up_samp.scheduling.cpsat.encode.forms import TRUE, Form, Lin, Literal, constant, disjunction
+from up_samp.scheduling.cpsat.encode.forms import (
+    FALSE,
+    TRUE,
+    Form,
+    Lin,
+    Literal,
+    clauses_of,
+    constant,
+    disjunction,
+)
 from up_samp.scheduling.cpsat.encode.fractions import scales_of
 from up_samp.scheduling.cpsat.encode.horizon import Horizon
 from up_samp.scheduling.cpsat.encode.objective import Encoding, ends_in_time, lasts
@@ -277,16 +286,17 @@ class ScheduleModel:
 
     def _forms(self, parts: Additions, first: bool = False) -> list[Form]:
         forms: list[Form] = []
+        short = first and not self.plain
+        absent = {~a.present for a in self.world.activities.values()} - {FALSE}
         for constraint, scope, owner in parts.constraints:
             check_time()
-            short = first and not self.plain
             if short and self.disjunctions.add_written(constraint, scope, self.world.activities):
                 continue
             terms = Terms(self.world, self._static, self.variables.of(owner))
             form = terms.form(constraint)
             if scope:
                 form = disjunction([*(terms.form(s, False) for s in scope), form])
-            forms.append(form)
+            forms += clauses_of(form, absent) if short else (form,)
         return forms
 
     def _static(self, node: FNode) -> Lin:

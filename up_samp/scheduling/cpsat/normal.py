@@ -6,8 +6,9 @@ in the form only adds what follows anyway, or replaces what is equivalent.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 from unified_planning.model import Effect, FNode, Timing
 from unified_planning.model.operators import OperatorKind as Op
@@ -19,122 +20,7 @@ from up_samp.scheduling.cpsat.encode.durations import constant_bounds
 from up_samp.scheduling.cpsat.problem import Additions
 from up_samp.upio.expressions import conjuncts, end_before_start
 
-# ------------------ Constraints as scoped clauses: each with the presences it needs in its scope
-# ``And`` is split, negations are pushed inwards, ``Implies(present, c)`` and ``Or(Not(present),
-# c)`` become scopes, and who cannot be there together is said pair by pair.
-
-
 Constraint = tuple[FNode, list[FNode], "Activity | None"]
-Known = dict[tuple[int, bool], FNode]
-"""(number of a node, whether it is meant as it is, not negated) -> what that is, rewritten."""
-
-
-def split(constraints: Iterable[Constraint]) -> list[Constraint]:
-    """Return ``constraints`` as clauses (idempotent; their order is kept)."""
-    clauses: list[Constraint] = []
-    known: Known = {}
-    for constraint in constraints:
-        check_time()
-        clauses += _clauses(*constraint, known)
-    return clauses
-
-
-def _clauses(
-    node: FNode, scope: list[FNode], owner: Activity | None, known: Known
-) -> Iterator[Constraint]:
-    if not scope and node.node_type is Op.OR and _is_pair(node):
-        yield node, scope, owner  # by far the most frequent ones, as they are
-        return
-    if node.node_type is Op.OR and _is_order(node) and all(map(_is_presence, scope)):
-        yield node, list(dict.fromkeys(scope)), owner  # the same with a scope
-        return
-    heads = list(dict.fromkeys(h for part in scope for h in conjuncts(part) if not h.is_true()))
-    for rest, more in _scoped(_inwards(node, known)):
-        every = list(dict.fromkeys([*heads, *more]))
-        if rest is None and len(every) <= 2 and all(_is_presence(p) for p in every):
-            manager = node.environment.expression_manager
-            yield manager.Or([manager.Not(p) for p in every]), [], owner
-        elif rest is None:
-            yield node.environment.expression_manager.FALSE(), every, owner
-        else:
-            yield rest, every, owner
-
-
-def _is_pair(node: FNode) -> bool:
-    return all(a.node_type in (Op.LE, Op.LT, Op.PRESENT_EXP) for a in node.args)
-
-
-def _is_order(node: FNode) -> bool:
-    return all(a.node_type in (Op.LE, Op.LT) for a in node.args)
-
-
-def _is_presence(node: FNode) -> bool:
-    return bool(node.node_type is Op.PRESENT_EXP)
-
-
-def _inwards(node: FNode, known: Known, positive: bool = True) -> FNode:
-    """Return ``node`` (or its negation) without ``Implies`` and with ``Not`` on atoms only."""
-    # copies of one activity are told apart two by two: most parts of constraints come many times
-    key = (node.node_id, positive)
-    found = known.get(key)
-    if found is None:
-        found = known[key] = _rewritten(node, known, positive)
-    return found
-
-
-def _rewritten(node: FNode, known: Known, positive: bool) -> FNode:
-    kind, manager = node.node_type, node.environment.expression_manager
-    if kind is Op.NOT:
-        return _inwards(node.arg(0), known, not positive)
-    if kind in (Op.AND, Op.OR):
-        parts = [_inwards(a, known, positive) for a in node.args]
-        return manager.And(parts) if (kind is Op.AND) == positive else manager.Or(parts)
-    if kind is Op.IMPLIES:
-        one, other = node.args
-        parts = [_inwards(one, known, not positive), _inwards(other, known, positive)]
-        return manager.Or(parts) if positive else manager.And(parts)
-    if positive:
-        return node
-    if kind is Op.LE:
-        return manager.LT(node.arg(1), node.arg(0))
-    if kind is Op.LT:
-        return manager.LE(node.arg(1), node.arg(0))
-    if kind is Op.BOOL_CONSTANT:
-        return manager.Bool(not node.bool_constant_value())
-    return manager.Not(node)
-
-
-def _scoped(node: FNode) -> Iterator[tuple[FNode | None, list[FNode]]]:
-    """Yield (what must hold, presences that it needs); ``None`` is never."""
-    if node.node_type is Op.AND:
-        for part in node.args:
-            yield from _scoped(part)
-        return
-    if node.is_true():
-        return
-    options = _disjuncts(node)
-    absent = [o.arg(0) for o in options if o.node_type is Op.NOT and _is_presence(o.arg(0))]
-    rest = [
-        o
-        for o in options
-        if not (o.node_type is Op.NOT and _is_presence(o.arg(0))) and not o.is_false()
-    ]
-    if not rest:
-        yield None, absent
-    elif len(rest) == 1 and (rest[0].node_type is Op.AND):
-        # p or (a and b) is (p or a) and (p or b)
-        for part, more in _scoped(rest[0]):
-            yield part, [*absent, *more]
-    elif len(rest) == 1 or tuple(rest) == node.args:
-        yield (node if len(rest) > 1 else rest[0]), absent
-    else:
-        yield node.environment.expression_manager.Or(rest), absent
-
-
-def _disjuncts(node: FNode) -> list[FNode]:
-    if node.node_type is Op.OR:
-        return [part for arg in node.args for part in _disjuncts(arg)]
-    return [node]
 
 
 # ------------------ Preconditions that are said with precedences alone
@@ -175,142 +61,113 @@ class FollowUp:
     gap: int
 
 
-class PrecedenceReader:
-    """Reads preconditions and follow-ups among constraints."""
+def read_precedences(
+    constraints: Iterable[Constraint],
+) -> tuple[list[Precondition], list[FollowUp], list[Constraint]]:
+    """Return preconditions, follow-ups, and all constraints but the preconditions."""
+    preconditions, follow_ups, others = [], [], []
+    before = cache(_before)  # most parts of preconditions come many times
+    for constraint in constraints:
+        check_time()
+        found = _precedence(constraint, before)
+        if isinstance(found, Precondition):
+            preconditions.append(found)
+            continue
+        if found is not None:
+            follow_ups.append(found)
+        others.append(constraint)
+    return preconditions, follow_ups, others
 
-    def __init__(self) -> None:
-        self._befores: dict[int, Before | None] = {}
-        self._presences: dict[int, str | None] = {}
 
-    def read(
-        self, constraints: Iterable[Constraint]
-    ) -> tuple[list[Precondition], list[FollowUp], list[Constraint]]:
-        """Return preconditions, follow-ups, and all constraints but the preconditions."""
-        preconditions, follow_ups, others = [], [], []
-        for constraint in constraints:
-            check_time()
-            found = self._read(constraint)
-            if isinstance(found, Precondition):
-                preconditions.append(found)
-                continue
-            if found is not None:
-                follow_ups.append(found)
-            others.append(constraint)
-        return preconditions, follow_ups, others
+BeforeOf = Callable[[FNode], "Before | None"]
 
-    def _read(self, constraint: Constraint) -> Precondition | FollowUp | None:
-        node, scope, _ = constraint
-        if node.node_type is Op.IMPLIES and not scope:
-            node, scope = node.arg(1), [node.arg(0)]
-        if len(scope) != 1 or scope[0].node_type is not Op.PRESENT_EXP:
+
+def _before(node: FNode) -> Before | None:
+    found = end_before_start(node)
+    return found if found is not None and found[2] in (0, 1) else None
+
+
+def _present(node: FNode) -> str | None:
+    """Return whose presence ``node`` is."""
+    return str(node.presence().container) if node.node_type is Op.PRESENT_EXP else None
+
+
+def _precedence(constraint: Constraint, before: BeforeOf) -> Precondition | FollowUp | None:
+    node, scope, _ = constraint
+    if node.node_type is Op.IMPLIES and not scope:
+        node, scope = node.arg(1), [node.arg(0)]
+    activity = _present(scope[0]) if len(scope) == 1 else None
+    options = list(node.args) if node.node_type is Op.OR else [node]
+    if activity is None or any(o.node_type not in (Op.AND, Op.OR, Op.IMPLIES) for o in options):
+        return None
+    helpers: dict[str, frozenset[str]] = {}
+    follow_ups: dict[str, int] = {}
+    initially, gap = None, 0
+    for parts in map(conjuncts, options):
+        names = [name for name in map(_present, parts) if name is not None]
+        helper = names[0] if len(names) == 1 else None
+        rest = [p for p in parts if p.node_type in (Op.OR, Op.IMPLIES)]
+        rivals = _rivals(rest, activity, helper, before)
+        if helper is None:
+            if rivals is None or len(rest) < len(parts) or initially is not None:
+                return None
+            initially, gap = rivals[0], max(gap, rivals[1])
+            continue
+        order = [b for b in map(before, parts) if b is not None]
+        if len(order) != 1 or len(rest) + 2 != len(parts):
             return None
-        activity = str(scope[0].presence().container)
-        options = list(node.args) if node.node_type is Op.OR else [node]
-        if any(o.node_type not in (Op.AND, Op.OR, Op.IMPLIES) for o in options):
+        if order[0][:2] == (activity, helper) and not rest:
+            follow_ups[helper] = order[0][2]
+            continue
+        if order[0][:2] != (helper, activity) or rivals is None or helper in helpers:
             return None
-        helpers: dict[str, frozenset[str]] = {}
-        follow_ups: dict[str, int] = {}
-        initially = None
-        gap = 0
-        for option in options:
-            parts = conjuncts(option)
-            helper = self._helper(parts)
-            rest = [p for p in parts if p.node_type in (Op.OR, Op.IMPLIES)]
-            order = [b for b in map(self._before, parts) if b is not None]
-            if helper is None:
-                rivals = self._rivals(rest, activity, None)
-                if rivals is None or len(rest) < len(parts) or initially is not None:
-                    return None
-                initially, more = rivals
-                gap = max(gap, more)
-                continue
-            if len(order) != 1 or len(rest) + 2 != len(parts):
-                return None
-            if order[0][:2] == (activity, helper) and not rest:
-                follow_ups[helper] = order[0][2]
-                continue
-            rivals = self._rivals(rest, activity, helper)
-            if order[0][:2] != (helper, activity) or rivals is None or helper in helpers:
-                return None
-            helpers[helper] = rivals[0]
-            gap = max(gap, order[0][2], rivals[1])
-        if follow_ups and not helpers and initially is None:
-            return FollowUp(activity, frozenset(follow_ups), min(follow_ups.values()))
-        if follow_ups or (not helpers and not initially):
+        helpers[helper] = rivals[0]
+        gap = max(gap, order[0][2], rivals[1])
+    if follow_ups and not helpers and initially is None:
+        return FollowUp(activity, frozenset(follow_ups), min(follow_ups.values()))
+    if follow_ups or (not helpers and not initially):
+        return None
+    return Precondition(activity, helpers, initially, gap, constraint)
+
+
+def _rivals(
+    parts: list[FNode], activity: str, helper: str | None, before: BeforeOf
+) -> tuple[frozenset[str], int] | None:
+    """Return the rivals that keep away from helper and activity, and the greatest gap."""
+    names, gap = set(), 0
+    for part in parts:
+        absent, order = _order(part, before) or (None, [])
+        after = [b[1] for b in order if b[0] == activity]
+        if len(after) != 1 or (absent is not None and absent != after[0]):
             return None
-        return Precondition(activity, helpers, initially, gap, constraint)
+        rival = after[0]
+        if len(order) != (1 if helper is None else 2):
+            return None
+        if any(first != activity and (first, then) != (rival, helper) for first, then, _ in order):
+            return None
+        gap = max(gap, *(more for _, _, more in order))
+        names.add(rival)
+    return frozenset(names), gap
 
-    def _helper(self, parts: list[FNode]) -> str | None:
-        names = [str(self._present(p)) for p in parts if p.node_type is Op.PRESENT_EXP]
-        return names[0] if len(names) == 1 else None
 
-    def _rivals(
-        self, parts: list[FNode], activity: str, helper: str | None
-    ) -> tuple[frozenset[str], int] | None:
-        """Return the rivals that keep away from helper and activity, and the greatest gap."""
-        names, gap = set(), 0
-        for part in parts:
-            found = self._order(part)
-            if found is None:
-                return None
-            absent, order = found
-            after = [b[1] for b in order if b[0] == activity]
-            if len(after) != 1 or (absent is not None and absent != after[0]):
-                return None
-            rival = after[0]
-            for first, then, more in order:
-                if first != activity and (first, then) != (rival, helper):
-                    return None
-                gap = max(gap, more)
-            if len(order) != (1 if helper is None else 2):
-                return None
-            names.add(rival)
-        return frozenset(names), gap
-
-    def _order(self, part: FNode) -> tuple[str | None, list[Before]] | None:
-        """Read "if it is there, one of these comes before the other"; there may be millions."""
-        absent: set[str] = set()
-        options = [part]
-        if part.node_type is Op.IMPLIES:
-            head, body = part.args
-            name = self._present(head)
+def _order(part: FNode, before: BeforeOf) -> tuple[str | None, list[Before]] | None:
+    """Read "if it is there, one of these comes before the other"; there may be millions."""
+    absent, order, agenda = set[str](), list[Before](), [part]
+    while agenda:
+        node = agenda.pop()
+        if node.node_type is Op.OR:
+            agenda += node.args
+        elif node.node_type in (Op.IMPLIES, Op.NOT):
+            name = _present(node.arg(0))
             if name is None:
                 return None
             absent.add(name)
-            options = body.args if body.node_type is Op.OR else [body]
-        elif part.node_type is Op.OR:
-            options = part.args
-        order = []
-        for option in options:
-            before = self._before(option)
-            if before is not None:
-                order.append(before)
-            elif option.node_type is Op.NOT and self._present(option.arg(0)) is not None:
-                absent.add(str(self._present(option.arg(0))))
-            elif option.node_type in (Op.OR, Op.IMPLIES):
-                inner = self._order(option)
-                if inner is None:
-                    return None
-                absent |= set() if inner[0] is None else {inner[0]}
-                order += inner[1]
-            else:
-                return None
-        return (next(iter(absent), None), order) if len(absent) <= 1 else None
-
-    def _present(self, node: FNode) -> str | None:
-        """Return whose presence ``node`` is."""
-        key = node.node_id
-        if key not in self._presences:
-            known = node.node_type is Op.PRESENT_EXP
-            self._presences[key] = str(node.presence().container) if known else None
-        return self._presences[key]
-
-    def _before(self, node: FNode) -> Before | None:
-        key = node.node_id
-        if key not in self._befores:
-            found = end_before_start(node)
-            self._befores[key] = found if found is not None and found[2] in (0, 1) else None
-        return self._befores[key]
+            agenda += node.args[1:]
+        elif (found := before(node)) is not None:
+            order.append(found)
+        else:
+            return None
+    return (next(iter(absent), None), order) if len(absent) <= 1 else None
 
 
 # ------------------ Effects at the nearer end
@@ -351,6 +208,16 @@ def decided(node: FNode) -> str | None:
     return None
 
 
+def told_together(constraints: Iterable[Constraint]) -> Iterator[tuple[str, str]]:
+    """Yield the two of each unconditional ``Iff(a, b)`` between presences and bool variables."""
+    for constraint, scope, _ in constraints:
+        for node in conjuncts(constraint) if all(s.is_true() for s in scope) else ():
+            if node.node_type in (Op.IFF, Op.EQUALS):
+                one, other = map(decided, node.args)
+                if one is not None and other is not None:
+                    yield one, other
+
+
 def find_presences(
     constraints: Iterable[Constraint], optional: list[str], variables: list[str]
 ) -> Presences:
@@ -362,26 +229,13 @@ def find_presences(
     :param optional: names of the optional activities, in order.
     :param variables: names of the problem's own bool variables.
     """
-    parent = {name: name for name in [*optional, *variables]}
-
-    def root(name: str) -> str:
-        while parent[name] != name:
-            parent[name] = parent[parent[name]]
-            name = parent[name]
-        return name
-
-    rank = {name: i for i, name in enumerate(parent)}
-    for node, scope, _ in constraints:
-        if scope or node.node_type not in (Op.IFF, Op.EQUALS) or len(node.args) != 2:
-            continue
-        one, other = decided(node.arg(0)), decided(node.arg(1))
-        if one in parent and other in parent and one is not None and other is not None:
-            a, b = sorted((root(one), root(other)), key=rank.__getitem__)
-            parent[b] = a
-    together: dict[str, list[str]] = {}
-    for name in parent:
-        together.setdefault(root(name), []).append(name)
-    return {n: r for r, names in together.items() if len(names) > 1 for n in names}
+    rank = {name: i for i, name in enumerate([*optional, *variables])}
+    together: dict[str, set[str]] = {}
+    for one, other in told_together(constraints):
+        if one in rank and other in rank and one != other:
+            names = together.get(one, {one}) | together.get(other, {other})
+            together.update(dict.fromkeys(names, names))
+    return {name: min(names, key=rank.__getitem__) for name, names in together.items()}
 
 
 # ------------------ The normal form of a problem
@@ -402,9 +256,8 @@ class NormalForm:
 
 def normal_form(parts: Additions) -> NormalForm:
     """Return the normal form of all parts of a problem (not of what is appended later)."""
-    preconditions, follow_ups, others = PrecedenceReader().read(parts.constraints)
-    parts = replace(parts, constraints=split(others))
-    parts = replace(parts, effects=anchor(parts.effects))
+    preconditions, follow_ups, others = read_precedences(parts.constraints)
+    parts = replace(parts, constraints=others, effects=anchor(parts.effects))
     presences = find_presences(
         parts.constraints,
         [a.name for a in parts.activities if a.optional],

@@ -9,12 +9,19 @@ is broken only where it is false.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 from up_samp.model import UnsupportedError
-from up_samp.scheduling.compilers.plain import Expr, PlainProblem, show
+from up_samp.scheduling.compilers.constraints import Linear, linear
+from up_samp.scheduling.compilers.plain import (
+    Expr,
+    PlainProblem,
+    rewrite,
+    show,
+    subexpressions,
+)
 
 Point = tuple[str, str]
 """``("start" | "end", activity)``; ``ZERO`` is the plan's start."""
@@ -28,12 +35,8 @@ MOST_WAYS = 8
 """A constraint that can be kept in more ways is no choice of two orders."""
 
 
-class _MissingValue:
-    def __repr__(self) -> str:
-        return "MISSING"
-
-
-MISSING = _MissingValue()
+MISSING: Any = object()
+"""The value of what has none."""
 
 
 @dataclass(frozen=True)
@@ -77,23 +80,26 @@ class Planned:
             return None
         return (anchor, name or ""), delay
 
-    def linear(self, e: Expr) -> tuple[dict[Point, int], int] | _MissingValue:
-        """Return an arithmetic expression as coefficients of points in time and a constant."""
-        kind = e[0]
-        if kind == "int":
-            return {}, e[1]
-        if kind == "time":
-            found = self.point(e)
-            return MISSING if found is None else ({found[0]: 1}, found[1])
-        if kind in ("par", "flu"):
-            value = self.value(e)
-            return MISSING if value is MISSING else ({}, value)
-        if kind in ("plus", "minus", "times"):
-            parts = [self.linear(x) for x in e[1:]]
-            if any(isinstance(p, _MissingValue) for p in parts):
-                return MISSING
-            return _combined(kind, parts, e)
-        raise UnsupportedError(f"'{show(e)}' in a constraint over times")
+    def linear(self, e: Expr) -> Linear | None:
+        """Return an arithmetic expression over points in time (``None``: it has no value)."""
+        lost = False
+
+        def put(part: Expr) -> Expr | None:
+            nonlocal lost
+            if part[0] == "time":
+                lost = lost or self.point(part) is None
+            elif part[0] in ("par", "flu"):
+                value = self.value(part)
+                lost = lost or value is MISSING
+                return ("int", value)
+            return None
+
+        told = rewrite(e, put)
+        if lost:
+            return None
+        form = linear(told)
+        points = {(anchor, name or ""): k for (_, anchor, name, _), k in form.coefficients.items()}
+        return Linear(points, form.constant)
 
     def value(self, e: Expr) -> Any:
         """Return the value of an expression without points in time, else ``MISSING``."""
@@ -129,64 +135,83 @@ def constant(value: Any) -> Expr:
     return ("int", value) if isinstance(value, int) else ("obj", value)
 
 
-def _combined(kind: str, parts: list[Any], e: Expr) -> tuple[dict[Point, int], int]:
-    if kind == "times":
-        constants = [c for terms, c in parts if not terms]
-        others = [p for p in parts if p[0]]
-        if len(others) > 1:
-            raise UnsupportedError(f"the product '{show(e)}' of two times")
-        factor = 1
-        for c in constants:
-            factor *= c
-        terms, constant = others[0] if others else ({}, 1)
-        return {p: factor * k for p, k in terms.items()}, factor * constant
-    total: dict[Point, int] = {}
-    sum_ = 0
-    for i, (terms, constant) in enumerate(parts):
-        sign = -1 if kind == "minus" and i > 0 else 1
-        sum_ += sign * constant
-        for p, k in terms.items():
-            total[p] = total.get(p, 0) + sign * k
-    return {p: k for p, k in total.items() if k}, sum_
+T = TypeVar("T")
+
+
+def _folded(
+    planned: Planned,
+    e: Expr,
+    positive: bool,
+    leaf: Callable[[Planned, Expr, bool], T],
+    every: Callable[[Iterable[T]], T],
+    some: Callable[[Iterable[T]], T],
+) -> T:
+    """Return what ``every`` and ``some`` make of a formula's parts, and ``leaf`` of comparisons and
+    truth values; of its negation, if not ``positive``.
+    """
+    kind = e[0]
+    if kind == "not":
+        return _folded(planned, e[1], not positive, leaf, every, some)
+    if kind == "implies":
+        e = ("or", ("not", e[1]), e[2])
+    elif kind == "iff":
+        e = ("and", ("implies", e[1], e[2]), ("implies", e[2], e[1]))
+    elif kind == "eq" and any(_is_numeric(planned, x) for x in e[1:]):
+        e = ("and", ("le", e[1], e[2]), ("le", e[2], e[1]))
+    if e[0] not in ("and", "or"):
+        return leaf(planned, e, positive)
+    parts = (_folded(planned, part, positive, leaf, every, some) for part in e[1:])
+    return (every if (e[0] == "and") == positive else some)(parts)
 
 
 def kept(planned: Planned, e: Expr, positive: bool = True) -> list[Difference] | None:
     """Return differences that the plan keeps and that keep ``e`` from being false (from being true
     if not ``positive``); ``None`` where the plan itself breaks it.
     """
-    kind = e[0]
-    if kind in ("and", "or"):
-        parts = e[1:]
-        return (_all if (kind == "and") == positive else _any)(planned, parts, positive)
-    if kind == "not":
-        return kept(planned, e[1], not positive)
-    if kind == "implies":
-        return kept(planned, ("or", ("not", e[1]), e[2]), positive)
-    if kind == "iff":
-        both = ("and", ("implies", e[1], e[2]), ("implies", e[2], e[1]))
-        return kept(planned, both, positive)
-    if kind in ("le", "lt", "eq"):
-        return _relation(planned, e, positive)
-    value = planned.value(e)
-    return [] if value is MISSING or value == positive else None
+
+    def every(parts: Iterable[list[Difference] | None]) -> list[Difference] | None:
+        found: list[Difference] = []
+        for part in parts:
+            if part is None:
+                return None
+            found += part
+        return found
+
+    def some(parts: Iterable[list[Difference] | None]) -> list[Difference] | None:
+        known = (p for p in parts if p is not None)
+        return min(known, key=lambda p: _cost(planned, p), default=None)
+
+    return _folded(planned, e, positive, _kept_leaf, every, some)
 
 
-def _all(planned: Planned, parts: Any, positive: bool) -> list[Difference] | None:
-    found: list[Difference] = []
-    for part in parts:
-        needs = kept(planned, part, positive)
-        if needs is None:
-            return None
-        found += needs
-    return found
-
-
-def _any(planned: Planned, parts: Any, positive: bool) -> list[Difference] | None:
-    options = [kept(planned, part, positive) for part in parts]
-    good = [o for o in options if o is not None]
-    if not good:
+def _kept_leaf(planned: Planned, e: Expr, positive: bool) -> list[Difference] | None:
+    if e[0] not in ("le", "lt"):
+        return [] if _may_be(planned, e, positive) else None
+    form, strict = _compared(planned, e, positive)
+    if form is None:
+        return []
+    total = form.constant + sum(k * planned.time(p) for p, k in form.coefficients.items())
+    if total > 0 or (strict and total == 0):
         return None
-    return min(good, key=lambda o: _cost(planned, o))
+    if not form.coefficients:
+        return []
+    need = _difference(form, strict)
+    if need is None:
+        raise UnsupportedError(
+            f"'{show(e)}' is no difference of two points in time: no executive could keep it"
+        )
+    # everything ends by the plan's end
+    ends = need.then == HORIZON and need.first != HORIZON and need.lag <= 0
+    return [] if ends else [need]
+
+
+def _may_be(planned: Planned, e: Expr, positive: bool) -> bool:
+    """Return whether something without times is what is wanted, or has no value."""
+    if e[0] == "eq":
+        left, right = map(planned.value, e[1:])
+        return MISSING in (left, right) or (left == right) == positive
+    value = planned.value(e)
+    return bool(value is MISSING or value == positive)
 
 
 def _cost(planned: Planned, needs: list[Difference]) -> tuple[int, int, float]:
@@ -194,24 +219,6 @@ def _cost(planned: Planned, needs: list[Difference]) -> tuple[int, int, float]:
     loose = sum(planned.time(d.then) < planned.time(d.first) for d in needs)
     room = min((planned.time(d.then) - planned.time(d.first) - d.lag for d in needs), default=0)
     return loose, len(needs), -room
-
-
-def _relation(planned: Planned, e: Expr, positive: bool) -> list[Difference] | None:
-    kind, x, y = e
-    if kind == "eq" and not _is_numeric(planned, x) and not _is_numeric(planned, y):
-        left, right = planned.value(x), planned.value(y)
-        if MISSING in (left, right):
-            return []
-        return [] if (left == right) == positive else None
-    left, right = planned.linear(x), planned.linear(y)
-    if isinstance(left, _MissingValue) or isinstance(right, _MissingValue):
-        return []
-    if kind == "eq":
-        return _equal(planned, e, positive)
-    if not positive:  # not x <= y: y < x
-        return _relation(planned, ("lt" if kind == "le" else "le", y, x), True)
-    terms, constant = _combined("minus", [left, right], e)
-    return _at_most_zero(planned, terms, constant, kind == "lt", e)
 
 
 def _is_numeric(planned: Planned, e: Expr) -> bool:
@@ -223,91 +230,74 @@ def _is_numeric(planned: Planned, e: Expr) -> bool:
     return isinstance(value, int) and not isinstance(value, bool)
 
 
-def _equal(planned: Planned, e: Expr, positive: bool) -> list[Difference] | None:
-    low, high = ("le", e[1], e[2]), ("le", e[2], e[1])
-    if positive:
-        return _all(planned, (low, high), True)
-    return _any(planned, (low, high), False)
+def _compared(planned: Planned, e: Expr, positive: bool) -> tuple[Linear | None, bool]:
+    """Return (form, strict) of a comparison ``form <= 0`` (``strict``: ``< 0``)."""
+    kind, x, y = e
+    if not positive:  # not x <= y: y < x
+        kind, x, y = ("lt" if kind == "le" else "le"), y, x
+    left, right = planned.linear(x), planned.linear(y)
+    form = None if left is None or right is None else left.add(right, -1)
+    return form, kind == "lt"
 
 
-def _at_most_zero(
-    planned: Planned, terms: dict[Point, int], constant: int, strict: bool, e: Expr
-) -> list[Difference] | None:
-    """Return what keeps ``terms + constant <= 0`` (``strict``: ``< 0``)."""
-    sum_ = sum(k * planned.time(p) for p, k in terms.items()) + constant
-    if sum_ > 0 or (strict and sum_ == 0):
+def _difference(form: Linear, strict: bool) -> Difference | None:
+    """Return ``form <= 0`` as a difference of two points, if it is one."""
+    plus = [p for p, k in form.coefficients.items() if k == 1]
+    minus = [p for p, k in form.coefficients.items() if k == -1]
+    if len(plus) + len(minus) != len(form.coefficients) or max(len(plus), len(minus)) > 1:
         return None
-    if not terms:
-        return []
-    plus = [p for p, k in terms.items() if k == 1]
-    minus = [p for p, k in terms.items() if k == -1]
-    if len(plus) + len(minus) != len(terms) or len(plus) > 1 or len(minus) > 1:
-        raise UnsupportedError(
-            f"'{show(e)}' is no difference of two points in time: no executive could keep it"
-        )
-    first, then = (plus or [ZERO])[0], (minus or [ZERO])[0]
-    # first - then + constant <= 0
-    if then == HORIZON and first != HORIZON and constant <= 0:
-        return []  # everything ends by the plan's end
-    return [Difference(first, then, constant, strict)]
+    return Difference((plus or [ZERO])[0], (minus or [ZERO])[0], form.constant, strict)
 
 
 def other_way(planned: Planned, e: Expr, needs: list[Difference]) -> Difference | None:
     """Return the other difference that would keep ``e``, where there are exactly two and the plan
     keeps the one in ``needs``.
     """
-    found = _alternatives(planned, e, True)
-    if found is None or len(needs) != 1 or len(found) != 2 or needs not in found:
+    if len(needs) != 1 or any(part[0] in ("iff", "eq") for part in subexpressions(e)):
+        return None
+    found = _folded(planned, e, True, _ways_of_leaf, _products, _unions)
+    if found is None or len(found) != 2 or needs not in found:
         return None
     others = [way for way in found if way != needs]
     return others[0][0] if others and len(others[0]) == 1 else None
 
 
-def _alternatives(planned: Planned, e: Expr, positive: bool) -> list[list[Difference]] | None:
-    """Return all ways to keep ``e`` from being false, also those that the plan does not take;
-    ``None`` where there are too many, or they are no simple differences.
-    """
-    kind = e[0]
-    if kind in ("and", "or"):
-        parts = [_alternatives(planned, part, positive) for part in e[1:]]
-        known = [p for p in parts if p is not None]
-        if len(known) < len(parts):
-            return None
-        if (kind == "and") != positive:
-            found = [way for ways in known for way in ways]
-            found = [[]] if [] in found else found
-        else:
-            found = [[d for way in ways for d in way] for ways in _product(known)]
-        return found if len(found) <= MOST_WAYS else None
-    if kind == "not":
-        return _alternatives(planned, e[1], not positive)
-    if kind == "implies":
-        return _alternatives(planned, ("or", ("not", e[1]), e[2]), positive)
-    if kind in ("le", "lt"):
-        return _both_ways(planned, e, positive)
-    if kind in ("iff", "eq"):
-        return None
-    value = planned.value(e)
-    return [[]] if value is MISSING or value == positive else []
+Ways = list[list[Difference]] | None
+"""All ways to keep something, also those that the plan does not take; ``None`` where there are too
+many, or they are no differences of two activities' times."""
 
 
-def _product(parts: list[list[list[Difference]]]) -> list[tuple[list[Difference], ...]]:
-    """Return all combinations, no more than can be of use."""
-    return list(itertools.islice(itertools.product(*parts), MOST_WAYS + 1))
-
-
-def _both_ways(planned: Planned, e: Expr, positive: bool) -> list[list[Difference]] | None:
-    kind, x, y = e
-    if not positive:  # not x <= y: y < x
-        kind, x, y = ("lt" if kind == "le" else "le"), y, x
-    left, right = planned.linear(x), planned.linear(y)
-    if isinstance(left, _MissingValue) or isinstance(right, _MissingValue):
+def _ways_of_leaf(planned: Planned, e: Expr, positive: bool) -> Ways:
+    if e[0] not in ("le", "lt"):
+        return [[]] if _may_be(planned, e, positive) else []
+    form, strict = _compared(planned, e, positive)
+    if form is None:
         return [[]]
-    terms, constant = _combined("minus", [left, right], e)
-    if not terms:
-        return [[]] if constant < 0 or (constant == 0 and kind == "le") else []
-    plus = [p for p, k in terms.items() if k == 1]
-    minus = [p for p, k in terms.items() if k == -1]
-    if len(plus) != 1 or len(minus) != 1 or len(terms) != 2:
+    if not form.coefficients:
+        return [[]] if form.constant < 0 or (form.constant == 0 and not strict) else []
+    need = _difference(form, strict)
+    return None if need is None or ZERO in (need.first, need.then) else [[need]]
+
+
+def _known(parts: Iterable[Ways]) -> list[list[list[Difference]]] | None:
+    some = list(parts)
+    known = [p for p in some if p is not None]
+    return known if len(known) == len(some) else None
+
+
+def _products(parts: Iterable[Ways]) -> Ways:
+    known = _known(parts)
+    if known is None:
         return None
-    return [[Difference(plus[0], minus[0], constant, kind == "lt")]]
+    every = itertools.islice(itertools.product(*known), MOST_WAYS + 1)
+    found = [[d for way in ways for d in way] for ways in every]
+    return found if len(found) <= MOST_WAYS else None
+
+
+def _unions(parts: Iterable[Ways]) -> Ways:
+    known = _known(parts)
+    if known is None:
+        return None
+    found = [way for ways in known for way in ways]
+    found = [[]] if [] in found else found
+    return found if len(found) <= MOST_WAYS else None

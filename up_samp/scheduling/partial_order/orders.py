@@ -166,10 +166,10 @@ def _durations(planned: Planned) -> Iterator[OrderConstraint]:
                 # read at the start, where the order of effects keeps it as planned
                 value: Any = planned.time(end) - planned.time(start)
             else:
-                terms = planned.linear(bound)
-                if terms is MISSING or not isinstance(terms, tuple) or terms[0]:
+                form = planned.linear(bound)
+                if form is None or form.coefficients:
                     continue
-                value = terms[1]
+                value = form.constant
             why = f"duration of {activity.name}"
             if sign > 0:
                 yield OrderConstraint(Difference(start, end, value), "duration", why)
@@ -425,16 +425,14 @@ _SIGN = {"increase": "plus", "decrease": "minus"}
 
 def _constant(now: Planned, e: Expr) -> Expr:
     """Return what an expression is worth, as a constant."""
-    value = now.linear(e) if e[0] in _ARITHMETIC else now.value(e)
+    value = MISSING
+    if e[0] not in ("plus", "minus", "times", "time"):
+        value = now.value(e)
+    elif (form := now.linear(e)) is not None:
+        value = form.constant + sum(k * now.time(p) for p, k in form.coefficients.items())
     if value is MISSING:
         raise UnsupportedError(f"'{show(e)}' has no value, but an effect needs one")
-    if isinstance(value, tuple):
-        terms, value = value
-        value += sum(k * now.time(p) for p, k in terms.items())
     return constant(value)
-
-
-_ARITHMETIC = ("plus", "minus", "times", "time")
 
 
 def _sequence(now: Planned, moment: _Moment) -> list[list[_Write]]:

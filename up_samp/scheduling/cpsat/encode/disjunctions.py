@@ -7,12 +7,11 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-from unified_planning.model import Effect, FNode, Timing
+from unified_planning.model import FNode
 from unified_planning.model.operators import OperatorKind as Op
 from unified_planning.model.scheduling import Activity
-from unified_planning.model.timing import TimepointKind
 
 from up_samp.scheduling.cliques import clique_cover, graph_of
 from up_samp.scheduling.cpsat.encode.durations import LIMITS, constant_bounds
@@ -29,20 +28,13 @@ from up_samp.scheduling.cpsat.encode.forms import (
 from up_samp.scheduling.cpsat.encode.recognition import Unary
 from up_samp.scheduling.cpsat.encode.store import ModelStore
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
-from up_samp.scheduling.cpsat.normal import Presences, decided
+from up_samp.scheduling.cpsat.normal import Presences, decided, told_together
 from up_samp.scheduling.cpsat.problem import Additions
-from up_samp.upio.expressions import end_before_start, fluent_told, walk
+from up_samp.upio.expressions import end_before_start, walk
 
-
-@dataclass(frozen=True)
-class Alternatives:
-    """Activities of one fixed duration, at most one of them present; ``exact``: one is.
-
-    An optional activity that must be there is an exact group of one.
-    """
-
-    names: tuple[str, ...]
-    exact: bool
+Alternatives = tuple[str, ...]
+"""Activities of one fixed duration, one of which is present (an optional activity that must be
+there is a group of one)."""
 
 
 def find_groups(parts: Additions, presences: Presences | None = None) -> list[Alternatives]:
@@ -59,28 +51,21 @@ def find_groups(parts: Additions, presences: Presences | None = None) -> list[Al
     named: dict[tuple[str, ...], None] = {}
     wanted: dict[tuple[str, ...], None] = {}
     for constraint, scope, _ in parts.constraints:
-        if any(not s.is_true() for s in scope):
-            continue
-        names = _all_decided(_options(constraint))
-        if names is not None:
-            named.update(dict.fromkeys(members.named(names)))
-            wanted.update(dict.fromkeys(members.in_parallel(names)))
-            continue
-        pair = _excluded(constraint)
-        if pair is not None:
-            exclusive |= members.products(pair)
-    candidates = [(names, True) for names in named | wanted]
-    candidates += [(names, False) for names in _switched_once(parts)]
+        for clause in _either([(constraint, True), *((s, False) for s in scope)]):
+            names, signs = tuple(name for name, _ in clause), {sign for _, sign in clause}
+            if signs == {True}:
+                named.update(dict.fromkeys(members.named(names)))
+                wanted.update(dict.fromkeys(members.in_parallel(names)))
+            elif signs == {False} and len(names) == 2:
+                exclusive |= members.products(names)
     groups, taken = [], set[str]()
-    for names, exact in candidates:
-        apart = not exact or all(
-            frozenset(pair) in exclusive for pair in itertools.combinations(names, 2)
-        )
+    for names in named | wanted:
+        apart = all(frozenset(pair) in exclusive for pair in itertools.combinations(names, 2))
         same = {lengths.get(n) for n in names}
         alike = len(same) == 1 and None not in same
-        if (exact or len(names) > 1) and apart and alike and not taken.intersection(names):
+        if apart and alike and not taken.intersection(names):
             taken.update(names)
-            groups.append(Alternatives(names, exact))
+            groups.append(names)
     return groups
 
 
@@ -119,7 +104,7 @@ class _Members:
             found += zip(*alike, strict=False)
         return found
 
-    def products(self, pair: tuple[str, str]) -> set[frozenset[str]]:
+    def products(self, pair: tuple[str, ...]) -> set[frozenset[str]]:
         """Return the pairs of activities that exclude each other because ``pair`` does."""
         one, other = (self.of(name) for name in pair)
         return {frozenset((a, b)) for a in one for b in other if a != b}
@@ -143,125 +128,53 @@ def _kinds(parts: Additions, names: set[str]) -> dict[str, tuple[int | None, fro
 def _own_decisions(parts: Additions, optional: set[str]) -> dict[str, str]:
     """Return activity or bool variable -> the one activity that it decides about, as written."""
     found = {name: {name} for name in optional}
-    for node, scope, _ in parts.constraints:
-        if scope or node.node_type not in (Op.IFF, Op.EQUALS) or len(node.args) != 2:
-            continue
-        names = [decided(arg) for arg in node.args]
+    for names in told_together(parts.constraints):
         for one, other in (names, names[::-1]):
-            if one is not None and other in optional and one not in optional:
-                found.setdefault(one, set()).add(str(other))
+            if other in optional and one not in optional:
+                found.setdefault(one, set()).add(other)
     return {name: next(iter(some)) for name, some in found.items() if len(some) == 1}
 
 
-def _options(node: FNode) -> list[FNode]:
-    return list(node.args) if node.node_type is Op.OR else [node]
+Decisions = tuple[tuple[str, bool], ...]
+"""A clause over presences and bool variables: one of them is true, or false."""
 
 
-def _excluded(node: FNode) -> tuple[str, str] | None:
-    """Return the two that a constraint does not let be there together."""
-    if node.node_type is not Op.OR or len(node.args) != 2:
-        return None
-    if any(a.node_type is not Op.NOT for a in node.args):
-        return None
-    names = _all_decided([a.arg(0) for a in node.args])
-    return None if names is None else (names[0], names[1])
+def _clauses(node: FNode, positive: bool = True) -> list[Decisions]:
+    """Return clauses over presences and bool variables that follow from a formula (its negation, if
+    not ``positive``): parts that speak of anything else say none.
+    """
+    kind, name = node.node_type, decided(node)
+    if name is not None:
+        return [((name, positive),)]
+    if kind is Op.NOT:
+        return _clauses(node.arg(0), not positive)
+    parts = [(arg, positive) for arg in node.args]
+    if kind is Op.IMPLIES:
+        parts[0] = (node.arg(0), not positive)
+    elif kind not in (Op.AND, Op.OR):
+        return [()] if kind is Op.BOOL_CONSTANT and node.is_true() != positive else []
+    if (kind is Op.AND) == positive:
+        return [clause for part in parts for clause in _clauses(*part)]
+    return _either(parts)
 
 
-def _all_decided(nodes: Iterable[FNode]) -> tuple[str, ...] | None:
-    """Return whose presences (or bool variables) ``nodes`` are; ``None`` if they are not."""
-    names = []
-    for node in nodes:
-        name = decided(node)
-        if name is None:
-            return None
-        names.append(name)
-    return tuple(names) if len(set(names)) == len(names) else None
+def _either(parts: Iterable[tuple[FNode, bool]]) -> list[Decisions]:
+    """Return the same of a disjunction; nothing if two of its parts are conjunctions."""
+    found: list[Decisions] = [()]
+    for part in parts:
+        more = _clauses(*part)
+        if len(found) > 1 and len(more) > 1:
+            return []
+        found = [(*one, *(d for d in other if d not in one)) for one in found for other in more]
+        if not found:
+            return []
+    return [clause for clause in found if len({name for name, _ in clause}) == len(clause)]
 
 
 def _length(activity: Activity) -> int | None:
     """Return the duration if it is fixed."""
     lower, upper = constant_bounds(activity.duration)
     return lower if lower == upper else None
-
-
-# -- switches ----------------------------------------------------------------------------------
-def _switched_once(parts: Additions) -> list[tuple[str, ...]]:
-    """Return, for every fluent that is changed once at most, the activities that can do it.
-
-    Each of them needs the fluent to have a value right before its effect that no effect ever gives
-    it back; after the first effect no other one can come.
-
-    Assumes: no effect ever gives a fluent back what those that change it need, each of them for
-    certain.
-    """
-    by_fluent: dict[FNode, list[tuple[Timing, Effect, Activity | None]]] = {}
-    vague = set()
-    for timing, effect, owner in parts.effects:
-        if not all(a.is_constant() for a in effect.fluent.args):
-            vague.add(effect.fluent.fluent().name)
-        by_fluent.setdefault(effect.fluent, []).append((timing, effect, owner))
-    needs = _needs(parts)
-    found = []
-    for fluent, effects in by_fluent.items():
-        owners = [owner for _, _, owner in effects if owner is not None and owner.optional]
-        if fluent.fluent().name in vague or len(owners) < len(effects):
-            continue
-        if len({o.name for o in owners}) < len(owners):
-            continue
-        before = {_needed(t, o, needs.get((o.name, fluent), ())) for t, _, o in effects if o}
-        given = {e.value if _plain(t, e, o) else None for t, e, o in effects}
-        if len(before) == 1 and None not in before | given and not before & given:
-            found.append(tuple(o.name for o in owners))
-    return found
-
-
-def _plain(timing: Timing, effect: Effect, owner: Activity | None) -> bool:
-    """Return whether an effect assigns a constant, at a known time, whatever else holds."""
-    return (
-        owner is not None
-        and _offset(timing, owner) is not None
-        and effect.is_assignment()
-        and not effect.forall
-        and effect.condition.is_true()
-        and effect.value.is_constant()
-    )
-
-
-def _offset(timing: Timing, owner: Activity) -> int | None:
-    """Return a timing as a time after the start of an activity of fixed length."""
-    length = _length(owner)
-    if length is None or timing.timepoint.container != owner.name or timing.delay % 1:
-        return None
-    at_end = timing.timepoint.kind is TimepointKind.END
-    return int(timing.delay) + (length if at_end else 0)
-
-
-def _needs(parts: Additions) -> dict[tuple[str, FNode], list[tuple[int, int, FNode]]]:
-    """Return (activity, fluent) -> (first and last time after the start, value that it needs)."""
-    found: dict[tuple[str, FNode], list[tuple[int, int, FNode]]] = {}
-    for span, condition, owner in parts.conditions:
-        told = fluent_told(condition)
-        if owner is None or told is None or not told[1].is_constant():
-            continue
-        fluent, value = told
-        ends = (_offset(span.lower, owner), _offset(span.upper, owner))
-        if ends[0] is not None and ends[1] is not None:
-            first, last = ends[0] + span.is_left_open(), ends[1] - span.is_right_open()
-            if first <= last:
-                found.setdefault((owner.name, fluent), []).append((first, last, value))
-    return found
-
-
-def _needed(
-    timing: Timing, owner: Activity, needs: Iterable[tuple[int, int, FNode]]
-) -> FNode | None:
-    """Return the value needed until an effect, or until the unit before it."""
-    offset = _offset(timing, owner)
-    if offset is None:
-        return None
-    return next(
-        (v for first, last, v in needs if first <= offset and 0 <= offset - last <= 1), None
-    )
 
 
 # -- what is said of every member --------------------------------------------------------------
@@ -382,13 +295,12 @@ class Disjunctions:
         """Tell who is never there together; return presence -> presences of its exact group."""
         exact: dict[int, tuple[int, ...]] = {}
         for group in groups:
-            members = [activities[name] for name in group.names]
+            members = [activities[name] for name in group]
             indices = sorted(a.index for a in members)
             self.exclusive.update(itertools.combinations(indices, 2))
             store.at_most_one([a.present for a in members])
-            if group.exact:
-                self.groups.append(members)
-                exact.update({a.present: tuple(m.present for m in members) for a in members})
+            self.groups.append(members)
+            exact.update({a.present: tuple(m.present for m in members) for a in members})
         return exact
 
     def add_written(

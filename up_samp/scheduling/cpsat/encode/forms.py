@@ -8,7 +8,7 @@ literal, a :class:`Cmp`, or a tuple ``("&" | "|", forms...)``.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from typing import Any, NamedTuple
 
 TRUE = 0
@@ -176,6 +176,25 @@ def _combine(op: str, neutral: Literal, absorbing: Literal, forms: Iterable[Form
     if not seen:
         return neutral
     return next(iter(seen)) if len(seen) == 1 else (op, *seen)
+
+
+def clauses_of(form: Form, absent: Collection[Literal]) -> Iterator[Form]:
+    """Yield the clauses of a form: each conjunct by itself, also behind what says just that some
+    activities are ``absent`` (their literals).
+    """
+    kind = form[0] if form.__class__ is tuple else ""
+    if kind == "&":
+        for part in form[1:]:
+            yield from clauses_of(part, absent)
+        return
+    inner = [p for p in form[1:] if p.__class__ is tuple and p[0] == "&"] if kind == "|" else []
+    rest = [p for p in form[1:] if p is not inner[0]] if len(inner) == 1 else []
+    if len(inner) == 1 and all(p.__class__ is int and p in absent for p in rest):
+        # p or (a and b) is (p or a) and (p or b)
+        for part in inner[0][1:]:
+            yield from clauses_of(disjunction([*rest, part]), absent)
+    elif form.__class__ is not int or form != TRUE:
+        yield form
 
 
 def indicator_sum(weighted: Iterable[tuple[Literal, int]]) -> Lin:

@@ -142,7 +142,7 @@ class Variables:
         self.told: dict[str, DurationInterval] = {}
         """Durations that are no numbers, by activity."""
         self._presences = presences
-        self._group = {name: number for number, g in enumerate(groups) for name in g.names}
+        self._group = {name: number for number, g in enumerate(groups) for name in g}
         self._starts: dict[int, int] = {}
         self._decisions: dict[str, Literal] = {}
 

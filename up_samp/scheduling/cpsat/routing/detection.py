@@ -348,7 +348,6 @@ def find_entries(model: ScheduleModel, route: Route, changes: list[Mover]) -> No
                 continue
             lead = min(needs[move][key, allowed] for move in moves)
             route.entries.setdefault(place, []).append(Entrance(key, allowed, max(0, lead)))
-    _find_closed_off(model, route, needs)
 
 
 Needs = dict[Move, dict[tuple[Key, frozenset[int]], int]]
@@ -397,27 +396,6 @@ def _true(model: ScheduleModel, activity: ActivityVars, move: Move) -> set[Liter
         for size in range(len(chosen) + 1)
         for some in itertools.combinations(chosen, size)
     }
-
-
-def _find_closed_off(model: ScheduleModel, route: Route, needs: Needs) -> None:
-    """Find the places to which there is no way but by moves that all need the same (rooms behind
-    a door): to come there, one of these has been made before.
-
-    Assumes: a place has no way to it but by moves that need the same.
-    """
-    for key, allowed in sorted({need for some in needs.values() for need in some}, key=str):
-        if model.states.vars[key].initial in allowed:
-            continue
-        free = [m for m in route.moves if (key, allowed) not in needs[m]]
-        leads = [some[key, allowed] for some in needs.values() if (key, allowed) in some]
-        reached, size = {route.initial, *route.free}, 0
-        while size < len(reached):
-            size = len(reached)
-            reached |= {m.to for m in free if m.origins & reached}
-        for place in sorted({m.to for m in route.moves} - reached):
-            known = route.entries.setdefault(place, [])
-            if not any((e.state, e.allowed) == (key, allowed) for e in known):
-                known.append(Entrance(key, allowed, max(0, min(leads))))
 
 
 def find_still(model: ScheduleModel, place: StateVar, owners: frozenset[int]) -> Still:

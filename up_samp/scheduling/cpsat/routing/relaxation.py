@@ -28,7 +28,7 @@ from up_samp.scheduling.cpsat.encode.forms import (
 from up_samp.scheduling.cpsat.encode.states import Write
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.model import ScheduleModel
-from up_samp.scheduling.cpsat.normal import Constraint, TimedEffect, split
+from up_samp.scheduling.cpsat.normal import Constraint, TimedEffect
 from up_samp.scheduling.cpsat.problem import Additions
 from up_samp.scheduling.cpsat.routing.dispatch import RoutedTask, find_tasks, find_unit_places
 from up_samp.scheduling.cpsat.routing.legs import (
@@ -233,8 +233,9 @@ def _once(some: list[Activity], *, needed: bool) -> Iterator[Constraint]:
 def _good_for_more(parts: Additions, names: set[str]) -> set[str]:
     """Return which of ``names`` do more than change a fluent, or are wanted by a constraint."""
     more = {a.name for a, _ in parts.parameters}
-    for constraint, _, _ in split(parts.constraints):
-        more |= names & set(_asked_for(constraint))
+    for constraint, scope, _ in parts.constraints:
+        for node, positive in ((constraint, True), *((part, False) for part in scope)):
+            more |= names.intersection(_asked_for(node, positive))
     effects: dict[str, list[tuple[Timing, Effect]]] = {name: [] for name in names}
     for timing, effect, owner in parts.effects:
         if owner is not None and owner.name in names:
@@ -245,13 +246,21 @@ def _good_for_more(parts: Additions, names: set[str]) -> set[str]:
     return more
 
 
-def _asked_for(node: FNode) -> Iterator[str]:
-    """Yield whose presence might make a constraint (in negation normal form) true."""
-    if node.node_type is Op.PRESENT_EXP:
-        yield str(node.presence().container)
-    elif node.node_type is not Op.NOT or node.arg(0).node_type is not Op.PRESENT_EXP:
+def _asked_for(node: FNode, positive: bool) -> Iterator[str]:
+    """Yield whose presence might make a constraint true (false, if not ``positive``)."""
+    kind = node.node_type
+    if kind is Op.PRESENT_EXP:
+        yield from [str(node.presence().container)] if positive else []
+    elif kind is Op.NOT:
+        yield from _asked_for(node.arg(0), not positive)
+    elif kind is Op.IMPLIES:
+        yield from _asked_for(node.arg(0), not positive)
+        yield from _asked_for(node.arg(1), positive)
+    else:
         for arg in node.args:
-            yield from _asked_for(arg)
+            yield from _asked_for(arg, positive)
+            if kind not in (Op.AND, Op.OR):  # either way
+                yield from _asked_for(arg, not positive)
 
 
 def _gives_back(effects: list[tuple[Timing, Effect]]) -> bool:
