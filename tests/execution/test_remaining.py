@@ -286,10 +286,11 @@ def test_what_a_broken_robot_blocks_is_named(pose, told, tmp_path):
         solve_remaining(left, seconds=60)
 
 
-def test_what_is_left_costs_what_the_whole_does():
+@pytest.mark.parametrize("robots", [1, pytest.param(2, marks=pytest.mark.long)])
+def test_what_is_left_costs_what_the_whole_does(robots):
     """A plan of several terms is followed, and what is left counts from where it began."""
     terms = {"tardiness": 10, "driving": 1, "completion": 1, "makespan": 2, "robots": 3}
-    site = one_room(robots=2, objective=terms)
+    site = one_room(robots, objective=terms)
     site.add_order("o1", "a", "b", due=10)
     site.add_order("o2", "b", "c", due=20, optional=True, penalty=500)
     site.add_task("t", "c", duration=3, due=30, after="o1")

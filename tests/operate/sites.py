@@ -6,7 +6,7 @@ from up_samp import Fleet
 from up_samp.geometry.maps import write_map
 
 
-def hall(folder, robots=3, *, width=24.0, height=14.0, door=False):
+def hall(folder, robots=3, *, width=24.0, height=14.0, v_max=1.5, a_max=0.7):
     """A hall with two rows of shelves, docks, and a home for each robot."""
     cell = 0.1
     cells = np.zeros((round(height / cell), round(width / cell)), dtype=bool)
@@ -16,7 +16,7 @@ def hall(folder, robots=3, *, width=24.0, height=14.0, door=False):
     yaml = write_map(folder, "hall", cells, cell)
     fleet = Fleet(yaml, name="hall", margin=0.12)
     fleet.add_robot_type(
-        "agv", footprint=(0.8, 0.6), model="diff", v_max=1.5, a_max=0.7, omega_max=1.5
+        "agv", footprint=(0.8, 0.6), model="diff", v_max=v_max, a_max=a_max, omega_max=v_max
     )
     for k in range(robots):
         fleet.add_place(f"home{k}", 1.5, 1.5 + 1.6 * k)
