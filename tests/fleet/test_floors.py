@@ -68,7 +68,7 @@ def test_a_lift_takes_one_robot_at_a_time(tmp_path):
     rides = sorted(
         (a["start"], a["end"]) for a in result.data["activities"] if a["name"].startswith("ride_")
     )
-    assert len(rides) == 2
+    assert len(rides) >= 2
     assert all(end <= start for (_, end), (start, _) in itertools.pairwise(rides))
 
 
