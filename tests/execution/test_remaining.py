@@ -55,7 +55,7 @@ def floor(made):
     found = dependencies_of(problem, plan)
     executor = Executor(plan, problem, dependencies=found)
     luck = draw(Delays(slow=0.4), found, 3)
-    floor = Floor(executor, found, luck)
+    floor = Floor(executor, found, *luck)
     while floor.now < 0.4 * plan["makespan"]:
         floor.step()
     return floor
@@ -89,7 +89,7 @@ def test_the_rest_is_planned_anew_and_carried_out(floor):
     again = dependencies_of(left.problem, plan)
     rest = Executor(plan, left.problem, dependencies=again)
     luck = draw(Delays(slow=0.4), again, 3)
-    second = Floor(rest, again, luck)
+    second = Floor(rest, again, *luck)
     while not rest.finished and second.now < 1000:
         second.step()
     assert rest.finished
