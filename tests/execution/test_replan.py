@@ -118,6 +118,17 @@ def test_the_rest_waits_for_a_robot_that_is_held_up_for_long(open_hall):
     assert 0.0 < journey.waiting < 1.0
 
 
+def test_nobody_is_to_stop_sooner_than_it_can(open_hall):
+    """One robot brakes for a stop, the other for the end of its way, on the last centimetres."""
+    problem, plan = open_hall
+    delays = Delays(long_stop=100)
+    luck, _ = draw(delays, dependencies_of(problem, plan), 0)
+    (since,) = [one.halt[0] for one in luck.values() if one.halt]
+    told = Incident(since + 0.3, Surprise(same_choices=True))
+    journey = simulate_replanned(problem, plan, delays, 0, incidents=[told])
+    assert [leg.overruns for _, leg, _ in journey.legs] == [0, 0]
+
+
 def test_a_leg_in_which_nothing_ends_waits_by_a_share_of_its_time(open_hall):
     problem, plan = open_hall
     told = Incident(0.5, Surprise(same_choices=True))
