@@ -376,11 +376,11 @@ def clairvoyant(case: str) -> Values:
     graphs = {"coarse": coarse(fine), "staircase": fine, "reorder": fine}
     over: dict[str, list[float]] = {policy: [] for policy in graphs}
     for seed in range(SEED, SEED + DRAWS):
-        luck = draw(delays, fine, seed)
+        luck, _ = draw(delays, fine, seed)
         problem = instance(case).build()
         for item in problem.all_objects:
-            if getattr(item, "name", "") in luck.pace:
-                item.motion_parameters["v_max"] *= luck.pace[item.name]
+            if getattr(item, "name", "") in luck:
+                item.motion_parameters["v_max"] *= luck[item.name].pace
         result = solved_plan(problem, 60, optimal=True)
         if result.status.name != "SOLVED_OPTIMALLY":
             continue

@@ -133,7 +133,7 @@ def test_same_schedules(case):
     assert [a.name for a in fluents.activities] == [a.name for a in plain.activities]
     rng = random.Random(case)
     walks, counts = Walks(fluents, rng), {True: 0, False: 0}
-    for _ in range(100):
+    for _ in range(50):
         times = walks.draw()
         for _ in range(rng.randint(0, 2)):
             times = walks.mutate(times)
@@ -141,7 +141,7 @@ def test_same_schedules(case):
         assert holds(fluents, times, "pddl") == verdict, times
         assert holds(fluents, times, "definition 3") == verdict, times
         counts[verdict] += 1
-    assert min(counts.values()) >= 10, counts
+    assert min(counts.values()) >= 5, counts
 
 
 @pytest.mark.parametrize(("encoding", "reading"), [("lean", "pddl"), ("lean-no-fluents", "pddl")])

@@ -211,7 +211,9 @@ def test_all_places_are_reachable():
         assert are_joined(shop.floor, shop_poses(shop).values()), name
 
 
-@pytest.mark.parametrize("seed", range(1, 6))
+@pytest.mark.parametrize(
+    "seed", [1, 2, *(pytest.param(s, marks=pytest.mark.long) for s in range(3, 6))]
+)
 def test_all_places_that_are_drawn_are_reachable(seed):
     for size in ((1, 1), (2, 8), (3, 8), (10, 16)):
         spots = layout(*size, seed)

@@ -9,10 +9,13 @@ from up_samp.io import read_plan
 
 @pytest.fixture(scope="module")
 def planned(tmp_path_factory):
-    """Return the folder with a problem file and its plan: two robots, an order each."""
+    """Return the folder with a problem file and its plan: two robots, an order each, and nobody
+    in another's way.
+    """
     folder = tmp_path_factory.mktemp("site")
     fleet = one_room(2)
-    fleet.add_order("o0", "a", "c")
+    fleet.add_place("d", 12, 3)
+    fleet.add_order("o0", "a", "d")
     fleet.add_order("o1", "b", "c")
     fleet.save(folder / "problem.yaml")
     assert main(["solve", str(folder / "problem.yaml"), "--first", "--out", str(folder)]) == 0

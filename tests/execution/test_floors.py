@@ -78,17 +78,20 @@ def test_missing_edges_are_caught(yaml):
     caught = {"meeting": 0, "other": 0}
     late = Delays(slow=0.7, stops=4.0, late=1.0, long_stop=30.0)
     for seed in range(10):
+        if min(caught.values()) >= 3:
+            break
         problem, plan = floors.random_floor(seed, yaml)
         found = dependencies_of(problem, plan)
         rng = random.Random(seed)
         met = [e for e in found.graph.edges if e.kind == "meeting"]
         others = [e for e in found.graph.edges if e.kind not in ("meeting", "duration")]
-        for edge in (*rng.sample(met, min(4, len(met))), *rng.sample(others, min(1, len(others)))):
-            gone = steps(found, edge) if edge.kind == "meeting" else {edge}
-            for draw in range(3):
+        for edge in (*rng.sample(met, min(4, len(met))), *rng.sample(others, min(2, len(others)))):
+            kind = "meeting" if edge.kind == "meeting" else "other"
+            gone = steps(found, edge) if kind == "meeting" else {edge}
+            for draw in range(3 if caught[kind] < 3 else 0):
                 run = simulate(without(found, gone), plan, late, draw)
                 if run.contacts or run.broken:
-                    caught["meeting" if edge.kind == "meeting" else "other"] += 1
+                    caught[kind] += 1
                     break
     assert caught["meeting"] >= 3, caught
     assert caught["other"] >= 3, caught

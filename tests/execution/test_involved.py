@@ -13,9 +13,12 @@ from up_samp.upio.whereabouts import whereabouts
 
 
 def sites():
-    """Every style, in a turn of families, with its listing shuffled."""
+    """Every style, in a turn of families, with its listing shuffled; every second one only where
+    the slow tests are run.
+    """
     for number, style in enumerate([*ALIKE, *OTHERS]):
-        yield number, dataclasses.replace(style, shuffled=style.shuffled or number % 3 * 50)
+        style = dataclasses.replace(style, shuffled=style.shuffled or number % 3 * 50)
+        yield pytest.param(number, style, marks=[pytest.mark.long] if number % 2 else [])
 
 
 @pytest.mark.parametrize(("number", "style"), list(sites()))

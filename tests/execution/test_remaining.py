@@ -55,7 +55,7 @@ def floor(made):
     found = dependencies_of(problem, plan)
     executor = Executor(plan, problem, dependencies=found)
     luck = draw(Delays(slow=0.4), found, 3)
-    floor = Floor(executor, found, luck)
+    floor = Floor(executor, found, *luck)
     while floor.now < 0.4 * plan["makespan"]:
         floor.step()
     return floor
@@ -89,7 +89,7 @@ def test_the_rest_is_planned_anew_and_carried_out(floor):
     again = dependencies_of(left.problem, plan)
     rest = Executor(plan, left.problem, dependencies=again)
     luck = draw(Delays(slow=0.4), again, 3)
-    second = Floor(rest, again, luck)
+    second = Floor(rest, again, *luck)
     while not rest.finished and second.now < 1000:
         second.step()
     assert rest.finished
@@ -286,10 +286,11 @@ def test_what_a_broken_robot_blocks_is_named(pose, told, tmp_path):
         solve_remaining(left, seconds=60)
 
 
-def test_what_is_left_costs_what_the_whole_does():
+@pytest.mark.parametrize("robots", [1, pytest.param(2, marks=pytest.mark.long)])
+def test_what_is_left_costs_what_the_whole_does(robots):
     """A plan of several terms is followed, and what is left counts from where it began."""
     terms = {"tardiness": 10, "driving": 1, "completion": 1, "makespan": 2, "robots": 3}
-    site = one_room(robots=2, objective=terms)
+    site = one_room(robots, objective=terms)
     site.add_order("o1", "a", "b", due=10)
     site.add_order("o2", "b", "c", due=20, optional=True, penalty=500)
     site.add_task("t", "c", duration=3, due=30, after="o1")

@@ -38,19 +38,20 @@ def check(journey):
     assert journey.replans == 1
     assert journey.finished
     assert journey.collisions == 0
-    assert all(leg.overruns == 0 for leg in journey.legs)
-    assert journey.since[1] > 0
+    (_, first, _), (since, second, _) = journey.legs
+    assert first.overruns == second.overruns == 0
+    assert since > 0
     # where the second leg begins, the first one left everybody
     ends = {}
-    for motion in journey.legs[0].record["motions"]:
+    for motion in first.record["motions"]:
         ends[motion["object"]] = motion["samples"][-1][1:]
-    starts = {o["name"]: o["initial"] for o in journey.legs[1].record["objects"]}
+    starts = {o["name"]: o["initial"] for o in second.record["objects"]}
     for name, pose in ends.items():
         assert starts[name] == pytest.approx(pose, abs=5e-3), name
 
 
 def done(journey):
-    return {a["name"] for leg in journey.legs for a in leg.record["activities"]}
+    return {a["name"] for _, leg, _ in journey.legs for a in leg.record["activities"]}
 
 
 def test_late_by_more_than_a_threshold(open_hall):
@@ -75,7 +76,7 @@ def test_a_robot_breaks_down_and_others_do_its_work(open_hall):
         problem, plan, DELAYS, 1, incidents=[Incident(3.0, broken_down=("r1",))]
     )
     check(journey)
-    second = {a["name"] for a in journey.legs[1].record["activities"]}
+    second = {a["name"] for a in journey.legs[1][1].record["activities"]}
     assert second
     assert not [n for n in second if "r1" in n.split("_")]
     picked = {n.split("_")[2] for n in done(journey) if n.startswith("pick_")}
@@ -108,20 +109,33 @@ def test_the_rest_waits_for_a_robot_that_is_held_up_for_long(open_hall):
     problem, plan = open_hall
     delays = Delays(long_stop=100)
     graph = dependencies_of(problem, plan)
-    robot, since, seconds = draw(delays, graph, 2).halt
+    luck, _ = draw(delays, graph, 2)
+    ((since, seconds),) = [one.halt for one in luck.values() if one.halt]
     told = Incident(since + 1.0, Surprise(same_choices=True))
     journey = simulate_replanned(problem, plan, delays, 2, incidents=[told])
     check(journey)
-    assert journey.since[1] > since + seconds, robot
-    assert 0.0 < journey.whole.waiting < 1.0
+    assert journey.legs[1][0] > since + seconds
+    assert 0.0 < journey.waiting < 1.0
+
+
+def test_nobody_is_to_stop_sooner_than_it_can(open_hall):
+    """One robot brakes for a stop, the other for the end of its way, on the last centimetres."""
+    problem, plan = open_hall
+    delays = Delays(long_stop=100)
+    luck, _ = draw(delays, dependencies_of(problem, plan), 0)
+    (since,) = [one.halt[0] for one in luck.values() if one.halt]
+    told = Incident(since + 0.3, Surprise(same_choices=True))
+    journey = simulate_replanned(problem, plan, delays, 0, incidents=[told])
+    assert [leg.overruns for _, leg, _ in journey.legs] == [0, 0]
 
 
 def test_a_leg_in_which_nothing_ends_waits_by_a_share_of_its_time(open_hall):
     problem, plan = open_hall
     told = Incident(0.5, Surprise(same_choices=True))
     journey = simulate_replanned(problem, plan, DELAYS, 1, incidents=[told])
-    assert journey.legs[0].makespan == 0.0
-    assert all(0.0 <= leg.waiting <= 1.0 for leg in (*journey.legs, journey.whole))
+    legs = [leg for _, leg, _ in journey.legs]
+    assert legs[0].makespan == 0.0
+    assert all(0.0 <= leg.waiting <= 1.0 for leg in (*legs, journey))
 
 
 def test_what_is_solved_anew_can_be_followed_by_itself(open_hall):

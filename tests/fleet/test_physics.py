@@ -59,7 +59,9 @@ def untold(physics, result):
             yield f"{robot} falls below its reserve of {reserve}, which is not told: {line}"
 
 
-@pytest.mark.parametrize("seed", [3, pytest.param(4, marks=pytest.mark.long), 8, 22])
+@pytest.mark.parametrize(
+    "seed", [3, 8, *(pytest.param(s, marks=pytest.mark.long) for s in (4, 22))]
+)
 def test_plans_hold_on_the_floor_and_proofs_against_a_witness(seed, tmp_path):
     assert told(seed, tmp_path) == []
 

@@ -33,7 +33,7 @@ def own_folder(tmp_path, monkeypatch):
     monkeypatch.setenv("TMPDIR", str(tmp_path / "tmp"))
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(s, marks=pytest.mark.long) for s in (2, 3))])
 def test_a_few_problems(tmp_path, seed):
     found = attack(random_case(seed), tmp_path, timeout=6.0, attackers=ATTACKERS[1:3])
     assert found.wrong == []

@@ -72,7 +72,7 @@ def test_poses_against_the_map(name, origin):
     margined = shape_of(body(name), 0.1).data
     bare, margined = (k.WorldData(scene.data, scene.polys(), s) for s in (bare, margined))
     free_count = 0
-    for x, y, th in random_poses(rng, grid, 1000):
+    for x, y, th in random_poses(rng, grid, 400):
         shape = placed(footprint, (x, y, th))
         free = k.pose_free(bare, x, y, th)
         deep = area.intersection(shape).area > 1e-5
@@ -89,7 +89,7 @@ def test_poses_against_the_map(name, origin):
         clearance = k.clearance(margined, x, y, th)
         if clearance >= 0:
             assert distance >= 0.1 + clearance - TOLERANCE
-    assert 50 < free_count < 950
+    assert 20 < free_count < 380
 
 
 @pytest.mark.parametrize("name", ["car", "L", "rear axle, clockwise"])

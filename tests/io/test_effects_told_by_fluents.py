@@ -34,4 +34,4 @@ def test_a_fluent_tells_where_a_door_goes(tmp_path, late):
     pose = hall.poses[wrong].configuration
     change["configuration"] = [pose.x, pose.y, pose.theta]
     (said,) = contradictions(problem, data)
-    assert said.startswith("the change of 'door' by activity 'open' puts it at")
+    assert said.startswith("the change of 'door' by activity 'open' has configuration")

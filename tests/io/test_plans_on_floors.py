@@ -86,8 +86,8 @@ def test_a_plan_fits_its_schema(solved):
         (lambda p: p["maps"][1].update(frame=[4.0, 1.0, 0.2]), "frame"),
         (lambda p: p["maps"].pop(), "the problem's is 'low.yaml', 'high.yaml'"),
         (lambda p: p["map"].update(height=1.0), "not the first"),
-        (lambda p: p["motions"][0].update(map=1), "is on map 1"),
-        (lambda p: p["changes"][0].update(map=0), "is on map 0"),
+        (lambda p: p["motions"][0].update(map=1), "has map 1"),
+        (lambda p: p["changes"][0].update(map=0), "has map 0"),
         (lambda p: p["objects"][0].update(map=1), "has map 1"),
     ],
 )
@@ -174,7 +174,7 @@ def test_what_is_left_of_a_plan_on_floors(house, solved, moment):
     """Planned anew on either floor and in the lift: everybody goes on from where they stand."""
     executor = Executor(solved, house.problem)
     found = executor.dependencies
-    floor = Floor(executor, found, draw(Delays(slow=0.3), found, 4))
+    floor = Floor(executor, found, *draw(Delays(slow=0.3), found, 4))
     while executor.phase(moment).value == "waiting":
         floor.step()
     for _ in range(20):

@@ -192,27 +192,36 @@ CONTRADICTIONS = {
     ),
     "parameter": (lambda p: p["activities"][0].update(parameters={"to": "x"}), "no parameter 'to'"),
     "variable": (lambda p: p.update(parameters={"late": True}), "no variable 'late'"),
-    "no motion": (lambda p: p["motions"].pop(0), "no motion of 'r0' in activity 'move_r0_depot0"),
+    "no motion": (
+        lambda p: p["motions"].pop(0),
+        "motion of 'r0' in activity 'move_r0_depot0_to_button' of the problem is not in",
+    ),
     "first copy": (
         lambda p: p["motions"].insert(0, {**p["motions"][0], "samples": [[0.0, 1.0, 1.0, 0.0]]}),
-        "2 motions of 'r0'",
+        "motion of 'r0' in activity 'move_r0_depot0_to_button' is in the plan 2 times",
     ),
     "extra motion": (
         lambda p: p["motions"].append(
             {"activity": "open_door_r0", "object": "door", "samples": [[9.0, 15.0, 4.0, 0.0]]}
         ),
-        "a motion of 'door' in activity 'open_door_r0', the problem none",
+        "motion of 'door' in activity 'open_door_r0' of the plan is not in the problem",
     ),
-    "no change": (lambda p: p["changes"].clear(), "lacks the change of 'door'"),
-    "two changes": (lambda p: p["changes"].append(p["changes"][0]), "2 changes of 'door'"),
-    "late change": (lambda p: p["changes"][0].update(time=3), "is at 3 s in the plan, not at 10"),
+    "no change": (
+        lambda p: p["changes"].clear(),
+        "change of 'door' by activity 'open_door_r0' of the problem is not in the plan",
+    ),
+    "two changes": (
+        lambda p: p["changes"].append(p["changes"][0]),
+        "change of 'door' by activity 'open_door_r0' is in the plan 2 times",
+    ),
+    "late change": (lambda p: p["changes"][0].update(time=3), "has time 3 in the plan, not 10"),
     "other change": (
         lambda p: p["changes"][0].update(configuration=[15.0, 8.0, 0.0]),
-        "puts it at [15.0, 8.0, 0.0], not at",
+        "has configuration [15.0, 8.0, 0.0] in the plan, not",
     ),
     "extra change": (
         lambda p: p["changes"].append({**p["changes"][0], "activity": "pick_r0_item"}),
-        "changes 'door' by activity 'pick_r0_item', the problem does not",
+        "change of 'door' by activity 'pick_r0_item' of the plan is not in the problem",
     ),
 }
 

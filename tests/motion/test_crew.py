@@ -55,7 +55,8 @@ def test_answers_do_not_depend_on_the_workers(executor):
 
 
 def test_groups_come_back_in_the_order_asked():
-    groups = [tight.pocket(tight.omni()), tight.pocket(tight.differential())]
+    build = tight.CASES["ring of four"].build
+    groups = [build(tight.omni()), build(tight.differential())]
     grid = groups[0].grid
     service = MotionService(grid)
     crew = Crew(Workers(Backwards()), service)

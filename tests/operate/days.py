@@ -7,6 +7,7 @@ from tests.operate.sites import hall
 from up_samp.operate.clock import SimulatedClock
 from up_samp.operate.judge import judge_day
 from up_samp.operate.loop import Operation
+from up_samp.operate.planner import answer
 from up_samp.operate.settings import Settings
 from up_samp.operate.simulated import Mishaps, SimulatedRobots, SteppedClock
 from up_samp.operate.store import Store
@@ -16,10 +17,29 @@ PATIENT = Settings(stretch=20.0)
 """The planner has 40 s of real time, however busy the machine is."""
 
 
-class Day:
-    """An operation with simulated robots, in ``folder``."""
+class Here:
+    """A planner in the same process: it is killed with it."""
 
-    def __init__(self, folder, robots=2, mishaps=NONE, settings=PATIENT, seed=0, fleet=None):
+    busy = False
+
+    def ask(self, question):
+        self.said = answer(question)
+
+    def taken(self, wait=False):
+        return self.said
+
+    def close(self):
+        pass
+
+
+class Day:
+    """An operation with simulated robots, in ``folder``; ``planner`` is the one of this process by
+    default, and one in a process of its own where it is ``None``.
+    """
+
+    def __init__(
+        self, folder, robots=2, mishaps=NONE, settings=PATIENT, seed=0, fleet=None, planner=Here
+    ):
         self.fleet = fleet or hall(Path(folder), robots)
         site = self.fleet.records
         poses = {n: site.places[r.start].pose for n, r in site.robots.items()}
@@ -27,8 +47,9 @@ class Day:
         self.clock = SteppedClock(SimulatedClock(), self.robots)
         self.store = Store(Path(folder) / "day.db", durable=False)
         self.operation = Operation(
-            self.fleet, store=self.store, robots=self.robots, clock=self.clock, settings=settings
-        )
+            self.fleet, store=self.store, robots=self.robots, clock=self.clock, settings=settings,
+            planner=planner and planner(),
+        )  # fmt: skip
         self.random = random.Random(f"day {seed}")
 
     def order(self, name, pickup=None, delivery=None, **options):

@@ -66,6 +66,19 @@ def test_nobody_enters_a_blocked_area(day):
         assert not any(9.5 < x < 11.5 and y < 3.9 for _, x, y, _ in drive.rows)
 
 
+def test_an_area_is_blocked_while_somebody_brakes_for_its_goal(day):
+    """Told late, it could stop only beyond the end of its way."""
+    day.order("o0", "rack0", "dock0")
+
+    def brakes():
+        ways = day.operation.executor and day.operation.executor.state.of_object.values()
+        return any(0.2 < way.length - way.progress < 0.6 for way in ways or ())
+
+    day.until(brakes)
+    day.operation.block("elsewhere", [(20.0, 12.0), (21.0, 12.0), (21.0, 13.0)])
+    assert day.operation.limits == {}
+
+
 def test_orders_are_cancelled_and_changed_until_they_begin(day):
     day.order("o0", "rack0", "dock0")
     day.order("o1", "rack1", "dock1")

@@ -9,30 +9,15 @@ from pathlib import Path
 
 import pytest
 
+from tests.operate.days import Here
 from tests.operate.sites import hall
 from up_samp.operate.judge import judge_day
 from up_samp.operate.loop import Operation
-from up_samp.operate.planner import answer
 from up_samp.operate.settings import Settings
 from up_samp.operate.simulated import SimulatedRobots, routes_told
 from up_samp.operate.store import Store
 
 SETTINGS = Settings(stretch=20.0, tick=0.4)
-
-
-class Here:
-    """A planner in the same process: it is killed with it."""
-
-    busy = False
-
-    def ask(self, question):
-        self.said = answer(question)
-
-    def taken(self, wait=False):
-        return self.said
-
-    def close(self):
-        pass
 
 
 class Far:

@@ -77,13 +77,14 @@ def met(fleet, agvs):
 
 
 def test_agvs_do_their_orders_over_a_broker(tmp_path, broker):
-    fleet = hall(tmp_path, 2)
+    fleet = hall(tmp_path, 2, v_max=2.0, a_max=1.4, home=False)
     places = fleet.records.places
-    faults = {"noise": 0.01, "lost": 0.1, "twice": 0.1, "late": 0.1}
+    faults = {"speed": 2.0, "noise": 0.01, "lost": 0.1, "twice": 0.1, "late": 0.1}
     agvs = [Agv(broker, f"r{k}", places[f"home{k}"].pose, **faults) for k in range(2)]
+    # both come to dock1
     orders = [
-        {"id": "o0", "pickup": "shelf0", "delivery": "dock1"},
-        {"id": "o1", "pickup": "shelf2", "delivery": "dock0"},
+        {"id": "o0", "pickup": "dock1", "delivery": "dock2"},
+        {"id": "o1", "pickup": "dock0", "delivery": "dock1"},
     ]
     jobs = operated(tmp_path, broker, agvs, fleet, orders, 150)
     for agv in agvs:

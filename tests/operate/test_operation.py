@@ -18,7 +18,13 @@ def day(tmp_path, request):
 
 @pytest.mark.parametrize(
     "day",
-    [{"robots": 3, "mishaps": Mishaps(Delays(0.3, 0.6, 5.0, 0.0, 0.3, noise=0.02), 0.1, 0.1)}],
+    [
+        {
+            "robots": 3,
+            "mishaps": Mishaps(Delays(0.3, 0.6, 5.0, 0.0, 0.3, noise=0.02), 0.1, 0.1),
+            "planner": None,
+        }
+    ],
     indirect=True,
 )
 def test_orders_that_come_all_the_time_are_done_once(day):

@@ -17,7 +17,7 @@ from up_samp.model import ProblemError
 from up_samp.operate.clock import SimulatedClock
 from up_samp.operate.horizon import Cut, cut_of
 from up_samp.operate.loop import Operation
-from up_samp.operate.order import Ordering
+from up_samp.operate.order import ordered
 from up_samp.operate.settings import Settings
 from up_samp.operate.stitch import kept_of
 
@@ -40,7 +40,7 @@ def test_whose_end_costs_most_goes_first(crossed, first):
         m["activity"]: Goal(20.0 if m["object"] == first else 1.0, 0.0, 0.0)
         for m in plan["motions"]
     }
-    made = Ordering(goals=goals)(plan, told)
+    made = ordered(plan, told, goals)
     found = ends(made)
     assert min(found, key=found.get) == first
     assert not contacts_of(made)
@@ -53,7 +53,7 @@ def test_what_cannot_be_told_in_time_stays(crossed):
     goals = {
         m["activity"]: Goal(20.0 if m["object"] == "r1" else 1.0, 0.0, 0.0) for m in plan["motions"]
     }
-    found = ends(Ordering(goals=goals, lead=60.0)(plan, told))
+    found = ends(ordered(plan, told, goals, lead=60.0))
     assert min(found, key=found.get) == "r0"
 
 
@@ -62,7 +62,7 @@ def test_no_plan_is_taken_over_in_which_somebody_is_beyond_where_it_waits(crosse
     plan, told = crossed
     names = {m["object"]: m["activity"] for m in plan["motions"]}
     later = {name: Goal(20.0 if r == "r1" else 1.0, 0.0, 0.0) for r, name in names.items()}
-    made = Ordering(goals=later)(plan, told)
+    made = ordered(plan, told, later)
     data = with_dependencies(told.problem, made)
     old = Executor(plan, dependencies=told)
     old.commands(1.0)

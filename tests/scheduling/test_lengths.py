@@ -1,5 +1,7 @@
 """Lengths told by parameters, variables and fluents, in sums and products."""
 
+import itertools
+
 import pytest
 from unified_planning.engines import PlanGenerationResultStatus as Status
 from unified_planning.model.scheduling import SchedulingProblem
@@ -25,7 +27,6 @@ LENGTHS = {
     "nothing and two": (lambda n, v, f: Plus(Times(0, n), 2), 2),
     "a fluent": (lambda n, v, f: Times(f, n), 12),
 }
-ENGINES = ("cpsat", "samp-refine[aries-opt]")
 
 # a kind does not tell whether lengths of parameters can be told to an engine: it is asked by name
 pytestmark = pytest.mark.filterwarnings("ignore:We cannot establish whether")
@@ -49,9 +50,15 @@ def work(length, stated):
     return problem
 
 
-@pytest.mark.parametrize("stated", [False, True], ids=["as duration", "as constraint"])
-@pytest.mark.parametrize("length", LENGTHS)
-@pytest.mark.parametrize("engine", ENGINES)
+def each():
+    """Return engines, lengths and ways to tell them; aries takes a second to start."""
+    for i, (length, stated) in enumerate(itertools.product(LENGTHS, (False, True))):
+        yield pytest.param("cpsat", length, stated)
+        slow = [] if i % 4 == 1 else [pytest.mark.long]
+        yield pytest.param("samp-refine[aries-opt]", length, stated, marks=slow)
+
+
+@pytest.mark.parametrize(("engine", "length", "stated"), list(each()))
 def test_lengths_may_be_sums_and_products(engine, length, stated):
     said, least = LENGTHS[length]
     with OneshotPlanner(name=engine) as planner:

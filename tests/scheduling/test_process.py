@@ -82,7 +82,9 @@ def test_an_engine_that_overruns_is_ended_with_all_its_processes(tmp_path):
         assert not os.path.exists(folder)
 
 
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize(
+    "how", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.long), signal.SIGINT]
+)
 def test_nothing_is_left_when_the_caller_is_killed(tmp_path, how):
     note = tmp_path / "note"
     script = (

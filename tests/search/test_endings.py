@@ -18,7 +18,7 @@ from unified_planning.shortcuts import (
 )
 
 from tests.search.test_end_to_end import solve
-from tests.search.test_parameters import INSTALLED, PROVING, choice_of
+from tests.search.test_parameters import EACH_INSTALLED, EACH_PROVING, INSTALLED, PROVING, choice_of
 from tests.search.test_tidy import idle_fleet
 from tests.upio.hall import Hall, write_hall
 from up_samp.validation import validate_plan
@@ -32,7 +32,7 @@ def refused(hall, engine="cpsat", **params):
     return result.log_messages[0].message
 
 
-@pytest.mark.parametrize("engine", PROVING)
+@EACH_PROVING
 def test_a_deadline_that_no_motion_meets(tmp_path, engine):
     hall = Hall(tmp_path)
     hall.move("go", 0, "left0", "right0").add_deadline(10)
@@ -109,7 +109,7 @@ def test_few_of_many_facts_are_named(tmp_path):
     assert "aside" not in refused(hall)
 
 
-@pytest.mark.parametrize("engine", INSTALLED)
+@EACH_INSTALLED
 def test_a_robot_that_is_lifted_and_drives_on(tmp_path, engine):
     """A motion effect without a motion sets a robot elsewhere, and it starts from a fluent."""
     hall = Hall(tmp_path)

@@ -14,6 +14,16 @@ ENGINES = ["cpsat", "aries-opt"]
 SOLVED = (Status.SOLVED_SATISFICING, Status.SOLVED_OPTIMALLY)
 
 
+def crossed(name, values, engines=ENGINES):
+    """Give each value with an engine of its own; all with all where the slow tests are run."""
+    pairs = [(v, e) for v in values for e in engines]
+    own = list(zip(values, engines, strict=True))
+    return pytest.mark.parametrize(
+        (name, "engine"),
+        [pytest.param(*p, marks=[] if p in own else [pytest.mark.long]) for p in pairs],
+    )
+
+
 def solve(problem, engine="cpsat", timeout=60.0, **params):
     with OneshotPlanner(name=f"samp-refine[{engine}]", params=params) as planner:
         result = planner.solve(problem, timeout=timeout)
@@ -74,8 +84,7 @@ def test_a_door_that_nobody_can_clear_never_shuts(tmp_path):
     assert "close" in result.log_messages[0].message
 
 
-@pytest.mark.parametrize("engine", ENGINES)
-@pytest.mark.parametrize("lists", [("r1", None), (None, "r0")])
+@crossed("lists", [("r1", None), (None, "r0")])
 def test_lists_that_are_not_mutual(tmp_path, engine, lists):
     """Both have to pass the gap; only one of them names the other."""
     hall = Hall(tmp_path, robots=2)
@@ -87,8 +96,7 @@ def test_lists_that_are_not_mutual(tmp_path, engine, lists):
     assert solve(hall.problem, engine).status in SOLVED
 
 
-@pytest.mark.parametrize("engine", ENGINES)
-@pytest.mark.parametrize("delay", [0, -1])
+@crossed("delay", [0, -1])
 def test_a_static_door_told_by_its_fluent(tmp_path, engine, delay):
     """As with the list; with the effect at the end the motion waits until the fluent says so."""
     makespans = {}
@@ -119,8 +127,7 @@ def test_a_carrier_is_not_stopped_by_its_load(tmp_path, engine):
     assert result.status is Status.SOLVED_OPTIMALLY
 
 
-@pytest.mark.parametrize("engine", ["cpsat", "aries"])
-@pytest.mark.parametrize("encoding", ["fluents", "fluents-uses"])
+@crossed("encoding", ["fluents", "fluents-uses"], ["cpsat", "aries"])
 def test_published_logistics_behind_a_door(engine, encoding):
     problem = logistics(2, 2, sides="corridor", encoding=encoding, metric=False)
     assert solve(problem, engine).status in SOLVED
@@ -140,7 +147,7 @@ def test_a_refusal_is_learned_from(tmp_path):
     other = hall.move("other", 1, "left1", "right1")
     other.add_condition(other.start, Equals(at, left))
     assert right is not None
-    result = solve(problem)
+    result = solve(problem, first_plan=True, query_seconds=0.3)
     assert result.status in SOLVED
     assert span(result, "go")[0] > 3
     assert int(result.metrics["refused"]) >= 1

@@ -130,7 +130,9 @@ def test_plan_files_name_who_moved(tmp_path):
     broken = copy.deepcopy(written)
     given = broken["activities"][0]["parameters"]
     given["who"] = {"r0": "r1", "r1": "r0"}[given["who"]]
-    assert any("no motion of" in c for c in contradictions(problem, broken))
+    assert any(
+        "the motion of" in c and "is not in the plan" in c for c in contradictions(problem, broken)
+    )
     given["who"] = "near"
     with pytest.raises(ProblemError, match="'who' of activity 'see_"):
         contradictions(problem, broken)

@@ -16,6 +16,16 @@ INSTALLED = ["cpsat", *(name for name, _, _ in known_engines())]
 PROVING = [name for name in INSTALLED if name != "aries"]
 
 
+def each(engines):
+    """Return engines as parameters; only two of them where the slow tests are not run."""
+    slow = [pytest.mark.long]
+    return [pytest.param(e, marks=[] if e in ("cpsat", "aries-opt") else slow) for e in engines]
+
+
+EACH_INSTALLED = pytest.mark.parametrize("engine", each(INSTALLED))
+EACH_PROVING = pytest.mark.parametrize("engine", each(PROVING))
+
+
 def choice_of(hall, name, *places, robot=0, start=None, **keywords):
     """Add a drive whose goal is a parameter ``to`` with a value among ``places``."""
     activity = hall.problem.add_motion_activity(name, 1, keywords.get("optional", False))
@@ -36,7 +46,7 @@ def makespan(result):
     return int(result.metrics["makespan"])
 
 
-@pytest.mark.parametrize("engine", INSTALLED)
+@EACH_INSTALLED
 def test_one_value_lies_in_a_closed_room(tmp_path, engine):
     hall = Hall(tmp_path, map_file=write_hall(tmp_path, wall_gap=None))
     hall.pose("near", 5.5, 3.0, 0.0)
@@ -48,7 +58,7 @@ def test_one_value_lies_in_a_closed_room(tmp_path, engine):
     assert validate_plan(hall.problem, result.plan).valid
 
 
-@pytest.mark.parametrize("engine", PROVING)
+@EACH_PROVING
 def test_the_nearer_of_two_values_is_taken(tmp_path, engine):
     hall = Hall(tmp_path)
     hall.pose("near", 6.5, 3.0, 0.0)
@@ -60,7 +70,7 @@ def test_the_nearer_of_two_values_is_taken(tmp_path, engine):
     assert validate_plan(hall.problem, result.plan).valid
 
 
-@pytest.mark.parametrize("engine", INSTALLED)
+@EACH_INSTALLED
 def test_a_deadline_that_only_the_nearer_value_meets(tmp_path, engine):
     hall = Hall(tmp_path)
     hall.pose("near", 6.5, 3.0, 0.0)
@@ -72,7 +82,7 @@ def test_a_deadline_that_only_the_nearer_value_meets(tmp_path, engine):
     assert makespan(result) == 6
 
 
-@pytest.mark.parametrize("engine", PROVING)
+@EACH_PROVING
 def test_a_waypoint_given_by_a_fluent_that_changes(tmp_path, engine):
     hall = Hall(tmp_path)
     hall.pose("near", 6.5, 3.0, 0.0)
@@ -90,7 +100,7 @@ def test_a_waypoint_given_by_a_fluent_that_changes(tmp_path, engine):
     assert validate_plan(hall.problem, result.plan).valid
 
 
-@pytest.mark.parametrize("engine", PROVING)
+@EACH_PROVING
 def test_a_start_given_by_the_parameter_of_another_activity(tmp_path, engine):
     hall = Hall(tmp_path)
     hall.pose("near", 6.5, 3.0, 0.0)
@@ -117,7 +127,7 @@ def named_places(hall):
     return names, told
 
 
-@pytest.mark.parametrize("engine", PROVING)
+@EACH_PROVING
 def test_a_waypoint_given_by_a_fluent_of_a_parameter(tmp_path, engine):
     hall = Hall(tmp_path)
     names, told = named_places(hall)

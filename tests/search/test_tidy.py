@@ -2,14 +2,13 @@
 
 import itertools
 
-import pytest
 from unified_planning.engines import PlanGenerationResultStatus as Status
 from unified_planning.model import Fluent
 from unified_planning.model.timing import TimePointInterval, Timing
 from unified_planning.shortcuts import Equals, GlobalEndTiming
 
 from tests.search.test_end_to_end import solve
-from tests.search.test_parameters import INSTALLED
+from tests.search.test_parameters import EACH_INSTALLED
 from tests.upio.hall import Hall
 from up_samp.validation import validate_plan
 
@@ -32,7 +31,7 @@ def present(result):
     return {a.name for a in result.plan.activities}
 
 
-@pytest.mark.parametrize("engine", INSTALLED)
+@EACH_INSTALLED
 def test_idle_robots_stay(tmp_path, engine):
     hall = idle_fleet(tmp_path)
     result = solve(hall.problem, engine, optimal=engine != "aries")

@@ -59,9 +59,10 @@ def test_workers_do_not_run_the_current_folder(trap):
     from tests.scheduling import doubles
     from tests.scheduling.problems import two_after_each_other
 
-    with open_scheduler(doubles.InSequence, two_after_each_other()) as scheduler:
-        report = scheduler.solve(Deadline.after(10.0))
-    assert report.status is ScheduleStatus.FOUND, report.message
+    with open_scheduler(doubles.Raising, two_after_each_other()) as scheduler:
+        report = scheduler.solve(Deadline.after(60.0))
+    assert report.status is ScheduleStatus.ERROR
+    assert "ValueError: no idea" in report.message  # the engine has been run
     assert not list(trap.iterdir())
 
 

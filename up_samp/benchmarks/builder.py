@@ -17,7 +17,14 @@ import itertools
 from collections.abc import Iterable, Sequence
 from typing import Literal, TypeGuard
 
-from unified_planning.model import Fluent
+from unified_planning.model import (
+    ClosedTimeInterval,
+    Fluent,
+    FNode,
+    GlobalEndTiming,
+    TimePointInterval,
+    Timing,
+)
 from unified_planning.model.motion import (
     ActivityWaypoints,
     ConfigurationObject,
@@ -27,7 +34,7 @@ from unified_planning.model.motion import (
     SchedulingMotionProblem,
 )
 from unified_planning.model.scheduling import Activity
-from unified_planning.shortcuts import Equals, MovableType, Not, Or
+from unified_planning.shortcuts import LT, And, Equals, MovableType, Not, Or
 
 from up_samp.benchmarks.places import (
     CAR,
@@ -37,14 +44,6 @@ from up_samp.benchmarks.places import (
     duration_bounds,
 )
 from up_samp.benchmarks.published.form import PUBLISHED, Published
-from up_samp.benchmarks.routes import (
-    FluentRoutes,
-    PrecedenceRoutes,
-    apart,
-    at_start,
-    before,
-    scope_of,
-)
 from up_samp.model import ProblemError
 
 Lean = Literal["lean", "lean-no-fluents"]
@@ -66,8 +65,32 @@ def check_encoding(encoding: Encoding, known: Sequence[Encoding] = ENCODINGS) ->
         raise ProblemError(f"encoding must be one of {tuple(known)}, not {encoding!r}")
 
 
+def before(a: Activity, b: Activity) -> FNode:
+    """Return the constraint that ``a`` ends strictly before ``b`` starts."""
+    return LT(a.end, b.start)
+
+
+def at_start(a: Activity) -> TimePointInterval:
+    """Return the instant at which ``a`` starts, as the time of a condition."""
+    return TimePointInterval(Timing(0, a.start))
+
+
+def scope_of(*activities: Activity) -> list[FNode]:
+    """Return the scope "all these activities are present"."""
+    return [a.present for a in activities if a.optional]
+
+
 class Family(ProblemOnMap):
-    """A problem under construction: map, robots, doors, moves, and the rules they share."""
+    """A problem under construction: map, robots, doors, moves, and the rules they share.
+
+    Who is where is said with a fluent, or with precedences alone (the paper's helper and deleter
+    activities): an activity of a robot needs a place at its start. The last helper (a move to
+    there) before it is followed by no deleter (a move away from there) before it ends; at the
+    robot's start, no deleter comes before it. Naming only the moves from that place as deleters is
+    enough, given that a robot's activities never overlap: in the order of time, the moves before
+    form a walk by induction. If it has left after the helper, one of them is a move from there; if
+    the robot is elsewhere, its last arrival there has no later departure.
+    """
 
     def __init__(
         self,
@@ -89,9 +112,13 @@ class Family(ProblemOnMap):
         self.doors: list[MovableObject] = []
         self.busy: dict[str, list[Activity]] = {}
         self._door_at: Fluent | None = None
-        self.routes = (FluentRoutes if self.with_fluents else PrecedenceRoutes)(
-            self.problem, self.pose_type, self.robot_type
-        )
+        self.robot_at = Fluent("robot_at", self.pose_type, robot=self.robot_type)
+        if self.with_fluents:
+            self.problem.add_fluent(self.robot_at)
+        self.starts: dict[str, ConfigurationObject] = {}
+        self.moves: dict[str, list[tuple[Activity, ConfigurationObject, ConfigurationObject]]] = {}
+        self.needs: list[tuple[str, Activity | None, ConfigurationObject]] = []
+        """Which robot has to be where when an activity starts (``None``: in the end)."""
 
     def robot(self, name: str, start: ConfigurationObject) -> MovableObject:
         """Add a car that stands at ``start``."""
@@ -104,9 +131,10 @@ class Family(ProblemOnMap):
             MotionModels.REEDSSHEPP,
             motion_parameters=limits,
         )
-        self.routes.start(robot, start)
+        if self.with_fluents:
+            self.problem.set_initial_value(self.robot_at(robot), start)
         self.robots.append(robot)
-        self.busy[name] = []
+        self.starts[name], self.moves[name], self.busy[name] = start, [], []
         return robot
 
     def door(
@@ -135,7 +163,8 @@ class Family(ProblemOnMap):
     ) -> MotionActivity:
         """Add the optional motion of ``robot`` from ``origin`` to ``to``, after all objects.
 
-        Doors are its static obstacles, the other robots its dynamic ones.
+        Doors are its static obstacles, the other robots its dynamic ones. ``implied``: other
+        precedences say already that the robot is there then.
         """
         a = self.problem.add_motion_activity(
             name or f"move_{robot.name}_{origin.name}_to_{to.name}", optional=True
@@ -152,7 +181,12 @@ class Family(ProblemOnMap):
                 dynamic_obstacles_at_start=[r for r in self.robots if r is not robot],
             )
         )
-        self.routes.move(robot, a, (origin, to), implied)
+        if self.with_fluents:
+            a.add_condition(at_start(a), Equals(self.robot_at(robot), origin))
+            a.add_effect(a.end, self.robot_at(robot), to)
+        elif not implied:
+            self.needs.append((robot.name, a, origin))
+        self.moves[robot.name].append((a, origin, to))
         self.busy[robot.name].append(a)
         return a
 
@@ -165,11 +199,31 @@ class Family(ProblemOnMap):
         *,
         implied: bool = False,
     ) -> Activity:
-        """Add something optional that ``robot`` does while it stands at ``place``."""
+        """Add something optional that ``robot`` does while it stands at ``place`` (``implied``: see
+        ``move``).
+        """
         a = self.problem.add_activity(name, duration=duration, optional=True)
-        self.routes.stand(robot, a, place, implied)
-        self.busy[robot.name].append(a)
+        self._stand(robot, a, place, implied)
         return a
+
+    def _stand(
+        self, robot: MovableObject, a: Activity, place: ConfigurationObject, implied: bool = False
+    ) -> None:
+        """Let ``robot`` stand at ``place`` throughout ``a``, which it does."""
+        if self.with_fluents:
+            throughout = ClosedTimeInterval(Timing(0, a.start), Timing(0, a.end))
+            a.add_condition(throughout, Equals(self.robot_at(robot), place))
+        elif not implied:
+            self.needs.append((robot.name, a, place))
+        self.busy[robot.name].append(a)
+
+    def end(self, robot: MovableObject, place: ConfigurationObject) -> None:
+        """Let ``robot`` be at ``place`` when everything is over."""
+        if self.with_fluents:
+            there = Equals(self.robot_at(robot), place)
+            self.problem.add_condition(TimePointInterval(GlobalEndTiming()), there)
+        else:
+            self.needs.append((robot.name, None, place))
 
     def open_door(
         self,
@@ -191,8 +245,7 @@ class Family(ProblemOnMap):
             if self._door_at is not None:
                 a.add_condition(at_start(a), Equals(self._door_at(leaf), closed))
                 a.add_effect(a.end, self._door_at(leaf), opened)
-            self.routes.stand(robot, a, button)
-            self.busy[robot.name].append(a)
+            self._stand(robot, a, button)
             openings.append(a)
         if not self.with_fluents:
             self.at_most_one(openings)
@@ -216,11 +269,35 @@ class Family(ProblemOnMap):
     def one_at_a_time(self, activities: Sequence[Activity]) -> None:
         """Keep all ``activities`` that are present apart."""
         for a, b in itertools.combinations(activities, 2):
-            self.problem.add_constraint(apart(a, b), scope=scope_of(a, b))
+            self.problem.add_constraint(Or(before(a, b), before(b, a)), scope=scope_of(a, b))
+
+    def _helped(self, robot: str, a: Activity | None, place: ConfigurationObject) -> FNode:
+        """Return the constraint that a robot is at a place when ``a`` starts (``None``: in the
+        end).
+        """
+        deleters = [x for x, origin, _ in self.moves[robot] if origin is place and x is not a]
+
+        def undisturbed(since: Activity | None) -> list[FNode]:
+            """Return that nothing takes it away again."""
+            found = []
+            for x in deleters:
+                earlier = [] if since is None else [before(x, since)]
+                later = [] if a is None else [before(a, x)]
+                found.append(Or([Not(x.present), *earlier, *later]))
+            return found
+
+        ways = [And(undisturbed(None))] if place is self.starts[robot] else []
+        for helper, _, to in self.moves[robot]:
+            if to is place:
+                in_time = [] if a is None else [before(helper, a)]
+                ways.append(And([helper.present, *in_time, *undisturbed(helper)]))
+        return Or(ways)
 
     def finish(self) -> SchedulingMotionProblem:
         """State the routes and that each robot does one thing at a time; return the problem."""
-        self.routes.finish()
+        for robot, a, place in self.needs:
+            scope = [] if a is None else scope_of(a)
+            self.problem.add_constraint(self._helped(robot, a, place), scope=scope)
         for activities in self.busy.values():
             self.one_at_a_time(activities)
         return self.problem

@@ -23,11 +23,10 @@ from unified_planning.model.motion import (
 from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import FALSE, TRUE, BoolType
 
-from up_samp.benchmarks.builder import Encoding, Family, is_published
+from up_samp.benchmarks.builder import Encoding, Family, at_start, is_published
 from up_samp.benchmarks.maps import outer_wall
 from up_samp.benchmarks.places import DOWN, UP, FamilyDoor, FamilyFloor, Layout, Pose, box
 from up_samp.benchmarks.published.logistics import published_logistics
-from up_samp.benchmarks.routes import at_start
 from up_samp.model import ProblemError
 
 MOST = {"robots": 10, "items": 16}
@@ -192,7 +191,7 @@ def _picks(
                 pick.add_condition(at_start(pick), free(robot))
                 pick.add_effect(pick.end, free(robot), FALSE())
             picks[item].append(pick)
-        family.routes.end(robot, depot)
+        family.end(robot, depot)
     for choices in picks:
         family.exactly_one(choices)
 

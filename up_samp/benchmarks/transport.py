@@ -22,10 +22,9 @@ from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import And, Equals, Iff, Or, UserType
 
 from up_samp.benchmarks import jobshop
-from up_samp.benchmarks.builder import Encoding, Family
+from up_samp.benchmarks.builder import Encoding, Family, at_start, before, scope_of
 from up_samp.benchmarks.logistics import DoorState
 from up_samp.benchmarks.places import Pose, Shop
-from up_samp.benchmarks.routes import at_start, before, scope_of
 from up_samp.model import ProblemError
 
 HANDLING = 2

@@ -98,10 +98,9 @@ def _simulate(args: argparse.Namespace) -> int:
 
     def again(seed: int) -> Simulation:
         assert problem is not None
-        done = simulate_replanned(
+        return simulate_replanned(
             problem, plan, delays, seed, late=args.late, solve=solve, tuning=tuning
         )
-        return done.whole
 
     runs: list[Simulation] = []
     failed: list[FailedRun] = []

@@ -14,13 +14,13 @@ from unified_planning.plans import Plan
 
 @dataclass(frozen=True)
 class Call:
-    """What UP asks an engine: ``timeout`` in s."""
+    """What UP asks an engine, in UP's order: ``timeout`` in s."""
 
     problem: Any
-    timeout: float | None
-    output_stream: IO[str] | None
-    warm_start_plan: Plan | None = None
     heuristic: Callable[[Any], float | None] | None = None
+    timeout: float | None = None
+    output_stream: IO[str] | None = None
+    warm_start_plan: Plan | None = None
 
 
 class DirectFace:
@@ -43,14 +43,11 @@ class DirectFace:
         **kwargs: Any,
     ) -> PlanGenerationResult:
         """Solve as every UP engine does (``timeout`` in s)."""
+        told = (problem, heuristic, timeout, output_stream, warm_start_plan)
         if not self._takes(problem):
-            return super().solve(  # type: ignore[misc,no-any-return]
-                problem, heuristic, timeout, output_stream, warm_start_plan, **kwargs
-            )
+            return super().solve(*told, **kwargs)  # type: ignore[misc,no-any-return]
         self._check_metric(problem)
-        return self._solve_directly(
-            Call(problem, timeout, output_stream, warm_start_plan, heuristic)
-        )
+        return self._solve_directly(Call(*told))
 
     def get_solutions(
         self,
@@ -61,38 +58,24 @@ class DirectFace:
         **kwargs: Any,
     ) -> Iterator[PlanGenerationResult]:
         """Yield better and better plans."""
+        told = (timeout, output_stream, warm_start_plan)
         if not self._takes(problem):
-            yield from super().get_solutions(  # type: ignore[misc]
-                problem, timeout, output_stream, warm_start_plan, **kwargs
-            )
+            yield from super().get_solutions(problem, *told, **kwargs)  # type: ignore[misc]
             return
         self._check_metric(problem)
-        yield from self._improve_directly(Call(problem, timeout, output_stream, warm_start_plan))
+        yield from self._improve_directly(Call(problem, None, *told))
 
-    def _solve_with_params(
-        self,
-        problem: Any,
-        heuristic: Callable[[Any], float | None] | None = None,
-        timeout: float | None = None,
-        output_stream: IO[str] | None = None,
-        warm_start_plan: Plan | None = None,
-        **kwargs: Any,
-    ) -> PlanGenerationResult:
-        return self._solve_directly(
-            Call(problem, timeout, output_stream, warm_start_plan, heuristic)
-        )
+    # UP asks these once it has seen the kind: by keywords, or, before it knew of plans to begin
+    # from, by position
+    def _solve_with_params(self, *told: Any, **named: Any) -> PlanGenerationResult:
+        return self._solve_directly(Call(*told, **named))
 
     _solve = _solve_with_params
 
     def _get_solutions_with_params(
-        self,
-        problem: Any,
-        timeout: float | None = None,
-        output_stream: IO[str] | None = None,
-        warm_start_plan: Plan | None = None,
-        **kwargs: Any,
+        self, problem: Any, *told: Any, **named: Any
     ) -> Iterator[PlanGenerationResult]:
-        return self._improve_directly(Call(problem, timeout, output_stream, warm_start_plan))
+        return self._improve_directly(Call(problem, None, *told, **named))
 
     _get_solutions = _get_solutions_with_params
 

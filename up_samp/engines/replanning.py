@@ -61,7 +61,7 @@ class ReplanningFace(DirectFace, ReplannerMixin, PlanRepairerMixin):  # type: ig
         return self._repair(problem, plan)
 
     def _repair(self, problem: Any, plan: Plan) -> PlanGenerationResult:
-        return self._solve_directly(Call(problem, None, None, plan))
+        return self._solve_directly(Call(problem, warm_start_plan=plan))
 
     # -- the replanner -------------------------------------------------------------------------
     def _resolve(
@@ -73,7 +73,7 @@ class ReplanningFace(DirectFace, ReplannerMixin, PlanRepairerMixin):  # type: ig
         chosen = any(movers(a) for a in getattr(problem, "motion_activities", ()))
         # who moves may be another one each time, and is not begun from
         start = None if chosen else self._last
-        result = self._solve_directly(Call(problem.clone(), timeout, output_stream, start))
+        result = self._solve_directly(Call(problem.clone(), None, timeout, output_stream, start))
         self._last = result.plan or self._last
         return result
 

@@ -8,7 +8,6 @@ from up_samp.execution.graph import At, Bound, Edge, Event, Graph, PlannedTask
 from up_samp.execution.remaining import Remaining, Surprise
 from up_samp.execution.replan import (
     Incident,
-    Journey,
     remaining_at,
     simulate_replanned,
     solve_remaining,
@@ -33,7 +32,6 @@ __all__ = [
     "Heard",
     "Hold",
     "Incident",
-    "Journey",
     "Overrun",
     "PlannedTask",
     "Remaining",

@@ -18,9 +18,11 @@ from up_samp.model import ProblemError
 from up_samp.model.execution_tuning import ExecutionTuning
 
 
-def joined(legs: Sequence[Simulation], since: Sequence[float]) -> Simulation:
-    """Return one run; ``since`` are the legs' starts (s). An activity that goes on in a later leg
-    is there once for each: ``NAME``, ``NAME (resumed)``.
+def joined(
+    legs: Sequence[Simulation], since: Sequence[float], problems: Sequence[SchedulingProblem]
+) -> Simulation:
+    """Return one run of all legs, on the clock of the first; ``since`` are the legs' starts (s). An
+    activity that goes on in a later leg is there once for each: ``NAME``, ``NAME (resumed)``.
     """
     first, last = legs[0], legs[-1]
     makespan = since[-1] + last.makespan
@@ -49,6 +51,7 @@ def joined(legs: Sequence[Simulation], since: Sequence[float]) -> Simulation:
             for who, low, high, whom in leg.waits
         ),
         replans=len(legs) - 1,
+        legs=tuple(zip(since, legs, problems, strict=True)),
     )
 
 
@@ -135,42 +138,6 @@ class Incident:
     broken_down: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class Journey:
-    """The legs of a run with re-planning: ``since`` are their starts (s), each on a clock of its
-    own; the first leg's problem is the original one.
-    """
-
-    legs: tuple[Simulation, ...]
-    since: tuple[float, ...]
-    problems: tuple[SchedulingProblem, ...]
-
-    @property
-    def replans(self) -> int:
-        """How often what was left was planned anew."""
-        return len(self.legs) - 1
-
-    @property
-    def makespan(self) -> float:
-        """When everything was over (s since the first plan's start)."""
-        return self.since[-1] + self.legs[-1].makespan
-
-    @property
-    def collisions(self) -> int:
-        """Pairs that met, in all legs."""
-        return sum(leg.collisions for leg in self.legs)
-
-    @property
-    def whole(self) -> Simulation:
-        """All legs as one run, on the clock of the first."""
-        return joined(self.legs, self.since)
-
-    @property
-    def finished(self) -> bool:
-        """Whether the last leg was carried out to its end."""
-        return self.legs[-1].finished
-
-
 Told = tuple[Surprise, Mapping[str, float]]
 """What has happened, and how far (m) robots that were under way then still go."""
 
@@ -185,13 +152,13 @@ def simulate_replanned(
     late: float | None = None,
     solve: Callable[[Remaining], PlanDict] = solve_remaining,
     tuning: ExecutionTuning = ExecutionTuning(),
-) -> Journey:
+) -> Simulation:
     """Execute a plan; plan the rest anew at each incident, and once when it is forecast to end
     ``late`` s later than planned (with the same choices).
 
     The new plan begins when all robots under way have come to a stand where they can: where one is
-    held up then, deadlines of the rest count from that moment. A leg draws its
-    delays from ``seed`` plus its number.
+    held up then, deadlines of the rest count from that moment. A leg (``legs`` of what is returned)
+    draws its delays from ``seed`` plus its number.
     """
     legs: list[Simulation] = []
     problems, since = [problem], [0.0]
@@ -202,7 +169,7 @@ def simulate_replanned(
         told = _until(floor, since[-1], waiting, None if legs else late)
         if told is None:
             legs.append(simulation_of(floor, plan, "replan", seed))
-            return Journey(tuple(legs), tuple(since), tuple(problems))
+            return joined(legs, since, problems)
         surprise, stops = told
         left = executor.remaining_problem(surprise)
         start = left.since * float(plan["seconds_per_unit"])

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
+from unified_planning.model.scheduling import SchedulingProblem
 
 from up_samp.execution.build import Dependencies, timed
 from up_samp.execution.executor import Executor
@@ -90,12 +91,19 @@ class Delays:
 
 
 @dataclass(frozen=True)
-class Senses:
-    """How wrong reports are: ``bias`` (m, told minus true progress), ``noise`` (m, drawn from
+class Luck:
+    """What goes wrong with one robot in one draw, the same for every way of execution: ``pace``
+    (share of its speed), ``stops`` (after so many seconds of driving, length), one ``halt`` (time,
+    length).
+
+    And how wrong its reports are: ``bias`` (m, told minus true progress), ``noise`` (m, drawn from
     [-noise, noise] by a generator of ``seed``) and ``lag`` (s). A ``tracked`` robot drives by the
     truth, and others tell where it is; a ``silent`` one does not say that it has come to its end.
     """
 
+    pace: float = 1.0
+    stops: tuple[tuple[float, float], ...] = ()
+    halt: tuple[float, float] | None = None
     bias: float = 0.0
     noise: float = 0.0
     lag: float = 0.0
@@ -104,46 +112,34 @@ class Senses:
     seed: str = ""
 
 
-@dataclass(frozen=True)
-class Luck:
-    """One draw: what will go wrong, by robot and by task, the same for every way of execution.
-
-    ``pace`` (share of the speed), ``stops`` (lists of (after so many seconds of driving, length)),
-    ``halt`` (robot, time, length), ``longer`` (factor on a task's duration) and ``senses``.
+def draw(
+    delays: Delays, dependencies: Dependencies, seed: int
+) -> tuple[dict[str, Luck], dict[str, float]]:
+    """Draw one run's delays: each robot's luck, and a factor on each task's duration. Every robot
+    and task has a generator of its own.
     """
-
-    pace: Mapping[str, float] = field(default_factory=dict)
-    stops: Mapping[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
-    halt: tuple[str, float, float] | None = None
-    longer: Mapping[str, float] = field(default_factory=dict)
-    senses: Mapping[str, Senses] = field(default_factory=dict)
-
-
-def draw(delays: Delays, dependencies: Dependencies, seed: int) -> Luck:
-    """Draw one run's delays. Every robot and task has a generator of its own."""
     names = sorted(life.object for life in dependencies.lives.values() if life.drives)
     tasks, makespan = dependencies.graph.tasks, dependencies.graph.planned
-    pace, stops = {}, {}
-    for name in names:
-        rng = random.Random(f"robot {name} {seed}")
-        pace[name] = 1.0 - delays.slow * rng.random()
-        stops[name] = tuple(_stops(delays, rng, 4 * makespan))
-    longer = {
-        name: 1.0 + delays.late * random.Random(f"task {name} {seed}").random() for name in tasks
-    }
-    halt = None
+    halts = {}
     if delays.long_stop > 0.0 and names:
         rng = random.Random(f"halt {seed}")
-        halt = (rng.choice(names), rng.uniform(0.05, 0.6) * makespan, delays.long_stop)
-    senses = {name: _senses(delays, name, seed) for name in names}
-    return Luck(pace, stops, halt, longer, senses)
-
-
-def _senses(delays: Delays, name: str, seed: int) -> Senses:
-    rng = random.Random(f"senses {name} {seed}")
-    bias = rng.choice((-1.0, 1.0)) * delays.bias * rng.choice((1.0, 1.0, rng.random()))
-    tracked, silent = rng.random() < 0.5, rng.random() < 0.5
-    return Senses(bias, delays.noise, delays.lag, tracked, silent, f"noise {name} {seed}")
+        held = rng.choice(names)
+        halts[held] = rng.uniform(0.05, 0.6) * makespan, delays.long_stop
+    found = {}
+    for name in names:
+        rng = random.Random(f"robot {name} {seed}")
+        pace = 1.0 - delays.slow * rng.random()
+        stops = tuple(_stops(delays, rng, 4 * makespan))
+        rng = random.Random(f"senses {name} {seed}")
+        bias = rng.choice((-1.0, 1.0)) * delays.bias * rng.choice((1.0, 1.0, rng.random()))
+        tracked, silent = rng.random() < 0.5, rng.random() < 0.5
+        found[name] = Luck(
+            pace, stops, halts.get(name), bias, delays.noise, delays.lag, tracked, silent,
+            f"noise {name} {seed}",
+        )  # fmt: skip
+    return found, {
+        name: 1.0 + delays.late * random.Random(f"task {name} {seed}").random() for name in tasks
+    }
 
 
 def _stops(delays: Delays, rng: random.Random, horizon: float) -> list[tuple[float, float]]:
@@ -166,11 +162,9 @@ class SimulatedRobot:
     """One motion after the other. ``trace`` holds (time, progress) of the motion under way."""
 
     def __init__(self, name: str, luck: Luck):
-        self.name, self.pace = name, luck.pace.get(name, 1.0)
-        self.senses = luck.senses.get(name, Senses())
-        self._noise = random.Random(self.senses.seed)
-        self.stops = deque(luck.stops.get(name, ()))
-        self.halt = luck.halt[1:] if luck.halt is not None and luck.halt[0] == name else None
+        self.name, self.luck = name, luck
+        self._noise = random.Random(luck.seed)
+        self.stops, self.halt = deque(luck.stops), luck.halt
         self.driven = 0.0
         """Seconds of driving so far, without stops."""
         self.held_until = -math.inf
@@ -197,19 +191,19 @@ class SimulatedRobot:
         self._look()
 
     def _look(self) -> None:
-        spread = self.senses.noise
-        self.wrong = self.senses.bias + (self._noise.uniform(-spread, spread) if spread else 0.0)
+        spread = self.luck.noise
+        self.wrong = self.luck.bias + (self._noise.uniform(-spread, spread) if spread else 0.0)
 
     @property
     def believed(self) -> float:
         """Progress (m) by which it drives."""
-        return self.s if self.senses.tracked else self.s + self.wrong
+        return self.s if self.luck.tracked else self.s + self.wrong
 
     def told(self, now: float) -> float | None:
         """Return the progress (m) that it tells at ``now`` (``None``: nothing yet)."""
         self.known.append((now, self.s + self.wrong))
         found = None
-        while self.known and self.known[0][0] <= now - self.senses.lag + 1e-9:
+        while self.known and self.known[0][0] <= now - self.luck.lag + 1e-9:
             found = self.known.popleft()[1]
         return found
 
@@ -228,7 +222,7 @@ class SimulatedRobot:
         stops = self.travel.stops
         while self.next_stop < len(stops) - 1 and self.s >= stops[self.next_stop] - 1e-9:
             self.next_stop += 1
-        until = self.until if self.senses.tracked else self.until - self.wrong
+        until = self.until if self.luck.tracked else self.until - self.wrong
         goal = min(max(until, self.s), stops[self.next_stop], self.length)
         left = goal - self.s
         if now < self.held_until or self.hold:
@@ -240,14 +234,14 @@ class SimulatedRobot:
             self._look()
             return
         else:
-            wish = self.pace * self.travel.cap_at(self.s)
+            wish = self.luck.pace * self.travel.cap_at(self.s)
             wish = min(wish, 2 * (ceiling - self.s) / dt - self.v)
         # the largest speed at the step's end from which it stops before the goal:
         # (v + w) dt / 2 + w^2 / (2 a) = left
         room = left - 0.5 * self.v * dt
         brake = -0.5 * a * dt + math.sqrt(max(0.0, 0.25 * a * a * dt * dt + 2 * a * room))
         hard = self.v - a * dt
-        if brake < hard - 1e-6 and self.v > 1e-9 and not self.hold and not self.senses.noise:
+        if brake < hard - 1e-6 and self.v > 1e-9 and not self.hold and not self.luck.noise:
             self.overruns += 1
         w = max(0.0, hard, min(wish, brake, self.v + a * dt))
         went = 0.5 * (self.v + w) * dt
@@ -306,6 +300,10 @@ class Simulation:
     run came to its end)."""
     missed: tuple[str, ...] = ()
     """Deadlines, windows and longest durations that were overrun: no executive can keep them."""
+    legs: tuple[tuple[float, Simulation, SchedulingProblem], ...] = ()
+    """Where the rest was planned anew: when each leg began (s), the leg on a clock of its own, and
+    its problem (the first one's is the original).
+    """
 
     @property
     def ratio(self) -> float:
@@ -324,7 +322,8 @@ class Floor:
 
     executive: Executor
     dependencies: Dependencies
-    luck: Luck
+    luck: Mapping[str, Luck]
+    longer: Mapping[str, float]
     tuning: FloorTuning = field(default_factory=FloorTuning)
     by_clock: bool = False
     """Whether robots drive by the plan's clock: never ahead of it, waiting for nobody."""
@@ -338,7 +337,7 @@ class Floor:
     def __post_init__(self) -> None:
         self.travels = self.dependencies.travels
         self.robots = {
-            life.object: SimulatedRobot(life.object, self.luck)
+            life.object: SimulatedRobot(life.object, self.luck[life.object])
             for life in self.dependencies.lives.values()
             if life.drives
         }
@@ -388,7 +387,7 @@ class Floor:
         if self.by_clock:
             progress = robot.length if robot.arrived else robot.s
         executive.update(name, progress=progress, now=self.now, motion=motion)
-        if not robot.arrived or robot.senses.silent:
+        if not robot.arrived or robot.luck.silent:
             return
         if executive.phase(motion) is not TaskPhase.DONE:
             executive.done(motion, self.now)
@@ -441,7 +440,7 @@ class Floor:
         tasks = self.dependencies.graph.tasks
         for name in may:
             if name not in self.ends:
-                longer = self.luck.longer.get(name, 1.0)
+                longer = self.longer.get(name, 1.0)
                 self.ends[name] = self.now - self.tick + tasks[name].expected * longer
         for name, end in list(self.ends.items()):
             if end <= self.now + 1e-9 and may.get(name, False):
@@ -477,7 +476,7 @@ class Reorderer:
 def floor_of(executor: Executor, delays: Delays, seed: int) -> Floor:
     """Return a floor on which an executor is followed, with the delays of ``seed``."""
     found = executor.dependencies
-    return Floor(executor, found, draw(delays, found, seed), executor.tuning.floor)
+    return Floor(executor, found, *draw(delays, found, seed), executor.tuning.floor)
 
 
 def simulate(
@@ -504,8 +503,8 @@ def simulate(
     executive = Executor(plan, dependencies=followed, tuning=tuning)
     if policy == "reorder" and watch is None:
         watch = Reorderer()
-    luck = draw(delays, dependencies, seed)
-    floor = Floor(executive, dependencies, luck, tuning.floor, by_clock)
+    drawn = draw(delays, dependencies, seed)
+    floor = Floor(executive, dependencies, *drawn, tuning.floor, by_clock)
     reorders = 0
     looked = 0.0
     while floor.goes_on:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bisect
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -43,8 +44,8 @@ class TravelProfile:
         return _between(self._plain[0], self._plain[1], progress)
 
     def speed_at(self, progress: float) -> float:
-        """Return how fast it is there (m/s)."""
-        return _between(self._plain[0], self._plain[2], progress)
+        """Return how fast it is there (m/s): between points it speeds up, or slows down, evenly."""
+        return math.sqrt(_between(self._plain[0], self._plain[2], progress))
 
     def cap_at(self, progress: float) -> float:
         """Return how fast it may be there (m/s)."""
@@ -67,10 +68,10 @@ class TravelProfile:
 
     @cached_property
     def _plain(self) -> tuple[list[float], ...]:
-        """Progress, times, speeds, bounds as lists: one value of them is found sooner than by
-        numpy.
+        """Progress, times, squares of speeds, bounds as lists: one value of them is found sooner
+        than by numpy.
         """
-        return tuple(a.tolist() for a in (self.progress, self.time, self.speed, self.cap))
+        return tuple(a.tolist() for a in (self.progress, self.time, self.speed**2, self.cap))
 
 
 def _between(xs: list[float], ys: list[float], x: float) -> float:

@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
-from up_samp.export.precision import PRECISION
 from up_samp.io import PlanDict
+from up_samp.io.precision import PRECISION
 from up_samp.model import UnsupportedError
 
 FloatArray = npt.NDArray[np.float64]

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 
 from up_samp.export.legs import motions_of, quaternion, robots_of
-from up_samp.export.precision import PRECISION
 from up_samp.geometry.maps import OccupancyGrid, load_map
 from up_samp.io import PlanDict
+from up_samp.io.precision import PRECISION
 from up_samp.plotting.tracks import ObjectTrack, horizon, tracks_of
 from up_samp.system.imports import extra
 

@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 
 from up_samp.export.legs import FloatArray, PathPiece, simplified, wrapped
-from up_samp.export.precision import PRECISION
 from up_samp.export.steps import RobotStep, StepWait, localisation_of, steps_of
 from up_samp.io import PlanDict
+from up_samp.io.precision import PRECISION
 from up_samp.model import ProblemError
 
 VERSION = "2.1.0"

@@ -43,7 +43,6 @@ def contradictions(problem: SchedulingMotionProblem, plan: PlanDict) -> list[str
         *_objects(plan, snapshot),
         *_activities(problem, plan),
         *_motions(plan, snapshot),
-        *_on_maps(plan, snapshot),
         *_changes(problem, plan, snapshot),
         *_rides(plan, snapshot),
     ]
@@ -126,41 +125,45 @@ def _one_map(stated: PlacedMap, own: PlacedMap) -> Iterator[str]:
         yield f"the plan's map '{stated.file}' is not the problem's map '{own.file}'"
 
 
+Said = tuple[str, Mapping[str, Any]]
+"""An entry of a plan: what it is in words, and its fields."""
+
+
+def _compared(stated: Sequence[Said], own: Sequence[Said]) -> Iterator[str]:
+    """Yield which entries are stated too often, unknown, or left out, and which fields of theirs
+    are not as they should be.
+    """
+    have, want, known = Counter(w for w, _ in stated), Counter(w for w, _ in own), dict(own)
+    for what in dict.fromkeys([*have, *want]):
+        if not want[what]:
+            yield f"{what} of the plan is not in the problem"
+        elif not have[what]:
+            yield f"{what} of the problem is not in the plan"
+        if have[what] > max(1, want[what]):
+            yield f"{what} is in the plan {have[what]} times"
+    for what, entry in stated:
+        for key, value in known.get(what, {}).items():
+            if not _equal(entry.get(key), value):
+                yield f"{what} has {key} {entry.get(key)} in the plan, not {value}"
+
+
 def _objects(plan: PlanDict, snapshot: Snapshot) -> Iterator[str]:
-    own = {entry["name"]: entry for entry in described_objects(snapshot)}
-    yield from _names("object", [o["name"] for o in plan["objects"]], list(own))
-    for stated in plan["objects"]:
-        known = own.get(stated["name"], {})
-        for key in [*known, *({"height"} & stated.keys() - known.keys())]:
-            value = known.get(key)
-            if key == "mesh" and value is not None:
-                same = stated.get(key) is not None and _same_file(stated[key], value)
-            else:
-                same = _equal(stated.get(key), value)
-            if not same:
-                name = stated["name"]
-                yield f"object '{name}' has {key} {stated.get(key)} in the plan, not {value}"
-
-
-def _same_file(one: str, two: str) -> bool:
-    return os.path.abspath(one) == os.path.abspath(two)
-
-
-def _names(what: str, stated: Sequence[str], known: Sequence[str]) -> Iterator[str]:
-    """Yield which names are stated twice, unknown, or left out."""
-    for name, count in Counter(stated).items():
-        if count > 1:
-            yield f"{what} '{name}' is in the plan {count} times"
-        if name not in known:
-            yield f"{what} '{name}' of the plan is not in the problem"
-    for name in known:
-        if what == "object" and name not in stated:
-            yield f"object '{name}' of the problem is not in the plan"
+    stated = []
+    for entry in plan["objects"]:
+        mesh = entry.get("mesh")
+        file = {} if mesh is None else {"mesh": os.path.abspath(mesh)}
+        stated.append((f"object '{entry['name']}'", {**entry, **file}))
+    own = described_objects(snapshot)
+    yield from _compared(stated, [(f"object '{o['name']}'", {"height": None, **o}) for o in own])
 
 
 def _activities(problem: SchedulingMotionProblem, plan: PlanDict) -> Iterator[str]:
     known = {a.name: a for a in problem.activities}
-    yield from _names("activity", [a["name"] for a in plan["activities"]], list(known))
+    for name, count in Counter(a["name"] for a in plan["activities"]).items():
+        if count > 1:
+            yield f"activity '{name}' is in the plan {count} times"
+        if name not in known:
+            yield f"activity '{name}' of the plan is not in the problem"
     for stated in plan["activities"]:
         name = stated["name"]
         if name in known:
@@ -173,45 +176,28 @@ def _activities(problem: SchedulingMotionProblem, plan: PlanDict) -> Iterator[st
 
 
 def _motions(plan: PlanDict, snapshot: Snapshot) -> Iterator[str]:
+    def said(activity: str, name: str, number: int) -> Said:
+        return f"the motion of '{name}' in activity '{activity}'", {"map": number}
+
     present = {a["name"] for a in plan["activities"]}
-    needed = Counter((t.activity, t.object) for t in snapshot.tasks if t.activity in present)
-    stated = Counter((m["activity"], m["object"]) for m in plan["motions"])
-    for activity, name in sorted(needed.keys() | stated.keys()):
-        want, have = needed[activity, name], stated[activity, name]
-        if have > want:
-            said = f"{have} motions" if have > 1 else "a motion"
-            where = f"of '{name}' in activity '{activity}'"
-            yield f"the plan has {said} {where}, the problem {want or 'none'}"
-        elif have < want:
-            yield f"the plan has no motion of '{name}' in activity '{activity}'"
+    own = [said(t.activity, t.object, t.map) for t in snapshot.tasks if t.activity in present]
+    stated = [said(m["activity"], m["object"], map_number(m)) for m in plan["motions"]]
+    yield from _compared(stated, own)
 
 
 def _rides(plan: PlanDict, snapshot: Snapshot) -> Iterator[str]:
+    def said(ride: Mapping[str, Any]) -> Said:
+        return f"the ride of '{ride['object']}' in activity '{ride['activity']}'", ride
+
     own = described_rides(snapshot, {a["name"] for a in plan["activities"]})
-    stated = plan.get("rides", [])
-    for ride in own:
-        if ride not in stated:
-            yield f"the plan does not say that '{ride['object']}' rides in '{ride['activity']}'"
-    for ride in stated:
-        if ride not in own:
-            yield f"'{ride['object']}' rides otherwise in '{ride['activity']}', by the problem"
-
-
-def _on_maps(plan: PlanDict, snapshot: Snapshot) -> Iterator[str]:
-    """Yield which motions and changes are not on the map that the problem has them on."""
-    drives = {(t.activity, t.object): t.map for t in snapshot.tasks}
-    for motion in plan["motions"]:
-        wanted = drives.get((motion["activity"], motion["object"]))
-        if wanted is not None and map_number(motion) != wanted:
-            where = f"of '{motion['object']}' in activity '{motion['activity']}'"
-            yield f"the motion {where} is on map {map_number(motion)}, not on map {wanted}"
+    yield from _compared([*map(said, plan.get("rides", []))], [*map(said, own)])
 
 
 def _changes(problem: SchedulingMotionProblem, plan: PlanDict, snapshot: Snapshot) -> Iterator[str]:
+    def what(activity: str, name: str) -> str:
+        return f"the change of '{name}' by activity '{activity}'"
+
     ends = {a["name"]: a["end"] * snapshot.seconds_per_unit for a in plan["activities"]}
-    stated: dict[tuple[str, str], list[dict[str, Any]]] = {}
-    for entry in plan["changes"]:
-        stated.setdefault((entry["activity"], entry["object"]), []).append(entry)
     rides = [ChangeTask(r.activity, r.load, r.goal) for r in snapshot.rides]
     changes = [c for c in (*snapshot.changes, *rides) if c.activity in ends]
     told = {}
@@ -219,37 +205,21 @@ def _changes(problem: SchedulingMotionProblem, plan: PlanDict, snapshot: Snapsho
         # where the schedule is broken no fluent has a value; that is the validator's to say
         with contextlib.suppress(ProblemError):
             told = told_by_fluents(problem, plan_from_dict(problem, plan))
+    own: list[Said] = []
     for change in changes:
         name = told.get((change.activity, change.object), _named(plan, change.term))
-        where = f"'{change.object}' by activity '{change.activity}'"
-        found = stated.pop((change.activity, change.object), [])
-        if not found:
-            yield f"the plan lacks the change of {where}"
-            continue
-        if len(found) > 1:
-            yield f"the plan has {len(found)} changes of {where}"
-        wanted = ends[change.activity], name
-        yield from _change(snapshot, found[0], wanted, where)
-    for activity, name in stated:
-        yield f"the plan changes '{name}' by activity '{activity}', the problem does not"
+        pose, where = snapshot.configurations.get(name), {}
+        if pose is not None:
+            where = {"configuration": list(pose), "map": snapshot.map_of.get(name, 0)}
+        own.append((what(change.activity, change.object), {"time": ends[change.activity], **where}))
+    stated = [
+        (what(c["activity"], c["object"]), {**c, "map": map_number(c)}) for c in plan["changes"]
+    ]
+    yield from _compared(stated, own)
 
 
 def _named(plan: PlanDict, term: Term) -> str:
     return str(_parameter(plan, term.name)) if term.kind is TermKind.PARAMETER else term.name
-
-
-def _change(
-    snapshot: Snapshot, stated: Mapping[str, Any], wanted: tuple[float, str], where: str
-) -> Iterator[str]:
-    """Compare a change with when (s) it is to be, and the configuration that it leads to."""
-    end, name = wanted
-    if not math.isclose(stated["time"], end, rel_tol=1e-9, abs_tol=_CLOSE):
-        yield f"the change of {where} is at {stated['time']} s in the plan, not at {end:g} s"
-    pose = snapshot.configurations.get(name)
-    if pose is not None and not _equal(stated["configuration"], list(pose)):
-        yield f"the change of {where} puts it at {stated['configuration']}, not at {list(pose)}"
-    if map_number(stated) != snapshot.map_of.get(name, 0) and pose is not None:
-        yield f"the change of {where} is on map {map_number(stated)}"
 
 
 def _parameter(plan: PlanDict, name: str) -> object:

@@ -1,4 +1,6 @@
-"""How exactly plan files say times and poses, and what is too large to be meant."""
+"""How exactly plan files, and what is written for other tools, say times and poses; and what is too
+large to be meant.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,9 @@ class FilePrecision:
     """Finer than any plan is driven, coarse enough for files to be read."""
 
     step: float = 0.1
-    """Largest gap in s between two samples of a plan file while the object moves."""
+    """Largest gap in s between two samples of a plan file, and between two poses on ``/tf``, while
+    the object moves.
+    """
     decimals: int = 6
     """Digits after the point of times, coordinates and angles in a plan file."""
     sample_decimals: int = 9
@@ -27,6 +31,18 @@ class FilePrecision:
     """Characters of a name, at most."""
     turned: float = 1e4
     """Largest heading, rad, that a motion may come to by turning."""
+    straight: float = 0.2
+    """Largest angle (rad) between heading and direction of travel that counts as forwards."""
+    still: float = 1e-6
+    """Steps below this length (m) and turn (rad) are rests for other tools."""
+    spacing: float = 0.05
+    """Distance (m) between poses of a path for other tools, about."""
+    near: float = 1e-6
+    """Points of a path (m) that are the same."""
+    at_once: float = 2e-3
+    """Lags (s) up to which a robot that does one thing after the other keeps them by itself."""
+    nurbs: float = 0.01
+    """How far (m) the polyline of an order's edge may be from the motion."""
 
 
 PRECISION = FilePrecision()

@@ -366,7 +366,7 @@ def first_inside(executor: Executor, touches: Callable[[Pose, str], bool]) -> di
         if phase is TaskPhase.DONE:
             continue
         way = executor.state.ways[name, robot]
-        here = 0.0 if phase is TaskPhase.WAITING else braking(way)
+        here = 0.0 if phase is TaskPhase.WAITING else min(braking(way), way.length)
         at = np.arange(here, way.length + 0.1, 0.1).clip(max=way.length)
         poses = drive.path.poses_at(at)
         if touches(pose_of(poses[0]), robot):

@@ -5,7 +5,7 @@ gets the times that follow from that.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -29,33 +29,31 @@ the motion, which is to be driven without one if nobody is in the way by then.
 """
 
 
-@dataclass(frozen=True)
-class Ordering:
-    """``begun``: what has begun, and for how long (s). ``goals``: what ends cost. ``lead``: s until
-    anything of a new plan can be followed.
+def ordered(
+    plan: PlanDict,
+    told: Dependencies,
+    goals: Mapping[str, Goal],
+    begun: Mapping[str, float] = MappingProxyType({}),
+    lead: float = 0.0,
+    localisation: float = TOLERANCES.localisation,
+) -> PlanDict:
+    """Return a plan in the best order that is found, with its times from now on. ``begun``: what
+    has begun, and for how long (s). ``goals``: what ends cost. ``lead``: s until anything of a new
+    plan can be followed.
     """
-
-    begun: Mapping[str, float] = field(default_factory=dict)
-    goals: Mapping[str, Goal] = field(default_factory=dict)
-    lead: float = 0.0
-    localisation: float = 0.05
-
-    def __call__(self, plan: PlanDict, told: Dependencies) -> PlanDict:
-        """Return the plan in the best order that is found, with its times from now on."""
-        tuning = ExecutionTuning(reorder=ReorderTuning(horizon=1e6))
-        executor = Executor(plan, dependencies=told, localisation=self.localisation, tuning=tuning)
-        begun = {n: s for n, s in self.begun.items() if n in told.graph.tasks}
-        executor.join(
-            0.0,
-            under_way={n: {w.object: 0.0 for w in executor.state.ways_of[n]} for n in begun},
-            times={n: (-s, None) for n, s in begun.items()},
-        )
-        executor.goals = self.goals
-        executor.lead = self.lead
-        for _ in range(ROUNDS):
-            if propose(executor) is None:
-                break
-        return timed(plan, told, executor.retime())
+    tuning = ExecutionTuning(reorder=ReorderTuning(horizon=1e6))
+    executor = Executor(plan, dependencies=told, localisation=localisation, tuning=tuning)
+    here = {n: s for n, s in begun.items() if n in told.graph.tasks}
+    executor.join(
+        0.0,
+        under_way={n: {w.object: 0.0 for w in executor.state.ways_of[n]} for n in here},
+        times={n: (-s, None) for n, s in here.items()},
+    )
+    executor.goals, executor.lead = goals, lead
+    for _ in range(ROUNDS):
+        if propose(executor) is None:
+            break
+    return timed(plan, told, executor.retime())
 
 
 def timed(plan: PlanDict, told: Dependencies, ahead: Forecast) -> PlanDict:

@@ -17,6 +17,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from up_samp.execution.build import Dependencies
 from up_samp.execution.reorder import Goal
 from up_samp.fleet.records import (
     Door,
@@ -33,7 +34,7 @@ from up_samp.fleet.statements import Meaning, Written
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import ProblemError, SampError, UnsupportedError
 from up_samp.operate.horizon import DELIVERS, Cut
-from up_samp.operate.order import Ordering
+from up_samp.operate.order import ordered
 from up_samp.operate.records import Pose, Shape
 from up_samp.operate.stitch import BUSY, Kept, stitched
 from up_samp.system.child import ProcessGroup, close_pipes, command, environment
@@ -256,7 +257,8 @@ def _plan(ask: Question, cache: str | None) -> PlanDict:
     plan = with_dependencies(written.problem, result.data, localisation=ask.localisation)
     meanings: dict[str, Meaning] = dict(written.meanings)
     ties = ties_of(ask, written, plan)
-    whole = stitched(ask.kept, plan, meanings, ask.number, ties, partial(_ordering, ask))
+    order = partial(_ordered, ask)
+    whole = stitched(ask.kept, plan, meanings, ask.number, ties, ask.lead, order)
     whole["carrying"] = {r: o.id for r, o in ask.held.items()}
     return whole
 
@@ -274,12 +276,14 @@ def goals_of(
     return found
 
 
-def _ordering(ask: Question, meanings: Mapping[str, Meaning]) -> Ordering:
-    """Return how a plan is put in order: what orders' ends cost, and when it can be followed."""
+def _ordered(
+    ask: Question, plan: PlanDict, told: Dependencies, meanings: Mapping[str, Meaning]
+) -> PlanDict:
+    """Return a plan in order by what orders' ends cost, and by when it can be followed."""
     # where what came first is settled, nobody of it waits for whoever comes later
     goals = goals_of(meanings, ask.kept_jobs, FIRST if ask.settled else 1.0)
     goals |= goals_of(meanings, (*ask.jobs, *ask.held.values()))
-    return Ordering(ask.cut.begun, goals, ask.lead, ask.localisation)
+    return ordered(plan, told, goals, ask.cut.begun, ask.lead, ask.localisation)
 
 
 # ------------------ The process

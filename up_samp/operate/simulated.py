@@ -15,7 +15,7 @@ import numpy as np
 
 from up_samp.execution.executor import Executor
 from up_samp.execution.reports import Command, Do, Go, Hold
-from up_samp.execution.simulate import Delays, Luck, Senses, SimulatedRobot
+from up_samp.execution.simulate import Delays, Luck, SimulatedRobot
 from up_samp.operate.records import Pose, Report
 
 OFTEN, SELDOM = 0.4, 1.0
@@ -121,10 +121,11 @@ class SimulatedRobots:
             at += rng.expovariate(d.stops / 60.0)
             stops.append((at, rng.expovariate(1.0 / d.stop_seconds)))
         bias = rng.choice((-1.0, 1.0)) * d.bias * rng.random()
-        senses = Senses(bias, d.noise, d.lag, rng.random() < 0.5, False, f"{name} {self.seed}")
+        tracked = rng.random() < 0.5
         return Luck(
-            {name: 1.0 - d.slow * rng.random()}, {name: tuple(stops)}, senses={name: senses}
-        )
+            1.0 - d.slow * rng.random(), tuple(stops), None, bias, d.noise, d.lag, tracked,
+            seed=f"{name} {self.seed}",
+        )  # fmt: skip
 
     def follow(self, executor: Executor) -> None:
         """Know the paths of another plan."""

@@ -25,7 +25,6 @@ from up_samp.execution.tolerances import TOLERANCES
 from up_samp.fleet.statements import Meaning
 from up_samp.io.plan_dict import VERSIONS, PlanDict
 from up_samp.operate.horizon import Cut, meanings_of
-from up_samp.operate.order import Ordering
 from up_samp.operate.records import Pose
 
 BUSY = "busy."
@@ -178,11 +177,13 @@ def stitched(
     meanings: Mapping[str, Meaning],
     number: int,
     ties: Iterable[tuple[str, str]],
-    ordering: Callable[[Mapping[str, Meaning]], Ordering],
+    lead: float,
+    ordered: Callable[[PlanDict, Dependencies, Mapping[str, Meaning]], PlanDict],
 ) -> PlanDict:
     """Return one plan with its dependencies. ``meanings`` are those of the new plan's activities,
     which get ``#number`` behind their names. ``ties``: kept activities, and new ones (by their
-    names in the new plan) that may begin only then. ``ordering``: how both are put in order.
+    names in the new plan) that may begin only then. ``lead``: nothing new begins within so many
+    seconds. ``ordered``: puts both in order.
 
     Raises :class:`ProblemError` where nobody could follow it.
     """
@@ -220,8 +221,8 @@ def stitched(
     plan["makespan"] = max((a["end"] for a in plan["activities"]), default=0)
     known = dict(kept.meanings or {}) | {n: meanings[old] for old, n in names.items()}
     plan["meanings"] = {n: [m.kind.value, m.what, m.robot] for n, m in known.items()}
-    order, ties = ordering(known), [*ties]
-    plan = order(plan, _dependencies(plan, kept, new, names, ties, known, order.lead))
+    ties = [*ties]
+    plan = ordered(plan, _dependencies(plan, kept, new, names, ties, known, lead), known)
     told = _dependencies(plan, kept, new, names, ties, known)
     plan["minor"] = max(VERSIONS.localisation, new.get("minor", 0))
     plan["dependencies"] = {

@@ -119,7 +119,7 @@ def too_close(folder, seed, margin):
     return {who: gap for who, gap in found.items() if gap < margin - NEAR}
 
 
-@pytest.mark.parametrize("margin", [0.1, 0.3])
+@pytest.mark.parametrize("margin", [pytest.param(0.1, marks=pytest.mark.long), 0.3])
 def test_flyers_keep_the_margin(margin, tmp_path):
     assert too_close(tmp_path, 2, margin) == {}
 

@@ -31,7 +31,9 @@ def corridor(kind, width, turned, late=0.0):
 
 
 @pytest.mark.parametrize("turned", [0.0, math.pi])
-@pytest.mark.parametrize("width", [1.45, 1.6, pytest.param(2.0, marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    "width", [1.45, *(pytest.param(w, marks=pytest.mark.long) for w in (1.6, 2.0))]
+)
 @pytest.mark.parametrize("kind", ["omni", "car", "differential"])
 def test_two_pass_each_other(kind, width, turned, tmp_path):
     traffic = corridor(kind, width, turned)

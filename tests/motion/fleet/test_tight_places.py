@@ -28,22 +28,17 @@ def solve(traffic, seconds=300.0):
 def everything():
     for name, case in tight.CASES.items():
         for kind in case.bodies:
-            slow = kind == "car" or name in SLOW or (kind, name) in SLOWER
+            slow = (kind == "car" and name != "pocket") or name in SLOW or (kind, name) in SLOWER
             yield pytest.param(name, kind, marks=[pytest.mark.long] if slow else [])
 
 
 @pytest.mark.parametrize(("case", "kind"), list(everything()))
 def test_everybody_gets_through(case, kind, tmp_path):
     traffic = tight.CASES[case].build(tight.BODIES[kind]())
-    judge(traffic, solve(traffic), tmp_path)
-
-
-@pytest.mark.parametrize("kind", ["omni", "car"])
-def test_the_pocket_is_used_well(kind, tmp_path):
-    traffic = tight.pocket(tight.BODIES[kind]())
     total = judge(traffic, solve(traffic), tmp_path)
-    # alone both need 15.4 s; one of them has to get out of the way for the other
-    assert 2 * 15.4 < total < 41.0
+    if case == "pocket" and kind != "differential":
+        # alone both need 15.4 s; one of them has to get out of the way for the other
+        assert 2 * 15.4 < total < 41.0
 
 
 def test_an_l_slides_round_a_corner_wherever_it_starts(tmp_path):

@@ -14,8 +14,16 @@ ENGINES = ("cpsat", *(name for name, _, _ in known_engines()))
 EFFECTS = ("take", "half", "give")
 
 
-@pytest.mark.parametrize("engine", ENGINES)
-@pytest.mark.parametrize("listed", list(itertools.permutations(EFFECTS)))
+def each():
+    """Return engines with orders: of those that run in processes of their own one each, and the
+    rest where the slow tests are run.
+    """
+    for engine, listed in itertools.product(ENGINES, itertools.permutations(EFFECTS)):
+        slow = engine != "cpsat" and listed != EFFECTS[::-1]
+        yield pytest.param(engine, listed, marks=[pytest.mark.long] if slow else [])
+
+
+@pytest.mark.parametrize(("engine", "listed"), list(each()))
 def test_effects_may_be_listed_in_any_order(engine, listed):
     problem = SchedulingProblem("listed")
     free = problem.add_fluent("free", IntType(0, 1), default_initial_value=1)

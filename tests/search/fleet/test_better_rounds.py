@@ -25,6 +25,12 @@ def first_tours(size, seed=0):
     return problem, found, build, dealt
 
 
+@pytest.fixture(scope="module")
+def toured():
+    """Tours that nobody changes."""
+    return first_tours((4, 8), seed=1)
+
+
 def search_of(found, dealt, *, stale=12, seed=0):
     dealt = replace(dealt, tuning=SearchTuning(stale=stale))
     rest = lambda *_: None, random.Random(seed)  # no others to do jobs
@@ -84,8 +90,8 @@ def test_tours_decided_in_the_same_turns_are_the_same():
         assert tours.decided().ends() == found[1].ends()
 
 
-def test_the_next_one_comes_when_the_former_has_left():
-    _, found, _, _ = first_tours((4, 8), seed=1)
+def test_the_next_one_comes_when_the_former_has_left(toured):
+    _, found, _, _ = toured
     assert 0.0 < found[0].changeover(found[1]) < 15.0
     for robot in found[0].robots:
         pieces = found[0].pieces(robot)
@@ -105,8 +111,8 @@ def test_equal_seeds_bring_equal_changes(seed):
     assert ends[0] == ends[1]
 
 
-def test_the_last_end_hangs_on_who_was_at_a_place_before():
-    _, found, _, _ = first_tours((4, 8), seed=1)
+def test_the_last_end_hangs_on_who_was_at_a_place_before(toured):
+    _, found, _, _ = toured
     tours, decided = found[0], found[1]
     critical, ends = tours.critical(decided), decided.ends()
     assert ends[tours.robot_of(critical[0])] == max(ends.values())
@@ -130,8 +136,8 @@ def test_a_round_is_given_up_once_somebody_is_too_late():
     assert tours.decide_in_turns(Priorities(), Deadline.never()) is None
 
 
-def test_what_takes_longer_than_alone_looks_for_other_ways():
-    _, found, _, dealt = first_tours((4, 8), seed=1)
+def test_what_takes_longer_than_alone_looks_for_other_ways(toured):
+    _, found, _, dealt = toured
     delays = {r: found[0].delays(found[1], r) for r in found[0].robots}
     assert all(delay > -1.0 for some in delays.values() for delay in some.values())
     assert max(delay for some in delays.values() for delay in some.values()) > 1.0

@@ -175,7 +175,9 @@ def test_stated_places_are_unary_places_of_routes():
     assert [len(unit.places) for unit in units] == [2]
 
 
-@pytest.mark.parametrize("size", [(1, 2, 2), (2, 3, 2), (3, 3, 4)])
+@pytest.mark.parametrize(
+    "size", [(1, 2, 2), (2, 3, 2), pytest.param((3, 3, 4), marks=pytest.mark.long)]
+)
 def test_tours_of_job_shops_are_schedules(size):
     samp = job_shop(*size)
     problem = relax(samp, read_problem(samp)).problem
