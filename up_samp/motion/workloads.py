@@ -7,7 +7,6 @@ import math
 import numpy as np
 
 from up_samp.geometry import OccupancyGrid, Scene
-from up_samp.geometry.maps import BoolArray
 from up_samp.geometry.shapes import shape_of
 from up_samp.model import (
     Body,
@@ -25,6 +24,7 @@ from up_samp.model import (
     TimedMotion,
     Trajectory,
 )
+from up_samp.model.arrays import BoolArray
 from up_samp.motion.curves.reeds_shepp import shortest
 from up_samp.motion.curves.trapezoid import limits_of
 from up_samp.motion.service import MotionService

@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.model import (
     Deadline,
@@ -21,6 +20,7 @@ from up_samp.model import (
     UnsupportedError,
     avoids,
 )
+from up_samp.model.arrays import IntArray
 from up_samp.motion.budget import WorkBudget
 from up_samp.motion.fleet.neighbourhoods import (
     MovingGroup,
@@ -33,8 +33,6 @@ from up_samp.motion.fleet.paths import TIMES, Path
 from up_samp.motion.fleet.priority_search import Group, Node, alone, climb, window_of
 from up_samp.motion.fleet.timed_path import TimedPath, fixed_run
 from up_samp.motion.fleet.workspace import PathPlanner, Workspace, rest_run, workspace_of
-
-IntArray = npt.NDArray[np.int64]
 
 
 def one_decides(runs: IntArray) -> bool:

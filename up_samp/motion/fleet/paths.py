@@ -13,12 +13,12 @@ from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.geometry.meshes import load_mesh
 from up_samp.geometry.records import inner, kernel
 from up_samp.geometry.shapes import Shape, shape_of
 from up_samp.model import Body, Configuration, Trajectory
+from up_samp.model.arrays import BoolArray, FloatArray, IntArray
 from up_samp.motion.curves.rolling import ON_SPOT, rolls_of
 from up_samp.motion.curves.twists import partway, twists
 from up_samp.motion.fleet.conflicts import Hull, Swept, sweep_table
@@ -28,10 +28,6 @@ from up_samp.motion.fleet.flyers import ROUND, SweptSolid
 # Who is in which cell when, and what that leaves free. ``occupied`` of a run has shape (cells +
 # 3,): extended cell ``i`` is held during ``[occupied[i], occupied[i + 1]]``. A body that waits
 # between two cells counts as being in the one behind it.
-
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 
 class CellTimes(NamedTuple):
@@ -309,9 +305,6 @@ def first_gap(blocked: FloatArray, earliest: float, latest: float) -> float:
 
 # ------------------ Where paths bend
 # Their parameter, where they kink, where the body must rest or drive slowly.
-
-
-BoolArray = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.geometry import Shape, sweeps
 from up_samp.geometry.scene import Scene
 from up_samp.geometry.shapes import shape_of
 from up_samp.model import Body, Configuration, Kinematics, Placed, check_time
+from up_samp.model.arrays import FloatArray
 from up_samp.motion.curves.arcs import length_of, nodes_of
 from up_samp.motion.curves.reeds_shepp import fastest
 from up_samp.motion.curves.trapezoid import limits_of, runs_of
@@ -27,7 +27,6 @@ from up_samp.motion.fleet.paths import Path, hull_of
 from up_samp.motion.guides.search_space import widest_shape
 from up_samp.motion.moves import ShortMove, steer, straight_move
 
-FloatArray = npt.NDArray[np.float64]
 Key = tuple[int, int, int]
 Box = tuple[float, float, float, float]
 

@@ -9,7 +9,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.geometry import Scene
 from up_samp.model import (
@@ -19,6 +18,7 @@ from up_samp.model import (
     ProblemError,
     UnsupportedError,
 )
+from up_samp.model.arrays import FloatArray
 from up_samp.motion.budget import WorkBudget
 from up_samp.motion.models import MODELS, made_by
 from up_samp.motion.planners.ompl_planar import PlanarWorld, search
@@ -116,7 +116,7 @@ def explore(
     return Exploration(nodes is not None, reached, blockers, len(tree))
 
 
-def _reaches(world: PlanarWorld, tree: npt.NDArray[np.float64], pose: Configuration) -> bool:
+def _reaches(world: PlanarWorld, tree: FloatArray, pose: Configuration) -> bool:
     """Return whether a free edge leads from a vertex of the tree to a pose."""
     x, y, th = (float(v) for v in pose[:3])
     if not world.pose_free(x, y, th):

@@ -14,7 +14,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.geometry import Scene
 from up_samp.geometry.kernels import advance, map_clearance, poly_distance
@@ -28,6 +27,7 @@ from up_samp.model import (
     Trajectory,
     UnsupportedError,
 )
+from up_samp.model.arrays import FloatArray, IntArray
 from up_samp.motion.budget import WorkBudget
 from up_samp.motion.curves.arcs import merged, path_time
 from up_samp.motion.curves.blending import pieces
@@ -49,10 +49,6 @@ from up_samp.motion.planners.ompl_solve import (
     vertices,
 )
 from up_samp.motion.protocol import Leg, LegQuery
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-
 
 POLISH = 400
 """Edge checks that improving planners spend after a first path."""
