@@ -72,18 +72,19 @@ class PaperCuts:
         targets = {str(pose): pose for s in same for pose in s[1]}
         deadline = budget.deadline.within(_EXPLORE_SHARE * budget.query_seconds)
         query = PathQuery(body, motion.poses, obstacles)
-        found = explore(motions.service.scene, query, targets, deadline, seed=self.seed)
-        if found.goal or not self.widened:
-            return [], found.blockers
-        reached = {*found.reached, str(motion.poses[0])}
+        scene = motions.service.scene
+        arrived, found, blockers = explore(scene, query, targets, deadline, seed=self.seed)
+        if arrived or not self.widened:
+            return [], blockers
+        reached = {*found, str(motion.poses[0])}
         cases = [
             case
             for signature in same
             if str(signature[1][0]) in reached and str(signature[1][1]) not in reached
             for case in facts.by_signature[signature]
-            if avoids(case.task.avoid, *found.blockers)
+            if avoids(case.task.avoid, *blockers)
         ]
-        return sorted(cases, key=lambda c: (c.activity, c.given)), found.blockers
+        return sorted(cases, key=lambda c: (c.activity, c.given)), blockers
 
     def too_slow(self, motions: Motions, alone: Alone, units: int) -> list[Refinement]:
         """State that the motion and all alike last ``units`` while others rest at their places:
