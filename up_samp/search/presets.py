@@ -11,9 +11,7 @@ from functools import partial
 from typing import TypeVar
 
 from up_samp.extensions import parts
-from up_samp.model import Body, Configuration, PathReport, Placed
 from up_samp.model.refinement import Refinement
-from up_samp.motion import MotionService
 from up_samp.search.budget import SchedulerPace
 from up_samp.search.check import CheckAlone, check_duration, check_path
 from up_samp.search.cuts.handovers import handover_cuts
@@ -129,21 +127,6 @@ def components_of(params: Parameters, *, native: bool) -> Components:
         finishers=with_ideas(((prune_motions, ("tidy",)),)),
         learns="refine" in ideas,
     )
-
-
-class WithoutProofs(MotionService):
-    """A motion service that tells nothing impossible before it has searched for it."""
-
-    def certificate(
-        self, body: Body, poses: Sequence[Configuration], obstacles: Sequence[Placed]
-    ) -> PathReport | None:
-        """Return None: there is no proof."""
-        return None
-
-
-def motion_service_of(params: Parameters) -> type[MotionService]:
-    """Return the kind of motion service that parameters ask for."""
-    return MotionService if params.certificates else WithoutProofs
 
 
 def _cuts(ideas: set[str], attempts: tuple[Attempt, ...], seed: int) -> Cuts:
