@@ -37,9 +37,6 @@ def inner(function: F) -> F:
     return compiled
 
 
-# ------------------ The records that compiled collision checks take
-
-
 Coordinate = TypeVar("Coordinate", float, FloatArray)
 
 

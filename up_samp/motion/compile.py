@@ -44,9 +44,6 @@ def warm_up(model: MotionModel) -> float:
     return 0.0 if is_compiling() else precompile([model], several=False)
 
 
-# ------------------ Compile the kernels that a problem needs
-
-
 log = logging.getLogger(__name__)
 
 _MOST_SECONDS = 600.0

@@ -179,9 +179,6 @@ def _strung(scene: Scene, query: PathQuery, legs: Sequence[Leg]) -> tuple[Trajec
     return whole, False
 
 
-# ------------------ Legs from the cache or from planners
-
-
 _LAZY_ROUNDS = 3
 """Of planning around the objects in the way before all of them count."""
 _QUICK_EFFORT = {

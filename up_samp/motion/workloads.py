@@ -123,13 +123,13 @@ def compile_knots() -> None:
 
     ends = ((2.0, 4.0, 0.0), (4.0, 4.0, 0.0))
     body = Body(_BODY.footprint, Kinematics(MotionModel.SE2))
-    roadmap = Roadmap(Scene(_hall()), body, ends, (), (), 1.0)
+    roadmap = Roadmap(Scene(_hall()), body, ends, (), 1.0)
     places = [roadmap.place(pose) for pose in ends]
     agents = [
         Agent(roadmap, start, goal, roadmap.to_go(goal))
         for start, goal in (places, reversed(places))
     ]
-    Joint(agents, [[False, True], [True, False]], 0.01, 0).search(10_000, Deadline.never())
+    Joint(agents, [[False, True], [True, False]], 0.01).search(10_000, Deadline.never())
 
 
 def compile_search() -> None:

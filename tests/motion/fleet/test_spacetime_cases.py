@@ -17,9 +17,9 @@ from up_samp.model import (
 )
 from up_samp.motion.fleet import coordinate, earliest_arrival
 from up_samp.motion.fleet.paths import Safe
-from up_samp.motion.fleet.priority_search import couple
 from up_samp.motion.fleet.speed import TunedPath, reachable
 from up_samp.motion.fleet.timed_path import Speeds, natural_timing, run_of
+from up_samp.motion.fleet.together import couple
 from up_samp.motion.fleet.workspace import rest_run, workspace_of
 from up_samp.motion.service import MotionService
 

@@ -445,9 +445,8 @@ def ways_at(poses: FloatArray, s: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.where(sharp, before, way), np.where(sharp, after, way)
 
 
-# ------------------ Fixed paths, cut into short cells: the geometry that speed tuning and
-# Fixed paths, cut into short cells: the geometry that speed tuning and conflict checks share. A
-# path keeps the shape of a planner's trajectory and forgets its timing. Its parameter ``s`` (m)
+# ------------------ Fixed paths
+# A path keeps the shape of a planner's trajectory and forgets its timing. Its parameter ``s`` (m)
 # is driven length for cars, and for bodies that turn on the spot where they drive; for
 # omnidirectional bodies, and on the spot, it is the larger of the length and the turn scaled by
 # ``v_max / omega_max``, so that ``|ds/dt| <= v_max`` bounds speed and turn rate at once.

@@ -83,9 +83,6 @@ def but_cleared(rows: IntArray, a: Path, b: Path) -> IntArray:
     return rows
 
 
-# ------------------ A workspace that remembers paths, and what they have to do with each other
-
-
 CHORD = 0.1
 """Allowance (m) for positions read along chords instead of arcs."""
 

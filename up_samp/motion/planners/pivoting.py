@@ -137,7 +137,7 @@ class PivotPlanner:
             left = most if query.effort is None else min(most, query.effort - effort)
             if deadline.expired() or left <= 0:
                 return None, effort, True
-            roadmap = Roadmap(self.scene, body, ends, (), query.obstacles, cell, box)
+            roadmap = Roadmap(self.scene, body, ends, query.obstacles, cell, box)
             start, goal = (roadmap.place(pose) for pose in ends)
 
             def estimate(node: int, roadmap: Roadmap = roadmap) -> float:
