@@ -198,12 +198,11 @@ def test_same_seed_same_answer():
 
 def test_earliest_arrival_among_movers():
     service = MotionService(room(40, 12, [(1, 1, 39, 11)]))
-    b = earliest_arrival(service, motion("b", (20, 2.5, UP), (20, 9.5, UP)))
-    fixed = FixedMotion("b", "B", CAR, b.trajectory)
+    b = solve(service, [motion("b", (20, 2.5, UP), (20, 9.5, UP))]).trajectories["b"]
     a = motion("a", (3, 6, 0), (37, 6, 0), 0, 30)
-    found = earliest_arrival(service, a, fixed=[fixed])
+    found = earliest_arrival(service, a, FixedMotion("b", "B", CAR, b))
     assert found.outcome is Outcome.FOUND
-    both = {"a": found.trajectory, "b": b.trajectory}
+    both = {"a": found.trajectory, "b": b}
     from tests.motion.fleet.spacetime_oracle import clearance
 
     assert clearance([a, motion("b", (20, 2.5, UP), (20, 9.5, UP))], both) > 0

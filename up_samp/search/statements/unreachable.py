@@ -56,7 +56,7 @@ def _certify(
     reason, changes = rules.Reason(why), facts.movers[placed.name]
     found += [_gone_from_the_start(c, changes, reason) for c in static]
     if others:
-        found += [opened(facts, c, placed.name, configuration, 0, reason) for c in others]
+        found += [_opened(facts, c, placed.name, configuration, reason) for c in others]
     return found
 
 
@@ -77,21 +77,15 @@ def _blocked_while(
     ]
 
 
-def opened(
-    facts: Facts,
-    case: MotionCase,
-    obstacle: str,
-    configuration: str,
-    tail: int,
-    reason: rules.Reason,
+def _opened(
+    facts: Facts, case: MotionCase, obstacle: str, configuration: str, reason: rules.Reason
 ) -> Refinement:
-    """State that an obstacle which does not come back has left ``tail`` units before the end."""
+    """State that an obstacle which does not come back has left before the end."""
     changes = facts.movers[obstacle]
     if len(changes) <= 1 and not case.given:
-        return rules.needs_open(case.activity, obstacle, configuration, tail, reason)
+        return rules.needs_open(case.activity, obstacle, configuration, 0, reason)
     # a condition would forbid further changes in its interval, although the obstacle has gone
-    point = end_of(case.activity)
-    cut = rules.gone_before(point, changes, max(1, tail), reason)
+    cut = rules.gone_before(end_of(case.activity), changes, 1, reason)
     return rules.only_given(cut, case.given)
 
 
