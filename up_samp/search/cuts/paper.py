@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from up_samp.model import PathQuery, Placed, ScheduledMotion, avoids
 from up_samp.model.refinement import Layer, Refinement, Strength
 from up_samp.refinement import paper_rules
-from up_samp.refinement.rules import Reason
 from up_samp.search.cuts.protocol import Alike, Alone, Failure
 from up_samp.search.facts import Facts, MotionCase
 from up_samp.search.knowledge import Knowledge
@@ -52,7 +51,9 @@ class PaperCuts:
                 (_under(motion, case),),
                 _movers(facts, places),
                 places,
-                Reason(alone.why, Layer.GEOMETRIC, Strength.HEURISTIC),
+                alone.why,
+                Layer.GEOMETRIC,
+                Strength.HEURISTIC,
             )
             for case in dict.fromkeys((facts.case(motion), *cases))
         ]
@@ -96,7 +97,9 @@ class PaperCuts:
                 _movers(motions.facts, alone.places),
                 {case.activity: units},
                 alone.places,
-                Reason(alone.why, Layer.TEMPORAL, alone.strength),
+                alone.why,
+                Layer.TEMPORAL,
+                alone.strength,
             )
             for case in alone.cases
         ]
@@ -118,7 +121,9 @@ class PaperCuts:
                     group,
                     _rivals(facts),
                     places,
-                    Reason(why, Layer.GROUP, Strength.HEURISTIC),
+                    why,
+                    Layer.GROUP,
+                    Strength.HEURISTIC,
                 )
             ]
         changers = _changers(facts, places)
@@ -131,7 +136,9 @@ class PaperCuts:
                 sorted({*_rivals(facts), *changers - meanwhile}),
                 failure.arrivals(group),
                 places,
-                Reason("the group needs more time", Layer.GROUP, strength),
+                "the group needs more time",
+                Layer.GROUP,
+                strength,
             )
         ]
 
