@@ -203,7 +203,7 @@ def test_no_move_of_a_roadmap_leads_back(body):
     service = MotionService(hall(8, 8))
     ends = ((2.5, 2.3, 0.4), (5.5, 5.5, math.pi / 2))
     cell = cells_of(body)[1]
-    roadmap = Roadmap(service.scene, body, ends, (), (), cell)
+    roadmap = Roadmap(service.scene, body, ends, (), cell)
     start, goal = (roadmap.place(pose) for pose in ends)
     to_go = roadmap.to_go(goal)
     assert start in to_go

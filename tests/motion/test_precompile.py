@@ -136,57 +136,14 @@ def test_each_processor_gets_about_the_same_to_compile():
         assert max(loads) <= max(4 / 3 * sum(loads) / processes, max(module.SECONDS.values()))
 
 
-def test_what_few_problems_need_is_waited_for_by_nobody(folder, monkeypatch):
-    started = []
-
-    class Done:
-        returncode = 0
-        stderr = None
-
-        def __init__(self, parts):
-            started.append(list(parts))
-            for part in parts:
-                if part != module.LOWLY and module.LOWLY not in parts:
-                    compiled(part, monkeypatch)
-
-        def poll(self):
-            return 0
-
-        def communicate(self):
-            return b"", b""
-
-    monkeypatch.setattr(module, "_start", Done)
-    monkeypatch.setattr(module, "_behind", {})
-    compilation = module.begin([MotionModel.REEDSSHEPP], several=True)
-    now = ["bounds", "groups", "paths", "shortcuts"]
-    assert sorted(p for parts in started for p in parts) == now
-    assert compilation.wait() > 0.0
-    assert started[-1] == [module.LOWLY, "knots", "search"]
-    compilation.wait()
-    assert sum(module.LOWLY in parts for parts in started) == 1
-
-
-def test_what_is_compiled_behind_is_not_begun_twice(folder, monkeypatch):
-    """However many solves begin meanwhile; but again where that process has ended in vain."""
-    for part in ("paths", "shortcuts", "bounds", "groups"):
-        compiled(part, monkeypatch)
-    monkeypatch.setattr(module, "_behind", {})
-    monkeypatch.setattr(module.child, "bare", lambda name: "import sys; sys.stdin.read()")
-    started, start = [], module._start
-    monkeypatch.setattr(module, "_start", lambda parts: started.append(parts) or start(parts))
-    for _ in range(3):
-        module.begin([MotionModel.REEDSSHEPP], several=True).wait()
-    assert started == [[module.LOWLY, "knots", "search"]]
-    process = module._behind["knots"]
-    assert process.poll() is None
-    process.stdin.close()
-    process.wait(20.0)
-    module.begin([MotionModel.REEDSSHEPP], several=True).wait()
-    assert len(started) == 2
-    last = module._behind["search"]
-    module._end_all()
-    assert last.poll() is not None
-    assert not module._behind
+def test_what_few_problems_need_is_compiled_when_it_is_needed(folder, monkeypatch):
+    monkeypatch.setattr(module, "_start", lambda parts: None)
+    assert set(module.begin([MotionModel.REEDSSHEPP], several=False).parts) == {
+        "paths",
+        "shortcuts",
+        "bounds",
+    }
+    assert not {"knots", "search"} & set(module.begin(MotionModel, several=True).parts)
 
 
 def test_a_child_that_fails_is_told_of_and_its_work_done_here(folder, monkeypatch, caplog):

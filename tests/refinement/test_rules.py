@@ -3,7 +3,7 @@
 import pytest
 
 from up_samp.model import CandidateSchedule, ScheduledMotion
-from up_samp.model.refinement import Layer, Strength
+from up_samp.model.refinement import Layer, Requires, Span, Strength
 from up_samp.refinement import holds, paper_rules, rules, timed
 
 
@@ -112,7 +112,7 @@ def test_a_parameter_may_tell_who_comes_to_a_unary_place_and_leaves_it():
 
 
 def test_requirements_over_their_spans():
-    tail = rules.needs_open("a", "door", "shut", 3, rules.Reason("blocks")).statement
+    tail = Requires("a", "door", frozenset({"shut"}), Span.TAIL, 3)
 
     def opened_at(t):
         return lambda _, first, last: (
@@ -129,7 +129,9 @@ def test_the_papers_condition_gives_way_to_any_rival():
         group,
         ["a", "r"],
         {"box": "mid"},
-        rules.Reason("no path", Layer.GEOMETRIC, Strength.HEURISTIC),
+        "no path",
+        Layer.GEOMETRIC,
+        Strength.HEURISTIC,
     ).statement
     assert not holds(cut, schedule(a=(0, 5)), at(box="mid"))
     assert not holds(cut, schedule(a=(0, 5), r=(6, 8)), at(box="mid"))
@@ -140,7 +142,7 @@ def test_the_papers_condition_gives_way_to_any_rival():
 def test_the_papers_timing_cut():
     group = [motion("a", 0, 5), motion("b", 2, 6)]
     cut = paper_rules.paper_temporal(
-        group, ["a", "b"], {"b": 8}, {}, rules.Reason("slow", Layer.GROUP, Strength.RELATIVE)
+        group, ["a", "b"], {"b": 8}, {}, "slow", Layer.GROUP, Strength.RELATIVE
     ).statement
     assert not holds(cut, schedule(a=(0, 5), b=(2, 6)), nowhere)
     assert holds(cut, schedule(a=(0, 5), b=(1, 6)), nowhere)

@@ -14,11 +14,11 @@ from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 
 from up_samp.geometry.maps import MOST_PIXELS, OccupancyGrid, load_map
 from up_samp.model import Configuration, UnsupportedError
+from up_samp.model.arrays import BoolArray
 from up_samp.model.frames import Frame, PlacedMap
 from up_samp.model.snapshot import Snapshot, TermKind
 
@@ -128,7 +128,7 @@ def _side_by_side(
     return whole, [start * cell for start in starts]
 
 
-def _finer(cells: npt.NDArray[np.bool_], n: int) -> npt.NDArray[np.bool_]:
+def _finer(cells: BoolArray, n: int) -> BoolArray:
     return cells if n == 1 else np.repeat(np.repeat(cells, n, axis=0), n, axis=1)
 
 

@@ -16,10 +16,7 @@ import numpy.typing as npt
 
 from up_samp.geometry.records import inner, kernel
 from up_samp.model import check_time
-
-BoolArray = npt.NDArray[np.bool_]
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int32]
+from up_samp.model.arrays import BoolArray, FloatArray, Int32Array
 
 BAND = 2_000_000
 """Cells that are worked on between two looks at the clock."""
@@ -48,7 +45,7 @@ def distances_to(
     return out
 
 
-def nearest_to(blocked: BoolArray) -> IntArray:
+def nearest_to(blocked: BoolArray) -> Int32Array:
     """Return (2, rows, columns): row and column of the blocked cell nearest to every cell; at least
     one has to be blocked.
 
@@ -69,7 +66,7 @@ def nearest_to(blocked: BoolArray) -> IntArray:
     return found
 
 
-def _near(blocked: BoolArray) -> IntArray:
+def _near(blocked: BoolArray) -> Int32Array:
     check_time()
     near = np.empty(blocked.shape, dtype=np.int32)
     column_distances(np.ascontiguousarray(blocked), near)
@@ -108,7 +105,7 @@ def shortest_ways(lengths: FloatArray) -> FloatArray:
 
 
 @kernel
-def column_distances(blocked: BoolArray, near: IntArray) -> None:
+def column_distances(blocked: BoolArray, near: Int32Array) -> None:
     """Write the distance (in cells) of every cell to the nearest blocked one of its column."""
     rows, cols = blocked.shape
     far = rows + cols
@@ -122,7 +119,7 @@ def column_distances(blocked: BoolArray, near: IntArray) -> None:
 
 
 @kernel
-def row_distances(near: IntArray, out: FloatArray, columns: IntArray) -> None:
+def row_distances(near: Int32Array, out: FloatArray, columns: Int32Array) -> None:
     """Write the exact distance (in cells) of every cell to the nearest blocked one, and (unless
     ``columns`` is empty) that one's column.
 
@@ -162,7 +159,7 @@ def row_distances(near: IntArray, out: FloatArray, columns: IntArray) -> None:
 
 
 @inner
-def _root(parents: IntArray, label: int) -> int:
+def _root(parents: Int32Array, label: int) -> int:
     """Return the least label known to mean the same region."""
     while parents[label] != label:
         parents[label] = parents[parents[label]]
@@ -171,7 +168,7 @@ def _root(parents: IntArray, label: int) -> int:
 
 
 @kernel
-def label_regions(cells: BoolArray, labels: IntArray) -> int:
+def label_regions(cells: BoolArray, labels: Int32Array) -> int:
     """Number the regions of ``cells`` from 1 in the order of their first cells (row by row) and
     return how many there are. Cells that touch at a corner belong together; ``labels`` is 0 where
     there is no cell.

@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.geometry.records import (
     GridData,
@@ -23,6 +22,7 @@ from up_samp.geometry.records import (
     inner,
     kernel,
 )
+from up_samp.model.arrays import FloatArray
 
 Pose = tuple[float, float, float]
 
@@ -73,9 +73,7 @@ def _disc_bound(grid: GridData, shape: ShapeData, x: float, y: float, c: float, 
 
 
 @inner
-def _part_free(
-    grid: GridData, verts: npt.NDArray[np.float64], n: int, x: float, y: float, th: float
-) -> bool:
+def _part_free(grid: GridData, verts: FloatArray, n: int, x: float, y: float, th: float) -> bool:
     """Return whether a convex polygon placed at a pose covers no blocked cell (exact)."""
     inv = 1.0 / grid.frame.size
     gx, gy = grid_along(grid.frame, x, y)
@@ -148,12 +146,12 @@ def map_clearance(grid: GridData, shape: ShapeData, x: float, y: float, th: floa
 
 @inner
 def _place(
-    verts: npt.NDArray[np.float64],
+    verts: FloatArray,
     n: int,
     x: float,
     y: float,
     th: float,
-    out: npt.NDArray[np.float64],
+    out: FloatArray,
 ) -> None:
     c, s = math.cos(th), math.sin(th)
     for i in range(n):
@@ -163,7 +161,7 @@ def _place(
 
 
 @inner
-def _separation(a: npt.NDArray[np.float64], n: int, b: npt.NDArray[np.float64], m: int) -> float:
+def _separation(a: FloatArray, n: int, b: FloatArray, m: int) -> float:
     """Return the largest gap between b and an edge's line of a (negative: none separates)."""
     best = -1e300
     j = n - 1
@@ -181,9 +179,7 @@ def _separation(a: npt.NDArray[np.float64], n: int, b: npt.NDArray[np.float64], 
 
 
 @inner
-def _corner_distance(
-    a: npt.NDArray[np.float64], n: int, b: npt.NDArray[np.float64], m: int
-) -> float:
+def _corner_distance(a: FloatArray, n: int, b: FloatArray, m: int) -> float:
     """Return the squared distance from b's corners to a's edges."""
     best = 1e300
     j = n - 1
@@ -200,9 +196,7 @@ def _corner_distance(
 
 
 @kernel
-def convex_distance(
-    a: npt.NDArray[np.float64], n: int, b: npt.NDArray[np.float64], m: int
-) -> float:
+def convex_distance(a: FloatArray, n: int, b: FloatArray, m: int) -> float:
     """Return the distance (m) of two convex polygons with ``n`` and ``m`` corners, exact where they
     are apart; where they overlap, minus the depth along the best separating direction.
     """

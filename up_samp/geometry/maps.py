@@ -21,11 +21,10 @@ import yaml
 from PIL import Image
 
 from up_samp.model import ProblemError, SampError, check_time
+from up_samp.model.arrays import BoolArray, FloatArray, IntArray
 from up_samp.model.errors import short
 from up_samp.system.files import whole, write_whole
 
-BoolArray = npt.NDArray[np.bool_]
-FloatArray = npt.NDArray[np.float64]
 Judge = Callable[[FloatArray, BoolArray], tuple[BoolArray, BoolArray]]
 
 FORMATS = ("PNG", "PPM")
@@ -115,7 +114,7 @@ class OccupancyGrid:
         h.update(np.packbits(self.unknown).tobytes())
         return h.hexdigest()[:32]
 
-    def cells_of(self, points: npt.ArrayLike) -> npt.NDArray[np.int64]:
+    def cells_of(self, points: npt.ArrayLike) -> IntArray:
         """Return the (row, col) of world ``points`` of shape (n, 2); may lie outside the map."""
         p = np.asarray(points, dtype=np.float64).reshape(-1, 2) - np.array(self.origin[:2])
         c, s = math.cos(self.origin[2]), math.sin(self.origin[2])

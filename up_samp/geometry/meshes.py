@@ -20,9 +20,7 @@ import numpy.typing as npt
 from up_samp.geometry.maps import OccupancyGrid
 from up_samp.geometry.scene import placed_polygons
 from up_samp.model import Body, Configuration, ProblemError, UnsupportedError
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
+from up_samp.model.arrays import FloatArray, IntArray
 
 _TOUCH = 1e-7
 """Distance (m) of surfaces that counts as contact."""

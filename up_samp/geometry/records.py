@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from up_samp.geometry.kernel_cache import KernelCache
+from up_samp.model.arrays import FloatArray, Int32Array, IntArray
 
 F = TypeVar("F", bound=Callable[..., object])
 
@@ -36,10 +37,7 @@ def inner(function: F) -> F:
     return compiled
 
 
-# ------------------ The records that compiled collision checks take
-
-
-Coordinate = TypeVar("Coordinate", float, npt.NDArray[np.float64])
+Coordinate = TypeVar("Coordinate", float, FloatArray)
 
 
 class GridFrame(NamedTuple):
@@ -82,7 +80,7 @@ class GridData(NamedTuple):
     cell or the outside of the map. Without a map both arrays have no rows.
     """
 
-    sums: npt.NDArray[np.int32]
+    sums: Int32Array
     clearance: npt.NDArray[np.float32]
     frame: GridFrame
 
@@ -96,10 +94,10 @@ class ShapeData(NamedTuple):
     ``radius``: of the circumscribed disc about the reference point; ``margin``; both in m.
     """
 
-    verts: npt.NDArray[np.float64]
-    counts: npt.NDArray[np.int64]
-    slack: npt.NDArray[np.float64]
-    discs: npt.NDArray[np.float64]
+    verts: FloatArray
+    counts: IntArray
+    slack: FloatArray
+    discs: FloatArray
     radius: float
     margin: float
 
@@ -109,10 +107,10 @@ class PolyData(NamedTuple):
     (n,), ``centres`` (n, 3) x, y, r of a covering disc, ``owner`` (n,) index of the object.
     """
 
-    verts: npt.NDArray[np.float64]
-    counts: npt.NDArray[np.int64]
-    centres: npt.NDArray[np.float64]
-    owner: npt.NDArray[np.int64]
+    verts: FloatArray
+    counts: IntArray
+    centres: FloatArray
+    owner: IntArray
 
 
 class WorldData(NamedTuple):

@@ -16,9 +16,10 @@ from up_samp.geometry.memory import Memory
 from up_samp.geometry.records import GridData, GridFrame, PolyData, WorldData, open_plane
 from up_samp.geometry.shapes import Shape, shape_of
 from up_samp.model import Body, Configuration, Placed, check_time
+from up_samp.model.arrays import BoolArray, FloatArray
 
 
-def clearance_field(blocked: npt.NDArray[np.bool_], resolution: float) -> npt.NDArray[np.float32]:
+def clearance_field(blocked: BoolArray, resolution: float) -> npt.NDArray[np.float32]:
     """Return for each cell the smallest distance (m) from any of its points to a blocked cell or to
     the outside of the map.
 
@@ -47,7 +48,7 @@ def grid_data(grid: OccupancyGrid | None) -> GridData:
     return GridData(sums, clearance_field(blocked, grid.resolution), frame)
 
 
-def placed_polygons(body: Body, pose: Configuration) -> list[npt.NDArray[np.float64]]:
+def placed_polygons(body: Body, pose: Configuration) -> list[FloatArray]:
     """Return the convex parts of a resting planar body in the world frame, each of shape (n, 2)."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
     turn = np.array([[c, -s], [s, c]])

@@ -11,13 +11,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 
 from up_samp.geometry.meshes import load_mesh, rotation
 from up_samp.model import Body, Kinematics, MotionModel, Placed, ProblemError
-
-FloatArray = npt.NDArray[np.float64]
+from up_samp.model.arrays import FloatArray
 
 THIN = 1e-7
 """Half the width (m) of the shadow of a sheet that stands upright, which covers no area by itself;

@@ -9,13 +9,12 @@ from functools import cached_property, lru_cache
 from itertools import starmap
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 
 from up_samp.geometry.records import ShapeData
 from up_samp.model import Body, ProblemError, check_time
+from up_samp.model.arrays import FloatArray
 
-FloatArray = npt.NDArray[np.float64]
 Point = tuple[float, float]
 
 CORE = 2e-6

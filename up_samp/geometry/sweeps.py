@@ -8,11 +8,9 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-import numpy.typing as npt
-
 from up_samp.geometry.kernels import Pose, advance, clearance
 from up_samp.geometry.records import ShapeData, WorldData, inner, kernel
+from up_samp.model.arrays import FloatArray
 
 
 @kernel
@@ -47,9 +45,7 @@ def arc_free(world: WorldData, x: float, y: float, th: float, kappa: float, s: f
 
 
 @kernel
-def path_free(
-    world: WorldData, start: npt.NDArray[np.float64], arcs: npt.NDArray[np.float64]
-) -> int:
+def path_free(world: WorldData, start: FloatArray, arcs: FloatArray) -> int:
     """Return the index of the first of the ``arcs`` (n, 2: curvature, signed length), driven one
     after the other from ``start``, that does not keep the margin; -1 if all do.
     """
@@ -57,7 +53,7 @@ def path_free(
 
 
 @inner
-def first_blocked(world: WorldData, start: Pose, arcs: npt.NDArray[np.float64], n: int) -> int:
+def first_blocked(world: WorldData, start: Pose, arcs: FloatArray, n: int) -> int:
     """Return the index of the first of ``n`` arcs, driven from ``start``, that does not keep the
     margin; -1 if all do.
     """
@@ -70,7 +66,7 @@ def first_blocked(world: WorldData, start: Pose, arcs: npt.NDArray[np.float64], 
 
 
 @kernel
-def between(poses: npt.NDArray[np.float64], i: int, share: float) -> tuple[float, float, float]:
+def between(poses: FloatArray, i: int, share: float) -> tuple[float, float, float]:
     """Return the pose ``share`` of the way from sample ``i`` to the next under a constant twist."""
     turn = poses[i + 1, 2] - poses[i, 2]
     dx, dy = poses[i + 1, 0] - poses[i, 0], poses[i + 1, 1] - poses[i, 1]
@@ -84,7 +80,7 @@ def between(poses: npt.NDArray[np.float64], i: int, share: float) -> tuple[float
 
 
 @kernel
-def sweep_travel(poses: npt.NDArray[np.float64], i: int, radius: float) -> float:
+def sweep_travel(poses: FloatArray, i: int, radius: float) -> float:
     """Return a bound (m) on the travel of any point within ``radius`` from sample i to the next."""
     turn = abs(poses[i + 1, 2] - poses[i, 2])
     dx, dy = poses[i + 1, 0] - poses[i, 0], poses[i + 1, 1] - poses[i, 1]
@@ -95,7 +91,7 @@ def sweep_travel(poses: npt.NDArray[np.float64], i: int, radius: float) -> float
 
 
 @kernel
-def samples_free(world: WorldData, poses: npt.NDArray[np.float64], least: float) -> int:
+def samples_free(world: WorldData, poses: FloatArray, least: float) -> int:
     """Return the index of the first sample after which the swept motion through ``poses`` (n, 3),
     with a constant twist between samples, does not keep the margin; -1 if it keeps it all the way.
 

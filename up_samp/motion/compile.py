@@ -7,7 +7,6 @@ the part is compiled again.
 
 from __future__ import annotations
 
-import atexit
 import contextlib
 import functools
 import gc
@@ -45,9 +44,6 @@ def warm_up(model: MotionModel) -> float:
     return 0.0 if is_compiling() else precompile([model], several=False)
 
 
-# ------------------ Compile the kernels that a problem needs
-
-
 log = logging.getLogger(__name__)
 
 _MOST_SECONDS = 600.0
@@ -72,10 +68,9 @@ SEVERAL = ("groups", "knots", "search")
 """Parts that only problems with several moving bodies need."""
 
 SELDOM = ("knots", "search")
-"""Parts that most problems with several moving bodies are solved without."""
-
-LOWLY = "--behind"
-"""Says to a compiling process that everything else on the machine goes first."""
+"""Parts that most problems with several moving bodies are solved without: a search that needs one
+compiles it then, and all deadlines stand still meanwhile.
+"""
 
 Report = Callable[[int, int], None]
 """Told how many parts are ready, of how many."""
@@ -188,25 +183,20 @@ def precompile(
 
 
 def begin(models: Iterable[MotionModel], *, several: bool) -> Compilation:
-    """Begin to compile what bodies of these motion models need and is missing: what every plan
-    needs in front, what few need after it and behind everything else that this machine does.
-    """
-    needed = missing(parts_for(models, several=several))
-    return Compilation(
-        [part for part in needed if part not in SELDOM], [part for part in needed if part in SELDOM]
-    )
+    """Begin to compile what every plan for bodies of these motion models needs and is missing."""
+    wanted = parts_for(models, several=several)
+    return Compilation(missing(part for part in wanted if part not in SELDOM))
 
 
 class Compilation:
     """Parts that are compiled in processes of their own, one a processor, the longest first.
 
     Two that need the same kernel compile it once. Where nothing can be kept on disk, or such a
-    process fails, this process compiles. ``later``: parts that nobody waits for; whoever needs one
-    of their kernels earlier waits for that kernel or compiles it.
+    process fails, this process compiles.
     """
 
-    def __init__(self, parts: Sequence[str], later: Sequence[str] = ()):
-        self.parts, self.later = tuple(parts), tuple(later)
+    def __init__(self, parts: Sequence[str]):
+        self.parts = tuple(parts)
         self._began = time.monotonic()
         self._processes: list[tuple[list[str], subprocess.Popen[bytes]]] = []
         if not self.parts:
@@ -223,14 +213,12 @@ class Compilation:
 
     def wait(self, report: Report | None = None) -> float:
         """Wait until the parts are compiled; return the seconds it took."""
-        if self.parts:
-            self._watch(report)
-            for part in missing(self.parts):
-                compile_part(part)
-        if self.later and kernel_cache.can_write():
-            _start_behind(self.later)
-            self.later = ()
-        return time.monotonic() - self._began if self.parts else 0.0
+        if not self.parts:
+            return 0.0
+        self._watch(report)
+        for part in missing(self.parts):
+            compile_part(part)
+        return time.monotonic() - self._began
 
     def _watch(self, report: Report | None) -> None:
         """Wait for the processes, end those that are left, and say so where one failed."""
@@ -253,25 +241,6 @@ class Compilation:
                 _end(process)
 
 
-_behind: dict[str, subprocess.Popen[bytes]] = {}
-"""By part: the process that compiles it while nobody waits for that; it ends with this one at the
-latest.
-"""
-
-
-def _start_behind(parts: Iterable[str]) -> None:
-    """Start to compile those of the parts that no such process of this one compiles already."""
-    wanted = [p for p in parts if p not in _behind or _behind[p].poll() is not None]
-    if wanted:
-        _behind.update(dict.fromkeys(wanted, _start([LOWLY, *wanted])))
-
-
-@atexit.register
-def _end_all() -> None:
-    while _behind:
-        _end(_behind.popitem()[1])
-
-
 def _end(process: subprocess.Popen[bytes]) -> None:
     if process.poll() is None:
         process.kill()
@@ -289,14 +258,12 @@ def shared_out(parts: Iterable[str], processes: int) -> list[list[str]]:
 
 
 def _start(parts: Sequence[str]) -> subprocess.Popen[bytes]:
-    # nobody reads what one behind says: a full pipe would hold it up
-    heard = subprocess.DEVNULL if LOWLY in parts else subprocess.PIPE
     return subprocess.Popen(
         child.command(child.bare(__name__), parts),
         env=child.environment(),
         stdin=subprocess.PIPE,  # its end tells the child that this process is gone
         stdout=subprocess.DEVNULL,
-        stderr=heard,
+        stderr=subprocess.PIPE,
         start_new_session=True,  # Ctrl-C is for this process, which ends the child
     )
 
@@ -318,10 +285,5 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     child.die_with(sys.stdin.fileno())
     gc.disable()  # nothing of what numba builds can be freed before the end: a sixth of the time
-    parts = sys.argv[1:]
-    if parts[0] == LOWLY:
-        parts = parts[1:]
-        if hasattr(os, "nice"):
-            os.nice(19)
-    for part in parts:
+    for part in sys.argv[1:]:
         compile_part(part)

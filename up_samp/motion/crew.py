@@ -48,17 +48,18 @@ class Scope:
     seed: int
     digest: str
     tuning: MotionTuning
+    proofs: bool
 
     @staticmethod
     def of(service: MotionService) -> Scope:
         """Return the scope of a service."""
         scene = service.scene
         settings = (service.grid, service.planner, scene.margin, service.seed)
-        return Scope(*settings, scene.digest, service.tuning)
+        return Scope(*settings, scene.digest, service.tuning, service.proofs)
 
     def service(self) -> MotionService:
         """Return this process's own service of this scope."""
-        key = (self.digest, self.planner, self.margin, self.seed, self.tuning)
+        key = (self.digest, self.planner, self.margin, self.seed, self.tuning, self.proofs)
         if key not in _services:
             while len(_services) >= MOST_SERVICES:
                 del _services[next(iter(_services))]
@@ -68,6 +69,7 @@ class Scope:
                 margin=self.margin,
                 seed=self.seed,
                 tuning=self.tuning,
+                proofs=self.proofs,
             )
         return _services[key]
 

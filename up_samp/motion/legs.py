@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.geometry import Scene, sweeps
 from up_samp.geometry.records import WorldData, open_plane
@@ -25,6 +24,7 @@ from up_samp.model import (
     Trajectory,
     UnsupportedError,
 )
+from up_samp.model.arrays import FloatArray
 from up_samp.motion.cache import CachedLeg, MotionCache, obstacle_key
 from up_samp.motion.curves.blending import TINY
 from up_samp.motion.curves.passing import driven_through, flown_through, pivoted_through, rotations
@@ -37,9 +37,6 @@ from up_samp.motion.registry import (
     make_planner,
     planner_names,
 )
-
-FloatArray = npt.NDArray[np.float64]
-
 
 EXCESS = 0.005
 """Share by which limits may be exceeded: less than the validator allows."""
@@ -180,9 +177,6 @@ def _strung(scene: Scene, query: PathQuery, legs: Sequence[Leg]) -> tuple[Trajec
             if gliding is not None and gliding[0].duration <= whole.duration + TINY:
                 return gliding
     return whole, False
-
-
-# ------------------ Legs from the cache or from planners
 
 
 _LAZY_ROUNDS = 3

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.model import Body, Configuration, Kinematics, Trajectory
+from up_samp.model.arrays import FloatArray
 from up_samp.motion.curves.arcs import length_of, merged, nodes_of, reversed_arcs
 from up_samp.motion.curves.reeds_shepp import fastest, run_time
 from up_samp.motion.curves.rolling import rolled, rolls_of
@@ -24,8 +24,6 @@ from up_samp.motion.curves.trapezoid import (
     trajectory_of,
 )
 from up_samp.motion.curves.twists import partway
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,10 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-import numpy as np
-import numpy.typing as npt
-
 from up_samp.model import Body, Configuration, Deadline, Placed, Trajectory
+from up_samp.model.arrays import FloatArray
 from up_samp.motion.curves.trajectories import reversed_trajectory
 
 
@@ -46,7 +44,7 @@ class Leg:
     reason: str = ""
     effort: int = 0
     complete: bool = False
-    corners: npt.NDArray[np.float64] | None = None
+    corners: FloatArray | None = None
 
     def turned(self) -> Leg:
         """Return the leg driven from its end to its start."""

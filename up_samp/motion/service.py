@@ -36,7 +36,7 @@ class MotionService:
     ``planner``: a name of :data:`up_samp.motion.registry.PLANNERS`, or ``"default"``: chosen by
     what each body needs. ``margin`` (m): clearance that plans keep from walls and objects; less
     where a start or a goal is closer than that. Same seed, same answers. ``cache`` may be shared.
-    ``tuning``: how long is tried.
+    ``tuning``: how long is tried. Without ``proofs`` nothing is impossible before it is sought.
 
     Nothing here is guarded by locks: one service belongs to one thread (OMPL's random numbers even
     to one process). Several services may share a folder on disk, not a ``cache`` object.
@@ -51,8 +51,9 @@ class MotionService:
         seed: int = 0,
         cache: MotionCache | None = None,
         tuning: MotionTuning = MotionTuning(),
+        proofs: bool = True,
     ) -> None:
-        self.tuning = tuning
+        self.tuning, self.proofs = tuning, proofs
         self.grid = grid
         self.scene = Scene(grid, margin)
         self.planner = planner
@@ -103,7 +104,7 @@ class MotionService:
         self, body: Body, poses: Sequence[Configuration], obstacles: Sequence[Placed]
     ) -> PathReport | None:
         """Return a proof that the motion is impossible, with blockers and alternatives, or None."""
-        if body.flies:
+        if body.flies or not self.proofs:
             return None
         began = time.monotonic()
         proof = self.certifier.prove(body, poses, self.met_by(body, obstacles))

@@ -7,7 +7,6 @@ import math
 import numpy as np
 
 from up_samp.geometry import OccupancyGrid, Scene
-from up_samp.geometry.maps import BoolArray
 from up_samp.geometry.shapes import shape_of
 from up_samp.model import (
     Body,
@@ -25,6 +24,7 @@ from up_samp.model import (
     TimedMotion,
     Trajectory,
 )
+from up_samp.model.arrays import BoolArray
 from up_samp.motion.curves.reeds_shepp import shortest
 from up_samp.motion.curves.trapezoid import limits_of
 from up_samp.motion.service import MotionService
@@ -123,13 +123,13 @@ def compile_knots() -> None:
 
     ends = ((2.0, 4.0, 0.0), (4.0, 4.0, 0.0))
     body = Body(_BODY.footprint, Kinematics(MotionModel.SE2))
-    roadmap = Roadmap(Scene(_hall()), body, ends, (), (), 1.0)
+    roadmap = Roadmap(Scene(_hall()), body, ends, (), 1.0)
     places = [roadmap.place(pose) for pose in ends]
     agents = [
         Agent(roadmap, start, goal, roadmap.to_go(goal))
         for start, goal in (places, reversed(places))
     ]
-    Joint(agents, [[False, True], [True, False]], 0.01, 0).search(10_000, Deadline.never())
+    Joint(agents, [[False, True], [True, False]], 0.01).search(10_000, Deadline.never())
 
 
 def compile_search() -> None:

@@ -13,13 +13,15 @@ from up_samp.model.refinement import (
     Apart,
     Clause,
     Elsewhere,
+    Layer,
     Literal,
     Overlap,
     Refinement,
+    Strength,
     end_of,
     start_of,
 )
-from up_samp.refinement.rules import Reason, other_motions
+from up_samp.refinement.rules import other_motions
 
 
 def paper_condition(motions: Sequence[ScheduledMotion], rivals: Iterable[str]) -> list[Literal]:
@@ -51,12 +53,14 @@ def paper_geometric(
     motions: Sequence[ScheduledMotion],
     rivals: Iterable[str],
     blockers: Mapping[str, str],
-    reason: Reason,
+    why: str,
+    layer: Layer,
+    strength: Strength,
 ) -> Refinement:
     """Return the paper's geometric refinement: RCOND(G) -> some blocker changes (CHCONF)."""
     literals = paper_condition(motions, rivals)
     literals += _elsewhere(motions, blockers)
-    return Refinement(Clause(tuple(literals)), reason.layer, reason.strength, reason.why)
+    return Refinement(Clause(tuple(literals)), layer, strength, why)
 
 
 def paper_temporal(
@@ -64,7 +68,9 @@ def paper_temporal(
     rivals: Iterable[str],
     arrivals: Mapping[str, int],
     places: Mapping[str, str],
-    reason: Reason,
+    why: str,
+    layer: Layer,
+    strength: Strength,
 ) -> Refinement:
     """Return the paper's temporal refinement: RCOND(G) -> CHTIME.
 
@@ -82,4 +88,4 @@ def paper_temporal(
             )
     for name, units in sorted(arrivals.items()):
         literals.append(Apart(start_of(reference.activity), end_of(name), units))
-    return Refinement(Clause(tuple(literals)), reason.layer, reason.strength, reason.why)
+    return Refinement(Clause(tuple(literals)), layer, strength, why)

@@ -7,7 +7,7 @@ units. Each function returns what to tell the scheduler, with its strength and i
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import starmap
 
 from up_samp.model import ScheduledMotion
@@ -79,24 +79,13 @@ def lasts(
     return Refinement(Lasts(activity, units), layer, strength, why)
 
 
-@dataclass(frozen=True)
-class Reason:
-    """Why something is told to the scheduler: in words, by which layer, and how sure it is."""
-
-    why: str
-    layer: Layer = Layer.GEOMETRIC
-    strength: Strength = Strength.PROVEN
-
-
-def needs_open(
-    activity: str, obstacle: str, configuration: str, tail: int, reason: Reason
-) -> Refinement:
-    """State that an obstacle must have left ``configuration`` ``tail`` units before the end.
+def needs_open(activity: str, obstacle: str, configuration: str, why: str) -> Refinement:
+    """State that an obstacle must have left ``configuration`` before the end.
 
     Right only where nothing brings the obstacle back there (see :func:`blocked_while`).
     """
-    statement = Requires(activity, obstacle, frozenset({configuration}), Span.TAIL, tail)
-    return Refinement(statement, reason.layer, reason.strength, reason.why)
+    statement = Requires(activity, obstacle, frozenset({configuration}), Span.TAIL)
+    return Refinement(statement, Layer.GEOMETRIC, Strength.PROVEN, why)
 
 
 def needs_away(activity: str, obstacle: str, configuration: str, why: str) -> Refinement:
@@ -129,7 +118,7 @@ def _not_during(activity: str, other: str, begins: TimeRef, obstacle: str) -> Re
     return Refinement(Clause(literals), Layer.GEOMETRIC, Strength.PROVEN, why)
 
 
-def gone_before(point: TimeRef, changes: Iterable[str], units: int, reason: Reason) -> Refinement:
+def gone_before(point: TimeRef, changes: Iterable[str], units: int, why: str) -> Refinement:
     """State that an obstacle has gone ``units`` before an activity's start or end.
 
     Right where it is in the way at first and nothing brings it back there: then it has gone when
@@ -138,7 +127,7 @@ def gone_before(point: TimeRef, changes: Iterable[str], units: int, reason: Reas
     """
     literals: list[Literal] = [Absent(point.activity)]
     literals += [Apart(end_of(c), point, units) for c in sorted(changes) if c != point.activity]
-    return Refinement(Clause(tuple(literals)), reason.layer, reason.strength, reason.why)
+    return Refinement(Clause(tuple(literals)), Layer.GEOMETRIC, Strength.PROVEN, why)
 
 
 def blocked_while(

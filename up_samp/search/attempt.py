@@ -125,8 +125,6 @@ def learn_from(search: Search, itinerary: Itinerary, check: Check) -> list[Refin
     if not search.components.learns:
         return []
     search.learn(check.refinements)
-    for statement in search.components.after_failure if not check.passed else ():
-        search.learn(statement.find(search))
     relaxation = search.knowledge.relaxation
     return [r for r in check.refinements if rejects(itinerary, relaxation.snapshot, r)]
 

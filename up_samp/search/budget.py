@@ -15,7 +15,6 @@ PARTS = {
     "proof": (0.3, 20.0),
     "doubt": (0.2, 2.0),
     "unobstructed motions": (0.2, 30.0),
-    "gaps at shared places": (0.1, 6.0),
     "interaction profile": (0.05, 6.0),
     "plans by an easier objective": (0.4, math.inf),
     "motions one at a time": (0.25, math.inf),

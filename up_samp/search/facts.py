@@ -81,9 +81,6 @@ def are_apart(one: MotionCase, other: MotionCase) -> bool:
     return avoids(a.avoid, b.object) and avoids(b.avoid, a.object)
 
 
-# ------------------ Facts of the problem: what no search changes
-
-
 Signature = tuple[Body, tuple[Configuration, ...]]
 """What a motion is to the motion planner: motions of equal signatures are equivalent."""
 

@@ -59,10 +59,6 @@ class Stages:
         return found | {f"mib_{s}": f"{v:.0f}" for s, v in self.peak.items()}
 
 
-# ------------------ What happened in a search
-# Rounds, refinements, times, bounds. Exported as CSV and JSON.
-
-
 @dataclass(frozen=True)
 class ProgressEvent:
     """One step of the search, for progress displays. Bounds are costs by the objective that is

@@ -20,8 +20,7 @@ class Knowledge:
     """``active`` are the refinements in play; ``relaxation`` holds them all.
 
     The rest is remembered so that nothing is asked or said twice: ``stated`` bounds (units) and
-    ``durations`` (s) of motions, ``handovers``: gaps (s) between a departure and an arrival at the
-    same place, relative to the planner, and groups that ``failed_together`` at some offsets.
+    ``durations`` (s) of motions, and groups that ``failed_together`` at some offsets.
     """
 
     relaxation: Relaxation
@@ -29,9 +28,6 @@ class Knowledge:
     active: list[Refinement] = field(default_factory=list)
     stated: dict[Signature, int] = field(default_factory=dict)
     durations: dict[Signature, float] = field(default_factory=dict)
-    handovers: dict[tuple[Signature, Signature], float | None] = field(default_factory=dict)
-    handovers_guessed: bool = False
-    """The gaps between the fastest motions were stated: once is enough, also after a restart."""
     failed_together: set[frozenset[str]] = field(default_factory=set)
     tried_alone: set[frozenset[str]] = field(default_factory=set)
     """Activities that did not come to a plan even with their motions one after another."""

@@ -11,7 +11,6 @@ from up_samp.model import (
     Outcome,
     PathQuery,
     PathReport,
-    Rest,
     TimedMotion,
     Trajectory,
 )
@@ -59,20 +58,16 @@ class Motions:
     def arrival(
         self,
         motion: TimedMotion,
-        rests: tuple[Rest, ...] = (),
-        fixed: tuple[FixedMotion, ...] = (),
-        *,
-        enough: float | None = None,
-        deadline: Deadline | None = None,
+        ahead: FixedMotion,
+        enough: float,
+        deadline: Deadline,
     ) -> float | None:
-        """Return the motion's earliest arrival (s) among these, or None if none was found.
-
-        An arrival by ``enough`` (s) is good enough, and then the first that is found is returned.
+        """Return the motion's earliest arrival (s) behind another one that is there alone, or any
+        by ``enough`` (s); None if none was found.
         """
-        # due at once: then it looks for the earliest arrival, not for any in time
-        early = replace(motion, due=motion.release if enough is None else enough)
-        limit = (deadline or self.budget.deadline).within(self.budget.query_seconds)
-        report = earliest_arrival(self.service, early, rests, fixed, limit)
+        early = replace(motion, due=enough)
+        limit = deadline.within(self.budget.query_seconds)
+        report = earliest_arrival(self.service, early, ahead, limit)
         # what a search that was cut short found need not be the earliest: it says nothing
         found = report.outcome is Outcome.FOUND and report.complete
         return report.trajectory.end if found and report.trajectory is not None else None

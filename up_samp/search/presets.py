@@ -11,16 +11,12 @@ from functools import partial
 from typing import TypeVar
 
 from up_samp.extensions import parts
-from up_samp.model import Body, Configuration, PathReport, Placed
 from up_samp.model.refinement import Refinement
-from up_samp.motion import MotionService
 from up_samp.search.budget import SchedulerPace
 from up_samp.search.check import CheckAlone, check_duration, check_path
-from up_samp.search.cuts.handovers import handover_cuts
 from up_samp.search.cuts.paper import PaperCuts
 from up_samp.search.cuts.profiles import pair_cuts
 from up_samp.search.cuts.protocol import Cuts
-from up_samp.search.cuts.resting import door_cuts, rest_cuts
 from up_samp.search.cuts.small import Attempt, SmallCuts
 from up_samp.search.events import Phase
 from up_samp.search.facts import Facts, just_this
@@ -36,7 +32,7 @@ from up_samp.search.resolve import (
 )
 from up_samp.search.search import Components, Search, Statement
 from up_samp.search.statements.durations import fastest_durations, lower_bounds
-from up_samp.search.statements.handovers import guessed_handovers, proven_handovers
+from up_samp.search.statements.handovers import proven_handovers
 from up_samp.search.statements.unary_places import unary_places
 from up_samp.search.statements.unreachable import unreachable
 
@@ -78,21 +74,8 @@ def _statements() -> Sequence[tuple[Statement, Ideas]]:
     )
 
 
-AFTER_FAILURE: Sequence[tuple[Statement, Ideas]] = (
-    (
-        Statement("handing over places", lambda s: guessed_handovers(s.motions, s.knowledge)),
-        ("bounds_first", "profiles"),
-    ),
-)
-"""What is told to the scheduler once a candidate failed."""
-ATTEMPTS: Sequence[tuple[Attempt, Ideas]] = (
-    (handover_cuts, ("profiles",)),
-    (door_cuts, ()),
-    (rest_cuts, ()),
-    (pair_cuts, ("profiles",)),
-)
-"""What a late motion may tell: its goal was just left by another one; it waits for a door; what
-rests is in its way; it meets another one at a whole range of start offsets."""
+ATTEMPTS: Sequence[tuple[Attempt, Ideas]] = ((pair_cuts, ("profiles",)),)
+"""What a late motion may tell: it meets another one at a whole range of start offsets."""
 
 
 def components_of(params: Parameters, *, native: bool) -> Components:
@@ -123,27 +106,11 @@ def components_of(params: Parameters, *, native: bool) -> Components:
         repairs=with_ideas(
             tuple((one, ("incumbents",)) for one in (repair, serialize_motions, least_work))
         ),
-        after_failure=with_ideas(AFTER_FAILURE),
         for_proofs=() if native else with_ideas(((UNARY_PLACES, ("certificates",)),)),
         improvers=tuple(parts("improvers").values()),
         finishers=with_ideas(((prune_motions, ("tidy",)),)),
         learns="refine" in ideas,
     )
-
-
-class WithoutProofs(MotionService):
-    """A motion service that tells nothing impossible before it has searched for it."""
-
-    def certificate(
-        self, body: Body, poses: Sequence[Configuration], obstacles: Sequence[Placed]
-    ) -> PathReport | None:
-        """Return None: there is no proof."""
-        return None
-
-
-def motion_service_of(params: Parameters) -> type[MotionService]:
-    """Return the kind of motion service that parameters ask for."""
-    return MotionService if params.certificates else WithoutProofs
 
 
 def _cuts(ideas: set[str], attempts: tuple[Attempt, ...], seed: int) -> Cuts:

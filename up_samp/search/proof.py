@@ -119,12 +119,6 @@ def _mentioned(expression: FNode) -> set[str]:
     return {point.container for point in times if point.container is not None}
 
 
-# ------------------ Why there is no schedule
-# Which few facts leave none, and what of the problem they meet. Facts are left out as long as there
-# is still no schedule (QuickXplain, Junker 2004). Our own scheduler judges, whatever engine is
-# wrapped: its "infeasible" is a proof.
-
-
 SHOWN = 5
 """So many facts are listed in a message."""
 _EXPLAIN_SHARE, _EXPLAIN_SECONDS = 0.2, 5.0

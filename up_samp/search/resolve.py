@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, field
 
 from unified_planning.model.metrics import Oversubscription
 from unified_planning.model.scheduling import Activity, SchedulingProblem
@@ -29,10 +28,8 @@ from up_samp.model.snapshot import TermKind
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.schedules import to_candidate
 from up_samp.search.check import Check
-from up_samp.search.cuts.handovers import leaves_for
 from up_samp.search.events import Phase
 from up_samp.search.knowledge import Incumbent
-from up_samp.search.motions import Motions
 from up_samp.search.search import Search
 from up_samp.search.world import groups_of, motion_key
 from up_samp.upio import Itinerary, Relaxation, read_itinerary
@@ -58,8 +55,6 @@ _SLACK = (1, 3, 6)
 """Units more than scheduled that are worth having; each counts once for each motion."""
 _SLACK_EFFORT = 0.06
 """For slack: well below a second."""
-_ENOUGH = 10
-"""Units: a place that was left longer before is not what makes a motion late."""
 
 
 class Subproblem:
@@ -141,7 +136,6 @@ def repair_durations(
     search.tell.stage(Phase.REPAIR)
     problem = restrict(search.own_relaxation(), search.facts.snapshot, schedule)
     small = Subproblem(search, problem, _REPAIR_EFFORT)
-    needs = Needs(search.motions, small)
 
     def again(near: CandidateSchedule) -> CandidateSchedule | None:
         found = small.schedule(near)
@@ -152,50 +146,11 @@ def repair_durations(
     def tell(itinerary: Itinerary, check: Check) -> bool:
         if check.failed or not check.needed:
             return False
-        needs.add(itinerary, check.needed)
+        small.last_at_least(itinerary, check.needed)
         return True
 
-    needs.add(read_itinerary(search.knowledge.relaxation, schedule), check.needed)
+    small.last_at_least(read_itinerary(search.knowledge.relaxation, schedule), check.needed)
     return until_driven(search, schedule, again, tell, steps=_REPAIR_STEPS)
-
-
-@dataclass
-class Needs:
-    """What motions turned out to need, stated in a small problem.
-
-    Who is late where another one has just left comes later after that one's departure: only to
-    last longer would not help, if both were moved alike. Others last as long as they need.
-    """
-
-    motions: Motions
-    small: Subproblem
-    gaps: dict[tuple[str, str], int] = field(default_factory=dict)
-
-    def add(self, itinerary: Itinerary, needed: Mapping[str, int]) -> None:
-        """State what the late motions of a schedule need: ``needed`` are their ends (units)."""
-        motions = {motion_key(m): m for m in itinerary.motions}
-        longer = {
-            key: end
-            for key, end in needed.items()
-            if not self._after_departure(itinerary, motions[key], end)
-        }
-        self.small.last_at_least(itinerary, longer)
-
-    def _after_departure(self, itinerary: Itinerary, late: ScheduledMotion, end: int) -> bool:
-        """Tie a late arrival to the last departure from its goal; tell whether that is new."""
-        leaving = [m for m in itinerary.motions if leaves_for(self.motions, m, late)]
-        if not leaving:
-            return False
-        last = max(leaving, key=lambda m: (m.start, m.activity))
-        gap, pair = end - last.start, (last.activity, late.activity)
-        if gap <= self.gaps.get(pair, 0) or gap > 2 * (late.end - last.start) + _ENOUGH:
-            return False
-        self.gaps[pair] = gap
-        problem, activities = self.small.problem, self.small.activities
-        manager = problem.environment.expression_manager
-        departure = manager.Plus(activities[last.activity].start, gap)
-        problem.add_constraint(manager.LE(departure, activities[late.activity].end))
-        return True
 
 
 # ------------------------------------------------------------------ motions one after another

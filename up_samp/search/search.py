@@ -54,8 +54,8 @@ Finisher = Callable[["Search", Incumbent], Incumbent | None]
 class Components:
     """The parts of a search, in the order in which they act.
 
-    ``statements`` come before the first schedule; ``after_failure`` when a candidate failed;
-    ``improvers`` in every round, once there is a plan;
+    ``statements`` come before the first schedule; ``improvers`` in every round, once there is a
+    plan;
     ``for_proofs`` are told to our own scheduler alone, when it judges another one's word. Without
     ``learns`` a search ends with its first candidate.
     """
@@ -67,7 +67,6 @@ class Components:
     shapers: tuple[Shaper, ...] = ()
     builders: tuple[Builder, ...] = ()
     repairs: tuple[Repair, ...] = ()
-    after_failure: tuple[Statement, ...] = ()
     for_proofs: tuple[Statement, ...] = ()
     improvers: tuple[Improver, ...] = ()
     finishers: tuple[Finisher, ...] = ()

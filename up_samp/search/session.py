@@ -39,7 +39,7 @@ from up_samp.search.knowledge import Bounds, Incumbent, Knowledge
 from up_samp.search.loop import solve
 from up_samp.search.motions import Motions
 from up_samp.search.params import GROUP_PLANNERS, Parameters
-from up_samp.search.presets import components_of, motion_service_of
+from up_samp.search.presets import components_of
 from up_samp.search.proof import Prover
 from up_samp.search.resolve import start_of
 from up_samp.search.search import Problem, Search
@@ -85,9 +85,6 @@ def _heeded(snapshot: Snapshot, name: str) -> frozenset[str] | None:
     mine = (task.avoid for task in snapshot.tasks if task.object == name)
     told = [avoid for avoid in mine if avoid is not None]
     return frozenset.intersection(*told) if told else None
-
-
-# ------------------ Set a search up for a UP problem and run it: the entry from the engines
 
 
 _TOUR_ROUNDS = 10
@@ -317,13 +314,14 @@ def open_service(
     """Return the motion service for a problem's map."""
     if grid is None and snapshot.tasks:
         raise ProblemError(f"problem '{snapshot.name}' has motions but no occupancy map")
-    return motion_service_of(params)(
+    return MotionService(
         grid,
         planner=params.path_planner,
         margin=params.margin,
         seed=params.seed,
         cache=MotionCache(params.cache),
         tuning=tuning_of(params.tuning).motion,
+        proofs=params.certificates,
     )
 
 

@@ -10,9 +10,12 @@ import pytest
 from tests.motion.fleet.spacetime_oracle import CAR, motion, room
 from up_samp.geometry import load_map, write_map
 from up_samp.model import Deadline, GroupQuery, Outcome
+from up_samp.motion.budget import WorkBudget
 from up_samp.motion.fleet import coordinate
-from up_samp.motion.fleet.priority_search import Group, Node, _search, alone, couple
+from up_samp.motion.fleet.coordination import one_after_another
+from up_samp.motion.fleet.neighbourhoods import MovingGroup
 from up_samp.motion.fleet.timed_path import natural_timing, run_of
+from up_samp.motion.fleet.together import couple
 from up_samp.motion.fleet.workspace import workspace_of
 from up_samp.motion.service import MotionService
 from up_samp.validation.collisions import JudgedShape, hits_body, hits_map
@@ -107,11 +110,10 @@ def test_no_order_of_two_works_but_together_they_pass(tmp_path):
         motion("b", (93, 2, math.pi), (3, 2, math.pi)),
         motion("c", (96.8, 2, math.pi), (6, 2, math.pi)),
     ]
-    group = Group(workspace_of(service), {m.name: m for m in motions}, [], Deadline.after(60))
-    root, _, _ = alone(group)
-    assert isinstance(root, Node)
-    for group.effort in (0, 1):
-        _search(group, root, 60)
+    budget = WorkBudget(Deadline.after(60))
+    group = MovingGroup(workspace_of(service), {m.name: m for m in motions}, [], budget)
+    for effort in (0, 1):
+        one_after_another(group, effort, 60)
     assert group.best is None  # every order of priorities, without moving them together
     report = coordinate(service, GroupQuery(tuple(motions)), Deadline.after(120))
     assert report.outcome is Outcome.FOUND

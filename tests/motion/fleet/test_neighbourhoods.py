@@ -1,18 +1,16 @@
 """Many robots at once: ejection and large-neighbourhood search over motions."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tests.motion.fleet import tight_places as tight
 from tests.motion.fleet.independent import judge
-from up_samp.model import Deadline, GroupReport, Outcome
+from up_samp.model import Deadline, GroupQuery, GroupReport, Outcome
 from up_samp.motion.budget import WorkBudget
-from up_samp.motion.fleet.neighbourhoods import (
-    MovingGroup,
-    arrivals_and_lateness,
-    first_runs,
-    improve,
-)
+from up_samp.motion.fleet import coordinate
+from up_samp.motion.fleet.neighbourhoods import MovingGroup, first_runs, improve
 from up_samp.motion.fleet.workspace import workspace_of
 from up_samp.motion.service import MotionService
 
@@ -23,7 +21,7 @@ def planned(traffic, plans):
     motions = {m.name: m for m in traffic.query.motions}
     ways = {n: [workspace.path(m.body, m.poses, (), Deadline.never())] for n, m in motions.items()}
     budget = WorkBudget(Deadline.never(), 200)
-    problem = MovingGroup(workspace, motions, (), arrivals_and_lateness(motions), budget, ways)
+    problem = MovingGroup(workspace, motions, (), budget, ways)
     runs = first_runs(problem)
     problem.budget = WorkBudget(Deadline.never(), plans)
     return problem, runs, improve(problem, runs, list(runs), seed=1) if plans else runs
@@ -61,3 +59,16 @@ def test_who_ejects_each_other_again_and_again_makes_way(seed, tmp_path):
     assert runs is not None
     found = {name: run.timing.trajectory for name, run in runs.items()}
     judge(traffic, GroupReport(Outcome.FOUND, found), tmp_path)
+
+
+def test_who_may_only_leave_later_is_passed_where_it_stands(tmp_path):
+    body = tight.omni()
+    grid = tight.hall(20, 10, [(0.5, 0.5, 19.5, 9.5)])
+    first, later = tight.drives(
+        body, [((2.0, 5.0, 0.0), (18.0, 5.0, 0.0)), ((10.0, 5.0, 0.0), (10.0, 8.0, 0.0))]
+    ).motions
+    query = GroupQuery((first, replace(later, release=40.0)))
+    report = coordinate(MotionService(grid), query, Deadline.after(60))
+    assert report.outcome is Outcome.FOUND
+    assert report.trajectories[first.name].end < 40.0
+    judge(tight.Traffic("later", grid, query), report, tmp_path)

@@ -17,9 +17,9 @@ from up_samp.model import (
 )
 from up_samp.motion.fleet import coordinate, earliest_arrival
 from up_samp.motion.fleet.paths import Safe
-from up_samp.motion.fleet.priority_search import couple
 from up_samp.motion.fleet.speed import TunedPath, reachable
 from up_samp.motion.fleet.timed_path import Speeds, natural_timing, run_of
+from up_samp.motion.fleet.together import couple
 from up_samp.motion.fleet.workspace import rest_run, workspace_of
 from up_samp.motion.service import MotionService
 
@@ -198,12 +198,11 @@ def test_same_seed_same_answer():
 
 def test_earliest_arrival_among_movers():
     service = MotionService(room(40, 12, [(1, 1, 39, 11)]))
-    b = earliest_arrival(service, motion("b", (20, 2.5, UP), (20, 9.5, UP)))
-    fixed = FixedMotion("b", "B", CAR, b.trajectory)
+    b = solve(service, [motion("b", (20, 2.5, UP), (20, 9.5, UP))]).trajectories["b"]
     a = motion("a", (3, 6, 0), (37, 6, 0), 0, 30)
-    found = earliest_arrival(service, a, fixed=[fixed])
+    found = earliest_arrival(service, a, FixedMotion("b", "B", CAR, b))
     assert found.outcome is Outcome.FOUND
-    both = {"a": found.trajectory, "b": b.trajectory}
+    both = {"a": found.trajectory, "b": b}
     from tests.motion.fleet.spacetime_oracle import clearance
 
     assert clearance([a, motion("b", (20, 2.5, UP), (20, 9.5, UP))], both) > 0

@@ -6,7 +6,7 @@ from tests.motion.fleet import tight_places as tight
 from tests.motion.fleet.independent import judge
 from up_samp.model import Deadline, GroupReport, Outcome
 from up_samp.motion.fleet import coordinate
-from up_samp.motion.fleet import priority_search as coupled
+from up_samp.motion.fleet import together as coupled
 from up_samp.motion.fleet.deadlocks import Agent, Joint, Knot, drives_of, loosened
 from up_samp.motion.fleet.roadmap import Roadmap, cells_of
 from up_samp.motion.fleet.timed_path import natural_timing, run_of
@@ -58,7 +58,7 @@ def test_where_nobody_can_go_first_all_go_at_once(tmp_path):
     search = joint(traffic, body, 1.6, together=True)
     steps = search.search(10_000, Deadline.never())
     assert [len(group) for group in search.turns(steps[0])] == [4]
-    knot = Knot(workspace, service.scene, motions, (), [None] * 4, Deadline.never())
+    knot = Knot(workspace, service.scene, motions, (), Deadline.never())
     [drives] = drives_of(knot, search, loosened(search, steps))
     assert {robot for robot, _ in drives} == {0, 1, 2, 3}
     found = {motions[robot].name: path.natural for robot, path in drives}
@@ -74,10 +74,10 @@ def test_cars_of_a_full_ring_go_at_once(tmp_path, monkeypatch):
         path = workspace.path(m.body, m.poses, (), Deadline.never())
         alone[m.name] = run_of(m, path, natural_timing(path, m.release), m.present_from)
     search = joint(traffic, motions[0].body, cells_of(motions[0].body)[1], together=True)
-    knot = Knot(workspace, service.scene, motions, (), [None] * 3, Deadline.never())
+    knot = Knot(workspace, service.scene, motions, (), Deadline.never())
     drives = drives_of(knot, search, loosened(search, search.search(20_000, Deadline.never())))
     assert max(len(stage) for stage in drives) == 3
-    monkeypatch.setattr(coupled, "untie", lambda *given: [drives])
+    monkeypatch.setattr(coupled, "untie", lambda *given: drives)
     runs = coupled.couple(workspace, motions, alone, [], Deadline.never())
     found = {name: run.timing.trajectory for name, run in runs.items()}
     judge(traffic, GroupReport(Outcome.FOUND, found), tmp_path)
@@ -96,13 +96,13 @@ def test_no_room_at_all_is_not_called_impossible():
 def joint(traffic, body, cell=1.0, together=False):
     service = MotionService(traffic.grid)
     ends = [pose for m in traffic.query.motions for pose in m.poses]
-    roadmap = Roadmap(service.scene, body, ends, (), (), cell)
+    roadmap = Roadmap(service.scene, body, ends, (), cell)
     agents = []
     for m in traffic.query.motions:
         goal = roadmap.place(m.poses[-1])
         agents.append(Agent(roadmap, roadmap.place(m.poses[0]), goal, roadmap.to_go(goal)))
     heeds = [[i != j for j in range(len(agents))] for i in range(len(agents))]
-    return Joint(agents, heeds, 0.01, 0, together)
+    return Joint(agents, heeds, 0.01, together)
 
 
 def test_joint_moves_lead_from_start_to_goal_one_by_one():

@@ -7,13 +7,11 @@ between runs.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.geometry.kernels import advance
 from up_samp.geometry.records import kernel
+from up_samp.model.arrays import FloatArray
 from up_samp.motion.curves.reeds_shepp import TINY, driven_on, run_time
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @kernel

@@ -16,11 +16,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.model import Body, Kinematics, Trajectory
-
-FloatArray = npt.NDArray[np.float64]
+from up_samp.model.arrays import FloatArray
 
 TINY = 1e-9
 

@@ -11,16 +11,13 @@ import itertools
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.model import Kinematics, Trajectory
+from up_samp.model.arrays import BoolArray, FloatArray, IntArray
 from up_samp.motion.curves.rolling import rolled, thinned
 from up_samp.motion.curves.trajectories import joined
 from up_samp.motion.curves.trapezoid import time_of_distance
 from up_samp.motion.curves.twists import twists
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 KINK = 1e-6
 """Change of curvature (1/m) that ends an arc."""
@@ -112,7 +109,7 @@ def rotations(poses: FloatArray) -> FloatArray:
 def _retimed(
     whole: Trajectory,
     ways: FloatArray,
-    rests: npt.NDArray[np.int64],
+    rests: IntArray,
     kept: BoolArray,
     limits: Callable[[int], tuple[float, float]],
 ) -> Trajectory:

@@ -15,11 +15,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.geometry.records import inner, kernel
+from up_samp.model.arrays import FloatArray
 
-FloatArray = npt.NDArray[np.float64]
 Pose = tuple[float, float, float]
 
 

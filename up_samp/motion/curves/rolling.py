@@ -14,17 +14,13 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.model import Kinematics, Trajectory
+from up_samp.model.arrays import BoolArray, FloatArray, IntArray
 from up_samp.motion.curves.arcs import nodes_of
 from up_samp.motion.curves.blending import profile
 from up_samp.motion.curves.trapezoid import MOST_TURN
 from up_samp.motion.curves.twists import partway, twists
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-
 
 ON_SPOT = 1e-3
 """Who turns round a point nearer than this (m) turns on the spot."""
@@ -126,9 +122,7 @@ def rolled(rows: FloatArray, kinematics: Kinematics) -> Trajectory:
     return Trajectory(np.array(times), poses)
 
 
-def thinned(
-    rows: FloatArray, kinematics: Kinematics, kept: npt.NDArray[np.bool_] | None = None
-) -> FloatArray:
+def thinned(rows: FloatArray, kinematics: Kinematics, kept: BoolArray | None = None) -> FloatArray:
     """Return the poses (n, 3) at which the twist changes, those that are ``kept`` (n,), and as many
     more as it takes to tell how often the body turns round.
     """
@@ -151,7 +145,7 @@ _Phase = tuple[float, float, float]
 rad, and s)."""
 
 
-def _moves_on(rows: FloatArray) -> npt.NDArray[np.bool_]:
+def _moves_on(rows: FloatArray) -> BoolArray:
     """Return which poses are not where the one before is."""
     return np.append(True, np.abs(np.diff(rows, axis=0)).max(axis=1) > NOWHERE)
 

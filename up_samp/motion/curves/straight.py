@@ -6,13 +6,11 @@ import itertools
 import math
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.model import Kinematics, Trajectory, interpolate
+from up_samp.model.arrays import FloatArray
 from up_samp.motion.curves.reeds_shepp import run_time
 from up_samp.motion.curves.trapezoid import distance_of_time
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def turn_between(a: FloatArray, b: FloatArray) -> float:

@@ -11,10 +11,9 @@ import numpy.typing as npt
 from up_samp.geometry.kernels import advance
 from up_samp.geometry.records import kernel
 from up_samp.model import Configuration, Kinematics, Trajectory
+from up_samp.model.arrays import FloatArray
 from up_samp.motion.curves.arcs import nodes_of
 from up_samp.motion.curves.reeds_shepp import CarLimits, run_time
-
-FloatArray = npt.NDArray[np.float64]
 
 SHORTEST = 1e-6
 """Arcs shorter than this (m) are no samples of their own. They turn all the same: what comes after

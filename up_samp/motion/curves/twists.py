@@ -8,9 +8,8 @@ ch. 3).
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from up_samp.model.arrays import FloatArray
 
 FLAT = 1e-9
 """Half a turn (rad) below which an arc is its chord."""

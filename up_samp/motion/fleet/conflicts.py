@@ -9,14 +9,11 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.geometry.records import inner, kernel
 from up_samp.geometry.scene import Scene
 from up_samp.model import check_time
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
+from up_samp.model.arrays import FloatArray, IntArray
 
 DEPTH = 2
 """Times that a cell may be halved."""

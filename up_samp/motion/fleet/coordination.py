@@ -5,12 +5,14 @@ what really conflicts.
 from __future__ import annotations
 
 import itertools
+import math
 import time
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.model import (
     Deadline,
@@ -21,20 +23,15 @@ from up_samp.model import (
     UnsupportedError,
     avoids,
 )
+from up_samp.model.arrays import IntArray
 from up_samp.motion.budget import WorkBudget
-from up_samp.motion.fleet.neighbourhoods import (
-    MovingGroup,
-    arrivals_and_lateness,
-    first_runs,
-    improve,
-)
-from up_samp.motion.fleet.one_robot import Attempt, failed, nothing, sample_one
+from up_samp.motion.fleet.detours import pass_by
+from up_samp.motion.fleet.neighbourhoods import MovingGroup, Runs, first_runs, improve
+from up_samp.motion.fleet.one_robot import Attempt, failed, nothing, plan_one, sample_one
 from up_samp.motion.fleet.paths import TIMES, Path
-from up_samp.motion.fleet.priority_search import Group, Node, alone, climb, window_of
 from up_samp.motion.fleet.timed_path import TimedPath, fixed_run
+from up_samp.motion.fleet.together import couple
 from up_samp.motion.fleet.workspace import PathPlanner, Workspace, rest_run, workspace_of
-
-IntArray = npt.NDArray[np.int64]
 
 
 def one_decides(runs: IntArray) -> bool:
@@ -79,16 +76,27 @@ def order_decides(
 
 # ------------------ A ladder of efforts, and a report of what really conflicts
 # Everybody is first planned alone; then one after the other, with ejection
-# (``up_samp.motion.fleet.neighbourhoods``). Where somebody is late, orders of priority are tried
-# with more and more effort (``up_samp.motion.fleet.priority_search``), and a few robots for which
-# no order works are moved together. A group that fails or is late is shrunk to the few motions that
-# really conflict.
+# (``up_samp.motion.fleet.neighbourhoods``). Where somebody is late, others go first, with more and
+# more effort for each one, and a few robots for which no order works are moved together
+# (``up_samp.motion.fleet.together``). A group that fails or is late is shrunk to the few motions
+# that really conflict.
 
+
+Pair = tuple[str, str]
 
 METHODS = ("ladder", "st-rrt*")
 
 FEW, MUCH = 12, 1.5
 """Where fewer motions take so many times as long as alone, as much is tried as for so many."""
+
+ORDERS = (12, 4)
+"""Orders that are tried on each rung, that is by effort for one robot: speeds and lanes, detours.
+"""
+
+POLISH, POLISH_WORTH = 4, 0.1
+"""Rounds in which each of those moved together is planned again; s that a round has to gain for
+another one.
+"""
 
 
 def coordinate(
@@ -125,62 +133,222 @@ def _coordinated(
     group = _group_of(workspace, query, deadline)
     if method == "st-rrt*":
         return _one_by_one(group, seed, began)
-    root, attempt, name = alone(group)
-    if root is None:
+    alone, attempt, name = _alone(group)
+    if len(alone) < len(group.motions):
         return _hopeless(name, attempt, deadline, time.monotonic() - began)
-    _decide(group, root, seed)
-    if group.best is None or not group.finished():
-        climb(group, root)
-    conflict = _shrunk(group, root) if _is_bad(group) else frozenset()
+    group.least = group.lateness(alone)
+    conflicts = _meetings(group, alone)
+    if conflicts:
+        _eject(group, alone, seed)
+        if group.best is None or not group.finished():
+            climb(group, alone, conflicts)
+    else:
+        group.best = alone
+    conflict = _shrunk(group, alone, conflicts) if _is_bad(group) else frozenset()
     report = _report(group, conflict, time.monotonic() - began)
-    return replace(report, exhaustive=_is_tried_out(group, root))
+    return replace(report, exhaustive=_is_tried_out(group, alone))
 
 
-def _decide(group: Group, root: Node, seed: int) -> None:
+def _alone(group: MovingGroup) -> tuple[dict[str, TimedPath], Attempt, str]:
+    """Plan everybody alone, up to the first motion that is impossible on its own; return the runs,
+    and the last attempt with its motion.
+    """
+    runs: dict[str, TimedPath] = {}
+    attempt, name = Attempt(None), ""
+    for name in group.order:
+        for effort in range(len(ORDERS)):
+            attempt = _plan(group, name, runs, group.world, effort)
+            if attempt.run is not None and not group.is_late(attempt.run):
+                break
+        if attempt.run is None:
+            break
+        runs[name] = attempt.run
+    return runs, attempt, name
+
+
+def _plan(
+    group: MovingGroup, name: str, runs: Runs, others: Sequence[TimedPath], effort: int
+) -> Attempt:
+    """Plan one motion around others, after its object's last one in ``runs``."""
+    window, motion = group.window(name, runs), group.motions[name]
+    attempt = plan_one(group.workspace, motion, window, others, group.deadline, effort)
+    group.passed |= attempt.met
+    return attempt
+
+
+def _meetings(group: MovingGroup, runs: Runs) -> list[Pair]:
+    """Return which motions meet each other."""
+    meeting = group.workspace.meeting
+    pairs = itertools.combinations(sorted(runs), 2)
+    return [(a, b) for a, b in pairs if meeting(runs[a], runs[b])[0] < math.inf]
+
+
+def _eject(group: MovingGroup, alone: Runs, seed: int) -> None:
     """Plan a group whose members meet one after the other, with ejection; where somebody is late
     then, or all are much later than alone, a few of them again.
     """
-    if not root.conflicts:
-        return
     effort = group.workspace.tuning
-    budget = WorkBudget(group.deadline, effort.first * len(root.runs))
-    cost = arrivals_and_lateness(group.motions)
-    ways = {name: [run.path] for name, run in root.runs.items()}
-    motions = MovingGroup(group.workspace, group.motions, group.world, cost, budget, ways)
-    runs = first_runs(motions)
+    group.budget = WorkBudget(group.deadline, effort.first * len(alone))
+    group.ways = {name: [run.path] for name, run in alone.items()}
+    runs = first_runs(group)
     if runs is None:
         return
-    group.best = Node(runs)
-    group.least = group.lateness(root.runs)
-    least = sum(group.motions[n].release + motions.alone(n) for n in runs)
-
+    least = sum(group.motions[n].release + group.alone(n) for n in runs)
     few = effort.again * len(runs)
 
-    def enough(runs: Mapping[str, TimedPath]) -> bool:
+    def enough(runs: Runs) -> bool:
         late = group.lateness(runs) > group.least + TIMES.on_time
-        factor = effort.enough if motions.budget.used < few else MUCH
+        factor = effort.enough if group.budget.used < few else MUCH
         return not late and sum(run.arrival for run in runs.values()) <= factor * least
 
     # who is late may have to be: that is not worth more
     late = group.lateness(runs) > group.least + TIMES.on_time
-    plans = few if late else max(few, effort.again * FEW)
-    motions.budget = WorkBudget(group.deadline, plans)
-    group.best = Node(improve(motions, runs, list(runs), seed, enough))
+    group.budget = WorkBudget(group.deadline, few if late else max(few, effort.again * FEW))
+    group.best = improve(group, runs, list(runs), seed, enough)
 
 
-def _is_tried_out(group: Group, root: Node) -> bool:
+def climb(
+    group: MovingGroup, alone: Runs, conflicts: Sequence[Pair], *, coupled: bool = True
+) -> None:
+    """Search with more and more effort until nobody is later than alone; where no order is found
+    and that is wanted, move those together that meet (``coupled``).
+    """
+    group.least = group.lateness(alone)
+    for effort, tries in enumerate(ORDERS):
+        if effort == 1:
+            _pass(group, alone, conflicts)
+            if group.finished():
+                return
+        one_after_another(group, effort, tries)
+        if group.finished() or group.deadline.expired():
+            return
+    if coupled and group.best is None:
+        _couple(group, alone, conflicts)
+
+
+def one_after_another(group: MovingGroup, effort: int, tries: int) -> None:
+    """Plan one motion after the other, first by release and slack; who is late then, or finds no
+    way, goes before all others in the next order (squeaky wheel optimisation; Joslin and Clements
+    1999).
+    """
+    order, tried = tuple(group.order), set[tuple[str, ...]]()
+    while len(tried) < tries and order not in tried and not group.deadline.expired():
+        tried.add(order)
+        late, runs = _in_order(group, order, effort)
+        if len(runs) == len(order):
+            group.keep(runs)
+        if late is None or group.finished():
+            return
+        mine = group.motions[late].object
+        first = [n for n in order if group.motions[n].object == mine]
+        order = (*first, *(n for n in order if n not in first))
+
+
+def _in_order(
+    group: MovingGroup, order: Sequence[str], effort: int
+) -> tuple[str | None, dict[str, TimedPath]]:
+    """Return who is latest, or has no way, if one motion is planned after the other, and the runs
+    of those that are planned.
+    """
+    runs: dict[str, TimedPath] = {}
+    late: dict[str, float] = {}
+    for name in order:
+        attempt = _plan(group, name, runs, group.others(name, runs), effort)
+        if attempt.run is None:
+            group.stuck.add(name)
+            return name, runs
+        runs[name] = attempt.run
+        if group.is_late(attempt.run):
+            late[name] = attempt.run.arrival - group.motions[name].due
+    return max(late, key=lambda name: late[name], default=None), runs
+
+
+def _pass(group: MovingGroup, alone: Runs, conflicts: Sequence[Pair]) -> None:
+    """Let pairs that meet pass each other, each robot in a lane of its own, if that is better."""
+    if len({m.object for m in group.motions.values()}) < len(group.motions):
+        return  # who comes later would be late for its next motion
+    runs: Runs | None = alone
+    for part in tied_by(conflicts):
+        runs = None if runs is None else _moved_together(group, alone, runs, part, pass_by)
+    if runs is not None:
+        group.keep(runs)
+
+
+def _couple(group: MovingGroup, alone: Runs, conflicts: Sequence[Pair]) -> None:
+    """Move those that meet together, where no order of them was found; or else everybody."""
+    together = partial(couple, deadline=group.deadline)
+    counts = Counter(motion.object for motion in group.motions.values())
+    parts = tied_by(conflicts)
+    if any(counts[group.motions[n].object] > 1 for part in parts for n in part):
+        return  # the same object's other motions would have to give way, too
+    runs: Runs | None = alone
+    for part in parts:
+        runs = None if runs is None else _moved_together(group, alone, runs, part, together)
+    everybody = parts == [set(group.motions)]
+    if runs is None and not everybody and len(counts) == len(group.motions):
+        runs = _moved_together(group, alone, alone, set(group.motions), together)
+    if runs is not None:
+        group.best = _polished(group, runs)
+
+
+def tied_by(conflicts: Iterable[tuple[str, str]]) -> list[set[str]]:
+    """Return the sets of motions that hang together by conflicts."""
+    parts: list[set[str]] = []
+    for pair in sorted(conflicts):
+        joined = set(pair).union(*(part for part in parts if part & set(pair)))
+        parts = [part for part in parts if not part & joined]
+        parts.append(joined)
+    return parts
+
+
+def _moved_together(
+    group: MovingGroup,
+    alone: Runs,
+    runs: Runs,
+    part: set[str],
+    by: Callable[..., dict[str, TimedPath] | None],
+) -> Runs | None:
+    """Return ``runs`` with those of a ``part`` moved together among the others, if found."""
+    motions = [group.motions[n] for n in group.order if n in part]
+    world = [*group.world, *(runs[n] for n in sorted(runs) if n not in part)]
+    found = by(group.workspace, motions, alone, world)
+    return None if found is None else {**runs, **found}
+
+
+def _polished(group: MovingGroup, runs: Runs) -> Runs:
+    """Return runs in which nobody arrives later: each motion planned again among the others, the
+    last to arrive first.
+    """
+    found = dict(runs)
+    for _ in range(POLISH):
+        gained = 0.0
+        for name in sorted(found, key=lambda n: (-found[n].arrival, n)):
+            others = group.others(name, found)
+            attempt = _plan(group, name, found, others, len(ORDERS) - 1)
+            old = found[name].arrival
+            if attempt.run is not None and attempt.run.arrival < old - TIMES.on_time:
+                found[name] = attempt.run
+                gained += old - attempt.run.arrival
+            if group.deadline.expired():
+                return found
+        if gained < POLISH_WORTH:
+            break
+    return found
+
+
+def _is_tried_out(group: MovingGroup, alone: Runs) -> bool:
     """Return whether there are no other ways to coordinate the group than were tried: two robots,
     each in time alone, of which the one goes first or the other, and nothing else that comes or
     goes on their ways.
     """
-    if len(root.runs) != 2 or group.least > 0.0:
+    if len(alone) != 2 or group.least > 0.0:
         return False
     one, other = group.motions.values()
     if one.object == other.object or not _avoid_each_other(one, other):
         return False
     if one.body.flies or other.body.flies:
         return False
-    paths = [root.runs[m.name].path for m in (one, other)]
+    paths = [alone[m.name].path for m in (one, other)]
     if not one_decides(group.workspace.conflicts(*paths)):
         return False
     # who waits for a door may wait ahead of the other one or behind it: that was not tried
@@ -190,14 +358,14 @@ def _is_tried_out(group: Group, root: Node) -> bool:
     )
 
 
-def _one_by_one(group: Group, seed: int, began: float) -> GroupReport:
+def _one_by_one(group: MovingGroup, seed: int, began: float) -> GroupReport:
     """Plan one motion after the other by ST-RRT*, each among those before it."""
     runs: dict[str, TimedPath] = {}
     for name in group.order:
-        motion, window = group.motions[name], window_of(group, name, runs)
+        motion, window = group.motions[name], group.window(name, runs)
         others = [*group.world, *runs.values()]
         attempt = sample_one(group.workspace, motion, window, others, group.deadline, seed)
-        group.met |= attempt.met
+        group.passed |= attempt.met
         if attempt.run is None:
             return GroupReport(
                 nothing(group.deadline),
@@ -207,59 +375,58 @@ def _one_by_one(group: Group, seed: int, began: float) -> GroupReport:
                 seconds=time.monotonic() - began,
             )
         runs[name] = attempt.run
-    group.best = Node(runs)
+    group.best = runs
     conflict = frozenset(runs) if _is_bad(group) else frozenset()
     return _report(group, conflict, time.monotonic() - began)
 
 
-def _is_bad(group: Group) -> bool:
-    return group.best is None or group.lateness(group.best.runs) > 0.0
+def _is_bad(group: MovingGroup) -> bool:
+    return group.best is None or group.lateness(group.best) > 0.0
 
 
-def _shrunk(group: Group, root: Node) -> frozenset[str]:
+def _shrunk(group: MovingGroup, alone: Runs, conflicts: Sequence[Pair]) -> frozenset[str]:
     """Return few motions that cannot meet their windows even without the others.
 
     One that is late alone; or else a pair; or else what is left when every motion that does not
     matter is dropped. Each set is checked again with the others gone (cheap rungs only).
     """
-    late = [n for n in group.order if group.is_late(root.runs[n])]
+    late = [n for n in group.order if group.is_late(alone[n])]
     if late:
         return frozenset(late[:1])
-    bad = group.best.runs if group.best else {}
+    bad = group.best or {}
     suspects = {n for n in bad if group.is_late(bad[n])} or set(group.stuck)
-    suspects |= {n for pair in root.conflicts for n in pair if suspects & set(pair)}
+    suspects |= {n for pair in conflicts for n in pair if suspects & set(pair)}
     names = [n for n in group.order if n in (suspects or set(group.motions))]
     for pair in itertools.combinations(names, 2):
-        if _fails(group, root, pair):
+        if _fails(group, alone, conflicts, pair):
             return frozenset(pair)
     for name in list(names):
         rest = [n for n in names if n != name]
-        if len(rest) > 1 and _fails(group, root, rest):
+        if len(rest) > 1 and _fails(group, alone, conflicts, rest):
             names = rest
     return frozenset(names)
 
 
-def _fails(group: Group, root: Node, names: Sequence[str]) -> bool:
+def _fails(
+    group: MovingGroup, alone: Runs, conflicts: Sequence[Pair], names: Sequence[str]
+) -> bool:
     """Return whether these motions alone are found not to meet their windows."""
-    if group.deadline.expired():
+    some = [pair for pair in conflicts if set(pair) <= set(names)]
+    if group.deadline.expired() or not some:
         return False
     chosen = {n: group.motions[n] for n in group.motions if n in names}
-    conflicts = {pair: at for pair, at in root.conflicts.items() if set(pair) <= set(names)}
-    if not conflicts:
-        return False
-    part = Group(group.workspace, chosen, group.world, group.deadline)
-    runs = {n: root.runs[n] for n in chosen}
-    climb(part, Node(runs, frozenset(), conflicts), coupled=False)
+    part = MovingGroup(group.workspace, chosen, group.world, WorkBudget(group.deadline))
+    climb(part, {n: alone[n] for n in chosen}, some, coupled=False)
     return _is_bad(part) and not group.deadline.expired()
 
 
-def _group_of(workspace: Workspace, query: GroupQuery, deadline: Deadline) -> Group:
+def _group_of(workspace: Workspace, query: GroupQuery, deadline: Deadline) -> MovingGroup:
     world = [rest_run(workspace, rest) for rest in query.rests]
     world += [fixed_run(motion) for motion in query.fixed]
     motions = {motion.name: motion for motion in query.motions}
     if len(motions) != len(query.motions):
         raise ValueError("two motions of a group have the same name")
-    return Group(workspace, motions, world, deadline)
+    return MovingGroup(workspace, motions, world, WorkBudget(deadline))
 
 
 def _hopeless(name: str, attempt: Attempt, deadline: Deadline, seconds: float) -> GroupReport:
@@ -274,7 +441,7 @@ def _hopeless(name: str, attempt: Attempt, deadline: Deadline, seconds: float) -
     )
 
 
-def _report(group: Group, conflict: frozenset[str], seconds: float) -> GroupReport:
+def _report(group: MovingGroup, conflict: frozenset[str], seconds: float) -> GroupReport:
     if group.best is None:
         return GroupReport(
             nothing(group.deadline),
@@ -283,7 +450,7 @@ def _report(group: Group, conflict: frozenset[str], seconds: float) -> GroupRepo
             reason="no order of the robots was found in which all can drive",
             seconds=seconds,
         )
-    runs = group.best.runs
+    runs = group.best
     late = {name: runs[name].arrival for name in sorted(runs) if group.is_late(runs[name])}
     return GroupReport(
         Outcome.FOUND,
@@ -296,6 +463,8 @@ def _report(group: Group, conflict: frozenset[str], seconds: float) -> GroupRepo
     )
 
 
-def _resting(group: Group) -> frozenset[str]:
+def _resting(group: MovingGroup) -> frozenset[str]:
     """Return the resting objects that were met."""
-    return frozenset(o.object for o in group.world if o.path.cells == 0 and o.object in group.met)
+    return frozenset(
+        o.object for o in group.world if o.path.cells == 0 and o.object in group.passed
+    )

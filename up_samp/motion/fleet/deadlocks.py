@@ -67,13 +67,11 @@ class Joint:
         agents: Sequence[Agent],
         heeds: Sequence[Sequence[bool]],
         margin: float,
-        seed: int,
         together: bool = False,
     ) -> None:
         self.together = together
         self.agents, self.heeds, self.margin = agents, heeds, margin
-        self.rng = random.Random(seed)
-        self._lots = [self.rng.random() for _ in agents] if seed else []
+        self.rng = random.Random(0)
         self.expanded = self.work = 0
         self.dry = False
         self._conflicts: dict[tuple[int, int, int, int], bool] = {}
@@ -138,11 +136,7 @@ class Joint:
         )
 
     def _order(self, state: State, waited: Sequence[int]) -> tuple[int, ...]:
-        """Return who moves first: who has been away from its goal longest, then who is farthest
-        (or, with a seed other than 0, by lot).
-        """
-        if self._lots:
-            return tuple(sorted(range(len(state)), key=lambda i: (-waited[i], self._lots[i])))
+        """Return who moves first: who has been away from its goal longest, then who is farthest."""
         away = [a.to_go[at] for a, at in zip(self.agents, state, strict=True)]
         return tuple(sorted(range(len(state)), key=lambda i: (-waited[i], -away[i], i)))
 
@@ -459,9 +453,6 @@ MANY = 3_000
 AIR = 0.02
 """Metres kept from what rests beside a drive, for rounding."""
 
-DRAWS = 2
-"""Searches with other draws on one roadmap: the better way out counts."""
-
 Drives = tuple[tuple[int, Path], ...]
 """Paths of robots at the same time: one, or several with a timing in which they keep clear."""
 
@@ -474,9 +465,7 @@ class Knot:
     scene: Scene
     motions: Sequence[TimedMotion]
     world: Sequence[TimedPath]
-    paths: Sequence[Path | None]
     deadline: Deadline
-    seed: int = 0
     margin: float = field(init=False)
     static: list[tuple[Placed, ...]] = field(init=False)
 
@@ -499,22 +488,19 @@ class Knot:
 def untie(
     workspace: Workspace,
     motions: Sequence[TimedMotion],
-    alone: Mapping[str, TimedPath],
     world: Sequence[TimedPath],
     deadline: Deadline,
-    seed: int = 0,
-) -> list[list[Drives]]:
-    """Return drives (robot, path) in sequences that bring everybody from start to goal, each one
-    clear of all others at rest where the drives before left them; none if none are found.
+) -> list[Drives] | None:
+    """Return drives (robot, path) in a sequence that brings everybody from start to goal, each one
+    clear of all others at rest where the drives before left them; None if none is found.
 
-    ``alone`` are the runs of the motions without each other. For robots with two poses each and
-    of different names. Little work is done on all roadmaps before more is on any.
+    For robots with two poses each and of different names. Little work is done on all roadmaps
+    before more is on any.
     """
     scene = workspace.scene
     if scene is None or any(m.body.mobility.own_law for m in motions):
-        return []
-    paths = [alone[m.name].path if m.name in alone else None for m in motions]
-    knot = Knot(workspace, scene, motions, world, paths, deadline, seed)
+        return None
+    knot = Knot(workspace, scene, motions, world, deadline)
     searches = [(most, False) for most in workspace.tuning.knots]
     if len(motions) > 2:  # nobody can go first: some at the same time; in a ring there are three
         searches.append((TOGETHER, True))
@@ -525,16 +511,13 @@ def untie(
             known += [] if turn else [agents]
             if number in dry and not together:
                 continue
-            found = []
-            for draw in range(DRAWS):
-                joint = Joint(agents, knot.heeds, knot.margin, 100 * seed + draw, together)
-                steps = joint.search(most, deadline)
-                drives = None if steps is None else drives_of(knot, joint, loosened(joint, steps))
-                found += [] if drives is None else [drives]
-                dry |= {number} if joint.dry else set()
-            if found or deadline.expired():
-                return found
-    return []
+            joint = Joint(agents, knot.heeds, knot.margin, together)
+            steps = joint.search(most, deadline)
+            drives = None if steps is None else drives_of(knot, joint, loosened(joint, steps))
+            dry |= {number} if joint.dry else set()
+            if drives is not None or deadline.expired():
+                return drives
+    return None
 
 
 def drives_of(knot: Knot, joint: Joint, stages: Sequence[Stage]) -> list[Drives] | None:
@@ -556,12 +539,10 @@ def drives_of(knot: Knot, joint: Joint, stages: Sequence[Stage]) -> list[Drives]
 
 
 def _coarse_to_fine(knot: Knot) -> Iterator[list[Agent]]:
-    """Yield the robots on roadmaps of each grain, without and with places on their own paths (few
-    and close: only where the lattice fails), as far as those before have not too many places.
-    """
+    """Yield the robots on roadmaps of each grain, until one has many places."""
     grains = dict.fromkeys(zip(*(cells_of(m.body) for m in knot.motions), strict=True))
-    for cells, own in itertools.product(grains, (False, True)):
-        agents = _agents(knot, cells, own)
+    for cells in grains:
+        agents = _agents(knot, cells)
         if agents is not None and all(agent.start in agent.to_go for agent in agents):
             yield agents
             if _places(agents) > MANY:
@@ -582,10 +563,8 @@ def _margin(wish: float, motions: Sequence[TimedMotion]) -> float:
     return margin
 
 
-def _agents(knot: Knot, cells: Sequence[float], marks: bool) -> list[Agent] | None:
-    """Return the robots on roadmaps, one for each kind of body among the same resting things;
-    ``marks``: with places along the robots' own paths.
-    """
+def _agents(knot: Knot, cells: Sequence[float]) -> list[Agent] | None:
+    """Return the robots on roadmaps, one for each kind of body among the same resting things."""
     kinds: dict[object, list[int]] = {}
     for i, motion in enumerate(knot.motions):
         around = frozenset((p.body.footprint, p.pose) for p in knot.static[i])
@@ -593,9 +572,8 @@ def _agents(knot: Knot, cells: Sequence[float], marks: bool) -> list[Agent] | No
     agents: dict[int, Agent] = {}
     for robots in kinds.values():
         ends = [pose for i in robots for pose in knot.motions[i].poses]
-        own = [path for i in robots if marks and (path := knot.paths[i]) is not None]
         body, static = knot.motions[robots[0]].body, knot.static[robots[0]]
-        roadmap = Roadmap(knot.scene, body, ends, own, static, cells[robots[0]])
+        roadmap = Roadmap(knot.scene, body, ends, static, cells[robots[0]])
         if not roadmap.usable or knot.deadline.expired():
             return None
         for i in robots:

@@ -10,7 +10,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.geometry import sweeps
 from up_samp.geometry.records import WorldData
@@ -23,6 +22,7 @@ from up_samp.model import (
     TimedMotion,
     Trajectory,
 )
+from up_samp.model.arrays import FloatArray
 from up_samp.motion.curves.arcs import merged, nodes_of
 from up_samp.motion.curves.reeds_shepp import CarLimits, fastest
 from up_samp.motion.curves.rolling import rolled, rolling_radius, thinned
@@ -40,9 +40,6 @@ from up_samp.motion.fleet.speed import Window, fit, tune
 from up_samp.motion.fleet.timed_path import TimedPath, natural_timing, run_of
 from up_samp.motion.fleet.workspace import Workspace
 from up_samp.motion.guides.search_space import widest_shape
-
-FloatArray = npt.NDArray[np.float64]
-
 
 ROUNDS = 4
 """Of paths around, and of lanes beside, what the last path met."""

@@ -13,14 +13,11 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.geometry.meshes import contains, mesh_of, rotation, surface_distance, transform
 from up_samp.geometry.shadows import on_the_floor
 from up_samp.model import Body, Placed, check_time
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
+from up_samp.model.arrays import FloatArray, IntArray
 
 TOUCH = 5e-5
 """Clearance (m) that counts as none; path planners keep more."""

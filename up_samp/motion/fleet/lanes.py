@@ -6,11 +6,11 @@ import itertools
 import math
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.geometry import sweeps
 from up_samp.geometry.scene import Scene
 from up_samp.model import Configuration
+from up_samp.model.arrays import FloatArray
 from up_samp.motion.curves.arcs import merged
 from up_samp.motion.curves.blending import pieces
 from up_samp.motion.curves.reeds_shepp import CarLimits, fastest
@@ -19,8 +19,6 @@ from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
 from up_samp.motion.fleet.paths import Path, path_of
 from up_samp.motion.planners.car_shortcuts import settle
 from up_samp.motion.planners.gliding import Glider
-
-FloatArray = npt.NDArray[np.float64]
 
 EXACT = 1e-7
 """Metres, or rad, by which a lane may miss the path that it comes back to."""

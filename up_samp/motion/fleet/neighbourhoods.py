@@ -12,10 +12,10 @@ import itertools
 import math
 import random
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from up_samp.model import Rest, TimedMotion
+from up_samp.model import Deadline, Rest, TimedMotion
 from up_samp.motion.budget import WorkBudget
 from up_samp.motion.fleet.paths import TIMES, Path
 from up_samp.motion.fleet.space_time import proposer_of
@@ -23,21 +23,11 @@ from up_samp.motion.fleet.speed import Window, fit
 from up_samp.motion.fleet.timed_path import TimedPath, natural_timing, run_of
 from up_samp.motion.fleet.workspace import Workspace, rest_run
 
-Cost = Callable[[str, float], float]
-"""What it costs that a motion (by name) arrives at a time (s)."""
+Runs = Mapping[str, TimedPath]
+"""Runs by the names of their motions."""
 
 LATE = 100.0
 """What a second costs after a motion's due; before, it costs 1."""
-
-
-def arrivals_and_lateness(motions: Mapping[str, TimedMotion]) -> Cost:
-    """Return the cost by which a second counts 1, and ``LATE`` after a motion's due."""
-
-    def cost(name: str, arrival: float) -> float:
-        return arrival + LATE * max(0.0, arrival - motions[name].due - TIMES.on_time)
-
-    return cost
-
 
 SOON = 0.2
 """A motion that is so much later (s) than alone is given other ways."""
@@ -57,33 +47,82 @@ SIZES = (2, 3, 4, 5, 6, 8)
 
 @dataclass
 class MovingGroup:
-    """Motions to be planned among each other and what is there for good (``world``)."""
+    """Motions to be planned among each other and what is there for good (``world``), with the best
+    answer so far.
+    """
 
     workspace: Workspace
     motions: Mapping[str, TimedMotion]
     world: Sequence[TimedPath]
-    cost: Cost
     budget: WorkBudget
     ways: dict[str, list[Path]] = field(default_factory=dict)
     """The ways that are known for each motion; the first is the best one alone."""
+    best: Runs | None = None
+    least: float = 0.0
+    """Lateness (s) of everybody alone."""
+    stuck: set[str] = field(default_factory=set)
+    """Motions that could not be planned after some others."""
+    passed: set[str] = field(default_factory=set)
+    """Objects that were in the way of best paths."""
 
     def __post_init__(self) -> None:
-        self.after: dict[str, list[str]] = {}
+        due = {name: (m.release, m.due, name) for name, m in self.motions.items()}
+        self.order = sorted(due, key=lambda name: due[name])
+        """The motions by release, then by due (less slack first), then by name."""
+        chains: dict[str, list[str]] = {}
+        for name in self.order:
+            chains.setdefault(self.motions[name].object, []).append(name)
+        self.after = {n: names[k + 1 :] for names in chains.values() for k, n in enumerate(names)}
         """The later motions of the same object, by name."""
-        byobject: dict[str, list[str]] = {}
-        for name in sorted(self.motions, key=lambda n: (self.motions[n].release, n)):
-            byobject.setdefault(self.motions[name].object, []).append(name)
-        for names in byobject.values():
-            for k, name in enumerate(names):
-                self.after[name] = names[k + 1 :]
-        self.before = {n: k for names in byobject.values() for k, n in itertools.pairwise(names)}
+        self.before = {n: k for names in chains.values() for k, n in itertools.pairwise(names)}
+        """The same object's motion just before each one (where there is one)."""
+        self.starts = {n: self.at_start(n) for n in self.order if n not in self.before}
+        """Where objects rest until they may first leave, by the names of their first motions."""
+
+    @property
+    def deadline(self) -> Deadline:
+        """When to give up."""
+        return self.budget.deadline
+
+    def cost(self, name: str, arrival: float) -> float:
+        """Return what it costs that a motion arrives at a time (s)."""
+        return arrival + LATE * max(0.0, arrival - self.motions[name].due - TIMES.on_time)
+
+    def is_late(self, run: TimedPath) -> bool:
+        """Return whether a run arrives after its motion's due."""
+        return run.arrival > self.motions[run.name].due + TIMES.on_time
+
+    def lateness(self, runs: Runs) -> float:
+        """Return the sum of all lateness (s)."""
+        late = (runs[name].arrival - self.motions[name].due for name in sorted(runs))
+        return sum(x for x in late if x > TIMES.on_time)
+
+    def finished(self) -> bool:
+        """Return whether nobody can be less late, as far as driving alone tells."""
+        return self.best is not None and self.lateness(self.best) <= self.least + TIMES.on_time
+
+    def keep(self, runs: Runs) -> None:
+        """Make runs the best ones, if they are less late, or as late and over sooner."""
+        if self.best is None or self._worth(runs) < self._worth(self.best):
+            self.best = runs
+
+    def _worth(self, runs: Runs) -> tuple[float, float]:
+        return self.lateness(runs), sum(runs[name].arrival for name in sorted(runs))
+
+    def others(self, name: str, runs: Runs) -> list[TimedPath]:
+        """Return what is there for a motion: the world, ``runs``, and who has none yet, at its
+        start until it may leave.
+        """
+        since = self.motions[name].release
+        waiting = (n for n in self.starts if n not in runs and self.motions[n].release > since)
+        return [*self.world, *runs.values(), *(self.starts[n] for n in waiting)]
 
     def alone(self, name: str) -> float:
         """Return the least seconds that a motion is known to take."""
         return min(way.natural.duration for way in self.ways[name])
 
-    def window(self, name: str, runs: Mapping[str, TimedPath]) -> Window:
-        """Return when a motion may happen: after its object's last one."""
+    def window(self, name: str, runs: Runs) -> Window:
+        """Return when a motion may happen: not before its object has arrived from the last one."""
         motion, previous = self.motions[name], self.before.get(name)
         if previous is None or previous not in runs:
             return Window(motion.present_from, motion.release)
@@ -92,14 +131,11 @@ class MovingGroup:
         release = max(motion.release, arrival)
         return Window(min(since, release), release)
 
-    def plan(
-        self, name: str, runs: Mapping[str, TimedPath], without: Iterable[str] = ()
-    ) -> TimedPath | None:
+    def plan(self, name: str, runs: Runs, without: Collection[str] = ()) -> TimedPath | None:
         """Return the earliest run found of a motion among ``runs``, but those ``without``."""
         self.budget.used += 1
         motion, window = self.motions[name], self.window(name, runs)
-        gone = {name, *without}
-        others = [*self.world, *(run for n, run in runs.items() if n not in gone)]
+        others = self.others(name, {n: run for n, run in runs.items() if n not in without})
         best: TimedPath | None = None
         ways = self.ways[name]
         enough = window.release + self.alone(name) + SOON
@@ -129,18 +165,18 @@ class MovingGroup:
             ways.insert(1, best.path)
         del ways[KNOWN:]
 
-    def met(self, run: TimedPath, runs: Mapping[str, TimedPath]) -> list[str]:
+    def met(self, run: TimedPath, runs: Runs) -> list[str]:
         """Return which runs one meets."""
         meeting = self.workspace.meeting
         return [n for n in sorted(runs) if n != run.name and meeting(run, runs[n])[0] < math.inf]
 
-    def ideal(self, name: str, runs: Mapping[str, TimedPath]) -> TimedPath:
+    def ideal(self, name: str, runs: Runs) -> TimedPath:
         """Return the run of a motion on its best way as if nobody were there."""
         motion, window = self.motions[name], self.window(name, runs)
         way = min(self.ways[name], key=lambda way: way.natural.duration)
         return run_of(motion, way, natural_timing(way, window.release), window.since)
 
-    def at_start(self, name: str, seconds: float) -> TimedPath:
+    def at_start(self, name: str, seconds: float = 0.0) -> TimedPath:
         """Return a motion's object as it rests at the start, until so long after it may leave."""
         m = self.motions[name]
         rest = Rest(m.object, m.body, m.poses[0], m.present_from, m.release + seconds)
@@ -184,7 +220,7 @@ def first_runs(problem: MovingGroup) -> dict[str, TimedPath] | None:
 
 
 def _inserted(
-    problem: MovingGroup, name: str, runs: Mapping[str, TimedPath], price: Mapping[str, float]
+    problem: MovingGroup, name: str, runs: Runs, price: Mapping[str, float]
 ) -> tuple[TimedPath | None, list[str]]:
     """Return the cheapest run of a motion, and who has to go for it."""
     best, gone = problem.plan(name, runs), list[str]()
@@ -194,7 +230,8 @@ def _inserted(
     least, mine = best.arrival, problem.motions[name].object
     met = [n for n in problem.met(ideal, runs) if problem.motions[n].object != mine]
     options = [[n] for n in met] if len(met) > 1 else []
-    if all(math.isinf(problem.workspace.meeting(ideal, w)[0]) for w in problem.world):
+    still = problem.others(name, {n: run for n, run in runs.items() if n not in met})
+    if all(math.isinf(problem.workspace.meeting(ideal, other)[0]) for other in still):
         options.append(met)
     for option in options:
         bill = sum(price[n] for n in option)
@@ -209,7 +246,7 @@ def _inserted(
 def _forced(
     problem: MovingGroup,
     name: str,
-    runs: Mapping[str, TimedPath],
+    runs: Runs,
     quarrels: Mapping[tuple[str, str], int],
 ) -> tuple[TimedPath | None, list[str]]:
     """Return a run of a motion that has none among ``runs``, and who has to go for it.
@@ -239,10 +276,10 @@ def _forced(
 
 def improve(
     problem: MovingGroup,
-    runs: Mapping[str, TimedPath],
+    runs: Runs,
     movable: Sequence[str],
     seed: int = 0,
-    enough: Callable[[Mapping[str, TimedPath]], bool] = lambda runs: False,
+    enough: Callable[[Runs], bool] = lambda runs: False,
 ) -> dict[str, TimedPath]:
     """Return runs that cost no more: until the budget is spent or they are good ``enough``, those
     of a few ``movable`` motions are taken out and planned again among the others, and kept if they

@@ -20,7 +20,6 @@ from up_samp.model import (
     Outcome,
     PathReport,
     Placed,
-    Rest,
     TimedMotion,
     UnsupportedError,
 )
@@ -29,7 +28,7 @@ from up_samp.motion.fleet.flyers import met_by
 from up_samp.motion.fleet.paths import Path
 from up_samp.motion.fleet.speed import Window, fit, parked_all_the_time
 from up_samp.motion.fleet.timed_path import TimedPath, fixed_run
-from up_samp.motion.fleet.workspace import PathPlanner, Workspace, rest_run, workspace_of
+from up_samp.motion.fleet.workspace import PathPlanner, Workspace, workspace_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,21 +114,19 @@ def _lasts(placed: Placed, others: Iterable[TimedPath]) -> bool:
 def earliest_arrival(
     service: PathPlanner,
     motion: TimedMotion,
-    rests: Sequence[Rest] = (),
-    fixed: Sequence[FixedMotion] = (),
+    ahead: FixedMotion,
     deadline: Deadline = Deadline.never(),
 ) -> PathReport:
-    """Return the earliest found arrival of one motion among movers and things that come and go.
+    """Return the earliest found arrival of one motion among nothing but one that is decided.
 
     The trajectory is in plan time and may end after the motion's due. ``IMPOSSIBLE`` is a proof
     by what rests there for good. ``complete`` where no search was cut short.
     """
     began = time.monotonic()
     workspace = workspace_of(service)
-    others = [rest_run(workspace, rest) for rest in rests] + [fixed_run(f) for f in fixed]
     window = Window(motion.present_from, motion.release)
     truncated = workspace.truncated
-    attempt = plan_one(workspace, motion, window, others, deadline, effort=1)
+    attempt = plan_one(workspace, motion, window, [fixed_run(ahead)], deadline, effort=1)
     seconds = time.monotonic() - began
     complete = not deadline.expired() and workspace.truncated == truncated
     if attempt.run is not None:

@@ -13,12 +13,12 @@ from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.geometry.meshes import load_mesh
 from up_samp.geometry.records import inner, kernel
 from up_samp.geometry.shapes import Shape, shape_of
 from up_samp.model import Body, Configuration, Trajectory
+from up_samp.model.arrays import BoolArray, FloatArray, IntArray
 from up_samp.motion.curves.rolling import ON_SPOT, rolls_of
 from up_samp.motion.curves.twists import partway, twists
 from up_samp.motion.fleet.conflicts import Hull, Swept, sweep_table
@@ -28,10 +28,6 @@ from up_samp.motion.fleet.flyers import ROUND, SweptSolid
 # Who is in which cell when, and what that leaves free. ``occupied`` of a run has shape (cells +
 # 3,): extended cell ``i`` is held during ``[occupied[i], occupied[i + 1]]``. A body that waits
 # between two cells counts as being in the one behind it.
-
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 
 class CellTimes(NamedTuple):
@@ -311,9 +307,6 @@ def first_gap(blocked: FloatArray, earliest: float, latest: float) -> float:
 # Their parameter, where they kink, where the body must rest or drive slowly.
 
 
-BoolArray = npt.NDArray[np.bool_]
-
-
 @dataclass(frozen=True)
 class PathCut:
     """How paths are cut. Steps shorter than ``tiny`` (m) carry no shape of their own; a change of
@@ -452,9 +445,8 @@ def ways_at(poses: FloatArray, s: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.where(sharp, before, way), np.where(sharp, after, way)
 
 
-# ------------------ Fixed paths, cut into short cells: the geometry that speed tuning and
-# Fixed paths, cut into short cells: the geometry that speed tuning and conflict checks share. A
-# path keeps the shape of a planner's trajectory and forgets its timing. Its parameter ``s`` (m)
+# ------------------ Fixed paths
+# A path keeps the shape of a planner's trajectory and forgets its timing. Its parameter ``s`` (m)
 # is driven length for cars, and for bodies that turn on the spot where they drive; for
 # omnidirectional bodies, and on the spot, it is the larger of the length and the turn scaled by
 # ``v_max / omega_max``, so that ``|ds/dt| <= v_max`` bounds speed and turn rate at once.

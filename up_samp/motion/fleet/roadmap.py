@@ -12,22 +12,20 @@ from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.geometry import Shape, sweeps
 from up_samp.geometry.scene import Scene
 from up_samp.geometry.shapes import shape_of
 from up_samp.model import Body, Configuration, Kinematics, Placed, check_time
+from up_samp.model.arrays import FloatArray
 from up_samp.motion.curves.arcs import length_of, nodes_of
 from up_samp.motion.curves.reeds_shepp import fastest
 from up_samp.motion.curves.trapezoid import limits_of, runs_of
 from up_samp.motion.fleet.conflicts import Hull, Swept, sweep_table
-from up_samp.motion.fleet.lanes import arcs_between
-from up_samp.motion.fleet.paths import Path, hull_of
+from up_samp.motion.fleet.paths import hull_of
 from up_samp.motion.guides.search_space import widest_shape
 from up_samp.motion.moves import ShortMove, steer, straight_move
 
-FloatArray = npt.NDArray[np.float64]
 Key = tuple[int, int, int]
 Box = tuple[float, float, float, float]
 
@@ -50,31 +48,23 @@ be long.
 QUARTERS = (0.0, math.pi / 2, math.pi, -math.pi / 2)
 
 
-def box_around(
-    ends: Iterable[Configuration], paths: Iterable[Path], radius: float, turning: float
-) -> Box:
-    """Return the region that the lattice covers: all ends and paths, and room to step aside."""
-    points = np.concatenate([np.array([p[:2] for p in ends]), *(p.poses[:, :2] for p in paths)])
+def box_around(ends: Iterable[Configuration], radius: float, turning: float) -> Box:
+    """Return the region that the lattice covers: all ends, and room to step aside."""
+    points = np.array([p[:2] for p in ends])
     reach = 6 * radius + 3 * turning
     low, high = points.min(axis=0) - reach, points.max(axis=0) + reach
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])
 
 
 def lattice_of(
-    body: Body,
-    ends: Sequence[Configuration],
-    box: Box,
-    cell: float,
-    turning: bool,
+    body: Body, ends: Sequence[Configuration], box: Box, cell: float
 ) -> Tensor | LatticeState:
-    """Return the lattice for a body in a box; ``turning``: with other headings than those of the
-    ends, too, where it could do without.
-    """
+    """Return the lattice for a body in a box."""
     if not body.mobility.pivots:
         x, y, _ = ends[0]
         return LatticeState(body, (x, y), cell)
     headings = dict.fromkeys(round(math.remainder(p[2], 2 * math.pi), 12) for p in ends)
-    kept = () if body.mobility.sideways and not turning else QUARTERS
+    kept = () if body.mobility.sideways else QUARTERS
     near = [
         h for h in headings if all(abs(math.remainder(h - q, 2 * math.pi)) > 1e-6 for q in kept)
     ]
@@ -287,9 +277,8 @@ def steps_of(rows: FloatArray, radius: float) -> FloatArray:
 
 # ------------------ A roadmap of one kind of body
 # Places to rest at, and the short moves between them. The places are those of a lattice around
-# everybody's ends, the ends themselves, and marks along the robots' own best paths, so that what is
-# too tight for the lattice is on the map all the same. Every move is swept against the map and what
-# rests for good.
+# everybody's ends, and the ends themselves. Every move is swept against the map and what rests for
+# good.
 
 
 def cells_of(body: Body) -> tuple[float, float, float, float]:
@@ -311,14 +300,13 @@ class Roadmap:
         scene: Scene,
         body: Body,
         ends: Sequence[Configuration],
-        paths: Sequence[Path],
         static: tuple[Placed, ...],
         cell: float,
         box: Box | None = None,
     ) -> None:
-        """``ends``: where the robots of this body start and go; ``paths``: their best paths;
-        ``cell``: grain of the lattice (m); ``box``: what
-        the lattice covers (x low, y low, x high, y high; by default what is around the ends).
+        """``ends``: where the robots of this body start and go; ``cell``: grain of the lattice (m);
+        ``box``: what the lattice covers (x low, y low, x high, y high; by default what is around
+        the ends).
         """
         shape = widest_shape(scene, body, ends, static)
         self.scene, self.body, self.hull = scene, body, hull_of(body)
@@ -335,34 +323,19 @@ class Roadmap:
         self._known: dict[int, list[RoadmapEdge]] = {}
         self._free: dict[Key, bool] = {}
         self.cell = cell
-        self._box = box or box_around(ends, paths, self.hull.radius, body.kinematics.bend_radius)
-        self.lattice = lattice_of(body, ends, self._box, self.cell, bool(paths))
+        self._box = box or box_around(ends, self.hull.radius, body.kinematics.bend_radius)
+        self.lattice = lattice_of(body, ends, self._box, self.cell)
         self.places: dict[Configuration, int] = {}
         self._rests: dict[int, RoadmapEdge] = {}
         for pose in ends:
             self.place(pose)
-        for path in paths:
-            self._chain(path)
 
     def place(self, pose: Configuration) -> int:
         """Return the place at a pose, joined to the places of the lattice near it."""
         if pose not in self.places:
             node = self.places[pose] = self._new(pose)
-            if not self._join(node, LINKS):
-                self._drive_out(node)
+            self._join(node)
         return self.places[pose]
-
-    def _drive_out(self, node: int) -> None:
-        """Join a place at which the body cannot turn to places straight ahead and behind."""
-        x, y, theta = self.poses[node]
-        for away in (-2.0, -1.0, 1.0, 2.0):
-            reach, order = away * self.cell, self._orders[-int(away < 0.0)]
-            pose = (x + reach * math.cos(theta), y + reach * math.sin(theta), theta)
-            moves = steer(self.body, *(self.poses[node], pose)[::order])
-            if all(self._sweeps_free(m.rows) for m in moves):
-                there = self._new(pose)
-                self._link((node, there)[::order], moves)
-                self._join(there, LINKS)
 
     def rest(self, node: int) -> RoadmapEdge:
         """Return the rest at a place."""
@@ -507,27 +480,24 @@ class Roadmap:
             if self._both_ways:
                 self._extra.setdefault(b, []).append(self._edge(b, a, move.back()).number)
 
-    def _join(self, node: int, most: int) -> bool:
-        """Join a place off the lattice to free places near it, and these to it; return whether both
-        were done.
-        """
+    def _join(self, node: int) -> None:
+        """Join a place off the lattice to free places near it, and these to it."""
         pose = self.poses[node]
         options = []
         for key in self.lattice.near(pose[0], pose[1]):
             target = self.lattice.pose(key)
             if _same(pose, target):
                 self._nodes[key], self._keys[node] = node, key
-                return True
+                return
             away = math.dist(pose[:2], target[:2])
             bend = abs(math.remainder(target[2] - pose[2], 2 * math.pi))
             options.append((away + self.hull.radius * bend, key))
         options.sort()
         limit = LOCAL * max(self.cell, self.body.kinematics.bend_radius)
-        done = []
         for order in self._orders:
             joined = 0
-            for _, key in options[: 8 * most]:
-                if joined >= most:
+            for _, key in options[: 8 * LINKS]:
+                if joined >= LINKS:
                     break
                 if not self._is_place(key):
                     continue
@@ -536,52 +506,6 @@ class Roadmap:
                 if way <= limit and all(self._sweeps_free(m.rows) for m in moves):
                     self._link((node, self._lattice_place(key))[::order], moves)
                     joined += 1
-            done.append(joined > 0)
-        return all(done)
-
-    def _chain(self, path: Path) -> None:
-        """Add marks along a path, and the drives between them."""
-        stops = path.s[path.stop]
-        counts = [max(1, math.ceil((b - a) / self.cell)) for a, b in itertools.pairwise(stops)]
-        marks = np.concatenate(
-            [
-                np.linspace(a, b, n + 1)[:-1]
-                for (a, b), n in zip(itertools.pairwise(stops), counts, strict=True)
-            ]
-            + [stops[-1:]]
-        )
-        poses = path.poses_at(marks)
-        nodes = [self.place(_pose(path.poses[0]))]
-        nodes += [self._new(tuple(row.tolist())) for row in poses[1:-1]]
-        nodes.append(self.place(_pose(path.poses[-1])))
-        for i, (a, b) in enumerate(itertools.pairwise(marks)):
-            self._link((nodes[i], nodes[i + 1]), [self._along(path, float(a), float(b))])
-        for node in nodes[1:-1]:
-            self._join(node, 2)
-
-    def _along(self, path: Path, first: float, last: float) -> ShortMove:
-        """Return the move between two marks of a path, straight where the body can."""
-        if self.body.mobility.sideways:
-            start, goal = path.poses_at(np.array([first, last]))
-            move = straight_move(start, goal, self.body.kinematics)
-            if self._sweeps_free(move.rows):
-                return move
-        return _part(path, first, last)
-
-
-def _pose(row: FloatArray) -> Configuration:
-    return tuple(float(v) for v in row)
-
-
-def _part(path: Path, first: float, last: float) -> ShortMove:
-    """Return the part of a path between two marks (m along it) as a move."""
-    inside = path.s[(path.s > first + 1e-9) & (path.s < last - 1e-9)]
-    rows = path.poses_at(np.concatenate([[first], inside, [last]]))
-    v, a = path.body.kinematics.v_max, path.body.kinematics.a_max
-    seconds = (last - first) / v + v / a
-    able = path.body.mobility
-    arcs = None if able.pivots or able.own_law else arcs_between(path, first, last)
-    return ShortMove(rows, seconds, arcs)
 
 
 def _same(p: Configuration, q: Configuration) -> bool:

@@ -22,6 +22,7 @@ from up_samp.geometry.memory import Memory
 from up_samp.geometry.records import inner, kernel
 from up_samp.geometry.scene import Scene
 from up_samp.model import Body, Configuration, Mobility, TimedMotion
+from up_samp.model.arrays import BoolArray, FloatArray, IntArray
 from up_samp.motion.fleet.detours import drivable
 from up_samp.motion.fleet.paths import (
     Path,
@@ -32,10 +33,6 @@ from up_samp.motion.fleet.paths import (
 from up_samp.motion.fleet.timed_path import TimedPath, pair_flags
 from up_samp.motion.fleet.workspace import Workspace
 from up_samp.motion.guides.search_space import search_box
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 STEP = 0.7
 """Circumscribed radii between places of the lattice."""

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.geometry.records import inner, kernel
 from up_samp.model import (
@@ -24,6 +23,7 @@ from up_samp.model import (
     TimedMotion,
     avoids,
 )
+from up_samp.model.arrays import BoolArray, FloatArray, IntArray
 from up_samp.motion.fleet.paths import (
     TIMES,
     Path,
@@ -44,10 +44,6 @@ from up_samp.motion.fleet.timed_path import (
     speed_of,
 )
 from up_samp.motion.fleet.workspace import Workspace
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 SHARE = 1.0 - 2e-6
 """Share of the speed and acceleration limits that is used, so that rounding never exceeds them."""

@@ -18,13 +18,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.geometry.kernels import advance
 from up_samp.geometry.records import WorldData, inner, kernel
 from up_samp.geometry.scene import Scene
 from up_samp.geometry.sweeps import first_blocked
 from up_samp.model import Deadline, Placed, TimedMotion
+from up_samp.model.arrays import FloatArray, IntArray
 from up_samp.motion.curves.arcs import merged, nodes_of
 from up_samp.motion.curves.reeds_shepp import CarLimits, Pose, connect, fastest, run_time
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
@@ -33,10 +33,6 @@ from up_samp.motion.fleet.paths import A_AVOIDS, Path, hull_of, path_of
 from up_samp.motion.fleet.timed_path import TimedPath, pair_flags
 from up_samp.motion.guides.search_space import search_box
 from up_samp.motion.planners.car_shortcuts import Effort, improve, settle
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-
 
 VERTICES = 6_000
 """Of each tree."""

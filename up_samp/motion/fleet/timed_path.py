@@ -7,14 +7,11 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.geometry.records import inner, kernel
 from up_samp.model import Configuration, FixedMotion, TimedMotion, Trajectory, avoids
+from up_samp.model.arrays import FloatArray, IntArray
 from up_samp.motion.fleet.paths import A_AVOIDS, B_AVOIDS, TIMES, Path, occupancy, path_of
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 
 class Speeds(NamedTuple):

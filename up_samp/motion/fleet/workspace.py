@@ -12,7 +12,6 @@ from typing import Protocol
 from weakref import WeakKeyDictionary
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.geometry.memory import Memory
 from up_samp.geometry.scene import Scene
@@ -29,6 +28,7 @@ from up_samp.model import (
     Rest,
     check_time,
 )
+from up_samp.model.arrays import FloatArray, IntArray
 from up_samp.motion.fleet.conflicts import (
     ROOM,
     conflicting_cells,
@@ -56,8 +56,6 @@ from up_samp.motion.protocol import Leg, LegQuery, MotionPlanner
 from up_samp.motion.registry import PLANNERS
 from up_samp.motion.tuning import FleetTuning, MotionTuning
 
-IntArray = npt.NDArray[np.int64]
-
 
 def is_cleared(path: Path, rest: Path) -> bool:
     """Return whether a path's planner has proven that it keeps clear of a body that rests."""
@@ -83,12 +81,6 @@ def but_cleared(rows: IntArray, a: Path, b: Path) -> IntArray:
             rows[:, 2] = np.minimum(rows[:, 2], b.cells)
         rows = rows[rows[:, 1] <= rows[:, 2]]
     return rows
-
-
-# ------------------ A workspace that remembers paths, and what they have to do with each other
-
-
-FloatArray = npt.NDArray[np.float64]
 
 
 CHORD = 0.1

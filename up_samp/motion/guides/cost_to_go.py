@@ -22,10 +22,10 @@ from up_samp.geometry.records import (
     kernel,
 )
 from up_samp.model import Placed
+from up_samp.model.arrays import BoolArray, FloatArray, Int32Array
 from up_samp.motion.guides.heap import pop, push
 from up_samp.motion.guides.visibility import sees
 
-FloatArray = npt.NDArray[np.float64]
 MAX_CELLS = 60_000
 
 
@@ -61,7 +61,7 @@ def least_value(field: Field, points: FloatArray) -> float:
 
 
 @kernel
-def point_to_convex(x: float, y: float, verts: npt.NDArray[np.float64], n: int) -> float:
+def point_to_convex(x: float, y: float, verts: FloatArray, n: int) -> float:
     """Return the distance (m) from a point to a convex counter-clockwise polygon (0 inside)."""
     inside = True
     best = 1e300
@@ -81,7 +81,7 @@ def point_to_convex(x: float, y: float, verts: npt.NDArray[np.float64], n: int) 
 
 @kernel
 def mark_near(
-    cells: npt.NDArray[np.bool_],
+    cells: BoolArray,
     frame: GridFrame,
     polys: PolyData,
     reach: float,
@@ -103,8 +103,8 @@ def mark_near(
 @inner
 def _settle(
     dist: npt.NDArray[np.float32],
-    root: npt.NDArray[np.int32],
-    sums: npt.NDArray[np.int32],
+    root: Int32Array,
+    sums: Int32Array,
     cell: int,
 ) -> None:
     """Make sure that a cell sees its root; otherwise take the best settled neighbour as its
@@ -129,9 +129,7 @@ def _settle(
 
 
 @kernel
-def distances(
-    blocked: npt.NDArray[np.bool_], sums: npt.NDArray[np.int32], row: int, col: int
-) -> npt.NDArray[np.float32]:
+def distances(blocked: BoolArray, sums: Int32Array, row: int, col: int) -> npt.NDArray[np.float32]:
     """Return the distance (in cells) of every cell to (row, col), along any angle.
 
     Lazy Theta* (Nash, Koenig, Tovey, AAAI 2010) without a goal: each cell hangs on the last turning

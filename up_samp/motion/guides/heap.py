@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
-import numpy.typing as npt
-
 from up_samp.geometry.records import inner
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
+from up_samp.model.arrays import FloatArray, IntArray
 
 
 @inner

@@ -7,12 +7,10 @@ from itertools import starmap
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.geometry import Scene, Shape
 from up_samp.model import Body, Configuration, Placed
-
-FloatArray = npt.NDArray[np.float64]
+from up_samp.model.arrays import FloatArray
 
 MARGIN_SHARES = (1.0, 0.25, 0.06, 0.015, 0.004, 0.001)
 """Shares of the clearance margin tried where a start or goal is closer to something than that."""

@@ -10,14 +10,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.geometry.cells import shortest_ways
 from up_samp.geometry.memory import Memory
 from up_samp.geometry.records import kernel
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
+from up_samp.model.arrays import BoolArray, FloatArray, Int32Array
 
 MOST_CORNERS = 500
 EPS = 1e-9
@@ -27,7 +24,7 @@ PLACES = 256
 
 
 @kernel
-def sees(sums: npt.NDArray[np.int32], ax: float, ay: float, bx: float, by: float) -> bool:
+def sees(sums: Int32Array, ax: float, ay: float, bx: float, by: float) -> bool:
     """Return whether the segment between two points (in cells) stays out of the blocked area.
 
     ``sums`` (rows, cols + 1): running sums of the blocked cells of each row. Touching is allowed.
@@ -64,7 +61,7 @@ def sees(sums: npt.NDArray[np.int32], ax: float, ay: float, bx: float, by: float
 
 
 @kernel
-def corner_matrix(sums: npt.NDArray[np.int32], corners: npt.NDArray[np.float64]) -> FloatArray:
+def corner_matrix(sums: Int32Array, corners: FloatArray) -> FloatArray:
     """Return the lengths (cells) of the visible segments between corners, 0 where not visible."""
     n = corners.shape[0]
     out = np.zeros((n, n))
@@ -79,9 +76,7 @@ def corner_matrix(sums: npt.NDArray[np.int32], corners: npt.NDArray[np.float64])
 
 
 @kernel
-def seen_from(
-    sums: npt.NDArray[np.int32], corners: npt.NDArray[np.float64], x: float, y: float
-) -> FloatArray:
+def seen_from(sums: Int32Array, corners: FloatArray, x: float, y: float) -> FloatArray:
     """Return the distance (cells) of a point to each corner, inf where it is not visible."""
     out = np.empty(corners.shape[0])
     for i in range(corners.shape[0]):

@@ -6,12 +6,12 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.geometry import Scene, Shape, sweeps
 from up_samp.geometry.memory import Memory
 from up_samp.geometry.records import WorldData
 from up_samp.model import Deadline
+from up_samp.model.arrays import FloatArray
 from up_samp.motion.budget import WorkBudget
 from up_samp.motion.curves.arcs import merged, path_time, reversed_arcs
 from up_samp.motion.curves.reeds_shepp import CarLimits, fastest
@@ -21,9 +21,6 @@ from up_samp.motion.guides.search_space import TOUCHES, pose_space, widest_shape
 from up_samp.motion.planners import hybrid_astar as hybrid
 from up_samp.motion.planners.car_shortcuts import Effort, improve, settle
 from up_samp.motion.protocol import Leg, LegQuery
-
-FloatArray = npt.NDArray[np.float64]
-
 
 _DRY = "no path at the finest resolution"
 

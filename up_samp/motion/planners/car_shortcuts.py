@@ -6,16 +6,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.geometry.kernels import advance
 from up_samp.geometry.records import WorldData, inner, kernel
 from up_samp.geometry.sweeps import first_blocked
+from up_samp.model.arrays import FloatArray, IntArray
 from up_samp.motion.curves.arcs import ends_of, merged, nodes_of, path_time
 from up_samp.motion.curves.reeds_shepp import TINY, CarLimits, Pose, connect, driven_on, run_time
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 
 class Effort(NamedTuple):

@@ -11,7 +11,6 @@ import math
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.geometry import Scene, sweeps
 from up_samp.model import (
@@ -22,6 +21,7 @@ from up_samp.model import (
     ProblemError,
     Trajectory,
 )
+from up_samp.model.arrays import FloatArray
 from up_samp.motion.budget import WorkBudget
 from up_samp.motion.guides.search_space import TOUCHES
 from up_samp.motion.planners.control_law import ControlPiece, Roller, miss, total
@@ -37,8 +37,6 @@ from up_samp.motion.planners.ompl_solve import (
 )
 from up_samp.motion.planners.shooting import Shot, shots
 from up_samp.motion.protocol import Leg, LegQuery
-
-FloatArray = npt.NDArray[np.float64]
 
 _PIECES = 5
 """Of a shot, each with constant controls."""

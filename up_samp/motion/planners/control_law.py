@@ -33,9 +33,7 @@ from up_samp.model import (
     Trajectory,
     UnsupportedError,
 )
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
+from up_samp.model.arrays import FloatArray, IntArray
 
 log = logging.getLogger(__name__)
 

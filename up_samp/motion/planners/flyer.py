@@ -15,7 +15,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.geometry import Scene
 from up_samp.geometry.meshes import (
@@ -35,6 +34,7 @@ from up_samp.model import (
     ProblemError,
     interpolate,
 )
+from up_samp.model.arrays import FloatArray
 from up_samp.motion.budget import WorkBudget
 from up_samp.motion.curves.straight import leg_profile, timed_chain, turn_between
 from up_samp.motion.guides.search_space import MARGIN_SHARES, TOUCHES
@@ -49,8 +49,6 @@ from up_samp.motion.planners.ompl_solve import (
     solve,
 )
 from up_samp.motion.protocol import Leg, LegQuery
-
-FloatArray = npt.NDArray[np.float64]
 
 _SHORTCUTS = 300
 """Rounds of shortening..."""

@@ -7,15 +7,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.geometry import Scene, Shape, sweeps
 from up_samp.model import Body, Configuration, Placed, Trajectory
+from up_samp.model.arrays import FloatArray
 from up_samp.motion.curves.blending import Chain, first_speeds, settled, through, timed
 from up_samp.motion.curves.trajectories import at_rest
 from up_samp.motion.guides.search_space import widest_shape
-
-FloatArray = npt.NDArray[np.float64]
 
 ROUNDS = 40
 """Timings that are tried for one way, each slower where the one before hit something."""

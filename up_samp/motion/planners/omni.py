@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.geometry import Scene, Shape
 from up_samp.model import Configuration, Deadline, Trajectory
+from up_samp.model.arrays import FloatArray
 from up_samp.motion.budget import WorkBudget
 from up_samp.motion.curves.blending import chain_time, moved_corner, pieces
 from up_samp.motion.curves.reeds_shepp import run_time
@@ -27,9 +27,6 @@ from up_samp.motion.planners.omni_astar import (
     straight_free,
 )
 from up_samp.motion.protocol import Leg, LegQuery
-
-FloatArray = npt.NDArray[np.float64]
-
 
 GAIN = 1e-3
 """Seconds that a corner's new place must save."""

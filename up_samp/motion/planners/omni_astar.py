@@ -6,11 +6,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.geometry.kernels import clearance
 from up_samp.geometry.records import WorldData, inner, kernel
 from up_samp.model import Kinematics
+from up_samp.model.arrays import FloatArray
 from up_samp.motion.curves.reeds_shepp import Pose, run_time, wrapped
 from up_samp.motion.guides.cost_to_go import Field, field_value
 from up_samp.motion.guides.heap import pop
@@ -18,7 +18,6 @@ from up_samp.motion.guides.search_space import Space
 from up_samp.motion.planners.car_shortcuts import random_share
 from up_samp.motion.planners.hybrid_astar import Tree, add_node, key_of
 
-FloatArray = npt.NDArray[np.float64]
 Move = tuple[float, float, float]
 """A straight move (dx m, dy m, turn rad): the body goes straight and turns evenly."""
 

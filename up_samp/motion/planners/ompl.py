@@ -6,10 +6,8 @@ A search that ends without a path is never a proof.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.geometry import Scene
 from up_samp.model import (
@@ -19,6 +17,7 @@ from up_samp.model import (
     ProblemError,
     UnsupportedError,
 )
+from up_samp.model.arrays import FloatArray
 from up_samp.motion.budget import WorkBudget
 from up_samp.motion.models import MODELS, made_by
 from up_samp.motion.planners.ompl_planar import PlanarWorld, search
@@ -73,18 +72,6 @@ def control_planner(scene: Scene, seed: int) -> OmplPlanner:
     return OmplPlanner("RRT", scene, seed)
 
 
-@dataclass(frozen=True)
-class Exploration:
-    """What a search reached: names of the ``reached`` targets, the ``blockers`` that its
-    extensions ran into, whether the ``goal`` was reached, and how many poses the tree has.
-    """
-
-    goal: bool
-    reached: frozenset[str]
-    blockers: frozenset[str]
-    size: int
-
-
 def explore(
     scene: Scene,
     query: PathQuery,
@@ -93,8 +80,9 @@ def explore(
     *,
     planner: str = "RRT",
     seed: int = 0,
-) -> Exploration:
-    """Search from the first to the last pose of a query and tell what was reached.
+) -> tuple[bool, frozenset[str], frozenset[str]]:
+    """Search from the first to the last pose of a query; return whether the last one was reached,
+    the names of the targets that were, and the obstacles that extensions ran into.
 
     The paper's reading of an RRT: a target counts as reached if the tree has a vertex from which it
     is one free edge away (the nearest ``NEAREST`` are tried); an obstacle is a blocker if
@@ -107,16 +95,17 @@ def explore(
         )
     start, goal = query.poses[0], query.poses[-1]
     world = PlanarWorld(scene, query.body, (start,), query.obstacles)
+    world.hits = set()
     if not world.fit_margin():
-        return Exploration(False, frozenset(), world.blockers(), 0)
+        return False, frozenset(), frozenset(world.hits)
     budget = WorkBudget(deadline)
     nodes, _, tree = search(world, start, goal, budget, planner=planner, seed=seed, tree=True)
-    blockers = world.blockers()  # not those of what is looked at now
+    blockers = frozenset(world.hits)  # not those of what is looked at now
     reached = frozenset(name for name, pose in targets.items() if _reaches(world, tree, pose))
-    return Exploration(nodes is not None, reached, blockers, len(tree))
+    return nodes is not None, reached, blockers
 
 
-def _reaches(world: PlanarWorld, tree: npt.NDArray[np.float64], pose: Configuration) -> bool:
+def _reaches(world: PlanarWorld, tree: FloatArray, pose: Configuration) -> bool:
     """Return whether a free edge leads from a vertex of the tree to a pose."""
     x, y, th = (float(v) for v in pose[:3])
     if not world.pose_free(x, y, th):

@@ -10,16 +10,15 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.geometry import Scene
-from up_samp.geometry.kernels import advance, map_clearance, poly_distance
-from up_samp.geometry.records import WorldData, kernel
-from up_samp.geometry.sweeps import travel_ratio
+from up_samp.geometry.kernels import clearance
+from up_samp.geometry.records import WorldData, kernel, open_plane
+from up_samp.geometry.sweeps import first_blocked
 from up_samp.model import (
     Body,
     Configuration,
@@ -28,6 +27,7 @@ from up_samp.model import (
     Trajectory,
     UnsupportedError,
 )
+from up_samp.model.arrays import FloatArray
 from up_samp.motion.budget import WorkBudget
 from up_samp.motion.curves.arcs import merged, path_time
 from up_samp.motion.curves.blending import pieces
@@ -36,7 +36,7 @@ from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
 from up_samp.motion.guides.search_space import TOUCHES, search_box, widest_shape
 from up_samp.motion.planners.car_shortcuts import Effort, improve, settle
 from up_samp.motion.planners.gliding import Glider
-from up_samp.motion.planners.omni_astar import planar_limits, shortened
+from up_samp.motion.planners.omni_astar import planar_limits, shortened, straight_free
 from up_samp.motion.planners.ompl_solve import (
     EdgeValidity,
     Validity,
@@ -50,10 +50,6 @@ from up_samp.motion.planners.ompl_solve import (
 )
 from up_samp.motion.protocol import Leg, LegQuery
 
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-
-
 POLISH = 400
 """Edge checks that improving planners spend after a first path."""
 ROUNDS, PATIENCE = 1500, 300
@@ -65,72 +61,13 @@ diagonal.
 
 
 @kernel
-def look(world: WorldData, x: float, y: float, th: float, hits: IntArray) -> float:
-    """Return a lower bound (m) on the clearance beyond the margin; -1 (and a hit) if it is less
-    than the smallest that swept checks accept. ``hits`` counts them: one counter for each resting
-    object, the last one for the map.
-    """
-    polys, shape = world.polys, world.shape
-    least = 0.1 * shape.slack[2]
-    c = map_clearance(world.grid, shape, x, y, th)
-    if c < least:
-        hits[hits.shape[0] - 1] += 1
-        return -1.0
-    if polys.counts.shape[0] > 0:
-        d, owner = poly_distance(polys, shape, x, y, th, c + shape.margin)
-        d -= shape.margin
-        if d < least:
-            hits[owner] += 1
-            return -1.0
-        c = min(c, d)
-    return c
-
-
-@kernel
-def car_edge(world: WorldData, car: CarLimits, a: Pose, b: Pose, hits: IntArray) -> bool:
+def curve_free(world: WorldData, car: CarLimits, a: Pose, b: Pose) -> bool:
     """Return whether the fastest Reeds-Shepp curve between two poses keeps the margin (with v = 1
     and a = inf it is the shortest).
     """
-    if look(world, b[0], b[1], b[2], hits) < 0.0:
-        return False
     arcs = np.empty((5, 2))
     _, n = connect(a, b, car, (0.0, 0.0), arcs)
-    ax, ay, ath = a
-    for i in range(n):
-        kappa, s = arcs[i, 0], arcs[i, 1]
-        ratio = travel_ratio(world.shape, kappa)
-        total, done = abs(s), 0.0
-        sign = 1.0 if s >= 0.0 else -1.0
-        while done < total:
-            x, y, th = advance(ax, ay, ath, kappa, sign * done)
-            c = look(world, x, y, th, hits)
-            if c < 0.0:
-                return False
-            done += c / ratio
-        ax, ay, ath = advance(ax, ay, ath, kappa, s)
-    return True
-
-
-@kernel
-def line_edge(world: WorldData, a: Pose, b: Pose, hits: IntArray) -> bool:
-    """Return whether the straight motion between two poses, turning the shorter way round at a
-    constant rate, keeps the margin.
-    """
-    (ax, ay, ath), (bx, by, bth) = a, b
-    if look(world, bx, by, bth, hits) < 0.0:
-        return False
-    turn = (bth - ath + math.pi) % (2.0 * math.pi) - math.pi
-    dx, dy = bx - ax, by - ay
-    travel = math.sqrt(dx * dx + dy * dy) + abs(turn) * world.shape.radius
-    share = 0.0
-    while share < 1.0:
-        c = look(world, ax + share * dx, ay + share * dy, ath + share * turn, hits)
-        if c < 0.0:
-            return False
-        if c >= travel:
-            return True
-        share += c / travel
-    return True
+    return first_blocked(world, a, arcs, n) < 0
 
 
 class PlanarWorld:
@@ -147,13 +84,19 @@ class PlanarWorld:
             raise UnsupportedError("a free flyer (SE3) does not move in the plane")
         self.scene, self.body, self.obstacles = scene, body, obstacles
         self.car = body.mobility.steers
-        self.hits = np.zeros(len(obstacles) + 1, dtype=np.int64)
+        self.hits: set[str] | None = None
+        """Obstacles that checks have run into, where that is noted."""
         self.radius = limits_of(body.kinematics).radius
         # its fastest curves are the shortest
         self._car = limits_of(body.kinematics)._replace(v=1.0, a=math.inf)
         self._poses = poses
         self.shape = scene.shape(body)
         self.data = scene.world(self.shape, obstacles)
+
+    @property
+    def _least(self) -> float:
+        """The least clearance (m) beyond the margin that swept checks accept."""
+        return 0.1 * float(self.shape.data.slack[2])
 
     def fit_margin(self) -> bool:
         """Take the largest margin that the query's poses can keep; False if they keep none."""
@@ -165,18 +108,32 @@ class PlanarWorld:
 
     def pose_free(self, x: float, y: float, th: float) -> bool:
         """Return whether the body keeps the margin at a pose."""
-        return bool(look(self.data, x, y, th, self.hits) >= 0.0)
+        return self._is_free(lambda world: bool(clearance(world, x, y, th) >= self._least))
 
     def edge_free(self, ax: float, ay: float, ath: float, bx: float, by: float, bth: float) -> bool:
-        """Return whether the body keeps the margin all along the edge between two poses."""
+        """Return whether the body keeps the margin all along the edge between two poses: a car's
+        shortest curve, or straight, turning the shorter way round at a constant rate.
+        """
         a, b = (ax, ay, ath), (bx, by, bth)
+        if not self.pose_free(*b):
+            return False
         if self.car:
-            return bool(car_edge(self.data, self._car, a, b, self.hits))
-        return bool(line_edge(self.data, a, b, self.hits))
+            return self._is_free(lambda world: bool(curve_free(world, self._car, a, b)))
+        turn = (bth - ath + math.pi) % (2.0 * math.pi) - math.pi
+        move = bx - ax, by - ay, turn
+        return self._is_free(lambda world: bool(straight_free(world, a, move)))
 
-    def blockers(self) -> frozenset[str]:
-        """Return the obstacles that checks have hit so far."""
-        return frozenset(p.name for p, n in zip(self.obstacles, self.hits, strict=False) if n)
+    def _is_free(self, test: Callable[[WorldData], bool]) -> bool:
+        """Return whether a test holds among everything; if it does not, and that is asked for, note
+        the obstacles among each of which alone it does not.
+        """
+        free = test(self.data)
+        if not free and self.hits is not None:
+            for placed in self.obstacles:
+                alone = WorldData(open_plane(), self.scene.polys((placed,)), self.shape.data)
+                if placed.name not in self.hits and not test(alone):
+                    self.hits.add(placed.name)
+        return free
 
     def box(self) -> tuple[FloatArray, FloatArray]:
         """Return the corners (m) of the box that is searched."""

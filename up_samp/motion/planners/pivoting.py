@@ -14,10 +14,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.geometry import Scene, Shape, sweeps
 from up_samp.model import Body, Deadline, MotionModel, Trajectory
+from up_samp.model.arrays import FloatArray
 from up_samp.motion.budget import WorkBudget
 from up_samp.motion.curves.rolling import rolled, rolling_radius, rolling_time, rows_of
 from up_samp.motion.curves.straight import timed_chain
@@ -29,9 +29,6 @@ from up_samp.motion.moves import ShortMove, corners_of, steer
 from up_samp.motion.planners.car import CarPlanner, CarSettings
 from up_samp.motion.planners.rounding import RoundedWay, Rounding
 from up_samp.motion.protocol import Leg, LegQuery
-
-FloatArray = npt.NDArray[np.float64]
-
 
 QUICK_CAR = CarSettings((0.7,), (8_000,), rounds=400, patience=120)
 """How hard a way along arcs is sought: there is another one, with stops."""
@@ -140,7 +137,7 @@ class PivotPlanner:
             left = most if query.effort is None else min(most, query.effort - effort)
             if deadline.expired() or left <= 0:
                 return None, effort, True
-            roadmap = Roadmap(self.scene, body, ends, (), query.obstacles, cell, box)
+            roadmap = Roadmap(self.scene, body, ends, query.obstacles, cell, box)
             start, goal = (roadmap.place(pose) for pose in ends)
 
             def estimate(node: int, roadmap: Roadmap = roadmap) -> float:

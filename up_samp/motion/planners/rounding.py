@@ -14,12 +14,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.model import Kinematics
+from up_samp.model.arrays import FloatArray
 from up_samp.motion.curves.rolling import drive_time, rolling_radius
 
-FloatArray = npt.NDArray[np.float64]
 Point = tuple[float, float]
 
 

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.model import (
     Configuration,
 )
+from up_samp.model.arrays import FloatArray
 from up_samp.motion.planners.control_law import ControlPiece, Roller, miss, steps_of, total
-
-FloatArray = npt.NDArray[np.float64]
 
 _SHORTEST = 0.02
 """s of a piece, at least."""

@@ -34,10 +34,9 @@ from up_samp.model import (
     Placed,
     check_time,
 )
+from up_samp.model.arrays import BoolArray, Int32Array, IntArray
 from up_samp.motion.proofs.heading_slices import separated
 from up_samp.motion.proofs.regions import MOST_ALTERNATIVES, Regions, box_of, links_of, mark_blocked
-
-BoolArray = npt.NDArray[np.bool_]
 
 
 class Certifier:
@@ -59,7 +58,7 @@ class Certifier:
         return distances_to(padded, self.scene.grid.resolution, np.float32)[1:-1, 1:-1]
 
     @cached_property
-    def nearest(self) -> npt.NDArray[np.int32]:
+    def nearest(self) -> Int32Array:
         """(row + 1, column + 1) of the blocked or outside cell nearest to each cell."""
         assert self.scene.grid is not None
         padded = np.pad(self.scene.grid.blocked, 1, constant_values=True)
@@ -202,9 +201,7 @@ class Certifier:
         free, owners = self._cells(radius, sorted(obstacles, key=lambda p: p.name)[:62])
         return ~free | (owners != 0)
 
-    def _cells(
-        self, radius: float, placed: Sequence[Placed]
-    ) -> tuple[BoolArray, npt.NDArray[np.int64]]:
+    def _cells(self, radius: float, placed: Sequence[Placed]) -> tuple[BoolArray, IntArray]:
         """Return the cells not blocked by the map, and the obstacles (bits) that block each."""
         distance = self._distance
         check_time()

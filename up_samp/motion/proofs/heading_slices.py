@@ -22,9 +22,8 @@ from up_samp.geometry import Scene
 from up_samp.geometry.records import GridFrame, PolyData, along, grid_point, inner, kernel
 from up_samp.geometry.shapes import shape_of
 from up_samp.model import Body, Configuration, Deadline, Placed
+from up_samp.model.arrays import FloatArray, Int32Array, IntArray
 from up_samp.motion.guides.cost_to_go import point_to_convex
-
-FloatArray = npt.NDArray[np.float64]
 
 BINS = (72, 36)
 """Ranges of headings: on small maps, on large ones."""
@@ -56,7 +55,7 @@ class Blocking(NamedTuple):
     ``frame``: where these cells lie.
     """
 
-    nearest: npt.NDArray[np.int32]
+    nearest: Int32Array
     frame: GridFrame
     polys: PolyData
     discs: FloatArray
@@ -72,8 +71,8 @@ class Flood(NamedTuple):
     """
 
     state: npt.NDArray[np.int8]
-    queue: npt.NDArray[np.int32]
-    ends: npt.NDArray[np.int64]
+    queue: Int32Array
+    ends: IntArray
     goal: int
     size: float
     sense: float
@@ -167,7 +166,7 @@ def spread(flood: Flood, blocking: Blocking, budget: int) -> int:
 
 def separated(
     scene: Scene,
-    nearest: npt.NDArray[np.int32],
+    nearest: Int32Array,
     body: Body,
     ends: tuple[Configuration, Configuration],
     obstacles: Sequence[Placed],

@@ -10,17 +10,14 @@ import numpy as np
 import numpy.typing as npt
 
 from up_samp.geometry.records import GridFrame, PolyData, grid_along, grid_point, kernel
+from up_samp.model.arrays import Int32Array, IntArray
 from up_samp.motion.guides.cost_to_go import point_to_convex
 
 MOST_ALTERNATIVES = 16
 
-IntArray = npt.NDArray[np.int32]
-
 
 @kernel
-def mark_blocked(
-    owners: npt.NDArray[np.int64], frame: GridFrame, polys: PolyData, radius: float
-) -> None:
+def mark_blocked(owners: IntArray, frame: GridFrame, polys: PolyData, radius: float) -> None:
     """Set bit i in the cells that obstacle ``i`` surely blocks for a disc of ``radius`` m."""
     rows, cols = owners.shape
     size = frame.size
@@ -53,7 +50,7 @@ class Regions:
     ``links[label]``: neighbouring labels.
     """
 
-    labels: IntArray
+    labels: Int32Array
     owners: Mapping[int, int]
     links: Mapping[int, frozenset[int]]
 
@@ -93,7 +90,7 @@ class Regions:
         return found
 
 
-def box_of(owners: npt.NDArray[np.int64]) -> tuple[slice, slice]:
+def box_of(owners: IntArray) -> tuple[slice, slice]:
     """Return the smallest part of the grid that holds all cells that are not 0."""
     rows = np.flatnonzero(owners.any(axis=1))
     if len(rows) == 0:
@@ -104,7 +101,7 @@ def box_of(owners: npt.NDArray[np.int64]) -> tuple[slice, slice]:
 
 
 def links_of(
-    labels: IntArray, rows: npt.NDArray[np.intp], cols: npt.NDArray[np.intp]
+    labels: Int32Array, rows: npt.NDArray[np.intp], cols: npt.NDArray[np.intp]
 ) -> dict[int, frozenset[int]]:
     """Return which regions touch (8-connected); only the cells at ``rows`` and ``cols`` can join
     two regions.

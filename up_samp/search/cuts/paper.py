@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from up_samp.model import PathQuery, Placed, ScheduledMotion, avoids
 from up_samp.model.refinement import Layer, Refinement, Strength
 from up_samp.refinement import paper_rules
-from up_samp.refinement.rules import Reason
 from up_samp.search.cuts.protocol import Alike, Alone, Failure
 from up_samp.search.facts import Facts, MotionCase
 from up_samp.search.knowledge import Knowledge
@@ -52,7 +51,9 @@ class PaperCuts:
                 (_under(motion, case),),
                 _movers(facts, places),
                 places,
-                Reason(alone.why, Layer.GEOMETRIC, Strength.HEURISTIC),
+                alone.why,
+                Layer.GEOMETRIC,
+                Strength.HEURISTIC,
             )
             for case in dict.fromkeys((facts.case(motion), *cases))
         ]
@@ -72,18 +73,19 @@ class PaperCuts:
         targets = {str(pose): pose for s in same for pose in s[1]}
         deadline = budget.deadline.within(_EXPLORE_SHARE * budget.query_seconds)
         query = PathQuery(body, motion.poses, obstacles)
-        found = explore(motions.service.scene, query, targets, deadline, seed=self.seed)
-        if found.goal or not self.widened:
-            return [], found.blockers
-        reached = {*found.reached, str(motion.poses[0])}
+        scene = motions.service.scene
+        arrived, found, blockers = explore(scene, query, targets, deadline, seed=self.seed)
+        if arrived or not self.widened:
+            return [], blockers
+        reached = {*found, str(motion.poses[0])}
         cases = [
             case
             for signature in same
             if str(signature[1][0]) in reached and str(signature[1][1]) not in reached
             for case in facts.by_signature[signature]
-            if avoids(case.task.avoid, *found.blockers)
+            if avoids(case.task.avoid, *blockers)
         ]
-        return sorted(cases, key=lambda c: (c.activity, c.given)), found.blockers
+        return sorted(cases, key=lambda c: (c.activity, c.given)), blockers
 
     def too_slow(self, motions: Motions, alone: Alone, units: int) -> list[Refinement]:
         """State that the motion and all alike last ``units`` while others rest at their places:
@@ -95,7 +97,9 @@ class PaperCuts:
                 _movers(motions.facts, alone.places),
                 {case.activity: units},
                 alone.places,
-                Reason(alone.why, Layer.TEMPORAL, alone.strength),
+                alone.why,
+                Layer.TEMPORAL,
+                alone.strength,
             )
             for case in alone.cases
         ]
@@ -117,7 +121,9 @@ class PaperCuts:
                     group,
                     _rivals(facts),
                     places,
-                    Reason(why, Layer.GROUP, Strength.HEURISTIC),
+                    why,
+                    Layer.GROUP,
+                    Strength.HEURISTIC,
                 )
             ]
         changers = _changers(facts, places)
@@ -130,7 +136,9 @@ class PaperCuts:
                 sorted({*_rivals(facts), *changers - meanwhile}),
                 failure.arrivals(group),
                 places,
-                Reason("the group needs more time", Layer.GROUP, strength),
+                "the group needs more time",
+                Layer.GROUP,
+                strength,
             )
         ]
 

@@ -63,8 +63,7 @@ def _behind(
             present_from=release,
             present_until=math.inf,
         )
-        enough = facts.seconds(slack)
-        arrival = motions.arrival(moved, fixed=(ahead,), enough=enough, deadline=deadline)
+        arrival = motions.arrival(moved, ahead, facts.seconds(slack), deadline)
         return 0 if arrival is None else facts.units(arrival)
 
     return end

@@ -15,9 +15,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from up_samp.model import Body, Configuration
+from up_samp.model.arrays import FloatArray
 from up_samp.search.fleet.evaluator_kernel import (
     CostWeights,
-    FloatArray,
     TourArrays,
     WorkTables,
     ends_of,

@@ -8,12 +8,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.geometry.records import inner, kernel
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
+from up_samp.model.arrays import FloatArray, IntArray
 
 
 class WorkTables(NamedTuple):

@@ -23,7 +23,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from up_samp.model import CandidateSchedule, Configuration, Deadline, Rest, TimedMotion, Trajectory
+from up_samp.model import CandidateSchedule, Configuration, Deadline, Rest, TimedMotion
 from up_samp.motion.fleet.reservations import ReservationTable
 from up_samp.motion.fleet.timed_path import TimedPath
 from up_samp.scheduling.partial_order import Earliest
@@ -136,12 +136,6 @@ class TourPlanner:
         at = self._times.times
         times = {name: (at["start", name], at["end", name]) for name in old.times}
         return CandidateSchedule(times, old.parameters)
-
-    def trajectories(self) -> dict[str, Trajectory]:
-        """Return the decided motions by their names in a plan."""
-        names = {m.activity: motion_key(m) for m in self._itinerary.motions}
-        runs = self._floor.trajectories()
-        return {names[name]: run.timing.trajectory for name, run in runs.items()}
 
     def _take(self, name: str, run: TimedPath) -> bool:
         """Decide a run, if its times keep what the problem asks."""

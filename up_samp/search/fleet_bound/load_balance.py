@@ -23,13 +23,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from up_samp.model.arrays import FloatArray
 from up_samp.search.fleet_bound.final_occupancy import FinalOccupancy, least
 from up_samp.search.fleet_bound.work import JobMode, JobWork, Leg
-
-FloatArray = npt.NDArray[np.float64]
-
 
 LoadBalance = tuple[float, frozenset[Leg]]
 """Units that no plan is shorter than, and the drives that the share is made of."""

@@ -70,10 +70,6 @@ class JobMode:
         return min(self.units(origin, units) for origin in origins)
 
 
-# ------------------ What doing a job takes a robot at least
-# Drives, work, and units between them.
-
-
 class JobWork:
     """What the options of all jobs take at least."""
 

@@ -2,9 +2,7 @@
 
 Two objects share a place if they would overlap there. Who arrives then comes a *gap* after the
 other one's departure has begun. The gap is *proven* by the footprints and the accelerations alone
-(the last metres of the one and the first metres of the other). Between the motions that the
-planner takes for the fastest it is mostly more; but a slower motion may make way sooner, so that
-this gap is a guess: it guides the search once a candidate has failed, and no bound rests on it.
+(the last metres of the one and the first metres of the other).
 """
 
 from __future__ import annotations
@@ -19,23 +17,15 @@ import shapely
 from up_samp.model import (
     Body,
     Configuration,
-    Deadline,
-    FixedMotion,
-    PathQuery,
-    TimedMotion,
     check_time,
 )
 from up_samp.model.refinement import Refinement, Strength
 from up_samp.refinement import rules
 from up_samp.search.facts import MotionCase, Signature, are_apart
-from up_samp.search.knowledge import Knowledge
 from up_samp.search.motions import Motions
 
 PAIRS = 1500
-"""Of motions, whose gaps are stated at once at most; others when they meet."""
-
-LONG_BEFORE = 1000.0
-"""Seconds by which who arrives may have set out before the other one leaves."""
+"""Of motions, whose gaps are stated, at most."""
 ALLOWANCE = 0.95
 """Accelerations are judged with a little tolerance: proven gaps are that much shorter."""
 
@@ -48,63 +38,18 @@ def proven_handovers(motions: Motions) -> list[Refinement]:
         return []
     found = []
     for leaving, coming in pairs:
-        gap = proven_gap(facts.signature(leaving), facts.signature(coming))
-        units = facts.units(gap)
+        units = facts.units(proven_gap(facts.signature(leaving), facts.signature(coming)))
         if units > 0:
-            found.append(_stated(leaving, coming, units, Strength.PROVEN))
+            cut = rules.handed_over(
+                leaving.activity,
+                coming.activity,
+                units,
+                f"{coming.task.object} arrives where {leaving.task.object} leaves",
+                strength=Strength.PROVEN,
+            )
+            given = tuple(sorted({*leaving.given, *coming.given}))
+            found.append(rules.only_given(cut, given))
     return found
-
-
-def guessed_handovers(motions: Motions, knowledge: Knowledge) -> list[Refinement]:
-    """Return the gaps between the fastest motions at all shared places; none the second time."""
-    if knowledge.handovers_guessed:
-        return []
-    knowledge.handovers_guessed = True
-    pairs = list(itertools.islice(_pairs(motions), PAIRS + 1))
-    if len(pairs) > PAIRS:
-        return []
-    deadline = motions.budget.part("gaps at shared places")
-    found = []
-    for leaving, coming in pairs:
-        cut = handover(motions, knowledge, (leaving, coming), deadline)
-        found += [] if cut is None else [cut]
-    return found
-
-
-def handover(
-    motions: Motions,
-    knowledge: Knowledge,
-    pair: tuple[MotionCase, MotionCase],
-    deadline: Deadline,
-) -> Refinement | None:
-    """Return the gap between who leaves and who comes as a statement: the larger of the two, if
-    there is any.
-
-    Past the deadline only the proven one is known.
-    """
-    facts = motions.facts
-    signatures = facts.signature(pair[0]), facts.signature(pair[1])
-    strength = Strength.PROVEN
-    units = facts.units(proven_gap(*signatures))
-    if signatures not in knowledge.handovers and not deadline.expired():
-        gap = _gap_of_the_fastest(motions, *signatures, deadline)
-        if gap is not None or not motions.budget.deadline.expired():
-            knowledge.handovers[signatures] = gap
-    gap = knowledge.handovers.get(signatures)
-    if gap is not None and facts.units(gap) > units:
-        units, strength = facts.units(gap), Strength.HEURISTIC
-    return _stated(*pair, units, strength) if units > 0 else None
-
-
-def _stated(leaving: MotionCase, coming: MotionCase, units: int, strength: Strength) -> Refinement:
-    cut = rules.handed_over(
-        leaving.activity,
-        coming.activity,
-        units,
-        f"{coming.task.object} arrives where {leaving.task.object} leaves",
-        strength=strength,
-    )
-    return rules.only_given(cut, tuple(sorted({*leaving.given, *coming.given})))
 
 
 def _pairs(motions: Motions) -> Iterator[tuple[MotionCase, MotionCase]]:
@@ -176,24 +121,3 @@ def _discs(body: Body) -> tuple[tuple[float, float, float], ...]:
 def _at(disc: tuple[float, float, float], pose: Configuration) -> tuple[float, float]:
     c, s = math.cos(pose[2]), math.sin(pose[2])
     return pose[0] + c * disc[0] - s * disc[1], pose[1] + s * disc[0] + c * disc[1]
-
-
-def _gap_of_the_fastest(
-    motions: Motions, leaving: Signature, coming: Signature, deadline: Deadline
-) -> float | None:
-    """Return how long (s) after one's departure the other one arrives at the earliest, the first
-    being as fast as can be and the second waiting where it likes; None where it was not found.
-    """
-    body, poses = leaving
-    limit = deadline.within(motions.budget.query_seconds)
-    report = motions.service.plan(PathQuery(body, poses), limit)
-    if report.trajectory is None or not report.complete:
-        return None
-    leader = FixedMotion(
-        "leaving", "leaving", body, report.trajectory, -math.inf, report.trajectory.end
-    )
-    follower = TimedMotion(
-        "coming", "coming", coming[0], coming[1], -LONG_BEFORE, math.inf, -math.inf, math.inf
-    )
-    arrival = motions.arrival(follower, fixed=(leader,), deadline=deadline)
-    return None if arrival is None or arrival <= 0 else arrival

@@ -40,7 +40,7 @@ def _certify(
         if facts.returns_to(placed.name, configuration):
             return _blocked_while(facts, cases, placed.name, configuration, why)
         changes = facts.movers[placed.name]
-        return [_gone_from_the_start(c, changes, rules.Reason(why)) for c in cases]
+        return [_gone_from_the_start(c, changes, why) for c in cases]
     proof = service.certificate(body, poses, (placed,))
     if proof is None:
         return []
@@ -53,17 +53,15 @@ def _certify(
     static = [c for c in static if c.given]  # a condition cannot hang on decisions
     if facts.returns_to(placed.name, configuration):
         return found + _blocked_while(facts, static + others, placed.name, configuration, why)
-    reason, changes = rules.Reason(why), facts.movers[placed.name]
-    found += [_gone_from_the_start(c, changes, reason) for c in static]
+    changes = facts.movers[placed.name]
+    found += [_gone_from_the_start(c, changes, why) for c in static]
     if others:
-        found += [opened(facts, c, placed.name, configuration, 0, reason) for c in others]
+        found += [_opened(facts, c, placed.name, configuration, why) for c in others]
     return found
 
 
-def _gone_from_the_start(
-    case: MotionCase, changes: Iterable[str], reason: rules.Reason
-) -> Refinement:
-    cut = rules.gone_before(start_of(case.activity), changes, 0, reason)
+def _gone_from_the_start(case: MotionCase, changes: Iterable[str], why: str) -> Refinement:
+    cut = rules.gone_before(start_of(case.activity), changes, 0, why)
     return rules.only_given(cut, case.given)
 
 
@@ -77,21 +75,15 @@ def _blocked_while(
     ]
 
 
-def opened(
-    facts: Facts,
-    case: MotionCase,
-    obstacle: str,
-    configuration: str,
-    tail: int,
-    reason: rules.Reason,
+def _opened(
+    facts: Facts, case: MotionCase, obstacle: str, configuration: str, why: str
 ) -> Refinement:
-    """State that an obstacle which does not come back has left ``tail`` units before the end."""
+    """State that an obstacle which does not come back has left before the end."""
     changes = facts.movers[obstacle]
     if len(changes) <= 1 and not case.given:
-        return rules.needs_open(case.activity, obstacle, configuration, tail, reason)
+        return rules.needs_open(case.activity, obstacle, configuration, why)
     # a condition would forbid further changes in its interval, although the obstacle has gone
-    point = end_of(case.activity)
-    cut = rules.gone_before(point, changes, max(1, tail), reason)
+    cut = rules.gone_before(end_of(case.activity), changes, 1, why)
     return rules.only_given(cut, case.given)
 
 

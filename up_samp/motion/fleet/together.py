@@ -1,0 +1,164 @@
+"""Robots moved together, where no order of them works: in lanes of their own, or by joint moves."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from up_samp.model import (
+    Deadline,
+    Rest,
+    TimedMotion,
+    Trajectory,
+)
+from up_samp.motion.fleet.deadlocks import Drives, untie
+from up_samp.motion.fleet.detours import pass_by
+from up_samp.motion.fleet.paths import Path, path_of
+from up_samp.motion.fleet.speed import Window, first_start, fit
+from up_samp.motion.fleet.timed_path import TimedPath, Timing, natural_timing, pose_at, run_of
+from up_samp.motion.fleet.workspace import Workspace, rest_run
+
+BEGINS = 40
+"""Begins tried for drives that have to be at the same time."""
+
+
+def couple(
+    workspace: Workspace,
+    motions: Sequence[TimedMotion],
+    alone: Mapping[str, TimedPath],
+    world: Sequence[TimedPath],
+    deadline: Deadline,
+) -> dict[str, TimedPath] | None:
+    """Return runs of ``motions`` moved together that keep clear of each other and of the ``world``,
+    or None if none are found or they are not of the kind that this can couple.
+
+    ``alone`` are the runs of the motions without each other. The robots must drive in the plane,
+    from one pose to another each, have different names, and be there before the first release.
+    """
+    if workspace.scene is None or not _can_couple(motions):
+        return None
+    beside = pass_by(workspace, motions, alone, world)
+    if beside is not None:
+        return beside
+    sequence = untie(workspace, motions, world, deadline)
+    legs = None if sequence is None else _timed(workspace, motions, world, sequence)
+    if legs is None or _collide(workspace, world, legs):
+        return None
+    # who has no drive stays where it is
+    return {
+        m.name: _one_run(m, drives) if drives else alone[m.name]
+        for m, drives in zip(motions, legs, strict=True)
+    }
+
+
+def _can_couple(motions: Sequence[TimedMotion]) -> bool:
+    first = min(m.release for m in motions)
+    return (
+        len(motions) > 1
+        and len({m.object for m in motions}) == len(motions)
+        and all(len(m.poses) == 2 and not m.body.flies for m in motions)
+        and all(m.present_from <= first for m in motions)
+    )
+
+
+def _collide(
+    workspace: Workspace, world: Sequence[TimedPath], legs: Sequence[Sequence[TimedPath]]
+) -> bool:
+    """Return whether any two robots' drives, or a drive and the world, meet."""
+    pairs = [pair for a, b in itertools.combinations(legs, 2) for pair in itertools.product(a, b)]
+    pairs += [(run, other) for runs in legs for run in runs for other in world]
+    return any(workspace.meeting(a, b)[0] < math.inf for a, b in pairs)
+
+
+def _timed(
+    workspace: Workspace,
+    motions: Sequence[TimedMotion],
+    world: Sequence[TimedPath],
+    sequence: Sequence[Drives],
+) -> list[list[TimedPath]] | None:
+    """Return the drives of each robot, every one as early as those before it in the sequence
+    allow.
+    """
+    legs: list[list[TimedPath]] = [
+        [replace(rest_run(workspace, Rest(m.object, m.body, m.poses[0])), avoid=m.avoid)]
+        for m in motions
+    ]
+    for drives in sequence:
+        robots = {robot for robot, _ in drives}
+        others = [run for i, runs in enumerate(legs) if i not in robots for run in runs]
+        parts = [_leg(motions[robot], legs[robot], path) for robot, path in drives]
+        found = _begun(workspace, parts, [*world, *others])
+        if found is None:
+            return None
+        for (robot, _), (_, window, _), run in zip(drives, parts, found, strict=True):
+            last, moved = legs[robot][-1], len(legs[robot]) > 1
+            # from then on the robot is where this drive leaves it
+            until = min(last.until, window.since if moved else run.since)
+            legs[robot][-1] = replace(last, until=until)
+            legs[robot].append(run)
+    return [runs[1:] for runs in legs]
+
+
+def _leg(
+    motion: TimedMotion, legs: Sequence[TimedPath], path: Path
+) -> tuple[TimedMotion, Window, Path]:
+    """Return a robot's next drive after those in ``legs``, and when it may begin."""
+    last, moved = legs[-1], len(legs) > 1
+    since = last.arrival if moved else motion.present_from
+    window = Window(since, max(motion.release, last.arrival) if moved else motion.release)
+    final = path.poses[-1][:2].tolist() == list(motion.poses[1][:2])
+    leg = replace(
+        motion,
+        poses=(pose_at(path, 0), pose_at(path, -1)),
+        release=window.release,
+        present_until=motion.present_until if final else math.inf,
+    )
+    return leg, window, path
+
+
+def _begun(
+    workspace: Workspace,
+    parts: Sequence[tuple[TimedMotion, Window, Path]],
+    others: Sequence[TimedPath],
+) -> list[TimedPath] | None:
+    """Return the runs of drives that go at the same time: one with its speed tuned, several begun
+    together, as early as all of them can.
+    """
+    if len(parts) == 1:
+        run = fit(workspace, *parts[0], others)
+        return None if run is None else [run]
+    begin = max(window.release for _, window, _ in parts)
+    for _ in range(BEGINS):
+        found = []
+        for leg, window, path in parts:
+            start = first_start(workspace, leg, replace(window, release=begin), path, others)
+            if start is None:
+                return None
+            found.append(start)
+        if max(found) <= begin:
+            return [
+                run_of(leg, path, natural_timing(path, begin), window.since)
+                for leg, window, path in parts
+            ]
+        begin = max(found)
+    return None
+
+
+def _one_run(motion: TimedMotion, legs: Sequence[TimedPath]) -> TimedPath:
+    """Return the drives of one robot as one run, with rests in between."""
+    times, poses = [legs[0].timing.trajectory.times], [legs[0].timing.trajectory.poses]
+    for leg in legs[1:]:
+        t, rows = leg.timing.trajectory.times, leg.timing.trajectory.poses.copy()
+        rows[:, 2] += 2 * math.pi * round((poses[-1][-1, 2] - rows[0, 2]) / (2 * math.pi))
+        # without a wait the last pose is already there
+        skip = 1 if t[0] <= times[-1][-1] + 1e-9 else 0
+        times.append(t[skip:])
+        poses.append(rows[skip:])
+    whole = Trajectory(np.concatenate(times), np.concatenate(poses))
+    stops = [pose_at(leg.path, -1) for leg in legs]
+    path = path_of(whole, motion.body, (motion.poses[0], *stops))
+    return run_of(motion, path, Timing(whole, path.natural_s), legs[0].since)
