@@ -24,6 +24,7 @@ SOLVED = {
     "charging": ("examples/charging.py", "gantt.png"),
     "hospital": ("examples/hospital.py", "map.png"),
     "shop": ("examples/shop.py", "gantt.png"),
+    "nav2": ("examples/nav2_warehouse.py", "gantt.png"),
     "ros": ("examples/ros_map.py", "map.png"),
     "door": ("examples/door.py", "map.png"),
     "swap": ("examples/swap.py", "map.png"),

@@ -27,7 +27,7 @@ def has_a_valid_plan(example, folder, capsys):
     return plan
 
 
-@pytest.mark.parametrize("example", [example_of(e) for e in EXAMPLES])
+@pytest.mark.parametrize("example", [example_of(e) for e in EXAMPLES if e.stem != "nav2_warehouse"])
 def test_the_example_has_a_valid_plan(example, tmp_path, capsys):
     assert f"up-samp solve examples/{example.name}" in example.read_text(encoding="utf-8")
     has_a_valid_plan(example, tmp_path, capsys)
@@ -44,6 +44,14 @@ def test_the_example_of_a_ros_map_on_real_ones(name, tmp_path, capsys, monkeypat
     assert plan["map"]["yaml"].endswith(f"{name}.yaml")
 
 
+@pytest.mark.long
+def test_the_example_of_nav2s_warehouse(tmp_path, capsys, monkeypatch):
+    if not (MAPS / "warehouse.yaml").is_file():
+        pytest.skip(f"there is no map '{MAPS / 'warehouse.yaml'}'")
+    monkeypatch.setenv("NAV2_MAPS", str(MAPS))
+    has_a_valid_plan(ROOT / "examples" / "nav2_warehouse.py", tmp_path, capsys)
+
+
 def test_two_robots_pass_each_other_in_the_bay(tmp_path, capsys):
     plan = has_a_valid_plan(ROOT / "examples" / "passing_place.py", tmp_path, capsys)
     highest = max(row[2] for motion in plan["motions"] for row in motion["samples"])
@@ -53,5 +61,5 @@ def test_two_robots_pass_each_other_in_the_bay(tmp_path, capsys):
 def test_there_are_examples():
     assert {e.stem for e in EXAMPLES} >= {
         "charging", "delays", "door", "drones", "mixed_fleet", "pallets", "passing_place",
-        "ros_map", "shop", "swap", "warehouse",
+        "nav2_warehouse", "ros_map", "shop", "swap", "warehouse",
     }  # fmt: skip

@@ -102,11 +102,11 @@ LIMITS = {
     "long_functions": 5,
     "wide_functions": 19,
     "long_files": 0,
-    "said_twice": 20,
-    "tunables": 53,
+    "said_twice": 12,
+    "tunables": 19,
 }
-NUMBERS = 285
-COUNTS = {"shared_names": 0, "type_circles": 0, "big_rooms": 3}
+NUMBERS = 280
+COUNTS = {"shared_names": 0, "type_circles": 0, "big_rooms": 2}
 """What the figures may be at most: lower them when they fall, never raise them for convenience."""
 
 

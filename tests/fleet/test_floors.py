@@ -70,6 +70,7 @@ def test_a_lift_takes_one_robot_at_a_time(tmp_path):
     )
     assert len(rides) >= 2
     assert all(end <= start for (_, end), (start, _) in itertools.pairwise(rides))
+    assert not result.outcome.history.refused  # who comes waits until who rides is gone
 
 
 def test_who_may_not_ride_stays_below(tmp_path):

@@ -102,10 +102,14 @@ def test_wrong_objectives_are_named(objective, said):
         two_rooms(objective=objective).solve(timeout=60)
 
 
-def test_a_due_time_that_would_not_count_is_refused():
+def test_a_due_time_that_does_not_count_is_told():
     fleet = two_rooms()
-    with pytest.raises(FleetError, match=r"due.*counts only where the objective says so"):
-        fleet.add_order("o1", "shelfA", "dock", due=20)
+    fleet.add_order("o1", "shelfA", "dock", due=20)
+    fleet.add_task("look", at="dock", duration=5, due=900)
+    result = fleet.solve(timeout=60)
+    late = next(a["end"] for a in result.data["activities"] if a["name"].startswith("deliver")) - 20
+    assert f"o1 ends {late} s after it is due" in result.explain().splitlines()
+    assert "look ends" not in result.explain()
 
 
 def test_only_costs_are_told_by_term():
@@ -125,7 +129,7 @@ def test_another_engine_says_that_it_does_not_know_them():
 def test_a_file_weighs_terms(tmp_path, capsys):
     write_starter(tmp_path)
     text = PROBLEM.replace("objective: makespan ", "objective: {tardiness: 10, driving: 0.1} ")
-    text = text.replace("delivery: dockA}", "delivery: dockA, due: 50, weight: 3}")
+    text = text.replace("delivery: dockA}", "delivery: dockA, due: 5, weight: 3}")
     text = re.sub(r"  - {id: o[23].*\n", "", text)
     (tmp_path / "problem.yaml").write_text(text)
     fleet = Fleet.from_file(tmp_path / "problem.yaml")
@@ -135,6 +139,7 @@ def test_a_file_weighs_terms(tmp_path, capsys):
     assert main(["solve", file, "--first", "--out", str(tmp_path / "plan"), "--no-gif"]) == 0
     told = capsys.readouterr()
     assert re.search(r"cost [0-9.]+ \(proven bound", told.out)
+    assert re.search(r"ends [0-9]+ s after it is due", told.out)
     assert re.search(r"it costs [0-9.]+ of tardiness, [0-9.]+ of driving", told.out)
     data = read_plan(tmp_path / "plan" / "plan.json")
     assert data["dependencies"]["edges"]

@@ -248,6 +248,9 @@ def test_a_zone_holds_no_more_than_it_says_and_keeps_out_whom_it_names():
     ticks = [0.25 * i for i in range(int(4 * result.makespan) + 1)]
     counts = [len(inside(result.data, polygon, t)) for t in ticks]
     assert max(counts) == 1
+    keys = {text.get_text() for text in result.map().get_legend().get_texts()}
+    assert "zone" in keys  # an area, and no body that hides the floor
+    assert "door, or other object, at first" not in keys
     free = one_room(2)
     free.add_task("t1", "a", duration=5, robots="r0")
     free.add_task("t2", "b", duration=5, robots="r1")

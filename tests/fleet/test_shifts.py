@@ -115,8 +115,8 @@ def test_what_came_last_goes_first():
     assert makespans["any"] < makespans["lifo"]
 
 
-def test_energy_is_a_term():
-    fleet = one_room(robots=0, objective={"energy": 1})
+def test_energy_and_distance_are_terms():
+    fleet = one_room(robots=0, objective={"energy": 1, "distance": 0.5})
     fleet.add_robot_type(
         "small", (1.2, 0.8), model="omni", battery={"capacity": 1000, "per_metre": 2}
     )
@@ -126,6 +126,7 @@ def test_energy_is_a_term():
     result, times = solved(fleet)
     assert "deliver_o1_near" in times
     assert result.costs["energy"] >= 2 * (2 + 9)
+    assert 0 <= result.costs["energy"] - 4 * result.costs["distance"] < 5  # counted in grains of 1
 
 
 TABLE = """id;pickup;pickup.service;delivery;due;load.item;after;optional

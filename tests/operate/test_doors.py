@@ -1,13 +1,20 @@
 """A door that has to be opened first: by a robot, once, and everybody drives through afterwards."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 
 from tests.operate.days import Day
 from up_samp import Fleet
 from up_samp.geometry.maps import write_map
+from up_samp.operate.judge import contacts
+
+pytest.importorskip("fastapi")
+from up_samp.server.floor import floor_data, site_data
 
 
-def two_rooms(folder):
+def two_rooms(folder, seconds=2):
     cells = np.zeros((100, 200), dtype=bool)
     cells[:2], cells[-2:], cells[:, :2], cells[:, -2:] = True, True, True, True
     cells[:, 99:102] = True
@@ -23,20 +30,42 @@ def two_rooms(folder):
     fleet.add_place("rack1", 15.0, 7.0)
     fleet.add_door(
         "gate", leaf=(0.3, 2.8), closed=(10.05, 4.5, 0), open=(9.0, 8.2, 0), opened_from="button",
-        seconds=2,
+        seconds=seconds,
     )  # fmt: skip
     return fleet
 
 
-def test_a_door_is_opened_once_and_stays_open(tmp_path):
-    day = Day(tmp_path, fleet=two_rooms(tmp_path))
+def test_a_door_is_opened_once_and_others_wait_before_it(tmp_path):
+    day = Day(tmp_path, fleet=two_rooms(tmp_path, seconds=20))
+
+    def gate():
+        return floor_data(day.operation)["doors"]["gate"]
+
     try:
-        day.order("o0", "rack0", "dock0")
-        day.until(lambda: day.state("o0") == "begun", 300)
-        day.order("o1", "rack1", "dock0")
+        assert site_data(day.operation)["doors"]["gate"][2] == [0.15, 1.4]
+        assert gate() == {"pose": [10.05, 4.5, 0], "open": False, "waiting": []}
+        day.order("o0", "rack0", "dock0", robots=["r0"])
+        day.order("o1", "rack1", "dock0", robots=["r1"])
+        seen = []
+        day.until(lambda: seen.append(gate()) or seen[-1]["waiting"], 300)
+        day.until(lambda: floor_data(day.operation)["robots"]["r0"]["what"].startswith("does"))
+        assert np.allclose(day.operation.pose("r0"), (7.5, 7.5, 0.0), atol=0.02)
+        day.until(lambda: seen.append(gate()) or seen[-1]["open"], 300)
+        assert any(s["waiting"] for s in seen)
+        assert all(not s["open"] for s in seen[:-1])
+        assert seen[-1]["pose"] == [9.0, 8.2, 0]
+        assert seen[-1]["waiting"] == []
+        day.order("o2", "rack0", "dock0")
         day.run()
+        assert gate() == seen[-1]
+        assert len([h for h in day.robots.handled if h.kind == "open"]) == 1
         assert day.verdict().good, day.story()
-        opened = [h for h in day.robots.handled if h.kind == "open"]
-        assert len(opened) == 1
+        early = [
+            replace(h, end=h.end + 15.0) if h.kind == "open" else h for h in day.robots.handled
+        ]
+        drives, initial = day.robots.drives, day.robots.initial
+        met = contacts(day.fleet.records, initial, drives, early)
+        assert {(c.one, c.other) for c in met} <= {("r0", "gate"), ("r1", "gate")}
+        assert met  # who drives through before it is open is seen
     finally:
         day.operation.close()

@@ -18,7 +18,7 @@ from up_samp.benchmarks.builder import ENCODINGS
 from up_samp.cli.problems import (
     add_problem_arguments,
     find_problem,
-    is_problem_file,
+    fleet_of,
     problem_of_plan,
     settings_of,
 )
@@ -249,9 +249,12 @@ def _solve(args: argparse.Namespace) -> int:
     for option, given in (("--at", args.at), ("--broken", args.broken), ("--cancel", args.cancel)):
         if given is not None:
             raise ProblemError(f"{option} speaks of a plan: name it with --from PLAN.json")
-    problem = find_problem(args.problem, args.encoding, _settle(args.problem, args))
-    code = solve_and_show(problem, args)
-    if code and is_problem_file(args.problem):
+    settings = _settle(args.problem, args)
+    fleet = fleet_of(args.problem, settings)
+    if fleet is None:
+        return solve_and_show(find_problem(args.problem, args.encoding, settings), args)
+    code = solve_and_show(fleet.problem, args, tell=fleet.tell)
+    if code:
         tell_findings(args.problem)
     return code
 

@@ -9,7 +9,7 @@ import sys
 import traceback
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from unified_planning.exceptions import UPException
 from unified_planning.model.scheduling import SchedulingProblem
@@ -19,6 +19,9 @@ from up_samp.benchmarks.builder import ENCODINGS, Encoding
 from up_samp.io import PlanDict
 from up_samp.io.precision import PRECISION
 from up_samp.model import ProblemError, SampError
+
+if TYPE_CHECKING:
+    from up_samp.fleet import Fleet
 
 
 def add_problem_arguments(parser: argparse.ArgumentParser) -> None:
@@ -43,10 +46,9 @@ def find_problem(
 
     Raises :class:`ProblemError` that says what was looked for.
     """
-    if is_problem_file(name):
-        from up_samp.fleet import Fleet
-
-        return Fleet.from_file(name).with_settings(**settings or {}).problem
+    fleet = fleet_of(name, settings or {})
+    if fleet is not None:
+        return fleet.problem
     path = Path(name)
     if path.suffix == ".py":
         return load_script(path)
@@ -62,6 +64,15 @@ def problem_of_plan(name: str, encoding: Encoding, plan: PlanDict) -> Scheduling
     may be another one than the file's.
     """
     return find_problem(name, encoding, {"seconds_per_unit": plan["seconds_per_unit"]})
+
+
+def fleet_of(name: str, settings: Mapping[str, float]) -> Fleet | None:
+    """Return the fleet of a problem file, with other ``settings``; None for other problems."""
+    if not is_problem_file(name):
+        return None
+    from up_samp.fleet import Fleet
+
+    return Fleet.from_file(name).with_settings(**settings)
 
 
 def is_problem_file(name: str) -> bool:

@@ -6,6 +6,7 @@ import argparse
 import math
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -129,10 +130,14 @@ def _seconds(text: str) -> float:
 
 
 def solve_and_show(
-    problem: SchedulingProblem, args: argparse.Namespace, hint: Schedule | None = None
+    problem: SchedulingProblem,
+    args: argparse.Namespace,
+    hint: Schedule | None = None,
+    tell: Callable[[PlanDict], list[str]] = lambda _: [],
 ) -> int:
     """Solve, print the schedule and the validator's verdict, write files; return the exit code:
-    0 with a valid plan, 1 without one. ``hint`` is a plan to begin from.
+    0 with a valid plan, 1 without one. ``hint`` is a plan to begin from; ``tell`` returns what else
+    there is to say of a plan.
     """
     for folder, option in ((args.out, "--out"), (args.trace, "--trace")):
         if folder is not None:
@@ -141,9 +146,9 @@ def solve_and_show(
     try:
         result = _solve(problem, args, hint)
     except InterruptedSearch as stop:
-        _show(problem, args, stop.result, time.monotonic() - started)
+        _show(problem, args, stop.result, time.monotonic() - started, tell)
         raise
-    return _show(problem, args, result, time.monotonic() - started)
+    return _show(problem, args, result, time.monotonic() - started, tell)
 
 
 def _show(
@@ -151,6 +156,7 @@ def _show(
     args: argparse.Namespace,
     result: PlanGenerationResult,
     seconds: float,
+    tell: Callable[[PlanDict], list[str]],
 ) -> int:
     if result.plan is None:
         _explain_failure(problem, result, seconds)
@@ -169,8 +175,8 @@ def _show(
 
         costs = terms_of(problem, result.plan).items()
         print(f"it costs {', '.join(f'{shown(cost)} of {term}' for term, cost in costs)}")
-    for message in result.log_messages or ():
-        print(message.message)
+    for text in (*(m.message for m in result.log_messages or ()), *tell(plan)):
+        print(text)
     verdict = judge(problem, result.plan, args.seconds_per_unit)
     print(describe(verdict))
     if args.out is not None:

@@ -29,12 +29,12 @@ those for which none is found: the others then get a tenth each (s).
 
 
 class Meter:
-    """What the drives of a fleet take from its robots' batteries."""
+    """How long the drives of a fleet are, and what they take from its robots' batteries."""
 
     def __init__(self, records: FleetRecords, folder: Path) -> None:
         self._records = records
         self._floors = FloorMaps(records, folder)
-        self._known: dict[tuple[str, str, str], float] = {}
+        self._known: dict[tuple[str, str, str], tuple[float, float]] = {}
         self._in_vain = 0.0
 
     def drive(self, robot: str, origin: str, to: str) -> int:
@@ -43,21 +43,23 @@ class Meter:
         battery = self._records.robot_types[kind].battery
         if battery is None:
             return 0
+        metres, seconds = self.length(robot, origin, to)
+        needed = battery.per_metre * metres + battery.per_second * seconds
+        return math.ceil(grains(battery, needed) - 1e-9)
+
+    def length(self, robot: str, origin: str, to: str) -> tuple[float, float]:
+        """Return a drive's metres and seconds; where no way was found, what no way has less of, so
+        that nothing is ruled out that can be driven.
+        """
+        kind = self._records.robots[robot].type
         key = (kind, origin, to)
         if key not in self._known:
-            way = self._way(kind, origin, to)
-            least = self._least(battery, *key)
-            self._known[key] = least if way is None else taken(battery, way)
-        return math.ceil(grains(battery, self._known[key]) - 1e-9)
-
-    def _least(self, battery: Battery, kind: str, origin: str, to: str) -> float:
-        """Return what no drive takes less of: it counts where no way was found, so that nothing
-        is ruled out that can be driven.
-        """
-        (x, y, _), (u, v, _) = (self._records.places[place_of(p)].pose for p in (origin, to))
-        metres = math.hypot(u - x, v - y)
-        seconds = metres / self._records.robot_types[kind].v_max
-        return battery.per_metre * metres + battery.per_second * seconds
+            way = self._way(*key)
+            (x, y, _), (u, v, _) = (self._records.places[place_of(p)].pose for p in (origin, to))
+            least = math.hypot(u - x, v - y)
+            straight = least, least / self._records.robot_types[kind].v_max
+            self._known[key] = straight if way is None else (metres_of(way), way.duration)
+        return self._known[key]
 
     def too_far(self, robot: str, origin: str, to: str) -> bool:
         """Return whether a drive takes more than a full battery has above its reserve."""
@@ -79,10 +81,14 @@ class Meter:
         return way
 
 
+def metres_of(way: Trajectory) -> float:
+    """Return how long a drive's way is (m)."""
+    return float(np.hypot(*np.diff(way.poses[:, :2], axis=0).T).sum())
+
+
 def taken(battery: Battery, way: Trajectory) -> float:
     """Return what a drive takes, in the user's units."""
-    metres = float(np.hypot(*np.diff(way.poses[:, :2], axis=0).T).sum())
-    return battery.per_metre * metres + battery.per_second * way.duration
+    return battery.per_metre * metres_of(way) + battery.per_second * way.duration
 
 
 def grains(battery: Battery, amount: float) -> float:

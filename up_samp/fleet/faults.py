@@ -406,10 +406,6 @@ def _job(records: FleetRecords, job: Order | Task, path: Path) -> Iterator[Fault
         yield Fault((*path, "penalty"), text)
     if job.penalty is not None and not job.optional:
         yield Fault((*path, "penalty"), "only what is optional: true has a penalty")
-    late = isinstance(records.objective, Weights) and records.objective.tardiness
-    if job.due is not None and not late:
-        text = "counts only where the objective says so (objective: {tardiness: 10})"
-        yield Fault((*path, "due"), text)
 
 
 def _loads(records: FleetRecords, order: Order, path: Path) -> Iterator[Fault]:

@@ -25,6 +25,7 @@ from up_samp.fleet.faults import (
     same_names,
 )
 from up_samp.fleet.files import read_problem_file, read_record, write_problem_file
+from up_samp.fleet.objective import tell_lateness
 from up_samp.fleet.picture import draw_fleet
 from up_samp.fleet.records import (
     Door,
@@ -43,6 +44,7 @@ from up_samp.fleet.records import (
 from up_samp.fleet.result import FleetResult, saved, solve_problem
 from up_samp.fleet.spelled_out import ids_of
 from up_samp.fleet.statements import Written
+from up_samp.io.plan_dict import PlanDict
 from up_samp.io.precision import PRECISION
 
 Names = str | Sequence[str]
@@ -240,14 +242,21 @@ class Fleet:
             rest = {k: v for k, v in params.items() if k not in settings}
             return self.with_settings(**other).solve(timeout, **rest)
         given = {**settings, **params}
-        records, folder, written = self.records, self._folder, self._as_written()
+        records, folder = self.records, self._folder
         return solve_problem(
-            written,
+            self._as_written(),
             timeout,
             given,
             lambda: check_fleet(records, folder),
-            lambda plan: tell_levels(records, written, plan),
+            copy.copy(self).tell,
         )
+
+    def tell(self, plan: PlanDict) -> list[str]:
+        """Return in words what else there is to say of a plan: how low batteries get, and what ends
+        after it is due.
+        """
+        told = self.records, self._as_written(), plan
+        return [*tell_levels(*told), *tell_lateness(*told)]
 
     def with_settings(self, **settings: float) -> Fleet:
         """Return the same problem with other ``seconds_per_unit`` or another ``margin``."""

@@ -13,9 +13,10 @@ from unified_planning.model.scheduling import Activity
 from unified_planning.model.timing import GlobalEndTiming
 from unified_planning.shortcuts import Minus, Or
 
-from up_samp.fleet.records import Weights
+from up_samp.fleet.records import FleetRecords, Weights
 from up_samp.fleet.site import Site
-from up_samp.fleet.statements import Kind, present
+from up_samp.fleet.spelled_out import spelled_out
+from up_samp.fleet.statements import Kind, Written, present
 from up_samp.fleet.work import Work
 from up_samp.model.objective import Cost, MinimizeCosts
 
@@ -37,6 +38,18 @@ def add_objective(site: Site, work: Work, weights: Weights) -> None:
             name = None if activity is None or not activity.optional else activity.name
             costs.append(Cost(term, weight, node, name, positive=term == "tardiness"))
     site.problem.add_quality_metric(MinimizeCosts(costs, site.problem.environment))
+
+
+def tell_lateness(records: FleetRecords, written: Written, plan: Mapping[str, Any]) -> list[str]:
+    """Return in words which jobs of a plan end after they are due, whether that costs or not."""
+    due = {job.id: job.due for job in spelled_out(records).jobs if job.due is not None}
+    lines = []
+    for meaning, activity in written.happening(plan["activities"]):
+        end = float(activity["end"]) * float(plan["seconds_per_unit"])
+        late = end - due.get(meaning.what, end)
+        if meaning.kind in (Kind.DELIVERY, Kind.TASK) and late > 0:
+            lines.append(f"{meaning.what} ends {late:g} s after it is due")
+    return lines
 
 
 # ------------------ One function for each term
@@ -67,6 +80,12 @@ def _driving(site: Site, work: Work) -> Iterator[Amount]:
     """How long robots drive, all together."""
     for a in _drives(site):
         yield site.records.seconds_per_unit, Minus(a.end, a.start), a
+
+
+def _distance(site: Site, work: Work) -> Iterator[Amount]:
+    """How far robots drive, all together, by the ways that they take with nobody in them (cm)."""
+    for a in _drives(site):
+        yield 0.01, round(100 * site.metres[a.name]), a
 
 
 def _energy(site: Site, work: Work) -> Iterator[Amount]:
@@ -103,6 +122,7 @@ TERMS: Mapping[str, Callable[[Site, Work], Iterable[Amount]]] = {
     "tardiness": _tardiness,
     "completion": _completion,
     "driving": _driving,
+    "distance": _distance,
     "energy": _energy,
     "robots": _robots,
     "left_out": _left_out,

@@ -20,17 +20,17 @@ from up_samp.fleet.records import GROUND, FleetRecords, Outline, Pose
 from up_samp.fleet.spelled_out import in_numbers, spelled_out
 from up_samp.model.frames import Frame
 from up_samp.plotting.background import ground_of
+from up_samp.plotting.map_picture import draw_area
 from up_samp.plotting.style import (
     FIXTURE,
     INK,
+    WRONG,
     PlacedLabel,
     color_of,
     figure_axes,
     mixed,
     place_labels,
 )
-
-WRONG = "#c1121f"
 
 
 def draw_fleet(
@@ -98,7 +98,7 @@ def _draw_fixtures(ax: Axes, records: FleetRecords) -> list[PlacedLabel]:
     labels: list[PlacedLabel] = []
     for name, zone in records.zones.items():
         here = np.asarray(zone.polygon, dtype=np.float64)
-        ax.add_patch(Polygon(here, fc=mixed(WRONG, 0.8), ec=WRONG, lw=0.8, ls=":", alpha=0.6))
+        draw_area(ax, here)
         x, y = (float(v) for v in here.mean(axis=0))
         labels.append(PlacedLabel(name, x, y, WRONG, False, (0.3, 0.3)))
     for name, door in records.doors.items():

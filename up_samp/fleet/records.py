@@ -469,8 +469,9 @@ class Weights:
 
     ``makespan``: a second until all is over. ``tardiness``: a second that a job ends after it is
     ``due``, times its ``weight``. ``completion``: a second until a job ends, times its ``weight``.
-    ``driving``: a second that a robot drives. ``energy``: what drives take from batteries, in the
-    user's units. ``robots``: a robot that leaves where it starts.
+    ``driving``: a second that a robot drives. ``distance``: a metre of the ways that robots take
+    when nobody is in them. ``energy``: what drives take from batteries, in the user's units.
+    ``robots``: a robot that leaves where it starts.
     """
 
     __pydantic_config__ = STRICT
@@ -478,6 +479,7 @@ class Weights:
     tardiness: Rate = 0.0
     completion: Rate = 0.0
     driving: Rate = 0.0
+    distance: Rate = 0.0
     energy: Rate = 0.0
     robots: Rate = 0.0
 

@@ -57,10 +57,12 @@ from up_samp.fleet.records import (
     Outline,
     Pose,
     RobotType,
+    Weights,
     corners_of,
 )
 from up_samp.fleet.spelled_out import stop_of
 from up_samp.fleet.statements import Meaning
+from up_samp.io.plan_dict import AREA
 
 Passing = tuple[bool, bool] | None
 """What a drive has to do with a zone: whether it takes room there as it starts, and gives some back
@@ -145,6 +147,10 @@ class Site:
         self.spots: dict[str, Object] = {}
         self.lifts: dict[str, Fluent] = {}
         self.stops: dict[str, FNode] = {}
+        told = records.objective
+        self.weights = told if isinstance(told, Weights) else Weights()
+        self.metres: dict[str, float] = {}
+        """How long drives are (by activity), where the objective asks for it."""
         self.places: dict[str, ConfigurationObject] = {}
         self.resources: dict[str, Fluent] = {}
         self.robots: dict[str, MovableObject] = {}
@@ -286,7 +292,7 @@ class Site:
     def _zones(self) -> None:
         for name, zone in self.records.zones.items():
             here = self._pose(f"{name}.here", (0.0, 0.0, 0.0), zone.floor)
-            area = self._fixture(name, zone.polygon, here)
+            area = self._fixture(name, zone.polygon, here, AREA)
             for kind in zone.keep_out:
                 self.keep_out.setdefault((kind, zone.floor), []).append(area)
             if zone.max_robots is not None:

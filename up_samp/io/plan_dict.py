@@ -52,6 +52,8 @@ VERSIONS = Versions()
 
 
 FORMAT = "up-samp-plan"
+AREA = "zone"
+"""The type of objects that are parts of the floor, and no bodies."""
 
 
 PlanDict = dict[str, Any]

@@ -17,6 +17,7 @@ from unified_planning.shortcuts import MovableType
 from up_samp.execution.judge import Contact, contacts_of
 from up_samp.fleet.outlines import movable
 from up_samp.fleet.records import FleetRecords, Order, corners_of
+from up_samp.fleet.statements import Kind
 from up_samp.operate.records import DayOrder, OrderState, Pose
 from up_samp.operate.simulated import Drive, Handled
 from up_samp.validation.kinematics import driven_backwards
@@ -68,7 +69,7 @@ def judge_day(
             twice.append(name)
         if isinstance(job.record, Order) and ends:
             elsewhere += _of_order(site, job.record, mine, initial, drives)
-    met = contacts(site, initial, drives)
+    met = contacts(site, initial, drives, handled)
     back = tuple(_backwards(site, drives))
     return DayVerdict(tuple(met), tuple(lost), tuple(twice), tuple(elsewhere), back)
 
@@ -146,7 +147,22 @@ def record_of_day(
 
 
 def contacts(
-    site: FleetRecords, initial: Mapping[str, Pose], drives: Sequence[Drive]
+    site: FleetRecords,
+    initial: Mapping[str, Pose],
+    drives: Sequence[Drive],
+    handled: Sequence[Handled] = (),
 ) -> list[Contact]:
-    """Return who met in a day, by what was driven."""
-    return contacts_of(record_of_day(site, initial, drives))
+    """Return who met in a day, by what was driven: other robots, and leaves of doors, which stand
+    closed until they have been opened.
+    """
+    record, doors = record_of_day(site, initial, drives), site.doors
+    record["objects"] += [
+        {"name": n, "footprint": corners_of(d.leaf), "initial": list(d.closed)}
+        for n, d in doors.items()
+    ]
+    record["changes"] += [
+        {"activity": "", "object": h.what, "time": h.end, "configuration": doors[h.what].open}
+        for h in handled
+        if h.kind == Kind.OPEN.value
+    ]
+    return contacts_of(record)

@@ -13,10 +13,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
-import numpy as np
 from shapely.affinity import rotate, translate
 from shapely.geometry import Polygon
 
+from up_samp.execution.astray import place_of, pose_in
 from up_samp.execution.executor import Executor
 from up_samp.execution.reorder import cost
 from up_samp.execution.reports import Command, Do, Go, Heard, Hold, Reply
@@ -34,6 +34,7 @@ from up_samp.operate.horizon import (
     braking,
     first_inside,
     meanings_of,
+    pose_of,
 )
 from up_samp.operate.planner import Answer, Planner, Question, check_job, check_site, goals_of
 from up_samp.operate.records import DayOrder, OrderState, Pose, Report, Shape, job_record
@@ -346,16 +347,16 @@ class Operation(Day):
             self.store.note(report.time, "report", report.robot, "is held", reply.why)
         return reply
 
-    def pose(self, robot: str) -> Pose:
-        """Return where a robot was last told to be."""
-        if self.executor is None or robot in self.away:
-            return self.poses[robot]
-        way = self.executor.state.of_object.get(robot)
-        if way is None:
-            return self.cut().poses[robot]
-        path = self.executor.drives[way.activity, robot].path
-        x, y, theta = (float(v) for v in path.poses_at(np.array([way.progress]))[0])
-        return x, y, theta
+    def pose(self, thing: str) -> Pose:
+        """Return where a robot was last told to be, or where a door stands."""
+        lives = {} if self.executor is None else self.executor.dependencies.lives
+        if self.executor is None or thing in self.away or thing not in lives:
+            door = self.site.doors.get(thing)
+            return self.poses[thing] if door is None else door.closed
+        here = place_of(self.executor.state, lives[thing])
+        if here is None:  # between what it did and what it does
+            return self.cut().poses[thing]
+        return pose_of(pose_in(self.executor.state, here))
 
     def _happened(self) -> None:
         """Note which orders have begun, and which are done."""

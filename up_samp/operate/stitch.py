@@ -208,7 +208,7 @@ def stitched(
             if a["name"] in names
         ),
     ]
-    moved = ({**m, "activity": names[m["activity"]]} for m in new["motions"])
+    moved = (_beside(m, kept) | {"activity": names[m["activity"]]} for m in new["motions"])
     plan["motions"] = [*kept.motions, *(_later(m, by * unit) for m in moved)]
     plan["changes"] = [
         *kept.changes,
@@ -231,6 +231,15 @@ def stitched(
         "narrow": new["dependencies"].get("narrow", []),
     }
     return plan
+
+
+def _beside(motion: Mapping[str, Any], kept: Kept) -> dict[str, Any]:
+    """Return a new motion that heeds what is still to be moved by what is kept, too: the new
+    problem has doors open that open only then.
+    """
+    avoid = motion.get("avoid")
+    moved = sorted({c["object"] for c in kept.changes})
+    return dict(motion) if avoid is None else {**motion, "avoid": [*avoid, *moved]}
 
 
 def _dependencies(

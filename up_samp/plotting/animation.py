@@ -18,7 +18,15 @@ import numpy as np
 from up_samp.plotting.background import ground_of
 from up_samp.plotting.gantt import title_of
 from up_samp.plotting.rows import Row, rows_of
-from up_samp.plotting.style import FIXTURE, SIZES, color_of, ink_on, mixed, with_short_names
+from up_samp.plotting.style import (
+    AREA_FILL,
+    FIXTURE,
+    SIZES,
+    color_of,
+    ink_on,
+    mixed,
+    with_short_names,
+)
 from up_samp.plotting.tracks import FloatArray, ObjectTrack, horizon, stops_of, tracks_of
 from up_samp.system.files import write_whole
 
@@ -33,7 +41,7 @@ def scene_of(plan: dict[str, Any]) -> dict[str, Any]:
     for track in tracks_of(plan):
         if track.initial is None and not track.moves and not track.changes:
             continue
-        color = color_of(movers) if track.moves else FIXTURE
+        color = color_of(movers) if track.moves else AREA_FILL if track.area else FIXTURE
         movers += track.moves
         objects.append(
             {

@@ -9,7 +9,7 @@ from typing import Any
 from PIL import Image, ImageDraw, ImageFont
 
 from up_samp.plotting.background import Background, ground_of
-from up_samp.plotting.style import FIXTURE, INK, SIZES, color_of, mixed, with_short_names
+from up_samp.plotting.style import AREA_FILL, FIXTURE, INK, SIZES, color_of, mixed, with_short_names
 from up_samp.plotting.tracks import ObjectTrack, horizon, tracks_of
 from up_samp.system.files import whole
 
@@ -79,7 +79,9 @@ def _frame(
         pose = track.at(t)
         if pose is None:
             continue
-        color = color_of(movers.index(track)) if track.moves else FIXTURE
+        color = (
+            color_of(movers.index(track)) if track.moves else AREA_FILL if track.area else FIXTURE
+        )
         corners = [_pixel(ground, still, float(x), float(y)) for x, y in track.outline(pose)]
         pen.polygon(corners, fill=color, outline=INK)
         if track.moves:

@@ -15,8 +15,10 @@ from matplotlib.transforms import Bbox
 from up_samp.plotting.background import NamedPlace, ground_of
 from up_samp.plotting.gantt import title_of
 from up_samp.plotting.style import (
+    AREA_FILL,
     FIXTURE,
     INK,
+    WRONG,
     PlacedLabel,
     color_of,
     figure_axes,
@@ -181,9 +183,17 @@ def _draw_direction(ax: Axes, leg: TrackPiece, color: str) -> None:
     )  # fmt: skip
 
 
+def draw_area(ax: Axes, outline: FloatArray) -> None:
+    """Draw a zone below all else."""
+    ax.add_patch(Polygon(outline, fc=AREA_FILL, ec=WRONG, lw=0.8, ls=":", alpha=0.6, zorder=1.0))
+
+
 def _draw_still(ax: Axes, track: ObjectTrack) -> list[PlacedLabel]:
     """Draw an object that nobody drives: solid where it starts, outlined where it is put."""
     assert track.initial is not None
+    if track.area:
+        draw_area(ax, track.outline(track.initial))
+        return [_named(track, track.name, track.initial, WRONG)]
     ax.add_patch(
         Polygon(track.outline(track.initial), closed=True, fc=FIXTURE, ec=INK, lw=0.8, zorder=2.6)
     )
@@ -226,7 +236,9 @@ def _legend(ax: Axes, movers: list[ObjectTrack], still: list[ObjectTrack]) -> No
     ]
     keys.append(Patch(fc=INK, ec=INK, label="robot at the start"))
     keys.append(Patch(fc=mixed(INK, 0.5), ec=INK, label="a motion's start or end"))
-    if still:
+    if any(t.area for t in still):
+        keys.append(Patch(fc=AREA_FILL, ec=WRONG, ls=":", label="zone"))
+    if not all(t.area for t in still):
         keys.append(Patch(fc=FIXTURE, ec=INK, label="door, or other object, at first"))
     if any(t.legs for t in still):
         keys.append(Patch(fc=mixed(FIXTURE, 0.6), ec=FIXTURE, label="load on its robot"))

@@ -62,6 +62,10 @@ PALETTE = (
 then four of Paul Tol's *muted* scheme for fleets of more than six."""
 
 FIXTURE = "#8C6D31"
+WRONG = "#C1121F"
+"""What is wrong, and the edge of a zone."""
+AREA_FILL = "#F3D0D2"
+"""What a zone is filled with."""
 OTHER = "#6B7280"
 INK = "#1F2933"
 FREE = (255, 255, 255)

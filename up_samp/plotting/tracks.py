@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from up_samp.io.plan_dict import AREA
 from up_samp.model.frames import Frame
 
 FloatArray = npt.NDArray[np.float64]
@@ -51,6 +52,8 @@ class ObjectTrack:
     legs: tuple[TrackPiece, ...]
     changes: tuple[tuple[float, tuple[float, float, float]], ...]
     moves: bool
+    area: bool = False
+    """It is a part of the floor, a zone, and no body."""
 
     def at(self, t: float) -> tuple[float, float, float] | None:
         """Return x, y (m) and yaw (rad) at ``t`` s; None where the plan does not tell."""
@@ -109,6 +112,7 @@ def tracks_of(plan: dict[str, Any]) -> list[ObjectTrack]:
                 tuple(sorted(legs, key=lambda leg: float(leg.times[0]))),
                 tuple(sorted(changes)),
                 entry["type"] in driven,
+                entry["type"] == AREA,
             )
         )
     return tracks

@@ -13,11 +13,8 @@ from up_samp.model.refinement import (
     Apart,
     Clause,
     Elsewhere,
-    Layer,
     Literal,
     Overlap,
-    Refinement,
-    Strength,
     end_of,
     start_of,
 )
@@ -53,14 +50,11 @@ def paper_geometric(
     motions: Sequence[ScheduledMotion],
     rivals: Iterable[str],
     blockers: Mapping[str, str],
-    why: str,
-    layer: Layer,
-    strength: Strength,
-) -> Refinement:
+) -> Clause:
     """Return the paper's geometric refinement: RCOND(G) -> some blocker changes (CHCONF)."""
     literals = paper_condition(motions, rivals)
     literals += _elsewhere(motions, blockers)
-    return Refinement(Clause(tuple(literals)), layer, strength, why)
+    return Clause(tuple(literals))
 
 
 def paper_temporal(
@@ -68,10 +62,7 @@ def paper_temporal(
     rivals: Iterable[str],
     arrivals: Mapping[str, int],
     places: Mapping[str, str],
-    why: str,
-    layer: Layer,
-    strength: Strength,
-) -> Refinement:
+) -> Clause:
     """Return the paper's temporal refinement: RCOND(G) -> CHTIME.
 
     ``arrivals``: needed ends of the late motions after the group's first start; ``places``:
@@ -88,4 +79,4 @@ def paper_temporal(
             )
     for name, units in sorted(arrivals.items()):
         literals.append(Apart(start_of(reference.activity), end_of(name), units))
-    return Refinement(Clause(tuple(literals)), layer, strength, why)
+    return Clause(tuple(literals))

@@ -7,7 +7,7 @@ candidate is collected, unless the cuts stop at the first refinement as the pape
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 from up_samp.model import (
@@ -30,6 +30,9 @@ from up_samp.search.knowledge import Knowledge
 from up_samp.search.motions import Motions
 from up_samp.search.world import group_query, groups_of, instant_obstacles, motion_key
 from up_samp.upio import Itinerary
+
+MOST_NAMED = 3
+"""So many motions, and things at rest, are named where some were not found."""
 
 
 @dataclass
@@ -118,7 +121,11 @@ class Checker:
             check.failed |= report.conflict or {motion_key(m) for m in group}
         for name, arrival in report.late.items():
             check.needed[name] = self.motions.facts.units(arrival)
-        if learn and not found and (report.outcome is not Outcome.FOUND or report.late):
+        if report.outcome is Outcome.FOUND and not report.late:
+            return
+        wrong = report.conflict or report.late.keys() or {motion_key(m) for m in group}
+        self.note([m for m in group if motion_key(m) in wrong], report.blockers, itinerary)
+        if learn and not found:
             failure = Failure(
                 self.motions,
                 self.knowledge,
@@ -130,6 +137,16 @@ class Checker:
                 cut_short,
             )
             check.refinements += self.cuts.group(failure)
+
+    def note(
+        self, motions: Sequence[ScheduledMotion], among: Iterable[str], itinerary: Itinerary
+    ) -> None:
+        """Note for people which motions were not found, among what that rests in their way."""
+        facts, start = self.motions.facts, min(m.start for m in motions)
+        told = " with ".join(str(facts.case(m)) for m in motions[:MOST_NAMED])
+        for name in sorted(facts.movers.keys() & set(among))[:MOST_NAMED]:
+            told += f", {name} being at {itinerary.place_at(facts.snapshot, name, start)}"
+        self.knowledge.history.missed.append(told)
 
     def _check_alone(
         self,
@@ -224,6 +241,7 @@ def check_path(
     if report.outcome is Outcome.FOUND:
         return []
     check.failed.add(motion_key(motion))
+    checker.note([motion], report.blockers or {o.name for o in obstacles}, itinerary)
     proven = report.outcome is Outcome.IMPOSSIBLE
     names = report.blockers if proven else frozenset(o.name for o in obstacles)
     alone = Alone(

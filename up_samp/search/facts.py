@@ -31,6 +31,10 @@ class MotionCase:
         """The activity that makes the motion."""
         return self.task.activity
 
+    def __str__(self) -> str:
+        places = " to ".join(self.configurations)
+        return f"{self.activity} ({self.task.object} from {places})"
+
     def why_not(self, report: PathReport) -> str:
         """Return why there is no such motion, with what its places are called."""
         if report.where is not None:

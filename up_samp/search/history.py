@@ -118,6 +118,8 @@ class History:
     """... and what it took as it is written."""
     refused: list[str] = field(default_factory=list)
     """What the validator had against plans that the search took for valid; it learned from it."""
+    missed: list[str] = field(default_factory=list)
+    """Each time that motions were not found, or not in time: which, and among what that rests."""
     refuted: list[str] = field(default_factory=list)
     """Claims of ours that were refuted: errors of the package."""
 

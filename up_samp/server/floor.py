@@ -28,9 +28,11 @@ from starlette.concurrency import run_in_threadpool
 
 from up_samp.execution.reports import Do, Go, Hold
 from up_samp.fleet.records import corners_of
+from up_samp.fleet.statements import Kind
 from up_samp.model import ProblemError, SampError
 from up_samp.operate.horizon import DELIVERS
 from up_samp.operate.loop import Operation
+from up_samp.operate.planner import is_open
 from up_samp.operate.store import clock_text
 from up_samp.server.guard import LOCAL, Guard
 
@@ -229,6 +231,7 @@ def site_data(day: Operation) -> dict[str, Any]:
         "cell": step * grid.resolution,
         "walls": cells,
         "places": {n: list(p.pose) for n, p in day.site.places.items()},
+        "doors": {n: [list(c) for c in corners_of(d.leaf)] for n, d in day.site.doors.items()},
         "robots": {
             n: [list(c) for c in corners_of(day.site.robot_types[r.type].footprint)]
             for n, r in day.site.robots.items()
@@ -246,6 +249,7 @@ def floor_data(day: Operation) -> dict[str, Any]:
         "plan": day.number,
         "why": day.wanted,
         "robots": {n: _robot(day, n) for n in day.site.robots},
+        "doors": _doors(day),
         "areas": {n: [list(c) for c in shape] for n, shape in day.areas.items()},
         "orders": [
             {
@@ -270,6 +274,23 @@ def _forecast(day: Operation) -> dict[str, tuple[str, float]]:
         m.what: (m.robot, ahead.span(n)[1] + day.origin)
         for n, m in day.meanings.items()
         if m.kind in DELIVERS
+    }
+
+
+def _doors(day: Operation) -> dict[str, dict[str, Any]]:
+    """Return where each door's leaf stands, whether that is open, and who waits for it."""
+    openings = {a: m.what for a, m in day.meanings.items() if m.kind is Kind.OPEN}
+    waits = (lambda _: ()) if day.executor is None else day.executor.waits_for
+    doing = {getattr(day.commands.get(r), "activity", ""): r for r in day.site.robots}
+    awaited = {(openings.get(w, w), r) for r in day.site.robots for w in waits(r)}
+    awaited -= {(door, doing.get(a, "")) for a, door in openings.items()}
+    return {
+        n: {
+            "pose": list(day.pose(n)),
+            "open": is_open(door, day.pose(n)),
+            "waiting": sorted(r for what, r in awaited if what == n),
+        }
+        for n, door in day.site.doors.items()
     }
 
 

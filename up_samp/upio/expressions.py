@@ -65,16 +65,24 @@ def activities_in(node: FNode) -> set[str]:
 
 def end_before_start(node: FNode) -> tuple[str, str, int] | None:
     """Return (a, b, units) if ``node`` says ``a.end + units <= b.start``, and nothing else."""
+    return _before_start(node, TimepointKind.END)
+
+
+def start_before_start(node: FNode) -> tuple[str, str, int] | None:
+    """Return (a, b, units) if ``node`` says ``a.start + units <= b.start``, and nothing else."""
+    return _before_start(node, TimepointKind.START)
+
+
+def _before_start(node: FNode, kind: TimepointKind) -> tuple[str, str, int] | None:
     if node.node_type not in (Op.LE, Op.LT):
         return None
     left, right = node.args
     if not left.node_type is right.node_type is Op.TIMING_EXP:
         return None
-    end, start = left.timing(), right.timing()
-    first, then = end.timepoint, start.timepoint
-    if first.kind is not TimepointKind.END or then.kind is not TimepointKind.START:
+    first, then = left.timing().timepoint, right.timing().timepoint
+    if first.kind is not kind or then.kind is not TimepointKind.START:
         return None
-    units = end.delay - start.delay + (node.node_type is Op.LT)
+    units = left.timing().delay - right.timing().delay + (node.node_type is Op.LT)
     if first.container is None or then.container is None or not isinstance(units, int):
         return None
     return first.container, then.container, units

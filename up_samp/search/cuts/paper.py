@@ -47,13 +47,13 @@ class PaperCuts:
         cases, blockers = self._explored(motions, motion, alone.obstacles)
         places = {n: c for n, c in alone.places.items() if n in blockers} or alone.places
         return [
-            paper_rules.paper_geometric(
-                (_under(motion, case),),
-                _movers(facts, places),
-                places,
-                alone.why,
+            Refinement(
+                paper_rules.paper_geometric(
+                    (_under(motion, case),), _movers(facts, places), places
+                ),
                 Layer.GEOMETRIC,
                 Strength.HEURISTIC,
+                alone.why,
             )
             for case in dict.fromkeys((facts.case(motion), *cases))
         ]
@@ -92,14 +92,16 @@ class PaperCuts:
         RCOND -> CHTIME.
         """
         return [
-            paper_rules.paper_temporal(
-                (_under(alone.motion, case),),
-                _movers(motions.facts, alone.places),
-                {case.activity: units},
-                alone.places,
-                alone.why,
+            Refinement(
+                paper_rules.paper_temporal(
+                    (_under(alone.motion, case),),
+                    _movers(motions.facts, alone.places),
+                    {case.activity: units},
+                    alone.places,
+                ),
                 Layer.TEMPORAL,
                 alone.strength,
+                alone.why,
             )
             for case in alone.cases
         ]
@@ -116,31 +118,15 @@ class PaperCuts:
         }
         if not failure.found:
             why = failure.report.reason or "no trajectories for the group"
-            return [
-                paper_rules.paper_geometric(
-                    group,
-                    _rivals(facts),
-                    places,
-                    why,
-                    Layer.GROUP,
-                    Strength.HEURISTIC,
-                )
-            ]
+            cut = paper_rules.paper_geometric(group, _rivals(facts), places)
+            return [Refinement(cut, Layer.GROUP, Strength.HEURISTIC, why)]
         changers = _changers(facts, places)
         meanwhile = {c for c in changers if _overlaps(failure, c)}
         # what changes in the midst of the group might as well change earlier
         strength = Strength.HEURISTIC if meanwhile else failure.strength
-        return [
-            paper_rules.paper_temporal(
-                group,
-                sorted({*_rivals(facts), *changers - meanwhile}),
-                failure.arrivals(group),
-                places,
-                "the group needs more time",
-                Layer.GROUP,
-                strength,
-            )
-        ]
+        rivals = sorted({*_rivals(facts), *changers - meanwhile})
+        cut = paper_rules.paper_temporal(group, rivals, failure.arrivals(group), places)
+        return [Refinement(cut, Layer.GROUP, strength, "the group needs more time")]
 
 
 def _under(motion: ScheduledMotion, case: MotionCase) -> ScheduledMotion:

@@ -8,9 +8,10 @@ with some more for traffic. Long tours count far more than short ones: the last 
 
 from __future__ import annotations
 
+import itertools
 import math
 import random
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -34,6 +35,10 @@ _WARM = 0.03
 _WARM_AGAIN, _EXCHANGES_AGAIN = 0.1, 0.25
 """Shares of the warmth and of the changes at first, when jobs are dealt out again with what was
 learned."""
+
+
+Stop = tuple[str, Configuration]
+"""A robot, and where it may stand."""
 
 
 @dataclass
@@ -135,9 +140,27 @@ def exchanged(
     return replace(found, tours=rehearsal.tours(best))
 
 
-def decided_by(assign: Assignment, names: Sequence[str]) -> frozenset[str]:
+def in_stated_order(assign: Assignment, earlier: Mapping[int, set[int]]) -> Assignment:
+    """Return the same share with all tours in one order of all jobs: each comes after those that
+    are ``earlier``, else as it was dealt out; as it is where nobody could follow such an order.
+    """
+    place = {j: at for tour in assign.tours.values() for at, (j, _) in enumerate(tour)}
+    left, rank = sorted(place, key=lambda j: (place[j], j)), dict[int, int]()
+    while left:
+        waits = [bool(place.keys() & earlier.get(j, set()) - rank.keys()) for j in left]
+        if all(waits):
+            return assign
+        rank[left.pop(waits.index(False))] = len(rank)
+    tours = {r: sorted(t, key=lambda step: rank[step[0]]) for r, t in assign.tours.items()}
+    return replace(assign, tours=tours)
+
+
+def decided_by(
+    assign: Assignment, names: Sequence[str], beside: Collection[Stop] = ()
+) -> frozenset[str]:
     """Return the activities that may be present if everybody does what was dealt out, and makes use
-    of what may come of a job only in the end (to go home).
+    of what may come of a job only in the end (to go home). Robots may drive to and from what is
+    ``beside`` their tours.
     """
     jobs = assign.jobs
     chosen = {(j, k) for tour in assign.tours.values() for j, k in tour}
@@ -146,10 +169,10 @@ def decided_by(assign: Assignment, names: Sequence[str]) -> frozenset[str]:
     for tour in assign.tours.values():
         for j, k in tour[:-1]:
             gone |= jobs.options[j][k].extras
-    return frozenset(names) - jobs.without(gone) - _detours(assign)
+    return frozenset(names) - jobs.without(gone) - _detours(assign, beside)
 
 
-def _detours(assign: Assignment) -> set[str]:
+def _detours(assign: Assignment, beside: Collection[Stop]) -> set[str]:
     """Return the drives between fixed places that are no part of a job and not on the way from one
     to the next: to the first stop, from stop to stop, and from the last one to where nothing is
     done, if a robot has to be there in the end.
@@ -166,7 +189,10 @@ def _detours(assign: Assignment) -> set[str]:
         a, b = (snapshot.configurations[task.terms[i].name] for i in (0, -1))
         ways, last = tours[task.object]
         home = a == last and b not in stops
-        if (a, b) not in ways and not home:
+        mine = {last, *itertools.chain(*ways)}
+        aside = [(task.object, pose) in beside for pose in (a, b)]
+        there = all(pose in mine or by for pose, by in zip((a, b), aside, strict=True))
+        if (a, b) not in ways and not home and not (any(aside) and there):
             found.add(task.activity)
     return found
 

@@ -23,7 +23,7 @@ from unified_planning.model.scheduling import Activity
 from up_samp.model import Configuration
 from up_samp.model.snapshot import MotionTask, Snapshot, TermKind
 from up_samp.scheduling.cpsat.encode.durations import least
-from up_samp.upio.expressions import end_before_start, fluent_told
+from up_samp.upio.expressions import end_before_start, fluent_told, start_before_start
 from up_samp.upio.spans import own_end
 from up_samp.upio.whereabouts import whereabouts
 
@@ -347,6 +347,25 @@ def _implied(constraint: FNode) -> tuple[tuple[str, ...], tuple[str, ...]] | Non
     if len(negated) != 1 or names is None or conditions is None:
         return None
     return names, conditions
+
+
+def earlier_jobs(problem: SchedulingMotionProblem, jobs: Jobs) -> dict[int, set[int]]:
+    """Return by job those before which it cannot be done by one robot: a part of it must not begin
+    before a part of them does, or ends (whoever does which, where several may).
+    """
+    of: dict[str, int] = {}
+    for j, options in enumerate(jobs.options):
+        of |= dict.fromkeys((name for option in options for name in option.members), j)
+    found: dict[int, set[int]] = defaultdict(set)
+    for owner in (problem._base, *problem.activities):
+        for constraint, _ in owner._constraints:
+            told = end_before_start(constraint) or start_before_start(constraint)
+            if told is None or told[2] < 0:
+                continue
+            first, then = (of.get(name) for name in told[:2])
+            if first is not None and then is not None and first != then:
+                found[then].add(first)
+    return found
 
 
 class _Look:

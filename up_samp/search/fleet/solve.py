@@ -15,7 +15,7 @@ import math
 import random
 from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 from unified_planning.model.motion import SchedulingMotionProblem
 
@@ -24,11 +24,19 @@ from up_samp.model.snapshot import Snapshot
 from up_samp.search.attempt import keep_if_better
 from up_samp.search.conclusion import SearchResult, conclude, conclude_stopped
 from up_samp.search.events import Phase
-from up_samp.search.fleet.assignment import Assignment, assign, biased, decided_by, state_order
+from up_samp.search.fleet.assignment import (
+    Assignment,
+    Stop,
+    assign,
+    biased,
+    decided_by,
+    in_stated_order,
+    state_order,
+)
 from up_samp.search.fleet.evaluator import AssignmentEvaluator
 from up_samp.search.fleet.evaluator_kernel import CostWeights
 from up_samp.search.fleet.improve import FleetLNS, plan_tours, undecided_tours
-from up_samp.search.fleet.jobs import Jobs, find_jobs
+from up_samp.search.fleet.jobs import Jobs, activity_locations, earlier_jobs, find_jobs
 from up_samp.search.fleet.sequential import FleetSolution
 from up_samp.search.fleet.tours import TourPlanner
 from up_samp.search.fleet.travel_times import TravelTimeModel, pauses_of
@@ -68,6 +76,17 @@ class LargeProblem:
     jobs: Jobs
     open_thin: OpenThin
     tuning: SearchTuning
+
+    @cached_property
+    def beside(self) -> frozenset[Stop]:
+        """Where robots do what belongs to no job: charge, open doors."""
+        own = {n for some in self.jobs.options for o in some for n in o.members}
+        places = activity_locations(self.problem, self.snapshot).items()
+        return frozenset(
+            (robot, self.snapshot.configurations[place])
+            for name, (robot, place) in places
+            if name not in own
+        )
 
     def nearly_all(self, share: float) -> float:
         """Return a share of the time, the nearer to all of it the larger the problem is: another
@@ -130,6 +149,7 @@ def deals_of(search: Search, large: LargeProblem, deadline: Deadline) -> Iterato
     different, and more and more careful about what is due.
     """
     guess, rules = guess_of(search, large), CostWeights()
+    earlier = earlier_jobs(large.problem, large.jobs)
     for number in range(large.tuning.deals):
         # who was late was guessed to be too quick
         careful = rules._replace(traffic=rules.traffic * (1.0 + _SLOWER * number))
@@ -137,7 +157,7 @@ def deals_of(search: Search, large: LargeProblem, deadline: Deadline) -> Iterato
         bias = biased(large.jobs, _NOISE * min(number, _NOISIEST), rng)
         soon = deadline.within(_DEALING * deadline.remaining())
         rehearsal = AssignmentEvaluator(guess, large.jobs, careful, bias)
-        yield assign(rehearsal, soon, rng, large.tuning)
+        yield in_stated_order(assign(rehearsal, soon, rng, large.tuning), earlier)
 
 
 def guess_of(search: Search, large: LargeProblem) -> TravelTimeModel:
@@ -201,9 +221,21 @@ def homes_of(jobs: Jobs) -> frozenset[str]:
 def candidate_of(
     large: LargeProblem, dealt: Assignment, deadline: Deadline
 ) -> tuple[Search, Itinerary] | None:
-    """Return a search on the problem thinned to what was dealt out, and its candidate."""
+    """Return a search on the problem thinned to what was dealt out, and its candidate: without what
+    else may be done, or with it where nothing comes of that.
+    """
+    for beside in dict.fromkeys((frozenset[Stop](), large.beside)):
+        opened = _candidate(large, dealt, deadline, beside)
+        if opened is not None:
+            return opened
+    return None
+
+
+def _candidate(
+    large: LargeProblem, dealt: Assignment, deadline: Deadline, beside: frozenset[Stop]
+) -> tuple[Search, Itinerary] | None:
     names = [a.name for a in large.problem.activities]
-    problem = thinned(large.problem, decided_by(dealt, names))
+    problem = thinned(large.problem, decided_by(dealt, names, beside))
     state_order(problem, dealt)
     inner = large.open_thin(problem, deadline)
     try:

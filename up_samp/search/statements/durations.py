@@ -96,6 +96,7 @@ def duration_of(
             for c in cases
         ]
     if report.trajectory is None:
+        knowledge.history.missed.append(str(cases[0]))
         return []
     if strength is Strength.RELATIVE:
         knowledge.durations[signature] = report.trajectory.duration
