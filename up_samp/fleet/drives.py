@@ -56,7 +56,7 @@ class Drives:
         a.add_motion_effect(site.robots[robot], site.places[to])
         a.uses(site.lifts[lift])
         a.add_decrease_effect(a.start, site.stops[to], 1)
-        a.add_increase_effect(a.start, site.stops[origin], 1)
+        a.add_increase_effect(a.end, site.stops[origin], 1)
         a.add_condition(at_start(a), Equals(site.at[robot], site.spots[origin]))
         a.add_effect(a.end, site.at[robot], site.spots[to])
         return a
@@ -92,7 +92,7 @@ class Drives:
         if amount:
             a.add_decrease_effect(a.start, site.batteries[robot], amount)
         if origin in site.stops:
-            a.add_increase_effect(a.start, site.stops[origin], 1)
+            a.add_increase_effect(a.end, site.stops[origin], 1)
         if to in site.stops:
             a.add_decrease_effect(a.start, site.stops[to], 1)  # nobody is on the way out
         if order is not None:

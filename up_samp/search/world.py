@@ -110,7 +110,7 @@ def group_query(facts: Facts, itinerary: Itinerary, group: Sequence[ScheduledMot
     moving = frozenset(m.object for m in group)
     timed, alone = [], []
     for motion in group:
-        since, until = _presence(facts, itinerary, group, motion)
+        since, until = _presence(facts, group, motion)
         timed.append(
             TimedMotion(
                 name=motion_key(motion),
@@ -125,8 +125,7 @@ def group_query(facts: Facts, itinerary: Itinerary, group: Sequence[ScheduledMot
             )
         )
         if motion.loads:
-            alone += _around(facts, itinerary, group, motion, since, until)
-    alone += _between_changes(facts, itinerary, group)
+            alone += _around(facts, group, motion, since, until)
     window = (group[0].start, max(m.end for m in group))
     rests = tuple(
         r
@@ -146,28 +145,8 @@ def _chain(
     return before, own[index + 1] if index + 1 < len(own) else None
 
 
-def _between_changes(
-    facts: Facts, itinerary: Itinerary, group: Sequence[ScheduledMotion]
-) -> Iterator[Rest]:
-    """Yield where objects that move in a group rest from which they are gone in an instant, before
-    their motions or between them: a lift takes them away.
-    """
-    snapshot = facts.snapshot
-    for name in sorted({m.object for m in group} & {c.object for c in itinerary.changes}):
-        changes = {c.time for c in itinerary.changes if c.object == name}
-        arrivals = {m.end for m in group if m.object == name}
-        body = snapshot.objects[name].body
-        for (since, place), (until, _) in itertools.pairwise(itinerary.places(snapshot, name)):
-            if until in changes and since not in arrivals and since < until:
-                pose = snapshot.configurations[place]
-                yield Rest(name, body, pose, facts.seconds(since), facts.seconds(until))
-
-
 def _presence(
-    facts: Facts,
-    itinerary: Itinerary,
-    group: Sequence[ScheduledMotion],
-    motion: ScheduledMotion,
+    facts: Facts, group: Sequence[ScheduledMotion], motion: ScheduledMotion
 ) -> tuple[float, float]:
     """Return from when to when (s) the body of a motion is there."""
     before, after = _chain(group, motion)
@@ -177,10 +156,6 @@ def _presence(
         since = -math.inf
     if after is not None:
         until = facts.seconds(after.start)
-    came, goes = _changed(facts, itinerary, motion)
-    if before is None or came >= facts.seconds(before.end):
-        since = came
-    until = min(until, goes)
     if not loads:
         return since, until
     # at rest beside its loads it is the same body, as long as nobody else takes one of them and
@@ -195,18 +170,8 @@ def _presence(
     return since, until
 
 
-def _changed(facts: Facts, itinerary: Itinerary, motion: ScheduledMotion) -> tuple[float, float]:
-    """Return when (s) its object came in an instant to where a motion begins, and when it is gone
-    in an instant from where it ends, if at all.
-    """
-    changes = [c.time for c in itinerary.changes if c.object == motion.object]
-    came = max((facts.seconds(t) for t in changes if t <= motion.start), default=-math.inf)
-    return came, min((facts.seconds(t) for t in changes if t >= motion.end), default=math.inf)
-
-
 def _around(
     facts: Facts,
-    itinerary: Itinerary,
     group: Sequence[ScheduledMotion],
     motion: ScheduledMotion,
     since: float,
@@ -215,16 +180,15 @@ def _around(
     """Return where an object rests without its loads before and after a ride."""
     before, after = _chain(group, motion)
     body = facts.snapshot.objects[motion.object].body
-    came, goes = _changed(facts, itinerary, motion)
     found = []
     if before is None and math.isfinite(since):
-        found.append((motion.poses[0], came, since))
+        found.append((motion.poses[0], -math.inf, since))
     if before is not None and before.loads:
-        found.append((motion.poses[0], max(came, facts.seconds(before.end)), since))
+        found.append((motion.poses[0], facts.seconds(before.end), since))
     if math.isfinite(until):
         next_start = math.inf if after is None else facts.seconds(after.start)
         if after is None or not after.loads:
-            found.append((motion.poses[-1], until, min(goes, next_start)))
+            found.append((motion.poses[-1], until, next_start))
     return [Rest(motion.object, body, p, low, high) for p, low, high in found if low < high]
 
 

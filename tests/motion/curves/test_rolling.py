@@ -3,7 +3,6 @@ sooner than any motion can.
 """
 
 import math
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -24,10 +23,8 @@ from up_samp.motion.curves.reeds_shepp import run_time
 from up_samp.motion.curves.rolling import rolled, rolling_time, rows_of, thinned
 from up_samp.motion.curves.straight import timed_chain
 from up_samp.motion.fleet.paths import path_of, safe_intervals
-from up_samp.motion.fleet.roadmap import _part
 from up_samp.motion.fleet.speed import tune
 from up_samp.motion.legs import is_sound, parking_clears
-from up_samp.motion.moves import ShortMove, drive, in_step
 from up_samp.motion.planners.pivoting import PivotPlanner, PivotSettings
 from up_samp.motion.planners.rounding import RoundedWay
 from up_samp.motion.protocol import LegQuery
@@ -202,26 +199,6 @@ def test_speeds_tuned_along_arcs_are_within_limits(seed):
         assert not refused(tuned, body.kinematics)
         between = np.interp(later - 1e-3, tuned.times, timing.s)
         assert between <= path.edges[cell - 1] + 1e-6
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_parts_of_curved_paths_are_driven_along_their_arcs(seed):
-    kin = kinematics(np.random.default_rng(seed))
-    body = Body(RING, kin)
-    motion = curved(kin)
-    path = path_of(motion, body)
-    marks = np.linspace(0.0, float(path.s[path.stop][1]), 6)
-    moves = [_part(path, float(a), float(b)) for a, b in pairwise(marks)]
-    whole = drive(moves, kin)
-    assert not refused(whole, kin)
-    rest = 1.2 / kin.omega_max
-    assert whole.duration == pytest.approx(motion.duration - rest, rel=1e-4)
-    backwards = drive([move.back() for move in moves[::-1]], kin)
-    assert not refused(backwards, kin)
-    assert backwards.duration == pytest.approx(whole.duration, rel=1e-6)
-    arc = ShortMove(rows_of(np.zeros(3), np.array([[0.8, 0.9]])), 1.0)
-    for together in in_step([arc, arc.back()], [kin, kin]):
-        assert not refused(together, kin)
 
 
 def test_the_simulator_heeds_tight_arcs():
