@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +35,7 @@ class Meter:
     def __init__(self, records: FleetRecords, folder: Path) -> None:
         self._records = records
         self._floors = FloorMaps(records, folder)
-        self._known: dict[tuple[str, str, str], tuple[float, float]] = {}
+        self._measured = cache(self._measure)
         self._in_vain = 0.0
 
     def drive(self, robot: str, origin: str, to: str) -> int:
@@ -51,15 +52,15 @@ class Meter:
         """Return a drive's metres and seconds; where no way was found, what no way has less of, so
         that nothing is ruled out that can be driven.
         """
-        kind = self._records.robots[robot].type
-        key = (kind, origin, to)
-        if key not in self._known:
-            way = self._way(*key)
-            (x, y, _), (u, v, _) = (self._records.places[place_of(p)].pose for p in (origin, to))
-            least = math.hypot(u - x, v - y)
-            straight = least, least / self._records.robot_types[kind].v_max
-            self._known[key] = straight if way is None else (metres_of(way), way.duration)
-        return self._known[key]
+        return self._measured(self._records.robots[robot].type, origin, to)
+
+    def _measure(self, kind: str, origin: str, to: str) -> tuple[float, float]:
+        way = self._way(kind, origin, to)
+        if way is not None:
+            return metres_of(way), way.duration
+        (x, y, _), (u, v, _) = (self._records.places[place_of(p)].pose for p in (origin, to))
+        least = math.hypot(u - x, v - y)
+        return least, least / self._records.robot_types[kind].v_max
 
     def too_far(self, robot: str, origin: str, to: str) -> bool:
         """Return whether a drive takes more than a full battery has above its reserve."""

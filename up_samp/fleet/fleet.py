@@ -241,15 +241,9 @@ class Fleet:
         if other:
             rest = {k: v for k, v in params.items() if k not in settings}
             return self.with_settings(**other).solve(timeout, **rest)
-        given = {**settings, **params}
-        records, folder = self.records, self._folder
-        return solve_problem(
-            self._as_written(),
-            timeout,
-            given,
-            lambda: check_fleet(records, folder),
-            copy.copy(self).tell,
-        )
+        asked = self.with_settings()  # what is added later is no part of the answer
+        asked._written = written = self._as_written()
+        return solve_problem(written, timeout, {**settings, **params}, asked.check, asked.tell)
 
     def tell(self, plan: PlanDict) -> list[str]:
         """Return in words what else there is to say of a plan: how low batteries get, and what ends

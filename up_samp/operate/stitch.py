@@ -208,7 +208,12 @@ def stitched(
             if a["name"] in names
         ),
     ]
-    moved = (_beside(m, kept) | {"activity": names[m["activity"]]} for m in new["motions"])
+    # the new problem has doors open that are still to be opened: its motions heed them until then
+    shut = {c["object"] for c in kept.changes}
+    moved = (
+        {**m, "activity": names[m["activity"]], "avoid": sorted({*m["avoid"], *shut})}
+        for m in new["motions"]
+    )
     plan["motions"] = [*kept.motions, *(_later(m, by * unit) for m in moved)]
     plan["changes"] = [
         *kept.changes,
@@ -231,15 +236,6 @@ def stitched(
         "narrow": new["dependencies"].get("narrow", []),
     }
     return plan
-
-
-def _beside(motion: Mapping[str, Any], kept: Kept) -> dict[str, Any]:
-    """Return a new motion that heeds what is still to be moved by what is kept, too: the new
-    problem has doors open that open only then.
-    """
-    avoid = motion.get("avoid")
-    moved = sorted({c["object"] for c in kept.changes})
-    return dict(motion) if avoid is None else {**motion, "avoid": [*avoid, *moved]}
 
 
 def _dependencies(

@@ -12,15 +12,7 @@ from up_samp.model import CandidateSchedule, ScheduleReport, ScheduleStatus
 from up_samp.model.refinement import Refinement, Strength
 from up_samp.scheduling.cpsat.doubt import refuted_by, sooner
 from up_samp.search.events import Phase
-from up_samp.search.history import (
-    BUILDING,
-    CHECKING,
-    READING,
-    REPAIRING,
-    SCHEDULING,
-    STATING,
-    History,
-)
+from up_samp.search.history import SCHEDULING, TOLD, History
 from up_samp.search.proof import listed
 from up_samp.search.search import Search
 
@@ -28,15 +20,6 @@ log = logging.getLogger(__name__)
 
 _RARER = 3
 """Times as many rounds of another engine until it is asked again whether anything is left."""
-
-_SPENT = {
-    READING: "reading the problem",
-    STATING: "what holds before the first schedule",
-    BUILDING: "sharing out the work",
-    CHECKING: "motions",
-    REPAIRING: "motions of schedules that were mended",
-}
-"""What a user calls the stages; the others are called what they are."""
 
 
 class Conclusion(enum.Enum):
@@ -233,16 +216,15 @@ def _stopped_early(search: Search) -> str:
 
 
 def what_was_hard(history: History) -> str:
-    """Return in one sentence what a search that ran out of time failed on most often, and last, and
-    what took the most of its time.
+    """Return in one sentence what a search that ran out of time failed on most often, the last of
+    such if there are several, and what took the most of its time.
     """
     told = "no schedule was found whose motions could be driven"
-    for most, times in Counter(history.missed).most_common(1):
+    for most, times in Counter(reversed(history.missed)).most_common(1):
         told = f"{times} of {len(history.missed)} checks failed on {most}"
-        told += f"; the last one on {history.missed[-1]}" if history.missed[-1] != most else ""
     seconds = history.stages.seconds
     longest = max(seconds, key=seconds.__getitem__, default=SCHEDULING)
-    told += f"; most of the time went to {_SPENT.get(longest, longest)}"
+    told += f"; most of the time went to {TOLD.get(longest, longest)}"
     return f"{told} ({seconds.get(longest, 0.0):.1f} of {sum(seconds.values()):.1f} s)"
 
 

@@ -26,6 +26,14 @@ BUILDING = "building"
 CHECKING, REPAIRING, LEARNING, VALIDATING = "checking", "repairing", "learning", "validating"
 STAGES = (READING, STATING, SCHEDULING, BUILDING, CHECKING, REPAIRING, LEARNING, VALIDATING)
 """What every search does."""
+TOLD = {
+    READING: "reading the problem",
+    STATING: "what holds before the first schedule",
+    BUILDING: "sharing out the work",
+    CHECKING: "motions",
+    REPAIRING: "motions of schedules that were mended",
+}
+"""What a user calls the stages; the others are called what they are."""
 
 
 @dataclass

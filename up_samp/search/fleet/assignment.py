@@ -190,9 +190,9 @@ def _detours(assign: Assignment, beside: Collection[Stop]) -> set[str]:
         ways, last = tours[task.object]
         home = a == last and b not in stops
         mine = {last, *itertools.chain(*ways)}
-        aside = [(task.object, pose) in beside for pose in (a, b)]
-        there = all(pose in mine or by for pose, by in zip((a, b), aside, strict=True))
-        if (a, b) not in ways and not home and not (any(aside) and there):
+        on_tour = {a, b} - {pose for robot, pose in beside if robot == task.object}
+        aside = on_tour < {a, b} and on_tour <= mine
+        if (a, b) not in ways and not home and not aside:
             found.add(task.activity)
     return found
 
