@@ -139,6 +139,8 @@ def _compared(stated: Sequence[Said], own: Sequence[Said]) -> Iterator[str]:
             yield f"{what} of the plan is not in the problem"
         elif not have[what]:
             yield f"{what} of the problem is not in the plan"
+        elif have[what] < want[what]:
+            yield f"{what} is in the plan {have[what]} times, not {want[what]}"
         if have[what] > max(1, want[what]):
             yield f"{what} is in the plan {have[what]} times"
     for what, entry in stated:
