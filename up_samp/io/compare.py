@@ -133,15 +133,13 @@ def _compared(stated: Sequence[Said], own: Sequence[Said]) -> Iterator[str]:
     """Yield which entries are stated too often, unknown, or left out, and which fields of theirs
     are not as they should be.
     """
-    have, want, known = Counter(w for w, _ in stated), Counter(w for w, _ in own), dict(own)
-    for what in dict.fromkeys([*have, *want]):
-        if not want[what]:
+    have, known = Counter(w for w, _ in stated), dict(own)  # the problem has each once
+    for what in dict.fromkeys([*have, *known]):
+        if what not in known:
             yield f"{what} of the plan is not in the problem"
         elif not have[what]:
             yield f"{what} of the problem is not in the plan"
-        elif have[what] < want[what]:
-            yield f"{what} is in the plan {have[what]} times, not {want[what]}"
-        if have[what] > max(1, want[what]):
+        if have[what] > 1:
             yield f"{what} is in the plan {have[what]} times"
     for what, entry in stated:
         for key, value in known.get(what, {}).items():
