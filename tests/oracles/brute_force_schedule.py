@@ -7,6 +7,7 @@ It shares nothing with the engines and the validator; its rules are those of
 from __future__ import annotations
 
 import itertools
+from collections import Counter
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -294,7 +295,12 @@ class _Judge:
             return _at(states, last + 1)[key]
 
         if isinstance(metric, MinimizeCosts):
-            return sum(self.cost(cost, choice, read) for cost in metric.costs)
+            sums = Counter()
+            for cost in metric.costs:
+                sums[cost.term, cost.share] += self.cost(cost, choice, read)
+            shared = {term for term, share in sums if share}
+            most = [max(0, *(v for (t, s), v in sums.items() if t == m and s)) for m in shared]
+            return sum(most) + sum(v for (_, share), v in sums.items() if not share)
         if metric.is_minimize_expression_on_final_state():
             return self.value(metric.expression, choice, None, read)
         if metric.is_minimize_action_costs():

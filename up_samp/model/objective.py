@@ -32,7 +32,8 @@ class MetricMeaning:
 class Cost:
     """``weight`` times what ``node`` is worth in the end: a number, or 1 if it holds. With an
     ``activity`` (a name) it counts if that is present; ``positive``: as far as it is above 0. Costs
-    of one ``term`` (tardiness, driving) are told as one sum.
+    of one ``term`` (tardiness, driving) are told as one sum. Of those with a ``share`` (who works),
+    which are sums of their own, only the largest in the term counts.
     """
 
     term: str
@@ -40,10 +41,12 @@ class Cost:
     node: FNode
     activity: str | None = None
     positive: bool = False
+    share: str = ""
 
     def __post_init__(self) -> None:
-        if self.positive and self.weight < 0:
-            raise ValueError(f"a cost of '{self.term}' that counts above 0 has a weight below 0")
+        if (self.positive or self.share) and self.weight < 0:
+            how = "counts above 0" if self.positive else "is a share"
+            raise ValueError(f"a cost of '{self.term}' that {how} has a weight below 0")
 
 
 class MinimizeCosts(MinimizeExpressionOnFinalState):  # type: ignore[misc]

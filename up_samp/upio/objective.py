@@ -31,7 +31,7 @@ class ObjectivePart:
 
     With an ``interval`` it is 1 if it holds throughout; with an ``activity`` (a name) it counts if
     that is present, and may read its parameters and times. ``positive``: it counts as far as it is
-    above 0.
+    above 0. ``share`` (a term, a name): of the sums by name, only a term's largest counts, or 0.
     """
 
     weight: Number
@@ -39,6 +39,7 @@ class ObjectivePart:
     interval: TimeInterval | None = None
     activity: str | None = None
     positive: bool = False
+    share: tuple[str, str] | None = None
 
 
 class Objective(metrics.PlanQualityMetric):  # type: ignore[misc]
@@ -119,7 +120,8 @@ def _costs(metric: Any, problem: Any) -> Iterator[ObjectivePart]:
 
 def _sum(metric: Any, problem: Any) -> Iterator[ObjectivePart]:
     for cost in metric.costs:
-        yield ObjectivePart(cost.weight, cost.node, activity=cost.activity, positive=cost.positive)
+        share = (cost.term, cost.share) if cost.share else None
+        yield ObjectivePart(cost.weight, cost.node, None, cost.activity, cost.positive, share)
 
 
 MAKESPAN = "makespan"

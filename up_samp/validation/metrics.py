@@ -53,13 +53,22 @@ def _final(timeline: StateTimeline, owner: str | None = None) -> Reader:
 
 
 def _terms(metric: MinimizeCosts, timeline: StateTimeline) -> Iterator[tuple[str, Value]]:
-    """Yield each cost that counts, by its term: weighted values after all effects."""
+    """Yield each cost that counts, by its term: weighted values after all effects, and the largest
+    of those sums that are shares.
+    """
+    shares: dict[str, dict[str, Value]] = {}
     for cost in metric.costs:
         if cost.activity is None or cost.activity in timeline.decisions.times:
             value = _final(timeline, cost.activity).value(cost.node)
             if cost.node.type.is_bool_type():  # what an absent activity leaves open does not hold
                 value = int(value is True)
-            yield cost.term, plain(cost.weight * (max(0, value) if cost.positive else value))
+            worth = cost.weight * (max(0, value) if cost.positive else value)
+            if cost.share:
+                sums = shares.setdefault(cost.term, {})
+                sums[cost.share] = sums.get(cost.share, 0) + worth
+            else:
+                yield cost.term, plain(worth)
+    yield from ((term, plain(max(0, *sums.values()))) for term, sums in shares.items())
 
 
 def _costs(metric: Any, timeline: StateTimeline) -> Iterator[Value]:

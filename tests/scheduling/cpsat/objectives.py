@@ -77,6 +77,8 @@ class MetricMaker(Maker):
             yield Cost("late", r.choice([1, 2, Fraction(1, 3)]), late, name, positive=True)
             if self.chance(0.4):
                 yield Cost("long", r.choice([1, 2]), em.Minus(end, start), name)
+            share = ("one", "other")[self.activities.index(a) % 2]
+            yield Cost("most", Fraction(1, 2), late, name, share=share)
             if a.optional and self.chance(0.4):
                 yield Cost("there", r.choice([-3, 1, 2]), em.Int(1), a.name)
 

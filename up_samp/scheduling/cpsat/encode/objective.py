@@ -38,7 +38,8 @@ class Encoding:
     def __init__(self, states: States) -> None:
         self.states = states
         self.store = states.store
-        self.final = Terms(states.world, states.reader(None, TRUE, states.far, states.far))
+        after_all = states.reader(None, TRUE, states.far, states.far)
+        self.final = Terms(states.world, after_all, compare=surely)
 
     def cost(self, objective: Objective) -> tuple[Lin, int]:
         """Return (expression, d): the cost of a schedule is expression / d."""
@@ -47,9 +48,25 @@ class Encoding:
         shares = [w / d for w, (_, d) in zip(weights, told, strict=True)]
         scale = math.lcm(1, *(s.denominator for s in shares))
         total = constant(0)
-        for share, (lin, _) in zip(shares, told, strict=True):
-            total = total.plus(lin, int(share * scale))
+        sums: dict[str, dict[str, Lin]] = {}
+        for part, share, (lin, _) in zip(objective.parts, shares, told, strict=True):
+            if part.share is None:
+                total = total.plus(lin, int(share * scale))
+            else:
+                term, name = part.share
+                mine = sums.setdefault(term, {})
+                mine[name] = mine.get(name, constant(0)).plus(lin, int(share * scale))
+        for of in sums.values():
+            total = total.plus(self._largest(list(of.values())))
         return total, scale
+
+    def _largest(self, sums: list[Lin]) -> Lin:
+        """Return what is never less than any of the sums, nor than 0."""
+        most = max(0, *(self.store.range(lin)[1] for lin in sums))
+        largest = Lin(((self.store.integer(0, most), 1),))
+        for lin in sums:
+            self.store.enforce(compare(lin.plus(largest, -1), "<="), ())
+        return largest
 
     def _part(self, part: ObjectivePart) -> tuple[Lin, int]:
         if part.activity is not None:
@@ -100,17 +117,15 @@ class Encoding:
         self.store.enforce(told, () if present == TRUE else (present,))
         if present != TRUE:
             self.store.enforce(compare(paid, "=="), (~present,))
-            # a share of its presence costs a share of the least: not known to linear relaxations
-            least = times(indicator(present), max(0, low))
-            self.store.enforce(compare(least.plus(paid, -1), "<="))
+            if low > 0:
+                # a share of its presence costs a share of the least: linear relaxations do not know
+                self.store.enforce(compare(times(indicator(present), low).plus(paid, -1), "<="))
         return paid
 
     # -- goals -----------------------------------------------------------------------------------
     def _holds(self, terms: Terms, node: FNode) -> Literal:
-        """Return a literal that is true exactly if ``node`` is true; what an absent activity leaves
-        open is not.
-        """
-        form = known(terms.form(node))
+        """Return a literal that is true exactly if ``node``, compared ``surely``, is true."""
+        form = terms.form(node)
         return self.store.equivalent(form, negated(form))
 
     def _throughout(self, part: ObjectivePart) -> Literal:
@@ -131,18 +146,16 @@ class Encoding:
         held = []
         for active, instant in instants:
             seen = states.reader(None, active, instant, instant, loose=True)
-            now = self._holds(Terms(states.world, seen), part.node)
+            now = self._holds(Terms(states.world, seen, compare=surely), part.node)
             held.append(store.any_of([~active, now]))
         return store.all_of([*needs, *held])
 
 
-def known(form: Form) -> Form:
-    """Return a form that is true only if all is there that its comparisons need."""
-    if form.__class__ is Cmp:
-        return conjunction([form._replace(needs=()), *form.needs])
-    if form.__class__ is tuple:
-        return (form[0], *map(known, form[1:]))
-    return form
+def surely(difference: Lin, op: str) -> Form:
+    """Return ``difference op 0`` as a form that is true only if all is there that it needs: what an
+    absent activity leaves open is no goal reached, also where the times would cancel out.
+    """
+    return conjunction([compare(difference._replace(needs=()), op), *difference.needs])
 
 
 def negated(form: Form) -> Form:

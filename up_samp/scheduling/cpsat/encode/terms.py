@@ -140,12 +140,21 @@ def countable(value: int) -> int:
 
 
 class Terms:
-    """Compiles expressions. ``read`` tells what a fluent is worth (a time is implied)."""
+    """Compiles expressions. ``read`` tells what a fluent is worth (a time is implied); ``compare``
+    says what a comparison is where something that it needs is absent.
+    """
 
-    def __init__(self, world: World, read: Reader, owner: ActivityVars | None = None) -> None:
+    def __init__(
+        self,
+        world: World,
+        read: Reader,
+        owner: ActivityVars | None = None,
+        compare: Callable[[Lin, str], Form] = compare,
+    ) -> None:
         self.world = world
         self.read = read
         self.owner = owner
+        self.compare = compare
 
     # -- numbers, objects and times ----------------------------------------------------------
     def linear(self, node: FNode) -> Lin:
@@ -297,8 +306,7 @@ class Terms:
             return self._atom(node)
         raise UnsupportedError(f"'{node}' ({node.node_type.name}) is not supported by cpsat")
 
-    @staticmethod
-    def _truth(lin: Lin, positive: bool) -> Form:
+    def _truth(self, lin: Lin, positive: bool) -> Form:
         """Return ``lin == 1`` (or ``== 0``) for a 0/1 expression."""
         if (
             len(lin.terms) == 1
@@ -307,7 +315,7 @@ class Terms:
         ):
             straight = lin.terms[0][1] == 1
             return lin.terms[0][0] if straight == positive else ~lin.terms[0][0]
-        return compare(lin.shift(-1 if positive else 0), "==")
+        return self.compare(lin.shift(-1 if positive else 0), "==")
 
     def _present(self, node: FNode) -> Literal:
         name = node.presence().container
@@ -334,12 +342,13 @@ class Terms:
             difference = difference.shift(1)
         if not positive:
             difference = times(difference, -1).shift(1)
-        return compare(difference, "<=")
+        return self.compare(difference, "<=")
 
     def _equality(self, node: FNode, positive: bool) -> Form:
         # who else reads these, or when, is no matter; copies of an activity are compared often
-        if any(a.node_type not in (Op.PARAM_EXP, Op.OBJECT_EXP) for a in node.args):
-            return compare(self._difference(node), "==" if positive else "!=")
+        plain = all(a.node_type in (Op.PARAM_EXP, Op.OBJECT_EXP) for a in node.args)
+        if not plain or self.compare is not compare:
+            return self.compare(self._difference(node), "==" if positive else "!=")
         key, known = (node.node_id, positive), self.world.equalities
         if key not in known:
             known[key] = compare(self._difference(node), "==" if positive else "!=")
