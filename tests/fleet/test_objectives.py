@@ -1,7 +1,9 @@
 """What plans of a fleet cost by term: told, judged, and no worse than what brute force finds."""
 
+import itertools
 import math
 import re
+from collections import Counter
 
 import pytest
 from unified_planning.shortcuts import OneshotPlanner, get_environment
@@ -147,3 +149,48 @@ def test_a_file_weighs_terms(tmp_path, capsys):
     plan = plan_from_dict(fleet.problem, data)
     assert validate_plan(fleet.problem, plan).valid
     assert set(terms_of(fleet.problem, plan)) == {"tardiness", "driving"}
+
+
+def busy(result):
+    """How long each robot drives and works in a plan, by the names of activities."""
+    found = Counter()
+    for a in result.data["activities"]:
+        found[re.search(r"r\d", a["name"]).group()] += a["end"] - a["start"]
+    return found
+
+
+def pair(objective, *robots):
+    """Two tasks for two robots, the second of which is further away and slower."""
+    fleet = hall(objective)
+    costs = {"used": 3, "per_km": 50, "per_hour": 36}
+    fleet.add_robot_type("cart", (0.8, 0.6), model="omni", v_max=0.7, costs=costs)
+    fleet.add_place("home2", 3, 8)
+    fleet.add_robot("r2", "cart", "home2")
+    for number, place in enumerate(("shelfC", "dock")):
+        who = robots[number : number + 1]
+        fleet.add_task(f"t{number}", at=place, duration=9, robots=who)
+    return fleet
+
+
+def test_work_is_shared_as_evenly_as_it_can_be():
+    found = {}
+    for robots in (*itertools.product(("r1", "r2"), repeat=2), ()):
+        result = pair({"busiest": 1}, *robots).solve(optimal=True, timeout=60)
+        assert result.status == "SOLVED_OPTIMALLY", result.explain()
+        found[robots] = result.costs["busiest"]
+        assert found[robots] == max(busy(result).values())
+    assert found.pop(()) == min(found.values())
+
+
+def test_robots_cost_what_their_type_says():
+    result = pair({"cost": 2, "completion": 0.001}, "r2", "r2").solve(timeout=60)
+    ways = [m["samples"] for m in result.data["motions"]]
+    metres = sum(math.dist(a[1:3], b[1:3]) for way in ways for a, b in itertools.pairwise(way))
+    drives = [a for a in result.data["activities"] if a["name"].startswith("move")]
+    hours = sum(a["end"] - a["start"] for a in drives) / 3600
+    wanted = 2 * (3 + 50 * metres / 1000 + 36 * hours)
+    assert result.costs["cost"] == pytest.approx(wanted, abs=0.01)
+    # the other one costs nothing
+    assert pair({"cost": 1}).solve(timeout=60).costs["cost"] == 0
+    with pytest.raises(FleetError, match="cost: say what robots cost, as costs of a type"):
+        hall({"cost": 1}).solve(timeout=60)

@@ -87,7 +87,7 @@ class Drives:
             )
         )
         a.add_motion_effect(mover, site.places[to])
-        if site.weights.distance:
+        if site.weights.distance or site.weights.cost:
             site.metres[a.name], _ = self._meter.length(robot, origin, to)
         amount = self._meter.drive(robot, origin, to)
         if amount:

@@ -470,7 +470,12 @@ def _shape_fault(outline: Outline) -> str | None:
 
 
 def _weights(records: FleetRecords) -> Iterator[Fault]:
-    """An objective of several terms weighs one of them at least."""
+    """An objective of several terms weighs one of them at least, and knows what robots cost."""
+    told = records.objective
+    free = not any(kind.costs for kind in records.robot_types.values())
+    if isinstance(told, Weights) and told.cost and free:
+        text = "say what robots cost, as costs of a type: {used: 20, per_km: 0.5, per_hour: 3}"
+        yield Fault(("objective", "cost"), text)
     if isinstance(records.objective, Weights) and not any(vars(records.objective).values()):
         text = f"give a weight above 0 to one of {', '.join(vars(records.objective))}, or say none"
         yield Fault(("objective",), text)

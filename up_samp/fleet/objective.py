@@ -20,7 +20,7 @@ from up_samp.fleet.statements import Kind, Written, present
 from up_samp.fleet.work import Work
 from up_samp.model.objective import Cost, MinimizeCosts
 
-Amount = tuple[float, Any, Activity | None]
+Amount = tuple[float | Fraction, Any, Activity | None]
 """(seconds or pieces that 1 stands for, expression in units, whose presence it needs)."""
 
 
@@ -33,10 +33,13 @@ def add_objective(site: Site, work: Work, weights: Weights) -> None:
     costs = []
     for term, amounts in TERMS.items():
         for each, node, activity in amounts(site, work) if told[term] else ():
+            if not each:
+                continue
             (node,) = manager.auto_promote(node)
             weight = Fraction(str(told[term])) * Fraction(str(each))
             name = None if activity is None or not activity.optional else activity.name
-            costs.append(Cost(term, weight, node, name, positive=term == "tardiness"))
+            share = site.meanings[activity.name].robot if term == "busiest" and activity else ""
+            costs.append(Cost(term, weight, node, name, term == "tardiness", share))
     site.problem.add_quality_metric(MinimizeCosts(costs, site.problem.environment))
 
 
@@ -100,11 +103,29 @@ def _energy(site: Site, work: Work) -> Iterator[Amount]:
 
 def _robots(site: Site, work: Work) -> Iterator[Amount]:
     """How many robots leave where they start."""
-    of_robot: dict[str, list[Activity]] = {}
-    for a in _drives(site):
-        of_robot.setdefault(site.meanings[a.name].robot, []).append(a)
-    for drives in of_robot.values():
+    for drives in _by_robot(site).values():
         yield 1.0, Or(present(*drives)), None
+
+
+def _cost(site: Site, work: Work) -> Iterator[Amount]:
+    """What robots cost that leave where they start, and what their drives cost."""
+    hours = Fraction(str(site.records.seconds_per_unit)) / 3600
+    for robot, drives in _by_robot(site).items():
+        used, far, long = (
+            Fraction(str(site.kind_of(robot).costs.get(what, 0)))
+            for what in ("used", "per_km", "per_hour")
+        )
+        yield used, Or(present(*drives)), None
+        for a in drives:
+            yield far / 100_000, round(100 * site.metres[a.name]), a
+            yield long * hours, Minus(a.end, a.start), a
+
+
+def _busiest(site: Site, work: Work) -> Iterator[Amount]:
+    """How long each robot drives and works: breaks are none of it."""
+    for a in (a for activities in work.busy.values() for a in activities):
+        if site.meanings[a.name].kind is not Kind.BREAK:
+            yield site.records.seconds_per_unit, Minus(a.end, a.start), a
 
 
 def _left_out(site: Site, work: Work) -> Iterator[Amount]:
@@ -125,9 +146,18 @@ TERMS: Mapping[str, Callable[[Site, Work], Iterable[Amount]]] = {
     "distance": _distance,
     "energy": _energy,
     "robots": _robots,
+    "cost": _cost,
+    "busiest": _busiest,
     "left_out": _left_out,
 }
 """By the names that a problem file gives them; what is left out counts by its penalties."""
+
+
+def _by_robot(site: Site) -> dict[str, list[Activity]]:
+    found: dict[str, list[Activity]] = {}
+    for a in _drives(site):
+        found.setdefault(site.meanings[a.name].robot, []).append(a)
+    return found
 
 
 def _drives(site: Site) -> Iterator[Activity]:

@@ -197,7 +197,8 @@ class RobotType:
     ``reverse``: ``free``, or ``never``: it drives ahead only, as what looks ahead only should (a
     ``diff`` still turns on the spot). ``capacity``: how many loads of a kind fit on it at a time;
     ``unloading``: in any order, or ``lifo``: what was picked up last is delivered first.
-    ``battery``: what drives take from; none: it never runs out.
+    ``battery``: what drives take from; none: it never runs out. ``costs``: of each robot that
+    leaves where it starts (``used``), of a kilometre and of an hour of driving, in money.
     """
 
     __pydantic_config__ = STRICT
@@ -211,6 +212,7 @@ class RobotType:
     capacity: Mapping[Name, Count] = field(default_factory=lambda: {"item": 1})
     unloading: Literal["any", "lifo"] = "any"
     battery: Battery | None = None
+    costs: Mapping[Literal["used", "per_km", "per_hour"], Rate] = field(default_factory=dict)
 
 
 def _start(value: Any, by_name: Callable[[Any], str]) -> Any:
@@ -471,7 +473,8 @@ class Weights:
     ``due``, times its ``weight``. ``completion``: a second until a job ends, times its ``weight``.
     ``driving``: a second that a robot drives. ``distance``: a metre of the ways that robots take
     when nobody is in them. ``energy``: what drives take from batteries, in the user's units.
-    ``robots``: a robot that leaves where it starts.
+    ``robots``: a robot that leaves where it starts. ``cost``: what robots cost by the ``costs`` of
+    their types. ``busiest``: a second that the robot which is busy longest drives and works.
     """
 
     __pydantic_config__ = STRICT
@@ -482,6 +485,8 @@ class Weights:
     distance: Rate = 0.0
     energy: Rate = 0.0
     robots: Rate = 0.0
+    cost: Rate = 0.0
+    busiest: Rate = 0.0
 
 
 def _objective(value: Any) -> Any:
