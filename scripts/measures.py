@@ -34,6 +34,8 @@ DRAWS = 6
 """Draws of delays that each plan is executed with."""
 SEED = 5000
 """The first of them."""
+STRETCH = 10.0
+"""How much longer than in a day planners may take by the clock: what runs beside them is busy."""
 TREE = Path(sys.argv[3] if len(sys.argv) > 3 else Path(__file__).parents[1]).resolve()
 Values = dict[str, Any]
 
@@ -307,6 +309,34 @@ def drives(case: str) -> Values:
     return told | {"ratio": statistics.median(ratios), "worst": max(ratios)}
 
 
+# --- days
+
+
+def day(case: str) -> Values:
+    """A day of ten robots in simulation ("rolling, 60 an hour, 8 h, seed 0"): 2 cm of noise, 30 %
+    delays, two breakdowns, orders due after 300 s.
+    """
+    from up_samp.operate.day import DayPlan, simulate_day
+    from up_samp.operate.settings import Settings
+
+    days = helper("benchmarks/operate", "days")
+    way, *rest = case.split(", ")
+    rate, hours, seed = (float(word) for part in rest for word in part.split() if word[0].isdigit())
+    plan = DayPlan(
+        hours, rate, due=300.0, noise=0.02, delays=0.3, breakdowns=2, seed=int(seed),
+    )  # fmt: skip
+    settings = Settings(stretch=STRETCH, seed=plan.seed, **days.WAYS[way])
+    with tempfile.TemporaryDirectory() as folder:
+        fleet = days.warehouse(Path(folder), 10)
+        result = simulate_day(fleet, plan, Path(folder) / "day.db", settings=settings)
+    told, verdict = result.figures, result.verdict
+    wrong = (verdict.contacts, verdict.lost, verdict.twice, verdict.elsewhere)
+    values: Values = {"orders": told.orders, "done": told.done, "wrong": sum(map(len, wrong))}
+    values |= {k: getattr(told, k) for k in ("per_hour", "tardiness", "flow", "waiting")}
+    values |= {"plans": told.plans, "dropped": told.plans - told.plans_taken}
+    return values | {"planning": told.planning[1], "step": told.steps[1], "peak": peak()}
+
+
 # --- execution
 
 
@@ -528,8 +558,8 @@ MEASURES: dict[str, Callable[[str], Values]] = {
     function.__name__: function
     for function in (
         *(warm_up, first_plan, proof, preset, warehouse_plan, better_plans),
-        *(tight_place, errands, drives, floor, clairvoyant, replan, executor_time),
-        *(start_up, memory, house, scheduler, relaxation, resolving),
+        *(tight_place, errands, drives, floor, day, clairvoyant, replan),
+        *(executor_time, start_up, memory, house, scheduler, relaxation, resolving),
     )
 }
 
