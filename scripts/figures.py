@@ -191,7 +191,7 @@ FIGURES = (
     Figure("traffic", "errands", (
         *(f"{place}, {body}, {robots}" for place in ("pillars", "aisles") for body in ANY
           for robots in (2, 5, 10)),
-        "pillars, omni, 20", "pillars, car, 5, st-rrt*",
+        "pillars, omni, 20",
     ), ("pillars, omni, 10", "pillars, car, 5"), 900, (
         FOUND, RATIO, CPU,
     )),

@@ -196,7 +196,7 @@ def better_plans(case: str) -> Values:
 # --- traffic
 
 
-def arrivals(traffic: Any, seconds: float, **how: Any) -> tuple[Any, float, Any]:
+def arrivals(traffic: Any, seconds: float) -> tuple[Any, float, Any]:
     """Coordinate a group, twice where that is quick (the first call loads kernels); return its
     report, the CPU seconds, and the sum of arrivals (s; None if not everybody gets through).
     """
@@ -206,7 +206,7 @@ def arrivals(traffic: Any, seconds: float, **how: Any) -> tuple[Any, float, Any]
 
     for _ in range(2):
         service, began = MotionService(traffic.grid), spent()
-        report = coordinate(service, traffic.query, Deadline.after(seconds), **how)
+        report = coordinate(service, traffic.query, Deadline.after(seconds))
         cpu = spent() - began
         if cpu > 5.0:
             break
@@ -251,11 +251,10 @@ def tight_place(case: str) -> Values:
 
 
 def errands(case: str) -> Values:
-    """Random errands of so many robots on one map ("pillars, omni, 10", or "..., st-rrt*")."""
+    """Random errands of so many robots on one map ("pillars, omni, 10")."""
     tight_places = helper(".", *TIGHT)
 
-    name, body, robots, *method = case.split(", ")
-    how = {"method": method[0]} if method else {}
+    name, body, robots = case.split(", ")
     grid = {"pillars": tight_places.pillars, "aisles": tight_places.aisles}[name]()
     ratios, cpus, asked = [], [], 0
     for seed in range(SEEDS):
@@ -265,7 +264,7 @@ def errands(case: str) -> Values:
         if least is None:  # somebody has no way even alone: no draw
             continue
         asked += 1
-        _, cpu, total = arrivals(traffic, 60.0, **how)
+        _, cpu, total = arrivals(traffic, 60.0)
         cpus.append(cpu)
         if total is not None:
             ratios.append(total / least)
