@@ -212,20 +212,6 @@ LONG = (1, 1, 99, 3)
 BAY = (49, 1, 52, 6.5)
 
 
-def test_three_in_a_dead_end_are_moved_together():
-    # no order works: the first has far to go to the bay, and both others must wait for it
-    service = MotionService(room(100, 8, [LONG, BAY]))
-    motions = [
-        motion("a", (3, 2, 0), (97, 2, 0)),
-        motion("b", (93, 2, math.pi), (3, 2, math.pi)),
-        motion("c", (96.8, 2, math.pi), (6, 2, math.pi)),
-    ]
-    report = solve(service, motions)
-    judge(report, motions)
-    assert max(t.poses[:, 1].max() for t in report.trajectories.values()) > 3.5
-    assert solve(service, motions).trajectories.keys() == report.trajectories.keys()
-
-
 def test_coupling_heeds_what_comes_by():
     service = MotionService(room(100, 8, [LONG, BAY]))
     motions = [
