@@ -440,7 +440,7 @@ BROKEN = {
     "with_openings": [doors_of_two_kinds, a_door_that_somebody_shuts],
     "opened_once": [a_door_with_two_uses, doors_of_two_kinds],
     "find_levels": [a_battery_that_is_filled_by_others],
-    "PrecedenceClosure": [in_any_order_but_one],
+    "precedence_closure": [in_any_order_but_one],
     "find_work": [something_beside_the_routes],
     "find_tasks": [one_alternative_needs_no_place, fleet(*LINE), fleet(*LINE, seed=3)],
     "lanes": [fleet(*LINE, alone="uses"), lambda: pair()[0].done()],

@@ -1,4 +1,4 @@
-"""Bounds by sequences of tasks, where doors hold still while others move and moves happen once."""
+"""Bounds by sequences of tasks, where doors hold still while others move."""
 
 import itertools
 import random
@@ -165,14 +165,6 @@ def test_a_door_opens_when_nobody_is_on_the_way():
     assert bound_without_search(alone) == 5 + 1 + 2 + 1 == optimum(alone)
     both = Still(crossing([2, 3]), Style(), 0).problem
     assert bound_without_search(both) == 7 + 1 + 2 + 1 == optimum(both)
-
-
-def test_a_move_that_happens_once_is_used_up():
-    """Work at 0 and 1 by turns: there, back, and there again by a detour."""
-    roads = {(0, 1): 2, (1, 0): 2, (0, 2): 5, (2, 1): 5}
-    tasks = tuple(Task((p,), 1, after=(i - 1,) if i else ()) for i, p in enumerate((0, 1, 0, 1)))
-    problem = Still(Site((0,), roads, tasks), Style(), 0).problem
-    assert bound_without_search(problem) == 1 + 2 + 1 + 2 + 1 + 10 + 1 == optimum(problem)
 
 
 def test_a_shop_with_doors_is_bounded_by_its_optimum():

@@ -4,8 +4,7 @@ Tasks are taken in the order of their starts. What is known of a sequence so far
 is who did which task last, and the earliest end of each of these; the next task starts after its
 traveller has come, no sooner than any task before it, and as much later as precedences and
 disjunctions with the last ones ask. (With others they are met: these ended before a last one of
-their traveller began.) A direct move that happens once is used up, and who needs it again takes a
-detour.
+their traveller began.)
 
 What a task changes while moves keep it as it is (a door that opens) finds everybody else at rest:
 where it last did something, or where it has come by then. So the task starts at once, or when one
@@ -40,7 +39,7 @@ _AT_ONCE = 200_000
 _KEPT = 4
 """Sequences that a bound is met by, and that are made schedules: the first one mostly is."""
 _PLAIN = 20_000
-"""Beginnings that are looked at with no regard to changes and to moves that happen once."""
+"""Beginnings that are looked at with no regard to changes."""
 _STEEP = 4.0
 """How many times as many beginnings as the last proof the next one may cost..."""
 _CHEAP = 2_000
@@ -60,8 +59,8 @@ class Sequences:
     """Sequences that the last end was not refuted for, the one that ends first first."""
 
     def plain(self) -> Sequences:
-        """Return the same with no regard to changes and to moves that happen once: it bounds less,
-        but its labels are fewer, and go further where they are too many. It may look at a few.
+        """Return the same with no regard to changes: it bounds less, but its labels are fewer, and
+        go further where they are too many. It may look at a few.
         """
         return Sequences(self.rules.plain(), min(self.most, _PLAIN))
 
@@ -123,7 +122,7 @@ class Sequences:
                 break
             labels = self.twins.ordered(labels).undominated(deadline)
             if 0 < width < len(labels):
-                total = labels.spent.sum(1) + self.rules.rest(labels.done, labels.last)
+                total = steps.spent(labels).sum(1) + self.rules.rest(labels.done, labels.last)
                 labels = labels.rows(np.sort(np.argsort(total, kind="stable")[:width]))
         return [*layers, labels]
 
