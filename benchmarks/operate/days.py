@@ -1,4 +1,5 @@
-"""Days of a fleet by three ways to plan, in the same loop: ``python benchmarks/operate/days.py``.
+"""A floor to spend days on, and three ways to plan them in the same loop: the figure ``days`` of
+``scripts/figures.py``.
 
 ``rolling`` is what ``up-samp operate`` does; ``token`` gives each order, in the order of coming, to
 the free robot that could be there first, and plans nothing twice: who comes later goes first only
@@ -9,12 +10,8 @@ whenever an order comes. All days are judged by what was driven.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
-import json
 import math
-import resource
-import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -22,12 +19,9 @@ import numpy as np
 from up_samp import Fleet
 from up_samp.geometry.maps import write_map
 from up_samp.operate.choice import OpenWork, able, choose, first_there, theirs
-from up_samp.operate.day import DayPlan, simulate_day
 from up_samp.operate.horizon import Opened
 from up_samp.operate.loop import Operation
 from up_samp.operate.records import DayOrder
-from up_samp.operate.report import report_text
-from up_samp.operate.settings import Settings
 
 LATER = 1e-3
 """What an order costs beside one that is planned, where it never goes first at that one's cost."""
@@ -105,40 +99,3 @@ def warehouse(folder: Path, robots: int) -> Fleet:
             delivery = {"at": docks[(k + i) % len(docks)], "service": 5}
             fleet.add_order(f"o{k}_{i}", {"at": f"rack{k}_{i}", "service": 5}, delivery)
     return fleet
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--robots", type=int, default=10)
-    parser.add_argument("--hours", type=float, default=8.0)
-    parser.add_argument("--orders-per-hour", type=float, default=60.0)
-    parser.add_argument("--due", type=float, default=300.0)
-    parser.add_argument("--seeds", type=int, nargs="*", default=[*range(5)])
-    parser.add_argument("--ways", nargs="*", default=[*WAYS], choices=[*WAYS])
-    parser.add_argument("--breakdowns", type=int, default=2)
-    parser.add_argument("--stretch", type=float, default=10.0)
-    parser.add_argument("--out", type=Path, default=Path("days.json"))
-    args = parser.parse_args()
-    found = []
-    for seed in args.seeds:
-        for way in args.ways:
-            plan = DayPlan(
-                hours=args.hours, orders_per_hour=args.orders_per_hour, due=args.due,
-                noise=0.02, delays=0.3, breakdowns=args.breakdowns, seed=seed,
-            )  # fmt: skip
-            settings = Settings(stretch=args.stretch, seed=seed)
-            with tempfile.TemporaryDirectory() as folder:
-                fleet = warehouse(Path(folder), args.robots)
-                store = Path(folder) / "day.db"
-                result = simulate_day(fleet, plan, store, settings=settings, operation=WAYS[way])
-            print(f"--- {way}, seed {seed}\n{report_text(result)}", flush=True)
-            memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
-            row = {"way": way, **dataclasses.asdict(plan), **dataclasses.asdict(result.figures)}
-            row |= {"contacts": len(result.verdict.contacts), "memory_mib": memory}
-            row |= {k: len(getattr(result.verdict, k)) for k in ("lost", "twice", "elsewhere")}
-            found.append(row)
-            args.out.write_text(json.dumps(found, indent=1) + "\n")
-
-
-if __name__ == "__main__":
-    main()

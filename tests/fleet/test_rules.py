@@ -3,12 +3,14 @@
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 from shapely.geometry import Polygon
+from shapely.ops import unary_union
 
 from up_samp.execution import Delays, dependencies_of, simulate
 from up_samp.fleet import Fleet, FleetError
-from up_samp.fleet.outlines import placed
+from up_samp.fleet.outlines import placed, swept
 from up_samp.fleet.visits import Successions, moves_needed, visits_of
 from up_samp.plotting.tracks import tracks_of
 from up_samp.validation import validate_plan
@@ -227,6 +229,50 @@ def test_a_door_that_closes_before_the_way_back_needs_a_button_there():
     assert fleet.solve(timeout=300).status == "UNSOLVABLE_PROVEN"  # it may be opened once only
     with pytest.raises(FleetError, match="a door that stays open is opened once; say closes"):
         gated(None, times=2)
+
+
+def test_a_door_that_moves_stops_only_who_comes_near():
+    fleet = gated(60)
+    fleet.add_robot_type("cart", FOOTPRINT, model="diff", v_max=0.4, a_max=0.5, omega_max=1.0)
+    fleet.add_place("west", 3, 12)
+    fleet.add_place("east", 9, 12)
+    fleet.add_robot("c", "cart", "west")
+    fleet.add_task("look", "shelf", duration=6, robots="r")
+    fleet.add_task("clean", "east", duration=1, robots="c")
+    result, _ = solved(fleet)
+    moved = [c["time"] for c in result.data["changes"] if c["object"] == "gate"]
+    met = {
+        m["object"]
+        for m in result.data["motions"]
+        if any(m["samples"][0][0] < t < m["samples"][-1][0] for t in moved)
+    }
+    assert met == {"c"}
+    # the area that it keeps clear of has all poses of the leaf, and the drives through it do not
+    area = Polygon(swept((1, 3.8), (15, 4, 0), (15, 8, 0)))
+    assert area.equals(Polygon([(14.5, 2.1), (15.5, 2.1), (15.5, 9.9), (14.5, 9.9)]))
+    tracks = {t.name: t for t in tracks_of(result.data)}
+    bodies = {
+        who: [Polygon(tracks[who].outline(tracks[who].at(0.25 * i))) for i in range(300)]
+        for who in ("r", "c")
+    }
+    assert [any(map(area.intersects, bodies[who])) for who in ("r", "c")] == [True, False]
+
+
+@pytest.mark.parametrize("turn", [1.6, -0.3, math.pi, -math.pi, 3.13, 3.0])
+def test_what_a_door_sweeps_holds_its_leaf_all_the_way(turn):
+    """A leaf on a hinge at one of its corners, which no pose of it names."""
+    leaf, hinge = (2.0, 0.1), np.array([3.0, 4.0])
+
+    def at(angle):
+        c, s = math.cos(angle), math.sin(angle)
+        return (*(hinge + np.array([[c, -s], [s, c]]) @ np.array([1.0, 0.05])), angle)
+
+    area = Polygon(swept(leaf, at(0.4), at(0.4 + turn)))
+    # half a turn may be one to the left or to the right
+    ways = (turn, -turn) if abs(turn) > 3.1 else (turn,)
+    leaves = [Polygon(placed(leaf, at(0.4 + t * k / 500))) for t in ways for k in range(501)]
+    assert all(area.buffer(1e-9).covers(x) for x in leaves)
+    assert unary_union(leaves).convex_hull.area > 0.99 * area.area
 
 
 def inside(plan, polygon, when):

@@ -8,7 +8,7 @@ given down.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -18,10 +18,10 @@ import numpy as np
 from up_samp.fleet.floors import FloorMaps, floor_of
 from up_samp.fleet.loads import load_of, place_of, ridden, with_load
 from up_samp.fleet.outlines import kept_out
-from up_samp.fleet.records import Battery, Charger, FleetRecords
+from up_samp.fleet.records import Battery, Charger, FleetRecords, Pose
 from up_samp.fleet.statements import Kind, Written
 from up_samp.io.sampling import rows_trajectory
-from up_samp.model import Deadline, PathQuery, Trajectory
+from up_samp.model import Body, Deadline, PathQuery, Placed, Trajectory
 
 MOST_STEPS, WAY_SECONDS, PATIENCE = 60, 10.0, 60.0
 """Steps of a charger's activity, at most; time for one drive whose way is asked for, and for all of
@@ -35,7 +35,7 @@ class Meter:
     def __init__(self, records: FleetRecords, folder: Path) -> None:
         self._records = records
         self._floors = FloorMaps(records, folder)
-        self._measured = cache(self._measure)
+        self._ways = cache(self._way)
         self._in_vain = 0.0
 
     def drive(self, robot: str, origin: str, to: str) -> int:
@@ -52,15 +52,22 @@ class Meter:
         """Return a drive's metres and seconds; where no way was found, what no way has less of, so
         that nothing is ruled out that can be driven.
         """
-        return self._measured(self._records.robots[robot].type, origin, to)
-
-    def _measure(self, kind: str, origin: str, to: str) -> tuple[float, float]:
-        way = self._way(kind, origin, to)
+        kind = self._records.robots[robot].type
+        way = self._ways(kind, origin, to)
         if way is not None:
             return metres_of(way), way.duration
-        (x, y, _), (u, v, _) = (self._records.places[place_of(p)].pose for p in (origin, to))
+        (x, y, _), (u, v, _) = self._ends(origin, to)
         least = math.hypot(u - x, v - y)
         return least, least / self._records.robot_types[kind].v_max
+
+    def clears(self, robot: str, origin: str, to: str, areas: Iterable[Placed]) -> bool:
+        """Return whether the way that a drive takes keeps clear of all ``areas``; not where no way
+        was found.
+        """
+        kind = self._records.robots[robot].type
+        way = self._ways(kind, origin, to)
+        legs, body = self._floors.at(origin).legs, self._body(kind, origin, to)
+        return way is not None and all(legs.clears(way, body, area) for area in areas)
 
     def too_far(self, robot: str, origin: str, to: str) -> bool:
         """Return whether a drive takes more than a full battery has above its reserve."""
@@ -69,17 +76,23 @@ class Meter:
 
     def _way(self, kind: str, origin: str, to: str) -> Trajectory | None:
         """Return how a robot drives when nobody is in its way."""
-        records = self._records
-        mine, order = records.robot_types[kind], ridden(records, origin, to)
-        load = None if order is None else load_of(records, order)
-        poses = tuple(records.places[place_of(p)].pose for p in (origin, to))
-        zones = kept_out(records, kind, floor_of(records, origin))
-        query = PathQuery(with_load(mine, load), poses, zones)
+        zones = kept_out(self._records, kind, floor_of(self._records, origin))
+        query = PathQuery(self._body(kind, origin, to), self._ends(origin, to), zones)
         share = 1.0 if self._in_vain < PATIENCE else 0.1
         deadline = Deadline.after(share * WAY_SECONDS)
         way = self._floors.at(origin).plan(query, deadline).trajectory
         self._in_vain += deadline.elapsed() if way is None else 0.0
         return way
+
+    def _ends(self, origin: str, to: str) -> tuple[Pose, Pose]:
+        places = self._records.places
+        return places[place_of(origin)].pose, places[place_of(to)].pose
+
+    def _body(self, kind: str, origin: str, to: str) -> Body:
+        """Return a robot with the load that rides with it."""
+        order = ridden(self._records, origin, to)
+        load = None if order is None else load_of(self._records, order)
+        return with_load(self._records.robot_types[kind], load)
 
 
 def metres_of(way: Trajectory) -> float:

@@ -11,6 +11,7 @@ from unified_planning.shortcuts import Equals
 from up_samp.fleet.batteries import Meter
 from up_samp.fleet.floors import floor_of, lift_between
 from up_samp.fleet.loads import is_stand_of, is_under, load_name, loads_of, place_of, ridden
+from up_samp.fleet.outlines import area_of
 from up_samp.fleet.records import GROUND, RobotType
 from up_samp.fleet.site import Site
 from up_samp.fleet.statements import Kind, Meaning, at_start
@@ -78,7 +79,7 @@ class Drives:
                 site.places[origin],
                 [site.places[to]],
                 static_obstacles=[
-                    *(site.doors[n] for n, d in site.records.doors.items() if d.floor == floor),
+                    *self._doors(robot, origin, to, areas),
                     *site.keep_out.get((mover.type.name, floor), ()),
                     *areas,
                 ],
@@ -116,6 +117,21 @@ class Drives:
             if gives:
                 a.add_increase_effect(a.end, room, 1)
         return around
+
+    def _doors(
+        self, robot: str, origin: str, to: str, around: list[MovableObject]
+    ) -> list[MovableObject]:
+        """Return a floor's doors as a drive heeds them: where its way leads past all that a leaf
+        sweeps anyway, that area, which never moves, so that it waits for no door.
+        """
+        site, found = self._site, []
+        zones = [area_of(site.records, area.name) for area in around]
+        for name, door in site.records.doors.items():
+            if door.floor == floor_of(site.records, origin):
+                area, reach = site.reaches[name]
+                past = self._meter.clears(robot, origin, to, (reach, *zones))
+                found.append(area if past else site.doors[name])
+        return found
 
     def _moving(self, robot: str, origin: str, to: str) -> list[MovableObject]:
         """Return what else moves and is in the way of a drive: other robots, and all loads on the

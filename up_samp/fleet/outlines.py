@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import cmath
+import math
+
 import numpy as np
 import numpy.typing as npt
+from shapely.geometry import MultiPoint
 from unified_planning.model import Type
 from unified_planning.model.motion import MotionModels, MovableObject
 from unified_planning.shortcuts import MovableType
@@ -53,6 +57,32 @@ def _limits(kind: RobotType) -> dict[str, float | bool]:
 def still(outline: Outline) -> Body:
     """Return the body of something that does not drive."""
     return Body(tuple(corners_of(outline)), Kinematics(MotionModel.SE2))
+
+
+HALF = 0.02
+"""rad from half a turn, at which headings do not tell which way round a leaf swings."""
+
+
+def swept(outline: Outline, first: Pose, last: Pose) -> list[tuple[float, float]]:
+    """Return the corners of a convex area that holds an outline all the way from one pose to
+    another: it swings about the one point that stays where it is (a hinge), the shorter way round
+    (either way, where both are as long), or slides where it does not turn.
+    """
+    ends = [complex(*first[:2]), complex(*last[:2])]
+    turn = math.remainder(last[2] - first[2], math.tau)
+    if abs(turn) < 1e-6:
+        corners = [corner for pose in (first, last) for corner in placed(outline, pose)]
+    else:
+        whole = cmath.exp(1j * turn)
+        hinge = (ends[1] - whole * ends[0]) / (1 - whole)
+        parts = 32  # each less than a tenth of a radian
+        wide = 1 / math.cos(turn / parts / 2)  # what chords cut off the arcs
+        leaf = [wide * (complex(x, y) - hinge) for x, y in placed(outline, first)]
+        steps = range(-parts if abs(turn) > math.pi - HALF else 0, parts + 1)
+        swung = [hinge + cmath.exp(1j * turn * k / parts) * z for k in steps for z in leaf]
+        corners = [(z.real, z.imag) for z in swung]
+    hull = MultiPoint(corners).convex_hull.exterior.coords
+    return [(float(x), float(y)) for x, y in hull[:-1]]
 
 
 def area_of(records: FleetRecords, zone: str) -> Placed:

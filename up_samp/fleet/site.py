@@ -49,7 +49,7 @@ from up_samp.fleet.loads import (
     ridden,
     with_load,
 )
-from up_samp.fleet.outlines import area_of, movable, placed
+from up_samp.fleet.outlines import area_of, movable, placed, still, swept
 from up_samp.fleet.records import (
     GROUND,
     Attached,
@@ -63,6 +63,7 @@ from up_samp.fleet.records import (
 from up_samp.fleet.spelled_out import stop_of
 from up_samp.fleet.statements import Meaning
 from up_samp.io.plan_dict import AREA
+from up_samp.model import Placed
 
 Passing = tuple[bool, bool] | None
 """What a drive has to do with a zone: whether it takes room there as it starts, and gives some back
@@ -159,6 +160,8 @@ class Site:
         self.pallets: dict[str, MovableObject] = {}
         self.stands: dict[str, ConfigurationObject] = {}
         self.doors: dict[str, MovableObject] = {}
+        self.reaches: dict[str, tuple[MovableObject, Placed]] = {}
+        """By door, all that its leaf sweeps: an area that never moves."""
         self.keep_out: dict[tuple[str, str], list[MovableObject]] = {}
         """By robot type and floor."""
         self.crowds: list[Crowd] = []
@@ -286,13 +289,19 @@ class Site:
             for state, pose in (("closed", door.closed), ("open", door.open)):
                 place = self._pose(f"{name}.{state}", pose, door.floor)
                 self.places[place.name], self.spots[place.name] = place, self._spot(place)
+            reach = tuple(swept(door.leaf, door.closed, door.open))
+            area = self._area(f"reach{MARK}{name}", reach, door.floor)
+            self.reaches[name] = area, Placed(area.name, still(reach), (0.0, 0.0, 0.0))
             self.doors[name] = self._fixture(name, door.leaf, self.places[f"{name}.closed"])
             self._at_first(name, self.spots[f"{name}.closed"])
 
+    def _area(self, name: str, polygon: Outline, floor: str) -> MovableObject:
+        here = self._pose(f"{name}.here", (0.0, 0.0, 0.0), floor)
+        return self._fixture(name, polygon, here, AREA)
+
     def _zones(self) -> None:
         for name, zone in self.records.zones.items():
-            here = self._pose(f"{name}.here", (0.0, 0.0, 0.0), zone.floor)
-            area = self._fixture(name, zone.polygon, here, AREA)
+            area = self._area(name, zone.polygon, zone.floor)
             for kind in zone.keep_out:
                 self.keep_out.setdefault((kind, zone.floor), []).append(area)
             if zone.max_robots is not None:

@@ -184,7 +184,7 @@ def _draw_direction(ax: Axes, leg: TrackPiece, color: str) -> None:
 
 
 def draw_area(ax: Axes, outline: FloatArray) -> None:
-    """Draw a zone below all else."""
+    """Draw a zone, or what a door sweeps, below all else."""
     ax.add_patch(Polygon(outline, fc=AREA_FILL, ec=WRONG, lw=0.8, ls=":", alpha=0.6, zorder=1.0))
 
 
@@ -193,7 +193,8 @@ def _draw_still(ax: Axes, track: ObjectTrack) -> list[PlacedLabel]:
     assert track.initial is not None
     if track.area:
         draw_area(ax, track.outline(track.initial))
-        return [_named(track, track.name, track.initial, WRONG)]
+        named = "@" not in track.name
+        return [_named(track, track.name, track.initial, WRONG)] if named else []
     ax.add_patch(
         Polygon(track.outline(track.initial), closed=True, fc=FIXTURE, ec=INK, lw=0.8, zorder=2.6)
     )
@@ -236,8 +237,8 @@ def _legend(ax: Axes, movers: list[ObjectTrack], still: list[ObjectTrack]) -> No
     ]
     keys.append(Patch(fc=INK, ec=INK, label="robot at the start"))
     keys.append(Patch(fc=mixed(INK, 0.5), ec=INK, label="a motion's start or end"))
-    if any(t.area for t in still):
-        keys.append(Patch(fc=AREA_FILL, ec=WRONG, ls=":", label="zone"))
+    areas = ["what a door sweeps" if "@" in t.name else "zone" for t in still if t.area]
+    keys += [Patch(fc=AREA_FILL, ec=WRONG, ls=":", label=name) for name in dict.fromkeys(areas)]
     if not all(t.area for t in still):
         keys.append(Patch(fc=FIXTURE, ec=INK, label="door, or other object, at first"))
     if any(t.legs for t in still):

@@ -208,18 +208,6 @@ def test_earliest_arrival_among_movers():
     assert clearance([a, motion("b", (20, 2.5, UP), (20, 9.5, UP))], both) > 0
 
 
-def test_one_after_the_other_by_st_rrt_star():
-    service = MotionService(room(30, 12, [(1, 1, 29, 11)]))
-    motions = [motion("a", (3, 6, 0), (27, 6, 0)), motion("b", (27, 6, math.pi), (3, 6, math.pi))]
-    query = GroupQuery(tuple(motions))
-    report = coordinate(service, query, Deadline.after(120), seed=1, method="st-rrt*")
-    judge(report, motions)
-    again = coordinate(service, query, Deadline.after(120), seed=1, method="st-rrt*")
-    assert (again.trajectories["b"].poses == report.trajectories["b"].poses).all()
-    with pytest.raises(ValueError, match="method"):
-        coordinate(service, query, Deadline.after(1), method="magic")
-
-
 LONG = (1, 1, 99, 3)
 BAY = (49, 1, 52, 6.5)
 

@@ -447,10 +447,9 @@ BROKEN = {
     "bound_by_work": [one_alternative_needs_no_place, none_need_be_made],
     "bound_by_assignment": [fleet((3,), (9, 9 + 3), (2, 4), ((0,), (0,)), home=True)],
     "of": [fleet(*LINE, extra=2), fleet((3, 30), (9, 21), (2, 4), ((0, 1), (1,)))],
-    "with_lefts": [],
     "only_tightened": [],
 }
-"""Recogniser -> problems in which what it assumes does not hold. The last two are about what is
+"""Recogniser -> problems in which what it assumes does not hold. The last one is about what is
 kept from one solve to the next: ``test_what_is_kept_...``."""
 
 

@@ -23,7 +23,7 @@ _ROUNDS = 6
 
 @dataclass(frozen=True)
 class LabelTable:
-    """Labels in rows; columns are travellers but for ``done``, ``parent`` and ``origin``.
+    """Labels in rows; columns are travellers but for ``done`` and ``parent``.
 
     ``done``: bits of the tasks. ``last``: the number of what it did last, as one traveller at one
     place (-1: nothing). ``free``: when it can do something again, where that was. ``leave``: when
@@ -31,8 +31,7 @@ class LabelTable:
     can do something there, or go on from there. All of these are lower bounds. ``used``: bits of
     moves that are used up. ``spent``: how much of its time is spent at least, be it with waiting.
     ``turned``: who of its parent's travellers each one is (twins are exchanged). ``parent``: the
-    row that it was made from, among the labels with one task less. ``origin``: the beginning that
-    it goes on from, where sequences are sought from several at once.
+    row that it was made from, among the labels with one task less.
     """
 
     done: Any
@@ -44,7 +43,6 @@ class LabelTable:
     spent: Any
     turned: Any
     parent: Any
-    origin: Any
 
     def __len__(self) -> int:
         return len(self.done)
@@ -59,7 +57,7 @@ class LabelTable:
         nothing = np.full((1, count), -1, dtype=np.int64)
         none = np.zeros(1, dtype=np.int64)
         own = np.arange(count)[None]
-        return LabelTable(none, nothing, zero, zero, ready[None], zero, zero, own, none, none)
+        return LabelTable(none, nothing, zero, zero, ready[None], zero, zero, own, none)
 
     def rows(self, which: Any) -> LabelTable:
         """Return some of the labels (numbers or a mask)."""
@@ -67,8 +65,7 @@ class LabelTable:
 
     def _columns(self) -> tuple[Any, ...]:
         times = self.free, self.leave, self.ready
-        whence = self.turned, self.parent, self.origin
-        return self.done, self.last, *times, self.used, self.spent, *whence
+        return self.done, self.last, *times, self.used, self.spent, self.turned, self.parent
 
     def numbered(self) -> LabelTable:
         """Return the labels as parents of those that are made from them."""
@@ -95,7 +92,7 @@ class LabelTable:
         more of them, if the ``deadline`` comes.
         """
         sums = self.free.sum(1) + self.leave.sum(1) + self.ready.sum((1, 2), dtype=np.int64)
-        mine = self.rows(np.lexsort((sums, *self.last.T, self.done, self.origin)))
+        mine = self.rows(np.lexsort((sums, *self.last.T, self.done)))
         first, last = 1, _NEAR
         for _ in range(_ROUNDS):
             worse = mine._worse(range(first, last + 1), deadline)
@@ -111,7 +108,6 @@ class LabelTable:
         """Return which rows are dominated by one that is so many rows before."""
         worse = np.zeros(len(self), dtype=bool)
         same = (self.done[1:] == self.done[:-1]) & (self.last[1:] == self.last[:-1]).all(1)
-        same &= self.origin[1:] == self.origin[:-1]
         group = np.concatenate(([0], np.cumsum(~same)))
         for shift in (s for s in shifts if s < len(self)):
             near = group[shift:] == group[:-shift]
@@ -137,24 +133,11 @@ class Steps:
     rules: SequenceRules
     end: int
 
-    def beginnings(self, done: Any = (0,), since: Any = (0,)) -> LabelTable:
-        """Return a label for each beginning: everybody is at its place ``since`` then, and nothing
-        is done but those tasks (bits).
-        """
+    def beginning(self) -> LabelTable:
+        """Return the one label of the beginning: everybody is at its place, and nothing is done."""
         ready = [w.travel[w.number[w.route.initial]] for w in self.rules.ways]
-        first = LabelTable.first(np.stack(ready)).rows(np.zeros(len(done), dtype=np.int64))
-        since = np.array(since)
-        ready = np.minimum(first.ready + since[:, None, None], NEVER).astype(first.ready.dtype)
-        times = np.broadcast_to(since[:, None], first.free.shape)
-        return replace(
-            first,
-            done=np.array(done),
-            free=times,
-            leave=times,
-            ready=self._until(ready),
-            spent=np.minimum(times, self.end),
-            origin=np.arange(len(done)),
-        )
+        first = LabelTable.first(np.stack(ready))
+        return replace(first, ready=self._until(first.ready))
 
     def _until(self, ready: Any) -> Any:
         """Return when travellers are ready where, and never where moves would end after
@@ -336,11 +319,8 @@ class Steps:
         return total <= labels.last.shape[1] * self.end
 
     def hopeful(self, labels: LabelTable) -> LabelTable:
-        """Return the labels of which each task that is left may end in time, with all after it, and
-        so may all of them once the first one has started.
-        """
+        """Return the labels of which each task that is left may end in time, with all after it."""
         front, alive = self._front(labels), np.ones(len(labels), dtype=bool)
-        first = np.full(len(labels), NEVER)
         starts: dict[int, Any] = {}
         for task in self.rules.order:
             left = labels.done >> task & 1 == 0
@@ -352,10 +332,7 @@ class Steps:
                     start = np.maximum(start, starts[earlier] + self.rules.ordered[earlier, task])
             starts[task] = np.where(left, start, -NEVER)
             alive &= ~left | (start + self.rules.tails[task] <= self.end)
-            if not self.rules.aside >> task & 1:
-                first = np.where(left, np.minimum(first, start), first)
-        lefts = self.rules.lefts[self.rules.row(labels.done)]
-        return labels.rows(alive & ((first >= NEVER) | (first + lefts <= self.end)))
+        return labels.rows(alive)
 
     def _spent(self, labels: LabelTable) -> Any:
         """Return how much of its time each traveller has spent when it did its last task; what it
@@ -383,7 +360,7 @@ class Steps:
 
 # ------------------ Travellers who can do the same in the same times
 # Beginnings that differ in who of them did what are one. Where they start is their own, so only
-# those that have done something are exchanged; all of them, where everybody begins anywhere.
+# those that have done something are exchanged.
 
 
 @dataclass(frozen=True)
@@ -394,11 +371,10 @@ class Twins:
 
     groups: list[list[int]]
     same: Any
-    anywhere: bool = False
 
     @staticmethod
-    def of(rules: SequenceRules, *, anywhere: bool = False) -> Twins:
-        """Return who is alike by the rules. ``anywhere``: all may begin where they like.
+    def of(rules: SequenceRules) -> Twins:
+        """Return who is alike by the rules.
 
         Assumes: twins have the same ways, choices, homes and doors; where they begin is their own.
         """
@@ -422,14 +398,14 @@ class Twins:
             for one, other in itertools.product(group, group):
                 for what, number in mine[one].items():
                     same[number, other] = mine[other][what]
-        return Twins([group for group in groups if len(group) > 1], same, anywhere)
+        return Twins([group for group in groups if len(group) > 1], same)
 
     def ordered(self, labels: LabelTable) -> LabelTable:
         """Return the labels with twins that did something in the order of what they did last."""
         turned = labels.turned.copy()
         for group in self.groups:
             first = self.same[labels.last[:, group], group[0]]
-            used = ((labels.last[:, group] >= 0) | self.anywhere) @ (1 << np.arange(len(group)))
+            used = (labels.last[:, group] >= 0) @ (1 << np.arange(len(group)))
             for pattern in np.unique(used).tolist():
                 places = np.flatnonzero(pattern >> np.arange(len(group)) & 1)
                 rows = np.flatnonzero(used == pattern)

@@ -58,17 +58,6 @@ class TravelTables:
             route, places, number, travel, detour, hop, np.bitwise_or.reduce(hop, axis=1)
         )
 
-    def nearby(self, some: set[int]) -> TravelTables:
-        """Return the same with ``some`` of the places as near to everywhere as can be."""
-        here = self.among(some)[:, None]
-        return replace(
-            self,
-            travel=np.where(here, 0, self.travel),
-            detour=np.where(here, 0, self.detour),
-            hop=np.where(here, 0, self.hop),
-            leading=np.where(here[:, 0], 0, self.leading),
-        )
-
     def among(self, some: Iterable[int]) -> Any:
         """Return which of the places are among ``some``."""
         found = np.zeros(len(self.travel), dtype=bool)
@@ -152,12 +141,10 @@ class Programme:
         tasks = [work.tasks[t] for t in wanted]
         return Programme(work.routes, tasks, before, layers, [sorted(some) for some in spots])
 
-    def tables(self, deadline: Deadline, *, anywhere: bool = False) -> dict[int, Any] | None:
-        """Return the table of each set; ``None`` if there is no time. ``anywhere``: travellers may
-        begin wherever they like.
-        """
+    def tables(self, deadline: Deadline) -> dict[int, Any] | None:
+        """Return the table of each set; ``None`` if there is no time."""
         shape = [len(some) + 1 for some in self.spots]
-        steps = [list(self._steps(task, anywhere=anywhere)) for task in self.tasks]
+        steps = [list(self._steps(task)) for task in self.tasks]
         end = np.zeros(shape, dtype=np.int64)
         for axis, (route, some) in enumerate(zip(self.routes, self.spots, strict=True)):
             end = end + self._along(axis, [0, *(way_back(route, {p}, route.final) for p in some)])
@@ -183,14 +170,12 @@ class Programme:
         """Return the least time for all tasks."""
         return int(tables[0][(0,) * len(self.routes)])
 
-    def _steps(self, task: RoutedTask, *, anywhere: bool) -> Iterator[tuple[int, int, Any]]:
+    def _steps(self, task: RoutedTask) -> Iterator[tuple[int, int, Any]]:
         """Yield (route, index of the place, costs from everywhere) for all ways to do a task."""
         for axis, stop, places in task.ways:
             route, some = self.routes[axis], self.spots[axis]
             for place in sorted(places):
                 costs = [cost(route, route.initial, place, stop, first=True)]
-                if anywhere:
-                    costs = [route.rest(stop) - route.step]
                 costs += [cost(route, here, place, stop, first=False) for here in some]
                 costs = [min(INFINITE, c + task.length) for c in costs]
                 yield axis, 1 + some.index(place), self._along(axis, costs)
@@ -443,12 +428,6 @@ class SequenceRules:
     handovers: Any
     """(traveller, place, other, its place): from when the one can leave to when the other is ready.
     """
-    aside: int
-    """Bits of the tasks that ``lefts`` say nothing of."""
-    lefts: Any
-    """Of each set: from the start of the first task that is left, but for those aside, to the end
-    of everything, at least.
-    """
 
     @staticmethod
     def of(work: RoutedWork, programme: Programme, tables: dict[int, Any]) -> SequenceRules | None:
@@ -484,29 +463,12 @@ class SequenceRules:
             homes,
             doors_of(programme, ways),
             handovers_of(work, ways),
-            0,
-            np.zeros(len(sets), dtype=np.int64),
         )
 
     def plain(self) -> SequenceRules:
         """Return the same with no regard to changes and to moves that happen once."""
         ways = [replace(w, hop=0 * w.hop, leading=0 * w.leading) for w in self.ways]
         return replace(self, ways=ways, changes=[None] * len(self.changes))
-
-    def anywhere(self, deadline: Deadline) -> SequenceRules | None:
-        """Return the rules for travellers who may begin wherever they like; ``None`` if there is no
-        time. Whose beginning is that of anybody is as near to everywhere, and free for all.
-        """
-        tables = self.programme.tables(deadline, anywhere=True)
-        if tables is None:
-            return None
-        starts = {route.initial for route in self.programme.routes}
-        ways = [some.nearby(starts) for some in self.ways]
-        handovers = self.handovers.copy()
-        for axis, some in enumerate(ways):
-            handovers[axis, some.among(starts)] = -NEVER
-        rests = np.stack([tables[int(done)].ravel() for done in self.sets])
-        return replace(self, ways=ways, rests=rests, handovers=handovers)
 
     @cached_property
     def lengths(self) -> Any:
