@@ -81,7 +81,7 @@ def instance(name: str) -> Instance:
         form: str = encoding
         if family in _PUBLISHED_ONLY:
             check_encoding(encoding)
-            form = PUBLISHED[0] if encoding == "lean" else encoding.removeprefix("lean-")
+            form = PUBLISHED[0] if encoding == "lean" else encoding
         if family == "warehouse":
             check_encoding(encoding, ("lean",))  # where robots are is always a fluent here
             form = "compact" if compact else "moves"

@@ -161,10 +161,8 @@ def job_shop(
     title = instance_name(robots, jobs, machines) + (f"-s{seed}" if seed else "")
     if is_published(encoding):
         return published_job_shop(title, data, encoding, metric)
-    family = Family(title, data.floor, a_max=ACCELERATION, encoding=encoding, metric=metric)
-    starts = [family.place(f"start{r}", pose) for r, pose in enumerate(data.starts)]
-    for r, start in enumerate(starts):
-        family.robot(f"r{r}", start)
+    family = Family(title, data.floor, a_max=ACCELERATION, metric=metric)
+    starts = add_robots(family, data)
     stands = [family.place(f"machine{m}", pose) for m, pose in enumerate(data.machines)]
     buttons = add_doors(family)
     for robot, start in zip(family.robots, starts, strict=True):
@@ -172,6 +170,14 @@ def job_shop(
             family.move(robot, origin, to)
     _operations(family, data, stands)
     return family.finish()
+
+
+def add_robots(family: Family, data: Shop) -> list[ConfigurationObject]:
+    """Add the robots where they start, and return these places."""
+    starts = [family.place(f"start{r}", pose) for r, pose in enumerate(data.starts)]
+    for r, start in enumerate(starts):
+        family.robot(f"r{r}", start)
+    return starts
 
 
 def add_doors(family: Family) -> list[ConfigurationObject]:

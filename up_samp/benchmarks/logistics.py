@@ -134,9 +134,8 @@ def logistics(
 
     :param door: ``"open"`` leaves door and button away.
     :param sides: ``"corridor"`` allows the items' inner poses only.
-    :param encoding: ``lean`` (object fluents, effects at the end, a pick per pose),
-        ``lean-no-fluents`` (precedences), or one of the forms in which the authors publish it
-        (:mod:`up_samp.benchmarks.published.form`).
+    :param encoding: ``lean`` (object fluents, effects at the end, a pick per pose), or one of the
+        forms in which the authors publish it (:mod:`up_samp.benchmarks.published.form`).
     :param metric: minimise the makespan.
     :param seed: 0 is the paper's layout.
     """
@@ -150,7 +149,7 @@ def logistics(
     title = f"logistics-d{door[0]}-{side}-r{robots}-i{items}" + (f"-s{seed}" if seed else "")
     if is_published(encoding):
         return published_logistics(title, spots, sides == "all", encoding, metric)
-    family = Family(title, spots.floor, a_max=ACCELERATION, encoding=encoding, metric=metric)
+    family = Family(title, spots.floor, a_max=ACCELERATION, metric=metric)
     shelves = _shelf_places(family, spots, sides)
     depots = [family.place(f"depot{r}", pose) for r, pose in enumerate(spots.depots)]
     for r, depot in enumerate(depots):
@@ -171,25 +170,20 @@ def _picks(
     button: ConfigurationObject | None,
     items: int,
 ) -> None:
-    """Add who picks what: every item is picked by exactly one robot.
-
-    With fluents a pick needs free hands and fills them, and every move home ends with free hands.
-    Without them nothing has to be said of hands: from a pose at the shelf a robot can only drive
-    home, and there it can pick only what stands there.
+    """Add who picks what: every item is picked by exactly one robot. A pick needs free hands and
+    fills them, and every move home ends with free hands.
     """
     free = Fluent("robot_is_free", BoolType(), robot=family.robot_type)
-    if family.with_fluents:
-        family.problem.add_fluent(free, default_initial_value=True)
+    family.problem.add_fluent(free, default_initial_value=True)
     picks: list[list[Activity]] = [[] for _ in range(items)]
     for robot, depot in zip(family.robots, depots, strict=True):
         homeward = _moves(family, robot, depot, shelves, button)
-        for move in homeward if family.with_fluents else ():
+        for move in homeward:
             move.add_effect(move.end, free(robot), TRUE())
         for (item, side), shelf in shelves.items():
             pick = family.work(robot, f"pick_{robot.name}_i{item}_{side}", shelf, 1)
-            if family.with_fluents:
-                pick.add_condition(at_start(pick), free(robot))
-                pick.add_effect(pick.end, free(robot), FALSE())
+            pick.add_condition(at_start(pick), free(robot))
+            pick.add_effect(pick.end, free(robot), FALSE())
             picks[item].append(pick)
         family.end(robot, depot)
     for choices in picks:
