@@ -43,7 +43,7 @@ from up_samp.benchmarks.places import (
     ProblemOnMap,
     duration_bounds,
 )
-from up_samp.benchmarks.published.form import PUBLISHED, Published
+from up_samp.benchmarks.published import PUBLISHED, Published
 from up_samp.model import ProblemError
 
 Encoding = Literal["lean"] | Published

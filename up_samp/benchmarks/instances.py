@@ -25,7 +25,7 @@ from up_samp.benchmarks.builder import Encoding, check_encoding
 from up_samp.benchmarks.door_sequence import door_sequence
 from up_samp.benchmarks.kitting import kitting
 from up_samp.benchmarks.navigation import navigation
-from up_samp.benchmarks.published.form import PUBLISHED
+from up_samp.benchmarks.published import PUBLISHED
 from up_samp.benchmarks.warehouse import warehouse
 from up_samp.model import ProblemError
 
