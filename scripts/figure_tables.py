@@ -235,6 +235,17 @@ TABLES: dict[str, tuple[str, Callable[[Rows], str]]] = {
         Column("waiting (d)", "waiting", PERCENT),
         Column("unsafe runs of (b), (c), (d)", "unsafe"),
     )),
+    "days": ("days", plain(
+        "way, orders, hours, seed", Column("done", of("done", "orders")),
+        Column("an hour", "per_hour", ".1f"), Column("mean tardiness s", "tardiness", ".1f"),
+        Column("from coming to done s", "flow", ".0f"),
+        Column("waited", "waiting", PERCENT),
+        Column("contacts, lost, twice, elsewhere", "wrong"),
+        Column("plans (dropped)", lambda r: f"{r['plans']} ({r['dropped']})"),
+        Column("CPU of a plan, 95 %, s", "planning", ".2f"),
+        Column("of a step, 95 %, ms", lambda r: 1000 * r["step"], ".1f"),
+        Column("MiB", "peak", ".0f"),
+    )),
     "clairvoyant": ("clairvoyant", plain(
         "instance", Column("draws", "draws"), Column("(b) coarse", "coarse", ".3f"),
         Column("(c) staircase", "staircase", ".3f"), Column("(d) re-ordered", "reorder", ".3f"),

@@ -121,6 +121,13 @@ FLOORS = (
     *("logistics-dc-all-r5-i8", "navigation-r10", "logistics-dc-all-r10-i16"),
 )
 """Instances whose plans are executed."""
+DAYS = (
+    *(f"rolling, 60 an hour, 8 h, seed {seed}" for seed in range(5)),
+    *(f"{way}, 60 an hour, 8 h, seed 0" for way in ("token", "anew")),
+    *(f"{way}, 240 an hour, 1 h, seed 0" for way in ("rolling", "token", "anew")),
+)
+"""Days of ten robots: whole ones with orders as they come, and hours with as many as they can do.
+"""
 IDEAS = (
     *("bounds-first", "certificates", "small-cuts", "equivalents", "profiles", "incumbents"),
     *("slack", "single-geometric", "single-temporal"),
@@ -184,7 +191,7 @@ FIGURES = (
     Figure("traffic", "errands", (
         *(f"{place}, {body}, {robots}" for place in ("pillars", "aisles") for body in ANY
           for robots in (2, 5, 10)),
-        "pillars, omni, 20", "pillars, car, 5, st-rrt*",
+        "pillars, omni, 20",
     ), ("pillars, omni, 10", "pillars, car, 5"), 900, (
         FOUND, RATIO, CPU,
     )),
@@ -197,6 +204,11 @@ FIGURES = (
     ), ("logistics-do-oc-r3-i4, 30 %",), 1800, (
         Value("unsafe"), Value("staircase", tolerance=0.02), Value("reorder", tolerance=0.02),
         Value("coarse", "", ""), Value("timed", "", ""), Value("timed_collided", "", ""),
+    )),
+    Figure("days", "day", DAYS, DAYS[:1], 7200, (
+        Value("done", "", "higher"), Value("wrong"), Value("tardiness", "s", tolerance=0.2),
+        Value("flow", "s", tolerance=0.1), Value("dropped"), Value("planning", "s", "lower", 0.3),
+        Value("step", "s", "lower", 0.3), PEAK,
     )),
     Figure("clairvoyant", "clairvoyant", (
         "jobshop-r2-j2-m2", "jobshop-r3-j3-m2", "logistics-dc-all-r2-i3", "logistics-do-oc-r3-i4",

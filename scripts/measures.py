@@ -34,6 +34,8 @@ DRAWS = 6
 """Draws of delays that each plan is executed with."""
 SEED = 5000
 """The first of them."""
+STRETCH = 10.0
+"""How much longer than in a day planners may take by the clock: what runs beside them is busy."""
 TREE = Path(sys.argv[3] if len(sys.argv) > 3 else Path(__file__).parents[1]).resolve()
 Values = dict[str, Any]
 
@@ -194,7 +196,7 @@ def better_plans(case: str) -> Values:
 # --- traffic
 
 
-def arrivals(traffic: Any, seconds: float, **how: Any) -> tuple[Any, float, Any]:
+def arrivals(traffic: Any, seconds: float) -> tuple[Any, float, Any]:
     """Coordinate a group, twice where that is quick (the first call loads kernels); return its
     report, the CPU seconds, and the sum of arrivals (s; None if not everybody gets through).
     """
@@ -204,7 +206,7 @@ def arrivals(traffic: Any, seconds: float, **how: Any) -> tuple[Any, float, Any]
 
     for _ in range(2):
         service, began = MotionService(traffic.grid), spent()
-        report = coordinate(service, traffic.query, Deadline.after(seconds), **how)
+        report = coordinate(service, traffic.query, Deadline.after(seconds))
         cpu = spent() - began
         if cpu > 5.0:
             break
@@ -249,11 +251,10 @@ def tight_place(case: str) -> Values:
 
 
 def errands(case: str) -> Values:
-    """Random errands of so many robots on one map ("pillars, omni, 10", or "..., st-rrt*")."""
+    """Random errands of so many robots on one map ("pillars, omni, 10")."""
     tight_places = helper(".", *TIGHT)
 
-    name, body, robots, *method = case.split(", ")
-    how = {"method": method[0]} if method else {}
+    name, body, robots = case.split(", ")
     grid = {"pillars": tight_places.pillars, "aisles": tight_places.aisles}[name]()
     ratios, cpus, asked = [], [], 0
     for seed in range(SEEDS):
@@ -263,7 +264,7 @@ def errands(case: str) -> Values:
         if least is None:  # somebody has no way even alone: no draw
             continue
         asked += 1
-        _, cpu, total = arrivals(traffic, 60.0, **how)
+        _, cpu, total = arrivals(traffic, 60.0)
         cpus.append(cpu)
         if total is not None:
             ratios.append(total / least)
@@ -305,6 +306,34 @@ def drives(case: str) -> Values:
     told: Values = {"asked": len(times), "found": len(ratios)}
     told |= {"median": statistics.median(times), "most": max(times)}
     return told | {"ratio": statistics.median(ratios), "worst": max(ratios)}
+
+
+# --- days
+
+
+def day(case: str) -> Values:
+    """A day of ten robots in simulation ("rolling, 60 an hour, 8 h, seed 0"): 2 cm of noise, 30 %
+    delays, two breakdowns, orders due after 300 s.
+    """
+    from up_samp.operate.day import DayPlan, simulate_day
+    from up_samp.operate.settings import Settings
+
+    days = helper("benchmarks/operate", "days")
+    way, *rest = case.split(", ")
+    rate, hours, seed = (float(word) for part in rest for word in part.split() if word[0].isdigit())
+    plan = DayPlan(
+        hours, rate, due=300.0, noise=0.02, delays=0.3, breakdowns=2, seed=int(seed),
+    )  # fmt: skip
+    settings, operation = Settings(stretch=STRETCH, seed=plan.seed), days.WAYS[way]
+    with tempfile.TemporaryDirectory() as folder:
+        fleet, store = days.warehouse(Path(folder), 10), Path(folder) / "day.db"
+        result = simulate_day(fleet, plan, store, settings=settings, operation=operation)
+    told, verdict = result.figures, result.verdict
+    wrong = (verdict.contacts, verdict.lost, verdict.twice, verdict.elsewhere)
+    values: Values = {"orders": told.orders, "done": told.done, "wrong": sum(map(len, wrong))}
+    values |= {k: getattr(told, k) for k in ("per_hour", "tardiness", "flow", "waiting")}
+    values |= {"plans": told.plans, "dropped": told.plans - told.plans_taken}
+    return values | {"planning": told.planning[1], "step": told.steps[1], "peak": peak()}
 
 
 # --- execution
@@ -528,8 +557,8 @@ MEASURES: dict[str, Callable[[str], Values]] = {
     function.__name__: function
     for function in (
         *(warm_up, first_plan, proof, preset, warehouse_plan, better_plans),
-        *(tight_place, errands, drives, floor, clairvoyant, replan, executor_time),
-        *(start_up, memory, house, scheduler, relaxation, resolving),
+        *(tight_place, errands, drives, floor, day, clairvoyant, replan),
+        *(executor_time, start_up, memory, house, scheduler, relaxation, resolving),
     )
 }
 

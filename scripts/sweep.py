@@ -164,14 +164,14 @@ def shop(name: str, tuning: Table) -> Values:
     return told
 
 
-def arrivals(traffic: Any, tuning: Table, **how: Any) -> Values:
+def arrivals(traffic: Any, tuning: Table) -> Values:
     """Motions of a group."""
     from up_samp.model import Deadline, Outcome
     from up_samp.motion.fleet import coordinate
     from up_samp.motion.service import MotionService
 
     service = MotionService(traffic.grid, tuning=Tuning.read(tuning).motion)
-    report = coordinate(service, traffic.query, Deadline.after(60.0), **how)
+    report = coordinate(service, traffic.query, Deadline.after(60.0))
     found = report.outcome is Outcome.FOUND
     ends = {"arrivals": sum(t.end for t in report.trajectories.values())} if found else {}
     return {"found": int(found), **ends}
@@ -189,11 +189,10 @@ def errands(name: str, tuning: Table) -> Values:
     """Random errands on a map."""
     from tests.motion.fleet import tight_places
 
-    place, body, robots, seed, *method = name.split(", ")
+    place, body, robots, seed = name.split(", ")
     grid = {"pillars": tight_places.pillars, "aisles": tight_places.aisles}[place]()
     kind = tight_places.BODIES[body]()
-    how = {"method": method[0]} if method else {}
-    return arrivals(tight_places.errands(grid, kind, int(robots), int(seed)), tuning, **how)
+    return arrivals(tight_places.errands(grid, kind, int(robots), int(seed)), tuning)
 
 
 def runs(name: str, tuning: Table) -> Values:
@@ -241,7 +240,7 @@ CASES: dict[str, tuple[Callable[[str, Table], Values], tuple[str, ...]]] = {
         "room of nine, four, omni", "corner, omni",
     )),
     "errands": (errands, (
-        "pillars, car, 5, 1", "pillars, omni, 10, 0", "pillars, car, 5, 0, st-rrt*",
+        "pillars, car, 5, 1", "pillars, omni, 10, 0",
     )),
     "shop": (shop, ("transport-1-3-0", "transport-2-4-0", "ft06", "flexible-4x4x3-0")),
     "example": (example, ("passing_place.py", "unsolvable.yaml", "charging.py", "drones.py")),

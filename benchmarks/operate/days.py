@@ -1,4 +1,5 @@
-"""Days of a fleet by three ways to plan, in the same loop: ``python benchmarks/operate/days.py``.
+"""A floor to spend days on, and three ways to plan them in the same loop: the figure ``days`` of
+``scripts/figures.py``.
 
 ``rolling`` is what ``up-samp operate`` does; ``token`` gives each order, in the order of coming, to
 the free robot that could be there first, and plans nothing twice: who comes later goes first only
@@ -9,26 +10,66 @@ whenever an order comes. All days are judged by what was driven.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
-import json
-import resource
-import tempfile
+import math
 from pathlib import Path
 
 import numpy as np
 
 from up_samp import Fleet
 from up_samp.geometry.maps import write_map
-from up_samp.operate.day import DayPlan, simulate_day
-from up_samp.operate.report import report_text
-from up_samp.operate.settings import Settings
+from up_samp.operate.choice import OpenWork, able, choose, first_there, theirs
+from up_samp.operate.horizon import Opened
+from up_samp.operate.loop import Operation
+from up_samp.operate.records import DayOrder
 
-WAYS = {
-    "rolling": {"commit": "begun"},
-    "token": {"commit": "all"},
-    "anew": {"commit": "none"},
-}
+LATER = 1e-3
+"""What an order costs beside one that is planned, where it never goes first at that one's cost."""
+
+
+class FirstComeFirstServed(Operation):
+    """The order that waits and is next, by priority, then by when it is due, then by coming."""
+
+    def next_order(self) -> DayOrder | None:
+        """Return it (None: none waits, or something else has to be seen to first)."""
+        waiting = [*self.waiting(), *self.dropped()]
+        if not waiting or self.stranded() or self.stale():
+            return None
+        return min(waiting, key=lambda j: (-j.record.priority, j.record.due or math.inf, j.came))
+
+    def mended(self) -> OpenWork | None:
+        """Return what has to be planned though no order waits."""
+        return choose(self) if self.stranded() or self.stale() else None
+
+
+class Token(FirstComeFirstServed):
+    """It is given to who could be there first."""
+
+    def choice(self) -> OpenWork | None:
+        job = self.next_order()
+        if job is None:
+            return self.mended()
+        soon = {r: f for r, f in self.free_at().items() if f[0] <= self.settings.soon}
+        free = {r: f for r, f in soon.items() if able(self, job, r)}
+        if not free:
+            return None
+        light = dataclasses.replace(job.record, weight=LATER * job.record.weight)
+        opened = {first_there(self, job, free): Opened.TAIL}
+        return OpenWork(opened, (dataclasses.replace(job, record=light),))
+
+
+class Anew(FirstComeFirstServed):
+    """With it all is planned that is not begun, of everybody."""
+
+    def choice(self) -> OpenWork | None:
+        job = self.next_order()
+        if job is None:
+            return self.mended()
+        everybody = dict.fromkeys(self.there(), Opened.ALL)
+        return OpenWork(everybody, (job, *theirs(self, everybody)))
+
+
+WAYS = {"rolling": Operation, "token": Token, "anew": Anew}
 
 
 def warehouse(folder: Path, robots: int) -> Fleet:
@@ -58,39 +99,3 @@ def warehouse(folder: Path, robots: int) -> Fleet:
             delivery = {"at": docks[(k + i) % len(docks)], "service": 5}
             fleet.add_order(f"o{k}_{i}", {"at": f"rack{k}_{i}", "service": 5}, delivery)
     return fleet
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--robots", type=int, default=10)
-    parser.add_argument("--hours", type=float, default=8.0)
-    parser.add_argument("--orders-per-hour", type=float, default=60.0)
-    parser.add_argument("--due", type=float, default=300.0)
-    parser.add_argument("--seeds", type=int, nargs="*", default=[*range(5)])
-    parser.add_argument("--ways", nargs="*", default=[*WAYS], choices=[*WAYS])
-    parser.add_argument("--breakdowns", type=int, default=2)
-    parser.add_argument("--stretch", type=float, default=10.0)
-    parser.add_argument("--out", type=Path, default=Path("days.json"))
-    args = parser.parse_args()
-    found = []
-    for seed in args.seeds:
-        for way in args.ways:
-            plan = DayPlan(
-                hours=args.hours, orders_per_hour=args.orders_per_hour, due=args.due,
-                noise=0.02, delays=0.3, breakdowns=args.breakdowns, seed=seed,
-            )  # fmt: skip
-            settings = Settings(stretch=args.stretch, seed=seed, **WAYS[way])
-            with tempfile.TemporaryDirectory() as folder:
-                fleet = warehouse(Path(folder), args.robots)
-                result = simulate_day(fleet, plan, Path(folder) / "day.db", settings=settings)
-            print(f"--- {way}, seed {seed}\n{report_text(result)}", flush=True)
-            memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
-            row = {"way": way, **dataclasses.asdict(plan), **dataclasses.asdict(result.figures)}
-            row |= {"contacts": len(result.verdict.contacts), "memory_mib": memory}
-            row |= {k: len(getattr(result.verdict, k)) for k in ("lost", "twice", "elsewhere")}
-            found.append(row)
-            args.out.write_text(json.dumps(found, indent=1) + "\n")
-
-
-if __name__ == "__main__":
-    main()

@@ -21,9 +21,9 @@ import up_samp  # noqa: F401  (registers the engines)
 from up_samp.model import CandidateSchedule, UnsupportedError
 from up_samp.scheduling.compilers.pipeline import chain, compilers_for
 from up_samp.scheduling.compilers.read import read_problem
-from up_samp.scheduling.compilers.write import plain_schedule, write_problem
+from up_samp.scheduling.compilers.write import write_problem
 from up_samp.scheduling.quirks import quirks_of
-from up_samp.scheduling.schedules import complete
+from up_samp.scheduling.schedules import complete, to_candidate
 from up_samp.scheduling.worker import slim_down
 from up_samp.upio.plan import build_schedule
 from up_samp.validation import validate_schedule
@@ -48,7 +48,7 @@ def direct(planner: Any, problem: Any, seconds: float) -> tuple[str, CandidateSc
     result = planner.solve(problem, timeout=seconds)
     if result.plan is None:
         return result.status.name, None
-    return result.status.name, CandidateSchedule(*plain_schedule(result.plan))
+    return result.status.name, to_candidate(result.plan)
 
 
 def compiled(planner: Any, problem: Any, seconds: float) -> tuple[str, CandidateSchedule | None]:

@@ -199,7 +199,7 @@ def test_a_motion_is_over_when_its_robot_is_at_the_end_and_stands(crossed):
 def test_nonsense_of_all_kinds_ends_nothing(yaml):
     """Random reports between good ones: no exception, no contact, nothing over too early."""
     wild = [math.nan, math.inf, -1e9, 1e9, None, "x", [], 0.0, 3.0, 6504.0, -0.2, True]
-    for seed in range(2):
+    for seed in range(1):
         problem, plan, found = rounds(yaml, seed + 5)
         rng = random.Random(seed)
         executor = Executor(plan, problem, dependencies=found)

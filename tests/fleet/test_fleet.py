@@ -6,6 +6,7 @@ import random
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,7 +15,7 @@ from unified_planning.model.motion import SchedulingMotionProblem
 
 import up_samp
 from up_samp.cli import main
-from up_samp.fleet import Fleet, FleetError, read_problem_file, write_problem_file
+from up_samp.fleet import Fleet, FleetError, files, read_problem_file, write_problem_file
 from up_samp.fleet.checks import Level, check_fleet
 from up_samp.fleet.files import json_schema
 from up_samp.fleet.result import solve_problem
@@ -172,7 +173,8 @@ def _complaint(file):
     return ""
 
 
-def test_alias_bombs_and_odd_yaml_are_refused(tmp_path):
+def test_alias_bombs_and_odd_yaml_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(files, "FILE_LIMITS", replace(files.FILE_LIMITS, file_bytes=200_000))
     file = tmp_path / "p.yaml"
     levels = ["a: &a0 [x, x, x, x, x, x, x, x, x]"]
     levels += [f"b{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9)}]" for i in range(1, 10)]

@@ -62,7 +62,7 @@ def test_groups_come_back_in_the_order_asked():
     crew = Crew(Workers(Backwards()), service)
     queries = [g.query for g in groups]
     deadlines = [Deadline.after(100.0), Deadline.after(120.0)]
-    found = crew.coordinate(queries, deadlines, method="ladder", seed=0)
+    found = crew.coordinate(queries, deadlines, seed=0)
     for query, (report, cut_short) in zip(queries, found, strict=True):
         mine = MotionService(grid).coordinate(query, Deadline.after(100.0))
         assert not cut_short

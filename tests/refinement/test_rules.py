@@ -3,7 +3,7 @@
 import pytest
 
 from up_samp.model import CandidateSchedule, ScheduledMotion
-from up_samp.model.refinement import Layer, Requires, Span, Strength
+from up_samp.model.refinement import Layer, Requires, Strength
 from up_samp.refinement import holds, paper_rules, rules, timed
 
 
@@ -111,16 +111,16 @@ def test_a_parameter_may_tell_who_comes_to_a_unary_place_and_leaves_it():
     assert holds(taken, told(go1_source="m", go2_to="m"), nowhere)
 
 
-def test_requirements_over_their_spans():
-    tail = Requires("a", "door", frozenset({"shut"}), Span.TAIL, 3)
+def test_requirements_at_the_end():
+    tail = Requires("a", "door", "shut", at_end=True)
 
     def opened_at(t):
         return lambda _, first, last: (
             ({"shut"} if first <= t else set()) | ({"open"} if last >= t + 1 else set())
         )
 
-    assert holds(tail, schedule(a=(0, 10)), opened_at(7))
-    assert not holds(tail, schedule(a=(0, 10)), opened_at(8))
+    assert holds(tail, schedule(a=(0, 10)), opened_at(9))
+    assert not holds(tail, schedule(a=(0, 10)), opened_at(10))
 
 
 def test_the_papers_condition_gives_way_to_any_rival():

@@ -263,7 +263,7 @@ def test_the_paper_preset_solves_the_door_too(tmp_path):
     opening = hall.open_door(optional=True)
     hall.problem.add_constraint(go.present)
     hall.problem.add_constraint(Iff(opening.present, opening.present))
-    result = solve(hall.problem, preset="paper", optimal=False, query_seconds=2.0)
+    result = solve(hall.problem, preset="paper", optimal=False, query_seconds=1.0)
     assert result.plan is not None
     assert validate_plan(hall.problem, result.plan).valid
     assert int(result.metrics["refinements_geometric"]) >= 1

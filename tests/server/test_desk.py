@@ -24,7 +24,7 @@ def ask(desk):
 
 def test_one_process_answers_all_questions_also_of_a_parent_that_holds_much():
     """What a process is told of its peak counts what its parent held when it was started."""
-    held = bytearray(b"x" * (700 * 2**20))
+    held = bytearray(b"x") * (700 * 2**20)
     with Desk(JobLimits()) as desk:
         pids = {ask(desk) for _ in range(3)}
     assert len(held)

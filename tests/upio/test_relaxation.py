@@ -16,7 +16,6 @@ from up_samp.model.refinement import (
     Overlap,
     Refinement,
     Requires,
-    Span,
     Strength,
     end_of,
     start_of,
@@ -153,7 +152,7 @@ def test_a_motion_does_not_start_while_a_static_obstacles_fluent_lags(tmp_path):
             "go", 0, "left0", "right0", bounds=(5, 50), static_obstacles={hall.door: at}
         )
         relaxation = relax(problem, read_problem(problem))
-        refine(relaxation, Requires("go", "door", frozenset({"shut"}), Span.WHOLE))
+        refine(relaxation, Requires("go", "door", "shut"))
         assert solve(relaxation).schedule.times["go"][0] == start, move
 
 
@@ -171,9 +170,8 @@ def test_a_fluent_that_others_change_does_not(tmp_path):
 
 STATEMENTS = [
     (Lasts("there", 9), 14),
-    (Requires("there", "door", frozenset({"shut"}), Span.WHOLE), 11),
-    (Requires("there", "door", frozenset({"shut"}), Span.TAIL, 2), 10),
-    (Requires("there", "door", frozenset({"shut"}), Span.TAIL, 5), 11),
+    (Requires("there", "door", "shut"), 11),
+    (Requires("there", "door", "shut", at_end=True), 10),
     (Clause((Apart(end_of("back"), start_of("other"), 3),)), 18),
     (Clause((Apart(start_of("other"), start_of("there"), -2),)), 10),
     (Clause((Elsewhere("other", "door", "shut"),)), 10),

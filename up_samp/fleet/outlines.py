@@ -59,10 +59,14 @@ def still(outline: Outline) -> Body:
     return Body(tuple(corners_of(outline)), Kinematics(MotionModel.SE2))
 
 
+HALF = 0.02
+"""rad from half a turn, at which headings do not tell which way round a leaf swings."""
+
+
 def swept(outline: Outline, first: Pose, last: Pose) -> list[tuple[float, float]]:
     """Return the corners of a convex area that holds an outline all the way from one pose to
-    another: it swings about the one point that stays where it is (a hinge), or slides where it does
-    not turn.
+    another: it swings about the one point that stays where it is (a hinge), the shorter way round
+    (either way, where both are as long), or slides where it does not turn.
     """
     ends = [complex(*first[:2]), complex(*last[:2])]
     turn = math.remainder(last[2] - first[2], math.tau)
@@ -74,9 +78,8 @@ def swept(outline: Outline, first: Pose, last: Pose) -> list[tuple[float, float]
         parts = 32  # each less than a tenth of a radian
         wide = 1 / math.cos(turn / parts / 2)  # what chords cut off the arcs
         leaf = [wide * (complex(x, y) - hinge) for x, y in placed(outline, first)]
-        swung = [
-            hinge + cmath.exp(1j * turn * k / parts) * z for k in range(parts + 1) for z in leaf
-        ]
+        steps = range(-parts if abs(turn) > math.pi - HALF else 0, parts + 1)
+        swung = [hinge + cmath.exp(1j * turn * k / parts) * z for k in steps for z in leaf]
         corners = [(z.real, z.imag) for z in swung]
     hull = MultiPoint(corners).convex_hull.exterior.coords
     return [(float(x), float(y)) for x, y in hull[:-1]]

@@ -132,9 +132,8 @@ class PathReport:
 
     ``blockers`` are names of obstacles that stood in the way: for ``IMPOSSIBLE`` a set such that
     the motion stays impossible while all of them rest where they are (empty: the map alone
-    forbids it). ``alternatives`` are the minimal sets of obstacles whose removal would lift the
-    *proof* (only for ``IMPOSSIBLE``). ``reason`` is for people; ``where`` is the number of the pose
-    that it speaks of (``None``: of the ways between them).
+    forbids it). ``reason`` is for people; ``where`` is the number of the pose that it speaks of
+    (``None``: of the ways between them).
 
     ``complete``: the planner finished its search, so the trajectory is the one that it takes for
     the fastest, on any machine. A search that its deadline cut short, or a motion that rests at a
@@ -144,7 +143,6 @@ class PathReport:
     outcome: Outcome
     trajectory: Trajectory | None = None
     blockers: frozenset[str] = frozenset()
-    alternatives: tuple[frozenset[str], ...] = ()
     reason: str = ""
     planner: str = ""
     seconds: float = 0.0

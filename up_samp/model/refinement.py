@@ -146,32 +146,20 @@ class Lasts:
         return f"{self.activity} lasts at least {self.at_least}"
 
 
-class Span(enum.Enum):
-    """Over which part of an activity something is required."""
-
-    TAIL = "in its last part"
-    WHOLE = "all the time"
-
-
 @dataclass(frozen=True)
 class Requires:
-    """``object`` is at none of ``configurations`` over a span of ``activity``.
-
-    ``WHOLE`` is [start + 1, end - 1] (changes at the very start and end do no harm; nothing is
-    asked of an activity that lasts one unit), ``TAIL`` is
-    [end - tail + 1, end] (or the end alone where ``tail`` is 0).
+    """``object`` is not at ``configuration`` while ``activity`` lasts (changes at its very start
+    and end do no harm, and nothing is asked of one that lasts one unit), or just ``at_end``.
     """
 
     activity: str
     object: str
-    configurations: frozenset[str]
-    span: Span = Span.WHOLE
-    tail: int = 0
+    configuration: str
+    at_end: bool = False
 
     def __str__(self) -> str:
-        when = f"in its last {self.tail} units" if self.span is Span.TAIL else self.span.value
-        places = ", ".join(sorted(self.configurations))
-        return f"{self.activity} needs {self.object} away from {places} {when}"
+        when = "in the end" if self.at_end else "all the time"
+        return f"{self.activity} needs {self.object} away from {self.configuration} {when}"
 
 
 @dataclass(frozen=True)

@@ -55,7 +55,6 @@ SECONDS = {
     "bounds": 2.0,
     "groups": 9.0,
     "knots": 5.0,
-    "search": 12.0,
     "planar": 4.0,
 }
 """Parts and about how long each takes (s of one processor, where other processes compile what it
@@ -64,10 +63,10 @@ shares with others); only the ratios count.
 
 PARTS = tuple(SECONDS)
 
-SEVERAL = ("groups", "knots", "search")
+SEVERAL = ("groups", "knots")
 """Parts that only problems with several moving bodies need."""
 
-SELDOM = ("knots", "search")
+SELDOM = ("knots",)
 """Parts that most problems with several moving bodies are solved without: a search that needs one
 compiles it then, and all deadlines stand still meanwhile.
 """

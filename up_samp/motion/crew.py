@@ -99,11 +99,11 @@ def store_legs(service: MotionService, queries: Sequence[LegQuery], found: Seque
 
 
 def coordinate_group(
-    service: MotionService, query: GroupQuery, method: str, seed: int, seconds: float
+    service: MotionService, query: GroupQuery, seed: int, seconds: float
 ) -> tuple[GroupReport, bool]:
     """Return the report on a group, and whether its time was up."""
     deadline = Deadline.after(seconds)
-    report = service.coordinate(query, deadline, method=method, seed=seed)
+    report = service.coordinate(query, deadline, seed=seed)
     return report, deadline.expired()
 
 
@@ -153,13 +153,12 @@ class Crew:
         queries: Sequence[GroupQuery],
         deadlines: Sequence[Deadline],
         *,
-        method: str,
         seed: int,
     ) -> list[tuple[GroupReport, bool] | None]:
         """Return the report on each group, and whether its time was up; None where there is none
         in time.
         """
-        return self._answers(coordinate_group, [(q, method, seed) for q in queries], deadlines)
+        return self._answers(coordinate_group, [(q, seed) for q in queries], deadlines)
 
     def _answers(
         self,

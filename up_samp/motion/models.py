@@ -29,7 +29,7 @@ _HOME = "up_samp.motion.planners"
 MODELS: dict[MotionModel, PlannedBy] = {
     MotionModel.REEDSSHEPP: PlannedBy(
         ("car", "RRTConnect"),
-        kernels=("paths", "shortcuts", "bounds", "groups", "knots", "search"),
+        kernels=("paths", "shortcuts", "bounds", "groups", "knots"),
         ompl=f"{_HOME}.ompl_planar:planar_leg",
     ),
     MotionModel.SE2: PlannedBy(

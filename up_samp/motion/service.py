@@ -103,7 +103,7 @@ class MotionService:
     def certificate(
         self, body: Body, poses: Sequence[Configuration], obstacles: Sequence[Placed]
     ) -> PathReport | None:
-        """Return a proof that the motion is impossible, with blockers and alternatives, or None."""
+        """Return a proof that the motion is impossible, with blockers, or None."""
         if body.flies or not self.proofs:
             return None
         began = time.monotonic()
@@ -156,16 +156,13 @@ class MotionService:
         query: GroupQuery,
         deadline: Deadline,
         *,
-        method: str = "ladder",
         seed: int | None = None,
     ) -> GroupReport:
-        """Find motions for a group that may meet, by one of the ``METHODS`` of
-        :mod:`up_samp.motion.fleet` (``seed``: the service's own by default).
-        """
+        """Find motions for a group that may meet (``seed``: the service's own by default)."""
         from up_samp.motion.fleet import coordinate
 
         seed = self.seed if seed is None else seed
-        return coordinate(self, query, deadline, seed=seed, method=method)
+        return coordinate(self, query, deadline, seed=seed)
 
 
 def _timed(report: PathReport, began: float) -> PathReport:

@@ -12,7 +12,6 @@ from up_samp.model import (
     Body,
     Configuration,
     Deadline,
-    FixedMotion,
     GroupQuery,
     Kinematics,
     MotionModel,
@@ -130,16 +129,6 @@ def compile_knots() -> None:
         for start, goal in (places, reversed(places))
     ]
     Joint(agents, [[False, True], [True, False]], 0.01).search(10_000, Deadline.never())
-
-
-def compile_search() -> None:
-    """Run ST-RRT* for one car around a mover, once."""
-    from up_samp.motion.fleet.strrt import sampled
-    from up_samp.motion.fleet.timed_path import fixed_run
-
-    mover = fixed_run(FixedMotion("west", "west", _BODY, _drive((11.0, 6.0, math.pi), (7, 6, 3))))
-    around = _motion("around", (2.0, 6.0, 0.0), (10.0, 6.0, 0.0))
-    sampled(Scene(_hall(), 0.01), around, (0.0, 8.0), (), [mover], Deadline.never())
 
 
 def compile_planar() -> None:

@@ -17,7 +17,6 @@ from up_samp.model.refinement import (
     Literal,
     Overlap,
     Requires,
-    Span,
     Statement,
     TimeRef,
 )
@@ -49,11 +48,8 @@ def _meets_requirement(statement: Requires, schedule: CandidateSchedule, places:
     if statement.activity not in schedule.times:
         return True
     start, end = schedule.times[statement.activity]
-    first, last = {
-        Span.WHOLE: (start + 1, end - 1),
-        Span.TAIL: (end - max(0, statement.tail - 1), end),
-    }[statement.span]
-    return not statement.configurations.intersection(places(statement.object, first, last))
+    first, last = (end, end) if statement.at_end else (start + 1, end - 1)
+    return statement.configuration not in places(statement.object, first, last)
 
 
 def _fits_place(statement: Exclusive, schedule: CandidateSchedule) -> bool:

@@ -25,7 +25,6 @@ from up_samp.model.refinement import (
     Overlap,
     Refinement,
     Requires,
-    Span,
     Strength,
     TimeRef,
     end_of,
@@ -84,13 +83,13 @@ def needs_open(activity: str, obstacle: str, configuration: str, why: str) -> Re
 
     Right only where nothing brings the obstacle back there (see :func:`blocked_while`).
     """
-    statement = Requires(activity, obstacle, frozenset({configuration}), Span.TAIL)
+    statement = Requires(activity, obstacle, configuration, at_end=True)
     return Refinement(statement, Layer.GEOMETRIC, Strength.PROVEN, why)
 
 
 def needs_away(activity: str, obstacle: str, configuration: str, why: str) -> Refinement:
     """State that a static obstacle must be elsewhere all the time."""
-    statement = Requires(activity, obstacle, frozenset({configuration}), Span.WHOLE)
+    statement = Requires(activity, obstacle, configuration)
     return Refinement(statement, Layer.GEOMETRIC, Strength.PROVEN, why)
 
 

@@ -1,7 +1,7 @@
 """Find "one at a time" in what users write pair by pair: cliques of pairs that are kept apart.
 
 ``Or(a.end + k <= b.start, b.end + k <= a.start)`` for every pair of a set of activities is one
-NoOverlap over intervals [start, end + k), or one token that they hand on. Pure functions on graphs.
+NoOverlap over intervals [start, end + k). Pure functions on graphs.
 """
 
 from __future__ import annotations

@@ -5,17 +5,19 @@ from __future__ import annotations
 import contextlib
 import os
 import pickle
-import select
 import shutil
 import signal
 import subprocess
 import tempfile
+import threading
 import time
 import weakref
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
 from typing import IO, Any
 
 from up_samp.model import Deadline, EngineError
-from up_samp.scheduling.worker import GRACE, LENGTH, ONE_WAIT, WorkerAnswer, WorkerTask, packed
+from up_samp.scheduling.worker import GRACE, ONE_WAIT, WorkerAnswer, WorkerTask
 from up_samp.system import child
 
 
@@ -33,15 +35,20 @@ class WorkerProcess:
     def __init__(self) -> None:
         self._folder = tempfile.mkdtemp(prefix="up-samp-")
         self._errors: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 (closed in _end)
+        to_read, self._tasks = Pipe(duplex=False)
+        self._answers, to_write = Pipe(duplex=False)
         self._process = subprocess.Popen(
             child.command(child.bare("up_samp.scheduling.worker")),
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
+            stdin=to_read.fileno(),
+            stdout=to_write.fileno(),
             stderr=self._errors,
             env=child.environment({"TMPDIR": self._folder, "TMP": self._folder}),
             start_new_session=True,
         )
-        self._end = weakref.finalize(self, _end, self._process, self._folder, self._errors)
+        to_read.close()
+        to_write.close()
+        streams = (self._tasks, self._answers, self._errors)
+        self._end = weakref.finalize(self, _end, self._process, self._folder, streams)
 
     @property
     def alive(self) -> bool:
@@ -56,10 +63,12 @@ class WorkerProcess:
             EngineError: the worker died.
         """
         try:
-            self._write(packed(task), deadline)
-            header = self._read(LENGTH.size, deadline)
-            answer: Any = pickle.loads(self._read(LENGTH.unpack(header)[0], deadline))
-        except (BrokenPipeError, EOFError) as error:
+            # a pipe holds little, and the worker may still be loading
+            data = pickle.dumps(task, protocol=pickle.HIGHEST_PROTOCOL)
+            threading.Thread(target=_send, args=(self._tasks, data), daemon=True).start()
+            _wait(self._answers, deadline)
+            answer: Any = self._answers.recv()
+        except (EOFError, OSError) as error:
             reason = self._reason()
             self.close()
             raise EngineError(f"the engine's process died ({reason})") from error
@@ -68,28 +77,6 @@ class WorkerProcess:
             raise
         assert isinstance(answer, WorkerAnswer)
         return answer
-
-    def _write(self, data: bytes, deadline: Deadline) -> None:
-        """Write a task. A pipe holds little, and the worker may still be loading."""
-        assert self._process.stdin is not None
-        descriptor = self._process.stdin.fileno()
-        os.set_blocking(descriptor, False)
-        rest = memoryview(data)
-        while rest:
-            _wait(descriptor, select.POLLOUT | select.POLLHUP, deadline)
-            rest = rest[os.write(descriptor, rest) :]
-
-    def _read(self, size: int, deadline: Deadline) -> bytes:
-        assert self._process.stdout is not None
-        descriptor = self._process.stdout.fileno()
-        data = b""
-        while len(data) < size:
-            _wait(descriptor, select.POLLIN | select.POLLHUP, deadline)
-            chunk = os.read(descriptor, size - len(data))
-            if not chunk:
-                raise EOFError
-            data += chunk
-        return data
 
     def _reason(self) -> str:
         with contextlib.suppress(subprocess.TimeoutExpired):
@@ -106,26 +93,29 @@ class WorkerProcess:
         self._end()
 
 
-def _wait(descriptor: int, event: int, deadline: Deadline) -> None:
-    """Wait until a pipe is ready.
+def _send(tasks: Connection, data: bytes) -> None:
+    with contextlib.suppress(OSError):  # who waits for the answer is told that the worker is gone
+        tasks.send_bytes(data)
+
+
+def _wait(answers: Connection, deadline: Deadline) -> None:
+    """Wait until there is an answer, or nobody to give one.
 
     Raises:
-        OverrunError: it is not until shortly after the deadline.
+        OverrunError: there is not until shortly after the deadline.
     """
-    waiting = select.poll()
-    waiting.register(descriptor, event)
     while True:
         left = deadline.remaining() + GRACE if deadline.at != float("inf") else None
         if deadline.expired():
             left = max(0.0, deadline.moment + GRACE - time.monotonic())
         once = None if left is None else min(left, ONE_WAIT)
-        if waiting.poll(None if once is None else 1000.0 * once):
+        if answers.poll(once):
             return
         if once == left:
             raise OverrunError("no answer by the deadline")
 
 
-def _end(process: subprocess.Popen[bytes], folder: str, errors: IO[bytes]) -> None:
+def _end(process: subprocess.Popen[bytes], folder: str, streams: tuple[Any, ...]) -> None:
     # once its end was taken in, another process may lead a group of that number: what the worker
     # left behind is found by its folder then
     if process.returncode is None:
@@ -133,8 +123,7 @@ def _end(process: subprocess.Popen[bytes], folder: str, errors: IO[bytes]) -> No
             os.killpg(process.pid, signal.SIGKILL)
         process.wait()
     child.end_all_with("TMPDIR", folder)  # servers in sessions of their own
-    for stream in (process.stdin, process.stdout, errors):
-        if stream is not None:
-            with contextlib.suppress(OSError):
-                stream.close()
+    for stream in streams:
+        with contextlib.suppress(OSError):
+            stream.close()
     shutil.rmtree(folder, ignore_errors=True)

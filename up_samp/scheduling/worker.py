@@ -1,9 +1,9 @@
 """Runs UP engines in a process of its own (started by ``process.WorkerProcess``).
 
 The parent sends a :class:`WorkerTask` and gets a :class:`WorkerAnswer` back, one after the other,
-as pickles with a length in front, over the worker's standard input and output (what an engine
-prints goes to standard error). When the parent goes away, however that happens, the worker ends its
-whole process group, removes its temporary folder and so leaves nothing behind.
+over the worker's standard input and output (what an engine prints goes to standard error). When the
+parent goes away, however that happens, the worker ends its whole process group, removes its
+temporary folder and so leaves nothing behind.
 """
 
 from __future__ import annotations
@@ -11,11 +11,9 @@ from __future__ import annotations
 import contextlib
 import importlib
 import os
-import pickle
 import queue
 import shutil
 import signal
-import struct
 import tempfile
 import threading
 import time
@@ -23,7 +21,8 @@ import traceback
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import IO, Any
+from multiprocessing.connection import Connection
+from typing import Any
 
 from unified_planning.grpc.proto_writer import ProtobufWriter
 from unified_planning.model.scheduling import SchedulingProblem
@@ -83,10 +82,6 @@ def slim_down(engine: Any, problem: SchedulingProblem, limit: int) -> None:
     engine._writer.convert(problem)
 
 
-LENGTH = struct.Struct("!Q")
-"""What stands in front of a value that is sent: how many bytes it has."""
-
-
 @dataclass(frozen=True)
 class WorkerTask:
     """Solve ``problem`` with the engine class ``module.name`` made with ``params``.
@@ -114,34 +109,6 @@ class WorkerAnswer:
     parameters: Mapping[str, Any] = field(default_factory=dict)
     message: str = ""
     seconds: float = 0.0
-
-
-def packed(value: object) -> bytes:
-    """Return a value as it is sent: with its length in front."""
-    data = pickle.dumps(value, protocol=pickle.HIGHEST_PROTOCOL)
-    return LENGTH.pack(len(data)) + data
-
-
-def send(stream: IO[bytes], value: object) -> None:
-    """Write a value with its length in front."""
-    stream.write(packed(value))
-    stream.flush()
-
-
-def receive(stream: IO[bytes]) -> Any:
-    """Read a value.
-
-    Raises:
-        EOFError: the other side is gone.
-    """
-    header = stream.read(LENGTH.size)
-    if len(header) < LENGTH.size:
-        raise EOFError
-    (length,) = LENGTH.unpack(header)
-    data = stream.read(length)
-    if len(data) < length:
-        raise EOFError
-    return pickle.loads(data)
 
 
 def engine_of(task: WorkerTask, known: dict[tuple[str, str, str], Any]) -> Any:
@@ -206,11 +173,11 @@ def _clean(folder: str) -> None:
             shutil.rmtree(entry.path) if entry.is_dir() else os.unlink(entry.path)
 
 
-def _read_tasks(stream: IO[bytes], tasks: queue.SimpleQueue[WorkerTask], folder: str) -> None:
+def _read_tasks(stream: Connection, tasks: queue.SimpleQueue[WorkerTask], folder: str) -> None:
     """Put what the parent sends into the queue; when it is gone, end the process group."""
     try:
         while True:
-            tasks.put(receive(stream))
+            tasks.put(stream.recv())
     except (EOFError, OSError):
         child.end_all_with("TMPDIR", folder)
         shutil.rmtree(folder, ignore_errors=True)
@@ -220,11 +187,11 @@ def _read_tasks(stream: IO[bytes], tasks: queue.SimpleQueue[WorkerTask], folder:
 def main() -> None:
     """Serve tasks until the parent closes the worker's standard input."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
-    answers = os.fdopen(os.dup(1), "wb")
+    answers = Connection(os.dup(1), readable=False)
     os.dup2(2, 1)
     tasks: queue.SimpleQueue[WorkerTask] = queue.SimpleQueue()
     folder = tempfile.gettempdir()
-    stdin = os.fdopen(os.dup(0), "rb")
+    stdin = Connection(os.dup(0), writable=False)
     threading.Thread(target=_read_tasks, args=(stdin, tasks, folder), daemon=True).start()
     import unified_planning.shortcuts as shortcuts
 
@@ -233,4 +200,4 @@ def main() -> None:
     while True:
         answer = run(tasks.get(), engines)
         _clean(folder)
-        send(answers, answer)
+        answers.send(answer)

@@ -63,7 +63,7 @@ CheckAlone = Callable[["Checker", Itinerary, ScheduledMotion, Check], list[Refin
 @dataclass(frozen=True)
 class Checker:
     """Checks candidates. ``layers`` look at each motion alone, in order, until one finds something;
-    ``method`` is the group planner. ``thorough``: groups are driven also where a motion alone does
+    ``thorough``: groups are driven also where a motion alone does
     not fit (repairs need that).
     """
 
@@ -72,7 +72,6 @@ class Checker:
     cuts: Cuts
     layers: tuple[CheckAlone, ...]
     tell: Telling
-    method: str = "ladder"
     thorough: bool = True
     seed: int = 0
 
@@ -185,7 +184,7 @@ class Checker:
         self.tell.stage(Phase.GROUP, count=sum(len(q.motions) for q in queries))
         deadlines = [self.motions.budget.group(len(q.motions)) for q in queries]
         seed = self.seed + self.knowledge.history.restarts
-        answers = crew.coordinate(queries, deadlines, method=self.method, seed=seed)
+        answers = crew.coordinate(queries, deadlines, seed=seed)
         return {
             _names(query): answer
             for query, answer in zip(queries, answers, strict=True)
@@ -200,7 +199,7 @@ class Checker:
             self.tell.stage(Phase.GROUP, count=len(query.motions))
         deadline = self.motions.budget.group(len(query.motions))
         seed = self.seed + self.knowledge.history.restarts
-        report = self.motions.service.coordinate(query, deadline, method=self.method, seed=seed)
+        report = self.motions.service.coordinate(query, deadline, seed=seed)
         return report, deadline.expired()
 
     def rejected(self, itinerary: Itinerary, found: Sequence[Refinement]) -> bool:

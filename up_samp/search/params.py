@@ -19,9 +19,6 @@ if TYPE_CHECKING:
     from up_samp.search.search import Components
     from up_samp.tuning import Tuning
 
-GROUP_PLANNERS = {"default": "ladder", "ladder": "ladder", "st-rrt*": "st-rrt*"}
-"""Group planners by parameter: our ladder, or the paper's ST-RRT* for one robot after the other."""
-
 
 @dataclass(frozen=True)
 class Parameters:
@@ -72,7 +69,6 @@ class Parameters:
     without. The caller ends it.
     """
     path_planner: str = "default"
-    group_planner: str = "default"
 
     refine: bool = True
     """Learn from failed checks (off: the sequential pipeline of schedule, then motions)."""
@@ -99,15 +95,10 @@ class Parameters:
 
     def __post_init__(self) -> None:
         self._check_types()
-        planners = ", ".join(GROUP_PLANNERS)
         for message, wrong in (
             (_unknown(self.preset), self.preset not in {**PRESETS, **ABLATIONS}),
             ("parameter 'seconds_per_unit' must be positive", self.seconds_per_unit <= 0),
             ("parameter 'query_seconds' must be positive", self.query_seconds <= 0),
-            (
-                f"unknown group planner '{self.group_planner}' (known: {planners})",
-                self.group_planner.lower() not in GROUP_PLANNERS,
-            ),
             ("'optimal' and 'first_plan' ask for different things", self.optimal & self.first_plan),
             ("parameter 'margin' must not be negative", self.margin < 0),
             ("parameter 'patience' must not be negative", not self.patience >= 0),
@@ -146,7 +137,7 @@ _KINDS: Mapping[str, tuple[Callable[[Any], bool], str]] = {
     "patience": (_of(int, float), "a number"),
     **dict.fromkeys(("seed", "max_restarts"), (_of(int), "a whole number")),
     **dict.fromkeys(
-        ("preset", "path_planner", "group_planner", "cache", "trace"),
+        ("preset", "path_planner", "cache", "trace"),
         (_of(str, os.PathLike), "a text"),
     ),
     **dict.fromkeys(("progress", "stop"), (callable, "a function")),
@@ -175,11 +166,7 @@ _ALL_OFF = dict.fromkeys(
 
 PRESETS: Mapping[str, Mapping[str, Any]] = {
     "default": {},
-    "paper": {
-        **_ALL_OFF,
-        "path_planner": "RRT",
-        "group_planner": "ST-RRT*",
-    },
+    "paper": {**_ALL_OFF, "path_planner": "RRT"},
     "sequential": {"refine": False, **_ALL_OFF},
 }
 

@@ -38,7 +38,7 @@ from up_samp.search.history import READING, History, Stages
 from up_samp.search.knowledge import Bounds, Incumbent, Knowledge
 from up_samp.search.loop import solve
 from up_samp.search.motions import Motions
-from up_samp.search.params import GROUP_PLANNERS, Parameters
+from up_samp.search.params import Parameters
 from up_samp.search.presets import components_of
 from up_samp.search.proof import Prover
 from up_samp.search.resolve import start_of
@@ -268,7 +268,6 @@ def assemble(
             components.cuts,
             components.layers,
             tell,
-            method=GROUP_PLANNERS[params.group_planner.lower()],
             thorough=bool(components.repairs),
             seed=params.seed,
         ),

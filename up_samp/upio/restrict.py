@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Collection
+from typing import TypeVar
 
 from unified_planning.model import FNode
 from unified_planning.model.motion import MotionActivity, SchedulingMotionProblem
-from unified_planning.model.scheduling import Activity, SchedulingProblem
+from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.model.scheduling.chronicle import Chronicle
 
 from up_samp.model import CandidateSchedule
@@ -15,6 +16,8 @@ from up_samp.model.snapshot import Snapshot
 from up_samp.upio.expressions import Decided, walk
 from up_samp.upio.objective import objective_of, only_makespan
 from up_samp.upio.relaxation import Relaxation
+
+Problem = TypeVar("Problem", bound=SchedulingProblem)
 
 
 def restrict(
@@ -54,20 +57,16 @@ def _hold_static(snapshot: Snapshot, problem: SchedulingProblem) -> None:
     activities = {a.name: a for a in problem.activities}
     manager = problem.environment.expression_manager
     tasks = [t for t in snapshot.tasks if t.activity in activities]
+    # who changes what, from when on
+    changes = [(frozenset((c.object,)), activities[c.activity], False)
+               for c in snapshot.changes if c.activity in activities]  # fmt: skip
+    changes += [(t.moved, activities[t.activity], True) for t in tasks]
     for task in tasks:
         one = activities[task.activity]
-        for change in snapshot.changes:
-            if change.object in (task.static or ()) and change.activity in activities:
-                other = activities[change.activity]
-                apart = manager.Or(manager.LE(other.end, one.start), manager.LE(one.end, other.end))
-                problem.add_constraint(apart, [a.present for a in (one, other) if a.optional])
-        for drive in tasks:
-            moved = {drive.object, *(ride.load for ride in drive.rides)}
+        for moved, other, drives in changes:
             if moved & (task.static or frozenset()):
-                other = activities[drive.activity]
-                apart = manager.Or(
-                    manager.LE(other.end, one.start), manager.LE(one.end, other.start)
-                )
+                begins = other.start if drives else other.end
+                apart = manager.Or(manager.LE(other.end, one.start), manager.LE(one.end, begins))
                 problem.add_constraint(apart, [a.present for a in (one, other) if a.optional])
 
 
@@ -78,19 +77,7 @@ def restricted(
     that are ``free``), others gone.
     """
     source = relaxation.problem
-    target = source.clone()
-    fix = PresenceFixer(source, schedule, free)
-    target._activities = []
-    for activity in source.activities:
-        if activity.name not in schedule.times:
-            continue
-        optional = activity.optional and activity.name in free
-        copy = Activity(activity.name, 1, optional, _env=source.environment)
-        activity._clone_to(copy)
-        copy._duration = activity.duration
-        fix.constraints(activity, copy)
-        target._activities.append(copy)
-    fix.constraints(source._base, target._base)
+    target, fix = _left_of(source, schedule.times.keys(), free)
     if not only_makespan(source):
         objective = objective_of(source)
         assert objective is not None
@@ -99,17 +86,52 @@ def restricted(
     return target
 
 
+def thinned(problem: SchedulingMotionProblem, keep: Collection[str]) -> SchedulingMotionProblem:
+    """Return a problem without the optional activities that are not in ``keep``: they are absent.
+
+    Each of its schedules is one of ``problem``.
+    """
+    names = {a.name for a in problem.activities if not a.optional or a.name in keep}
+    target, _ = _left_of(problem, names, names)
+    return target
+
+
+def _left_of(
+    problem: Problem, present: Collection[str], free: Collection[str]
+) -> tuple[Problem, PresenceFixer]:
+    """Return a problem without the activities that are not ``present``, of which the ``free`` ones
+    stay optional, and what tells what is left of expressions. It takes time in proportion to what
+    is left, and to the number of activities.
+    """
+    hollow = copy.copy(problem)
+    hollow._activities = []
+    if isinstance(hollow, SchedulingMotionProblem):
+        hollow._motion_activities = []
+    target = hollow.clone()
+    fix = PresenceFixer(problem, present, free)
+    for activity in problem.activities:
+        if activity.name not in present:
+            continue
+        kept = activity.clone()
+        if kept.optional and kept.name not in free:
+            kept._optional, kept._present = False, fix.manager.TRUE()
+        fix.constraints(activity, kept)
+        target._activities.append(kept)
+        if isinstance(kept, MotionActivity):
+            target._motion_activities.append(kept)
+    fix.constraints(problem._base, target._base)
+    return target, fix
+
+
 class PresenceFixer(Decided):
     """Replaces presence by constants and drops what speaks of absent activities: their starts,
     ends and parameters have no value.
     """
 
-    def __init__(
-        self, problem: SchedulingProblem, schedule: CandidateSchedule, free: frozenset[str]
-    ):
+    def __init__(self, problem: SchedulingProblem, present: Collection[str], free: Collection[str]):
         super().__init__(problem.environment)
         self.free = {a.name for a in problem.activities if a.optional and a.name in free}
-        self.present = set(schedule.times)
+        self.present = set(present)
         gone = [a for a in problem.activities if a.name not in self.present]
         self.gone = {a.name for a in gone}
         self.gone_parameters = {p.name for a in gone for p in a.parameters}
@@ -153,29 +175,3 @@ class PresenceFixer(Decided):
             or (node.is_parameter_exp() and node.parameter().name in self.gone_parameters)
             for node in walk(expression)
         )
-
-
-# ------------------ A problem with some of its optional activities only
-
-
-def thinned(problem: SchedulingMotionProblem, keep: Collection[str]) -> SchedulingMotionProblem:
-    """Return a problem without the optional activities that are not in ``keep``: they are absent.
-
-    Each of its schedules is one of ``problem``. It takes time in proportion to what is left, and
-    to the number of activities.
-    """
-    names = {a.name for a in problem.activities if not a.optional or a.name in keep}
-    hollow = copy.copy(problem)
-    hollow._activities, hollow._motion_activities = [], []
-    target = hollow.clone()
-    present = CandidateSchedule(dict.fromkeys(names, (0, 0)))
-    fix = PresenceFixer(problem, present, frozenset(names))
-    for activity in problem.activities:
-        if activity.name in names:
-            kept = activity.clone()
-            fix.constraints(activity, kept)
-            target._activities.append(kept)
-            if isinstance(kept, MotionActivity):
-                target._motion_activities.append(kept)
-    fix.constraints(problem._base, target._base)
-    return target

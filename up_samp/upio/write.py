@@ -7,9 +7,7 @@ from typing import Any
 
 from unified_planning.model import FNode, Timing
 from unified_planning.model.scheduling import Activity
-from unified_planning.model.timing import (
-    ClosedTimeInterval,
-)
+from unified_planning.model.timing import TimePointInterval
 
 from up_samp.model.refinement import (
     Absent,
@@ -23,7 +21,6 @@ from up_samp.model.refinement import (
     Overlap,
     Refinement,
     Requires,
-    Span,
     TimeRef,
 )
 from up_samp.upio.relaxation import Relaxation
@@ -76,16 +73,11 @@ def _write_requires(relaxation: Relaxation, requires: Requires) -> None:
     manager = relaxation.problem.environment.expression_manager
     activity = relaxation.activities[requires.activity]
     early = relaxation.early[requires.object]
-    end = Timing(-early, activity.end)
-    if requires.span is Span.WHOLE:
-        span = inner(activity, early)
-    else:
-        first = Timing(-max(0, requires.tail - 1) - early, activity.end)
-        span = ClosedTimeInterval(first, end)
-    state = relaxation.state[requires.object]
-    for name in sorted(requires.configurations):
-        place = manager.ObjectExp(relaxation.problem.object(name))
-        activity.add_condition(span, manager.Not(manager.Equals(state, place)))
+    end = TimePointInterval(Timing(-early, activity.end))
+    span = end if requires.at_end else inner(activity, early)
+    place = manager.ObjectExp(relaxation.problem.object(requires.configuration))
+    away = manager.Not(manager.Equals(relaxation.state[requires.object], place))
+    activity.add_condition(span, away)
 
 
 def _write_exclusive(relaxation: Relaxation, place: Exclusive) -> None:

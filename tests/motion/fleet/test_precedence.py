@@ -148,6 +148,6 @@ def corridor(leaf, seconds=20.0):
 
 def test_who_goes_first_does_not_decide_where_something_else_comes_or_goes():
     """Who waits for a leaf at its start is in the other one's way; it might wait on its way."""
-    assert not corridor("leaf", seconds=4.0).exhaustive  # it tries other orders until then
+    assert not corridor("leaf", seconds=2.0).exhaustive  # it tries other orders until then
     assert corridor("none").exhaustive
     assert corridor("crate").exhaustive

@@ -208,34 +208,8 @@ def test_earliest_arrival_among_movers():
     assert clearance([a, motion("b", (20, 2.5, UP), (20, 9.5, UP))], both) > 0
 
 
-def test_one_after_the_other_by_st_rrt_star():
-    service = MotionService(room(30, 12, [(1, 1, 29, 11)]))
-    motions = [motion("a", (3, 6, 0), (27, 6, 0)), motion("b", (27, 6, math.pi), (3, 6, math.pi))]
-    query = GroupQuery(tuple(motions))
-    report = coordinate(service, query, Deadline.after(120), seed=1, method="st-rrt*")
-    judge(report, motions)
-    again = coordinate(service, query, Deadline.after(120), seed=1, method="st-rrt*")
-    assert (again.trajectories["b"].poses == report.trajectories["b"].poses).all()
-    with pytest.raises(ValueError, match="method"):
-        coordinate(service, query, Deadline.after(1), method="magic")
-
-
 LONG = (1, 1, 99, 3)
 BAY = (49, 1, 52, 6.5)
-
-
-def test_three_in_a_dead_end_are_moved_together():
-    # no order works: the first has far to go to the bay, and both others must wait for it
-    service = MotionService(room(100, 8, [LONG, BAY]))
-    motions = [
-        motion("a", (3, 2, 0), (97, 2, 0)),
-        motion("b", (93, 2, math.pi), (3, 2, math.pi)),
-        motion("c", (96.8, 2, math.pi), (6, 2, math.pi)),
-    ]
-    report = solve(service, motions)
-    judge(report, motions)
-    assert max(t.poses[:, 1].max() for t in report.trajectories.values()) > 3.5
-    assert solve(service, motions).trajectories.keys() == report.trajectories.keys()
 
 
 def test_coupling_heeds_what_comes_by():

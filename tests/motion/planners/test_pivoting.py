@@ -75,7 +75,7 @@ def test_it_turns_drives_and_turns():
     assert back.duration == pytest.approx(drive, abs=1e-6)  # backwards, without turning round
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(
     st.tuples(st.floats(1, 6), st.floats(1, 6), st.floats(-3, 3)),
     st.tuples(st.floats(9, 15), st.floats(1, 6), st.floats(-3, 3)),

@@ -13,7 +13,7 @@ from tests.scheduling import problems
 from up_samp.model import CandidateSchedule, Deadline, UnsupportedError
 from up_samp.scheduling.adapters import _engine_class
 from up_samp.scheduling.compilers.constraints import compile_differences
-from up_samp.scheduling.compilers.exclusion import compile_resources, compile_tokens, find_cliques
+from up_samp.scheduling.compilers.exclusion import compile_resources
 from up_samp.scheduling.compilers.fluents import compile_ground
 from up_samp.scheduling.compilers.intervals import compile_dense, compile_stillness, compile_support
 from up_samp.scheduling.compilers.optional import compile_optional
@@ -75,38 +75,6 @@ def test_comparisons_with_an_absent_activity_ask_nothing():
         activity("a", optional=True), activity("b"), constraints=(("lt", end("a"), start("b")),)
     )
     assert texts(compile_differences(problem)) == ["or(not(present(a)), le(a.end + 1, b.start))"]
-
-
-def apart(a, b):
-    return ("or", ("lt", end(a), start(b)), ("lt", end(b), start(a)))
-
-
-def test_a_clique_becomes_one_token():
-    names = [f"a{i}" for i in range(6)]
-    constraints = tuple(apart(a, b) for i, a in enumerate(names) for b in names[:i])
-    normal = compile_differences(of(*map(activity, names), constraints=constraints)).problem
-    assert len(normal.constraints) == 15
-    compiled = compile_tokens(normal).problem
-    assert compiled.constraints == ()
-    assert len(compiled.effects) == len(compiled.conditions) == 6
-
-
-def test_activities_without_duration_keep_their_disjunctions():
-    names = ["a", "b", "c"]
-    loose = [
-        ("or", ("le", end(a), start(b)), ("le", end(b), start(a)))
-        for a, b in (("a", "b"), ("a", "c"), ("b", "c"))
-    ]
-    problem = of(*(activity(n, 0, 2) for n in names), constraints=tuple(loose))
-    assert len(compile_tokens(compile_differences(problem).problem).problem.constraints) == 3
-
-
-def test_cliques_cover_overlapping_groups():
-    order = list("abcdef")
-    groups = ["abcd", "cdef"]
-    pairs = {(x, y): 0 for g in groups for x in g for y in g if x < y}
-    covered = {(x, y) for c, _ in find_cliques(pairs, order) for x in c for y in c if x < y}
-    assert covered == set(pairs)
 
 
 def test_static_fluents_become_their_values():

@@ -192,14 +192,14 @@ FOUND = (1210, 1396)
 plan's end; an optional activity's condition from its end to a time counted from its start."""
 
 
-def compare(engine, problems):
+def compare(engine, problems, seconds=20.0):
     """Return by name what is wrong, and which of the problems were solved."""
     wrong, solved = {}, []
     quirks = quirks_of(_engine_class(engine, problems[0].environment))
     with open_scheduler(engine, problems[0], check=check) as scheduler:
         for problem in problems:
             scheduler._problem, best = problem, brute_force(problem, HORIZON)
-            report = scheduler.solve(Deadline.after(20.0))
+            report = scheduler.solve(Deadline.after(seconds))
             exact = chain(read_problem(problem), compilers_for(quirks)).exact
             why = _wrong(report, best, exact)
             if why is not None:
@@ -225,7 +225,7 @@ def _wrong(report, best, exact):
 
 @pytest.mark.parametrize("engine", [e for e in ENGINES if e != "aries"])
 def test_what_effects_renew_is_not_lost(engine):
-    wrong, solved = compare(engine, [*CLASSES, *map(drawn, (*range(12), *FOUND))])
+    wrong, solved = compare(engine, [*CLASSES, *map(drawn, (*range(12), *FOUND))], 6.0)
     assert wrong == {}
     assert all(solved[: len(CLASSES)])
 

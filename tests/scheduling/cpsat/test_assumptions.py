@@ -440,17 +440,16 @@ BROKEN = {
     "with_openings": [doors_of_two_kinds, a_door_that_somebody_shuts],
     "opened_once": [a_door_with_two_uses, doors_of_two_kinds],
     "find_levels": [a_battery_that_is_filled_by_others],
-    "PrecedenceClosure": [in_any_order_but_one],
+    "precedence_closure": [in_any_order_but_one],
     "find_work": [something_beside_the_routes],
     "find_tasks": [one_alternative_needs_no_place, fleet(*LINE), fleet(*LINE, seed=3)],
     "lanes": [fleet(*LINE, alone="uses"), lambda: pair()[0].done()],
     "bound_by_work": [one_alternative_needs_no_place, none_need_be_made],
     "bound_by_assignment": [fleet((3,), (9, 9 + 3), (2, 4), ((0,), (0,)), home=True)],
     "of": [fleet(*LINE, extra=2), fleet((3, 30), (9, 21), (2, 4), ((0, 1), (1,)))],
-    "with_lefts": [],
     "only_tightened": [],
 }
-"""Recogniser -> problems in which what it assumes does not hold. The last two are about what is
+"""Recogniser -> problems in which what it assumes does not hold. The last one is about what is
 kept from one solve to the next: ``test_what_is_kept_...``."""
 
 

@@ -134,7 +134,7 @@ def test_ctrl_c_is_passed_on():
     )
     with process:
         assert process.stdout.readline().strip() == "go" or process.stdout.readline()
-        time.sleep(4)
+        time.sleep(2)
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=40)
     assert "KeyboardInterrupt" in errors

@@ -1,10 +1,9 @@
 """What a session keeps of bounds from one solve to the next holds when the problem is tightened.
 
 Between two solves durations get longer, some activities are stated never to happen, and cuts are
-learned. How long what is left of a set of tasks takes at least is remembered all along.
+learned.
 """
 
-import copy
 import random
 
 import pytest
@@ -15,15 +14,8 @@ from tests.scheduling.cpsat.sites import shop
 from tests.scheduling.cpsat.styles import Style
 from up_samp.model import Deadline, ScheduleStatus
 from up_samp.scheduling.cpsat import CpsatSession
-from up_samp.scheduling.cpsat.model import ScheduleModel
-from up_samp.scheduling.cpsat.routing.detection import find_routes
-from up_samp.scheduling.cpsat.routing.dispatch import find_work
-from up_samp.scheduling.cpsat.routing.workload import bound_by_work, with_lefts
-from up_samp.scheduling.cpsat.tuning import CpsatTuning
 
 SETTLED = (ScheduleStatus.OPTIMAL, ScheduleStatus.INFEASIBLE)
-TUNING = CpsatTuning(unaided=0)
-"""What is left is looked at from the first label on."""
 
 
 def tighten(problem, rng):
@@ -43,29 +35,17 @@ def tighten(problem, rng):
         problem.add_constraint(apart, [a.present for a in (one, other) if a.optional])
 
 
-def rules_of(problem):
-    """Return what sequences of a problem's tasks obey, ``None`` where there is no such bound."""
-    model = ScheduleModel(problem)
-    routes = find_routes(model)
-    work = find_work(model, routes) if routes else None
-    found = None if work is None else bound_by_work(model, work)
-    return None if found is None or found.sequences is None else found.sequences.rules
-
-
 def solve(session):
     return session.solve(Deadline.after(60.0), optimal=True)
 
 
 def followed(problem, seed, times=3):
-    """Tighten a problem again and again, solve it in one session and afresh, and compare; return
-    how many sets of tasks something was remembered of.
-    """
+    """Tighten a problem again and again, solve it in one session and afresh, and compare."""
     rng = random.Random(seed)
-    session = CpsatSession(problem, workers=1, tuning=TUNING)
-    kept = 0
+    session = CpsatSession(problem, workers=1)
     for turn in range(times):
         mine = solve(session)
-        truth = solve(CpsatSession(problem, workers=1, tuning=TUNING))
+        truth = solve(CpsatSession(problem, workers=1))
         case = f"seed {seed}, turn {turn}"
         assert mine.status is truth.status, case
         assert mine.status in SETTLED, case
@@ -74,20 +54,12 @@ def followed(problem, seed, times=3):
         best = truth.schedule.makespan
         assert mine.schedule.makespan == best, case
         assert session.bound <= best, case
-        rules = rules_of(problem)
-        if rules is not None:
-            memory = copy.deepcopy(session._memory)
-            remembered = with_lefts(rules, 10**6, Deadline.never(), memory).lefts
-            afresh = with_lefts(rules, 10**6, Deadline.never()).lefts
-            assert (remembered <= afresh).all(), case
-            kept += sum(map(len, session._memory.values()))
         tighten(problem, rng)
-    return kept
 
 
 @pytest.mark.parametrize("seed", range(2))
 def test_what_is_remembered_holds_for_what_is_tightened(seed):
-    assert followed(Still(*gated(4000 + seed)).problem, seed) > 0
+    followed(Still(*gated(4000 + seed)).problem, seed)
 
 
 @pytest.mark.long
@@ -101,4 +73,4 @@ def test_what_is_remembered_holds_for_much_that_is_tightened(block):
 @pytest.mark.parametrize("seed", range(6))
 def test_what_is_remembered_holds_for_shops_that_are_tightened(seed):
     shops = Still(shop(2, 2, 2, seed=seed), Style(), seed % 3, narrow=True)
-    assert followed(shops.problem, seed) > 0
+    followed(shops.problem, seed)

@@ -185,7 +185,7 @@ def test_errors_in_callbacks_come_out():
 
 
 def test_interrupting_stops_the_search():
-    session = CpsatSession(travels(places=9, visits=30), workers=1)
+    session = CpsatSession(travels(places=7, visits=20), workers=1)
     timer = threading.Timer(1.0, session.interrupt)
     timer.start()
     started = time.monotonic()

@@ -20,14 +20,13 @@ from up_samp.model import (
     GroupReport,
     Outcome,
     TimedMotion,
-    UnsupportedError,
     avoids,
 )
 from up_samp.model.arrays import IntArray
 from up_samp.motion.budget import WorkBudget
 from up_samp.motion.fleet.detours import pass_by
 from up_samp.motion.fleet.neighbourhoods import MovingGroup, Runs, first_runs, improve
-from up_samp.motion.fleet.one_robot import Attempt, failed, nothing, plan_one, sample_one
+from up_samp.motion.fleet.one_robot import Attempt, failed, nothing, plan_one
 from up_samp.motion.fleet.paths import TIMES, Path
 from up_samp.motion.fleet.timed_path import TimedPath, fixed_run
 from up_samp.motion.fleet.together import couple
@@ -84,8 +83,6 @@ def order_decides(
 
 Pair = tuple[str, str]
 
-METHODS = ("ladder", "st-rrt*")
-
 FEW, MUCH = 12, 1.5
 """Where fewer motions take so many times as long as alone, as much is tried as for so many."""
 
@@ -105,34 +102,24 @@ def coordinate(
     deadline: Deadline,
     *,
     seed: int = 0,
-    method: str = "ladder",
 ) -> GroupReport:
     """Find trajectories for all motions of ``query`` that keep clear of each other, of what rests
     and of what is already decided; late if there is no other way found.
 
-    ``method``: "ladder", or "st-rrt*" as in the paper: one robot after the other by ST-RRT* among
-    those before it, without other priorities, for bodies in the plane.
     Deterministic for a ``seed`` as long as the ``deadline`` does not cut it short.
     """
-    if method not in METHODS:
-        raise ValueError(f"method must be one of {', '.join(METHODS)}, not {method!r}")
-    bodies = [m.body for m in query.motions] + [m.body for m in query.fixed]
-    if method != "ladder" and any(body.flies for body in bodies):
-        raise UnsupportedError(f"the method '{method}' is for planar bodies; one here is SE3")
     workspace = workspace_of(service)
     truncated = workspace.truncated
-    report = _coordinated(workspace, query, deadline, seed, method)
+    report = _coordinated(workspace, query, deadline, seed)
     whole = not deadline.expired() and workspace.truncated == truncated
     return replace(report, complete=whole)
 
 
 def _coordinated(
-    workspace: Workspace, query: GroupQuery, deadline: Deadline, seed: int, method: str
+    workspace: Workspace, query: GroupQuery, deadline: Deadline, seed: int
 ) -> GroupReport:
     began = time.monotonic()
     group = _group_of(workspace, query, deadline)
-    if method == "st-rrt*":
-        return _one_by_one(group, seed, began)
     alone, attempt, name = _alone(group)
     if len(alone) < len(group.motions):
         return _hopeless(name, attempt, deadline, time.monotonic() - began)
@@ -356,28 +343,6 @@ def _is_tried_out(group: MovingGroup, alone: Runs) -> bool:
         len(group.workspace.forbidden(path, m.object, m.avoid, group.world))
         for m, path in zip((one, other), paths, strict=True)
     )
-
-
-def _one_by_one(group: MovingGroup, seed: int, began: float) -> GroupReport:
-    """Plan one motion after the other by ST-RRT*, each among those before it."""
-    runs: dict[str, TimedPath] = {}
-    for name in group.order:
-        motion, window = group.motions[name], group.window(name, runs)
-        others = [*group.world, *runs.values()]
-        attempt = sample_one(group.workspace, motion, window, others, group.deadline, seed)
-        group.passed |= attempt.met
-        if attempt.run is None:
-            return GroupReport(
-                nothing(group.deadline),
-                conflict=frozenset({*runs, name}),
-                blockers=_resting(group),
-                reason=f"{name}: ST-RRT* found no way among those before it",
-                seconds=time.monotonic() - began,
-            )
-        runs[name] = attempt.run
-    group.best = runs
-    conflict = frozenset(runs) if _is_bad(group) else frozenset()
-    return _report(group, conflict, time.monotonic() - began)
 
 
 def _is_bad(group: MovingGroup) -> bool:

@@ -12,8 +12,6 @@ import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from up_samp.model import (
     Deadline,
     FixedMotion,
@@ -21,10 +19,8 @@ from up_samp.model import (
     PathReport,
     Placed,
     TimedMotion,
-    UnsupportedError,
 )
 from up_samp.motion.fleet.detours import is_good, met_at_full_speed, with_detours, with_lanes
-from up_samp.motion.fleet.flyers import met_by
 from up_samp.motion.fleet.paths import Path
 from up_samp.motion.fleet.speed import Window, fit, parked_all_the_time
 from up_samp.motion.fleet.timed_path import TimedPath, fixed_run
@@ -71,40 +67,6 @@ def plan_one(
     return Attempt(best, None, frozenset(o.object for o, _, _ in met))
 
 
-def sample_one(
-    workspace: Workspace,
-    motion: TimedMotion,
-    window: Window,
-    others: Sequence[TimedPath],
-    deadline: Deadline,
-    seed: int = 0,
-) -> Attempt:
-    """Return a safe run of a car's ``motion`` by ST-RRT* alone, its speed tuned afterwards."""
-    from up_samp.motion.fleet.strrt import sampled
-
-    if not motion.body.mobility.steers or len(motion.poses) != 2:
-        raise UnsupportedError(
-            f"ST-RRT* plans cars from one pose to another; '{motion.name}' is something else"
-        )
-    best: TimedPath | None = None
-    static = parked_all_the_time(motion, others)
-    times = window.release, _goal_free(workspace, motion, others)
-    scene = workspace.scene
-    seen = met_by(motion.body, static)
-    found = sampled(scene, motion, times, seen, others, deadline, seed) if scene else []
-    for path in found:
-        best = fit(workspace, motion, window, path, others, best)
-    return Attempt(best, None, frozenset(placed.name for placed in static))
-
-
-def _goal_free(workspace: Workspace, motion: TimedMotion, others: Sequence[TimedPath]) -> float:
-    """Return when (s) the last of ``others`` has left the last pose, so far as it stays there."""
-    rest = workspace.resting(motion.body, motion.poses[-1])
-    rows = workspace.forbidden(rest, motion.object, motion.avoid, others)
-    rows = rows[(rows[:, 0] == 1) & (rows[:, 1] < motion.present_until)]
-    return float(np.max(rows[:, 2], initial=-math.inf))
-
-
 def _lasts(placed: Placed, others: Iterable[TimedPath]) -> bool:
     return any(
         o.object == placed.name and o.path.cells == 0 and o.until == math.inf for o in others
@@ -138,7 +100,6 @@ def earliest_arrival(
     return PathReport(
         failed(attempt, deadline),
         blockers=attempt.met,
-        alternatives=report.alternatives if report else (),
         reason=report.reason if report else "no safe timing or detour found",
         planner="space-time",
         seconds=seconds,

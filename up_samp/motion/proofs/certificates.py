@@ -13,7 +13,7 @@ statements about whole cells: rounding to the grid never makes a false proof.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
@@ -36,7 +36,7 @@ from up_samp.model import (
 )
 from up_samp.model.arrays import BoolArray, Int32Array, IntArray
 from up_samp.motion.proofs.heading_slices import separated
-from up_samp.motion.proofs.regions import MOST_ALTERNATIVES, Regions, box_of, links_of, mark_blocked
+from up_samp.motion.proofs.regions import Regions, box_of, links_of, mark_blocked
 
 
 class Certifier:
@@ -73,51 +73,45 @@ class Certifier:
             if self.scene.grid is not None and not self.scene.map_free(body, pose):
                 where = ", ".join(f"{v:g}" for v in pose[:3])
                 reason = f"the configuration ({where}) collides with the map"
-                return replace(_impossible(reason, (), ()), where=k)
+                return replace(_impossible(reason, ()), where=k)
+        apart = self._apart(body, poses, obstacles)
+        if frozenset() in apart:
+            return _impossible("no free way between the configurations on the map", ())
         hit = [
-            frozenset(p.name for p in obstacles if self.scene.overlap(body, at, p.body, p.pose))
-            for at in poses
+            (p.name, k)
+            for k, at in enumerate(poses)
+            for p in obstacles
+            if self.scene.overlap(body, at, p.body, p.pose)
         ]
-        must = frozenset().union(*hit)
-        gaps = self._gaps(body, poses, obstacles)
-        if gaps is None:
-            return _impossible("no free way between the configurations on the map", (), ())
-        if must:
-            blocker = min(must)
-            ways = _minimal([must | way for way in gaps] if gaps else [must])
-            k = next(k for k, names in enumerate(hit) if blocker in names)
+        if hit:
+            blocker, k = min(hit)
             where = ", ".join(f"{v:g}" for v in poses[k][:3])
             reason = f"the configuration ({where}) collides with '{blocker}'"
-            return replace(_impossible(reason, (blocker,), ways), where=k)
-        if not gaps:
+            return replace(_impossible(reason, (blocker,)), where=k)
+        if not apart:
             return None
-        blockers = self._blockers(body, poses, obstacles)
-        names = ", ".join(sorted(blockers))
-        return _impossible(f"no free way past {names}", blockers, gaps)
+        return _impossible(f"no free way past {', '.join(sorted(apart[0]))}", apart[0])
 
-    def _gaps(
+    def _apart(
         self, body: Body, poses: Sequence[Configuration], obstacles: Sequence[Placed]
-    ) -> list[frozenset[str]] | None:
-        """Return minimal sets of obstacles whose removal joins all poses; [] if they are joined,
-        None if the map alone keeps them apart.
+    ) -> list[frozenset[str]]:
+        """Return, for each two successive poses that are surely apart, a minimal set of obstacles
+        that keeps them so (none of them: the map alone does).
         """
         if self.scene.grid is None or len(poses) < 2:
             return []
         regions, names = self._at(body, obstacles)
-        everything = (1 << len(names)) - 1
-        total: list[frozenset[str]] = [frozenset()]
         labels = [self._label(regions, body, pose) for pose in poses]
+        found = []
         for start, goal in pairwise(labels):
-            if start == 0 or goal in (0, start):
+            if start == 0 or goal in (0, start) or regions.reaches(start, goal, 0):
                 continue
-            if not regions.reaches(start, goal, everything):
-                return None
-            ways = [
-                frozenset(name for i, name in enumerate(names) if way >> i & 1)
-                for way in regions.ways(start, goal)
-            ]
-            total = _minimal([old | way for old in total for way in ways])
-        return [way for way in total if way]
+            removed = 0
+            for i in reversed(range(len(names))):
+                if not regions.reaches(start, goal, removed | 1 << i):
+                    removed |= 1 << i
+            found.append(frozenset(name for i, name in enumerate(names) if not removed >> i & 1))
+        return found
 
     def prove_by_slices(
         self,
@@ -141,36 +135,17 @@ class Certifier:
         rest = list(obstacles)
         if not apart(rest):
             return None
-        minimal = True
         for placed in sorted(obstacles, key=lambda p: p.name):
             others = [p for p in rest if p is not placed]
             if apart(others):
                 rest = others
             elif deadline.expired():
-                minimal = False
                 break
         names = [p.name for p in rest]
         reason = f"too narrow for the footprint past {', '.join(names)}"
         if not names:
             reason = "too narrow for the footprint on the map"
-        ways = [frozenset((name,)) for name in names] if minimal else []
-        return _impossible(reason, names, ways)
-
-    def _blockers(
-        self, body: Body, poses: Sequence[Configuration], obstacles: Sequence[Placed]
-    ) -> frozenset[str]:
-        """Return a minimal set of obstacles that keeps two successive poses apart."""
-        regions, names = self._at(body, obstacles)
-        labels = [self._label(regions, body, pose) for pose in poses]
-        for start, goal in pairwise(labels):
-            if not start or not goal or regions.reaches(start, goal, 0):
-                continue
-            removed = 0
-            for i in reversed(range(len(names))):
-                if not regions.reaches(start, goal, removed | 1 << i):
-                    removed |= 1 << i
-            return frozenset(name for i, name in enumerate(names) if not removed >> i & 1)
-        return frozenset()
+        return _impossible(reason, names)
 
     def hits_map(self, body: Body, pose: Configuration) -> bool:
         """Return whether a pose surely overlaps the map's blocked cells or its outside."""
@@ -229,22 +204,10 @@ class Certifier:
         return Regions(labels, sets, links_of(labels, rows + near[0].start, cols + near[1].start))
 
 
-def _minimal(sets: list[frozenset[str]]) -> list[frozenset[str]]:
-    """Return the sets that contain no other one, smallest first."""
-    keep: list[frozenset[str]] = []
-    for candidate in sorted(set(sets), key=lambda s: (len(s), sorted(s))):
-        if not any(known <= candidate for known in keep):
-            keep.append(candidate)
-    return keep[:MOST_ALTERNATIVES]
-
-
-def _impossible(
-    reason: str, blockers: Sequence[str] | frozenset[str], ways: Sequence[frozenset[str]]
-) -> PathReport:
+def _impossible(reason: str, blockers: Iterable[str]) -> PathReport:
     return PathReport(
         Outcome.IMPOSSIBLE,
         blockers=frozenset(blockers),
-        alternatives=tuple(ways),
         reason=reason,
         planner="certificate",
     )

@@ -13,8 +13,6 @@ from up_samp.geometry.records import GridFrame, PolyData, grid_along, grid_point
 from up_samp.model.arrays import Int32Array, IntArray
 from up_samp.motion.guides.cost_to_go import point_to_convex
 
-MOST_ALTERNATIVES = 16
-
 
 @kernel
 def mark_blocked(owners: IntArray, frame: GridFrame, polys: PolyData, radius: float) -> None:
@@ -56,38 +54,15 @@ class Regions:
 
     def reaches(self, start: int, goal: int, removed: int) -> bool:
         """Return whether two labels are joined once the obstacles in ``removed`` are gone."""
-        return goal in self.reached(start, removed)
-
-    def reached(self, start: int, removed: int) -> set[int]:
-        """Return all labels joined with ``start`` once the obstacles in ``removed`` are gone."""
         if self.owners.get(start, 0) & ~removed:
-            return set()
+            return False
         seen, stack = {start}, [start]
         while stack:
             for other in self.links.get(stack.pop(), ()):
                 if other not in seen and not self.owners.get(other, 0) & ~removed:
                     seen.add(other)
                     stack.append(other)
-        return seen
-
-    def ways(self, start: int, goal: int) -> list[int]:
-        """Return minimal sets of obstacles (bit sets) whose removal joins two labels."""
-        found: list[int] = []
-        best: dict[int, list[int]] = {}
-        queue = [(bin(self.owners.get(start, 0)).count("1"), self.owners.get(start, 0), start)]
-        while queue and len(found) < MOST_ALTERNATIVES:
-            queue.sort(reverse=True)
-            _, taken, label = queue.pop()
-            if any(taken & known == known for known in (*found, *best.get(label, ()))):
-                continue
-            best.setdefault(label, []).append(taken)
-            if label == goal:
-                found.append(taken)
-                continue
-            for other in self.links.get(label, ()):
-                more = taken | self.owners.get(other, 0)
-                queue.append((bin(more).count("1"), more, other))
-        return found
+        return goal in seen
 
 
 def box_of(owners: IntArray) -> tuple[slice, slice]:

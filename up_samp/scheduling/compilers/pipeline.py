@@ -10,7 +10,7 @@ from up_samp.scheduling.compilers.constraints import (
     compile_products,
     compile_rules,
 )
-from up_samp.scheduling.compilers.exclusion import compile_resources, compile_tokens
+from up_samp.scheduling.compilers.exclusion import compile_resources
 from up_samp.scheduling.compilers.fluents import compile_ground, compile_instances, compile_numbers
 from up_samp.scheduling.compilers.intervals import (
     compile_apart,
@@ -60,8 +60,6 @@ def compilers_for(quirks: Quirks, *, apart: bool = False) -> list[Compiler]:
     passes.append(compile_differences)
     if not quirks.products:
         passes.append(compile_products)
-    if quirks.assignments and not quirks.optional:
-        passes.append(compile_tokens)
     if not quirks.optional:
         passes.append(compile_optional)
     if not quirks.reports_variables:

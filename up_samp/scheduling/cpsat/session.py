@@ -20,7 +20,6 @@ from up_samp.scheduling.cpsat.doubt import refuted_by, sooner
 from up_samp.scheduling.cpsat.explain import explain
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.problem import Watcher
-from up_samp.scheduling.cpsat.routing.dispatch import Memory
 from up_samp.scheduling.cpsat.solve.attempts import Attempts, Orders
 from up_samp.scheduling.cpsat.solve.strategy import Solve, solve
 from up_samp.scheduling.cpsat.tuning import CpsatTuning
@@ -72,7 +71,6 @@ class CpsatSession:
         self._watcher = Watcher(problem)
         self._model: ScheduleModel | None = None
         self._last: CandidateSchedule | None = None
-        self._memory: Memory = {}
         self._bounded = False  # whether bounds were sought with all effort
         self.explanation: tuple[tuple[str, ...], tuple[str, ...]] = (), ()
         """What was recognised, and left over, when the model was last built."""
@@ -144,7 +142,6 @@ class CpsatSession:
             lambda: Watcher(self.problem).look(),
             guess,
             again=self._bounded,
-            memory=self._memory,
         )
         if not deadline.expired():
             solve(search)
@@ -180,7 +177,7 @@ class CpsatSession:
     def _update(self, deadline: Deadline) -> ScheduleModel:
         parts = self._watcher.look()
         if self._model is None or not self._model.only_tightened(parts):
-            self.bound, self._bounded, self._memory = -math.inf, False, {}
+            self.bound, self._bounded = -math.inf, False
         if self._model is not None and self._model.can_grow(parts):
             # a model that the time ended in the middle of is not used any more
             grown, self._model = self._model, None

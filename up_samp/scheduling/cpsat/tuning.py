@@ -36,10 +36,3 @@ class CpsatTuning(Tunables):
         "(some 10 microseconds each)",
         least=0,
     )
-    unaided: int = tunable(
-        100_000,
-        "labels",
-        "beginnings of sequences that are looked at before it is found out how long what is left "
-        "takes at least",
-        least=0,
-    )

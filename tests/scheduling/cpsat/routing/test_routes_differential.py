@@ -13,7 +13,7 @@ from unified_planning.shortcuts import Not
 from tests.scheduling.cpsat.random_routes import random_routes
 from tests.scheduling.cpsat.truth import answer, bound_without_search, collapsed_optimum
 
-FEW = 15
+FEW = 9
 MANY = 1500
 
 

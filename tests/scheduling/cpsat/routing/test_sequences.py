@@ -1,4 +1,4 @@
-"""Bounds by sequences of tasks, where doors hold still while others move and moves happen once."""
+"""Bounds by sequences of tasks, where doors hold still while others move."""
 
 import itertools
 import random
@@ -20,7 +20,7 @@ from up_samp.scheduling.cpsat.routing.detection import find_routes
 from up_samp.scheduling.cpsat.routing.dispatch import find_work
 from up_samp.scheduling.cpsat.routing.list_scheduling import decode, steps_of, times_of
 from up_samp.scheduling.cpsat.routing.sequences import Sequences, raised
-from up_samp.scheduling.cpsat.routing.workload import WorkBound, bound_by_work, with_lefts
+from up_samp.scheduling.cpsat.routing.workload import WorkBound, bound_by_work
 from up_samp.scheduling.cpsat.solve import strategy
 from up_samp.scheduling.cpsat.tuning import CpsatTuning
 from up_samp.upio.plan import build_schedule
@@ -167,14 +167,6 @@ def test_a_door_opens_when_nobody_is_on_the_way():
     assert bound_without_search(both) == 7 + 1 + 2 + 1 == optimum(both)
 
 
-def test_a_move_that_happens_once_is_used_up():
-    """Work at 0 and 1 by turns: there, back, and there again by a detour."""
-    roads = {(0, 1): 2, (1, 0): 2, (0, 2): 5, (2, 1): 5}
-    tasks = tuple(Task((p,), 1, after=(i - 1,) if i else ()) for i, p in enumerate((0, 1, 0, 1)))
-    problem = Still(Site((0,), roads, tasks), Style(), 0).problem
-    assert bound_without_search(problem) == 1 + 2 + 1 + 2 + 1 + 10 + 1 == optimum(problem)
-
-
 def test_a_shop_with_doors_is_bounded_by_its_optimum():
     """The bound is met without search; robots' moves and doors are in each other's way."""
     problem = Still(shop(2, 2, 2, seed=3), Style(), 0).problem
@@ -265,37 +257,6 @@ def can_be_travelled(rules, path):
     return sorted(rules.choices[n].task for n, _ in path) == list(range(len(path)))
 
 
-def bounds_with_and_without_what_is_left(problem):
-    """Return the bound by all sequences, and the same where less of them are looked at."""
-    model = ScheduleModel(problem)
-    work = find_work(model, find_routes(model))
-    without = bound_by_work(model, work)
-    # there are none where some task cannot be done at all
-    assert without.sequences is not None or optimum(problem) is None
-    assert without.sequences is None or not without.sequences.is_spent
-    aided = bound_by_work(model, work, tuning=CpsatTuning(unaided=0))
-    return without.value, aided.value
-
-
-def test_what_is_left_prunes_no_best_sequence():
-    """Without it, the bound is the end of the best sequence: with it, it is the same."""
-    for seed in range(2000, 2008):
-        one, other = bounds_with_and_without_what_is_left(Still(*gated(seed)).problem)
-        assert one == other, f"seed {seed}"
-    for seed in range(1):
-        problem = Still(shop(2, 2, 3, seed=seed), Style(), 0, narrow=True).problem
-        one, other = bounds_with_and_without_what_is_left(problem)
-        assert one == other, f"shop {seed}"
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("block", range(10))
-def test_what_is_left_prunes_no_best_sequence_of_many(block):
-    for seed in range(3000 + 50 * block, 3050 + 50 * block):
-        one, other = bounds_with_and_without_what_is_left(Still(*gated(seed)).problem)
-        assert one == other, f"seed {seed}"
-
-
 def test_leaps_end_where_steps_of_one_do():
     """However far a proof leaps ahead, the bound is the first end that is not refuted."""
     sites = [Still(*gated(seed)) for seed in range(2000, 2008)]
@@ -307,52 +268,3 @@ def test_leaps_end_where_steps_of_one_do():
         assert one_by_one.refuted(found - 1, Deadline.never())
         assert not one_by_one.refuted(found, Deadline.never())
         assert one_by_one.end() == found
-
-
-def test_no_more_is_left_than_any_schedule_shows():
-    """From the first start of what is left in a sequence, all of it takes no less than is said of
-    its set: in every prefix of good and of poor sequences. It is more than their work alone.
-    """
-    problem = Still(shop(3, 2, 2, seed=2), Style(), 0, narrow=True).problem
-    model = ScheduleModel(problem)
-    found = bound_by_work(model, find_work(model, find_routes(model)))
-    rules = with_lefts(found.sequences.rules, 10**6, Deadline.never())
-    opening = [task.opens is not None for task in rules.programme.tasks]
-    assert rules.aside == sum(1 << task for task, opens in enumerate(opening) if opens)
-    wanted = (tail for tail, opens in zip(rules.tails, opening, strict=True) if not opens)
-    assert rules.lefts[0] > max(wanted)
-    tight = set()
-    for late in range(0, 30, 3):
-        some = found.sequences.anew(10**6)
-        assert some.sought(found.value + late, 20 + late, Deadline.never())
-        for path in some.found:
-            tight |= {0} if checked(rules, path) else set()
-    assert tight
-
-
-def test_what_was_found_out_of_what_is_left_is_kept():
-    """A second look at the same tasks costs nothing; one cut short says less, never more."""
-    problem = Still(shop(2, 2, 3, seed=0), Style(), 0, narrow=True).problem
-    model = ScheduleModel(problem)
-    rules = bound_by_work(model, find_work(model, find_routes(model))).sequences.rules
-    memory = {}
-    full = with_lefts(rules, 10**6, Deadline.never(), memory).lefts
-    short = with_lefts(rules, 200, Deadline.never()).lefts
-    assert (short <= full).all()
-    assert 0 < short[0] < full[0]
-    with mock.patch.object(Sequences, "soonest", side_effect=AssertionError):
-        assert (with_lefts(rules, 10**6, Deadline.never(), memory).lefts == full).all()
-
-
-def checked(rules, path):
-    """Assert that a sequence does what is said of what it leaves; return whether that is met."""
-    end = max(start + rules.lengths[number] for number, start in path)
-    done, met = 0, False
-    for place, (number, _) in enumerate(path):
-        left = [s for n, s in path[place:] if not rules.aside >> rules.choices[n].task & 1]
-        if left:
-            least = rules.lefts[rules.row(done)]
-            assert least <= end - left[0]
-            met |= least == end - left[0]
-        done |= 1 << rules.choices[number].task
-    return met

@@ -305,9 +305,6 @@ def entrances_of(routes: list[Route], task: RoutedTask) -> dict[Need, int]:
 # ------------------ Who does what where
 
 
-Memory = dict[tuple[object, ...], dict[int, int]]
-"""By what the tasks are called: of each set of them that are done (bits), what is left at least."""
-
 Way = tuple[int, int]
 """(task, number of its way)."""
 
@@ -327,9 +324,7 @@ class WayNeeds:
 
 @dataclass
 class RoutedWork:
-    """All tasks, with the routes they are on, and the ``levels`` of each route. ``lefts``: what was
-    found out before about what sets of tasks leave (:mod:`.workload`).
-    """
+    """All tasks, with the routes they are on, and the ``levels`` of each route."""
 
     routes: list[Route]
     tasks: list[RoutedTask]
@@ -337,7 +332,6 @@ class RoutedWork:
     initial: dict[Key, int | None]
     levels: list[list[RouteLevel]] = field(default_factory=list)
     needs: dict[Way, WayNeeds] = field(default_factory=dict)
-    lefts: Memory = field(default_factory=dict)
 
     def providers(self, state: Key, allowed: frozenset[int]) -> list[int]:
         """Return the tasks that bring a state variable to one of ``allowed``."""

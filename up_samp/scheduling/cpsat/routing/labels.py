@@ -23,28 +23,21 @@ _ROUNDS = 6
 
 @dataclass(frozen=True)
 class LabelTable:
-    """Labels in rows; columns are travellers but for ``done``, ``parent`` and ``origin``.
+    """Labels in rows; columns are travellers but for ``done`` and ``parent``.
 
     ``done``: bits of the tasks. ``last``: the number of what it did last, as one traveller at one
-    place (-1: nothing). ``free``: when it can do something again, where that was. ``leave``: when
-    it can leave that place; -1: it may have left already. ``ready`` (for each place, too): when it
-    can do something there, or go on from there. All of these are lower bounds. ``used``: bits of
-    moves that are used up. ``spent``: how much of its time is spent at least, be it with waiting.
+    place (-1: nothing). ``free``: when it can do something again, where that was. ``ready`` (for
+    each place, too): when it can do something there, or go on from there. Both are lower bounds.
     ``turned``: who of its parent's travellers each one is (twins are exchanged). ``parent``: the
-    row that it was made from, among the labels with one task less. ``origin``: the beginning that
-    it goes on from, where sequences are sought from several at once.
+    row that it was made from, among the labels with one task less.
     """
 
     done: Any
     last: Any
     free: Any
-    leave: Any
     ready: Any
-    used: Any
-    spent: Any
     turned: Any
     parent: Any
-    origin: Any
 
     def __len__(self) -> int:
         return len(self.done)
@@ -59,16 +52,14 @@ class LabelTable:
         nothing = np.full((1, count), -1, dtype=np.int64)
         none = np.zeros(1, dtype=np.int64)
         own = np.arange(count)[None]
-        return LabelTable(none, nothing, zero, zero, ready[None], zero, zero, own, none, none)
+        return LabelTable(none, nothing, zero, ready[None], own, none)
 
     def rows(self, which: Any) -> LabelTable:
         """Return some of the labels (numbers or a mask)."""
         return LabelTable(*(column[which] for column in self._columns()))
 
     def _columns(self) -> tuple[Any, ...]:
-        times = self.free, self.leave, self.ready
-        whence = self.turned, self.parent, self.origin
-        return self.done, self.last, *times, self.used, self.spent, *whence
+        return self.done, self.last, self.free, self.ready, self.turned, self.parent
 
     def numbered(self) -> LabelTable:
         """Return the labels as parents of those that are made from them."""
@@ -78,7 +69,7 @@ class LabelTable:
     def bare(self) -> LabelTable:
         """Return the labels without what only those that are made from them need."""
         none = np.zeros((len(self), 0), dtype=np.int64)
-        return replace(self, leave=none, ready=none, used=none, spent=none)
+        return replace(self, ready=none)
 
     @staticmethod
     def joined(some: list[LabelTable]) -> LabelTable:
@@ -88,14 +79,14 @@ class LabelTable:
 
     def undominated(self, deadline: Deadline = Deadline.never()) -> LabelTable:
         """Return the labels without those that another one is at least as good as: the same is
-        done by the same, nothing later, nobody further on its way, with no more moves used up.
+        done by the same, nothing later, nobody further on its way.
 
         Each is compared with a few ones before it in an order in which better ones come
         first, and again with others where many fall away, so some that are dominated may be left;
         more of them, if the ``deadline`` comes.
         """
-        sums = self.free.sum(1) + self.leave.sum(1) + self.ready.sum((1, 2), dtype=np.int64)
-        mine = self.rows(np.lexsort((sums, *self.last.T, self.done, self.origin)))
+        sums = self.free.sum(1) + self.ready.sum((1, 2), dtype=np.int64)
+        mine = self.rows(np.lexsort((sums, *self.last.T, self.done)))
         first, last = 1, _NEAR
         for _ in range(_ROUNDS):
             worse = mine._worse(range(first, last + 1), deadline)
@@ -111,7 +102,6 @@ class LabelTable:
         """Return which rows are dominated by one that is so many rows before."""
         worse = np.zeros(len(self), dtype=bool)
         same = (self.done[1:] == self.done[:-1]) & (self.last[1:] == self.last[:-1]).all(1)
-        same &= self.origin[1:] == self.origin[:-1]
         group = np.concatenate(([0], np.cumsum(~same)))
         for shift in (s for s in shifts if s < len(self)):
             near = group[shift:] == group[:-shift]
@@ -120,8 +110,6 @@ class LabelTable:
                 break
             b = a + shift
             better = (self.free[a] <= self.free[b]).all(1)
-            better &= (self.leave[a] <= self.leave[b]).all(1)
-            better &= ((self.used[a] & ~self.used[b]) == 0).all(1)
             a, b = a[better], b[better]
             worse[b[(self.ready[a] <= self.ready[b]).all((1, 2))]] = True
         return worse
@@ -137,24 +125,11 @@ class Steps:
     rules: SequenceRules
     end: int
 
-    def beginnings(self, done: Any = (0,), since: Any = (0,)) -> LabelTable:
-        """Return a label for each beginning: everybody is at its place ``since`` then, and nothing
-        is done but those tasks (bits).
-        """
+    def beginning(self) -> LabelTable:
+        """Return the one label of the beginning: everybody is at its place, and nothing is done."""
         ready = [w.travel[w.number[w.route.initial]] for w in self.rules.ways]
-        first = LabelTable.first(np.stack(ready)).rows(np.zeros(len(done), dtype=np.int64))
-        since = np.array(since)
-        ready = np.minimum(first.ready + since[:, None, None], NEVER).astype(first.ready.dtype)
-        times = np.broadcast_to(since[:, None], first.free.shape)
-        return replace(
-            first,
-            done=np.array(done),
-            free=times,
-            leave=times,
-            ready=self._until(ready),
-            spent=np.minimum(times, self.end),
-            origin=np.arange(len(done)),
-        )
+        first = LabelTable.first(np.stack(ready))
+        return replace(first, ready=self._until(first.ready))
 
     def _until(self, ready: Any) -> Any:
         """Return when travellers are ready where, and never where moves would end after
@@ -172,14 +147,12 @@ class Steps:
         if not len(labels):
             return
         latest = self._latest(labels, number)
-        for arrival, used in self._arrivals(labels, choice):
-            start = np.maximum(arrival, self._soonest(labels, choice.task))
-            good = start <= latest
-            some = replace(labels.rows(good), used=used[good])
-            for starts, more in self._undisturbed(some, start[good], choice, latest[good]):
-                found = self._done(more, starts, number)
-                found = replace(found, spent=self._spent(found))
-                yield found.rows(self._in_time(found))
+        start = np.maximum(self._arrival(labels, choice), self._soonest(labels, choice.task))
+        good = start <= latest
+        some = labels.rows(good)
+        for starts, more in self._undisturbed(some, start[good], choice, latest[good]):
+            found = self._done(more, starts, number)
+            yield found.rows(self._in_time(found))
 
     def _latest(self, labels: LabelTable, number: int) -> Any:
         """Return when a choice has to start at the latest."""
@@ -187,33 +160,19 @@ class Steps:
         length, tail = self.rules.lengths[number], self.rules.tails[choice.task]
         last = labels.last.copy()
         last[:, choice.traveller] = number
-        shared = labels.spent.copy()
+        shared = self.spent(labels)
         shared[:, choice.traveller] = length
         shared = shared.sum(1) + self.rules.rest(labels.done | 1 << choice.task, last)
         own = self.end - max(tail, length + choice.back)
         return np.minimum(own, labels.last.shape[1] * self.end - shared)
 
-    def _arrivals(self, labels: LabelTable, choice: SequenceChoice) -> Iterator[tuple[Any, Any]]:
-        """Yield when a choice's traveller may be there, and which moves are used up then."""
+    def _arrival(self, labels: LabelTable, choice: SequenceChoice) -> Any:
+        """Return when a choice's traveller may be there."""
         axis, place = choice.traveller, choice.place
-        ways, here = self.rules.ways[axis], self._places(labels, axis)
-        leave = labels.leave[:, axis]
         arrival = labels.ready[:, axis, place]
-        stays = (here == place) & (arrival == labels.free[:, axis])
-        hop = np.where(leave >= 0, ways.hop[here, place], 0)
-        hop = np.where(stays, 0, hop)
-        done = self.rules.row(labels.done | 1 << choice.task)
-        origins, goals = self.rules.left[done, axis].T
-        left = goals & (origins | ways.leading[place])
-        used = labels.used.copy()
-        used[:, axis] = (used[:, axis] | hop) & left
-        yield np.where(stays, arrival, arrival - choice.late), used
-        spared = hop & ~labels.used[:, axis] & left != 0
-        if spared.any():
-            used = labels.used.copy()
-            used[:, axis] &= left
-            detour = np.maximum(arrival, leave + ways.detour[here, place]) - choice.late
-            yield np.where(spared, detour, NEVER), used
+        stays = self._places(labels, axis) == place
+        stays &= arrival == labels.free[:, axis]
+        return np.where(stays, arrival, arrival - choice.late)
 
     def _places(self, labels: LabelTable, axis: int) -> Any:
         """Return where a traveller did its last task (at the beginning: where it is)."""
@@ -251,26 +210,12 @@ class Steps:
             np.unique(np.concatenate(rows) * span + np.concatenate(starts)), span
         )
         labels = labels.rows(row)
-        leave, ready = labels.leave.copy(), labels.ready.copy()
+        ready = labels.ready.copy()
         for axis in others:
             there = needed[axis][row] <= start[:, None]
             leaves = start + change.delay - change.still[axis][0]
             ready[:, axis] = self._onwards(labels, axis, there, leaves)
-            here = np.arange(there.shape[1]) == self._places(labels, axis)[:, None]
-            alone = (there == here).all(1) & (leave[:, axis] >= 0)
-            leave[:, axis] = np.where(alone, np.maximum(leave[:, axis], leaves), -1)
-        labels = replace(labels, leave=leave, ready=ready)
-        for axis, other in itertools.product(others, range(len(self.rules.ways))):
-            if other != axis:
-                self._hand_over(labels, axis, other)
-        yield start, labels
-
-    def _hand_over(self, labels: LabelTable, axis: int, other: int) -> None:
-        """Let a traveller come where another one did its last task only after that one has left."""
-        since = np.maximum(labels.free[:, axis], labels.leave[:, axis])
-        after = self.rules.handovers[axis, self._places(labels, axis), other]
-        ready = labels.ready[:, other]
-        labels.ready[:, other] = np.minimum(np.maximum(ready, since[:, None] + after), NEVER)
+        yield start, replace(labels, ready=ready)
 
     def _needed(self, labels: LabelTable, change: StateChange, axis: int) -> Any:
         """Return how late a change's task has to start for a traveller to rest at each place."""
@@ -293,15 +238,10 @@ class Steps:
         found = np.where(there, ready, NEVER)
         for place in np.flatnonzero(there.any(0)):
             rows = np.flatnonzero(there[:, place])
-            costs = self._costs(axis, place, labels.used[rows, axis])
+            costs = self.rules.ways[axis].travel[place]
             further = np.minimum(off[rows, place][:, None] + costs, NEVER)
             found[rows] = np.minimum(found[rows], further)
         return np.where(there, ready, found)
-
-    def _costs(self, axis: int, place: Any, used: Any) -> Any:
-        """Return how far it is to everywhere, with moves used up."""
-        ways = self.rules.ways[axis]
-        return np.where(ways.hop[place] & used[:, None], ways.detour[place], ways.travel[place])
 
     def _done(self, labels: LabelTable, start: Any, number: int) -> LabelTable:
         """Return the labels after a choice."""
@@ -313,34 +253,26 @@ class Steps:
             done=labels.done | 1 << choice.task,
             last=labels.last.copy(),
             free=labels.free.copy(),
-            leave=labels.leave.copy(),
             ready=labels.ready.copy(),
         )
         found.last[:, axis] = number
         free = start + length + gap
-        found.free[:, axis] = found.leave[:, axis] = free
-        costs = self._costs(axis, choice.place, labels.used[:, axis])
+        found.free[:, axis] = free
+        costs = self.rules.ways[axis].travel[choice.place]
         found.ready[:, axis] = np.minimum(free[:, None] + costs, NEVER)
         for other, place, delay in self.rules.doors[choice.task]:
             found.ready[:, other, place] = np.maximum(found.ready[:, other, place], start + delay)
-        for other in range(len(self.rules.ways)):
-            if other != axis:
-                self._hand_over(found, axis, other)
-                self._hand_over(found, other, axis)
         matters = self.rules.matters[self.rules.row(found.done)]
         return replace(found, ready=self._until(np.where(matters, found.ready, NEVER)))
 
     def _in_time(self, labels: LabelTable) -> Any:
         """Return which labels can be continued in time, even if the rest is shared out evenly."""
-        total = labels.spent.sum(1) + self.rules.rest(labels.done, labels.last)
+        total = self.spent(labels).sum(1) + self.rules.rest(labels.done, labels.last)
         return total <= labels.last.shape[1] * self.end
 
     def hopeful(self, labels: LabelTable) -> LabelTable:
-        """Return the labels of which each task that is left may end in time, with all after it, and
-        so may all of them once the first one has started.
-        """
+        """Return the labels of which each task that is left may end in time, with all after it."""
         front, alive = self._front(labels), np.ones(len(labels), dtype=bool)
-        first = np.full(len(labels), NEVER)
         starts: dict[int, Any] = {}
         for task in self.rules.order:
             left = labels.done >> task & 1 == 0
@@ -352,28 +284,12 @@ class Steps:
                     start = np.maximum(start, starts[earlier] + self.rules.ordered[earlier, task])
             starts[task] = np.where(left, start, -NEVER)
             alive &= ~left | (start + self.rules.tails[task] <= self.end)
-            if not self.rules.aside >> task & 1:
-                first = np.where(left, np.minimum(first, start), first)
-        lefts = self.rules.lefts[self.rules.row(labels.done)]
-        return labels.rows(alive & ((first >= NEVER) | (first + lefts <= self.end)))
+        return labels.rows(alive)
 
-    def _spent(self, labels: LabelTable) -> Any:
-        """Return how much of its time each traveller has spent when it did its last task; what it
-        waits for others before it can go on is spent, too.
-        """
-        spent = np.empty(labels.free.shape, dtype=np.int64)
-        done, front = self.rules.row(labels.done), self._front(labels)
-        for axis, ways in enumerate(self.rules.ways):
-            free, here = labels.free[:, axis], self._places(labels, axis)
-            ready = labels.ready[:, axis].astype(np.int64)
-            work, home = self.rules.open[done, axis], self.rules.homes[axis]
-            since = np.where(home, ready, np.where(work, np.maximum(ready, front[:, None]), NEVER))
-            wait = np.where(since < NEVER, since - ways.travel[here], NEVER)
-            rows = np.arange(len(labels))
-            wait[rows, here] -= ways.route.step - ways.route.gap  # seen to have come later
-            gap = np.where(labels.last[:, axis] >= 0, ways.route.gap, 0)
-            spent[:, axis] = np.minimum(np.maximum(free, wait.min(1)) - gap, self.end)
-        return spent
+    def spent(self, labels: LabelTable) -> Any:
+        """Return how much of its time each traveller has spent when it did its last task."""
+        gaps = np.where(labels.last >= 0, self.rules.gaps, 0)
+        return np.minimum(labels.free - gaps, self.end)
 
     def _front(self, labels: LabelTable) -> Any:
         """Return when the last task started."""
@@ -383,7 +299,7 @@ class Steps:
 
 # ------------------ Travellers who can do the same in the same times
 # Beginnings that differ in who of them did what are one. Where they start is their own, so only
-# those that have done something are exchanged; all of them, where everybody begins anywhere.
+# those that have done something are exchanged.
 
 
 @dataclass(frozen=True)
@@ -394,11 +310,10 @@ class Twins:
 
     groups: list[list[int]]
     same: Any
-    anywhere: bool = False
 
     @staticmethod
-    def of(rules: SequenceRules, *, anywhere: bool = False) -> Twins:
-        """Return who is alike by the rules. ``anywhere``: all may begin where they like.
+    def of(rules: SequenceRules) -> Twins:
+        """Return who is alike by the rules.
 
         Assumes: twins have the same ways, choices, homes and doors; where they begin is their own.
         """
@@ -422,14 +337,14 @@ class Twins:
             for one, other in itertools.product(group, group):
                 for what, number in mine[one].items():
                     same[number, other] = mine[other][what]
-        return Twins([group for group in groups if len(group) > 1], same, anywhere)
+        return Twins([group for group in groups if len(group) > 1], same)
 
     def ordered(self, labels: LabelTable) -> LabelTable:
         """Return the labels with twins that did something in the order of what they did last."""
         turned = labels.turned.copy()
         for group in self.groups:
             first = self.same[labels.last[:, group], group[0]]
-            used = ((labels.last[:, group] >= 0) | self.anywhere) @ (1 << np.arange(len(group)))
+            used = (labels.last[:, group] >= 0) @ (1 << np.arange(len(group)))
             for pattern in np.unique(used).tolist():
                 places = np.flatnonzero(pattern >> np.arange(len(group)) & 1)
                 rows = np.flatnonzero(used == pattern)
@@ -445,7 +360,7 @@ class Twins:
     def _turned(self, labels: LabelTable, rows: Any, turned: Any) -> LabelTable:
         """Return the labels with the travellers of some rows exchanged."""
         found = {}
-        for name in ("last", "free", "leave", "used", "spent"):
+        for name in ("last", "free"):
             found[name] = getattr(labels, name).copy()
             found[name][rows] = np.take_along_axis(found[name][rows], turned, axis=1)
         done = found["last"][rows]
@@ -470,16 +385,11 @@ def _are_alike(
         a, b = rules.choices[number], rules.choices[mine[other][what]]
         if (a.spot, a.late, a.back) != (b.spot, b.late, b.back):
             return False
-    tables = ("travel", "detour", "hop", "leading")
-    if not all(np.array_equal(getattr(ways[one], t), getattr(ways[other], t)) for t in tables):
+    if not np.array_equal(ways[one].travel, ways[other].travel):
         return False
     if (routes[one].gap, routes[one].step) != (routes[other].gap, routes[other].step):
         return False
-    return (
-        np.array_equal(rules.homes[one], rules.homes[other])
-        and _doors_alike(rules, one, other)
-        and _hand_over_alike(rules.handovers, one, other)
-    )
+    return np.array_equal(rules.homes[one], rules.homes[other]) and _doors_alike(rules, one, other)
 
 
 def _doors_alike(rules: SequenceRules, one: int, other: int) -> bool:
@@ -496,10 +406,3 @@ def _doors_alike(rules: SequenceRules, one: int, other: int) -> bool:
         if one in change.still and not np.array_equal(change.shut[one], change.shut[other]):
             return False
     return True
-
-
-def _hand_over_alike(handovers: Any, one: int, other: int) -> bool:
-    """Return whether exchanging the two changes nothing where only one fits."""
-    order = list(range(len(handovers)))
-    order[one], order[other] = other, one
-    return np.array_equal(handovers, handovers[order][:, :, order])

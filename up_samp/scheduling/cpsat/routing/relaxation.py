@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
+from functools import cache
 from typing import Any
 
 from unified_planning.model import Effect, FNode, TimeInterval, Timing
@@ -48,34 +49,31 @@ from up_samp.scheduling.cpsat.routing.route import (
 )
 
 
-class PrecedenceClosure:
-    """What follows from unconditional differences between the times of activities.
+def precedence_closure(forms: Iterable[Form]) -> Callable[[int, int], bool]:
+    """Return what tells of two variables whether the first is less than the other in every
+    schedule, as far as that follows from unconditional differences between times.
 
     Assumes: what is stated without condition holds in every schedule, of the times of what is
     absent, too.
 
     :param forms: all that is stated; only ``u + k <= v`` (k > 0), said without condition, counts.
     """
+    after: dict[int, set[int]] = {}
+    for form in forms:
+        told = difference_told(form)
+        if told is not None and not form.needs and told[2] > 0:
+            after.setdefault(told[0], set()).add(told[1])
 
-    def __init__(self, forms: Iterable[Form]) -> None:
-        self._after: dict[int, set[int]] = {}
-        for form in forms:
-            told = difference_told(form)
-            if told is not None and not form.needs and told[2] > 0:
-                self._after.setdefault(told[0], set()).add(told[1])
-        self._known: dict[int, set[int]] = {}
+    @cache
+    def later(first: int) -> set[int]:
+        known, agenda = set[int](), [first]
+        while agenda:
+            new = after.get(agenda.pop(), set()) - known
+            known |= new
+            agenda.extend(new)
+        return known
 
-    def before(self, first: int, then: int) -> bool:
-        """Return whether variable ``first`` is less than ``then`` in every schedule."""
-        known = self._known.get(first)
-        if known is None:
-            known = self._known[first] = set()
-            agenda = [first]
-            while agenda:
-                new = self._after.get(agenda.pop(), set()) - known
-                known |= new
-                agenda.extend(new)
-        return then in known
+    return lambda first, then: then in later(first)
 
 
 # ------------------ A problem without some of its activities
@@ -314,7 +312,7 @@ class RoutingRelaxation:
         self.units = find_unit_places(full, routes)
         self._legs = LegVariables(self.model.store, self.model.limit, self.units, routes)
         self._forms: list[Form] = []
-        self._order = PrecedenceClosure(self.model.stated)
+        self._surely_before = precedence_closure(self.model.stated)
         for route in routes:
             self._circuit(route)
         for form in merge_forms(self._forms, self.model.exact):
@@ -389,7 +387,7 @@ class RoutingRelaxation:
         pair = (min(one.index, other.index), max(one.index, other.index))
         if pair in self.model.disjunctions.exclusive:
             return True
-        return self._order.before(other.start.terms[0][0], one.start.terms[0][0])
+        return self._surely_before(other.start.terms[0][0], one.start.terms[0][0])
 
     def _ways(
         self, route: Route, origins: frozenset[int], places: frozenset[int]

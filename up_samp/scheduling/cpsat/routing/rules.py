@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -17,7 +16,7 @@ from up_samp.scheduling.cpsat.routing.dispatch import RoutedTask, RoutedWork
 from up_samp.scheduling.cpsat.routing.route import Route, way_back
 
 MOST_BITS = 62
-"""Places, or direct moves, that have a bit in a word."""
+"""Tasks, or places, that have a bit in a word."""
 NEVER = 2**29
 """A time that does not come, in tables: two of them are still one word."""
 
@@ -31,43 +30,16 @@ class TravelTables:
     number: dict[int, int]
     travel: Any
     """From each place to each place."""
-    detour: Any
-    """The same without the direct move, where that has a bit."""
-    hop: Any
-    """The bit of the direct move from each place to each place; 0: it is not told apart."""
-    leading: Any
-    """All such bits of the moves from each place."""
 
     @staticmethod
-    def of(route: Route, axis: int, tasks: list[RoutedTask], size: int) -> TravelTables:
-        """Return the ways of a route (its number: ``axis``) among ``tasks``, in tables that are
-        large enough for ``size`` places.
-        """
+    def of(route: Route, size: int) -> TravelTables:
+        """Return the ways of a route, in tables that are large enough for ``size`` places."""
         places = places_of(route)
         number = {place: k for k, place in enumerate(places)}
         travel = np.full((size, size), NEVER, dtype=np.int32)
         for (a, b), time in route.travel.items():
             travel[number[a], number[b]] = min(time, NEVER)
-        detour = travel.copy()
-        hop = np.zeros((size, size), dtype=np.int64)
-        for bit, (a, b) in enumerate(_told_apart(route, axis, tasks)[:MOST_BITS]):
-            hop[number[a], number[b]] = 1 << bit
-            other = route.way(a, frozenset((b,)), {m.name for m in route.hops[a, b]})
-            detour[number[a], number[b]] = NEVER if other is None else min(other[0], NEVER)
-        return TravelTables(
-            route, places, number, travel, detour, hop, np.bitwise_or.reduce(hop, axis=1)
-        )
-
-    def nearby(self, some: set[int]) -> TravelTables:
-        """Return the same with ``some`` of the places as near to everywhere as can be."""
-        here = self.among(some)[:, None]
-        return replace(
-            self,
-            travel=np.where(here, 0, self.travel),
-            detour=np.where(here, 0, self.detour),
-            hop=np.where(here, 0, self.hop),
-            leading=np.where(here[:, 0], 0, self.leading),
-        )
+        return TravelTables(route, places, number, travel)
 
     def among(self, some: Iterable[int]) -> Any:
         """Return which of the places are among ``some``."""
@@ -79,24 +51,6 @@ class TravelTables:
 def places_of(route: Route) -> list[int]:
     """Return all places where the traveller may be."""
     return sorted({route.initial} | {b for _, b in route.travel})
-
-
-def _told_apart(route: Route, axis: int, tasks: list[RoutedTask]) -> list[tuple[int, int]]:
-    """Return the direct ways of a single move that might be wanted twice (none where something
-    else may put the traveller somewhere, too).
-    """
-    if route.free:
-        return []
-    counts: Counter[int] = Counter()
-    for task in tasks:
-        counts.update({p for way, _, places in task.ways if way == axis for p in places})
-    often = sorted(place for place, count in counts.items() if count > 1)
-    return [
-        (a, b)
-        for a in often
-        for b in often
-        if a != b and route.is_direct(a, b) and len(route.hops[a, b]) == 1
-    ]
 
 
 # ------------------ The least time that travellers together spend on their tasks
@@ -152,12 +106,10 @@ class Programme:
         tasks = [work.tasks[t] for t in wanted]
         return Programme(work.routes, tasks, before, layers, [sorted(some) for some in spots])
 
-    def tables(self, deadline: Deadline, *, anywhere: bool = False) -> dict[int, Any] | None:
-        """Return the table of each set; ``None`` if there is no time. ``anywhere``: travellers may
-        begin wherever they like.
-        """
+    def tables(self, deadline: Deadline) -> dict[int, Any] | None:
+        """Return the table of each set; ``None`` if there is no time."""
         shape = [len(some) + 1 for some in self.spots]
-        steps = [list(self._steps(task, anywhere=anywhere)) for task in self.tasks]
+        steps = [list(self._steps(task)) for task in self.tasks]
         end = np.zeros(shape, dtype=np.int64)
         for axis, (route, some) in enumerate(zip(self.routes, self.spots, strict=True)):
             end = end + self._along(axis, [0, *(way_back(route, {p}, route.final) for p in some)])
@@ -183,14 +135,12 @@ class Programme:
         """Return the least time for all tasks."""
         return int(tables[0][(0,) * len(self.routes)])
 
-    def _steps(self, task: RoutedTask, *, anywhere: bool) -> Iterator[tuple[int, int, Any]]:
+    def _steps(self, task: RoutedTask) -> Iterator[tuple[int, int, Any]]:
         """Yield (route, index of the place, costs from everywhere) for all ways to do a task."""
         for axis, stop, places in task.ways:
             route, some = self.routes[axis], self.spots[axis]
             for place in sorted(places):
                 costs = [cost(route, route.initial, place, stop, first=True)]
-                if anywhere:
-                    costs = [route.rest(stop) - route.step]
                 costs += [cost(route, here, place, stop, first=False) for here in some]
                 costs = [min(INFINITE, c + task.length) for c in costs]
                 yield axis, 1 + some.index(place), self._along(axis, costs)
@@ -330,19 +280,6 @@ def _shut(programme: Programme, ways: TravelTables, place: int, latest: int) -> 
     return bits
 
 
-def left_of(choices: list[SequenceChoice], ways: list[TravelTables], sets: Any) -> Any:
-    """Return, for each set of tasks and traveller, bits of the direct moves from places where work
-    is left, and of those to such places.
-    """
-    left = np.zeros((len(sets), len(ways), 2), dtype=np.int64)
-    for choice in choices:
-        rows = sets >> choice.task & 1 == 0
-        hop = ways[choice.traveller].hop
-        left[rows, choice.traveller, 0] |= np.bitwise_or.reduce(hop[choice.place])
-        left[rows, choice.traveller, 1] |= np.bitwise_or.reduce(hop[:, choice.place])
-    return left
-
-
 def open_of(choices: list[SequenceChoice], ways: list[TravelTables], sets: Any) -> Any:
     """Return, for each set of tasks, traveller and place, whether a task is left to do there."""
     found = np.zeros((len(sets), len(ways), max(len(w.places) for w in ways)), dtype=bool)
@@ -391,23 +328,6 @@ def doors_of(programme: Programme, ways: list[TravelTables]) -> list[list[tuple[
     return found
 
 
-def handovers_of(work: RoutedWork, ways: list[TravelTables]) -> Any:
-    """Return, for each traveller, place, other traveller and its place, how long after the one can
-    leave its place the other one can go on from its own, at least: where only one of them fits
-    (-NEVER: they do not heed each other there).
-    """
-    shape = len(ways), len(ways[0].travel)
-    found = np.full((*shape, *shape), -NEVER, dtype=np.int64)
-    for unit in work.units:
-        for axis, some in enumerate(ways):
-            for other, others in enumerate(ways):
-                here = some.among(unit.places_of(some.route.key))
-                there = others.among(unit.places_of(others.route.key))
-                if other != axis:
-                    found[np.ix_([axis], here, [other], there)] = others.route.step
-    return found
-
-
 @dataclass(frozen=True)
 class SequenceRules:
     """All that sequences of tasks have to obey, and what is needed to bound them."""
@@ -430,25 +350,12 @@ class SequenceRules:
     rests: Any
     """A row for each of them: the least time that is left, for all positions of the travellers."""
     shape: tuple[int, ...]
-    left: Any
-    """(set, traveller, 2): bits of the direct moves from and to places where work is left."""
-    open: Any
-    """(set, traveller, place): whether a task is left that it may do there."""
     matters: Any
-    """The same: whether it matters when it is there."""
+    """(set, traveller, place): whether it matters when it is there."""
     homes: Any
     """(traveller, place): whether it may be there in the end (nowhere, if it does not matter)."""
     doors: list[list[tuple[int, int, int]]]
     """(traveller, place, time from the start) of each task: when the way there is open."""
-    handovers: Any
-    """(traveller, place, other, its place): from when the one can leave to when the other is ready.
-    """
-    aside: int
-    """Bits of the tasks that ``lefts`` say nothing of."""
-    lefts: Any
-    """Of each set: from the start of the first task that is left, but for those aside, to the end
-    of everything, at least.
-    """
 
     @staticmethod
     def of(work: RoutedWork, programme: Programme, tables: dict[int, Any]) -> SequenceRules | None:
@@ -456,15 +363,11 @@ class SequenceRules:
         size = max(len(places_of(route)) for route in programme.routes)
         if max(len(programme.tasks), size) > MOST_BITS:
             return None
-        ways = [
-            TravelTables.of(r, axis, programme.tasks, size)
-            for axis, r in enumerate(programme.routes)
-        ]
+        ways = [TravelTables.of(route, size) for route in programme.routes]
         choices = choices_of(programme, ways)
         ordered, waits = waits_of(work, programme)
         sets = np.array(sorted(tables), dtype=np.int64)
         changes = [change_of(programme, ways, number) for number in range(len(programme.tasks))]
-        work_left = open_of(choices, ways, sets)
         homes = np.stack([w.among(w.route.final or ()) for w in ways])
         return SequenceRules(
             programme,
@@ -478,35 +381,14 @@ class SequenceRules:
             sets,
             np.stack([tables[int(done)].ravel() for done in sets]),
             tables[0].shape,
-            left_of(choices, ways, sets),
-            work_left,
-            work_left | homes | moving_of(changes, len(ways), sets)[:, :, None],
+            open_of(choices, ways, sets) | homes | moving_of(changes, len(ways), sets)[:, :, None],
             homes,
             doors_of(programme, ways),
-            handovers_of(work, ways),
-            0,
-            np.zeros(len(sets), dtype=np.int64),
         )
 
     def plain(self) -> SequenceRules:
-        """Return the same with no regard to changes and to moves that happen once."""
-        ways = [replace(w, hop=0 * w.hop, leading=0 * w.leading) for w in self.ways]
-        return replace(self, ways=ways, changes=[None] * len(self.changes))
-
-    def anywhere(self, deadline: Deadline) -> SequenceRules | None:
-        """Return the rules for travellers who may begin wherever they like; ``None`` if there is no
-        time. Whose beginning is that of anybody is as near to everywhere, and free for all.
-        """
-        tables = self.programme.tables(deadline, anywhere=True)
-        if tables is None:
-            return None
-        starts = {route.initial for route in self.programme.routes}
-        ways = [some.nearby(starts) for some in self.ways]
-        handovers = self.handovers.copy()
-        for axis, some in enumerate(ways):
-            handovers[axis, some.among(starts)] = -NEVER
-        rests = np.stack([tables[int(done)].ravel() for done in self.sets])
-        return replace(self, ways=ways, rests=rests, handovers=handovers)
+        """Return the same with no regard to changes."""
+        return replace(self, changes=[None] * len(self.changes))
 
     @cached_property
     def lengths(self) -> Any:

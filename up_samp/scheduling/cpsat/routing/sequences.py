@@ -4,8 +4,7 @@ Tasks are taken in the order of their starts. What is known of a sequence so far
 is who did which task last, and the earliest end of each of these; the next task starts after its
 traveller has come, no sooner than any task before it, and as much later as precedences and
 disjunctions with the last ones ask. (With others they are met: these ended before a last one of
-their traveller began.) A direct move that happens once is used up, and who needs it again takes a
-detour.
+their traveller began.)
 
 What a task changes while moves keep it as it is (a door that opens) finds everybody else at rest:
 where it last did something, or where it has come by then. So the task starts at once, or when one
@@ -13,9 +12,8 @@ of the others has come to one more place; after it, each is where it may be, and
 
 Of two beginnings with the same tasks done and the same last ones, one with no end later is enough:
 labels, as in resource-constrained shortest paths. A beginning that cannot be continued in time,
-even if the rest is shared out evenly, is dropped, and so is one that leaves more than can be done
-(:mod:`.workload`); if none is left, no schedule ends by then (a destructive lower bound, Klein and
-Scholl 1999).
+even if the rest is shared out evenly, is dropped; if none is left, no schedule ends by then (a
+destructive lower bound, Klein and Scholl 1999).
 """
 
 from __future__ import annotations
@@ -40,6 +38,8 @@ _AT_ONCE = 200_000
 """Beginnings that are looked at before the clock is."""
 _KEPT = 4
 """Sequences that a bound is met by, and that are made schedules: the first one mostly is."""
+_PLAIN = 20_000
+"""Beginnings that are looked at with no regard to changes."""
 _STEEP = 4.0
 """How many times as many beginnings as the last proof the next one may cost..."""
 _CHEAP = 2_000
@@ -57,14 +57,12 @@ class Sequences:
     """How many were looked at."""
     found: list[Found] = field(default_factory=list)
     """Sequences that the last end was not refuted for, the one that ends first first."""
-    anywhere: bool = False
-    """Whether travellers may begin wherever they like: then all are alike who do the same."""
 
     def plain(self) -> Sequences:
-        """Return the same with no regard to changes and to moves that happen once: it bounds less,
-        but its labels are fewer, and go further where they are too many. It may look at a fifth.
+        """Return the same with no regard to changes: it bounds less, but its labels are fewer, and
+        go further where they are too many. It may look at a few.
         """
-        return Sequences(self.rules.plain(), self.most // 5)
+        return Sequences(self.rules.plain(), min(self.most, _PLAIN))
 
     def anew(self, most: int) -> Sequences:
         """Return the same with nothing looked at or found."""
@@ -85,24 +83,6 @@ class Sequences:
         """
         return bool(self._search(end, deadline, width))
 
-    def soonest(self, done: list[int], ends: list[int], deadline: Deadline) -> Any:
-        """Return, for each of several sets of equally many tasks that were done before (bits), when
-        the first sequence of the others ends, from 0 on, if one may end by its end; -1 where it is
-        proven that none does. ``None`` if it was not found out.
-
-        All are sought at once: each begins so much later that it has to end with the others.
-        """
-        last = max(ends)
-        since = np.array([last - end for end in ends])
-        steps = Steps(self.rules, last)
-        layers = self._layers(steps, steps.beginnings(done, since), deadline)
-        if layers is None:
-            return None
-        found = np.full(len(done), NEVER)
-        labels = layers[-1]
-        np.minimum.at(found, labels.origin, self._ends(labels) - since[labels.origin])
-        return np.where(found < NEVER, found, -1)
-
     def _search(self, end: int, deadline: Deadline, width: int = 0) -> bool | None:
         """Return whether some sequence may end by ``end``; ``None`` if there is none, ``False`` if
         it was not found out.
@@ -110,7 +90,7 @@ class Sequences:
         if end >= NEVER:
             return False
         steps = Steps(self.rules, end)
-        layers = self._layers(steps, steps.beginnings(), deadline, width)
+        layers = self._layers(steps, deadline, width)
         if layers is None:
             return False
         labels = layers[-1]
@@ -120,14 +100,12 @@ class Sequences:
         self.found[:] = [self._path(layers, int(row)) for row in order]
         return True
 
-    def _layers(
-        self, steps: Steps, labels: LabelTable, deadline: Deadline, width: int = 0
-    ) -> list[LabelTable] | None:
+    def _layers(self, steps: Steps, deadline: Deadline, width: int) -> list[LabelTable] | None:
         """Return the labels with one task more each time, up to those with all tasks or to where
         there are none; ``None`` if they are too many, or time is over.
         """
-        layers = []
-        for _ in range(len(self.rules.programme.tasks) - int(labels.done[0]).bit_count()):
+        layers, labels = [], steps.beginning()
+        for _ in range(len(self.rules.programme.tasks)):
             layers.append(labels.bare())
             labels = labels.numbered()
             following: list[LabelTable] = []
@@ -144,7 +122,7 @@ class Sequences:
                 break
             labels = self.twins.ordered(labels).undominated(deadline)
             if 0 < width < len(labels):
-                total = labels.spent.sum(1) + self.rules.rest(labels.done, labels.last)
+                total = steps.spent(labels).sum(1) + self.rules.rest(labels.done, labels.last)
                 labels = labels.rows(np.sort(np.argsort(total, kind="stable")[:width]))
         return [*layers, labels]
 
@@ -189,7 +167,7 @@ class Sequences:
     @cached_property
     def twins(self) -> Twins:
         """Who of the travellers is like whom."""
-        return Twins.of(self.rules, anywhere=self.anywhere)
+        return Twins.of(self.rules)
 
 
 def raised(sequences: Sequences, known: int, deadline: Deadline, value: int = 0) -> int:

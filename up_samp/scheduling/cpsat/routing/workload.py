@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import itertools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from ortools.sat.python import cp_model
 
 from up_samp.model import Deadline
 from up_samp.scheduling.cpsat.encode.durations import INFINITE
 from up_samp.scheduling.cpsat.model import ScheduleModel
-from up_samp.scheduling.cpsat.routing.dispatch import (
-    Memory,
-    RoutedWork,
-)
+from up_samp.scheduling.cpsat.routing.dispatch import RoutedWork
 from up_samp.scheduling.cpsat.routing.route import Route, way_back
-from up_samp.scheduling.cpsat.routing.rules import NEVER, Programme, SequenceRules, cost
+from up_samp.scheduling.cpsat.routing.rules import Programme, SequenceRules, cost
 from up_samp.scheduling.cpsat.routing.sequences import Sequences, raised
 from up_samp.scheduling.cpsat.tuning import CpsatTuning
 
@@ -25,99 +21,6 @@ _SETS = 20_000
 """Sets of tasks that one proof over who does what may look at."""
 _COVER = 0.5
 """CP-SAT's deterministic time for one such proof."""
-
-
-def aside_of(programme: Programme) -> int:
-    """Return (bits of) the tasks that open doors, as far as nothing else has to come before them:
-    with all of these, what may be done at some time is such a set again.
-    """
-    found = sum(1 << number for number, task in enumerate(programme.tasks) if task.opens)
-    while True:
-        kept = sum(
-            1 << number
-            for number, needs in enumerate(programme.before)
-            if found >> number & 1 and not needs & ~found
-        )
-        if kept == found:
-            return found
-        found = kept
-
-
-def with_lefts(
-    rules: SequenceRules,
-    most: int,
-    deadline: Deadline,
-    memory: Memory | None = None,
-) -> SequenceRules:
-    """Return the rules with what is left of each set of tasks, as far as ``most`` beginnings and
-    the time allow to find it out. ``memory``: what was found out for the same tasks when no more
-    was stated; what is found out goes there.
-
-    Assumes: what a ``memory`` holds was found of the same tasks when no more was stated.
-    """
-    aside = aside_of(rules.programme)
-    free = rules.anywhere(deadline)
-    if free is None:
-        return rules
-    free = replace(free, aside=aside, lefts=rules.lefts.copy())
-    looked = Sequences(free, most, anywhere=True)
-    sets = sorted((int(done) for done in rules.sets if int(done) & aside == aside), key=_size)
-    found = {} if memory is None else memory.setdefault(_names(rules, aside), {})
-    for _, layer in itertools.groupby(reversed(sets), key=_size):
-        some = list(layer)
-        known = {done: found.get(done, _of_more(free, done)) for done in some}
-        settled = _raise_all(looked, known, {d for d in some if d not in found}, deadline)
-        for done in some:
-            free.lefts[free.row(done)] = known[done]
-        found.update((done, known[done]) for done in settled)
-    lefts = free.lefts[free.row(rules.sets | aside)]
-    return replace(rules, aside=aside, lefts=lefts)
-
-
-def _size(done: int) -> int:
-    return done.bit_count()
-
-
-def _raise_all(
-    looked: Sequences, known: dict[int, int], some: set[int], deadline: Deadline
-) -> set[int]:
-    """Raise what is ``known`` of ``some`` sets of equally many tasks to the least time that is left
-    of them; return those of which it was found out.
-    """
-    open_, steps, high = set(some), dict.fromkeys(some, 1), dict[int, int]()
-    while open_ and not looked.is_spent and not deadline.expired():
-        asked = sorted(open_)
-        ends = [min(known[d] + steps[d], high.get(d, NEVER)) - 1 for d in asked]
-        soonest = looked.soonest(asked, ends, deadline)
-        if soonest is None:
-            break
-        for done, end, first in zip(asked, ends, soonest.tolist(), strict=True):
-            if first < 0:
-                known[done], steps[done] = end + 1, 2 * steps[done]
-            else:
-                # to refute one unit less is enough: what is found ends as soon as any does, mostly
-                high[done] = max(known[done], min(end, first))
-                steps[done] = high[done] - known[done]
-            if known[done] >= high.get(done, NEVER):
-                open_.discard(done)
-    return some - open_
-
-
-def _names(rules: SequenceRules, aside: int) -> tuple[object, ...]:
-    """Return what the tasks of sets are called, one way and another."""
-    return aside, *(tuple(name for _, name, _ in task.ways) for task in rules.programme.tasks)
-
-
-def _of_more(rules: SequenceRules, done: int) -> int:
-    """Return the most that is left when one more task than ``done`` has been done."""
-    return max(
-        (
-            int(rules.lefts[rules.row(done | 1 << task)])
-            for task, needs in enumerate(rules.programme.before)
-            if not done >> task & 1 and not needs & ~done
-        ),
-        default=0,
-    )
 
 
 # ------------------ A lower bound for large fleets: who does which tasks, with times left out
@@ -358,14 +261,8 @@ def bound_by_work(
     rules = SequenceRules.of(work, programme, tables)
     if rules is None:
         return WorkBound(known)
-    labels = tuning.labels
-    sequences = Sequences(rules, min(labels, tuning.unaided))
-    if labels and not work.lefts:
+    sequences = Sequences(rules, tuning.labels)
+    if tuning.labels:
         known = raised(sequences.plain(), known, deadline, value)
-        known = raised(sequences, known, deadline, value)
-    aided = sequences.is_spent or bool(work.lefts)
-    if aided and labels > tuning.unaided and not deadline.expired():
-        rules = with_lefts(rules, labels // 2, deadline, work.lefts)
-        sequences = Sequences(rules, labels)
         known = raised(sequences, known, deadline, value)
     return WorkBound(known, sequences)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 from up_samp.model import CandidateSchedule, Deadline, OutOfTimeError
 from up_samp.scheduling.cpsat.problem import Additions
 from up_samp.scheduling.cpsat.routing.detection import find_routes
-from up_samp.scheduling.cpsat.routing.dispatch import Memory, RoutedWork, find_work
+from up_samp.scheduling.cpsat.routing.dispatch import RoutedWork, find_work
 from up_samp.scheduling.cpsat.routing.list_scheduling import (
     Step,
     decode,
@@ -58,7 +58,6 @@ class Solve:
     ``parts`` gives all of the problem, ``guess`` a schedule to start from (it may break what was
     added since), ``expected`` the makespan to expect (0: not known). ``again``: bounds were sought
     before with all effort, when less was stated; ``bounded``: they were here.
-    ``memory``: of what sets of tasks leave, for as long as no less is stated.
     """
 
     whole: Attempts
@@ -70,7 +69,6 @@ class Solve:
     """All of the tasks, with those that the lower bound was met by."""
     expected: int = 0
     again: bool = False
-    memory: Memory = field(default_factory=dict)
     bounded: bool = False
     done: list[str] = field(default_factory=list)
     """The stages that were run."""
@@ -137,8 +135,6 @@ def _find_routes(search: Solve) -> None:
     wanted = search.whole.minimizes_makespan and not model.plain
     search.routes = find_routes(model) if wanted else []
     search.work = find_work(search.whole.model, search.routes) if search.routes else None
-    if search.work is not None:
-        search.work.lefts = search.memory
 
 
 def _bound_by_work(search: Solve) -> None:
