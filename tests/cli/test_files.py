@@ -179,3 +179,30 @@ def test_long_names_are_drawn_short(data, tmp_path):
     assert {f.name for f in files} == {"plan.json", "gantt.png", "map.png", "animation.html"}
     assert "n" * 100 not in (tmp_path / "animation.html").read_text()
     assert sys.getsizeof((tmp_path / "gantt.png").read_bytes()) > 1000
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [
+        (
+            "site.py",
+            "fleet = 1",
+            "is a Python script, and a problem file (*.yaml, *.json) is needed",
+        ),
+        ("plan.json", '{"format": "up-samp-plan"}', "is a plan, and a problem file is needed"),
+        ("empty.yaml", "\n", "is empty; a problem file has keys such as map"),
+        ("folder", None, "is a folder; name the file in it"),
+    ],
+)
+@pytest.mark.parametrize("command", ["check", "day"])
+def test_a_command_says_which_file_it_takes(command, name, text, said, tmp_path, capsys):
+    path = tmp_path / name
+    if text is None:
+        path.mkdir()
+    else:
+        path.write_text(text)
+    assert main([command, str(path)]) == 2
+    told = capsys.readouterr().err
+    assert name in told
+    assert said in told
+    assert len(told.splitlines()) == 1

@@ -20,6 +20,7 @@ from up_samp.fleet.faults import Fault, FleetError, Path, find_faults, show_path
 from up_samp.fleet.records import FILE_LIMITS, FleetRecords
 from up_samp.fleet.tables import read_orders, text_of
 from up_samp.geometry import load_map
+from up_samp.io.plan_dict import FORMAT
 from up_samp.model import ProblemError
 
 _UNIONS = ("tuple[", "constrained", "function-", "Stop", "Place", "Attached", "str")
@@ -181,6 +182,9 @@ def read_problem_file(file: str | File) -> FleetRecords:
     :raises FleetError: that names the file, and line and place of each fault.
     """
     path = File(file)
+    if path.suffix == ".py":
+        what = "is a Python script, and a problem file (*.yaml, *.json) is needed: in a script, "
+        raise FleetError((), f"'{path}' {what}Fleet.check() looks at a fleet, and save() writes it")
     text = text_of(path, "; 'up-samp new DIR' writes one to begin with")
     return read_problem_text(path, text, folder=path.parent)
 
@@ -196,8 +200,14 @@ def read_problem_text(
     """
     root = compose(path, text)
     if not isinstance(root, yaml.MappingNode):
-        raise FleetError((), f"{path}: a problem file has keys such as map, robots and orders")
+        what = "" if text.strip() else "is empty; "
+        raise FleetError(
+            (), f"{path}: {what}a problem file has keys such as map, robots and orders"
+        )
     data = _plain(path, root)
+    if data.get("format") == FORMAT:
+        what = "is a plan, and a problem file is needed: what its plan was made of"
+        raise FleetError((), f"{path}: {what} ('solve PROBLEM --from PLAN' goes on from a plan)")
     table: tuple[File, list[int]] | None = None
     if isinstance(data.get("orders"), str):
         if folder is None:

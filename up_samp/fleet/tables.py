@@ -48,6 +48,8 @@ def check_size(file: Path, missing: str = "") -> Path:
     :raises FleetError: where there is none (``missing`` says more of that), or a larger one than
         any that is meant.
     """
+    if file.is_dir():
+        raise FleetError((), f"'{file}' is a folder; name the file in it")
     if not file.is_file():
         raise FleetError((), f"there is no file '{file}'{missing}")
     if file.stat().st_size > FILE_LIMITS.file_bytes:

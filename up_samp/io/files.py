@@ -56,7 +56,8 @@ def read_plan(path: str | os.PathLike[str]) -> PlanDict:
     except OSError as error:
         raise ProblemError(f"plan file '{source}' cannot be read: {error.strerror}") from error
     except (ValueError, RecursionError) as error:  # not UTF-8, not JSON, or absurdly so
-        raise ProblemError(f"plan file '{source}' is not JSON: {short(str(error))}") from error
+        what = f"is not JSON: {short(str(error))}; 'up-samp solve PROBLEM --out DIR' writes one"
+        raise ProblemError(f"plan file '{source}' {what}") from error
     check_plan(plan, f"plan file '{source}'")
     for entry in map_entries(plan):
         yaml = entry.get("yaml")
