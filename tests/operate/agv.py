@@ -28,6 +28,7 @@ class Agv:
         self.actions = {}
         self.paused = self.stop = False
         self.trace, self.orders, self.refused, self._held = [], [], [], None
+        self.told = []
         self.header = itertools.count()
         self.lock = threading.Lock()
         self.topic = f"uagv/v2/up_samp/{name}"
@@ -65,7 +66,10 @@ class Agv:
                 for action in data["actions"]:
                     if action["actionType"] in ("startPause", "stopPause"):
                         self.paused = action["actionType"] == "startPause"
-                        self.actions[action["actionId"]] = "FINISHED"
+                    if action["actionType"] == "cancelOrder":
+                        self.ahead, self.way = [], []
+                    self.told.append(action["actionType"])
+                    self.actions[action["actionId"]] = "FINISHED"
 
     def take(self, order):
         self.orders.append(order)

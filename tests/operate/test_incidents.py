@@ -1,9 +1,12 @@
 """Robots break down, join and are held; areas are blocked; orders are changed and cancelled."""
 
+import math
+
 import pytest
 
 from tests.operate.days import Day
 from up_samp.model import ProblemError
+from up_samp.operate.horizon import braking
 from up_samp.operate.simulated import Mishaps
 
 
@@ -28,6 +31,8 @@ def test_the_order_of_a_broken_robot_is_done_by_another_one(day):
     day.operation.add({"id": "o0b", "pickup": "shelf2", "delivery": "dock2"})
     day.until(lambda: day.clock.now() >= 9.0)
     day.operation.leave("r0", "broken")
+    here = day.robots.pose("r0")
+    assert math.dist(day.operation.poses["r0"][:2], here[:2]) < 1.0  # it brakes
     day.until(lambda: day.state("o0b") == "done", 200)
     assert day.operation.jobs["o0b"].robot == "r1"
     day.until(lambda: day.clock.now() >= 70.0)
@@ -38,9 +43,23 @@ def test_the_order_of_a_broken_robot_is_done_by_another_one(day):
     assert verdict.good, (verdict, day.story())
 
 
+def test_what_a_broken_robot_was_to_do_is_given_to_another_one(day):
+    day.order("o0", "rack0", "dock2")
+    day.until(lambda: any(under_way(day, r) for r in ("r0", "r1")))
+    (first,) = (r for r in ("r0", "r1") if under_way(day, r))
+    day.operation.leave(first, "broken")
+    day.until(lambda: day.state("o0") == "done", 200)
+    assert day.operation.jobs["o0"].robot == {"r0": "r1", "r1": "r0"}[first]
+    assert day.verdict().good
+
+
 def test_everybody_is_held_at_once_and_released_one_by_one(day):
     day.order("o0", "rack0", "dock0")
     day.until(lambda: any(under_way(day, r) for r in ("r0", "r1")))
+    assert day.operation.commands.keys() >= {"r0", "r1"}  # who is in no plan is told to stay, too
+    state = day.operation.executor.state
+    for way in state.of_object.values():
+        assert way.progress < braking(state, way) <= state.until(way)
     day.operation.hold(why="emergency stop")
     stop = day.clock.now() + 10.0
     day.until(lambda: day.clock.now() >= stop)

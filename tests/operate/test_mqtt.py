@@ -94,6 +94,44 @@ def test_agvs_do_their_orders_over_a_broker(tmp_path, broker):
     assert met(fleet, agvs) == []
 
 
+class EnoughError(Exception):
+    """What was to be seen has been seen."""
+
+
+def test_who_comes_back_does_not_go_on_with_what_it_was_told_before(tmp_path, broker):
+    fleet = hall(tmp_path, 2, home=False)
+    places = fleet.records.places
+    agvs = [Agv(broker, f"r{k}", places[f"home{k}"].pose) for k in range(2)]
+    found = {}
+
+    def moves():
+        return [t for t in found["agv"].told if t in ("startPause", "stopPause", "cancelOrder")]
+
+    def trouble(day):
+        if not found:
+            for name, way in day.executor.state.of_object.items() if day.executor else ():
+                if way.progress > 2.0:
+                    found["agv"] = agvs[int(name[1])]
+                    day.leave(name)
+        elif "joined" not in found and day.jobs["o0"].robot not in ("", found["agv"].name):
+            # another one does its order now
+            found["joined"] = tuple(found["agv"].pose)
+            day.join(found["agv"].name)
+            order = {"id": "o1", "pickup": "rack1", "delivery": "dock1"}
+            day.add({**order, "robots": [found["agv"].name]})
+        elif moves()[-1:] == ["stopPause"]:
+            raise EnoughError
+        elif "joined" in found:
+            assert tuple(found["agv"].pose) == found["joined"]
+
+    orders = [{"id": "o0", "pickup": "rack0", "delivery": "dock0"}]
+    with pytest.raises(EnoughError):
+        operated(tmp_path, broker, agvs, fleet, orders, 150, trouble)
+    for agv in agvs:
+        agv.close()
+    assert moves() == ["startPause", "cancelOrder", "stopPause"]
+
+
 NODE = shutil.which("node")
 LIBRARY = os.environ.get("VDA_5050_LIB", "")
 """The folder node_modules that holds vda-5050-lib."""

@@ -115,22 +115,23 @@ class Day:
         return replace(found, since=now - self.origin)
 
     def dropped(self) -> list[DayOrder]:
-        """Return orders that a robot had begun to drive to and cannot do any more."""
-        found = []
-        for job in self.jobs.values():
-            if (
-                job.state is OrderState.BEGUN
-                and job.robot in self.away
-                and self.executor is not None
-            ):
-                picked = any(
-                    m.what == job.id and m.kind is Kind.PICKUP
-                    and self.executor.phase(n) is not TaskPhase.WAITING
-                    for n, m in self.meanings.items()
-                )  # fmt: skip
-                if not picked and job.id not in self.executor.plan.get("carrying", {}).values():
-                    found.append(job)
-        return found
+        """Return orders that robots were to do that are away now, and have not on board."""
+        if self.executor is None:
+            return []
+        on_board = set(self.executor.plan.get("carrying", {}).values())
+        theirs: dict[str, set[str]] = {}
+        for name, meaning in self.meanings.items():
+            theirs.setdefault(meaning.what, set()).add(meaning.robot)
+            begun = self.executor.phase(name) is not TaskPhase.WAITING
+            if meaning.kind is Kind.PICKUP and begun:
+                on_board.add(meaning.what)
+        return [
+            job
+            for job in self.jobs.values()
+            if job.state in (OrderState.PLANNED, OrderState.BEGUN)
+            and job.id not in on_board
+            and self.away.keys() & (theirs.get(job.id) or {job.robot})
+        ]
 
 
 @dataclass(frozen=True)
@@ -248,6 +249,7 @@ def _shared_anew(day: Day) -> OpenWork | None:
         m.robot
         for m in day.meanings.values()
         if m.kind is Kind.PICKUP
+        and m.robot not in day.away
         and m.what in day.jobs
         and day.jobs[m.what].state is OrderState.PLANNED
     }

@@ -22,7 +22,7 @@ from up_samp.execution.forecast import Forecast
 from up_samp.execution.graph import At
 from up_samp.execution.meetings import moving
 from up_samp.execution.reorder import REACTION
-from up_samp.execution.state import MotionUnderWay, TaskPhase
+from up_samp.execution.state import FloorState, MotionUnderWay, TaskPhase
 from up_samp.fleet.statements import Kind, Meaning
 from up_samp.io.plan_dict import PlanDict
 from up_samp.motion.fleet.conflicts import conflicting_cells
@@ -171,11 +171,11 @@ class _Cutter:
             and (n in stays or forecast.span(n)[0] <= now + ahead)
         ]
         kept = self._whole({n for n in (*running, *soon) if self._alive(n)})
-        stops = {n: s for n in running if not self._alive(n) if (s := self._stop(n)) is not None}
+        ended = {n: s for n in running if not self._alive(n) if (s := self._stop(n)) is not None}
         tails = {n: s for n in kept if (s := self._tail(n, kept, ahead, forecast)) is not None}
         kept -= tails.keys()
-        stops |= {n: s for n, s in tails.items() if s > 0.0}
-        self.stops = stops
+        # who has not moved does not move
+        self.stops = stops = {n: s for n, s in (ended | tails).items() if s > 0.0}
         order = {n: i for turn in self.turns.values() for i, n in enumerate(turn)}
         listed = sorted((*kept, *stops), key=lambda n: (order[n], n))
         free: dict[str, float] = {}
@@ -269,7 +269,7 @@ class _Cutter:
         way = ways[0]
         gates = [place for place, number in way.gates if number in self.dead]
         most = min([way.length, self.limits.get(name, way.length), *gates])
-        return min(way.length, max(most, braking(way)))
+        return min(way.length, max(most, braking(self.state, way)))
 
     def _tail(
         self, name: str, kept: Collection[str], ahead: float, forecast: Forecast
@@ -344,10 +344,12 @@ def _meets(path: Path, gone: float, rest: Path, apart: float) -> bool:
     return bool(len(rows)) and bool(np.any(path.edges[rows[:, 0] + 1] > gone))
 
 
-def braking(way: MotionUnderWay) -> float:
-    """Return the progress (m) at which a robot under way can stand."""
+def braking(state: FloorState, way: MotionUnderWay) -> float:
+    """Return the progress (m) at which a robot under way can stand: no further than it may go
+    anyway, as one that waits drives at no speed.
+    """
     speed = max(way.travel.speed_at(way.progress), way.travel.speed_at(way.progress + 0.25))
-    return way.progress + speed * (REACTION + speed / (2 * way.travel.accel))
+    return min(way.progress + speed * (REACTION + speed / (2 * way.travel.accel)), state.until(way))
 
 
 def pose_of(values: Iterable[float]) -> Pose:
@@ -366,7 +368,7 @@ def first_inside(executor: Executor, touches: Callable[[Pose, str], bool]) -> di
         if phase is TaskPhase.DONE:
             continue
         way = executor.state.ways[name, robot]
-        here = 0.0 if phase is TaskPhase.WAITING else min(braking(way), way.length)
+        here = 0.0 if phase is TaskPhase.WAITING else braking(executor.state, way)
         at = np.arange(here, way.length + 0.1, 0.1).clip(max=way.length)
         poses = drive.path.poses_at(at)
         if touches(pose_of(poses[0]), robot):

@@ -8,6 +8,7 @@ for the planner, which is another process; and nothing is told to a robot before
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -227,10 +228,9 @@ class Operation(Day):
         to be); others drive round it.
         """
         (name,) = self._some(robot)
-        now = self.clock.now()
+        now, here = self.clock.now(), pose or self._told_pose(name)
         with self.store:
-            self.away[name] = why
-            self.poses[name] = pose or self.pose(name)
+            self.away[name], self.poses[name] = why, here
             self.store.note(now, "robot", name, "left", why)
             self._keep_fleet()
         self.want(f"robot '{name}' is {why}")
@@ -345,12 +345,18 @@ class Operation(Day):
         reply = self.executor.update(report.robot, now=at, motion=report.activity or None, **where)  # type: ignore[arg-type]
         if reply.heard is Heard.HELD:
             self.store.note(report.time, "report", report.robot, "is held", reply.why)
+        if reply.heard is Heard.TAKEN and report.robot in self.away:
+            self.poses[report.robot] = self._told_pose(report.robot)  # it still brakes
+            self._keep_fleet()
         return reply
 
     def pose(self, thing: str) -> Pose:
         """Return where a robot was last told to be, or where a door stands."""
+        return self.poses[thing] if thing in self.away else self._told_pose(thing)
+
+    def _told_pose(self, thing: str) -> Pose:
         lives = {} if self.executor is None else self.executor.dependencies.lives
-        if self.executor is None or thing in self.away or thing not in lives:
+        if self.executor is None or thing not in lives:
             door = self.site.doors.get(thing)
             return self.poses[thing] if door is None else door.closed
         here = place_of(self.executor.state, lives[thing])
@@ -390,10 +396,9 @@ class Operation(Day):
         """Tell everybody what to do; what is new is in the store first."""
         if self.executor is None:
             return
-        found = {
-            who: self._allowed(who, c)
-            for who, c in self.executor.commands(now - self.origin).items()
-        }
+        # who is in no plan stays: what it was told in one before is over
+        every = dict.fromkeys(self.site.robots, Hold()) | self.executor.commands(now - self.origin)
+        found = {who: self._allowed(who, c) for who, c in every.items()}
         new = {who: c for who, c in found.items() if _words(c) != _words(self.commands.get(who))}
         if new:
             with self.store:
@@ -499,7 +504,8 @@ class Operation(Day):
 
     def _needed(self, choice: OpenWork) -> bool:
         """Return whether something is planned that is in no plan."""
-        more = any(j.state is not OrderState.PLANNED for j in choice.jobs)
+        left = {j.id for j in self.dropped()}
+        more = any(j.state is not OrderState.PLANNED or j.id in left for j in choice.jobs)
         return more or any(r in (*self.stranded(), *self.stale()) for r in choice.opened)
 
     def _take(self, question: Question, answer: Answer, why: str, since: float) -> tuple[bool, str]:
@@ -510,6 +516,9 @@ class Operation(Day):
             return False, answer.why
         if set(question.robots) & set(self.away):
             return False, "a robot has gone since it was asked for"
+        for name in self.away:
+            if math.dist(question.cut.poses[name], self.poses[name]) > self.settings.localisation:
+                return False, f"'{name}' still moved when it was asked for"
         if any(not self.jobs[j.id].state.open for j in question.jobs):
             return False, "an order was cancelled since it was asked for"
         plan = {**answer.plan, "number": answer.number}
@@ -578,7 +587,7 @@ class Operation(Day):
             gone = question.cut.starts.get(way.activity, 0.0)
             # it goes on to where it was told that it may, or where it can stand
             most = self.limits.get(way.activity, before.length)
-            least = min(braking(before), old.state.until(before), most) - gone
+            least = min(braking(old.state, before), most) - gone
             if executor.state.until(way) < least - old.state.tolerance:
                 raise ProblemError(f"'{robot}' is beyond where it would have to wait")
         return executor

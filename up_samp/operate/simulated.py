@@ -145,7 +145,7 @@ class SimulatedRobots:
                 if robot.motion != command.motion:
                     self._begin(robot, command.motion, now)
                 robot.until = command.until
-            robot.hold = isinstance(command, Hold) and bool(command.waiting_for)
+            robot.hold = isinstance(command, Hold)
         for who, command in commands.items():
             if isinstance(command, Do):
                 self._may[command.activity] = command.may_end

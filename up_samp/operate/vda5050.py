@@ -243,12 +243,12 @@ class MasterControl:
             if isinstance(command, Hold):
                 self._hold(agv)
                 continue
+            what = command.motion if isinstance(command, Go) else command.activity
+            if what != agv.activity and not self._free(agv):
+                continue  # a pause goes on until what was released before is cancelled
             if agv.paused:
                 agv.paused = False
                 self.instant(agv.name, "stopPause")
-            what = command.motion if isinstance(command, Go) else command.activity
-            if what != agv.activity and not self._free(agv):
-                continue
             if isinstance(command, Go):
                 self._go(agv, command)
             elif agv.activity != command.activity:
@@ -256,13 +256,14 @@ class MasterControl:
 
     def _free(self, agv: Agv) -> bool:
         """Return whether a robot can be sent another order: its last one is over. What is left of
-        one that ends early, and never is released, is cancelled.
+        one that ends early (never released, or paused) is cancelled.
         """
         state = agv.state
         left = state.get("nodeStates") or ()
         if not agv.order or state.get("orderId") != agv.order or not (left or state.get("driving")):
             return True
-        stands = not state.get("driving") and not any(n.get("released") for n in left)
+        ends = agv.paused or not any(n.get("released") for n in left)
+        stands = ends and not state.get("driving")
         if stands and agv.cancelled != agv.order:
             agv.cancelled = agv.order
             self.instant(agv.name, "cancelOrder")
