@@ -90,7 +90,6 @@ def again(tmp_path, compiled):
 
 def test_kernels_are_found_again_and_changed_ones_are_not(again, tmp_path):
     ask = again
-    assert ask()[:2] == (3.0, 1)
     assert ask(step=2)[:2] == (6.0, 0)  # inlined into the other one
     for file in (tmp_path / "cache" / "kernels").iterdir():
         data = file.read_bytes()

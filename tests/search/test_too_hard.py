@@ -28,7 +28,9 @@ def test_a_drive_that_cannot_be_made_though_nothing_proves_it(tmp_path):
     places = {"home": (3, 2), "far": (9.5, 6, 1.5708)}
     told = without_plan(tmp_path, bend, (3.0, 0.8), places, long=("home", "far"))
     assert told.startswith("no plan found in time: ")
-    assert "checks failed on move_long_home_to_far (long from home to far)" in told
+    # on a busy machine only one of the two drives is looked at in this time
+    ways = ("home_to_far (long from home to far)", "far_to_home (long from far to home)")
+    assert any(f"checks failed on move_long_{way}" in told for way in ways)
     assert "most of the time went to" in told
 
 

@@ -117,24 +117,30 @@ class Loads:
         move.add_condition(at_start(move), Equals(self.carries(robot), self.nothing))
 
     def leg(
-        self,
-        robot: MovableObject,
-        trip: tuple[Activity, Activity, Activity],
-        item: Object,
-        ends: tuple[ConfigurationObject, ConfigurationObject],
-    ) -> None:
-        """A ``trip`` of ``robot`` (load, carry, unload) takes an item from one place to another."""
-        (load, carry, unload), (origin, to) = trip, ends
-        for a, b in itertools.pairwise(trip):
-            self.family.problem.add_constraint(Iff(a.present, b.present))
-            self.family.in_order([a], [b])
-        carries, item_at = self.carries(robot), self.item_at
-        for a, needs in ((load, self.nothing), (carry, item), (unload, item)):
-            a.add_condition(at_start(a), Equals(carries, needs))
-        load.add_condition(at_start(load), Equals(item_at(item), origin))
-        load.add_effect(load.end, carries, item)
-        unload.add_effect(unload.end, carries, self.nothing)
-        unload.add_effect(unload.end, item_at(item), to)
+        self, j: int, k: int, origin: ConfigurationObject, to: ConfigurationObject
+    ) -> tuple[list[Activity], list[Activity]]:
+        """Add leg ``k`` of item ``j``, one alternative per robot (it loads, carries, and unloads);
+        return all loads and unloads.
+        """
+        family, item, loads, unloads = self.family, self.items[j], [], []
+        for robot in family.robots:
+            load = family.work(robot, f"load_{robot.name}_i{j}_{k}", origin, HANDLING)
+            carry = family.move(robot, origin, to, f"carry_{robot.name}_i{j}_{k}_to_{to.name}")
+            unload = family.work(robot, f"unload_{robot.name}_i{j}_{k}", to, HANDLING)
+            for a, b in itertools.pairwise((load, carry, unload)):
+                family.problem.add_constraint(Iff(a.present, b.present))
+                family.in_order([a], [b])
+            carries, item_at = self.carries(robot), self.item_at
+            for a, needs in ((load, self.nothing), (carry, item), (unload, item)):
+                a.add_condition(at_start(a), Equals(carries, needs))
+            load.add_condition(at_start(load), Equals(item_at(item), origin))
+            load.add_effect(load.end, carries, item)
+            unload.add_effect(unload.end, carries, self.nothing)
+            unload.add_effect(unload.end, item_at(item), to)
+            loads.append(load)
+            unloads.append(unload)
+        family.exactly_one(loads)
+        return loads, unloads
 
 
 def _jobs(
@@ -150,7 +156,7 @@ def _jobs(
         stops = [pallets[j], *(stands[m] for m, _ in route), pallets[j]]
         previous: list[Activity] = []
         for k, (origin, to) in enumerate(itertools.pairwise(stops)):
-            loads, unloads = _legs(family, hands, j, k, origin, to)
+            loads, unloads = hands.leg(j, k, origin, to)
             family.in_order(previous, loads)
             if k < len(route):
                 m, duration = route[k]
@@ -160,24 +166,3 @@ def _jobs(
                 previous = [treat]
     for operations in by_machine:
         family.one_at_a_time(operations)
-
-
-def _legs(
-    family: Family,
-    hands: Loads,
-    j: int,
-    k: int,
-    origin: ConfigurationObject,
-    to: ConfigurationObject,
-) -> tuple[list[Activity], list[Activity]]:
-    """Add leg ``k`` of item ``j``, one alternative per robot; return all loads and unloads."""
-    loads, unloads = [], []
-    for robot in family.robots:
-        load = family.work(robot, f"load_{robot.name}_i{j}_{k}", origin, HANDLING)
-        carry = family.move(robot, origin, to, f"carry_{robot.name}_i{j}_{k}_to_{to.name}")
-        unload = family.work(robot, f"unload_{robot.name}_i{j}_{k}", to, HANDLING)
-        hands.leg(robot, (load, carry, unload), hands.items[j], (origin, to))
-        loads.append(load)
-        unloads.append(unload)
-    family.exactly_one(loads)
-    return loads, unloads

@@ -65,7 +65,6 @@ class Executor(Followed):
         plan: PlanDict | Schedule,
         problem: SchedulingProblem | None = None,
         *,
-        margin: float | None = None,
         seconds_per_unit: float | None = None,
         tolerance: float = TOLERANCES.progress,
         localisation: float | None = None,
@@ -85,7 +84,7 @@ class Executor(Followed):
             dependencies = dependencies_from_plan(plan)
         elif dependencies is None:
             error = TOLERANCES.localisation if localisation is None else localisation
-            dependencies = dependencies_of(problem, plan, margin=margin, localisation=error)
+            dependencies = dependencies_of(problem, plan, localisation=error)
         self.dependencies = dependencies
         graph = self.dependencies.graph
         if localisation is None:

@@ -24,7 +24,7 @@ from up_samp.execution.graph import MEETING, At, Choice, Event, Graph, Precedenc
 from up_samp.execution.lives import DriveCells, drives_of, lives_of
 from up_samp.execution.meetings import Narrow, meetings_of
 from up_samp.execution.tolerances import TOLERANCES
-from up_samp.io.plan_dict import VERSIONS, PlanDict, snapshot_of
+from up_samp.io.plan_dict import PlanDict, snapshot_of, with_minor
 from up_samp.model import ProblemError, SampError
 from up_samp.model.snapshot import Snapshot
 from up_samp.upio.movers import named_as_planned
@@ -34,33 +34,26 @@ def with_dependencies(
     problem: SchedulingProblem,
     plan: PlanDict,
     *,
-    margin: float | None = None,
     localisation: float = TOLERANCES.localisation,
 ) -> PlanDict:
     """Return a plan dictionary of version 1.1: with ``dependencies``, each motion's ``progress`` at
     its samples, and what it must keep clear of.
     """
-    dependencies = dependencies_of(problem, plan, margin=margin, localisation=localisation)
+    dependencies = dependencies_of(problem, plan, localisation=localisation)
     problem = named_as_planned(problem, plan)
     snapshot = snapshot_of(problem, float(plan["seconds_per_unit"]))
     drives = drives_of(dependencies.lives)
-    data: PlanDict = {}
-    for key, value in with_avoid(plan, snapshot).items():
-        if key == "motions":
-            value = [_with_progress(m, drives.get((m["activity"], m["object"]))) for m in value]
-        if key not in ("minor", "dependencies"):
-            data[key] = value
-        if key == "version":
-            data["minor"] = max(VERSIONS.dependencies, plan.get("minor", 0))
+    data = with_avoid({k: v for k, v in plan.items() if k != "dependencies"}, snapshot)
+    data["motions"] = [
+        _with_progress(m, drives.get((m["activity"], m["object"]))) for m in data["motions"]
+    ]
     data["dependencies"] = graph_to_dict(dependencies.graph)
     if dependencies.choices:
-        data["minor"] = max(VERSIONS.choices, data["minor"])
         data["dependencies"]["choices"] = [_choice_to_dict(c) for c in dependencies.choices]
     if localisation:
-        data["minor"] = max(VERSIONS.localisation, data["minor"])
         data["dependencies"]["localisation"] = localisation
         data["dependencies"]["narrow"] = [_narrow_to_dict(n) for n in dependencies.narrow]
-    return data
+    return with_minor(data)
 
 
 def _with_progress(motion: Mapping[str, Any], drive: DriveCells | None) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from up_samp.io.floors import map_entries
-from up_samp.io.plan_dict import FORMAT, VERSIONS, PlanDict
+from up_samp.io.plan_dict import FORMAT, VERSION, PlanDict
 from up_samp.io.shape import check_shape
 from up_samp.model import ProblemError
 from up_samp.model.errors import short
@@ -75,9 +75,9 @@ def check_plan(plan: Any, label: str) -> None:
     if not isinstance(plan, dict) or plan.get("format") != FORMAT:
         raise ProblemError(f"{label} is no plan: its 'format' must be '{FORMAT}'")
     version = plan.get("version")
-    if version != VERSIONS.major or isinstance(version, bool):
+    if version != VERSION or isinstance(version, bool):
         raise ProblemError(
-            f"{label} has version {short(plan.get('version'))}; only {VERSIONS.major} is known"
+            f"{label} has version {short(plan.get('version'))}; only {VERSION} is known"
         )
     minor = plan.get("minor", 0)
     if not isinstance(minor, int) or isinstance(minor, bool) or minor < 0:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Container, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 from unified_planning.engines import PlanGenerationResult
@@ -23,35 +22,11 @@ from up_samp.upio.movers import named_as_planned
 from up_samp.upio.plan import trajectory_key
 from up_samp.upio.read import read_problem
 
-# ------------------ Versions of the plan format, by what they added
-
-
-@dataclass(frozen=True)
-class Versions:
-    """A file of another major version is refused; minor versions only add fields."""
-
-    major: int = 1
-    dependencies: int = 1
-    """Adds ``dependencies`` (see :mod:`up_samp.execution`) and ``rides`` (loads that travel with
-    robots)."""
-    maps: int = 2
-    """Adds maps with frames and heights, and several maps."""
-    choices: int = 3
-    """Adds ``choices`` to the dependencies: orders that could be the other way round, too."""
-    margin: int = 4
-    """Adds ``margin``: the clearance that motions were planned with."""
-    localisation: int = 5
-    """Adds ``localisation`` and ``narrow`` to the dependencies: how wrong robots may be about where
-    they are, and where the plan leaves less room than that."""
-
-
-VERSIONS = Versions()
-
-
 # ------------------ Plans as plain dictionaries
 
 
-FORMAT = "up-samp-plan"
+FORMAT, VERSION = "up-samp-plan", 1
+"""A file of another (major) version is refused; minor versions only add fields."""
 AREA = "zone"
 """The type of objects that are parts of the floor, and no bodies."""
 
@@ -89,7 +64,7 @@ def plan_to_dict(
     maps = described_maps(snapshot)
     data: PlanDict = {
         "format": FORMAT,
-        "version": VERSIONS.major,
+        "version": VERSION,
         "problem": snapshot.name,
         "engine": engine,
         "status": status,
@@ -105,24 +80,38 @@ def plan_to_dict(
     }
     if rides := described_rides(snapshot, times):
         data["rides"] = rides
-    _tell_newer(data, maps, getattr(plan, "margin", None))
+    if len(maps) > 1:
+        data["maps"] = maps
+    margin = getattr(plan, "margin", None)
+    if margin is not None and margin != PRECISION.margin:
+        data["margin"] = margin
     if problem.base_variables:
         # only by these can a plan with variables be read back and judged
         data["parameters"] = {v.name: value_of(plan.get(v)) for v in problem.base_variables}
-    return data
+    return with_minor(data)
 
 
-def _tell_newer(data: PlanDict, maps: list[dict[str, Any]], margin: float | None) -> None:
-    """Add what minor versions brought, where a plan has it: several maps, maps with frames of
-    their own, a clearance that is not the usual one.
+def with_minor(plan: PlanDict) -> PlanDict:
+    """Return a plan with its minor version behind the major one: the last one that brought
+    something that the plan has (none: it has nothing newer).
     """
-    if len(maps) > 1 or "frame" in data["map"] or "height" in data["map"]:
-        data["minor"] = VERSIONS.maps
-    if len(maps) > 1:
-        data["maps"] = maps
-    if margin is not None and margin != PRECISION.margin:
-        data["minor"] = VERSIONS.margin
-        data["margin"] = margin
+    said = plan.get("dependencies", {})
+    brought = (
+        "dependencies" in plan,
+        len(plan.get("maps", ())) > 1 or "frame" in plan["map"] or "height" in plan["map"],
+        "choices" in said,
+        "margin" in plan,
+        "localisation" in said,
+    )
+    known = plan.get("minor", 0)
+    minor = max(known, *(k for k, there in enumerate(brought, start=1) if there), 0)
+    found: PlanDict = {}
+    for key, value in plan.items():
+        if key != "minor":
+            found[key] = value
+        if key == "version" and minor:
+            found["minor"] = minor
+    return found
 
 
 def result_to_dict(

@@ -23,7 +23,7 @@ from up_samp.execution.lives import lives_of
 from up_samp.execution.meetings import meetings_of
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.fleet.statements import Meaning
-from up_samp.io.plan_dict import VERSIONS, PlanDict
+from up_samp.io.plan_dict import PlanDict, with_minor
 from up_samp.operate.horizon import Cut, meanings_of
 from up_samp.operate.records import Pose
 
@@ -229,13 +229,12 @@ def stitched(
     ties = [*ties]
     plan = ordered(plan, _dependencies(plan, kept, new, names, ties, known, lead), known)
     told = _dependencies(plan, kept, new, names, ties, known)
-    plan["minor"] = max(VERSIONS.localisation, new.get("minor", 0))
     plan["dependencies"] = {
         **graph_to_dict(told.graph),
         "localisation": told.localisation,
         "narrow": new["dependencies"].get("narrow", []),
     }
-    return plan
+    return with_minor(plan)
 
 
 def _dependencies(
