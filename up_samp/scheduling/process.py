@@ -39,8 +39,8 @@ class WorkerProcess:
         self._answers, to_write = Pipe(duplex=False)
         self._process = subprocess.Popen(
             child.command(child.bare("up_samp.scheduling.worker")),
-            stdin=to_read,
-            stdout=to_write,
+            stdin=to_read.fileno(),
+            stdout=to_write.fileno(),
             stderr=self._errors,
             env=child.environment({"TMPDIR": self._folder, "TMP": self._folder}),
             start_new_session=True,
