@@ -324,10 +324,10 @@ def day(case: str) -> Values:
     plan = DayPlan(
         hours, rate, due=300.0, noise=0.02, delays=0.3, breakdowns=2, seed=int(seed),
     )  # fmt: skip
-    settings = Settings(stretch=STRETCH, seed=plan.seed, **days.WAYS[way])
+    settings, operation = Settings(stretch=STRETCH, seed=plan.seed), days.WAYS[way]
     with tempfile.TemporaryDirectory() as folder:
-        fleet = days.warehouse(Path(folder), 10)
-        result = simulate_day(fleet, plan, Path(folder) / "day.db", settings=settings)
+        fleet, store = days.warehouse(Path(folder), 10), Path(folder) / "day.db"
+        result = simulate_day(fleet, plan, store, settings=settings, operation=operation)
     told, verdict = result.figures, result.verdict
     wrong = (verdict.contacts, verdict.lost, verdict.twice, verdict.elsewhere)
     values: Values = {"orders": told.orders, "done": told.done, "wrong": sum(map(len, wrong))}

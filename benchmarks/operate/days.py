@@ -10,18 +10,66 @@ whenever an order comes. All days are judged by what was driven.
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from pathlib import Path
 
 import numpy as np
 
 from up_samp import Fleet
 from up_samp.geometry.maps import write_map
+from up_samp.operate.choice import OpenWork, able, choose, first_there, theirs
+from up_samp.operate.horizon import Opened
+from up_samp.operate.loop import Operation
+from up_samp.operate.records import DayOrder
 
-WAYS = {
-    "rolling": {"commit": "begun"},
-    "token": {"commit": "all"},
-    "anew": {"commit": "none"},
-}
+LATER = 1e-3
+"""What an order costs beside one that is planned, where it never goes first at that one's cost."""
+
+
+class FirstComeFirstServed(Operation):
+    """The order that waits and is next, by priority, then by when it is due, then by coming."""
+
+    def next_order(self) -> DayOrder | None:
+        """Return it (None: none waits, or something else has to be seen to first)."""
+        waiting = [*self.waiting(), *self.dropped()]
+        if not waiting or self.stranded() or self.stale():
+            return None
+        return min(waiting, key=lambda j: (-j.record.priority, j.record.due or math.inf, j.came))
+
+    def mended(self) -> OpenWork | None:
+        """Return what has to be planned though no order waits."""
+        return choose(self) if self.stranded() or self.stale() else None
+
+
+class Token(FirstComeFirstServed):
+    """It is given to who could be there first."""
+
+    def choice(self) -> OpenWork | None:
+        job = self.next_order()
+        if job is None:
+            return self.mended()
+        soon = {r: f for r, f in self.free_at().items() if f[0] <= self.settings.soon}
+        free = {r: f for r, f in soon.items() if able(self, job, r)}
+        if not free:
+            return None
+        light = dataclasses.replace(job.record, weight=LATER * job.record.weight)
+        opened = {first_there(self, job, free): Opened.TAIL}
+        return OpenWork(opened, (dataclasses.replace(job, record=light),))
+
+
+class Anew(FirstComeFirstServed):
+    """With it all is planned that is not begun, of everybody."""
+
+    def choice(self) -> OpenWork | None:
+        job = self.next_order()
+        if job is None:
+            return self.mended()
+        everybody = dict.fromkeys(self.there(), Opened.ALL)
+        return OpenWork(everybody, (job, *theirs(self, everybody)))
+
+
+WAYS = {"rolling": Operation, "token": Token, "anew": Anew}
 
 
 def warehouse(folder: Path, robots: int) -> Fleet:

@@ -100,7 +100,7 @@ def test_a_move_as_up_sees_it():
     assert problem.clone() == problem
 
 
-@pytest.mark.parametrize("encoding", ["lean", "lean-no-fluents"])
+@pytest.mark.parametrize("encoding", ["lean", "no-fluents"])
 def test_encodings_use_what_they_say(encoding):
     for problem in (logistics(2, 2, encoding=encoding), job_shop(1, 1, 1, encoding=encoding)):
         assert bool(problem.fluents) == (encoding == "lean")
@@ -207,7 +207,7 @@ def are_joined(floor, poses):
 def test_all_places_are_reachable():
     spots = layout(10, 16)
     assert are_joined(spots.floor, (*spots.depots, *spots.inner, *spots.outer))
-    for name, shop in frozen_shops().items():
+    for name, shop in [*frozen_shops().items()][::4]:
         assert are_joined(shop.floor, shop_poses(shop).values()), name
 
 
@@ -233,11 +233,11 @@ def test_box():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("encoding", ["lean", "lean-no-fluents"])
+@pytest.mark.parametrize("encoding", ["lean", "no-fluents"])
 def test_all_instances_build(encoding):
     large = [instances(family)[0] for family in families()]
     for i in [*instances("paper"), *large, instance("logistics-dc-all-r10-i16")]:
-        if i.family == "warehouse" and encoding != "lean":
+        if i.family in ("warehouse", "transport") and encoding != "lean":
             with pytest.raises(ProblemError, match="encoding"):
                 i.build(encoding, False)
             continue

@@ -15,7 +15,7 @@ from up_samp.benchmarks import (
     logistics,
     navigation,
 )
-from up_samp.benchmarks.published.form import PUBLISHED
+from up_samp.benchmarks.published import PUBLISHED
 from up_samp.model import ProblemError
 from up_samp.upio import read_problem
 

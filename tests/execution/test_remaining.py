@@ -227,7 +227,7 @@ def test_values_that_a_fluent_cannot_have_are_told(made):
 
 def test_a_plan_of_another_encoding_is_told(made):
     _, plan = made
-    for encoding in ("fluents", "lean-no-fluents"):
+    for encoding in ("fluents", "no-fluents"):
         problem = instance("jobshop-r2-j1-m1").build(encoding, True)
         with pytest.raises(ProblemError, match="is of another problem, or of another encoding"):
             Executor(plan, problem)

@@ -70,7 +70,8 @@ def door_in_the_way(folder):
 @pytest.mark.parametrize(("preset", "make"), [("default", crossing), ("paper", door_in_the_way)])
 def test_observers_are_told_each_event_by_name(tmp_path, preset, make):
     recorder = Recorder()
-    result = solve(make(tmp_path), preset=preset, observers=[recorder], first_plan=True)
+    params = {"first_plan": True, "query_seconds": 1.0}
+    result = solve(make(tmp_path), preset=preset, observers=[recorder], **params)
     history = result.history
     rounds = [report for _, report, *_ in recorder.named("on_round") if report is not None]
     assert len(rounds) == len(history.rounds)

@@ -1,6 +1,6 @@
-"""Building blocks of the lean encodings: who is where, said with fluents or with precedences.
+"""Building blocks of the lean encoding: who is where is told by fluents of robots.
 
-What a schedule means, in both encodings and for every family:
+What a schedule means, for every family:
 
 - Activities occupy *closed* intervals of integer time. Two that need the same thing (a robot, a
   machine, a job) must not even touch: one ends strictly before the other starts (Definition 4 of
@@ -34,7 +34,7 @@ from unified_planning.model.motion import (
     SchedulingMotionProblem,
 )
 from unified_planning.model.scheduling import Activity
-from unified_planning.shortcuts import LT, And, Equals, MovableType, Not, Or
+from unified_planning.shortcuts import LT, Equals, MovableType, Not, Or
 
 from up_samp.benchmarks.places import (
     CAR,
@@ -43,20 +43,18 @@ from up_samp.benchmarks.places import (
     ProblemOnMap,
     duration_bounds,
 )
-from up_samp.benchmarks.published.form import PUBLISHED, Published
+from up_samp.benchmarks.published import PUBLISHED, Published
 from up_samp.model import ProblemError
 
-Lean = Literal["lean", "lean-no-fluents"]
-LEAN: tuple[Lean, ...] = ("lean", "lean-no-fluents")
-Encoding = Lean | Published
-"""``lean`` and ``lean-no-fluents`` are built here, all others are the published forms."""
-ENCODINGS: tuple[Encoding, ...] = (*PUBLISHED, *LEAN)
+Encoding = Literal["lean"] | Published
+"""``lean`` is built here, all others are the published forms."""
+ENCODINGS: tuple[Encoding, ...] = (*PUBLISHED, "lean")
 
 
 def is_published(encoding: Encoding) -> TypeGuard[Published]:
     """Return whether ``encoding`` is one of the published forms; raise where it is none at all."""
     check_encoding(encoding)
-    return encoding not in LEAN
+    return encoding != "lean"
 
 
 def check_encoding(encoding: Encoding, known: Sequence[Encoding] = ENCODINGS) -> None:
@@ -81,44 +79,20 @@ def scope_of(*activities: Activity) -> list[FNode]:
 
 
 class Family(ProblemOnMap):
-    """A problem under construction: map, robots, doors, moves, and the rules they share.
+    """A problem under construction: map, robots, doors, moves, and the rules they share."""
 
-    Who is where is said with a fluent, or with precedences alone (the paper's helper and deleter
-    activities): an activity of a robot needs a place at its start. The last helper (a move to
-    there) before it is followed by no deleter (a move away from there) before it ends; at the
-    robot's start, no deleter comes before it. Naming only the moves from that place as deleters is
-    enough, given that a robot's activities never overlap: in the order of time, the moves before
-    form a walk by induction. If it has left after the helper, one of them is a move from there; if
-    the robot is elsewhere, its last arrival there has no later departure.
-    """
-
-    def __init__(
-        self,
-        name: str,
-        floor: FamilyFloor,
-        *,
-        a_max: float,
-        encoding: Encoding,
-        metric: bool,
-    ) -> None:
-        check_encoding(encoding, LEAN)
+    def __init__(self, name: str, floor: FamilyFloor, *, a_max: float, metric: bool) -> None:
         super().__init__(name, floor.yaml, metric=metric)
         self.floor = floor
         self.a_max = a_max
-        self.with_fluents = encoding == "lean"
         self.robot_type = MovableType("robot")
         self.door_type = MovableType("door")
         self.robots: list[MovableObject] = []
         self.doors: list[MovableObject] = []
         self.busy: dict[str, list[Activity]] = {}
-        self._door_at: Fluent | None = None
+        self.door_at = Fluent("door_at", self.pose_type, door=self.door_type)
         self.robot_at = Fluent("robot_at", self.pose_type, robot=self.robot_type)
-        if self.with_fluents:
-            self.problem.add_fluent(self.robot_at)
-        self.starts: dict[str, ConfigurationObject] = {}
-        self.moves: dict[str, list[tuple[Activity, ConfigurationObject, ConfigurationObject]]] = {}
-        self.needs: list[tuple[str, Activity | None, ConfigurationObject]] = []
-        """Which robot has to be where when an activity starts (``None``: in the end)."""
+        self.problem.add_fluent(self.robot_at)
 
     def robot(self, name: str, start: ConfigurationObject) -> MovableObject:
         """Add a car that stands at ``start``."""
@@ -131,10 +105,9 @@ class Family(ProblemOnMap):
             MotionModels.REEDSSHEPP,
             motion_parameters=limits,
         )
-        if self.with_fluents:
-            self.problem.set_initial_value(self.robot_at(robot), start)
+        self.problem.set_initial_value(self.robot_at(robot), start)
         self.robots.append(robot)
-        self.starts[name], self.moves[name], self.busy[name] = start, [], []
+        self.busy[name] = []
         return robot
 
     def door(
@@ -145,11 +118,9 @@ class Family(ProblemOnMap):
         opened = self.place(f"{prefix}_open", door.open)
         leaf = self.body(door.name, self.door_type, door.footprint, closed)
         self.doors.append(leaf)
-        if self.with_fluents:
-            if self._door_at is None:
-                self._door_at = Fluent("door_at", self.pose_type, door=self.door_type)
-                self.problem.add_fluent(self._door_at)
-            self.problem.set_initial_value(self._door_at(leaf), closed)
+        if len(self.doors) == 1:
+            self.problem.add_fluent(self.door_at)
+        self.problem.set_initial_value(self.door_at(leaf), closed)
         return leaf, closed, opened
 
     def move(
@@ -158,13 +129,10 @@ class Family(ProblemOnMap):
         origin: ConfigurationObject,
         to: ConfigurationObject,
         name: str | None = None,
-        *,
-        implied: bool = False,
     ) -> MotionActivity:
         """Add the optional motion of ``robot`` from ``origin`` to ``to``, after all objects.
 
-        Doors are its static obstacles, the other robots its dynamic ones. ``implied``: other
-        precedences say already that the robot is there then.
+        Doors are its static obstacles, the other robots its dynamic ones.
         """
         a = self.problem.add_motion_activity(
             name or f"move_{robot.name}_{origin.name}_to_{to.name}", optional=True
@@ -181,49 +149,29 @@ class Family(ProblemOnMap):
                 dynamic_obstacles_at_start=[r for r in self.robots if r is not robot],
             )
         )
-        if self.with_fluents:
-            a.add_condition(at_start(a), Equals(self.robot_at(robot), origin))
-            a.add_effect(a.end, self.robot_at(robot), to)
-        elif not implied:
-            self.needs.append((robot.name, a, origin))
-        self.moves[robot.name].append((a, origin, to))
+        a.add_condition(at_start(a), Equals(self.robot_at(robot), origin))
+        a.add_effect(a.end, self.robot_at(robot), to)
         self.busy[robot.name].append(a)
         return a
 
     def work(
-        self,
-        robot: MovableObject,
-        name: str,
-        place: ConfigurationObject,
-        duration: int,
-        *,
-        implied: bool = False,
+        self, robot: MovableObject, name: str, place: ConfigurationObject, duration: int
     ) -> Activity:
-        """Add something optional that ``robot`` does while it stands at ``place`` (``implied``: see
-        ``move``).
-        """
+        """Add something optional that ``robot`` does while it stands at ``place``."""
         a = self.problem.add_activity(name, duration=duration, optional=True)
-        self._stand(robot, a, place, implied)
+        self._stand(robot, a, place)
         return a
 
-    def _stand(
-        self, robot: MovableObject, a: Activity, place: ConfigurationObject, implied: bool = False
-    ) -> None:
+    def _stand(self, robot: MovableObject, a: Activity, place: ConfigurationObject) -> None:
         """Let ``robot`` stand at ``place`` throughout ``a``, which it does."""
-        if self.with_fluents:
-            throughout = ClosedTimeInterval(Timing(0, a.start), Timing(0, a.end))
-            a.add_condition(throughout, Equals(self.robot_at(robot), place))
-        elif not implied:
-            self.needs.append((robot.name, a, place))
+        throughout = ClosedTimeInterval(Timing(0, a.start), Timing(0, a.end))
+        a.add_condition(throughout, Equals(self.robot_at(robot), place))
         self.busy[robot.name].append(a)
 
     def end(self, robot: MovableObject, place: ConfigurationObject) -> None:
         """Let ``robot`` be at ``place`` when everything is over."""
-        if self.with_fluents:
-            there = Equals(self.robot_at(robot), place)
-            self.problem.add_condition(TimePointInterval(GlobalEndTiming()), there)
-        else:
-            self.needs.append((robot.name, None, place))
+        there = Equals(self.robot_at(robot), place)
+        self.problem.add_condition(TimePointInterval(GlobalEndTiming()), there)
 
     def open_door(
         self,
@@ -232,34 +180,24 @@ class Family(ProblemOnMap):
         closed: ConfigurationObject,
         opened: ConfigurationObject,
         button: ConfigurationObject,
-    ) -> list[MotionActivity]:
+    ) -> None:
         """Let any robot that stands at ``button`` open the door, once and in 1 unit of time.
 
         The door's configuration changes at the activity's end: a motion effect without a motion
         constraint. A door that is open cannot be opened again.
         """
-        openings = []
         for robot in self.robots:
             a = self.problem.add_motion_activity(f"{name}_{robot.name}", 1, optional=True)
             a.add_motion_effect(leaf, opened)
-            if self._door_at is not None:
-                a.add_condition(at_start(a), Equals(self._door_at(leaf), closed))
-                a.add_effect(a.end, self._door_at(leaf), opened)
+            a.add_condition(at_start(a), Equals(self.door_at(leaf), closed))
+            a.add_effect(a.end, self.door_at(leaf), opened)
             self._stand(robot, a, button)
-            openings.append(a)
-        if not self.with_fluents:
-            self.at_most_one(openings)
-        return openings
-
-    def at_most_one(self, activities: Sequence[Activity]) -> None:
-        """At most one of the optional ``activities`` is present."""
-        for a, b in itertools.combinations(activities, 2):
-            self.problem.add_constraint(Or(Not(a.present), Not(b.present)))
 
     def exactly_one(self, activities: Sequence[Activity]) -> None:
         """Exactly one of the optional ``activities`` is present."""
         self.problem.add_constraint(Or([a.present for a in activities]))
-        self.at_most_one(activities)
+        for a, b in itertools.combinations(activities, 2):
+            self.problem.add_constraint(Or(Not(a.present), Not(b.present)))
 
     def in_order(self, first: Iterable[Activity], then: Iterable[Activity]) -> None:
         """Every present activity of ``first`` ends before every present one of ``then`` starts."""
@@ -271,33 +209,8 @@ class Family(ProblemOnMap):
         for a, b in itertools.combinations(activities, 2):
             self.problem.add_constraint(Or(before(a, b), before(b, a)), scope=scope_of(a, b))
 
-    def _helped(self, robot: str, a: Activity | None, place: ConfigurationObject) -> FNode:
-        """Return the constraint that a robot is at a place when ``a`` starts (``None``: in the
-        end).
-        """
-        deleters = [x for x, origin, _ in self.moves[robot] if origin is place and x is not a]
-
-        def undisturbed(since: Activity | None) -> list[FNode]:
-            """Return that nothing takes it away again."""
-            found = []
-            for x in deleters:
-                earlier = [] if since is None else [before(x, since)]
-                later = [] if a is None else [before(a, x)]
-                found.append(Or([Not(x.present), *earlier, *later]))
-            return found
-
-        ways = [And(undisturbed(None))] if place is self.starts[robot] else []
-        for helper, _, to in self.moves[robot]:
-            if to is place:
-                in_time = [] if a is None else [before(helper, a)]
-                ways.append(And([helper.present, *in_time, *undisturbed(helper)]))
-        return Or(ways)
-
     def finish(self) -> SchedulingMotionProblem:
-        """State the routes and that each robot does one thing at a time; return the problem."""
-        for robot, a, place in self.needs:
-            scope = [] if a is None else scope_of(a)
-            self.problem.add_constraint(self._helped(robot, a, place), scope=scope)
+        """State that each robot does one thing at a time; return the problem."""
         for activities in self.busy.values():
             self.one_at_a_time(activities)
         return self.problem

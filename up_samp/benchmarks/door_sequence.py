@@ -16,7 +16,7 @@ from unified_planning.shortcuts import Or
 
 from up_samp.benchmarks.maps import outer_wall
 from up_samp.benchmarks.places import DOWN, UP, FamilyDoor, FamilyFloor, Pose, box
-from up_samp.benchmarks.published.form import Form, Manner, Published
+from up_samp.benchmarks.published import Form, Manner, Published
 from up_samp.model import ProblemError
 
 HEIGHT, GAP = 30.0, 5.0

@@ -25,7 +25,7 @@ from up_samp.benchmarks.builder import Encoding, check_encoding
 from up_samp.benchmarks.door_sequence import door_sequence
 from up_samp.benchmarks.kitting import kitting
 from up_samp.benchmarks.navigation import navigation
-from up_samp.benchmarks.published.form import PUBLISHED
+from up_samp.benchmarks.published import PUBLISHED
 from up_samp.benchmarks.warehouse import warehouse
 from up_samp.model import ProblemError
 
@@ -81,7 +81,7 @@ def instance(name: str) -> Instance:
         form: str = encoding
         if family in _PUBLISHED_ONLY:
             check_encoding(encoding)
-            form = PUBLISHED[0] if encoding == "lean" else encoding.removeprefix("lean-")
+            form = PUBLISHED[0] if encoding == "lean" else encoding
         if family == "warehouse":
             check_encoding(encoding, ("lean",))  # where robots are is always a fluent here
             form = "compact" if compact else "moves"

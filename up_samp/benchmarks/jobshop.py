@@ -15,15 +15,17 @@ import itertools
 import json
 import math
 import random
+from collections.abc import Sequence
 from typing import Any
 
 from unified_planning.model.motion import ConfigurationObject, SchedulingMotionProblem
 from unified_planning.model.scheduling import Activity
+from unified_planning.shortcuts import GE, And, Implies
 
 from up_samp.benchmarks.builder import Encoding, Family, is_published
 from up_samp.benchmarks.maps import DATA, WALL, outer_wall
 from up_samp.benchmarks.places import DOWN, UP, FamilyDoor, FamilyFloor, Pose, Shop, box
-from up_samp.benchmarks.published.jobshop import published_job_shop
+from up_samp.benchmarks.published import Form, Manner, Published
 from up_samp.model import ProblemError
 
 MOST = {"robots": 5, "jobs": 6, "machines": 6}
@@ -161,10 +163,8 @@ def job_shop(
     title = instance_name(robots, jobs, machines) + (f"-s{seed}" if seed else "")
     if is_published(encoding):
         return published_job_shop(title, data, encoding, metric)
-    family = Family(title, data.floor, a_max=ACCELERATION, encoding=encoding, metric=metric)
-    starts = [family.place(f"start{r}", pose) for r, pose in enumerate(data.starts)]
-    for r, start in enumerate(starts):
-        family.robot(f"r{r}", start)
+    family = Family(title, data.floor, a_max=ACCELERATION, metric=metric)
+    starts = add_robots(family, data)
     stands = [family.place(f"machine{m}", pose) for m, pose in enumerate(data.machines)]
     buttons = add_doors(family)
     for robot, start in zip(family.robots, starts, strict=True):
@@ -172,6 +172,14 @@ def job_shop(
             family.move(robot, origin, to)
     _operations(family, data, stands)
     return family.finish()
+
+
+def add_robots(family: Family, data: Shop) -> list[ConfigurationObject]:
+    """Add the robots where they start, and return these places."""
+    starts = [family.place(f"start{r}", pose) for r, pose in enumerate(data.starts)]
+    for r, start in enumerate(starts):
+        family.robot(f"r{r}", start)
+    return starts
 
 
 def add_doors(family: Family) -> list[ConfigurationObject]:
@@ -210,3 +218,56 @@ def shop_poses(data: Shop) -> dict[str, Pose]:
     poses = {f"start{r}": pose for r, pose in enumerate(data.starts)}
     poses |= {f"machine{m}": pose for m, pose in enumerate(data.machines)}
     return poses | {f"button{i}": door.button for i, door in enumerate(data.floor.doors)}
+
+
+# ------------------ As published: moves between all places, also to the other robots' starts
+
+
+def published_job_shop(
+    name: str, shop: Shop, encoding: Published, metric: bool
+) -> SchedulingMotionProblem:
+    """Build a job shop in a published form (what it asks: ``job_shop``)."""
+    form = Form(name, Manner(shop.floor, guess=1.0), encoding, metric)
+    starts = [form.place(f"robot{r}_start", pose) for r, pose in enumerate(shop.starts)]
+    for start in starts:
+        form.robot(start)
+    machines = [form.place(f"machine{m}", pose) for m, pose in enumerate(shop.machines)]
+    buttons = [form.door(door).button for door in shop.floor.doors]
+    for robot in form.robots:
+        for origin, to in itertools.permutations([*machines, *starts, *buttons], 2):
+            form.move(robot, origin, to)
+    form.openings()
+    _published_operations(form, shop, machines)
+    return form.finish()
+
+
+def _published_operations(form: Form, shop: Shop, machines: Sequence[ConfigurationObject]) -> None:
+    by_machine: list[list[Activity]] = [[] for _ in machines]
+    owner: dict[int, int] = {}
+    free = [
+        form.problem.add_resource(f"machine{m}_free", 1) if form.with_resources else None
+        for m in range(len(machines))
+    ]
+    for j, route in enumerate(shop.jobs):
+        earlier: list[Activity] = []
+        for t, (m, duration) in enumerate(route):
+            choices = []
+            for r, robot in enumerate(form.robots):
+                a = form.work(robot, f"r{r}_j{j}_t{t}_m{m}", [machines[m]], duration)
+                if free[m] is not None:
+                    a.uses(free[m])
+                owner[id(a)] = r
+                choices.append(a)
+            form.exactly_one(choices, inside=False)
+            if earlier:
+                for later in choices:
+                    later.add_constraint(
+                        And([Implies(e.present, GE(later.start, e.end)) for e in earlier])
+                    )
+            earlier = choices
+            by_machine[m] += choices
+    if not form.with_resources:
+        for activities in by_machine:
+            for a, b in itertools.combinations(activities, 2):
+                if owner[id(a)] != owner[id(b)]:  # one robot's are apart anyhow
+                    form.one_at_a_time((a, b))

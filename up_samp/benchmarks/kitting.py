@@ -21,7 +21,7 @@ from unified_planning.shortcuts import GE, LE, BoolType, Iff, Implies, Not, Or, 
 
 from up_samp.benchmarks.maps import outer_wall
 from up_samp.benchmarks.places import DOWN, UP, FamilyDoor, FamilyFloor, Pose, box
-from up_samp.benchmarks.published.form import Form, Manner, Published
+from up_samp.benchmarks.published import Form, Manner, Published
 from up_samp.model import ProblemError
 
 HALL = (30.0, 30.0)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 import random
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -21,12 +22,12 @@ from unified_planning.model.motion import (
     SchedulingMotionProblem,
 )
 from unified_planning.model.scheduling import Activity
-from unified_planning.shortcuts import FALSE, TRUE, BoolType
+from unified_planning.shortcuts import FALSE, LE, TRUE, And, BoolType, Or
 
 from up_samp.benchmarks.builder import Encoding, Family, at_start, is_published
 from up_samp.benchmarks.maps import outer_wall
 from up_samp.benchmarks.places import DOWN, UP, FamilyDoor, FamilyFloor, Layout, Pose, box
-from up_samp.benchmarks.published.logistics import published_logistics
+from up_samp.benchmarks.published import HANDLING, Form, Manner, Published, PublishedRobot
 from up_samp.model import ProblemError
 
 MOST = {"robots": 10, "items": 16}
@@ -134,9 +135,8 @@ def logistics(
 
     :param door: ``"open"`` leaves door and button away.
     :param sides: ``"corridor"`` allows the items' inner poses only.
-    :param encoding: ``lean`` (object fluents, effects at the end, a pick per pose),
-        ``lean-no-fluents`` (precedences), or one of the forms in which the authors publish it
-        (:mod:`up_samp.benchmarks.published.form`).
+    :param encoding: ``lean`` (object fluents, effects at the end, a pick per pose), or one of the
+        forms in which the authors publish it (:mod:`up_samp.benchmarks.published`).
     :param metric: minimise the makespan.
     :param seed: 0 is the paper's layout.
     """
@@ -150,7 +150,7 @@ def logistics(
     title = f"logistics-d{door[0]}-{side}-r{robots}-i{items}" + (f"-s{seed}" if seed else "")
     if is_published(encoding):
         return published_logistics(title, spots, sides == "all", encoding, metric)
-    family = Family(title, spots.floor, a_max=ACCELERATION, encoding=encoding, metric=metric)
+    family = Family(title, spots.floor, a_max=ACCELERATION, metric=metric)
     shelves = _shelf_places(family, spots, sides)
     depots = [family.place(f"depot{r}", pose) for r, pose in enumerate(spots.depots)]
     for r, depot in enumerate(depots):
@@ -171,25 +171,20 @@ def _picks(
     button: ConfigurationObject | None,
     items: int,
 ) -> None:
-    """Add who picks what: every item is picked by exactly one robot.
-
-    With fluents a pick needs free hands and fills them, and every move home ends with free hands.
-    Without them nothing has to be said of hands: from a pose at the shelf a robot can only drive
-    home, and there it can pick only what stands there.
+    """Add who picks what: every item is picked by exactly one robot. A pick needs free hands and
+    fills them, and every move home ends with free hands.
     """
     free = Fluent("robot_is_free", BoolType(), robot=family.robot_type)
-    if family.with_fluents:
-        family.problem.add_fluent(free, default_initial_value=True)
+    family.problem.add_fluent(free, default_initial_value=True)
     picks: list[list[Activity]] = [[] for _ in range(items)]
     for robot, depot in zip(family.robots, depots, strict=True):
         homeward = _moves(family, robot, depot, shelves, button)
-        for move in homeward if family.with_fluents else ():
+        for move in homeward:
             move.add_effect(move.end, free(robot), TRUE())
         for (item, side), shelf in shelves.items():
             pick = family.work(robot, f"pick_{robot.name}_i{item}_{side}", shelf, 1)
-            if family.with_fluents:
-                pick.add_condition(at_start(pick), free(robot))
-                pick.add_effect(pick.end, free(robot), FALSE())
+            pick.add_condition(at_start(pick), free(robot))
+            pick.add_effect(pick.end, free(robot), FALSE())
             picks[item].append(pick)
         family.end(robot, depot)
     for choices in picks:
@@ -233,3 +228,79 @@ def _check(spots: Layout) -> None:
         (("button", door.button) for door in spots.floor.doors),
     )
     spots.floor.check(dict(named))
+
+
+# ------------------ As published: one pick per robot and item, whatever the number of poses
+
+
+Shelves = list[list[ConfigurationObject]]
+"""The poses from which each item can be picked."""
+
+
+def published_logistics(
+    name: str,
+    spots: Layout,
+    both_sides: bool,
+    encoding: Published,
+    metric: bool,
+) -> SchedulingMotionProblem:
+    """Build a logistics problem in a published form (what it asks: ``logistics``)."""
+    form = Form(name, Manner(spots.floor, guess=0.5), encoding, metric)
+    depots = [form.place(f"robot{r}_depot", pose) for r, pose in enumerate(spots.depots)]
+    for depot in depots:
+        form.robot(depot)
+    shelves: Shelves = []
+    for i, pose in enumerate(spots.inner):
+        shelves.append([form.place(f"item{i}_in", pose)])
+        if both_sides:
+            shelves[-1].append(form.place(f"item{i}_out", spots.outer[i]))
+    buttons = [form.door(door).button for door in spots.floor.doors]
+    picks: list[list[Activity]] = [[] for _ in shelves]
+    for robot in form.robots:
+        _published_moves(form, robot, [p for poses in shelves for p in poses], buttons)
+        for i, pick in enumerate(_published_picks(form, robot, shelves)):
+            picks[i].append(pick)
+    form.openings()
+    for choices in picks:
+        form.exactly_one(choices)
+    form.end_at(dict(enumerate(depots)))
+    return form.finish()
+
+
+def _published_moves(
+    form: Form,
+    robot: PublishedRobot,
+    poses: Sequence[ConfigurationObject],
+    buttons: Sequence[ConfigurationObject],
+) -> None:
+    for place in (*poses, *buttons):
+        form.move(robot, robot.start, place)
+    for button in buttons:
+        for place in poses:
+            form.move(robot, button, place)
+    for place in (*poses, *buttons):
+        form.move(robot, place, robot.start)
+
+
+def _published_picks(form: Form, robot: PublishedRobot, shelves: Shelves) -> list[Activity]:
+    """Add the robot's picks; its hands must be free, and are so again when it comes home."""
+    picks = [
+        form.work(robot, f"pick_{robot.name}_item{i}", poses, HANDLING)
+        for i, poses in enumerate(shelves)
+    ]
+    homeward = robot.moves_to([robot.start])
+    if form.with_fluents:
+        free = Fluent(f"{robot.name}_is_free", BoolType())
+        form.problem.add_fluent(free, default_initial_value=True)
+        for pick in picks:
+            form.needs_at_start(pick, free)
+            pick.add_effect(form.done(pick), free, FALSE())
+        for move in homeward:
+            move.add_effect(form.done(move), free, TRUE())
+        return picks
+    leaving = robot.moves_from(robot.start)
+    for pick in picks:
+        form.needs.append((pick, leaving, picks, False))
+        home = Or([And(m.present, LE(pick.end, m.start)) for m in homeward])
+        form.problem.add_constraint(home, scope=[pick.present])
+    return picks

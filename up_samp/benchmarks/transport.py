@@ -19,12 +19,12 @@ from unified_planning.model.motion import (
     SchedulingMotionProblem,
 )
 from unified_planning.model.scheduling import Activity
-from unified_planning.shortcuts import And, Equals, Iff, Or, UserType
+from unified_planning.shortcuts import Equals, Iff, UserType
 
 from up_samp.benchmarks import jobshop
-from up_samp.benchmarks.builder import Encoding, Family, at_start, before, scope_of
+from up_samp.benchmarks.builder import Encoding, Family, at_start, check_encoding
 from up_samp.benchmarks.logistics import DoorState
-from up_samp.benchmarks.places import Pose, Shop
+from up_samp.benchmarks.places import Pose
 from up_samp.model import ProblemError
 
 HANDLING = 2
@@ -39,31 +39,6 @@ FT06: tuple[tuple[tuple[int, int], ...], ...] = (
     ((1, 3), (3, 3), (5, 9), (0, 10), (4, 4), (2, 1)),
 )
 """Routes (machine, duration) of Fisher and Thompson's 6 x 6 job shop."""
-
-
-ItemTrip = tuple[Activity, Activity, Activity]
-"""One trip of an item by one robot: load, carry, unload."""
-
-
-def _starts(family: Family, shop: Shop) -> list[ConfigurationObject]:
-    """Add the robots where they start, and return these places."""
-    starts = [family.place(f"start{r}", pose) for r, pose in enumerate(shop.starts)]
-    for r, start in enumerate(starts):
-        family.robot(f"r{r}", start)
-    return starts
-
-
-def _empty_moves(
-    family: Family,
-    hands: Loads,
-    starts: list[ConfigurationObject],
-    stops: list[ConfigurationObject],
-) -> None:
-    """Add the robots' moves without a load: from their starts and between all stops."""
-    for robot, start in zip(family.robots, starts, strict=True):
-        for origin, to in itertools.product([start, *stops], stops):
-            if origin is not to:
-                hands.empty(robot, family.move(robot, origin, to))
 
 
 def transport(
@@ -88,8 +63,9 @@ def transport(
 
     :param data: ``"ft06"`` takes that job shop's 6 jobs and 6 machines.
     :param door: ``"open"`` leaves doors and buttons away.
-    :param encoding: ``lean`` or ``lean-no-fluents``: this family has no published form.
+    :param encoding: ``lean``: this family has no published form.
     """
+    check_encoding(encoding, ("lean",))
     if data not in (None, "ft06") or door not in ("closed", "open"):
         raise ProblemError(f"no such transport setting: data={data!r}, door={door!r}")
     if data == "ft06":
@@ -98,23 +74,21 @@ def transport(
     floor = shop.floor if door == "closed" else replace(shop.floor, doors=())
     sizes = "" if data else f"-j{jobs}-m{machines}"
     title = f"transport{f'-{data}' if data else ''}-d{door[0]}-r{robots}{sizes}"
-    family = Family(
-        title + (f"-s{seed}" if seed else ""),
-        floor,
-        a_max=jobshop.ACCELERATION,
-        encoding=encoding,
-        metric=metric,
-    )
-    starts = _starts(family, shop)
+    title += f"-s{seed}" if seed else ""
+    family = Family(title, floor, a_max=jobshop.ACCELERATION, metric=metric)
+    starts = jobshop.add_robots(family, shop)
     stands = [family.place(f"machine{m}", pose) for m, pose in enumerate(shop.machines)]
     spots = pallet_poses(jobs, floor.size[0])
     pallets = [family.place(f"pallet{j}", pose) for j, pose in enumerate(spots)]
     floor.check({**jobshop.shop_poses(shop), **{f"pallet{j}": p for j, p in enumerate(spots)}})
     buttons = jobshop.add_doors(family)
     hands = Loads(family, pallets)
-    _empty_moves(family, hands, starts, [*stands, *pallets, *buttons])
+    stops = [*stands, *pallets, *buttons]
+    for robot, start in zip(family.robots, starts, strict=True):
+        for origin, to in itertools.product([start, *stops], stops):
+            if origin is not to:
+                hands.empty(robot, family.move(robot, origin, to))
     _jobs(family, hands, FT06 if data == "ft06" else shop.jobs, stands, pallets)
-    hands.finish()
     return family.finish()
 
 
@@ -124,21 +98,10 @@ def pallet_poses(jobs: int, width: float) -> list[Pose]:
 
 
 class Loads:
-    """What robots carry and where items are.
-
-    With fluents: ``carries(robot)`` and ``item_at(item)``. Without them: a leg's load needs the
-    previous leg's unload as its helper, and what a robot does is never between the load and the
-    unload of a leg that it is not part of.
-    """
+    """What robots carry and where items are: ``carries(robot)`` and ``item_at(item)``."""
 
     def __init__(self, family: Family, pallets: list[ConfigurationObject]) -> None:
-        self.family = family
-        self.legs: list[tuple[MovableObject, ItemTrip]] = []
-        self.arrivals: dict[tuple[int, int], list[Activity]] = {}
-        self.items: list[Object] = []
-        if not family.with_fluents:
-            return
-        item_type = UserType("item")
+        self.family, item_type = family, UserType("item")
         self.nothing = Object("nothing", item_type)
         self.items = [Object(f"item{j}", item_type) for j in range(len(pallets))]
         self.carries = Fluent("carries", item_type, robot=family.robot_type)
@@ -151,50 +114,27 @@ class Loads:
 
     def empty(self, robot: MovableObject, move: Activity) -> None:
         """``move`` is made without a load."""
-        if self.items:
-            move.add_condition(at_start(move), Equals(self.carries(robot), self.nothing))
+        move.add_condition(at_start(move), Equals(self.carries(robot), self.nothing))
 
     def leg(
         self,
         robot: MovableObject,
-        trip: ItemTrip,
-        number: tuple[int, int],
+        trip: tuple[Activity, Activity, Activity],
+        item: Object,
         ends: tuple[ConfigurationObject, ConfigurationObject],
     ) -> None:
-        """A ``trip`` of ``robot`` takes an item from one place to another: the item, and the
-        trip's own ``number``.
-        """
-        (load, carry, unload), (j, k), (origin, to) = trip, number, ends
-        self.legs.append((robot, trip))
-        self.arrivals.setdefault(number, []).append(unload)
-        problem = self.family.problem
+        """A ``trip`` of ``robot`` (load, carry, unload) takes an item from one place to another."""
+        (load, carry, unload), (origin, to) = trip, ends
         for a, b in itertools.pairwise(trip):
-            problem.add_constraint(Iff(a.present, b.present))
+            self.family.problem.add_constraint(Iff(a.present, b.present))
             self.family.in_order([a], [b])
-        if not self.items:
-            if k > 0:
-                helpers = [And(u.present, before(u, load)) for u in self.arrivals[j, k - 1]]
-                problem.add_constraint(Or(helpers), scope=scope_of(load))
-            return
-        item, carries, item_at = self.items[j], self.carries(robot), self.item_at
+        carries, item_at = self.carries(robot), self.item_at
         for a, needs in ((load, self.nothing), (carry, item), (unload, item)):
             a.add_condition(at_start(a), Equals(carries, needs))
         load.add_condition(at_start(load), Equals(item_at(item), origin))
         load.add_effect(load.end, carries, item)
         unload.add_effect(unload.end, carries, self.nothing)
         unload.add_effect(unload.end, item_at(item), to)
-
-    def finish(self) -> None:
-        """Without fluents: keep everything else of the robot out of each leg."""
-        if self.items:
-            return
-        for robot, trip in self.legs:
-            load, _, unload = trip
-            for x in self.family.busy[robot.name]:
-                if not any(x is a for a in trip):
-                    self.family.problem.add_constraint(
-                        Or(before(x, load), before(unload, x)), scope=scope_of(x, load)
-                    )
 
 
 def _jobs(
@@ -234,11 +174,9 @@ def _legs(
     loads, unloads = [], []
     for robot in family.robots:
         load = family.work(robot, f"load_{robot.name}_i{j}_{k}", origin, HANDLING)
-        carry = family.move(
-            robot, origin, to, f"carry_{robot.name}_i{j}_{k}_to_{to.name}", implied=True
-        )
-        unload = family.work(robot, f"unload_{robot.name}_i{j}_{k}", to, HANDLING, implied=True)
-        hands.leg(robot, (load, carry, unload), (j, k), (origin, to))
+        carry = family.move(robot, origin, to, f"carry_{robot.name}_i{j}_{k}_to_{to.name}")
+        unload = family.work(robot, f"unload_{robot.name}_i{j}_{k}", to, HANDLING)
+        hands.leg(robot, (load, carry, unload), hands.items[j], (origin, to))
         loads.append(load)
         unloads.append(unload)
     family.exactly_one(loads)

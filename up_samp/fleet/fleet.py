@@ -7,9 +7,8 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from matplotlib.axes import Axes
 from unified_planning.model.motion import SchedulingMotionProblem
 
 from up_samp.fleet.batteries import tell_levels
@@ -26,7 +25,6 @@ from up_samp.fleet.faults import (
 )
 from up_samp.fleet.files import read_problem_file, read_record, write_problem_file
 from up_samp.fleet.objective import tell_lateness
-from up_samp.fleet.picture import draw_fleet
 from up_samp.fleet.records import (
     Door,
     FleetRecords,
@@ -46,6 +44,9 @@ from up_samp.fleet.spelled_out import ids_of
 from up_samp.fleet.statements import Written
 from up_samp.io.plan_dict import PlanDict
 from up_samp.io.precision import PRECISION
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 Names = str | Sequence[str]
 
@@ -274,6 +275,8 @@ class Fleet:
 
     def draw(self, file: str | PathLike[str] | None = None) -> Axes:
         """Draw the map with all places, doors, zones and robots; what the check tells of is red."""
+        from up_samp.fleet.picture import draw_fleet  # Matplotlib is slow to import
+
         return saved(draw_fleet(self.records, self._folder, self.check()), file)
 
     def _named(self, kind: str, record: type, name: str, data: dict[str, Any]) -> None:

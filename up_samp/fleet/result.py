@@ -10,23 +10,24 @@ from fractions import Fraction
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from matplotlib.axes import Axes
 from unified_planning.engines import PlanGenerationResult
 from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.plans import Plan
 from unified_planning.shortcuts import OneshotPlanner
 
+from up_samp import plotting
 from up_samp.engines.factory import engine_named
 from up_samp.engines.registration import register
 from up_samp.fleet.statements import Kind, Written
 from up_samp.io import PlanDict, result_to_dict
 from up_samp.model import SampError
 from up_samp.model.objective import MinimizeCosts
-from up_samp.plotting import places_of, plot_gantt, plot_map, write_html, write_outputs
-from up_samp.plotting.style import saved as save_figure
 from up_samp.validation import terms_of
+
+if TYPE_CHECKING:  # Matplotlib is slow to import
+    from matplotlib.axes import Axes
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,16 +92,16 @@ class FleetResult:
 
     def gantt(self, file: str | PathLike[str] | None = None) -> Axes:
         """Draw who does what when; with ``file``, save the picture there."""
-        return saved(plot_gantt(self.data), file)
+        return saved(plotting.plot_gantt(self.data), file)
 
     def map(self, file: str | PathLike[str] | None = None) -> Axes:
         """Draw the paths on the map; with ``file``, save the picture there."""
-        return saved(plot_map(self.data, places=places_of(self.problem)), file)
+        return saved(plotting.plot_map(self.data, places=plotting.places_of(self.problem)), file)
 
     def save(self, folder: str | PathLike[str]) -> list[Path]:
         """Write ``plan.json``, ``gantt.png``, ``map.png`` and ``animation.html``."""
-        places = places_of(self.problem)
-        return write_outputs(self.data, Path(folder), places=places, gif=False)
+        places = plotting.places_of(self.problem)
+        return plotting.write_outputs(self.data, Path(folder), places=places, gif=False)
 
     def show(self, folder: str | PathLike[str] | None = None, *, browser: bool = True) -> Path:
         """Write the animated page (to ``folder``, or a temporary one) and open it in a browser;
@@ -109,7 +110,8 @@ class FleetResult:
         target = Path(folder or tempfile.mkdtemp(prefix="up-samp-"))
         target.mkdir(parents=True, exist_ok=True)
         file = target / "animation.html"
-        page = Path(write_html(self.data, file, places=places_of(self.problem)))
+        places = plotting.places_of(self.problem)
+        page = Path(plotting.write_html(self.data, file, places=places))
         if browser:
             webbrowser.open(page.resolve().as_uri())
         return page
@@ -164,5 +166,7 @@ def solve_problem(
 def saved(ax: Axes, file: str | PathLike[str] | None) -> Axes:
     """Save a picture, if ``file`` names one; return its axes."""
     if file is not None:
+        from up_samp.plotting.style import saved as save_figure
+
         save_figure(ax, Path(file))
     return ax

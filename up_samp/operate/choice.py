@@ -145,13 +145,9 @@ def choose(day: Day) -> OpenWork | None:
     """Return what to plan next; None: nothing is left to plan."""
     if robots := (day.stranded() or day.stale())[:2]:
         opened = dict.fromkeys(robots, Opened.ALL)
-        return OpenWork(opened, tuple(_theirs(day, opened)))
+        return OpenWork(opened, tuple(theirs(day, opened)))
     waiting = [j for j in (*day.waiting(), *day.dropped()) if _ready(day, j)]
-    if waiting and day.settings.commit == "begun":
-        return _dispatched(day, waiting)
-    if waiting:
-        return _for_order(day, min(waiting, key=urgency))
-    return _shared_anew(day)
+    return _dispatched(day, waiting) if waiting else _shared_anew(day)
 
 
 def _dispatched(day: Day, waiting: Sequence[DayOrder]) -> OpenWork | None:
@@ -164,21 +160,22 @@ def _dispatched(day: Day, waiting: Sequence[DayOrder]) -> OpenWork | None:
     """
     free = {r: f for r, f in day.free_at().items() if f[0] <= day.settings.soon}
     for robot in sorted(free, key=lambda r: (free[r][0], r)):
-        left = [j for j in waiting if _able(day, j, robot)]
+        left = [j for j in waiting if able(day, j, robot)]
         if not left:
             continue
         job = max(left, key=lambda j: _worth(day, j, robot, *free[robot]))
-        opened = {_first_there(day, job, free): Opened.ALL}
-        jobs = (job, *_theirs(day, opened))
+        opened = {first_there(day, job, free): Opened.ALL}
+        jobs = (job, *theirs(day, opened))
         if len(jobs) <= day.settings.most:
             return OpenWork(opened, jobs)
         return OpenWork(dict.fromkeys(opened, Opened.TAIL), (job,))
     return None
 
 
-def _first_there(day: Day, job: DayOrder, free: Mapping[str, tuple[float, Pose]]) -> str:
-    able = (r for r in free if _able(day, job, r))
-    return min(able, key=lambda r: (_there(day, job, r, *free[r]), r))
+def first_there(day: Day, job: DayOrder, free: Mapping[str, tuple[float, Pose]]) -> str:
+    """Return the robot that could be first at an order's pickup, of those that may do it."""
+    fit = (r for r in free if able(day, job, r))
+    return min(fit, key=lambda r: (_there(day, job, r, *free[r]), r))
 
 
 def _worth(
@@ -203,30 +200,14 @@ def _handling(day: Day, job: DayOrder, robot: str) -> float:
     return record.pickup.service + way / speed + record.delivery.service
 
 
-def urgency(job: DayOrder) -> tuple[float, float, float]:
-    """Return a key: orders of higher priority first, then those due first, then by coming."""
-    due = job.record.due
-    return -job.record.priority, math.inf if due is None else due, job.came
-
-
 def _ready(day: Day, job: DayOrder) -> bool:
     """Return whether what comes before an order is in the plan, or over."""
     before = (day.jobs.get(name) for name in job.record.after)
     return all(b is None or b.state is not OrderState.WAITING for b in before)
 
 
-def _for_order(day: Day, job: DayOrder) -> OpenWork | None:
-    free = day.free_at()
-    if day.settings.commit == "none":
-        everybody = dict.fromkeys(free, Opened.ALL)
-        return OpenWork(everybody, (job, *_theirs(day, everybody)))
-    free = {r: f for r, f in free.items() if f[0] <= day.settings.soon}
-    if not any(_able(day, job, r) for r in free):
-        return None
-    return OpenWork({_first_there(day, job, free): Opened.TAIL}, (job,))
-
-
-def _able(day: Day, job: DayOrder, robot: str) -> bool:
+def able(day: Day, job: DayOrder, robot: str) -> bool:
+    """Return whether a robot may do an order."""
     record, mine = job.record, day.site.robots[robot]
     named = not record.robots or robot in record.robots
     load = record.load if isinstance(record, Order) else {}
@@ -244,7 +225,7 @@ def _there(day: Day, job: DayOrder, robot: str, when: float, pose: Pose) -> floa
     return when + min(math.dist(pose[:2], spot[:2]) for spot in spots) / speed
 
 
-def _theirs(day: Day, robots: Mapping[str, Opened]) -> Sequence[DayOrder]:
+def theirs(day: Day, robots: Mapping[str, Opened]) -> Sequence[DayOrder]:
     """Return the orders of some robots that are in the plan and that nobody is on the way to."""
     if day.executor is None:
         return ()
@@ -271,11 +252,11 @@ def _shared_anew(day: Day) -> OpenWork | None:
         and day.jobs[m.what].state is OrderState.PLANNED
     }
     free = [r for r in day.free_at() if r not in planned]
-    if day.settings.commit != "begun" or not planned:
+    if not planned:
         return None
     rng = random.Random(f"{day.settings.seed} {day.number}")
     one = rng.choice(sorted(planned))
     other = rng.choice(sorted({*planned, *free} - {one}) or [one])
     opened = dict.fromkeys((one, other), Opened.ALL)
-    jobs = _theirs(day, opened)
+    jobs = theirs(day, opened)
     return OpenWork(opened, tuple(jobs)) if 0 < len(jobs) <= day.settings.most else None

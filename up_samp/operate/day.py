@@ -127,6 +127,7 @@ def simulate_day(
     *,
     settings: Settings | None = None,
     speed: float = 0.0,
+    operation: type[Operation] = Operation,
 ) -> DayResult:
     """Simulate a day on a site and judge it."""
     begun, site = time.monotonic(), with_places(fleet.records)
@@ -137,7 +138,7 @@ def simulate_day(
         plan.seed,
     )
     clock = SteppedClock(SimulatedClock(speed=speed), robots)
-    day = Operation(
+    day = operation(
         empty,
         store=Store(store, durable=False),
         robots=robots,

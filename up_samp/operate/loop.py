@@ -457,7 +457,7 @@ class Operation(Day):
     def _ask(self, now: float) -> None:
         """Ask the planner for a plan of what is left."""
         why, self.wanted = self.wanted, ""
-        s, choice = self.settings, choose(self)
+        s, choice = self.settings, self.choice()
         if choice is None:
             self._planned_at = now
             self._forecast = max(self._forecast, self._end())
@@ -483,13 +483,16 @@ class Operation(Day):
             kept_jobs=tuple(_since(j.record, now, j.came) for j in staying),
             seconds=s.budget * (s.stretch if self.clock.waits else 1.0),
             lead=s.budget + s.grace,
-            settled=s.commit == "all",
             seed=s.seed,
             localisation=s.localisation,
         )
         self.store.note(now, "plan", str(self.number), f"asked for {len(chosen)} orders", why)
         self.planner.ask(question)
         self._asked = question, now, why
+
+    def choice(self) -> OpenWork | None:
+        """Return what is planned next."""
+        return choose(self)
 
     def _end(self) -> float:
         return 0.0 if self.executor is None else self.executor.predicted_makespan() + self.origin

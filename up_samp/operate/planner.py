@@ -41,8 +41,6 @@ from up_samp.system.child import ProcessGroup, close_pipes, command, environment
 
 LATE = 10.0
 """What a second of lateness costs beside one until an order is done."""
-FIRST = 1000.0
-"""What an order costs beside a later one where that one never goes first at its cost."""
 SAME = 1e-3
 """Poses closer than this (m, rad) are one place."""
 
@@ -69,8 +67,6 @@ class Question:
     seconds: float = 2.0
     lead: float = 4.0
     """In how many seconds the answer is followed."""
-    settled: bool = False
-    """Whether nothing that is kept may come later for what is new."""
     seed: int = 0
     localisation: float = 0.05
 
@@ -263,16 +259,14 @@ def _plan(ask: Question, cache: str | None) -> PlanDict:
     return whole
 
 
-def goals_of(
-    meanings: Mapping[str, Meaning], jobs: Iterable[Order | Task], first: float = 1.0
-) -> dict[str, Goal]:
-    """Return what the activities that end some orders cost, in seconds of weight ``first``."""
+def goals_of(meanings: Mapping[str, Meaning], jobs: Iterable[Order | Task]) -> dict[str, Goal]:
+    """Return what the activities that end some orders cost, in seconds of weight 1."""
     known, found = {j.id: j for j in jobs}, {}
     for name, meaning in meanings.items():
         job = known.get(meaning.what)
         if job is not None and meaning.kind in DELIVERS:
-            weight = job.weight * first
-            found[name] = Goal(weight, 0.0 if job.due is None else LATE * weight, job.due or 0.0)
+            late = 0.0 if job.due is None else LATE * job.weight
+            found[name] = Goal(job.weight, late, job.due or 0.0)
     return found
 
 
@@ -280,9 +274,7 @@ def _ordered(
     ask: Question, plan: PlanDict, told: Dependencies, meanings: Mapping[str, Meaning]
 ) -> PlanDict:
     """Return a plan in order by what orders' ends cost, and by when it can be followed."""
-    # where what came first is settled, nobody of it waits for whoever comes later
-    goals = goals_of(meanings, ask.kept_jobs, FIRST if ask.settled else 1.0)
-    goals |= goals_of(meanings, (*ask.jobs, *ask.held.values()))
+    goals = goals_of(meanings, (*ask.kept_jobs, *ask.jobs, *ask.held.values()))
     return ordered(plan, told, goals, ask.cut.begun, ask.lead, ask.localisation)
 
 

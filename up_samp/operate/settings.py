@@ -11,10 +11,9 @@ class Settings:
     until it has to be there. ``every``: seconds after which what is not begun is planned anew in
     any case; ``late``: by how many seconds everything may end later than forecast until then.
     ``soon``: orders are given to robots that are free within so many seconds; ``most``: so many
-    orders of a robot are planned anew at a time. ``commit``:
-    ``"begun"`` stays; ``"all"`` that was planned once; or ``"none"``: everybody is planned anew.
-    ``tick``: seconds between two steps. ``stretch``: in simulated time the planner has so many
-    times its budget, for machines that are busy with other things.
+    orders of a robot are planned anew at a time. ``tick``: seconds between two steps.
+    ``stretch``: in simulated time the planner has so many times its budget, for machines that are
+    busy with other things.
     """
 
     budget: float = 2.0
@@ -24,7 +23,6 @@ class Settings:
     late: float = 20.0
     soon: float = 20.0
     most: int = 3
-    commit: str = "begun"
     tick: float = 0.2
     localisation: float = 0.05
     seed: int = 0

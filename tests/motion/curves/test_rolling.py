@@ -26,14 +26,13 @@ from up_samp.motion.fleet.paths import path_of, safe_intervals
 from up_samp.motion.fleet.speed import tune
 from up_samp.motion.legs import is_sound, parking_clears
 from up_samp.motion.planners.pivoting import PivotPlanner, PivotSettings
-from up_samp.motion.planners.rounding import RoundedWay
 from up_samp.motion.protocol import LegQuery
 from up_samp.upio import read_problem
 from up_samp.validation.kinematics import motion_violations
 from up_samp.validation.limits import Limits
 
 RING = ((-0.5, -0.3), (0.5, -0.3), (0.5, 0.3), (-0.5, 0.3))
-STOPS = PivotSettings(arcs=0, rounds=0)
+STOPS = PivotSettings(arcs=0)
 """A planner that rests at each corner."""
 
 
@@ -87,20 +86,6 @@ def test_lines_and_turns_alone_take_what_they_take_from_rest_to_rest():
             rows.append(rows[-1] + np.array([way * math.cos(theta), way * math.sin(theta), 0.0]))
         rows = np.array(rows)
         assert rolled(rows, kin).duration == pytest.approx(timed_chain(rows, kin).duration)
-
-
-def test_a_corner_is_driven_at_what_the_turn_rate_allows():
-    kin = Kinematics(MotionModel.PIVOT, 1.0, 2.0, 0.5, 1.0)
-    for radius in (0.5, 1.0, 2.0, 3.0):
-        way = RoundedWay(
-            ((0.0, 0.0), (20.0, 0.0), (20.0, 20.0)), (1, 1), (0.0, radius, 0.0), (0.0, 1.57)
-        )
-        way = RoundedWay(way.points, way.ahead, way.radii, (0.0, math.pi / 2))
-        assert rolling_time(way.rows(), kin) == pytest.approx(way.seconds(kin))
-        slow, lines = min(2.0, radius), 2 * (20.0 - radius)
-        loss = (2.0 - slow) ** 2 / (0.5 * 2.0)  # what slowing down and speeding up again takes
-        arc = radius * math.pi / 2 / slow
-        assert way.seconds(kin) == pytest.approx(lines / 2.0 + 4.0 + loss + arc)
 
 
 def rooms(rng):

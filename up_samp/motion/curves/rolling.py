@@ -77,16 +77,6 @@ def rolling_time(rows: FloatArray, kinematics: Kinematics) -> float:
     return sum(p[0] for phases in _phases(rolls, kinematics.a_max) for p in phases)
 
 
-def drive_time(pieces: Sequence[tuple[float, int, float]], a: float) -> float:
-    """Return how long (s) pieces (size, kind, top speed; see :class:`Rolls`) take one after the
-    other, from rest to rest, at the acceleration ``a`` (m/s^2).
-    """
-    if not pieces:
-        return 0.0
-    sizes, kinds, tops = zip(*pieces, strict=True)
-    return sum(p[0] for phases in _phases_of(sizes, kinds, tops, a) for p in phases)
-
-
 def rolled(rows: FloatArray, kinematics: Kinematics) -> Trajectory:
     """Return the motion through ``rows`` (n, 3) from rest to rest, from time 0, as fast as can be.
 
@@ -151,13 +141,8 @@ def _moves_on(rows: FloatArray) -> BoolArray:
 
 
 def _phases(rolls: Rolls, a: float) -> Iterator[tuple[_Phase, ...]]:
-    """Yield the phases of each piece of a way."""
-    return _phases_of(rolls.sizes.tolist(), rolls.kinds.tolist(), rolls.tops.tolist(), a)
-
-
-def _phases_of(
-    sizes: Sequence[float], kinds: Sequence[int], tops: Sequence[float], a: float
-) -> Iterator[tuple[_Phase, ...]]:
+    """Yield the phases of each piece of a way, driven at the acceleration ``a`` (m/s^2)."""
+    sizes, kinds, tops = rolls.sizes.tolist(), rolls.kinds.tolist(), rolls.tops.tolist()
     speeds = _speeds(sizes, kinds, tops, a)
     for i, (size, kind, top) in enumerate(zip(sizes, kinds, tops, strict=True)):
         if abs(kind) == 2:

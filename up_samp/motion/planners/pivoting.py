@@ -2,9 +2,8 @@
 
 One is found by A* over a lattice of positions and headings (:mod:`up_samp.motion.fleet.roadmap`),
 coarse to fine, guided by the distance around what is fixed; then corners are left out where
-turning, driving and turning again is faster, and corners are driven round
-(:mod:`up_samp.motion.planners.rounding`). The other one is a car's that turns no tighter than such
-a body can at top speed: it never rests but at cusps.
+turning, driving and turning again is faster. The other one is a car's that turns no tighter than
+such a body can at top speed: it never rests but at cusps.
 """
 
 from __future__ import annotations
@@ -27,7 +26,6 @@ from up_samp.motion.guides.cost_to_go import Fields, field_value
 from up_samp.motion.guides.search_space import TOUCHES, search_box, widest_shape
 from up_samp.motion.moves import ShortMove, corners_of, steer
 from up_samp.motion.planners.car import CarPlanner, CarSettings
-from up_samp.motion.planners.rounding import RoundedWay, Rounding
 from up_samp.motion.protocol import Leg, LegQuery
 
 QUICK_CAR = CarSettings((0.7,), (8_000,), rounds=400, patience=120)
@@ -39,14 +37,13 @@ class PivotSettings:
     """How hard the path of a body that turns on the spot is sought: A* looks at so many ``places``
     of the lattice of each grain, with a ``weight`` on what is left to drive, and as far around all
     that is known as ``reach`` (radii of the body) where there is no map; a way along ``arcs``, as a
-    car drives, has so many expansions; corners are driven round in so many ``rounds``.
+    car drives, has so many expansions.
     """
 
     places: tuple[int, ...] = (10_000, 20_000, 40_000, 60_000)
     weight: float = 1.2
     reach: float = 16.0
     arcs: int = 8_000
-    rounds: int = 3
 
 
 class PivotPlanner:
@@ -80,8 +77,7 @@ class PivotPlanner:
             moves, effort, cut = self._search(shape, query, deadline)
         found: list[FloatArray] = []
         if moves is not None:
-            short = self._shortened(shape, query, corners_of(moves), deadline)
-            found += self._rounded(shape, query, short, deadline)
+            found.append(self._shortened(shape, query, corners_of(moves), deadline))
         arcs, used = self._along_arcs(query, deadline)
         effort += used
         if arcs is not None:
@@ -92,22 +88,6 @@ class PivotPlanner:
             return Leg(None, reason, effort, complete=whole)
         rows = min(found, key=lambda rows: rolling_time(rows, body.kinematics))
         return Leg(_timed(body, query, rows), "", effort, complete=whole)
-
-    def _rounded(
-        self, shape: Shape, query: LegQuery, nodes: FloatArray, deadline: Deadline
-    ) -> list[FloatArray]:
-        """Return the chain through ``nodes``, and one with its corners driven round."""
-        way = RoundedWay.of(nodes)
-        if way is None:
-            return [nodes]
-        rounding = Rounding(
-            query.body.kinematics,
-            self.settings.rounds,
-            lambda rows: self._sweeps_free(shape, query, rows),
-            deadline.expired,
-        )
-        better = rounding.rounded(way)
-        return [nodes] if better is way else [nodes, better.rows()]
 
     def _along_arcs(self, query: LegQuery, deadline: Deadline) -> tuple[FloatArray | None, int]:
         """Return the poses of a car's way, if one is found within fixed work, and the work done."""

@@ -1,1 +1,0 @@
-"""The families in the forms in which their authors publish them."""
