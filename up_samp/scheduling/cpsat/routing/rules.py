@@ -191,13 +191,11 @@ class SequenceChoice:
 @dataclass(frozen=True)
 class StateChange:
     """What a task changes at ``delay`` from its start. ``still`` has (a, b) of each traveller whose
-    moves end by then - b, or begin at then - a or later: ``slack`` from the task's start at most.
-    ``shut`` are, for each place of these, bits of the tasks that must have started before for
-    anybody to have come there.
+    moves end by then - b, or begin at then - a or later. ``shut`` are, for each place of these,
+    bits of the tasks that must have started before for anybody to have come there.
     """
 
     delay: int
-    slack: int
     still: dict[int, tuple[int, int]]
     shut: dict[int, Any]
 
@@ -260,8 +258,7 @@ def change_of(programme: Programme, ways: list[TravelTables], number: int) -> St
             shut[axis] = np.zeros(len(ways[axis].travel), dtype=np.int64)
             for place, here in ways[axis].number.items():
                 shut[axis][here] = _shut(programme, ways[axis], place, delay - last)
-        slack = max((delay - first for first, _ in still.values()), default=0)
-        found.append(StateChange(delay, max(0, slack), still, shut))
+        found.append(StateChange(delay, still, shut))
     return max(found, key=lambda change: len(change.still), default=None)
 
 
