@@ -270,31 +270,10 @@ class Steps:
         total = self.spent(labels).sum(1) + self.rules.rest(labels.done, labels.last)
         return total <= labels.last.shape[1] * self.end
 
-    def hopeful(self, labels: LabelTable) -> LabelTable:
-        """Return the labels of which each task that is left may end in time, with all after it."""
-        front, alive = self._front(labels), np.ones(len(labels), dtype=bool)
-        starts: dict[int, Any] = {}
-        for task in self.rules.order:
-            left = labels.done >> task & 1 == 0
-            ways = [c for c in self.rules.choices if c.task == task]
-            came = [labels.ready[:, c.traveller, c.place] - c.late for c in ways]
-            start = np.maximum(front, np.min(came, axis=0))
-            for earlier in starts:
-                if self.rules.programme.before[task] >> earlier & 1:
-                    start = np.maximum(start, starts[earlier] + self.rules.ordered[earlier, task])
-            starts[task] = np.where(left, start, -NEVER)
-            alive &= ~left | (start + self.rules.tails[task] <= self.end)
-        return labels.rows(alive)
-
     def spent(self, labels: LabelTable) -> Any:
         """Return how much of its time each traveller has spent when it did its last task."""
         gaps = np.where(labels.last >= 0, self.rules.gaps, 0)
         return np.minimum(labels.free - gaps, self.end)
-
-    def _front(self, labels: LabelTable) -> Any:
-        """Return when the last task started."""
-        begun = labels.free - self.rules.gaps - self.rules.lengths[labels.last]
-        return np.where(labels.last >= 0, begun, labels.free).max(1)
 
 
 # ------------------ Travellers who can do the same in the same times

@@ -294,17 +294,6 @@ def moving_of(changes: list[StateChange | None], travellers: int, sets: Any) -> 
     return found
 
 
-def in_order(before: list[int]) -> list[int]:
-    """Return the tasks, each after all that have to start ``before`` it (bits)."""
-    found: list[int] = []
-    done = 0
-    while len(found) < len(before):
-        ready = [t for t, needs in enumerate(before) if not done >> t & 1 and not needs & ~done]
-        found += ready
-        done |= sum(1 << t for t in ready)
-    return found
-
-
 def doors_of(programme: Programme, ways: list[TravelTables]) -> list[list[tuple[int, int, int]]]:
     """Return, for each task, (traveller, place, time from its start): when who goes on from there
     has come, where the task opens the way.
@@ -334,10 +323,6 @@ class SequenceRules:
     choices: list[SequenceChoice]
     changes: list[StateChange | None]
     """Of each task."""
-    ordered: Any
-    """From the start of each task to that of each later one, at least, by precedences alone."""
-    order: list[int]
-    """The tasks, each after those that have to start before it."""
     waits: Any
     """From the start of each task to that of each later one, at least."""
     tails: list[int]
@@ -371,8 +356,6 @@ class SequenceRules:
             ways,
             choices,
             changes,
-            ordered,
-            in_order(programme.before),
             waits,
             tails_of(programme, ordered),
             sets,
