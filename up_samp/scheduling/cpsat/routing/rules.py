@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -40,12 +40,6 @@ class TravelTables:
         for (a, b), time in route.travel.items():
             travel[number[a], number[b]] = min(time, NEVER)
         return TravelTables(route, places, number, travel)
-
-    def among(self, some: Iterable[int]) -> Any:
-        """Return which of the places are among ``some``."""
-        found = np.zeros(len(self.travel), dtype=bool)
-        found[[number for place, number in self.number.items() if place in some]] = True
-        return found
 
 
 def places_of(route: Route) -> list[int]:
@@ -277,23 +271,6 @@ def _shut(programme: Programme, ways: TravelTables, place: int, latest: int) -> 
     return bits
 
 
-def open_of(choices: list[SequenceChoice], ways: list[TravelTables], sets: Any) -> Any:
-    """Return, for each set of tasks, traveller and place, whether a task is left to do there."""
-    found = np.zeros((len(sets), len(ways), max(len(w.places) for w in ways)), dtype=bool)
-    for choice in choices:
-        found[:, choice.traveller, choice.place] |= sets >> choice.task & 1 == 0
-    return found
-
-
-def moving_of(changes: list[StateChange | None], travellers: int, sets: Any) -> Any:
-    """Return, for each set of tasks and traveller, whether a task is left during which it rests."""
-    found = np.zeros((len(sets), travellers), dtype=bool)
-    for task, change in enumerate(changes):
-        for axis in change.still if change is not None else ():
-            found[:, axis] |= sets >> task & 1 == 0
-    return found
-
-
 def doors_of(programme: Programme, ways: list[TravelTables]) -> list[list[tuple[int, int, int]]]:
     """Return, for each task, (traveller, place, time from its start): when who goes on from there
     has come, where the task opens the way.
@@ -332,10 +309,6 @@ class SequenceRules:
     rests: Any
     """A row for each of them: the least time that is left, for all positions of the travellers."""
     shape: tuple[int, ...]
-    matters: Any
-    """(set, traveller, place): whether it matters when it is there."""
-    homes: Any
-    """(traveller, place): whether it may be there in the end (nowhere, if it does not matter)."""
     doors: list[list[tuple[int, int, int]]]
     """(traveller, place, time from the start) of each task: when the way there is open."""
 
@@ -350,7 +323,6 @@ class SequenceRules:
         ordered, waits = waits_of(work, programme)
         sets = np.array(sorted(tables), dtype=np.int64)
         changes = [change_of(programme, ways, number) for number in range(len(programme.tasks))]
-        homes = np.stack([w.among(w.route.final or ()) for w in ways])
         return SequenceRules(
             programme,
             ways,
@@ -361,8 +333,6 @@ class SequenceRules:
             sets,
             np.stack([tables[int(done)].ravel() for done in sets]),
             tables[0].shape,
-            open_of(choices, ways, sets) | homes | moving_of(changes, len(ways), sets)[:, :, None],
-            homes,
             doors_of(programme, ways),
         )
 
