@@ -41,9 +41,6 @@ if TYPE_CHECKING:
     from up_samp.scheduling.cpsat import CpsatSession
 
 
-# ------------------ ``cpsat``: exact scheduling on OR-Tools CP-SAT, as a Unified Planning
-
-
 # OR-Tools and the validator are imported when a problem is solved: UP imports this module when it
 # is asked for its engines
 

@@ -6,7 +6,6 @@ from typing import Any
 
 import unified_planning.environment as up_environment
 from unified_planning.engines import Engine, Factory
-from unified_planning.environment import Environment
 from unified_planning.exceptions import UPNoRequestedEngineAvailableException
 
 from up_samp.model import ProblemError
@@ -19,12 +18,12 @@ def tell_by_name(factory: Factory) -> None:
         factory.__class__ = _Factory
 
 
-def engine_named(name: str, environment: Environment | None = None) -> type[Engine]:
+def engine_named(name: str) -> type[Engine]:
     """Return the engine ``name`` of UP's factory.
 
     Raises :class:`ProblemError` that names the engines there are.
     """
-    factory = (environment or up_environment.get_environment()).factory
+    factory = up_environment.get_environment().factory
     if name not in factory.engines:
         raise ProblemError(no_engine(name, factory.engines))
     return factory.engine(name)

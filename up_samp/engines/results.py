@@ -37,9 +37,6 @@ STATUSES = {
 }
 
 
-# ------------------ What ``samp-refine`` tells of a search in UP's words
-
-
 _STATUSES = {
     "OPTIMAL": PlanGenerationResultStatus.SOLVED_OPTIMALLY,
     "SOLVED": PlanGenerationResultStatus.SOLVED_SATISFICING,

@@ -205,13 +205,12 @@ class FixedMotion:
 
 @dataclass(frozen=True)
 class GroupQuery:
-    """Motions that may meet: find trajectories for all ``motions`` that keep clear of each other,
-    of the resting ``rests`` and of the already decided ``fixed``.
+    """Motions that may meet: find trajectories for all ``motions`` that keep clear of each other
+    and of the resting ``rests``.
     """
 
     motions: tuple[TimedMotion, ...]
     rests: tuple[Rest, ...] = ()
-    fixed: tuple[FixedMotion, ...] = ()
 
 
 @dataclass(frozen=True)

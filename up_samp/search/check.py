@@ -177,7 +177,7 @@ class Checker:
         queries = [group_query(self.motions.facts, itinerary, g) for g in several]
         queries = [
             q for q in queries
-            if all(can_be_sent(x.body) for part in (q.motions, q.rests, q.fixed) for x in part)
+            if all(can_be_sent(x.body) for part in (q.motions, q.rests) for x in part)
         ]  # fmt: skip
         if not queries:
             return {}

@@ -94,9 +94,6 @@ def _copy_timed(source: TimedCondsEffs, target: TimedCondsEffs, rewriter: Rewrit
         raise UnsupportedError("simulated effects are not supported in scheduling problems")
 
 
-# ------------------ The relaxation
-
-
 _ANYWHERE = "samp_anywhere"
 """Plain type of all configurations, on whatever map."""
 

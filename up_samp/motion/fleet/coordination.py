@@ -28,7 +28,7 @@ from up_samp.motion.fleet.detours import pass_by
 from up_samp.motion.fleet.neighbourhoods import MovingGroup, Runs, first_runs, improve
 from up_samp.motion.fleet.one_robot import Attempt, failed, nothing, plan_one
 from up_samp.motion.fleet.paths import TIMES, Path
-from up_samp.motion.fleet.timed_path import TimedPath, fixed_run
+from up_samp.motion.fleet.timed_path import TimedPath
 from up_samp.motion.fleet.together import couple
 from up_samp.motion.fleet.workspace import PathPlanner, Workspace, rest_run, workspace_of
 
@@ -387,7 +387,6 @@ def _fails(
 
 def _group_of(workspace: Workspace, query: GroupQuery, deadline: Deadline) -> MovingGroup:
     world = [rest_run(workspace, rest) for rest in query.rests]
-    world += [fixed_run(motion) for motion in query.fixed]
     motions = {motion.name: motion for motion in query.motions}
     if len(motions) != len(query.motions):
         raise ValueError("two motions of a group have the same name")

@@ -42,17 +42,9 @@ LIMITS = CompilerLimits()
 
 
 Expr = tuple[Any, ...]
-
-
 Type = tuple[Any, ...]
-
-
 TRUE: Expr = ("bool", True)
-
-
 FALSE: Expr = ("bool", False)
-
-
 _LEAVES = ("bool", "int", "obj", "par", "pres", "time")
 
 

@@ -118,9 +118,6 @@ def performers(planned: Planned, snapshot: Snapshot) -> Mapping[str, tuple[str, 
     return {name: tuple(sorted(who)) for name, who in found.items()}
 
 
-# ------------------ What the problem asks of the order of activities
-
-
 def orders_of(planned: Planned, snapshot: Snapshot) -> list[OrderConstraint]:
     """Return all that the problem asks of the order of present activities.
 

@@ -13,7 +13,7 @@ from unified_planning.model import FNode
 from unified_planning.model.operators import OperatorKind as Op
 from unified_planning.model.scheduling import Activity
 
-from up_samp.scheduling.cliques import clique_cover, graph_of
+from up_samp.model import check_time
 from up_samp.scheduling.cpsat.encode.durations import LIMITS, constant_bounds
 from up_samp.scheduling.cpsat.encode.forms import (
     TRUE,
@@ -461,3 +461,62 @@ def _owner(var: int, owners: Owners, cmp: Cmp) -> ActivityVars | None:
     if len(found) > 1:
         found = [a for a in found if a.present in cmp.needs]
     return found[0] if len(found) == 1 else None
+
+
+# ------------------ "One at a time", found in what is said pair by pair
+
+
+Graph = dict[int, set[int]]
+
+
+def graph_of(edges: Iterable[tuple[int, int]]) -> Graph:
+    """Return adjacency sets."""
+    graph: Graph = {}
+    for a, b in edges:
+        graph.setdefault(a, set()).add(b)
+        graph.setdefault(b, set()).add(a)
+    return graph
+
+
+def clique_cover(
+    graph: Graph,
+    covered: Iterable[Iterable[int]] = (),
+    spare: Iterable[tuple[int, int]] = (),
+) -> list[list[int]]:
+    """Return cliques that together contain every edge (greedy, deterministic).
+
+    Edges in ``spare`` and inside the sets in ``covered`` need not be in any. Each clique is grown
+    from an edge that is not covered yet, first by vertices that cover many uncovered edges; that
+    finds the intended sets of unary resources at once.
+    """
+    uncovered = {v: set(others) for v, others in graph.items()}
+    for done in covered:
+        members = set(done)
+        for a in members & uncovered.keys():
+            uncovered[a] -= members
+    for a, b in spare:
+        uncovered[a].discard(b)
+        uncovered[b].discard(a)
+    cliques = []
+    for v in sorted(graph, key=lambda x: (-len(graph[x]), x)):
+        while uncovered[v]:
+            w = max(uncovered[v], key=lambda x: (len(graph[x] & graph[v]), -x))
+            clique = _grow(graph, uncovered, v, w)
+            for a in clique:
+                uncovered[a].difference_update(clique)
+            cliques.append(sorted(clique))
+    return cliques
+
+
+def _grow(graph: Graph, uncovered: Graph, v: int, w: int) -> set[int]:
+    clique = {v, w}
+    candidates = graph[v] & graph[w]
+    gains = {x: len(uncovered[x] & clique) for x in candidates}
+    while candidates:
+        check_time()
+        best = max(candidates, key=lambda x: (gains[x], len(graph[x]), -x))
+        clique.add(best)
+        candidates = candidates & graph[best]
+        for x in candidates & uncovered[best]:
+            gains[x] += 1
+    return clique

@@ -38,9 +38,6 @@ INFINITE = 10**12
 """Longer than anything: what cannot be."""
 
 
-# ------------------ Durations and constants as integers (schedule units)
-
-
 def constant_bounds(duration: DurationInterval) -> tuple[int | None, int | None]:
     """Return the least and greatest integer duration, ``None`` where it is not constant."""
     lower = upper = None

@@ -58,9 +58,6 @@ def unless_decided(node: FNode) -> tuple[FNode | None, FNode]:
     return manager.Or(decided), manager.Or(rest)
 
 
-# ------------------ From UP expressions to linear expressions and forms (see :mod:`.store`)
-
-
 Reader = Callable[[FNode], Lin]
 """Gives the value of a fluent expression where one is read (its object's code, 0/1, or number)."""
 

@@ -287,7 +287,6 @@ class Timeline:
     apart: Apart
     circuits: bool = True
     until: list[Lin] = field(default_factory=list)
-    arcs: dict[tuple[int, int], Literal] = field(default_factory=dict)
     linked: dict[int, Read] = field(default_factory=dict)
     """Write that can only follow some values -> its activity's own read, which allows these."""
     chained: dict[int, int] = field(default_factory=dict)
@@ -473,7 +472,7 @@ class Timeline:
             arcs.append((j + 1, 0, store.raw(last[j])))
             for i in range(-1, n):
                 if i != j and self._possible(i, j) and self._orderable(i, j):
-                    literal = self.arcs[i, j] = store.boolean()
+                    literal = store.boolean()
                     arcs.append((i + 1, j + 1, store.raw(literal)))
                     self._follow(i, j, literal)
         arcs.append((0, 0, store.raw(last[n])))

@@ -17,8 +17,6 @@ from up_samp.scheduling.cpsat.routing.rules import NEVER, SequenceChoice, Sequen
 
 _NEAR = 24
 """Labels before each one in order, which it is compared with for dominance."""
-_ROUNDS = 6
-"""Rounds of these comparisons, as long as labels fall away."""
 
 
 @dataclass(frozen=True)
@@ -81,29 +79,19 @@ class LabelTable:
         """Return the labels without those that another one is at least as good as: the same is
         done by the same, nothing later, nobody further on its way.
 
-        Each is compared with a few ones before it in an order in which better ones come
-        first, and again with others where many fall away, so some that are dominated may be left;
-        more of them, if the ``deadline`` comes.
+        Each is compared with a few ones before it in an order in which better ones come first, so
+        some that are dominated may be left; more of them, if the ``deadline`` comes.
         """
         sums = self.free.sum(1) + self.ready.sum((1, 2), dtype=np.int64)
         mine = self.rows(np.lexsort((sums, *self.last.T, self.done)))
-        first, last = 1, _NEAR
-        for _ in range(_ROUNDS):
-            worse = mine._worse(range(first, last + 1), deadline)
-            left = len(mine) - int(worse.sum())
-            if left == len(mine) or deadline.expired():
-                break
-            # those that were further off are nearer now
-            first, mine = 1 + last * left // len(mine), mine.rows(~worse)
-            last = first + _NEAR
-        return mine
+        return mine.rows(~mine._worse(deadline))
 
-    def _worse(self, shifts: range, deadline: Deadline) -> Any:
-        """Return which rows are dominated by one that is so many rows before."""
+    def _worse(self, deadline: Deadline) -> Any:
+        """Return which rows are dominated by one that is a few rows before."""
         worse = np.zeros(len(self), dtype=bool)
         same = (self.done[1:] == self.done[:-1]) & (self.last[1:] == self.last[:-1]).all(1)
         group = np.concatenate(([0], np.cumsum(~same)))
-        for shift in (s for s in shifts if s < len(self)):
+        for shift in range(1, min(_NEAR + 1, len(self))):
             near = group[shift:] == group[:-shift]
             a = np.flatnonzero(near & ~worse[shift:])
             if deadline.expired() or not near.any():
@@ -128,15 +116,7 @@ class Steps:
     def beginning(self) -> LabelTable:
         """Return the one label of the beginning: everybody is at its place, and nothing is done."""
         ready = [w.travel[w.number[w.route.initial]] for w in self.rules.ways]
-        first = LabelTable.first(np.stack(ready))
-        return replace(first, ready=self._until(first.ready))
-
-    def _until(self, ready: Any) -> Any:
-        """Return when travellers are ready where, and never where moves would end after
-        all has to: so more labels are the same.
-        """
-        seen = max(w.route.step for w in self.rules.ways)
-        return np.where(ready > self.end + seen, NEVER, ready)
+        return LabelTable.first(np.stack(ready))
 
     def continued(self, labels: LabelTable, number: int) -> Iterator[LabelTable]:
         """Yield the labels of what goes on with a choice, as far as that may end in time."""
@@ -262,39 +242,17 @@ class Steps:
         found.ready[:, axis] = np.minimum(free[:, None] + costs, NEVER)
         for other, place, delay in self.rules.doors[choice.task]:
             found.ready[:, other, place] = np.maximum(found.ready[:, other, place], start + delay)
-        matters = self.rules.matters[self.rules.row(found.done)]
-        return replace(found, ready=self._until(np.where(matters, found.ready, NEVER)))
+        return found
 
     def _in_time(self, labels: LabelTable) -> Any:
         """Return which labels can be continued in time, even if the rest is shared out evenly."""
         total = self.spent(labels).sum(1) + self.rules.rest(labels.done, labels.last)
         return total <= labels.last.shape[1] * self.end
 
-    def hopeful(self, labels: LabelTable) -> LabelTable:
-        """Return the labels of which each task that is left may end in time, with all after it."""
-        front, alive = self._front(labels), np.ones(len(labels), dtype=bool)
-        starts: dict[int, Any] = {}
-        for task in self.rules.order:
-            left = labels.done >> task & 1 == 0
-            ways = [c for c in self.rules.choices if c.task == task]
-            came = [labels.ready[:, c.traveller, c.place] - c.late for c in ways]
-            start = np.maximum(front, np.min(came, axis=0))
-            for earlier in starts:
-                if self.rules.programme.before[task] >> earlier & 1:
-                    start = np.maximum(start, starts[earlier] + self.rules.ordered[earlier, task])
-            starts[task] = np.where(left, start, -NEVER)
-            alive &= ~left | (start + self.rules.tails[task] <= self.end)
-        return labels.rows(alive)
-
     def spent(self, labels: LabelTable) -> Any:
         """Return how much of its time each traveller has spent when it did its last task."""
         gaps = np.where(labels.last >= 0, self.rules.gaps, 0)
         return np.minimum(labels.free - gaps, self.end)
-
-    def _front(self, labels: LabelTable) -> Any:
-        """Return when the last task started."""
-        begun = labels.free - self.rules.gaps - self.rules.lengths[labels.last]
-        return np.where(labels.last >= 0, begun, labels.free).max(1)
 
 
 # ------------------ Travellers who can do the same in the same times
@@ -315,7 +273,7 @@ class Twins:
     def of(rules: SequenceRules) -> Twins:
         """Return who is alike by the rules.
 
-        Assumes: twins have the same ways, choices, homes and doors; where they begin is their own.
+        Assumes: twins have the same ways, choices and doors; where they begin is their own.
         """
         count = len(rules.ways)
         mine: list[dict[tuple[int, int], int]] = [{} for _ in range(count)]
@@ -389,7 +347,7 @@ def _are_alike(
         return False
     if (routes[one].gap, routes[one].step) != (routes[other].gap, routes[other].step):
         return False
-    return np.array_equal(rules.homes[one], rules.homes[other]) and _doors_alike(rules, one, other)
+    return _doors_alike(rules, one, other)
 
 
 def _doors_alike(rules: SequenceRules, one: int, other: int) -> bool:

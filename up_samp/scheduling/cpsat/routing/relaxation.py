@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -27,19 +28,13 @@ from up_samp.scheduling.cpsat.encode.forms import (
     indicator_sum,
 )
 from up_samp.scheduling.cpsat.encode.states import Write
+from up_samp.scheduling.cpsat.encode.store import ModelStore
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.normal import Constraint, TimedEffect
 from up_samp.scheduling.cpsat.problem import Additions
-from up_samp.scheduling.cpsat.routing.dispatch import RoutedTask, find_tasks, find_unit_places
-from up_samp.scheduling.cpsat.routing.legs import (
-    Arc,
-    Course,
-    LegTimes,
-    LegVariables,
-    entry_form,
-)
-from up_samp.scheduling.cpsat.routing.levels import find_levels
+from up_samp.scheduling.cpsat.routing.dispatch import RoutedTask, find_tasks
+from up_samp.scheduling.cpsat.routing.levels import RouteLevel, find_levels
 from up_samp.scheduling.cpsat.routing.route import (
     Entrance,
     Route,
@@ -277,16 +272,79 @@ def _gives_back(effects: list[tuple[Timing, Effect]]) -> bool:
     return not any(balance.values())
 
 
+# ------------------ The ways of travellers between stops
+
+
+@dataclass(frozen=True)
+class Arc:
+    """One way to come to a stop: from stop ``i`` (0: from the start, at ``since``) in ``distance``
+    or more, where ``lead`` is the rest between the activity before and the first move.
+
+    ``hop`` is the move's (from, to) on a direct way, ``rest`` the time from the end of the last
+    move to the stop.
+    """
+
+    i: int
+    literal: Literal
+    since: Lin
+    lead: int
+    distance: int
+    rest: int
+    hop: tuple[int, int] | None = None
+
+
+# As a traveller does one thing at a time, the level at a stop follows from the one at the stop
+# before, less what the way takes at least. So a schedule of the relaxation charges about where one
+# of the problem has to.
+
+
+class Course:
+    """A level along a route: what is left at most when its traveller comes to each stop."""
+
+    def __init__(
+        self,
+        store: ModelStore,
+        level: RouteLevel,
+        stops: Sequence[tuple[ActivityVars, frozenset[int]]],
+    ) -> None:
+        self._store = store
+        self._level = level
+        self._stops = stops
+        low, high = level.low, level.high
+        self._left = [Lin(((store.integer(low, high), 1),)) for _ in range(len(stops) + 1)]
+        store.enforce(self._left[0].le(constant(level.initial)))
+
+    def come(self, j: int, arcs: Iterable[Arc]) -> None:
+        """State that who comes to stop ``j`` (from 1 on) has no more than was left before, less
+        what the way takes.
+        """
+        for arc in arcs:
+            change = -self._level.taken(self._places(arc.i), self._places(j))
+            before = self._left[arc.i].shift(self._gain(arc.i) + change)
+            self._store.enforce(self._left[j].le(before), (arc.literal,))
+
+    def leave(self, j: int, literal: Literal, final: frozenset[int] | None) -> None:
+        """State that what is left after the last stop ``j`` is enough for the way to ``final``."""
+        back = 0 if final is None else self._level.taken(self._places(j), final)
+        least = constant(self._level.low + back - self._gain(j))
+        self._store.enforce(least.le(self._left[j]), (literal,))
+
+    def _places(self, j: int) -> frozenset[int]:
+        return self._stops[j - 1][1] if j else frozenset((self._level.start,))
+
+    def _gain(self, j: int) -> int:
+        return self._level.gains.get(self._stops[j - 1][0].name, 0) if j else 0
+
+
 # ------------------ The problem with its moves taken out
 # A relaxation that gives bounds, and a hint for the rest. Moves are replaced by the time that they
 # take at least between what happens at places, in a circuit per traveller. A move happens once at
-# most, so only one leg can use it, and others pay for a detour. What moves keep as it is (doors)
-# changes between the legs only, a door is opened once (``once``), a unary place is used by one
-# after the other, and what moves take from (``levels``) lasts. Other constraints, conditions and
-# effects that speak of moves are dropped, so every schedule of the problem is one of the collapsed
-# problem: its optimum is a lower bound, and if it has no schedule, the problem has none. A relaxed
-# schedule, with shortest paths of moves put back in, is a hint for the full model; the full model
-# alone decides whether it holds.
+# most, so only one way can use it, and others pay for a detour. A door is opened once
+# (:func:`opened_once`), and before anybody passes, and what moves take from (``levels``) lasts.
+# Other constraints, conditions and effects that speak of moves are dropped, so every schedule of
+# the problem is one of the collapsed problem: its optimum is a lower bound, and if it has no
+# schedule, the problem has none. A relaxed schedule, with shortest paths of moves put back in, is a
+# hint for the full model; the full model alone decides whether it holds.
 
 
 class RoutingRelaxation:
@@ -309,16 +367,12 @@ class RoutingRelaxation:
             Activity(name, 0, _env=environment) for route in routes for name, _ in route.visits
         ]
         self.model = ScheduleModel(full.problem, kept, deadline, limit_at_least=full.limit)
-        self.units = find_unit_places(full, routes)
-        self._legs = LegVariables(self.model.store, self.model.limit, self.units, routes)
         self._forms: list[Form] = []
         self._surely_before = precedence_closure(self.model.stated)
         for route in routes:
             self._circuit(route)
         for form in merge_forms(self._forms, self.model.exact):
             self.model.store.enforce(form)
-        self._legs.keep_still(self.model.states.vars)
-        self._legs.hold(self.model.surely)
 
     # -- the circuit of one traveller ----------------------------------------------------------
     def _circuit(self, route: Route) -> None:
@@ -340,26 +394,29 @@ class RoutingRelaxation:
                 late = route.step - arc.rest if arc.distance else 0
                 load.append((arc.literal, arc.lead + arc.distance - late))
                 soonest = arc.since.shift(arc.lead + arc.distance - late)
-                self._legs.when(soonest.le(stop.start), arc.literal)
+                self._when(soonest.le(stop.start), arc.literal)
                 if arc.hop is not None:
                     hops.setdefault(arc.hop, []).append(arc.literal)
             back = way_back(route, places, route.returns.get(stop.name, route.final))
             literal = store.boolean()
             circuit.append((j, 0, store.raw(literal)))
             load.append((literal, back))
-            self._legs.when(stop.end.shift(back).le(makespan), literal)
+            self._when(stop.end.shift(back).le(makespan), literal)
             for course in courses:
                 course.come(j, arcs)
                 course.leave(j, literal, route.returns.get(stop.name, route.final))
-            leg = self._legs.add(route, stop, arcs)
-            self._legs.stay(route, stop, places, arcs)
-            self._enter(route, stop, places, leg, arcs)
+            self._enter(route, stop, places)
         store.model.add_circuit(circuit)
         store.enforce(indicator_sum(load).le(makespan))
         for hop, literals in hops.items():
             most = len(route.hops[hop])
             if len(literals) > most:
                 store.enforce(indicator_sum([(x, 1) for x in literals]).le(constant(most)))
+
+    def _when(self, form: Form, literal: Literal) -> None:
+        """Demand a comparison whatever it needs: ``literal`` says that those are present."""
+        bare = form._replace(needs=()) if form.__class__ is not int else form
+        self.model.store.enforce(bare, (literal,))
 
     def _arcs(
         self, route: Route, stops: list[tuple[ActivityVars, frozenset[int]]], j: int
@@ -375,11 +432,9 @@ class RoutingRelaxation:
         arcs = []
         rest = route.rest(stop.name)
         for i, since, lead, origins in before:
-            for distance, last, hop in self._ways(route, origins, places):
+            for distance, hop in self._ways(route, origins, places):
                 literal = self.model.store.boolean()
-                around = route.around(*hop) if hop is not None and route.still else None
-                stays = distance == 0 and origins == places and len(places) == 1
-                arcs.append(Arc(i, literal, since, lead, distance, last, rest, hop, around, stays))
+                arcs.append(Arc(i, literal, since, lead, distance, rest, hop))
         return arcs
 
     def _never_after(self, one: ActivityVars, other: ActivityVars) -> bool:
@@ -391,50 +446,36 @@ class RoutingRelaxation:
 
     def _ways(
         self, route: Route, origins: frozenset[int], places: frozenset[int]
-    ) -> list[tuple[int, int, tuple[int, int] | None]]:
-        """Return (travel time, least duration of the last move, move if it is direct): the best
-        way, and a worse one where the best cannot be had by everybody.
+    ) -> list[tuple[int, tuple[int, int] | None]]:
+        """Return (travel time, move if it is direct): the best way, and a worse one where the best
+        cannot be had by everybody.
         """
         best = route.between(origins, places)
         if best >= INFINITE:
             return []
         if len(origins) > 1 or len(places) > 1:
-            return [(best, route.last_least(places) if best else 0, None)]
+            return [(best, None)]
         (a,), (b,) = origins, places
-        last = route.last_least(places)
-        if a == b:
-            loop = route.loop(a)
-            wanted = loop < INFINITE and any(b in u.places_of(route.key) for u in self.units)
-            return [(0, 0, None), (loop, last, None)] if wanted else [(0, 0, None)]
-        if route.free or not route.is_direct(a, b):
-            return [(best, last, None)]
-        ways: list[tuple[int, int, tuple[int, int] | None]] = [(best, route.least(a, b), (a, b))]
+        if a == b or route.free or not route.is_direct(a, b):
+            return [(best, None)]
+        ways: list[tuple[int, tuple[int, int] | None]] = [(best, (a, b))]
         arrivals = sum(p == places for _, p in route.stops)
         if arrivals > len(route.hops[a, b]):
             detour = route.way(a, places, {m.name for m in route.hops[a, b]})
             if detour is not None:
-                ways.append((detour[0], last, None))
+                ways.append((detour[0], None))
         return ways
 
     # -- what moves need -----------------------------------------------------------------------
-    def _enter(
-        self,
-        route: Route,
-        stop: ActivityVars,
-        places: frozenset[int],
-        leg: LegTimes | None,
-        arcs: list[Arc],
-    ) -> None:
+    def _enter(self, route: Route, stop: ActivityVars, places: frozenset[int]) -> None:
         """State what a stop needs before anybody can come to it."""
         if route.initial in places or len(places) != 1:
             return
         late = route.step - route.rest(stop.name)
         for entry in route.entries.get(next(iter(places)), ()):
-            self._supported(entry, entry.lead - late, stop, leg, arcs)
+            self._supported(entry, entry.lead - late, stop)
 
-    def _supported(
-        self, entry: Entrance, lead: int, stop: ActivityVars, leg: LegTimes | None, arcs: list[Arc]
-    ) -> None:
+    def _supported(self, entry: Entrance, lead: int, stop: ActivityVars) -> None:
         store = self.model.store
         able = self._able(entry)
         if able is None:
@@ -442,16 +483,14 @@ class RoutingRelaxation:
         times = {w.time._replace(needs=()) for w in able}
         if len(times) == 1:
             time = times.pop()
-            self._forms.append(entry_form(stop, time, lead))
+            self._forms.append(disjunction([~stop.present, time.shift(lead).le(stop.start)]))
             self._forms.append(disjunction([~stop.present, *(w.active for w in able)]))
-            if leg is not None:
-                self._legs.open_before(leg, arcs, entry, time)
             return
         ways = []
         for write in able:
             literal = store.boolean()
             store.clause([~literal, write.active])
-            self._legs.when(write.time.shift(lead).le(stop.start), literal)
+            self._when(write.time.shift(lead).le(stop.start), literal)
             ways.append(literal)
         store.clause([*ways, ~stop.present])
 

@@ -172,42 +172,6 @@ class Route:
         """Return whether the shortest way is one move."""
         return (a, b) in self.hops and (a, b) not in self._via
 
-    def least(self, a: int, b: int) -> int:
-        """Return the duration of the quickest move between two places."""
-        return min(m.least for m in self.hops[a, b])
-
-    def last_least(self, places: frozenset[int]) -> int:
-        """Return the least duration of a move into one of ``places``."""
-        if places & self.free:
-            return 0
-        return min((m.least for m in self.moves if m.to in places), default=0)
-
-    def around(self, a: int, b: int) -> tuple[int, int] | None:
-        """Return (travel time, duration of the last move) that ways from ``a`` to ``b`` at least
-        take whose last move is quicker than the direct one; ``None`` if there are none.
-        """
-        direct = self.least(a, b)
-        found = [
-            (
-                self.travel.get((a, via), INFINITE) + self.least(via, b) + self.step,
-                self.least(via, b),
-            )
-            for via, to in self.hops
-            if to == b and via != a and self.least(via, b) < direct
-        ]
-        distance = min((d for d, _ in found), default=INFINITE)
-        return None if distance >= INFINITE else (distance, min(last for _, last in found))
-
-    def loop(self, place: int) -> int:
-        """Return the least travel time of a way out of a place and back."""
-        return min(
-            (
-                self.travel.get((place, b), INFINITE) + self.travel.get((b, place), INFINITE)
-                for b in {m.to for m in self.moves} - {place}
-            ),
-            default=INFINITE,
-        )
-
     def way(
         self, here: int, targets: frozenset[int], banned: Collection[str] = ()
     ) -> tuple[int, list[Move]] | None:

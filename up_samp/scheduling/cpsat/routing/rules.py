@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -40,12 +40,6 @@ class TravelTables:
         for (a, b), time in route.travel.items():
             travel[number[a], number[b]] = min(time, NEVER)
         return TravelTables(route, places, number, travel)
-
-    def among(self, some: Iterable[int]) -> Any:
-        """Return which of the places are among ``some``."""
-        found = np.zeros(len(self.travel), dtype=bool)
-        found[[number for place, number in self.number.items() if place in some]] = True
-        return found
 
 
 def places_of(route: Route) -> list[int]:
@@ -191,13 +185,11 @@ class SequenceChoice:
 @dataclass(frozen=True)
 class StateChange:
     """What a task changes at ``delay`` from its start. ``still`` has (a, b) of each traveller whose
-    moves end by then - b, or begin at then - a or later: ``slack`` from the task's start at most.
-    ``shut`` are, for each place of these, bits of the tasks that must have started before for
-    anybody to have come there.
+    moves end by then - b, or begin at then - a or later. ``shut`` are, for each place of these,
+    bits of the tasks that must have started before for anybody to have come there.
     """
 
     delay: int
-    slack: int
     still: dict[int, tuple[int, int]]
     shut: dict[int, Any]
 
@@ -260,8 +252,7 @@ def change_of(programme: Programme, ways: list[TravelTables], number: int) -> St
             shut[axis] = np.zeros(len(ways[axis].travel), dtype=np.int64)
             for place, here in ways[axis].number.items():
                 shut[axis][here] = _shut(programme, ways[axis], place, delay - last)
-        slack = max((delay - first for first, _ in still.values()), default=0)
-        found.append(StateChange(delay, max(0, slack), still, shut))
+        found.append(StateChange(delay, still, shut))
     return max(found, key=lambda change: len(change.still), default=None)
 
 
@@ -278,34 +269,6 @@ def _shut(programme: Programme, ways: TravelTables, place: int, latest: int) -> 
             if task.opens == entry.state and delays[0] > latest + route.step - entry.lead:
                 bits |= 1 << number
     return bits
-
-
-def open_of(choices: list[SequenceChoice], ways: list[TravelTables], sets: Any) -> Any:
-    """Return, for each set of tasks, traveller and place, whether a task is left to do there."""
-    found = np.zeros((len(sets), len(ways), max(len(w.places) for w in ways)), dtype=bool)
-    for choice in choices:
-        found[:, choice.traveller, choice.place] |= sets >> choice.task & 1 == 0
-    return found
-
-
-def moving_of(changes: list[StateChange | None], travellers: int, sets: Any) -> Any:
-    """Return, for each set of tasks and traveller, whether a task is left during which it rests."""
-    found = np.zeros((len(sets), travellers), dtype=bool)
-    for task, change in enumerate(changes):
-        for axis in change.still if change is not None else ():
-            found[:, axis] |= sets >> task & 1 == 0
-    return found
-
-
-def in_order(before: list[int]) -> list[int]:
-    """Return the tasks, each after all that have to start ``before`` it (bits)."""
-    found: list[int] = []
-    done = 0
-    while len(found) < len(before):
-        ready = [t for t, needs in enumerate(before) if not done >> t & 1 and not needs & ~done]
-        found += ready
-        done |= sum(1 << t for t in ready)
-    return found
 
 
 def doors_of(programme: Programme, ways: list[TravelTables]) -> list[list[tuple[int, int, int]]]:
@@ -337,10 +300,6 @@ class SequenceRules:
     choices: list[SequenceChoice]
     changes: list[StateChange | None]
     """Of each task."""
-    ordered: Any
-    """From the start of each task to that of each later one, at least, by precedences alone."""
-    order: list[int]
-    """The tasks, each after those that have to start before it."""
     waits: Any
     """From the start of each task to that of each later one, at least."""
     tails: list[int]
@@ -350,10 +309,6 @@ class SequenceRules:
     rests: Any
     """A row for each of them: the least time that is left, for all positions of the travellers."""
     shape: tuple[int, ...]
-    matters: Any
-    """(set, traveller, place): whether it matters when it is there."""
-    homes: Any
-    """(traveller, place): whether it may be there in the end (nowhere, if it does not matter)."""
     doors: list[list[tuple[int, int, int]]]
     """(traveller, place, time from the start) of each task: when the way there is open."""
 
@@ -368,21 +323,16 @@ class SequenceRules:
         ordered, waits = waits_of(work, programme)
         sets = np.array(sorted(tables), dtype=np.int64)
         changes = [change_of(programme, ways, number) for number in range(len(programme.tasks))]
-        homes = np.stack([w.among(w.route.final or ()) for w in ways])
         return SequenceRules(
             programme,
             ways,
             choices,
             changes,
-            ordered,
-            in_order(programme.before),
             waits,
             tails_of(programme, ordered),
             sets,
             np.stack([tables[int(done)].ravel() for done in sets]),
             tables[0].shape,
-            open_of(choices, ways, sets) | homes | moving_of(changes, len(ways), sets)[:, :, None],
-            homes,
             doors_of(programme, ways),
         )
 

@@ -117,7 +117,7 @@ class Sequences:
                     more = [found for found in steps.continued(some, choice) if len(found)]
                     self.seen[0] += sum(map(len, more))
                     following += more
-            labels = steps.hopeful(LabelTable.joined(following)) if following else labels.rows([])
+            labels = LabelTable.joined(following) if following else labels.rows([])
             if not len(labels):
                 break
             labels = self.twins.ordered(labels).undominated(deadline)

@@ -64,9 +64,6 @@ def hint_values(model: ScheduleModel, schedule: CandidateSchedule) -> dict[int, 
     return values
 
 
-# ------------------ Attempts at one model
-
-
 Progress = Callable[[CandidateSchedule, int], None]
 
 _SMALL = 20_000
