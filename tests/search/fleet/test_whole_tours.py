@@ -37,7 +37,7 @@ def driver(name, start, goal, release):
 
 
 def decide(floor, motion, **changed):
-    run = floor.plan(replace(motion, **changed), Deadline.never(), 0).run
+    run = floor.plan(replace(motion, **changed), Deadline.never()).run
     floor.add(run)
     return run
 
@@ -64,13 +64,13 @@ def test_stays_lie_between_the_visits_of_others(floor):
     assert 150.0 < last < 160.0
     assert 200.0 < free < 210.0
     assert always == math.inf
-    assert floor.plan(coming, Deadline.never(), 0).run.arrival > free, "it stays for good"
+    assert floor.plan(coming, Deadline.never()).run.arrival > free, "it stays for good"
     run = decide(floor, coming, present_until=until)
     assert run.arrival < until
     # from there it has to be gone in time
     away = driver("c2", (10.0, 8.0, 0.0), (3.0, 13.0, 0.0), run.arrival)
-    assert floor.plan(away, Deadline.never(), 0).run.timing.trajectory.start < until
-    assert floor.plan(replace(away, release=until + 1.0), Deadline.never(), 0).run is None
+    assert floor.plan(away, Deadline.never()).run.timing.trajectory.start < until
+    assert floor.plan(replace(away, release=until + 1.0), Deadline.never()).run is None
 
 
 def test_what_was_decided_last_can_be_withdrawn(floor):

@@ -86,9 +86,8 @@ Pair = tuple[str, str]
 FEW, MUCH = 12, 1.5
 """Where fewer motions take so many times as long as alone, as much is tried as for so many."""
 
-ORDERS = (12, 4)
-"""Orders that are tried on each rung, that is by effort for one robot: speeds and lanes, detours.
-"""
+ORDERS = 4
+"""Orders that are tried at most."""
 
 POLISH, POLISH_WORTH = 4, 0.1
 """Rounds in which each of those moved together is planned again; s that a round has to gain for
@@ -143,22 +142,17 @@ def _alone(group: MovingGroup) -> tuple[dict[str, TimedPath], Attempt, str]:
     runs: dict[str, TimedPath] = {}
     attempt, name = Attempt(None), ""
     for name in group.order:
-        for effort in range(len(ORDERS)):
-            attempt = _plan(group, name, runs, group.world, effort)
-            if attempt.run is not None and not group.is_late(attempt.run):
-                break
+        attempt = _plan(group, name, runs, group.world)
         if attempt.run is None:
             break
         runs[name] = attempt.run
     return runs, attempt, name
 
 
-def _plan(
-    group: MovingGroup, name: str, runs: Runs, others: Sequence[TimedPath], effort: int
-) -> Attempt:
+def _plan(group: MovingGroup, name: str, runs: Runs, others: Sequence[TimedPath]) -> Attempt:
     """Plan one motion around others, after its object's last one in ``runs``."""
     window, motion = group.window(name, runs), group.motions[name]
-    attempt = plan_one(group.workspace, motion, window, others, group.deadline, effort)
+    attempt = plan_one(group.workspace, motion, window, others, group.deadline)
     group.passed |= attempt.met
     return attempt
 
@@ -197,31 +191,27 @@ def _eject(group: MovingGroup, alone: Runs, seed: int) -> None:
 def climb(
     group: MovingGroup, alone: Runs, conflicts: Sequence[Pair], *, coupled: bool = True
 ) -> None:
-    """Search with more and more effort until nobody is later than alone; where no order is found
-    and that is wanted, move those together that meet (``coupled``).
+    """Search until nobody is later than alone: orders, lanes of two that pass each other; where
+    nothing is found and that is wanted, move those together that meet (``coupled``).
     """
     group.least = group.lateness(alone)
-    for effort, tries in enumerate(ORDERS):
-        if effort == 1:
-            _pass(group, alone, conflicts)
-            if group.finished():
-                return
-        one_after_another(group, effort, tries)
-        if group.finished() or group.deadline.expired():
-            return
+    one_after_another(group)
+    if group.finished() or group.deadline.expired():
+        return
+    _pass(group, alone, conflicts)
     if coupled and group.best is None:
         _couple(group, alone, conflicts)
 
 
-def one_after_another(group: MovingGroup, effort: int, tries: int) -> None:
+def one_after_another(group: MovingGroup) -> None:
     """Plan one motion after the other, first by release and slack; who is late then, or finds no
     way, goes before all others in the next order (squeaky wheel optimisation; Joslin and Clements
     1999).
     """
     order, tried = tuple(group.order), set[tuple[str, ...]]()
-    while len(tried) < tries and order not in tried and not group.deadline.expired():
+    while len(tried) < ORDERS and order not in tried and not group.deadline.expired():
         tried.add(order)
-        late, runs = _in_order(group, order, effort)
+        late, runs = _in_order(group, order)
         if len(runs) == len(order):
             group.keep(runs)
         if late is None or group.finished():
@@ -231,16 +221,14 @@ def one_after_another(group: MovingGroup, effort: int, tries: int) -> None:
         order = (*first, *(n for n in order if n not in first))
 
 
-def _in_order(
-    group: MovingGroup, order: Sequence[str], effort: int
-) -> tuple[str | None, dict[str, TimedPath]]:
+def _in_order(group: MovingGroup, order: Sequence[str]) -> tuple[str | None, dict[str, TimedPath]]:
     """Return who is latest, or has no way, if one motion is planned after the other, and the runs
     of those that are planned.
     """
     runs: dict[str, TimedPath] = {}
     late: dict[str, float] = {}
     for name in order:
-        attempt = _plan(group, name, runs, group.others(name, runs), effort)
+        attempt = _plan(group, name, runs, group.others(name, runs))
         if attempt.run is None:
             group.stuck.add(name)
             return name, runs
@@ -311,7 +299,7 @@ def _polished(group: MovingGroup, runs: Runs) -> Runs:
         gained = 0.0
         for name in sorted(found, key=lambda n: (-found[n].arrival, n)):
             others = group.others(name, found)
-            attempt = _plan(group, name, found, others, len(ORDERS) - 1)
+            attempt = _plan(group, name, found, others)
             old = found[name].arrival
             if attempt.run is not None and attempt.run.arrival < old - TIMES.on_time:
                 found[name] = attempt.run

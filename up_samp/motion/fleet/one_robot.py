@@ -43,10 +43,9 @@ def plan_one(
     window: Window,
     others: Sequence[TimedPath],
     deadline: Deadline,
-    effort: int = 0,
 ) -> Attempt:
     """Return a safe run of ``motion`` among ``others``: the first one found that is on time, or
-    else the earliest. ``effort`` 0 tunes and changes lanes, 1 plans detours, too.
+    else the earliest.
     """
     static = parked_all_the_time(motion, others)
     first = workspace.path(motion.body, motion.poses, static, deadline)
@@ -62,7 +61,7 @@ def plan_one(
         return Attempt(best)
     met = met_at_full_speed(workspace, motion, window, first, others)
     best = with_lanes(workspace, motion, window, first, best, others)
-    if effort > 0 and not is_good(best, motion):
+    if not is_good(best, motion):
         best = with_detours(workspace, motion, window, first, best, others, static, deadline)
     return Attempt(best, None, frozenset(o.object for o, _, _ in met))
 
@@ -88,7 +87,7 @@ def earliest_arrival(
     workspace = workspace_of(service)
     window = Window(motion.present_from, motion.release)
     truncated = workspace.truncated
-    attempt = plan_one(workspace, motion, window, [fixed_run(ahead)], deadline, effort=1)
+    attempt = plan_one(workspace, motion, window, [fixed_run(ahead)], deadline)
     seconds = time.monotonic() - began
     complete = not deadline.expired() and workspace.truncated == truncated
     if attempt.run is not None:

@@ -21,9 +21,6 @@ from up_samp.motion.fleet.speed import Window, fit
 from up_samp.motion.fleet.timed_path import TimedPath, pair_flags, pose_at
 from up_samp.motion.fleet.workspace import KnownPaths, PathPlanner, rest_run, workspace_of
 
-DETOURS = 1
-"""The effort (see :func:`plan_one`) at which other ways are planned."""
-
 
 class ReservationTable:
     """The decided runs of all objects on one floor.
@@ -47,13 +44,11 @@ class ReservationTable:
         """Let things that others move (doors) rest so for what is decided next."""
         self._placed = [rest_run(self._workspace, rest) for rest in rests]
 
-    def plan(self, motion: TimedMotion, deadline: Deadline, effort: int) -> Attempt:
+    def plan(self, motion: TimedMotion, deadline: Deadline) -> Attempt:
         """Return a run of a motion among what is decided: on time, or else the earliest found."""
         window = Window(self.arrival(motion.object), motion.release)
         others = self._others({motion.object}, motion.release)
-        if effort == DETOURS and not self._workspace.detours_quickly(motion.body):
-            effort = DETOURS - 1  # waiting is found sooner than another way
-        return plan_one(self._workspace, motion, window, others, deadline, effort)
+        return plan_one(self._workspace, motion, window, others, deadline)
 
     def alone(self, body: Body, poses: tuple[Configuration, ...], deadline: Deadline) -> float:
         """Return how long (s) a body takes on its best path if nobody else is there (inf: there is

@@ -253,10 +253,6 @@ class Workspace:
                 self._paths.put(key, known)
         return known if isinstance(known, Path) else None
 
-    def detours_quickly(self, body: Body) -> bool:
-        """Return whether there is a planner for detours of a body that stops after little work."""
-        return self._quick_planner(body) is not None
-
     def _quick_planner(self, body: Body) -> MotionPlanner | None:
         """Return the planner of a body's motion model that gives up after little work, if any."""
         model = body.kinematics.model

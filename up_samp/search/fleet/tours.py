@@ -32,8 +32,6 @@ from up_samp.search.search import Search
 from up_samp.search.world import contested, motion_key, others_first
 from up_samp.upio import Itinerary
 
-_EFFORTS = (0, 1)
-"""With which other ways are looked for: by waiting, speeds and lanes; by detours, too."""
 _PATIENCE = 1.3
 """Over a motion's time alone, up to which no other way is sought..."""
 GRACE = 3.0
@@ -511,21 +509,10 @@ class TourPlanner:
         most = self._given.looking.get(name, self._given.looks) + hard
         if ways.looks < most and (best is None or best.arrival > due):
             ways.looks += 1
-            best = sooner(best, self._look(asked, deadline))
+            best = sooner(best, self._floor.plan(asked, deadline).run)
         if best is None or best.arrival > until:
             return None
         ways.paths.setdefault(best.path.number, best.path)
-        return best
-
-    def _look(self, asked: TimedMotion, deadline: Deadline) -> TimedPath | None:
-        """Return the best run on other ways than those that are known: with more and more effort,
-        until it is good.
-        """
-        best: TimedPath | None = None
-        for effort in _EFFORTS:
-            best = sooner(best, self._floor.plan(asked, deadline, effort).run)
-            if deadline.expired() or (best is not None and best.arrival <= asked.due):
-                break
         return best
 
     def _done(self, stretch: Sequence[str]) -> int:
