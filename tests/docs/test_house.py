@@ -100,12 +100,12 @@ def test_this_package_has_no_circle(package):
 
 LIMITS = {
     "long_functions": 5,
-    "wide_functions": 19,
+    "wide_functions": 18,
     "long_files": 0,
     "said_twice": 12,
-    "tunables": 19,
+    "tunables": 18,
 }
-NUMBERS = 280
+NUMBERS = 273
 COUNTS = {"shared_names": 0, "type_circles": 0, "big_rooms": 2}
 """What the figures may be at most: lower them when they fall, never raise them for convenience."""
 
@@ -120,4 +120,4 @@ def test_the_figures_do_not_grow(package):
     assert package.tunables + package.constants <= NUMBERS
     # imports are lines, too, and so are problems built line by line: those that tests alone build
     # lie beside the tests, and what is left has fewer branches, but more for each line
-    assert package.branches / package.lines < 0.276
+    assert package.branches / package.lines < 0.2755
