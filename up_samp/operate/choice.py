@@ -19,7 +19,7 @@ from up_samp.execution.state import TaskPhase
 from up_samp.fleet.records import FleetRecords, Order
 from up_samp.fleet.statements import Kind, Meaning
 from up_samp.operate.clock import Clock
-from up_samp.operate.horizon import DELIVERS, Cut, Opened, cut_of
+from up_samp.operate.horizon import DELIVERS, Cut, Opened, cut_of, on_board
 from up_samp.operate.records import DayOrder, OrderState, Pose
 from up_samp.operate.settings import Settings
 
@@ -118,18 +118,17 @@ class Day:
         """Return orders that robots were to do that are away now, and have not on board."""
         if self.executor is None:
             return []
-        on_board = set(self.executor.plan.get("carrying", {}).values())
+        begun = {n for n in self.meanings if self.executor.phase(n) is not TaskPhase.WAITING}
         theirs: dict[str, set[str]] = {}
-        for name, meaning in self.meanings.items():
+        for meaning in self.meanings.values():
             theirs.setdefault(meaning.what, set()).add(meaning.robot)
-            begun = self.executor.phase(name) is not TaskPhase.WAITING
-            if meaning.kind is Kind.PICKUP and begun:
-                on_board.add(meaning.what)
+        loaded = {*on_board(self.executor, self.meanings, begun).values()}
+        loaded |= {m.what for n, m in self.meanings.items() if m.kind is Kind.PICKUP and n in begun}
         return [
             job
             for job in self.jobs.values()
             if job.state in (OrderState.PLANNED, OrderState.BEGUN)
-            and job.id not in on_board
+            and job.id not in loaded
             and self.away.keys() & (theirs.get(job.id) or {job.robot})
         ]
 

@@ -330,12 +330,23 @@ class _Cutter:
     def _carrying(self, kept: set[str]) -> dict[str, str]:
         """Return which robots still have an order, once what is kept is done."""
         over = {n for n in self.meanings if n in kept or not self._open(n)}
-        had = dict(self.executor.plan.get("carrying", {}))
+        had = on_board(self.executor, self.meanings, over)
         had |= {
             m.robot: m.what for n, m in self.meanings.items() if m.kind is Kind.PICKUP and n in over
         }
         brought = {self.meanings[n].what for n in over if self.meanings[n].kind in DELIVERS}
         return {robot: what for robot, what in had.items() if what not in brought}
+
+
+def on_board(
+    executor: Executor, meanings: Mapping[str, Meaning], over: Collection[str]
+) -> dict[str, str]:
+    """Return which robots had an order when a plan's new part began; not those who are still to
+    pick it up, as what is ``over`` (or will be) has it.
+    """
+    open_ = {m.what for n, m in meanings.items() if m.kind is Kind.PICKUP and n not in over}
+    carrying = executor.plan.get("carrying", {})
+    return {robot: what for robot, what in carrying.items() if what not in open_}
 
 
 def _meets(path: Path, gone: float, rest: Path, apart: float) -> bool:
