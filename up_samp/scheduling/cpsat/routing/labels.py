@@ -195,7 +195,22 @@ class Steps:
             there = needed[axis][row] <= start[:, None]
             leaves = start + change.delay - change.still[axis][0]
             ready[:, axis] = self._onwards(labels, axis, there, leaves)
-        yield start, replace(labels, ready=ready)
+        labels = replace(labels, ready=ready)
+        for axis in others:
+            self._hand_over_from(labels, axis)
+        yield start, labels
+
+    def _hand_over_from(self, labels: LabelTable, axis: int) -> None:
+        """Let others come to where a traveller did its last task only after it can have left."""
+        for other in range(len(self.rules.ways)):
+            if other != axis:
+                self._hand_over(labels, axis, other)
+
+    def _hand_over(self, labels: LabelTable, axis: int, other: int) -> None:
+        after = self.rules.handovers[axis, self._places(labels, axis), other]
+        ready = labels.ready[:, other]
+        since = labels.free[:, axis][:, None] + after
+        labels.ready[:, other] = np.minimum(np.maximum(ready, since), NEVER)
 
     def _needed(self, labels: LabelTable, change: StateChange, axis: int) -> Any:
         """Return how late a change's task has to start for a traveller to rest at each place."""
@@ -242,6 +257,10 @@ class Steps:
         found.ready[:, axis] = np.minimum(free[:, None] + costs, NEVER)
         for other, place, delay in self.rules.doors[choice.task]:
             found.ready[:, other, place] = np.maximum(found.ready[:, other, place], start + delay)
+        self._hand_over_from(found, axis)
+        for other in range(len(self.rules.ways)):
+            if other != axis:
+                self._hand_over(found, other, axis)
         return found
 
     def _in_time(self, labels: LabelTable) -> Any:
@@ -347,7 +366,14 @@ def _are_alike(
         return False
     if (routes[one].gap, routes[one].step) != (routes[other].gap, routes[other].step):
         return False
-    return _doors_alike(rules, one, other)
+    return _hand_over_alike(rules.handovers, one, other) and _doors_alike(rules, one, other)
+
+
+def _hand_over_alike(handovers: Any, one: int, other: int) -> bool:
+    """Return whether exchanging the two changes nothing where only one fits."""
+    order = list(range(len(handovers)))
+    order[one], order[other] = other, one
+    return np.array_equal(handovers, handovers[order][:, :, order])
 
 
 def _doors_alike(rules: SequenceRules, one: int, other: int) -> bool:

@@ -291,6 +291,24 @@ def doors_of(programme: Programme, ways: list[TravelTables]) -> list[list[tuple[
     return found
 
 
+def handovers_of(work: RoutedWork, ways: list[TravelTables]) -> Any:
+    """Return, for each traveller, place, other traveller and its place, how long after the one can
+    leave its place the other one can go on from its own, at least: where only one of them fits
+    (-NEVER: they do not heed each other there).
+    """
+    shape = len(ways), len(ways[0].travel)
+    found = np.full((*shape, *shape), -NEVER, dtype=np.int64)
+    for unit in work.units:
+        for axis, some in enumerate(ways):
+            for other, others in enumerate(ways):
+                here = [some.number[p] for p in unit.places_of(some.route.key) & some.number.keys()]
+                there = unit.places_of(others.route.key) & others.number.keys()
+                if other != axis:
+                    spots = [others.number[p] for p in there]
+                    found[np.ix_([axis], here, [other], spots)] = others.route.step
+    return found
+
+
 @dataclass(frozen=True)
 class SequenceRules:
     """All that sequences of tasks have to obey, and what is needed to bound them."""
@@ -311,6 +329,7 @@ class SequenceRules:
     shape: tuple[int, ...]
     doors: list[list[tuple[int, int, int]]]
     """(traveller, place, time from the start) of each task: when the way there is open."""
+    handovers: Any
 
     @staticmethod
     def of(work: RoutedWork, programme: Programme, tables: dict[int, Any]) -> SequenceRules | None:
@@ -334,6 +353,7 @@ class SequenceRules:
             np.stack([tables[int(done)].ravel() for done in sets]),
             tables[0].shape,
             doors_of(programme, ways),
+            handovers_of(work, ways),
         )
 
     def plain(self) -> SequenceRules:
