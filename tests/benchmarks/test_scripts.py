@@ -15,7 +15,7 @@ SCRIPTS = [
 
 
 def test_there_are_scripts():
-    assert len(SCRIPTS) >= 6
+    assert len(SCRIPTS) >= 5
 
 
 @pytest.mark.long

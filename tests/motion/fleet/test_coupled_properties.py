@@ -112,8 +112,7 @@ def test_no_order_of_two_works_but_together_they_pass(tmp_path):
     ]
     budget = WorkBudget(Deadline.after(60))
     group = MovingGroup(workspace_of(service), {m.name: m for m in motions}, [], budget)
-    for effort in (0, 1):
-        one_after_another(group, effort, 60)
+    one_after_another(group)
     assert group.best is None  # every order of priorities, without moving them together
     report = coordinate(service, GroupQuery(tuple(motions)), Deadline.after(120))
     assert report.outcome is Outcome.FOUND

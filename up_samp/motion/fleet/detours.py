@@ -127,7 +127,11 @@ def with_detours(
     static: Sequence[Placed],
     deadline: Deadline,
 ) -> TimedPath | None:
-    """Return the best of ``best`` and of paths around whatever the last path met at full speed."""
+    """Return the best of ``best``, of paths straight to where somebody leaves, and of paths around
+    whatever the last path met at full speed.
+    """
+    for coming in _paths_in(workspace, motion, static, others, deadline):
+        best = fit(workspace, motion, window, coming, others, best)
     copies: list[Placed] = []
     for _ in range(ROUNDS):
         met = met_at_full_speed(workspace, motion, window, path, others)
@@ -143,6 +147,33 @@ def with_detours(
         if is_good(best, motion):
             break
     return best
+
+
+def _paths_in(
+    workspace: Workspace,
+    motion: TimedMotion,
+    static: Sequence[Placed],
+    others: Sequence[TimedPath],
+    deadline: Deadline,
+) -> Iterator[Path]:
+    """Yield paths that come nearly straight to a pose that somebody leaves, close behind: a tighter
+    bend would be in the way for longer.
+    """
+    body, goal, kin = motion.body, motion.poses[-1], motion.body.kinematics
+    if not (body.mobility.steers or body.mobility.rolls):
+        return
+    rest = workspace.resting(body, goal)
+    left = (workspace.conflicts(rest, o.path)[:, 1] for o in others if o.path.cells > 0)
+    if not any(np.any(first == 0) for first in left):
+        return
+    braking = kin.v_max**2 / (2 * kin.a_max)
+    radius = max(2 * braking, kin.bend_radius)
+    for curvature in (0.0, 1.0 / radius, -1.0 / radius):
+        nodes = nodes_of(np.array(goal, dtype=np.float64), np.array([[curvature, -braking]]))
+        poses = (*motion.poses[:-1], tuple(map(float, nodes[-1])), goal)
+        path = workspace.detour(body, poses, static, (), deadline)
+        if path is not None:
+            yield path
 
 
 def _virtual_obstacles(
