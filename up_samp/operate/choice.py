@@ -104,7 +104,8 @@ class Day:
         """
         now, s = self.clock.now(), self.settings
         if self.executor is None:
-            return Cut(0.0, poses=self.poses, free=dict.fromkeys(self.site.robots, 0.0))
+            free = dict.fromkeys(self.site.robots, 0.0)
+            return Cut(0.0, poses=self.poses, free=free, away=frozenset(self.away))
         found = cut_of(
             self.executor,
             s.budget + s.grace + 2 * s.tick,

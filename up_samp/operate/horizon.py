@@ -52,6 +52,8 @@ class Cut:
     jobs: tuple[str, ...] = ()
     begun: Mapping[str, float] = field(default_factory=dict)
     """What had begun by then, and for how long (s)."""
+    away: frozenset[str] = frozenset()
+    """Robots that did nothing then, and stand at their ``poses``."""
 
 
 LEAST = 0.1
@@ -197,6 +199,7 @@ class _Cutter:
             self._carrying(set(kept)),
             tuple(sorted({self.meanings[n].what for n in kept if self.meanings[n].what})),
             {n: now - since for n, (since, _) in self.executor.times().items()},
+            frozenset(self.broken),
         )
 
     def _starts(self, names: Iterable[str]) -> dict[str, float]:

@@ -514,8 +514,8 @@ class Operation(Day):
         """
         if answer.plan is None:
             return False, answer.why
-        if set(question.robots) & set(self.away):
-            return False, "a robot has gone since it was asked for"
+        if question.cut.away != self.away.keys():
+            return False, "a robot has gone, or is back, since it was asked for"
         for name in self.away:
             if math.dist(question.cut.poses[name], self.poses[name]) > self.settings.localisation:
                 return False, f"'{name}' still moved when it was asked for"
