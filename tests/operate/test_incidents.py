@@ -5,6 +5,7 @@ import math
 import pytest
 
 from tests.operate.days import Day
+from up_samp.execution.reports import Hold
 from up_samp.model import ProblemError
 from up_samp.operate.horizon import braking
 from up_samp.operate.simulated import Mishaps
@@ -51,6 +52,29 @@ def test_what_a_broken_robot_was_to_do_is_given_to_another_one(day):
     day.until(lambda: day.state("o0") == "done", 200)
     assert day.operation.jobs["o0"].robot == {"r0": "r1", "r1": "r0"}[first]
     assert day.verdict().good
+
+
+def test_who_was_moved_by_hand_goes_on_from_where_it_stands(day):
+    """Nobody knows but who says so: its way is not driven on, from elsewhere."""
+    day.order("o0", "rack0", "dock2")
+    day.until(lambda: any(under_way(day, r) for r in ("r0", "r1")))
+    (name,) = (r for r in ("r0", "r1") if under_way(day, r))
+    day.operation.leave(name, "pushed aside")
+    day.operation.step()
+    robots, here = day.robots, (6.0, 8.5, 1.0)
+    robots.close()  # what it drove is on record
+    robots.robots[name].motion = None
+    robots._path_of.pop(name)
+    robots.poses[name] = here
+    drives = len(robots.drives)
+    day.operation.join(name, here)
+    assert day.operation.pose(name) == here
+    assert isinstance(day.operation.commands[name], Hold)
+    day.run()
+    assert day.state("o0") == "done"
+    robots.close()
+    later = [d.rows[0][1:] for d in robots.drives[drives:] if d.robot == name]
+    assert math.dist(later[0], here) < 0.05 if later else day.operation.jobs["o0"].robot != name
 
 
 def test_everybody_is_held_at_once_and_released_one_by_one(day):

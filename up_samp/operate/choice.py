@@ -43,6 +43,8 @@ class Day:
     poses: dict[str, Pose]
     away: dict[str, str]
     """Robots that do nothing now, and why."""
+    placed: dict[str, str]
+    """Robots that are back where the plan does not have them, and why they stay until one does."""
     limits: dict[str, float]
     """How far (m) motions may go, where that is less than their whole length."""
 
@@ -55,6 +57,10 @@ class Day:
     def waiting(self) -> list[DayOrder]:
         """Return the orders that are in no plan."""
         return [j for j in self.jobs.values() if j.state is OrderState.WAITING]
+
+    def off_plan(self) -> frozenset[str]:
+        """Return the robots that do nothing of what the plan says, and stand at their poses."""
+        return frozenset((*self.away, *self.placed))
 
     def there(self) -> list[str]:
         """Return the robots that do their work."""
@@ -105,18 +111,18 @@ class Day:
         now, s = self.clock.now(), self.settings
         if self.executor is None:
             free = dict.fromkeys(self.site.robots, 0.0)
-            return Cut(0.0, poses=self.poses, free=free, away=frozenset(self.away))
+            return Cut(0.0, poses=self.poses, free=free, away=self.off_plan())
         found = cut_of(
             self.executor,
             s.budget + s.grace + 2 * s.tick,
-            broken={r: self.poses[r] for r in self.away},
+            broken={r: self.poses[r] for r in self.off_plan()},
             limits=self.limits,
             opened=opened or {},
         )
         return replace(found, since=now - self.origin)
 
     def dropped(self) -> list[DayOrder]:
-        """Return orders that robots were to do that are away now, and have not on board."""
+        """Return orders that robots were to do that do nothing now, and have not on board."""
         if self.executor is None:
             return []
         begun = {n for n in self.meanings if self.executor.phase(n) is not TaskPhase.WAITING}
@@ -130,7 +136,7 @@ class Day:
             for job in self.jobs.values()
             if job.state in (OrderState.PLANNED, OrderState.BEGUN)
             and job.id not in loaded
-            and self.away.keys() & (theirs.get(job.id) or {job.robot})
+            and self.off_plan() & (theirs.get(job.id) or {job.robot})
         ]
 
 
@@ -249,7 +255,7 @@ def _shared_anew(day: Day) -> OpenWork | None:
         m.robot
         for m in day.meanings.values()
         if m.kind is Kind.PICKUP
-        and m.robot not in day.away
+        and m.robot not in day.off_plan()
         and m.what in day.jobs
         and day.jobs[m.what].state is OrderState.PLANNED
     }

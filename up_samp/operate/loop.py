@@ -99,7 +99,7 @@ class Operation(Day):
         self.gone: dict[str, float] = {}
         """How much (m) of motions was driven when their plan began: robots count all of it."""
         self.poses = {n: self._home(r.start) for n, r in self.site.robots.items()}
-        self.jobs, self.away, self.limits = {}, {}, {}
+        self.jobs, self.away, self.placed, self.limits = {}, {}, {}, {}
         self.held: dict[str, str] = {}
         """Robots that are held where they are, and why."""
         self.areas: dict[str, Shape] = {}
@@ -119,7 +119,7 @@ class Operation(Day):
 
     def _load(self, first: Iterable[Order | Task]) -> None:
         self.jobs = self.store.jobs()
-        for key in ("away", "held", "areas", "poses"):
+        for key in ("away", "placed", "held", "areas", "poses"):
             known = self.store.day(key) or {}
             pairs = {k: _tuples(v) for k, v in known.items()}
             setattr(self, key, {**getattr(self, key), **pairs})
@@ -231,24 +231,29 @@ class Operation(Day):
         now, here = self.clock.now(), pose or self._told_pose(name)
         with self.store:
             self.away[name], self.poses[name] = why, here
+            self.placed.pop(name, None)
             self.store.note(now, "robot", name, "left", why)
             self._keep_fleet()
         self.want(f"robot '{name}' is {why}")
 
     def join(self, robot: str, pose: Pose | None = None) -> None:
-        """Note that a robot does its work again, from where it stands (``pose``: from there)."""
+        """Note that a robot does its work again, from where it stands (``pose``: from there). Where
+        the plan has it elsewhere, it stays until there is another one.
+        """
         (name,) = self._some(robot)
         now = self.clock.now()
         with self.store:
+            here = self.poses[name] = pose or self.pose(name)
             self.away.pop(name, None)
-            if pose is not None:
-                self.poses[name] = pose
+            if math.dist(self._told_pose(name), here) > self.settings.localisation:
+                self.placed[name] = "it waits for a plan that begins where it stands"
             self.store.note(now, "robot", name, "joined")
             self._keep_fleet()
         self.want(f"robot '{name}' joined")
 
     def _keep_fleet(self) -> None:
         self.store.keep("away", self.away)
+        self.store.keep("placed", self.placed)
         self.store.keep("poses", self.poses)
 
     def _some(self, robot: str) -> list[str]:
@@ -352,7 +357,7 @@ class Operation(Day):
 
     def pose(self, thing: str) -> Pose:
         """Return where a robot was last told to be, or where a door stands."""
-        return self.poses[thing] if thing in self.away else self._told_pose(thing)
+        return self.poses[thing] if thing in self.off_plan() else self._told_pose(thing)
 
     def _told_pose(self, thing: str) -> Pose:
         lives = {} if self.executor is None else self.executor.dependencies.lives
@@ -411,8 +416,8 @@ class Operation(Day):
         """Return a command as far as it may be given."""
         if who in self.held:
             return Hold((f"held {self.held[who]}",))
-        if who in self.away:
-            return Hold((self.away[who],))
+        if who in self.off_plan():
+            return Hold((self.away.get(who) or self.placed[who],))
         if isinstance(command, Go):
             most = min(command.until, self.limits.get(command.motion, command.until))
             return Go(command.motion, most + self.gone.get(command.motion, 0.0))
@@ -514,9 +519,9 @@ class Operation(Day):
         """
         if answer.plan is None:
             return False, answer.why
-        if question.cut.away != self.away.keys():
+        if question.cut.away != self.off_plan():
             return False, "a robot has gone, or is back, since it was asked for"
-        for name in self.away:
+        for name in question.cut.away:
             if math.dist(question.cut.poses[name], self.poses[name]) > self.settings.localisation:
                 return False, f"'{name}' still moved when it was asked for"
         if any(not self.jobs[j.id].state.open for j in question.jobs):
@@ -532,6 +537,8 @@ class Operation(Day):
         if why in (EVERY, OVERDUE) and not self._better(executor, since):
             return False, "what is driven is no worse"
         self.origin = since
+        self.placed.clear()
+        self._keep_fleet()
         self.store.put_plan(answer.number, self.clock.now(), self.origin, plan)
         self._follow(executor)
         self._forecast = self._end()
