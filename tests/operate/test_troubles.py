@@ -61,6 +61,8 @@ def day_of_troubles(folder, seed, minutes, robots=4):
             while do and do[0][0] <= now:
                 _, what, who = do.pop(0)
                 act(operation, rng, day, what, who)
+            for who in [r for r in operation.away if r not in day.robots.broken]:
+                operation.join(who)
             operation.step()
         for who in names:
             operation.release(who)
@@ -76,8 +78,6 @@ def day_of_troubles(folder, seed, minutes, robots=4):
 def act(operation, rng, day, what, who):
     if what == "broken" and who in day.robots.broken and who not in operation.away:
         operation.leave(who, "broken down")
-    elif what == "not broken" and who not in day.robots.broken and who in operation.away:
-        operation.join(who)
     elif what == "held":
         operation.hold(who)
     elif what == "not held":

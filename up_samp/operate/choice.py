@@ -47,6 +47,8 @@ class Day:
     """Robots that are back where the plan does not have them, and why they stay until one does."""
     limits: dict[str, float]
     """How far (m) motions may go, where that is less than their whole length."""
+    aside: dict[str, float]
+    """Until when (s of the day) orders and robots are put aside that no plan was found for."""
 
     def _home(self, place: str) -> Pose:
         return self.site.places[place].pose
@@ -149,12 +151,19 @@ class OpenWork:
 
 
 def choose(day: Day) -> OpenWork | None:
-    """Return what to plan next; None: nothing is left to plan."""
-    if robots := (day.stranded() or day.stale())[:2]:
-        opened = dict.fromkeys(robots, Opened.ALL)
-        return OpenWork(opened, tuple(theirs(day, opened)))
+    """Return what to plan next; None: nothing is left to plan. What no plan was found for a moment
+    ago is put aside while there is anything else.
+    """
+    now, stuck = day.clock.now(), day.stranded() or day.stale()
     waiting = [j for j in (*day.waiting(), *day.dropped()) if _ready(day, j)]
-    return _dispatched(day, waiting) if waiting else _shared_anew(day)
+    for until in (now, math.inf):
+        if robots := [r for r in stuck if day.aside.get(r, now) <= until][:2]:
+            opened = dict.fromkeys(robots, Opened.ALL)
+            return OpenWork(opened, tuple(theirs(day, opened)))
+        some = [j for j in waiting if day.aside.get(j.id, now) <= until]
+        if found := _dispatched(day, some):
+            return found
+    return None if waiting else _shared_anew(day)
 
 
 def _dispatched(day: Day, waiting: Sequence[DayOrder]) -> OpenWork | None:

@@ -99,7 +99,7 @@ class Operation(Day):
         self.gone: dict[str, float] = {}
         """How much (m) of motions was driven when their plan began: robots count all of it."""
         self.poses = {n: self._home(r.start) for n, r in self.site.robots.items()}
-        self.jobs, self.away, self.placed, self.limits = {}, {}, {}, {}
+        self.jobs, self.away, self.placed, self.limits, self.aside = {}, {}, {}, {}, {}
         self.held: dict[str, str] = {}
         """Robots that are held where they are, and why."""
         self.areas: dict[str, Shape] = {}
@@ -518,6 +518,9 @@ class Operation(Day):
         why.
         """
         if answer.plan is None:
+            # it may not be possible for long: others are not to wait for that
+            until = self.clock.now() + 6 * RETRY
+            self.aside |= dict.fromkeys((*(j.id for j in question.jobs), *question.robots), until)
             return False, answer.why
         if question.cut.away != self.off_plan():
             return False, "a robot has gone, or is back, since it was asked for"
