@@ -59,9 +59,11 @@ def test_who_was_moved_by_hand_goes_on_from_where_it_stands(day):
     day.order("o0", "rack0", "dock2")
     day.until(lambda: any(under_way(day, r) for r in ("r0", "r1")))
     (name,) = (r for r in ("r0", "r1") if under_way(day, r))
-    day.operation.leave(name, "pushed aside")
-    day.operation.step()
     robots, here = day.robots, (6.0, 8.5, 1.0)
+    day.operation.leave(name, "pushed aside", here)
+    for _ in range(10):  # it still tells how far it is on its way
+        day.operation.step()
+    assert day.operation.pose(name) == here
     robots.close()  # what it drove is on record
     robots.robots[name].motion = None
     robots._path_of.pop(name)

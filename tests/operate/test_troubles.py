@@ -28,8 +28,8 @@ def troubles(seed, minutes, robots):
     return found
 
 
-def area(rng, site):
-    """A square around some place but where robots live, or anywhere in the middle of the hall."""
+def area(rng):
+    """A square anywhere in the middle of the hall."""
     x, y = rng.uniform(6, 18), rng.uniform(3, 11)
     return [(x, y), (x + 2, y), (x + 2, y + 2), (x, y + 2)]
 
@@ -83,7 +83,7 @@ def act(operation, rng, day, what, who):
     elif what == "not held":
         operation.release(who)
     elif what == "blocked":
-        operation.block(f"at {who}", area(rng, operation.site))
+        operation.block(f"at {who}", area(rng))
     elif what == "not blocked" and f"at {who}" in operation.areas:
         operation.unblock(f"at {who}")
     elif what == "cancelled":

@@ -44,7 +44,7 @@ class Day:
     away: dict[str, str]
     """Robots that do nothing now, and why."""
     placed: dict[str, str]
-    """Robots that are back where the plan does not have them, and why they stay until one does."""
+    """Robots that stand where the plan does not have them, and why they stay until one does."""
     limits: dict[str, float]
     """How far (m) motions may go, where that is less than their whole length."""
     aside: dict[str, float]

@@ -228,10 +228,11 @@ class Operation(Day):
         to be); others drive round it.
         """
         (name,) = self._some(robot)
-        now, here = self.clock.now(), pose or self._told_pose(name)
+        now, here = self.clock.now(), pose or self.pose(name)
         with self.store:
             self.away[name], self.poses[name] = why, here
-            self.placed.pop(name, None)
+            if pose is not None:  # what it tells of its motion says nothing now
+                self.placed[name] = PLACED
             self.store.note(now, "robot", name, "left", why)
             self._keep_fleet()
         self.want(f"robot '{name}' is {why}")
@@ -246,7 +247,7 @@ class Operation(Day):
             here = self.poses[name] = pose or self.pose(name)
             self.away.pop(name, None)
             if math.dist(self._told_pose(name), here) > self.settings.localisation:
-                self.placed[name] = "it waits for a plan that begins where it stands"
+                self.placed[name] = PLACED
             self.store.note(now, "robot", name, "joined")
             self._keep_fleet()
         self.want(f"robot '{name}' joined")
@@ -350,7 +351,7 @@ class Operation(Day):
         reply = self.executor.update(report.robot, now=at, motion=report.activity or None, **where)  # type: ignore[arg-type]
         if reply.heard is Heard.HELD:
             self.store.note(report.time, "report", report.robot, "is held", reply.why)
-        if reply.heard is Heard.TAKEN and report.robot in self.away:
+        if reply.heard is Heard.TAKEN and report.robot in self.away.keys() - self.placed.keys():
             self.poses[report.robot] = self._told_pose(report.robot)  # it still brakes
             self._keep_fleet()
         return reply
@@ -519,8 +520,10 @@ class Operation(Day):
         """
         if answer.plan is None:
             # it may not be possible for long: others are not to wait for that
-            until = self.clock.now() + 6 * RETRY
-            self.aside |= dict.fromkeys((*(j.id for j in question.jobs), *question.robots), until)
+            now = self.clock.now()
+            some = (*(j.id for j in question.jobs), *question.robots)
+            self.aside = {name: until for name, until in self.aside.items() if until > now}
+            self.aside |= dict.fromkeys(some, now + 6 * RETRY)
             return False, answer.why
         if question.cut.away != self.off_plan():
             return False, "a robot has gone, or is back, since it was asked for"
@@ -617,6 +620,7 @@ class Operation(Day):
         return total + origin * sum(g.weight for g in goals.values()) if goals else 0.0
 
 
+PLACED = "it waits for a plan that begins where it stands"
 EVERY, OVERDUE = "it is time to look again", "it is late"
 
 
