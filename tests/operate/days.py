@@ -41,16 +41,25 @@ class Day:
         self, folder, robots=2, mishaps=NONE, settings=PATIENT, seed=0, fleet=None, planner=Here
     ):
         self.fleet = fleet or hall(Path(folder), robots)
-        site = self.fleet.records
+        site, self.folder, self.planner = self.fleet.records, Path(folder), planner
+        self.settings = settings
         poses = {n: site.places[r.start].pose for n, r in site.robots.items()}
         self.robots = SimulatedRobots(poses, mishaps, seed)
         self.clock = SteppedClock(SimulatedClock(), self.robots)
-        self.store = Store(Path(folder) / "day.db", durable=False)
-        self.operation = Operation(
-            self.fleet, store=self.store, robots=self.robots, clock=self.clock, settings=settings,
-            planner=planner and planner(),
-        )  # fmt: skip
+        self._operate()
         self.random = random.Random(f"day {seed}")
+
+    def _operate(self):
+        self.store = Store(self.folder / "day.db", durable=False)
+        self.operation = Operation(
+            self.fleet, store=self.store, robots=self.robots, clock=self.clock,
+            settings=self.settings, planner=self.planner and self.planner(),
+        )  # fmt: skip
+
+    def restart(self):
+        """Stop the process that operates, and begin another that goes on."""
+        self.operation.close()
+        self._operate()
 
     def order(self, name, pickup=None, delivery=None, **options):
         rng = self.random

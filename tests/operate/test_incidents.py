@@ -4,10 +4,11 @@ import math
 
 import pytest
 
-from tests.operate.days import Day
+from tests.operate.days import Day, Here
 from up_samp.execution.reports import Hold
 from up_samp.model import ProblemError
 from up_samp.operate.horizon import braking
+from up_samp.operate.judge import where
 from up_samp.operate.simulated import Mishaps
 
 
@@ -139,3 +140,70 @@ def test_orders_are_cancelled_and_changed_until_they_begin(day):
     assert [day.state(f"o{k}") for k in range(3)] == ["done", "done", "cancelled"]
     verdict = day.verdict()
     assert verdict.good, (verdict, day.story())
+
+
+def on_the_way(day, robot="r0", metres=2.0):
+    """Run until a robot is on its way to where an order is picked up."""
+    day.until(lambda: under_way(day, robot) or day.state("o0") == "begun", 60)
+    assert day.state("o0") == "planned", day.story()
+
+
+def handled_at(day, name):
+    """Return where an order was picked up and delivered, by where its robot really was."""
+    day.robots.close()
+    mine = [h for h in day.robots.handled if h.what == name and h.kind in ("pick", "deliver")]
+    return [where(h.robot, h.end, day.robots.initial, day.robots.drives)[:2] for h in mine]
+
+
+@pytest.mark.parametrize("again", [False, True], ids=["", "and the process is restarted"])
+@pytest.mark.parametrize("day", [{"robots": 1}], indirect=True)
+def test_an_order_that_is_changed_while_somebody_is_on_the_way_is_done_as_changed(day, again):
+    day.order("o0", "rack0", "dock0")
+    on_the_way(day)
+    day.order("o0", "shelf2", "dock2")
+    if again:
+        day.restart()
+    day.run()
+    assert day.state("o0") == "done"
+    verdict = day.verdict()
+    assert verdict.good, (verdict, day.story())
+    places = day.fleet.records.places
+    for spot, here in zip(("shelf2", "dock2"), handled_at(day, "o0"), strict=True):
+        assert math.dist(places[spot].pose[:2], here) < 0.3
+
+
+@pytest.mark.parametrize("again", [False, True], ids=["", "and the process is restarted"])
+@pytest.mark.parametrize("day", [{"robots": 1}], indirect=True)
+def test_an_order_that_is_cancelled_while_somebody_is_on_the_way_is_not_done(day, again):
+    day.order("o0", "rack0", "dock0")
+    on_the_way(day)
+    day.operation.cancel("o0")
+    if again:
+        day.restart()
+    day.order("o1", "rack2", "dock2")
+    day.run()
+    assert (day.state("o0"), day.state("o1")) == ("cancelled", "done")
+    assert handled_at(day, "o0") == []
+    assert day.verdict().good
+
+
+class Slow(Here):
+    """A planner whose answers come when they are let."""
+
+    come = False
+
+    def taken(self, wait=False):
+        return self.said if self.come else None
+
+
+@pytest.mark.parametrize("day", [{"robots": 1, "planner": Slow}], indirect=True)
+def test_a_plan_that_was_asked_for_before_an_order_was_changed_is_not_followed(day):
+    day.order("o0", "rack0", "dock0")
+    for _ in range(2):
+        day.operation.step()
+    day.order("o0", "shelf2", "dock2")
+    Slow.come = True
+    day.run()
+    spot = day.fleet.records.places["shelf2"].pose
+    assert math.dist(spot[:2], handled_at(day, "o0")[0]) < 0.3
+    assert day.verdict().good

@@ -101,6 +101,8 @@ class Executor(Followed):
         """When each robot last told something that was believed (s)."""
         self._held: dict[str, str] = {}
         """Robots that have to hold until they tell where they are, and why."""
+        self.withdrawn: dict[str, str] = {}
+        """Activities that are not to begin any more, and why; what comes after them waits."""
         self._strayed: dict[str, Strayed] = {}
         self._astray: dict[str, Overrun] = {}
         self._running: dict[str, None] = {}
@@ -460,15 +462,21 @@ class Executor(Followed):
                     found[who] = command
         for robot in self._of_robot:
             if robot not in found:
-                why = (self._held[robot],) if robot in self._held else ()
-                found[robot] = Hold(why or self._missing(self._next_of(robot)))
+                found[robot] = Hold(self._standing(robot))
         return found
+
+    def _standing(self, robot: str) -> tuple[str, ...]:
+        """Return why a robot without a motion or a task does nothing, in words."""
+        first = next((n for n in self._of_robot.get(robot, ()) if n in self._ready), "")
+        why = self._held.get(robot) or self.withdrawn.get(first)
+        return (why,) if why else self._missing(self._next_of(robot))
 
     def _begin(self) -> None:
         state = self.state
         for name in [n for n in self._ready if state.open(state.start_number[n])]:
             ways = state.ways_of[name]
-            if any(w.object in state.of_object or w.object in self._held for w in ways):
+            barred = name in self.withdrawn
+            if barred or any(w.object in state.of_object or w.object in self._held for w in ways):
                 continue
             del self._ready[name]
             self._running[name] = None

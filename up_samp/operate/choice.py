@@ -85,14 +85,26 @@ class Day:
                 found.append(name)
         return found
 
-    def stale(self) -> list[str]:
-        """Return robots that are still to do what is cancelled, or was changed."""
-        found: dict[str, None] = {}
+    def over(self) -> dict[str, str]:
+        """Return what is not to begin any more of what the plan says, and why: its order was
+        cancelled, or changed.
+        """
+        found = {}
         for name, meaning in self.meanings.items():
             job = self.jobs.get(meaning.what)
-            over = job is not None and job.state in (OrderState.WAITING, OrderState.CANCELLED)
-            if over and self.executor and self.executor.phase(name) is TaskPhase.WAITING:
-                found[meaning.robot] = None
+            if job is None or not self.executor:
+                continue
+            if self.executor.phase(name) is not TaskPhase.WAITING:
+                continue
+            if job.state is OrderState.CANCELLED:
+                found[name] = f"order '{job.id}' is cancelled"
+            elif job.state is OrderState.WAITING:
+                found[name] = f"order '{job.id}' was changed"
+        return found
+
+    def stale(self) -> list[str]:
+        """Return robots that were still to do what is cancelled, or was changed."""
+        found = dict.fromkeys(self.meanings[name].robot for name in self.over())
         return [r for r in found if r not in self.away]
 
     def _near(self, one: Pose, two: Pose) -> bool:

@@ -4,8 +4,9 @@ What has begun stays, and so does what begins before a new plan can be there, an
 any of it waits for: a set of activities closed under what comes before. An order that is picked up
 is delivered by the same robot, so it stays whole. Nothing else has been told to anybody.
 
-Where a robot is out of order, or an area must not be entered any more, events never happen; whoever
-waits for one of them stops where it would wait, and is free from there.
+Where a robot is out of order, an area must not be entered any more, or activities are withdrawn
+(their order was cancelled, or changed), events never happen; whoever waits for one of them stops
+where it would wait, and is free from there.
 """
 
 from __future__ import annotations
@@ -144,7 +145,8 @@ class _Cutter:
             beyond = limit is not None and (
                 event.at is At.END or (event.object and event.progress > limit)
             )
-            if self.meanings[event.activity].robot in self.broken or beyond:
+            gone = event.activity in self.executor.withdrawn
+            if gone or self.meanings[event.activity].robot in self.broken or beyond:
                 seeds.append(k)
         return self._closure(seeds, self.after)
 
@@ -257,9 +259,14 @@ class _Cutter:
         """Return what a robot drives somewhere for, where that can still be done."""
         if self.meanings[name].kind not in (Kind.MOVE, Kind.CARRY):
             return None
+        return next(
+            (n for n in self._after(name)[:1] if self._alive(n) and self._does_job(n)), None
+        )
+
+    def _after(self, name: str) -> list[str]:
+        """Return what a robot is to do after an activity."""
         turn = self.turns[self.meanings[name].robot]
-        later = turn[turn.index(name) + 1 : turn.index(name) + 2]
-        return next((n for n in later if self._alive(n) and self._does_job(n)), None)
+        return turn[turn.index(name) + 1 :]
 
     def _does_job(self, name: str) -> bool:
         return self.meanings[name].kind in (Kind.PICKUP, *DELIVERS)
@@ -285,7 +292,7 @@ class _Cutter:
         if (
             (self.opened is not None and robot not in self.opened)
             or self.meanings[name].kind is not Kind.MOVE
-            or self.turns[robot][-1] != name
+            or any(map(self._alive, self._after(name)))
             or len(ways) != 1
         ):
             return None

@@ -25,7 +25,6 @@ from up_samp.execution.state import TaskPhase
 from up_samp.fleet.fleet import Fleet
 from up_samp.fleet.records import FleetRecords, Order, Task, Weights, Windows, corners_of
 from up_samp.fleet.spelled_out import with_places
-from up_samp.fleet.statements import Kind
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import ProblemError, SampError
 from up_samp.operate.choice import Day, OpenWork, choose
@@ -109,6 +108,8 @@ class Operation(Day):
         self.costs: list[tuple[float, float, float, str, bool]] = []
         """(time, seconds, CPU seconds, why, taken) of each time that the rest was planned."""
         self._asked: tuple[Question, float, str] | None = None
+        self._changed: set[str] = set()
+        """Orders that were changed or cancelled since the planner was asked."""
         self._planned_at = self._snapshot_at = 0.0
         self._not_before = 0.0
         self._forecast = 0.0
@@ -141,9 +142,11 @@ class Operation(Day):
         self.number = max(n for n, *_ in self.store.plans())
         executor = Executor.restore(plan, saved, localisation=self.settings.localisation)
         self._follow(executor)
+        self._withdraw()
         for report in reports:
             self._hear(report)
             executor.commands(report.time - self.origin)
+        executor.commands(self.clock.now() - self.origin)  # what was told last may have begun
         with self.store:
             self._happened()
             self._keep_snapshot()
@@ -170,6 +173,7 @@ class Operation(Day):
         if isinstance(record, Mapping):
             record = job_record(record)
         check_job(record)
+        self._note_begun()
         known = self.jobs.get(record.id)
         if known is not None and known.state not in (OrderState.WAITING, OrderState.PLANNED):
             raise ProblemError(f"'{record.id}' is {known.state.value}: it cannot be changed")
@@ -179,7 +183,8 @@ class Operation(Day):
         with self.store:
             self.store.put_job(job)
             self.store.note(now, "order", job.id, "came" if known is None else "changed")
-        self.jobs[job.id] = job
+            self.jobs[job.id] = job
+            self._withdraw(job.id)
         self.want(f"order '{job.id}' {'came' if known is None else 'was changed'}")
         return job
 
@@ -188,14 +193,35 @@ class Operation(Day):
 
         :raises ProblemError: where there is none, or it has begun.
         """
+        self._note_begun()
         job = self._job(name)
         if job.state not in (OrderState.WAITING, OrderState.PLANNED):
             raise ProblemError(f"'{name}' is {job.state.value}: it cannot be cancelled")
         with self.store:
             self._set(job, OrderState.CANCELLED, "cancelled by hand")
+            self._withdraw(name)
         if job.state is OrderState.PLANNED:
             self.want(f"order '{name}' was cancelled")
         return self.jobs[name]
+
+    def _note_begun(self) -> None:
+        """Note what has begun since the last step: it can be neither changed nor cancelled."""
+        with self.store:
+            self._happened()
+
+    def _withdraw(self, order: str = "") -> None:
+        """Let nothing begin any more of orders that were cancelled or changed, as the last one has
+        just been: neither as the plan has it, nor as one has it that was asked for before.
+        """
+        if order:
+            self._changed.add(order)
+        if self.executor is None:
+            return
+        gone = self.over()
+        if gone.keys() - self.executor.withdrawn.keys():
+            self.executor.withdrawn = gone
+            if order:  # what is heard from now on is heard without them
+                self._keep_snapshot()
 
     def _job(self, name: str) -> DayOrder:
         if name not in self.jobs:
@@ -379,11 +405,8 @@ class Operation(Day):
             phase = self.executor.phase(name)
             if job is None or phase is TaskPhase.WAITING:
                 continue
-            late = job.state is OrderState.CANCELLED and meaning.kind is not Kind.MOVE
-            if not job.state.open and not late:
+            if not job.state.open:
                 continue
-            if late:
-                job = replace(job, note="cancelled too late: it had begun")
             when = self.executor.state.now + self.origin
             if phase is TaskPhase.DONE and meaning.kind in DELIVERS:
                 self._set(replace(job, robot=meaning.robot, done=when), OrderState.DONE)
@@ -498,6 +521,7 @@ class Operation(Day):
             localisation=s.localisation,
         )
         self.store.note(now, "plan", str(self.number), f"asked for {len(chosen)} orders", why)
+        self._changed.clear()
         self.planner.ask(question)
         self._asked = question, now, why
 
@@ -530,8 +554,9 @@ class Operation(Day):
         for name in question.cut.away:
             if math.dist(question.cut.poses[name], self.poses[name]) > self.settings.localisation:
                 return False, f"'{name}' still moved when it was asked for"
-        if any(not self.jobs[j.id].state.open for j in question.jobs):
-            return False, "an order was cancelled since it was asked for"
+        known = {j.id for j in (*question.jobs, *question.kept_jobs)}
+        if gone := sorted(self._changed & known):
+            return False, f"'{gone[0]}' was changed or cancelled since it was asked for"
         plan = {**answer.plan, "number": answer.number}
         twice = self._twice(plan)
         if twice:
@@ -554,6 +579,7 @@ class Operation(Day):
                 self._set(job, OrderState.PLANNED, f"plan {answer.number}")
             elif job.state is OrderState.PLANNED and job.id not in done:
                 self._set(job, OrderState.WAITING, f"not in plan {answer.number}")
+        self._withdraw()
         self._keep_snapshot()
         return True, why
 
