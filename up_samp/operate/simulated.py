@@ -182,6 +182,15 @@ class SimulatedRobots:
         x, y, theta = (float(v) for v in path.poses_at(np.array([s]))[0])
         return x, y, theta
 
+    def put(self, name: str, pose: Pose) -> None:
+        """Put a robot somewhere by hand: it drives nothing, and forgets what it was told."""
+        robot = self.robots[name]
+        self._keep(robot)
+        robot.motion = None
+        self._path_of.pop(name, None)
+        self.poses[name] = pose
+        self.drives.append(Drive(name, "by hand", [[self._now, *pose], [self._now + 1e-3, *pose]]))
+
     def step(self, now: float, seconds: float) -> None:
         """Drive for some seconds from ``now`` on."""
         for when, name, lasts in self.mishaps.breakdowns:
