@@ -1,75 +1,57 @@
-"""A simulated AGV of VDA 5050, over MQTT: drives what is released, along trajectories."""
+"""A simulated AGV of VDA 5050 2.1 that is ours, and knows nothing of plans: it drives the edges of
+its base, and tells where it is. What it is told comes by calls; :mod:`tests.operate.wire` brings
+it, over a broker or in simulated time.
+"""
 
 import itertools
-import json
 import math
 import random
-import threading
-import time
 from datetime import datetime, timezone
 
-import paho.mqtt.client as mqtt
-from paho.mqtt.enums import CallbackAPIVersion
+OVER = ("FINISHED", "FAILED")
 
 
 class Agv:
-    """``speed`` m/s of real time; ``noise`` m; shares of states that are ``lost``, sent ``twice``,
-    and ``late``: sent after the next one.
-    """
+    """``speed`` m/s; ``noise`` m."""
 
-    def __init__(self, port, name, pose, *, speed=1.5, noise=0.0, lost=0.0, twice=0.0, late=0.0):
+    def __init__(self, name, pose, *, speed=1.5, noise=0.0):
         self.name, self.pose, self.speed, self.noise = name, list(pose), speed, noise
-        self.lost, self.twice, self.late = lost, twice, late
         self.random = random.Random(name)
         self.order = {"orderId": "", "orderUpdateId": 0, "nodes": [], "edges": []}
         self.last = ("", 0)
         self.ahead = []  # what is released and not driven: (edge, node)
+        self.horizon = []  # nodes that are not released
         self.way = []  # points that are left of the edge under way
-        self.actions = {}
-        self.paused = self.stop = False
-        self.trace, self.orders, self.refused, self._held = [], [], [], None
-        self.told = []
+        self.actions = {}  # status by id
+        self.work = []  # (when it ends, action)
+        self.paused = self.broken = False
+        self.now = 0.0
+        self.trace, self.orders, self.refused, self.told = [], [], [], []
+        self.handled = []  # (kind, what, from, until)
         self.header = itertools.count()
-        self.lock = threading.Lock()
-        self.topic = f"uagv/v2/up_samp/{name}"
-        self.client = mqtt.Client(CallbackAPIVersion.VERSION2, f"agv-{name}")
-        gone = json.dumps({**self.head(), "connectionState": "CONNECTIONBROKEN"})
-        self.client.will_set(f"{self.topic}/connection", gone, qos=1, retain=True)
-        self.client.on_connect = self.connected
-        self.client.on_message = self.arrived
-        self.client.reconnect_delay_set(1, 1)
-        self.client.connect("127.0.0.1", port, keepalive=5)
-        self.client.loop_start()
-        self.thread = threading.Thread(target=self.live, daemon=True)
-        self.thread.start()
 
     def head(self):
-        stamp = datetime.now(timezone.utc).strftime("%Y-%m-%dT%H:%M:%S.%f")[:-3] + "Z"
+        stamp = datetime.fromtimestamp(self.now, timezone.utc)
         return {
-            "headerId": next(self.header), "timestamp": stamp, "version": "2.1.0",
-            "manufacturer": "up_samp", "serialNumber": self.name,
+            "headerId": next(self.header),
+            "timestamp": stamp.strftime("%Y-%m-%dT%H:%M:%S.%f")[:-3] + "Z",
+            "version": "2.1.0", "manufacturer": "up_samp", "serialNumber": self.name,
         }  # fmt: skip
 
-    def connected(self, client, *_):
-        client.subscribe([(f"{self.topic}/order", 0), (f"{self.topic}/instantActions", 0)])
-        client.publish(
-            f"{self.topic}/connection",
-            json.dumps({**self.head(), "connectionState": "ONLINE"}), qos=1, retain=True,
-        )  # fmt: skip
+    # ------------------------------------------------------------------ what it is told
 
-    def arrived(self, _client, _data, message):
-        data = json.loads(message.payload)
-        with self.lock:
-            if message.topic.endswith("order"):
-                self.take(data)
-            else:
-                for action in data["actions"]:
-                    if action["actionType"] in ("startPause", "stopPause"):
-                        self.paused = action["actionType"] == "startPause"
-                    if action["actionType"] == "cancelOrder":
-                        self.ahead, self.way = [], []
-                    self.told.append(action["actionType"])
-                    self.actions[action["actionId"]] = "FINISHED"
+    def act(self, action):
+        """Do an instant action; what was done by the same id is done again."""
+        kind = action["actionType"]
+        self.told.append(kind)
+        if kind in ("startPause", "stopPause"):
+            self.paused = kind == "startPause"
+        if kind == "cancelOrder":
+            self.ahead, self.horizon, self.way = [], [], []
+            for _, work in self.work:
+                self.actions[work["actionId"]] = "FAILED"
+            self.work = []
+        self.actions[action["actionId"]] = "FINISHED"
 
     def take(self, order):
         self.orders.append(order)
@@ -82,7 +64,7 @@ class Agv:
             if released[0]["sequenceId"] != base:
                 self.refused.append((order, f"does not begin with the last node {base}"))
                 return
-        elif self.ahead or self.way:
+        elif self.ahead or self.way or self.horizon or self.work:
             self.refused.append((order, "another order is not over"))
             return
         else:
@@ -94,78 +76,90 @@ class Agv:
             for action in released[0]["actions"]:
                 self.actions[action["actionId"]] = "RUNNING"
                 seconds = action["actionParameters"][0]["value"]
-                threading.Timer(seconds, self.finish, [action["actionId"]]).start()
+                self.work.append((self.now + seconds, {**action, "since": self.now}))
         edges = {e["sequenceId"]: e for e in order["edges"] if e["released"]}
         self.ahead += [(edges[n["sequenceId"] - 1], n) for n in released[1:]]
+        self.horizon = [n for n in order["nodes"] if not n["released"]]
         self.order = order
 
-    def finish(self, action):
-        with self.lock:
-            self.actions[action] = "FINISHED"
+    def reboot(self):
+        """Forget all that it was told."""
+        self.order = {"orderId": "", "orderUpdateId": 0, "nodes": [], "edges": []}
+        self.last, self.ahead, self.horizon, self.way = ("", 0), [], [], []
+        self.actions, self.work, self.paused = {}, [], False
 
-    def live(self):
-        tick = 0.05
-        for k in itertools.count():
-            if self.stop:
-                return
-            with self.lock:
-                if not self.paused:
-                    self.drive(tick)
-                self.trace.append((time.time(), *self.pose))
-                message = json.dumps(self.state()) if k % 4 == 0 else None
-            if message is not None:
-                self.send(message)
-            time.sleep(tick)
+    def put(self, pose):
+        """Be put somewhere by hand."""
+        self.reboot()
+        self.pose = list(pose)
+        self.trace.append((self.now, *self.pose))
 
-    def send(self, message):
-        if self.random.random() < self.lost:
-            return
-        if self._held is None and self.random.random() < self.late:
-            self._held = message
-            return
-        count = 2 if self.random.random() < self.twice else 1
-        for _ in range(count):
-            self.client.publish(f"{self.topic}/state", message)
-        if self._held is not None:
-            self.client.publish(f"{self.topic}/state", self._held)
-            self._held = None
+    # ------------------------------------------------------------------ what it does
+
+    def tick(self, now, seconds):
+        """Drive and work for some seconds, until ``now``."""
+        self.now = now
+        if not self.broken:
+            if not self.paused:
+                self.drive(seconds)
+            for end, action in [w for w in self.work if w[0] <= now]:
+                self.work.remove((end, action))
+                self.actions[action["actionId"]] = "FINISHED"
+                what = action.get("actionDescription", "")
+                self.handled.append((action["actionType"], what, action["since"], now))
+        self.trace.append((now, *self.pose))
 
     def drive(self, tick):
         left = self.speed * tick
         while left > 0 and (self.way or self.ahead):
             if not self.way:
-                edge, node = self.ahead[0]
-                goal = node["nodePosition"]
-                points = edge.get("trajectory", {}).get("controlPoints", [])
-                back = edge.get("orientation", 0.0) > 1.0
-                self.way = [(p["x"], p["y"], back) for p in points[1:]]
-                self.way = self.way or [(goal["x"], goal["y"], None)]
-            x, y, back = self.way[0]
+                self.way = self.points(*self.ahead[0])
+            x, y, theta = self.way[0]
             gap = math.dist((x, y), self.pose[:2])
-            if back is not None and gap > 1e-6:
-                turn = math.atan2(y - self.pose[1], x - self.pose[0])
-                self.pose[2] = math.remainder(turn + (math.pi if back else 0.0), math.tau)
             if gap > left:
-                self.pose[0] += (x - self.pose[0]) * left / gap
-                self.pose[1] += (y - self.pose[1]) * left / gap
+                share = left / gap
+                turn = math.remainder(theta - self.pose[2], math.tau)
+                for k, by in enumerate((x - self.pose[0], y - self.pose[1], turn)):
+                    self.pose[k] += share * by
                 return
-            self.pose[:2], left = [x, y], left - gap
+            self.pose[:], left = [x, y, theta], left - gap
             self.way.pop(0)
             if not self.way:
                 _, node = self.ahead.pop(0)
-                self.pose[2] = node["nodePosition"]["theta"]
                 self.last = (node["nodeId"], node["sequenceId"])
+
+    def points(self, edge, node):
+        """Return the poses to come to, one after the other, along an edge to a node: it turns where
+        it has to before it drives, or while it drives sideways.
+        """
+        goal = node["nodePosition"]
+        known = edge.get("trajectory", {}).get("controlPoints", [goal])
+        line = [tuple(self.pose[:2]), *((p["x"], p["y"]) for p in known)]
+        found, here, whole = [], self.pose[2], sum(map(math.dist, line, line[1:]))
+        turn, gone = math.remainder(goal["theta"] - here, math.tau), 0.0
+        for a, b in itertools.pairwise(line):
+            if math.dist(a, b) < 1e-6:
+                continue
+            gone += math.dist(a, b)
+            if "orientation" in edge:
+                heading = math.atan2(b[1] - a[1], b[0] - a[0]) + edge["orientation"]
+                found += [(*a, heading), (*b, heading)]
+            else:
+                found.append((*b, here + turn * gone / whole))
+        return [*found, (goal["x"], goal["y"], goal["theta"])]
 
     def state(self):
         wrong = [self.random.uniform(-self.noise, self.noise) for _ in range(2)]
+        nodes = [n for _, n in self.ahead] + self.horizon
         return {
             **self.head(), "orderId": self.order["orderId"],
             "orderUpdateId": self.order["orderUpdateId"], "lastNodeId": self.last[0],
-            "lastNodeSequenceId": self.last[1], "driving": bool(self.way) and not self.paused,
+            "lastNodeSequenceId": self.last[1],
+            "driving": bool(self.way or self.ahead) and not self.paused and not self.broken,
             "paused": self.paused,
             "nodeStates": [
                 {k: n[k] for k in ("nodeId", "sequenceId", "released", "nodePosition")}
-                for _, n in self.ahead
+                for n in nodes
             ],
             "edgeStates": [
                 {k: e[k] for k in ("edgeId", "sequenceId", "released")} for e, _ in self.ahead
@@ -182,9 +176,3 @@ class Agv:
             "operatingMode": "AUTOMATIC", "errors": [],
             "safetyState": {"eStop": "NONE", "fieldViolation": False},
         }  # fmt: skip
-
-    def close(self):
-        self.stop = True
-        self.thread.join()
-        self.client.disconnect()
-        self.client.loop_stop()

@@ -34,17 +34,26 @@ class Here:
 
 class Day:
     """An operation with simulated robots, in ``folder``; ``planner`` is the one of this process by
-    default, and one in a process of its own where it is ``None``.
+    default, and one in a process of its own where it is ``None``. ``floor(site, mishaps, seed)``
+    makes other robots.
     """
 
     def __init__(
-        self, folder, robots=2, mishaps=NONE, settings=PATIENT, seed=0, fleet=None, planner=Here
+        self,
+        folder,
+        robots=2,
+        mishaps=NONE,
+        settings=PATIENT,
+        seed=0,
+        fleet=None,
+        planner=Here,
+        floor=None,
     ):
         self.fleet = fleet or hall(Path(folder), robots)
         site, self.folder, self.planner = self.fleet.records, Path(folder), planner
         self.settings = settings
         poses = {n: site.places[r.start].pose for n, r in site.robots.items()}
-        self.robots = SimulatedRobots(poses, mishaps, seed)
+        self.robots = floor(site, mishaps, seed) if floor else SimulatedRobots(poses, mishaps, seed)
         self.clock = SteppedClock(SimulatedClock(), self.robots)
         self._operate()
         self.random = random.Random(f"day {seed}")
@@ -59,6 +68,8 @@ class Day:
     def restart(self):
         """Stop the process that operates, and begin another that goes on."""
         self.operation.close()
+        if hasattr(self.robots, "restart"):
+            self.robots.restart()
         self._operate()
 
     def order(self, name, pickup=None, delivery=None, **options):
@@ -87,6 +98,6 @@ class Day:
             self.robots.handled,
         )  # fmt: skip
 
-    def story(self):
-        lines = [" ".join(map(str, row)) for row in self.store.notes(most=60)]
+    def story(self, most=60):
+        lines = [" ".join(map(str, row)) for row in self.store.notes(most=most)]
         return "\n".join(lines)

@@ -34,7 +34,10 @@ def hall(folder, robots=3, *, width=24.0, height=14.0, v_max=1.5, a_max=0.7, hom
 
 KINDS = {
     "agv": {"footprint": (0.8, 0.6), "model": "diff", "v_max": 1.5, "a_max": 0.7},
-    "slow": {"footprint": (1.1, 0.7), "model": "diff", "v_max": 0.8, "a_max": 0.4},
+    "slow": {
+        "footprint": (1.1, 0.7), "model": "diff", "v_max": 0.8, "a_max": 0.4,
+        "capacity": {"item": 2},
+    },
     "round": {"footprint": (0.6, 0.6), "model": "omni", "v_max": 1.2, "a_max": 1.0},
     "cart": {
         "footprint": (0.9, 0.5), "model": "car", "turning_radius": 0.8, "v_max": 1.2, "a_max": 0.6,

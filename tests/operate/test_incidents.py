@@ -7,7 +7,6 @@ import pytest
 from tests.operate.days import Day, Here
 from up_samp.execution.reports import Hold
 from up_samp.model import ProblemError
-from up_samp.operate.horizon import braking
 from up_samp.operate.judge import where
 from up_samp.operate.simulated import Mishaps
 
@@ -86,7 +85,7 @@ def test_everybody_is_held_at_once_and_released_one_by_one(day):
     assert day.operation.commands.keys() >= {"r0", "r1"}  # who is in no plan is told to stay, too
     state = day.operation.executor.state
     for way in state.of_object.values():
-        assert way.progress < braking(state, way) <= state.until(way)
+        assert way.progress < state.braking(way) <= state.until(way)
     day.operation.hold(why="emergency stop")
     stop = day.clock.now() + 10.0
     day.until(lambda: day.clock.now() >= stop)

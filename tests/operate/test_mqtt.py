@@ -13,8 +13,9 @@ BROKER = shutil.which("mosquitto") or shutil.which("/usr/sbin/mosquitto")
 if BROKER is None:
     pytest.skip("needs the broker mosquitto", allow_module_level=True)
 
-from tests.operate.agv import Agv  # noqa: E402
 from tests.operate.sites import hall  # noqa: E402
+from tests.operate.wire import OverBroker as Agv  # noqa: E402
+from tests.operate.wire import unwound  # noqa: E402
 from tests.server.soak_server import free_port  # noqa: E402
 from up_samp.operate.clock import RealClock  # noqa: E402
 from up_samp.operate.judge import contacts  # noqa: E402
@@ -72,7 +73,7 @@ def met(fleet, agvs):
     """Return who met, by where the AGVs really were."""
     initial = {a.name: a.trace[0][1:] for a in agvs}
     begin = min(a.trace[0][0] for a in agvs)
-    drives = [Drive(a.name, "all", [[t - begin, *p] for t, *p in a.trace]) for a in agvs]
+    drives = [Drive(a.name, "all", unwound([[t - begin, *p] for t, *p in a.trace])) for a in agvs]
     return contacts(fleet.records, initial, drives)
 
 
@@ -176,7 +177,8 @@ def test_virtual_agvs_of_vda_5050_lib_do_their_orders(tmp_path, broker):
     assert {j.state.value for j in jobs.values()} == {"done"}
     begin = min(rows[0][0] for rows in traces.values())
     drives = [
-        Drive(name, "all", [[t - begin, *p] for t, *p in rows]) for name, rows in traces.items()
+        Drive(name, "all", unwound([[t - begin, *p] for t, *p in rows]))
+        for name, rows in traces.items()
     ]
     initial = {name: rows[0][1:] for name, rows in traces.items()}
     assert contacts(fleet.records, initial, drives) == []

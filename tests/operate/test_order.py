@@ -68,8 +68,9 @@ def test_no_plan_is_taken_over_in_which_somebody_is_beyond_where_it_waits(crosse
     old.commands(1.0)
     old.update("r0", progress=driven, now=4.0)
     day = SimpleNamespace(
-        executor=old, origin=0.0, settings=Settings(), limits={}, clock=SimulatedClock(4.0)
-    )
+        executor=old, origin=0.0, settings=Settings(), limits={}, clock=SimulatedClock(4.0),
+        _following={},
+    )  # fmt: skip
     begun = {n: 3.0 for n, p in old.state.phase.items() if p is not TaskPhase.WAITING}
     ask = SimpleNamespace(cut=Cut(0.0, kept=(*names.values(),), begun=begun))
     if good:

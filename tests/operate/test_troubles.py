@@ -10,6 +10,7 @@ import pytest
 
 from tests.operate.days import Day
 from tests.operate.sites import anywhere, hall
+from tests.operate.wire import AgvFloor
 from up_samp.execution.simulate import Delays
 from up_samp.operate.records import OrderState
 from up_samp.operate.settings import Settings
@@ -25,7 +26,7 @@ class TroubledDay:
     makes; everything else follows from ``seed``.
     """
 
-    def __init__(self, folder, seed, minutes, robots, site=anywhere):
+    def __init__(self, folder, seed, minutes, robots, site=anywhere, floor=None):
         self.rng, self.seed, self.end = random.Random(f"trouble {seed}"), seed, 60.0 * minutes
         fleet = site(folder, random.Random(f"site {seed}"), robots)
         self.names = [*fleet.records.robots]
@@ -35,7 +36,7 @@ class TroubledDay:
         mishaps = Mishaps(delays, lost=0.05, twice=0.05, breakdowns=broken)
         self.day = Day(
             folder, fleet=fleet, seed=seed, mishaps=mishaps,
-            settings=Settings(stretch=5.0, tick=0.4),
+            settings=Settings(stretch=5.0, tick=0.4), floor=floor,
         )  # fmt: skip
         self.places = [*fleet.records.places]
         self.number, self.next_order = 0, 0.0
@@ -62,6 +63,7 @@ class TroubledDay:
             while self.day.clock.now() < self.end or (self.left() and self.day.clock.now() < late):
                 self.happen(self.day.clock.now())
                 self.operation.step()
+            self.story = self.day.story(30000)
             return self.day.verdict()
         finally:
             self.operation.close()
@@ -169,11 +171,11 @@ class TroubledDay:
         self.day.restart()
 
 
-def good(folder, seed, minutes, robots, site=anywhere):
+def good(folder, seed, minutes, robots, site=anywhere, floor=None):
     """Live a day and judge it."""
-    day = TroubledDay(folder, seed, minutes, robots, site)
+    day = TroubledDay(folder, seed, minutes, robots, site, floor)
     verdict = day.run()
-    assert verdict.good, (seed, verdict, day.day.story())
+    assert verdict.good, (seed, verdict, day.story[-4000:])
     assert day.number > minutes * robots / 3
 
 
@@ -191,6 +193,23 @@ def test_days_of_troubles_anywhere(tmp_path, seed):
 @pytest.mark.parametrize("seed", range(10))
 def test_days_of_troubles_in_the_hall(tmp_path, seed):
     good(tmp_path, seed, 10, 2 + seed % 4, hall_drawn)
+
+
+def over_a_wire(site, mishaps, seed):
+    """AGVs of VDA 5050: messages are lost both ways, late and twice, and nothing arrives at all for
+    a while now and then.
+    """
+    rng, cuts, now = random.Random(f"cuts {seed}"), [], 0.0
+    while now < 3600.0:
+        now += rng.expovariate(1 / 120.0)
+        cuts.append((now, now + rng.uniform(1, 10)))
+    return AgvFloor(site, mishaps, seed, cuts=cuts)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(20))
+def test_days_of_troubles_of_agvs(tmp_path, seed):
+    good(tmp_path, seed, 6, 2 + seed % 4, floor=over_a_wire)
 
 
 def hall_drawn(folder, rng, robots):

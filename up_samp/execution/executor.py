@@ -39,7 +39,15 @@ from up_samp.execution.reports import (
     is_number,
     unreadable,
 )
-from up_samp.execution.state import FloorState, MotionUnderWay, RobotPace, Squeezed, TaskPhase
+from up_samp.execution.state import (
+    HOP,
+    FloorState,
+    MotionUnderWay,
+    RobotPace,
+    Squeezed,
+    TaskPhase,
+    reach,
+)
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.execution.travel import Along, along, away, pose_at
 from up_samp.io.plan_dict import PlanDict, plan_to_dict
@@ -57,7 +65,11 @@ class Executor(Followed):
 
     ``localisation`` (m) is how far from the truth a told progress may be (``None``: what the
     dependencies were made for, else 0.05). ``tolerance`` (m) is rounding: by how much less than a
-    point may be told of a robot that stands there.
+    point may be told of a robot that stands there. ``latency`` (s): by how much longer than another
+    one a message may take to come; a robot may have driven so much longer between two of them.
+    ``ahead`` (s): robots are let drive only so much farther than they can stand, and what they are
+    let drive is never taken back, unless somebody is astray; ``None``: they are let drive to where
+    they have to wait, and that may come nearer as long as they can stand before it.
     """
 
     def __init__(
@@ -68,12 +80,16 @@ class Executor(Followed):
         seconds_per_unit: float | None = None,
         tolerance: float = TOLERANCES.progress,
         localisation: float | None = None,
+        latency: float = 0.0,
+        ahead: float | None = None,
         dependencies: Dependencies | None = None,
         tuning: ExecutionTuning = ExecutionTuning(),
     ):
-        for name, value in (("localisation", localisation), ("tolerance", tolerance)):
+        lengths = {"localisation": localisation, "tolerance": tolerance}
+        for name, value in {**lengths, "latency": latency, "ahead": ahead}.items():
             if value is not None and (not is_number(value) or value < 0.0):
-                raise ProblemError(f"'{name}' cannot be {value!r}: at least 0 m")
+                unit = "m" if name in lengths else "s"
+                raise ProblemError(f"'{name}' cannot be {value!r}: at least 0 {unit}")
         if isinstance(plan, Schedule):
             if problem is None:
                 raise ProblemError("a UP plan can be followed only together with its problem")
@@ -91,7 +107,7 @@ class Executor(Followed):
             localisation = self.dependencies.localisation or TOLERANCES.localisation
         self.state = FloorState(graph, self.dependencies.travels, tolerance, localisation)
         self.routes = routes_of(graph, self.state.ways)
-        self.tuning = tuning
+        self.latency, self.ahead, self.tuning = latency, ahead, tuning
         self.pace = RobotPace()
         self.sides = {}
         self.drives = drives_of(self.dependencies.lives)
@@ -163,8 +179,9 @@ class Executor(Followed):
         """Return a copy on which nothing of what is told to this one has an effect."""
         options = {"tolerance": self.state.tolerance, "localisation": self.state.localisation}
         copy = Executor(
-            self.plan, self.problem, dependencies=self.dependencies, tuning=self.tuning, **options
-        )
+            self.plan, self.problem, dependencies=self.dependencies, tuning=self.tuning,
+            latency=self.latency, ahead=self.ahead, **options,
+        )  # fmt: skip
         copy.__dict__["open_sides"] = self.open_sides
         resume(copy, self.save(), self.state.graph)
         return copy
@@ -214,7 +231,7 @@ class Executor(Followed):
 
         ``motion`` says which one is meant: what is told late of a motion that is over is ignored.
         """
-        if robot not in self._drivers:
+        if robot not in (self._drivers if pose is None else self.dependencies.lives):
             return Reply(Heard.IGNORED, f"the plan drives no '{robot}'")
         astray = self._strayed.get(robot)
         last = max(self._told.get(robot, -math.inf), -math.inf if astray is None else astray.time)
@@ -250,8 +267,7 @@ class Executor(Followed):
             if not isinstance(found, float):
                 return found
             progress = found
-        seconds = self.now - self._told.get(way.object, self.now)
-        why = doubt(way, progress, max(0.0, seconds), self.state.localisation)
+        why = doubt(way, progress, self._since_told(way.object), self.state.localisation)
         beyond = max(-progress, progress - way.length)
         if why or beyond <= self.state.localisation + TOLERANCES.progress:
             return why or float(progress)
@@ -338,10 +354,14 @@ class Executor(Followed):
         way = self.state.of_object.get(robot)
         if way is None or way.activity != activity:
             return along(drive.path, here)
-        seconds = max(0.0, self.now - self._told.get(robot, self.now))
+        seconds = self._since_told(robot)
         slack = 4 * self.state.localisation + TOLERANCES.progress
         low, high = way.told - slack, way.told + way.travel.fastest * seconds + slack
         return along(drive.path, here, (low, high))
+
+    def _since_told(self, robot: str) -> float:
+        """Return for how long (s) at most a robot may have driven since what was told last."""
+        return max(0.0, self.now - self._told.get(robot, self.now)) + self.latency
 
     @property
     def _near(self) -> float:
@@ -416,6 +436,11 @@ class Executor(Followed):
         del self._running[activity]
 
     # ------------------------------------------------------------------ who is astray
+
+    @property
+    def strayed(self) -> Mapping[str, Strayed]:
+        """Where robots told to be that are where they cannot have been led."""
+        return self._strayed
 
     @property
     def overruns(self) -> tuple[Overrun, ...]:
@@ -494,10 +519,19 @@ class Executor(Followed):
             return Hold(tuple(str(why) for why in known if why))
         until = state.until(way)
         if way.progress < until - state.tolerance:
-            return Go(way.activity, until)
+            return Go(way.activity, self._let(way, until))
         if until == state.bars.get((way.activity, way.object)):
             return Hold(tuple(str(o) for o in self.overruns if way.object in (*o.held, *o.met)))
         return Hold(self._missing(self._next_of(way.object)))
+
+    def _let(self, way: MotionUnderWay, until: float) -> float:
+        """Return how far a robot is let drive that may go until there."""
+        if self.ahead is None:
+            return until
+        far = way.progress + reach(way.travel, self.ahead)
+        if way.let < far - HOP:
+            way.let = max(way.let, min(until, far))
+        return min(way.let, until)
 
     def _next_of(self, robot: str) -> int | None:
         """Return the event that is next for a robot: its closed gate, an end or a start."""
@@ -594,7 +628,9 @@ class Executor(Followed):
 
 
 FORMAT, VERSION = "up-samp-execution", 1
-_KEPT: dict[str, type] = {"progress": float, "told": float, "since": float, "at_end": bool}
+_KEPT: dict[str, type] = {
+    "progress": float, "told": float, "since": float, "let": float, "at_end": bool
+}  # fmt: skip
 """What is kept of a motion under way."""
 
 
@@ -654,7 +690,7 @@ def resume(executor: Executor, known: Mapping[str, Any], graph: Graph | None = N
                 "plan has not"
             )
         for key, kind in _KEPT.items():
-            setattr(way, key, kind(entry[key]))
+            setattr(way, key, kind({"let": 0.0, **entry}[key]))
     _begun(executor, known["running"], known["done"])
     executor._told = {robot: float(time) for robot, time in known["heard"].items()}
     executor._held = dict(known["held"])

@@ -18,7 +18,7 @@ from up_samp.execution.forecast import Forecast, Routes, forecast, routes_of
 from up_samp.execution.graph import At, Event, Graph, Precedence, topological
 from up_samp.execution.lives import Stay
 from up_samp.execution.meetings import Meeting, switched
-from up_samp.execution.state import FloorState, RobotPace, TaskPhase
+from up_samp.execution.state import FloorState, RobotPace, TaskPhase, braked, reach
 from up_samp.model import ProblemError
 from up_samp.model.execution_tuning import ExecutionTuning
 
@@ -65,8 +65,6 @@ _MOST = 60
 """Decisions that are looked at, the earliest ones."""
 WORTH = 0.5
 """s by which all has to be over sooner, or what ends have to cost less."""
-REACTION = 0.5
-"""Seconds that pass before a robot obeys a new command."""
 
 
 class Goal(NamedTuple):
@@ -93,6 +91,9 @@ class Followed:
     """The activities whose ends count (none: the last end of all counts)."""
     lead: float = 0.0
     """Seconds that pass before an order that is decided now is followed."""
+    ahead: float | None = None
+    """For how many seconds farther than they can stand robots are let drive for good (None: what
+    they are told can be taken back)."""
 
     @property
     def now(self) -> float:
@@ -174,9 +175,10 @@ def _too_soon(executor: Followed, ahead: Forecast, need: Precedence) -> bool:
         way = state.ways[event.activity, event.object]
         begun = state.phase[event.activity] is not TaskPhase.WAITING
         here = way.travel.time_at(way.progress) if begun else 0.0
-        brake = way.travel.fastest * (way.travel.fastest / (2 * way.travel.accel) + REACTION)
+        brake = braked(way.travel, way.travel.fastest)
         # who is under way may be at full speed from the point on where it counts
-        place = event.progress - state.localisation - brake * (1 + begun)
+        let = brake * begun + max(brake, reach(way.travel, executor.ahead))
+        place = event.progress - state.localisation - let
         at = (state.now if begun else at) + way.travel.time_at(max(0.0, place)) - here
     return at < state.now + executor.lead
 
@@ -210,11 +212,7 @@ def can_wait(state: FloorState, need: Precedence) -> bool:
     if phase is TaskPhase.DONE:
         return False
     way = state.ways[event.activity, event.object]
-    speed = max(way.travel.speed_at(way.progress), way.travel.speed_at(way.progress + 0.5))
-    brake = speed * speed / (2 * way.travel.accel) + speed * REACTION + 0.05
-    # a robot at rest at a gate goes nowhere
-    committed = min(way.progress + brake, state.until(way))
-    return max(0.0, event.progress - state.localisation) >= committed - 1e-9
+    return max(0.0, event.progress - state.localisation) >= state.committed(way) - 1e-9
 
 
 def settled(executor: Followed, open_: set[Key]) -> list[Precedence]:

@@ -80,6 +80,27 @@ class RobotPace(Mapping[str, float]):
         return len(self._driven)
 
 
+# ------------------ How far robots drive on
+
+
+REACTION = 0.5
+"""Seconds that pass before a robot obeys a new command."""
+HOP = 2.0
+"""m that robots are let drive farther at a time, unless they have to wait before."""
+
+
+def braked(travel: TravelProfile, speed: float) -> float:
+    """Return how far (m) a robot at ``speed`` (m/s) drives on before it stands."""
+    return speed * (REACTION + speed / (2 * travel.accel))
+
+
+def reach(travel: TravelProfile, ahead: float | None) -> float:
+    """Return how far (m) from where it is a robot may be let drive for good that is let drive
+    ``ahead`` s farther than it can stand (None: nothing is for good).
+    """
+    return 0.0 if ahead is None else braked(travel, travel.fastest) + travel.fastest * ahead + HOP
+
+
 # ------------------ What has happened so far
 
 
@@ -109,6 +130,8 @@ class MotionUnderWay:
     """What was told last (m)."""
     since: float = 0.0
     """When ``progress`` last grew (s)."""
+    let: float = 0.0
+    """How far (m) its robot was let drive for good (0: what it is told can be taken back)."""
     at_end: bool = False
     """Whether the robot has said that it is at its end."""
     mark: int = 0
@@ -263,6 +286,17 @@ class FloorState:
         gate = self._gate(way)
         found = way.length if gate is None else gate[0]
         return min(found, self.bars.get((way.activity, way.object), found))
+
+    def braking(self, way: MotionUnderWay) -> float:
+        """Return the progress (m) at which a robot under way can stand: no further than it may go
+        anyway, as one that waits drives at no speed.
+        """
+        speed = max(way.travel.speed_at(way.progress), way.travel.speed_at(way.progress + 0.5))
+        return min(way.progress + braked(way.travel, speed) + 0.05, self.until(way))
+
+    def committed(self, way: MotionUnderWay) -> float:
+        """Return the progress (m) that a robot under way comes to whatever it is told now."""
+        return max(self.braking(way), min(way.let, self.until(way)))
 
     def reached(self, way: MotionUnderWay, progress: float) -> bool:
         """Return whether a motion has surely come to a point (m) of its path."""

@@ -49,6 +49,8 @@ class Day:
     """How far (m) motions may go, where that is less than their whole length."""
     aside: dict[str, float]
     """Until when (s of the day) orders and robots are put aside that no plan was found for."""
+    tried: dict[tuple[str, str], int]
+    """How often no plan was found for an order (by name) and a robot that was to do it."""
 
     def _home(self, place: str) -> Pose:
         return self.site.places[place].pose
@@ -81,7 +83,7 @@ class Day:
         for name in self.there():
             end = self.site.robots[name].end
             home = end is None or self._near(cut.poses[name], self._home(end))
-            if name not in busy and (name in cut.carrying or not home):
+            if name not in busy and (name in cut.carrying.values() or not home):
                 found.append(name)
         return found
 
@@ -130,28 +132,39 @@ class Day:
             self.executor,
             s.budget + s.grace + 2 * s.tick,
             broken={r: self.poses[r] for r in self.off_plan()},
-            limits=self.limits,
+            limits=self._limits(self.executor),
             opened=opened or {},
         )
         return replace(found, since=now - self.origin)
 
+    def on_board(self) -> dict[str, str]:
+        """Return which orders are on board now, and of whom."""
+        if self.executor is None:
+            return {}
+        return on_board(
+            self.executor, self.meanings, {n for n in self.meanings if self._is_done(n)}
+        )
+
+    def _limits(self, executor: Executor) -> Mapping[str, float]:
+        """Return how far (m) motions may go: up to areas that are blocked, and to robots that stand
+        where no plan has them.
+        """
+        found = dict(self.limits)
+        if executor.strayed.keys() & self.off_plan():
+            for (name, _), most in executor.state.bars.items():
+                found[name] = min(most, found.get(name, most))
+        return found
+
     def dropped(self) -> list[DayOrder]:
-        """Return orders that robots were to do that do nothing now, and have not on board."""
+        """Return orders that were in a plan, that nobody has on board and that nobody will do any
+        more: their robots do nothing now, or did so for a while.
+        """
         if self.executor is None:
             return []
-        begun = {n for n in self.meanings if self.executor.phase(n) is not TaskPhase.WAITING}
-        theirs: dict[str, set[str]] = {}
-        for meaning in self.meanings.values():
-            theirs.setdefault(meaning.what, set()).add(meaning.robot)
-        loaded = {*on_board(self.executor, self.meanings, begun).values()}
-        loaded |= {m.what for n, m in self.meanings.items() if m.kind is Kind.PICKUP and n in begun}
-        return [
-            job
-            for job in self.jobs.values()
-            if job.state in (OrderState.PLANNED, OrderState.BEGUN)
-            and job.id not in loaded
-            and self.off_plan() & (theirs.get(job.id) or {job.robot})
-        ]
+        found = {m.what for m in self.meanings.values() if m.robot not in self.off_plan()}
+        found |= self.on_board().keys()
+        planned = (OrderState.PLANNED, OrderState.BEGUN)
+        return [j for j in self.jobs.values() if j.state in planned and j.id not in found]
 
 
 @dataclass(frozen=True)
@@ -201,9 +214,11 @@ def _dispatched(day: Day, waiting: Sequence[DayOrder]) -> OpenWork | None:
 
 
 def first_there(day: Day, job: DayOrder, free: Mapping[str, tuple[float, Pose]]) -> str:
-    """Return the robot that could be first at an order's pickup, of those that may do it."""
+    """Return the robot that could be first at an order's pickup, of those that may do it and were
+    tried least in vain: another one may stand where it would have to go.
+    """
     fit = (r for r in free if able(day, job, r))
-    return min(fit, key=lambda r: (_there(day, job, r, *free[r]), r))
+    return min(fit, key=lambda r: (day.tried.get((job.id, r), 0), _there(day, job, r, *free[r]), r))
 
 
 def _worth(

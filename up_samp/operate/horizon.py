@@ -22,8 +22,7 @@ from up_samp.execution.executor import Executor
 from up_samp.execution.forecast import Forecast
 from up_samp.execution.graph import At
 from up_samp.execution.meetings import moving
-from up_samp.execution.reorder import REACTION
-from up_samp.execution.state import FloorState, MotionUnderWay, TaskPhase
+from up_samp.execution.state import REACTION, TaskPhase, braked, reach
 from up_samp.fleet.statements import Kind, Meaning
 from up_samp.io.plan_dict import PlanDict
 from up_samp.motion.fleet.conflicts import conflicting_cells
@@ -39,8 +38,8 @@ class Cut:
     """``kept``: activities that stay, in the plan's order. ``starts``: from where on (m) motions
     under way are part of it. ``stops``: how far (m) motions that have
     begun still go, where they end early. ``poses``: where each robot, and each door, stands when
-    all that is done; ``free``: in how many seconds. ``carrying``: robots that still have an order.
-    ``jobs``: orders and tasks that stay as they are.
+    all that is done; ``free``: in how many seconds. ``carrying``: the orders that are on board
+    then, and of whom. ``jobs``: orders and tasks that stay as they are.
     """
 
     since: float
@@ -279,7 +278,7 @@ class _Cutter:
         way = ways[0]
         gates = [place for place, number in way.gates if number in self.dead]
         most = min([way.length, self.limits.get(name, way.length), *gates])
-        return min(way.length, max(most, braking(self.state, way)))
+        return min(way.length, max(most, self.state.braking(way)))
 
     def _tail(
         self, name: str, kept: Collection[str], ahead: float, forecast: Forecast
@@ -305,7 +304,8 @@ class _Cutter:
         else:
             # at full speed, and what it told last is a moment old
             speed = way.travel.fastest
-            least += speed * (2 * REACTION + speed / (2 * way.travel.accel)) + LEAST
+            least += speed * REACTION + LEAST
+            least += max(braked(way.travel, speed), reach(way.travel, self.executor.ahead))
         drives = self.executor.drives
         path = drives[name, way.object].path
         others = [
@@ -338,39 +338,26 @@ class _Cutter:
         return {**found, **self.broken}
 
     def _carrying(self, kept: set[str]) -> dict[str, str]:
-        """Return which robots still have an order, once what is kept is done."""
+        """Return which orders are on board, and of whom, once what is kept is done."""
         over = {n for n in self.meanings if n in kept or not self._open(n)}
-        had = on_board(self.executor, self.meanings, over)
-        had |= {
-            m.robot: m.what for n, m in self.meanings.items() if m.kind is Kind.PICKUP and n in over
-        }
-        brought = {self.meanings[n].what for n in over if self.meanings[n].kind in DELIVERS}
-        return {robot: what for robot, what in had.items() if what not in brought}
+        return on_board(self.executor, self.meanings, over)
 
 
 def on_board(
     executor: Executor, meanings: Mapping[str, Meaning], over: Collection[str]
 ) -> dict[str, str]:
-    """Return which robots had an order when a plan's new part began; not those who are still to
-    pick it up, as what is ``over`` (or will be) has it.
-    """
-    open_ = {m.what for n, m in meanings.items() if m.kind is Kind.PICKUP and n not in over}
-    carrying = executor.plan.get("carrying", {})
-    return {robot: what for robot, what in carrying.items() if what not in open_}
+    """Return which orders are on board, and of whom, once some activities are ``over``."""
+    some = [meanings[name] for name in meanings if name in over]
+    had = executor.plan.get("on_board", {})
+    picked = {m.what: m.robot for m in some if m.kind is Kind.PICKUP}
+    brought = {m.what for m in some if m.kind in DELIVERS}
+    return {what: who for what, who in {**had, **picked}.items() if what not in brought}
 
 
 def _meets(path: Path, gone: float, rest: Path, apart: float) -> bool:
     """Return whether the part of a path that begins at ``gone`` m comes too near to a rest."""
     rows = np.asarray(conflicting_cells(moving(path), moving(rest), apart))
     return bool(len(rows)) and bool(np.any(path.edges[rows[:, 0] + 1] > gone))
-
-
-def braking(state: FloorState, way: MotionUnderWay) -> float:
-    """Return the progress (m) at which a robot under way can stand: no further than it may go
-    anyway, as one that waits drives at no speed.
-    """
-    speed = max(way.travel.speed_at(way.progress), way.travel.speed_at(way.progress + 0.25))
-    return min(way.progress + speed * (REACTION + speed / (2 * way.travel.accel)), state.until(way))
 
 
 def pose_of(values: Iterable[float]) -> Pose:
@@ -389,7 +376,7 @@ def first_inside(executor: Executor, touches: Callable[[Pose, str], bool]) -> di
         if phase is TaskPhase.DONE:
             continue
         way = executor.state.ways[name, robot]
-        here = 0.0 if phase is TaskPhase.WAITING else braking(executor.state, way)
+        here = 0.0 if phase is TaskPhase.WAITING else executor.state.braking(way)
         at = np.arange(here, way.length + 0.1, 0.1).clip(max=way.length)
         poses = drive.path.poses_at(at)
         if touches(pose_of(poses[0]), robot):

@@ -8,8 +8,9 @@ for the planner, which is another process; and nothing is told to a robot before
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
@@ -31,7 +32,6 @@ from up_samp.operate.choice import Day, OpenWork, choose
 from up_samp.operate.clock import Clock
 from up_samp.operate.horizon import (
     DELIVERS,
-    braking,
     first_inside,
     meanings_of,
     pose_of,
@@ -46,6 +46,9 @@ from up_samp.operate.store import Store
 class Robots(Protocol):
     """The robots as the loop sees them: simulated ones, or those behind a broker."""
 
+    faults: list[tuple[str, str]]
+    """(robot, in words) what is wrong with robots, as it is found out."""
+
     def reports(self, now: float) -> Iterable[Report]:
         """Return what robots have told since the last call."""
 
@@ -58,6 +61,8 @@ class Robots(Protocol):
 
 SNAPSHOT = 60.0
 """Seconds after which all that has happened is kept as a whole, so that a restart is quick."""
+STILL = 5.0
+"""Seconds after which a robot that stands off its path is planned anew from there."""
 RETRY = 5.0
 """Seconds after which the planner is asked again that found nothing."""
 
@@ -99,6 +104,7 @@ class Operation(Day):
         """How much (m) of motions was driven when their plan began: robots count all of it."""
         self.poses = {n: self._home(r.start) for n, r in self.site.robots.items()}
         self.jobs, self.away, self.placed, self.limits, self.aside = {}, {}, {}, {}, {}
+        self.tried = {}
         self.held: dict[str, str] = {}
         """Robots that are held where they are, and why."""
         self.areas: dict[str, Shape] = {}
@@ -113,7 +119,9 @@ class Operation(Day):
         self._planned_at = self._snapshot_at = 0.0
         self._not_before = 0.0
         self._forecast = 0.0
-        self._told: list[Callable[[], None]] = []
+        self._faults = 0
+        self._off: dict[str, tuple[float, Pose]] = {}
+        """Since when, and where, robots tell to stand that are not where their plan has them."""
         self._load([*fleet.records.jobs])
 
     # ------------------------------------------------------------------ a day begins, or goes on
@@ -140,7 +148,7 @@ class Operation(Day):
         plan = self.store.plan(number)
         (self.origin,) = (o for n, _, o in self.store.plans() if n == number)
         self.number = max(n for n, *_ in self.store.plans())
-        executor = Executor.restore(plan, saved, localisation=self.settings.localisation)
+        executor = Executor.restore(plan, saved, **self._following)
         self._follow(executor)
         self._withdraw()
         for report in reports:
@@ -150,6 +158,11 @@ class Operation(Day):
         with self.store:
             self._happened()
             self._keep_snapshot()
+
+    @property
+    def _following(self) -> dict[str, Any]:
+        s = self.settings
+        return {"localisation": s.localisation, "latency": s.latency, "ahead": s.ahead}
 
     def _follow(self, executor: Executor) -> None:
         self.executor, self.meanings = executor, meanings_of(executor.plan)
@@ -258,7 +271,7 @@ class Operation(Day):
         with self.store:
             self.away[name], self.poses[name] = why, here
             if pose is not None:  # what it tells of its motion says nothing now
-                self.placed[name] = PLACED
+                self._put(name, pose)
             self.store.note(now, "robot", name, "left", why)
             self._keep_fleet()
         self.want(f"robot '{name}' is {why}")
@@ -273,10 +286,16 @@ class Operation(Day):
             here = self.poses[name] = pose or self.pose(name)
             self.away.pop(name, None)
             if math.dist(self._told_pose(name), here) > self.settings.localisation:
-                self.placed[name] = PLACED
+                self._put(name, here)
             self.store.note(now, "robot", name, "joined")
             self._keep_fleet()
         self.want(f"robot '{name}' joined")
+
+    def _put(self, robot: str, pose: Pose) -> None:
+        """Note that a robot stands where no plan has it: others keep away from there."""
+        self.placed[robot] = PLACED
+        if self.executor is not None:
+            self.executor.update(robot, pose=pose, now=self.clock.now() - self.origin)
 
     def _keep_fleet(self) -> None:
         self.store.keep("away", self.away)
@@ -343,6 +362,9 @@ class Operation(Day):
             for report in self.robots.reports(now):
                 self.store.put_report(report)
                 self._hear(report)
+            for robot, words in self.robots.faults[self._faults :]:
+                self.store.note(now, "robot", robot, "fault", words)
+            self._faults = len(self.robots.faults)
             if self.executor is not None:
                 self.executor.commands(now - self.origin)
             self._happened()
@@ -367,6 +389,8 @@ class Operation(Day):
         if self.executor is None:
             return None
         at = report.time - self.origin
+        if report.robot in self.placed and report.pose is None:
+            return None  # of what was ended by hand
         if report.done:
             return self.executor.done(report.activity, at)
         if report.activity and self.executor.state.of_object.get(report.robot) is None:
@@ -377,10 +401,39 @@ class Operation(Day):
         reply = self.executor.update(report.robot, now=at, motion=report.activity or None, **where)  # type: ignore[arg-type]
         if reply.heard is Heard.HELD:
             self.store.note(report.time, "report", report.robot, "is held", reply.why)
-        if reply.heard is Heard.TAKEN and report.robot in self.away.keys() - self.placed.keys():
-            self.poses[report.robot] = self._told_pose(report.robot)  # it still brakes
-            self._keep_fleet()
+        if report.robot in self.away.keys() - self.placed.keys():
+            self._see(report, reply)
+        elif report.robot not in self.placed:
+            self._find(report, reply)
         return reply
+
+    def _find(self, report: Report, reply: Reply) -> None:
+        """Let a robot wait for a plan from where it stands that stands elsewhere than its plan has
+        it for a while: an order never came, or messages of where it stopped.
+        """
+        name, here = report.robot, report.pose
+        if reply.heard is not Heard.HELD or here is None:
+            self._off.pop(name, None)
+            return
+        since, there = self._off.get(name, (report.time, here))
+        if math.dist(here, there) > 2 * self.settings.localisation:
+            since, there = report.time, here
+        self._off[name] = since, there
+        if report.time >= since + STILL:
+            del self._off[name]
+            self.poses[name], self.placed[name] = here, PLACED
+            self._keep_fleet()
+            self.store.note(report.time, "robot", name, "stands elsewhere", reply.why)
+            self.want(f"robot '{name}' stands elsewhere than its plan has it")
+
+    def _see(self, report: Report, reply: Reply) -> None:
+        """Note where a robot is that does nothing: it still brakes, say."""
+        name, here = report.robot, report.pose
+        if reply.heard is Heard.TAKEN:
+            here = self._told_pose(name)
+        if here is not None and math.dist(here, self.poses[name]) > 2 * self.settings.localisation:
+            self.poses[name] = here
+            self._keep_fleet()
 
     def pose(self, thing: str) -> Pose:
         """Return where a robot was last told to be, or where a door stands."""
@@ -410,7 +463,7 @@ class Operation(Day):
             when = self.executor.state.now + self.origin
             if phase is TaskPhase.DONE and meaning.kind in DELIVERS:
                 self._set(replace(job, robot=meaning.robot, done=when), OrderState.DONE)
-            elif job.state is not OrderState.BEGUN:
+            elif job.state is not OrderState.BEGUN or job.robot != meaning.robot:
                 self._set(replace(job, robot=meaning.robot, begun=when), OrderState.BEGUN)
 
     def _set(self, job: DayOrder, state: OrderState, why: str = "") -> None:
@@ -502,7 +555,7 @@ class Operation(Day):
         cut, chosen = self.cut(choice.opened), choice.jobs
         kept = Kept() if self.executor is None else kept_of(self.executor, cut)
         staying = [self.jobs[n] for n in cut.jobs if n in self.jobs]
-        carried = {r: self.jobs[w].record for r, w in cut.carrying.items()}
+        carried = [(r, self.jobs[w].record) for w, r in cut.carrying.items()]
         self.number += 1
         question = Question(
             number=self.number,
@@ -512,13 +565,15 @@ class Operation(Day):
             kept=kept,
             jobs=tuple(_since(j.record, now, j.came) for j in chosen),
             robots=tuple(choice.opened),
-            held={r: _since(o, now, now) for r, o in carried.items() if isinstance(o, Order)},
+            held=tuple((r, _since(o, now, now)) for r, o in carried if isinstance(o, Order)),
+            on_board=self.on_board(),
             areas=self.areas,
             kept_jobs=tuple(_since(j.record, now, j.came) for j in staying),
             seconds=s.budget * (s.stretch if self.clock.waits else 1.0),
             lead=s.budget + s.grace,
             seed=s.seed,
             localisation=s.localisation,
+            ahead=s.ahead,
         )
         self.store.note(now, "plan", str(self.number), f"asked for {len(chosen)} orders", why)
         self._changed.clear()
@@ -548,6 +603,8 @@ class Operation(Day):
             some = (*(j.id for j in question.jobs), *question.robots)
             self.aside = {name: until for name, until in self.aside.items() if until > now}
             self.aside |= dict.fromkeys(some, now + 6 * RETRY)
+            for pair in itertools.product((j.id for j in question.jobs), question.robots):
+                self.tried[pair] = self.tried.get(pair, 0) + 1
             return False, answer.why
         if question.cut.away != self.off_plan():
             return False, "a robot has gone, or is back, since it was asked for"
@@ -574,6 +631,7 @@ class Operation(Day):
         self._follow(executor)
         self._forecast = self._end()
         done = {m.what for m in self.meanings.values()}
+        self.tried = {(j, r): n for (j, r), n in self.tried.items() if j not in done}
         for job in [*self.jobs.values()]:
             if job.state is OrderState.WAITING and job.id in done:
                 self._set(job, OrderState.PLANNED, f"plan {answer.number}")
@@ -596,7 +654,7 @@ class Operation(Day):
 
         :raises ProblemError: where something has begun meanwhile that the plan does not keep.
         """
-        executor = Executor(plan, localisation=self.settings.localisation)
+        executor = Executor(plan, **self._following)
         if self.executor is None:
             executor.join(self.clock.now() - since)
             return executor
@@ -621,12 +679,15 @@ class Operation(Day):
                 under_way[name] = {w.object: w.told - gone for w in old.state.ways_of[name]}
         executor.join(max(0.0, old.now - by), done=done, under_way=under_way, times=times)
         executor.pace.load(old.pace.saved())
+        for robot, where in old.strayed.items():  # others still keep away from there
+            executor.update(robot, pose=where.pose, now=max(0.0, old.now - by))
         for robot, way in executor.state.of_object.items():
             before = old.state.of_object[robot]
             gone = question.cut.starts.get(way.activity, 0.0)
             # it goes on to where it was told that it may, or where it can stand
             most = self.limits.get(way.activity, before.length)
-            least = min(braking(old.state, before), most) - gone
+            least = min(old.state.committed(before), most) - gone
+            way.let = max(0.0, before.let - gone)
             if executor.state.until(way) < least - old.state.tolerance:
                 raise ProblemError(f"'{robot}' is beyond where it would have to wait")
         return executor

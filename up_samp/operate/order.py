@@ -36,13 +36,17 @@ def ordered(
     begun: Mapping[str, float] = MappingProxyType({}),
     lead: float = 0.0,
     localisation: float = TOLERANCES.localisation,
+    ahead: float | None = None,
 ) -> PlanDict:
     """Return a plan in the best order that is found, with its times from now on. ``begun``: what
     has begun, and for how long (s). ``goals``: what ends cost. ``lead``: s until anything of a new
-    plan can be followed.
+    plan can be followed. ``ahead``: for how many seconds robots are let drive for good, see
+    :class:`Executor`.
     """
     tuning = ExecutionTuning(reorder=ReorderTuning(horizon=1e6))
-    executor = Executor(plan, dependencies=told, localisation=localisation, tuning=tuning)
+    executor = Executor(
+        plan, dependencies=told, localisation=localisation, tuning=tuning, ahead=ahead
+    )
     here = {n: s for n, s in begun.items() if n in told.graph.tasks}
     executor.join(
         0.0,

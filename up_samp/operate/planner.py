@@ -60,8 +60,10 @@ class Question:
     kept: Kept
     jobs: tuple[Order | Task, ...]
     robots: tuple[str, ...]
-    held: Mapping[str, Order] = field(default_factory=dict)
-    """The orders that robots still have once all that is kept is done."""
+    held: tuple[tuple[str, Order], ...] = ()
+    """Robots and the orders that they still have once all that is kept is done."""
+    on_board: Mapping[str, str] = field(default_factory=dict)
+    """The orders that are on board now, and of whom."""
     areas: Mapping[str, Shape] = field(default_factory=dict)
     kept_jobs: tuple[Order | Task, ...] = ()
     seconds: float = 2.0
@@ -69,6 +71,8 @@ class Question:
     """In how many seconds the answer is followed."""
     seed: int = 0
     localisation: float = 0.05
+    ahead: float = 0.0
+    """For how many seconds farther than they can stand robots are let drive for good."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +133,8 @@ def problem_records(ask: Question) -> FleetRecords:
         spot = place_at(places, ask.cut.poses[name], name)
         there = name in ask.robots
         robots[name] = replace(robot, start=spot, end=robot.end if there else None)
-    idle = [r for r in ask.robots if r not in ask.held]
+    loaded = {name for name, _ in ask.held}
+    idle = [r for r in ask.robots if r not in loaded]
     orders: list[Order] = []
     tasks: list[Task] = []
     for job in ask.jobs:
@@ -146,7 +151,7 @@ def problem_records(ask: Question) -> FleetRecords:
             orders.append(mine)
         else:
             tasks.append(mine)
-    tasks += [_brought(order, name) for name, order in ask.held.items() if name in ask.robots]
+    tasks += [_brought(order, name) for name, order in ask.held if name in ask.robots]
     for name in idle if len(ask.robots) > 1 else ():
         units = math.ceil(ask.cut.free.get(name, 0.0) / site.seconds_per_unit)
         if units >= 1 and any(name in j.robots for j in (*orders, *tasks)):
@@ -205,7 +210,7 @@ def ties_of(ask: Question, written: Written, plan: PlanDict) -> list[tuple[str, 
     and what is to come after an order that is under way.
     """
     kept = {j.id: j for j in ask.kept_jobs}
-    new = {j.id: j for j in (*ask.jobs, *ask.held.values())}
+    new = {j.id: j for j in (*ask.jobs, *(o for _, o in ask.held))}
     found = []
     for one, meaning in (ask.kept.meanings or {}).items():
         before = kept.get(meaning.what)
@@ -255,7 +260,7 @@ def _plan(ask: Question, cache: str | None) -> PlanDict:
     ties = ties_of(ask, written, plan)
     order = partial(_ordered, ask)
     whole = stitched(ask.kept, plan, meanings, ask.number, ties, ask.lead, order)
-    whole["carrying"] = {r: o.id for r, o in ask.held.items()}
+    whole["on_board"] = dict(ask.on_board)
     return whole
 
 
@@ -274,8 +279,8 @@ def _ordered(
     ask: Question, plan: PlanDict, told: Dependencies, meanings: Mapping[str, Meaning]
 ) -> PlanDict:
     """Return a plan in order by what orders' ends cost, and by when it can be followed."""
-    goals = goals_of(meanings, (*ask.kept_jobs, *ask.jobs, *ask.held.values()))
-    return ordered(plan, told, goals, ask.cut.begun, ask.lead, ask.localisation)
+    goals = goals_of(meanings, (*ask.kept_jobs, *ask.jobs, *(o for _, o in ask.held)))
+    return ordered(plan, told, goals, ask.cut.begun, ask.lead, ask.localisation, ask.ahead)
 
 
 # ------------------ The process

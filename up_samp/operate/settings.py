@@ -12,8 +12,11 @@ class Settings:
     any case; ``late``: by how many seconds everything may end later than forecast until then.
     ``soon``: orders are given to robots that are free within so many seconds; ``most``: so many
     orders of a robot are planned anew at a time. ``tick``: seconds between two steps.
-    ``stretch``: in simulated time the planner has so many times its budget, for machines that are
-    busy with other things.
+    ``localisation``: how far (m) from the truth robots tell to be; ``latency``: by how many seconds
+    longer than another one a message may take to come; ``ahead``: for how many seconds farther than
+    they can stand robots are let drive: so much is told of a plan, and stays. ``stretch``: in
+    simulated time the planner has so many times its budget, for machines that are busy with other
+    things.
     """
 
     budget: float = 2.0
@@ -25,4 +28,6 @@ class Settings:
     most: int = 3
     tick: float = 0.2
     localisation: float = 0.05
+    latency: float = 0.5
+    ahead: float = 1.5
     seed: int = 0

@@ -89,6 +89,7 @@ class SimulatedRobots:
         self, poses: Mapping[str, Pose], mishaps: Mishaps = Mishaps(), seed: int = 0
     ) -> None:
         self.mishaps, self.seed = mishaps, seed
+        self.faults: list[tuple[str, str]] = []
         self.poses: dict[str, Pose] = dict(poses)
         self.initial = dict(poses)
         self.robots = {name: SimulatedRobot(name, self._luck(name)) for name in poses}
@@ -183,8 +184,9 @@ class SimulatedRobots:
         return x, y, theta
 
     def put(self, name: str, pose: Pose) -> None:
-        """Put a robot somewhere by hand: it drives nothing, and forgets what it was told."""
+        """Put a robot somewhere by hand: it does nothing, and forgets what it was told."""
         robot = self.robots[name]
+        self._ends = {a: end for a, end in self._ends.items() if end[1] != name}
         self._keep(robot)
         robot.motion = None
         self._path_of.pop(name, None)

@@ -5,6 +5,11 @@ last released node and releases more. What is done at a place is an order of one
 action. Progress comes from ``agvPosition`` and ``lastNodeSequenceId`` together. Robots of which
 nothing is heard are told nothing new, and whoever has to wait for them waits.
 
+Messages may be lost: all that is told is told again until the robot's state shows that it is known
+there, an order by ``orderId`` and ``orderUpdateId``, a pause or a cancellation by its ``actionId``
+among ``actionStates``. A robot is sent another order only once its state shows that nothing is left
+of the last one, and that one that may still be on its way has been cancelled.
+
 Source: VDA 5050, Interface for the communication between AGV and a master control, 2.1.0; topics
 ``PREFIX/vMAJOR/MANUFACTURER/SERIAL/...``.
 """
@@ -28,6 +33,7 @@ from paho.mqtt.enums import CallbackAPIVersion
 
 from up_samp.execution.executor import Executor
 from up_samp.execution.reports import Command, Go, Hold
+from up_samp.export.legs import pieces_of
 from up_samp.export.steps import stretches_of
 from up_samp.export.vda5050 import edge_of, later, node_of
 from up_samp.fleet.records import FleetRecords, corners_of
@@ -35,8 +41,14 @@ from up_samp.model import ProblemError
 from up_samp.operate.records import Pose, Report
 
 Message = dict[str, Any]
+BEGUN_ANEW = "~"
+"""What stands between an activity and how often its order was begun anew."""
 NEAR = 0.01
 """m of progress that are the same place."""
+BACK = 0.05
+"""m that more may be released than may be driven: roundings, and what a new plan cuts otherwise."""
+SIDEWAYS = 0.25
+"""m between two nodes of motions that are driven sideways in part."""
 AGAIN = 1.0
 """Seconds after which what is over is told again, until it is believed."""
 SHAPE = ("trajectory", "orientation", "orientationType", "rotationAllowed", "length")
@@ -57,11 +69,75 @@ class Agv:
     update: int = -1
     nodes: list[tuple[int, float]] = field(default_factory=list)
     """(sequenceId, progress in m) of the nodes that are released."""
-    paused: bool = False
-    cancelled: str = ""
-    """The order of which the rest was cancelled last."""
+    sent: list[Message] = field(default_factory=list)
+    """What was sent of the order and its state does not show yet."""
+    sent_at: float = -math.inf
+    known: bool = False
+    """Whether its state has shown the order."""
+    pause: Instant | None = None
+    """The last pause, or end of one, that it was told (None: none since the process began)."""
+    cancel: Instant | None = None
+    """The cancellation of its order."""
+    dropped: dict[str, int] = field(default_factory=dict)
+    """How often the orders of activities ended early, and were begun anew."""
     over: float = -math.inf
     """When it was last told that its order is over."""
+
+    def begin(self, activity: str) -> None:
+        """Have another order, that of an activity ("": none); it may have it from before a restart
+        of this process.
+        """
+        self.activity = activity
+        name, _, number = str(self.state.get("orderId", "")).rpartition(BEGUN_ANEW)
+        if activity and name == activity and number.isdigit():
+            self.dropped.setdefault(activity, int(number))
+        again = self.dropped.get(activity, 0)
+        self.order = f"{activity}{BEGUN_ANEW}{again}" if again else activity
+        self.nodes, self.update, self.over = [], -1, -math.inf
+        self.sent, self.known, self.cancel = [], False, None
+
+    @property
+    def shown(self) -> bool:
+        """Whether its state is of the order that it was sent last."""
+        return bool(self.order) and self.state.get("orderId") == self.order
+
+    @property
+    def left(self) -> bool:
+        """Whether it drives, or has anything left of an order."""
+        state, working = self.state, ("WAITING", "INITIALIZING", "RUNNING", "PAUSED")
+        return bool(
+            state.get("nodeStates")
+            or state.get("driving")
+            or (self.done in working and state.get("orderId"))
+        )
+
+    @property
+    def done(self) -> str:
+        """The status of what it does at a place by the order of its state ("": nothing)."""
+        order = self.state.get("orderId")
+        known = self.state.get("actionStates", ())
+        return next((a.get("actionStatus", "") for a in known if a.get("actionId") == order), "")
+
+    @property
+    def released(self) -> bool:
+        """Whether it may drive on by what it was told."""
+        some = any(n.get("released") for n in self.state.get("nodeStates") or ())
+        return some or bool(self.sent)
+
+    def heeded(self, instant: Instant) -> bool:
+        """Return whether it has done what it was told at once (or has nothing to do it with)."""
+        known = (*self.state.get("actionStates", ()), *self.state.get("instantActionStates", ()))
+        over = ("FINISHED", "FAILED")
+        return any(a.get("actionId") == instant.id and a.get("actionStatus") in over for a in known)
+
+
+@dataclass
+class Instant:
+    """An instant action, and when it was sent last (s)."""
+
+    kind: str
+    id: str
+    at: float
 
 
 class MasterControl:
@@ -87,6 +163,7 @@ class MasterControl:
         types: Mapping[str, str] | None = None,
         spacing: float = 0.0,
         map_id: str = "map",
+        client: Any = None,
     ) -> None:
         if version not in VERSIONS:
             raise ProblemError(f"VDA 5050 {version} is not known: {', '.join(VERSIONS)}")
@@ -94,18 +171,16 @@ class MasterControl:
         self.types, self.spacing, self.map_id = dict(types or {}), spacing, map_id
         self.root = f"{prefix}/v{version.partition('.')[0]}/{manufacturer}"
         self.agvs = {name: Agv(name) for name in site.robots}
-        self.faults: list[str] = []
-        """What robots told that does not fit the site file, in words."""
+        self.faults: list[tuple[str, str]] = []
+        """(robot, in words) what does not fit the site file, or what was told."""
         self._inbox: queue.SimpleQueue[tuple[str, str, bytes]] = queue.SimpleQueue()
         self._headers: dict[tuple[str, str], itertools.count[int]] = {}
         self._motions: dict[str, Message] = {}
         self._meanings: Mapping[str, Any] = {}
         self._expected: Mapping[str, float] = {}
         self._lengths: dict[str, float] = {}
-        self._number = 0
-        self.client = mqtt.Client(
-            CallbackAPIVersion.VERSION2, f"up_samp-{site.name}-{time.time_ns()}"
-        )
+        name = f"up_samp-{site.name}-{time.time_ns()}"
+        self.client = client or mqtt.Client(CallbackAPIVersion.VERSION2, name)
         if user is not None:
             self.client.username_pw_set(user, password)
         if tls:
@@ -130,8 +205,8 @@ class MasterControl:
                     f"{self.root}/{name}/{topic}", qos=1 if topic == "connection" else 0
                 )
         for name in self.agvs:
-            self.instant(name, "factsheetRequest")
-            self.instant(name, "stateRequest")
+            self._instant(name, "factsheetRequest")
+            self._instant(name, "stateRequest")
 
     def _arrived(self, _client: mqtt.Client, _data: Any, message: mqtt.MQTTMessage) -> None:
         name, topic = message.topic.split("/")[-2:]
@@ -160,12 +235,33 @@ class MasterControl:
         if topic == "connection":
             agv.online = data.get("connectionState") == "ONLINE"
             if agv.online:
-                self.instant(name, "stateRequest")
+                self._instant(name, "stateRequest")
         elif topic == "factsheet":
             self._check(name, data)
         elif topic == "state" and not _older(data, agv.state):
             agv.state, agv.new = data, True
             agv.online = True
+            if agv.shown:
+                agv.known = True
+                update = data.get("orderUpdateId", 0)
+                agv.sent = [m for m in agv.sent if m["orderUpdateId"] > update]
+            if self._dropped(agv):
+                why = f"it has given up '{agv.order}': hold and release it where it may go on"
+                self._fault(name, why)
+
+    def _dropped(self, agv: Agv) -> bool:
+        """Return whether a robot does not know its order any more, or has given it up."""
+        if not agv.known or agv.cancel is not None or agv.left:
+            return False
+        if not agv.shown or agv.done == "FAILED":
+            return True
+        if agv.activity not in self._motions or agv.sent:
+            return False
+        return bool(agv.nodes) and agv.state.get("lastNodeSequenceId", 0) < agv.nodes[-1][0]
+
+    def _fault(self, robot: str, words: str) -> None:
+        if (robot, words) not in self.faults:
+            self.faults.append((robot, words))
 
     def _check(self, name: str, sheet: Message) -> None:
         """Compare a factsheet with the robot's type in the site file."""
@@ -173,41 +269,36 @@ class MasterControl:
         told = sheet.get("physicalParameters", {})
         for key, own in (("speedMax", kind.v_max), ("accelerationMax", kind.a_max)):
             if isinstance(told.get(key), int | float) and told[key] < own - 1e-9:
-                self.faults.append(f"{name}: its {key} is {told[key]:g}, in the site file {own:g}")
+                self._fault(name, f"its {key} is {told[key]:g}, in the site file {own:g}")
         corners = corners_of(kind.footprint)
         for key, axis in (("length", 0), ("width", 1)):
             own = max(c[axis] for c in corners) - min(c[axis] for c in corners)
             if isinstance(told.get(key), int | float) and told[key] > own + 1e-3:
-                self.faults.append(
-                    f"{name}: its {key} is {told[key]:g} m, in the site file {own:g}"
-                )
+                self._fault(name, f"its {key} is {told[key]:g} m, in the site file {own:g}")
 
     def _reported(self, agv: Agv, now: float) -> list[Report]:
         state = agv.state
-        if not agv.activity or state.get("orderId") != agv.order:
-            return []
         fresh, agv.new = agv.new, False
+        pose = _pose_in(state)
+        if not agv.activity or not agv.shown:
+            return [Report(agv.name, now, pose=pose)] if fresh and pose else []
         moves = agv.activity in self._motions
         found = []
-        if fresh and moves and state.get("orderUpdateId") == agv.update:
-            found += self._where(agv, now)
+        if fresh and moves:
+            found.append(self._where(agv, now))
+        elif fresh and pose:
+            found.append(Report(agv.name, now, pose=pose))
         if self._finished(agv, moves) and (fresh or now >= agv.over + AGAIN):
             agv.over = now
             found.append(Report(agv.name, now, agv.activity, done=True))
         return found
 
-    def _where(self, agv: Agv, now: float) -> list[Report]:
-        position = agv.state.get("agvPosition") or {}
-        passed = max(
-            (s for q, s in agv.nodes if q <= agv.state.get("lastNodeSequenceId", 0)), default=0.0
-        )
-        try:
-            pose: Pose = (float(position["x"]), float(position["y"]), float(position["theta"]))
-        except (KeyError, TypeError, ValueError):
-            return [Report(agv.name, now, agv.activity, progress=passed)]
-        if not position.get("positionInitialized", position.get("localized", True)):
-            return [Report(agv.name, now, agv.activity, progress=passed)]
-        return [Report(agv.name, now, agv.activity, pose=pose)]
+    def _where(self, agv: Agv, now: float) -> Report:
+        pose, passed = _pose_in(agv.state), agv.state.get("lastNodeSequenceId", 0)
+        if pose is not None:
+            return Report(agv.name, now, agv.activity, pose=pose)
+        progress = max((s for q, s in agv.nodes if q <= passed), default=0.0)
+        return Report(agv.name, now, agv.activity, progress=progress)
 
     def _finished(self, agv: Agv, moves: bool) -> bool:
         """Return whether a robot has done its order."""
@@ -218,65 +309,114 @@ class MasterControl:
             return (
                 whole and there and not agv.state.get("driving") and not agv.state.get("nodeStates")
             )
-        return any(
-            a.get("actionId") == agv.order and a.get("actionStatus") == "FINISHED"
-            for a in agv.state.get("actionStates", ())
-        )
+        return agv.done == "FINISHED"
 
     # ------------------------------------------------------------------ what robots are told
 
     def follow(self, executor: Executor) -> None:
         """Know the motions of another plan."""
         plan = executor.plan
-        self._number = plan["number"]
         self._motions = {m["activity"]: _whole(m) for m in plan["motions"]}
         self._lengths = {name: m["progress"][-1] for name, m in self._motions.items()}
         self._meanings = plan["meanings"]
         self._expected = {n: t.expected for n, t in executor.state.graph.tasks.items()}
 
     def tell(self, commands: Mapping[str, Command], now: float) -> None:
-        """Send what is new."""
+        """Send what is new, and again what is not known to have arrived."""
         for who, command in commands.items():
             agv = self.agvs.get(who)
             if agv is None or not agv.online or not agv.state:
                 continue
             if isinstance(command, Hold):
-                self._hold(agv)
+                self._hold(agv, now)
                 continue
             what = command.motion if isinstance(command, Go) else command.activity
-            if what != agv.activity and not self._free(agv):
+            if what != agv.activity and not self._free(agv, what, now):
                 continue  # a pause goes on until what was released before is cancelled
-            if agv.paused:
-                agv.paused = False
-                self.instant(agv.name, "stopPause")
+            if isinstance(command, Go) and not self._taken_back(agv, command, now):
+                continue
+            self._pause(agv, False, now)
             if isinstance(command, Go):
-                self._go(agv, command)
+                self._go(agv, command, now)
             elif agv.activity != command.activity:
-                self._do(agv, command.activity)
+                self._do(agv, command.activity, now)
+            if agv.sent and now >= agv.sent_at + AGAIN:
+                self._send_orders(agv, agv.sent, now)
 
-    def _free(self, agv: Agv) -> bool:
-        """Return whether a robot can be sent another order: its last one is over. What is left of
-        one that ends early (never released, or paused) is cancelled.
+    def _free(self, agv: Agv, activity: str, now: float) -> bool:
+        """Return whether a robot can be sent the order of another activity: its last one is over.
+        What is left of one that ends early (never released, or paused), and one that may still be
+        on its way, is cancelled.
         """
         state = agv.state
-        left = state.get("nodeStates") or ()
-        if not agv.order or state.get("orderId") != agv.order or not (left or state.get("driving")):
+        if not agv.order and state.get("orderId") == activity:
+            return True  # it goes on with it after a restart
+        awaited = bool(agv.order) and not agv.known
+        if not agv.left and not awaited:
             return True
-        ends = agv.paused or not any(n.get("released") for n in left)
-        stands = ends and not state.get("driving")
-        if stands and agv.cancelled != agv.order:
-            agv.cancelled = agv.order
-            self.instant(agv.name, "cancelOrder")
+        paused = agv.pause is not None and agv.pause.kind == "startPause"
+        released = any(n.get("released") for n in state.get("nodeStates") or ())
+        if state.get("driving") or (released and not paused):
+            return False
+        return self._cancelled(agv, now)
+
+    def _cancelled(self, agv: Agv, now: float) -> bool:
+        """Cancel a robot's order; return whether nothing is left of it."""
+        agv.sent = []
+        if agv.cancel is None:
+            agv.cancel = self._instant(agv.name, "cancelOrder", now)
+        elif not agv.heeded(agv.cancel):
+            self._once_more(agv, agv.cancel, now)
+        elif not agv.left:
+            agv.begin("")
+            return True
         return False
 
-    def _hold(self, agv: Agv) -> None:
-        """Pause a robot that might drive on by what was released."""
-        left = any(n.get("released") for n in agv.state.get("nodeStates", ()))
-        if left and not agv.paused and agv.order and agv.activity:
-            agv.paused = True
-            self.instant(agv.name, "startPause")
+    def _taken_back(self, agv: Agv, command: Go, now: float) -> bool:
+        """Return whether nothing is released beyond where a robot may go. Where it is, the robot
+        pauses, its order is cancelled, and another one begins from where it stands.
+        """
+        if agv.activity != command.motion or not agv.nodes or not (agv.released or agv.cancel):
+            return True
+        if agv.cancel is None and command.until >= agv.nodes[-1][1] - BACK:
+            return True
+        self._pause(agv, True, now)
+        if not agv.state.get("driving"):
+            activity = agv.activity
+            again = agv.dropped.get(activity, 0) + 1
+            if self._cancelled(agv, now):
+                agv.dropped[activity] = again
+        return False
 
-    def _go(self, agv: Agv, command: Go) -> None:
+    def _hold(self, agv: Agv, now: float) -> None:
+        """Pause a robot that might drive on by what was released. Who has given up its order
+        forgets it: it begins anew from where it stands then.
+        """
+        if self._dropped(agv):
+            dropped = agv.dropped.get(agv.activity, 0) + 1
+            agv.dropped[agv.activity] = dropped
+            agv.begin("")
+        elif agv.released:
+            self._pause(agv, True, now)
+
+    def _pause(self, agv: Agv, want: bool, now: float) -> None:
+        """Let a robot pause, or go on; a pause that somebody else began goes on."""
+        kind, told = "startPause" if want else "stopPause", agv.state.get("paused")
+        if agv.pause is None and not want and told is False:
+            return
+        if agv.pause is None or agv.pause.kind != kind:
+            agv.pause = self._instant(agv.name, kind, now)
+        elif not agv.heeded(agv.pause):
+            self._once_more(agv, agv.pause, now)
+        elif want and told is False and now >= agv.pause.at + AGAIN:
+            agv.pause = self._instant(agv.name, kind, now)  # it has begun anew, say
+
+    def _once_more(self, agv: Agv, instant: Instant, now: float) -> None:
+        if now >= instant.at + AGAIN:
+            self._instant(agv.name, instant.kind, now, instant.id)
+            instant.at = now
+
+    def _go(self, agv: Agv, command: Go, now: float) -> None:
         known = agv.activity == command.motion
         if not known:
             self._begin(agv, command.motion)
@@ -285,12 +425,12 @@ class MasterControl:
         motion = self._motions[command.motion]
         released = agv.nodes[-1] if agv.nodes else (0, 0.0)
         whole = self._lengths[command.motion]
-        at = {released[1], command.until, *self._spaced(whole)}
+        at = {released[1], command.until, *self._spaced(motion, whole)}
         pieces = [p for p in stretches_of(motion, at) if p[2] > released[1] + NEAR]
         number = released[0] // 2
         nodes = [self._node(agv, number, self._pose(motion, released[1]), True)]
         edges = []
-        added = [] if agv.nodes else [released]
+        added = [] if agv.nodes and agv.update >= 0 else [released]
         for piece, _, high in pieces:
             number += 1
             free = high <= command.until + NEAR
@@ -302,19 +442,25 @@ class MasterControl:
             return  # a rounding: nothing new may be driven
         agv.update += 1
         agv.nodes = [*agv.nodes, *added]
-        self._send_order(agv, nodes, edges)
+        self._send_new(agv, nodes, edges, now)
 
-    def _spaced(self, whole: float) -> list[float]:
-        if not self.spacing:
-            return []
-        return [self.spacing * k for k in range(1, int(whole / self.spacing) + 1)]
+    def _spaced(self, motion: Message, whole: float) -> list[float]:
+        """Return where (m) a motion has nodes beside those that are asked for: edges do not say how
+        a robot turns while it drives sideways, nodes do.
+        """
+        step = self.spacing
+        if any(p.direction == "any" for p in pieces_of(motion)):
+            step = min(step or SIDEWAYS, SIDEWAYS)
+        return [step * k for k in range(1, int(whole / step) + 1)] if step else []
 
     def _begin(self, agv: Agv, activity: str) -> None:
-        """Begin an order, or go on with the one that the robot has already (after a restart)."""
-        agv.activity = agv.order = activity
-        agv.nodes, agv.update, agv.over = [], -1, -math.inf
+        """Begin an order, or go on with the one that the robot has already (after a restart), or
+        with what is left of one that it gave up.
+        """
+        agv.begin(activity)
         state = agv.state
-        if state.get("orderId") == activity and activity in self._motions:
+        if agv.shown:
+            agv.known = True
             agv.update = int(state.get("orderUpdateId", 0))
             last = max(
                 [state.get("lastNodeSequenceId", 0)]
@@ -325,6 +471,8 @@ class MasterControl:
                 if n["sequenceId"] == last
             ]  # fmt: skip
             agv.nodes = [(0, 0.0), (last, self._progress(activity, at, state))]
+        elif activity in agv.dropped:
+            agv.nodes = [(0, self._progress(activity, [], state))]
 
     def _progress(self, activity: str, at: list[Any], state: Message) -> float:
         """Return how far along a motion a released node is: where it says, or the robot stands."""
@@ -335,10 +483,11 @@ class MasterControl:
         gaps = [math.hypot(r[1] - place["x"], r[2] - place["y"]) for r in rows]
         return float(s[gaps.index(min(gaps))])
 
-    def _do(self, agv: Agv, activity: str) -> None:
-        agv.activity = agv.order = activity
-        agv.nodes, agv.update, agv.over = [], 0, -math.inf
-        if agv.state.get("orderId") == activity:
+    def _do(self, agv: Agv, activity: str, now: float) -> None:
+        agv.begin(activity)
+        agv.update = 0
+        if agv.shown:
+            agv.known = True
             return  # it has it from before a restart
         kind, what, _ = self._meanings[activity]
         position = agv.state.get("agvPosition") or {}
@@ -347,13 +496,13 @@ class MasterControl:
         node["actions"] = [
             {
                 "actionType": self.types.get(kind, kind),
-                "actionId": activity,
+                "actionId": agv.order,
                 "actionDescription": what,
                 "blockingType": "HARD",
                 "actionParameters": [{"key": "duration", "value": self._expected[activity]}],
             }
         ]
-        self._send_order(agv, [node], [])
+        self._send_new(agv, [node], [], now)
 
     def _pose(self, motion: Message, at: float) -> Any:
         rows, s = np.asarray(motion["samples"])[:, 1:], np.asarray(motion["progress"])
@@ -363,32 +512,40 @@ class MasterControl:
         node = node_of(agv.name, number, pose, self.map_id)
         return {**node, "released": released}
 
-    def _send_order(self, agv: Agv, nodes: list[Message], edges: list[Message]) -> None:
+    def _send_new(self, agv: Agv, nodes: list[Message], edges: list[Message], now: float) -> None:
         order = {
-            **self._head(agv.name, "order"),
             "orderId": agv.order,
             "orderUpdateId": agv.update,
             "nodes": nodes,
             "edges": edges,
         }
-        if self.version.startswith("3"):
-            order = {**later(order), "timestamp": order["timestamp"]}
-        self._send(agv.name, "order", order)
+        agv.sent.append(order)
+        self._send_orders(agv, [order], now)
 
-    def instant(self, robot: str, kind: str, **parameters: Any) -> None:
+    def _send_orders(self, agv: Agv, orders: list[Message], now: float) -> None:
+        """Send an order and its updates; who has one already ignores it."""
+        agv.sent_at = now
+        for order in orders:
+            message = {**self._head(agv.name, "order"), **order}
+            if self.version.startswith("3"):
+                message = {**later(message), "timestamp": message["timestamp"]}
+            self._send(agv.name, "order", message)
+
+    def _instant(self, robot: str, kind: str, now: float = 0.0, known: str = "") -> Instant:
         """Send an instant action: ``startPause``, ``stopPause``, ``cancelOrder``, ``stateRequest``,
-        ``factsheetRequest``.
+        ``factsheetRequest``. ``known``: it was sent before by that ``actionId``.
         """
-        action = {
+        action: Message = {
             "actionType": kind,
-            "actionId": f"{kind}-{time.time_ns()}",
+            "actionId": known or f"{kind}-{time.time_ns()}",
             "blockingType": "NONE" if kind.endswith("Request") else "HARD",
-            "actionParameters": [{"key": k, "value": v} for k, v in parameters.items()],
+            "actionParameters": [],
         }
         message = {**self._head(robot, "instantActions"), "actions": [action]}
         if self.version.startswith("2.0"):
             message["instantActions"] = [action]  # as some clients of 2.0 have it
         self._send(robot, "instantActions", message)
+        return Instant(kind, action["actionId"], now)
 
     def _head(self, robot: str, topic: str) -> Message:
         header = self._headers.setdefault((robot, topic), itertools.count())
@@ -402,6 +559,17 @@ class MasterControl:
 
     def _send(self, robot: str, topic: str, message: Message) -> None:
         self.client.publish(f"{self.root}/{robot}/{topic}", json.dumps(message), qos=0)
+
+
+def _pose_in(state: Message) -> Pose | None:
+    """Return where a robot tells to be (None: it does not, or does not know)."""
+    position = state.get("agvPosition") or {}
+    if not position.get("positionInitialized", position.get("localized", True)):
+        return None
+    try:
+        return float(position["x"]), float(position["y"]), float(position["theta"])
+    except (KeyError, TypeError, ValueError):
+        return None
 
 
 def _whole(motion: Message) -> Message:
