@@ -91,8 +91,9 @@ def test_open_plane(law):
     assert report.trajectory.duration < 1.5 * math.hypot(6, 2) / limit
 
 
-@pytest.mark.parametrize("planner", PLANNERS)
-@pytest.mark.parametrize("law", ["unicycle", "drifting"])
+@pytest.mark.parametrize(
+    ("law", "planner"), [("unicycle", "RRT"), ("drifting", "KPIECE1"), ("unicycle", "EST")]
+)
 def test_through_the_gap(law, planner):
     query = PathQuery(body_of(LAWS[law]), (START, GOAL), (CRATE,))
     reports = [
