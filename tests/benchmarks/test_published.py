@@ -113,16 +113,8 @@ def test_job_shops_move_between_all_places():
 @pytest.mark.parametrize("encoding", ENCODINGS)
 def test_variants_say_one_at_a_time_in_their_way(family, encoding):
     build = logistics if family == "logistics" else job_shop
-    problem = (
-        build(2, 2, encoding=encoding)
-        if family == "logistics"
-        else job_shop(2, 2, 2, encoding=encoding)
-    )
-    plain = (
-        build(2, 2, encoding="fluents")
-        if family == "logistics"
-        else job_shop(2, 2, 2, encoding="fluents")
-    )
+    size = (2, 2) if family == "logistics" else (2, 2, 1)
+    problem, plain = build(*size, encoding=encoding), build(*size, encoding="fluents")
     assert [a.name for a in problem.activities] == [a.name for a in plain.activities]
     names = {f.name for f in problem.fluents}
     assert ("robot0_at" in names) == encoding.startswith("fluents")
