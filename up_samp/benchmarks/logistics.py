@@ -145,6 +145,22 @@ def logistics(
     side = "all" if sides == "all" else "oc"
     title = f"logistics-d{door[0]}-{side}-r{robots}-i{items}" + (f"-s{seed}" if seed else "")
     form = Form(title, Manner(spots.floor, guess=0.5), encoding, metric)
+    _fetches(form, spots, sides)
+    return form.finish()
+
+
+def _check(spots: Layout) -> None:
+    named = itertools.chain(
+        ((f"depot{r}", pose) for r, pose in enumerate(spots.depots)),
+        ((f"item{i}in", pose) for i, pose in enumerate(spots.inner)),
+        ((f"item{i}out", pose) for i, pose in enumerate(spots.outer)),
+        (("button", door.button) for door in spots.floor.doors),
+    )
+    spots.floor.check(dict(named))
+
+
+def _fetches(form: Form, spots: Layout, sides: Sides) -> None:
+    """Add robots, items and doors, and all that may be done with them."""
     depots = [form.place(f"robot{r}_depot", pose) for r, pose in enumerate(spots.depots)]
     for depot in depots:
         form.robot(depot)
@@ -163,17 +179,6 @@ def logistics(
     for choices in picks:
         form.exactly_one(choices)
     form.end_at(dict(enumerate(depots)))
-    return form.finish()
-
-
-def _check(spots: Layout) -> None:
-    named = itertools.chain(
-        ((f"depot{r}", pose) for r, pose in enumerate(spots.depots)),
-        ((f"item{i}in", pose) for i, pose in enumerate(spots.inner)),
-        ((f"item{i}out", pose) for i, pose in enumerate(spots.outer)),
-        (("button", door.button) for door in spots.floor.doors),
-    )
-    spots.floor.check(dict(named))
 
 
 def _moves(
