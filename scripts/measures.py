@@ -108,12 +108,12 @@ def run_of(case: str, **spec: Any) -> Values:
 
 def first_plan(case: str) -> Values:
     """A first plan of a published instance, with fluents, within 60 s."""
-    return run_of(case, encoding="fluents", optimal=False, timeout=60)
+    return run_of(case, optimal=False, timeout=60)
 
 
 def proof(case: str) -> Values:
     """A plan that is proven optimal, of a published instance with fluents, within 300 s."""
-    return run_of(case, encoding="fluents", optimal=True, timeout=300)
+    return run_of(case, optimal=True, timeout=300)
 
 
 PRESET_INSTANCES = (
@@ -128,11 +128,8 @@ PRESET_INSTANCES = (
 
 
 def preset(case: str) -> Values:
-    """First plans of six small instances (lean form, 20 s each) by one preset."""
-    runs = [
-        run_of(name, encoding="lean", preset=case, optimal=False, timeout=20)
-        for name in PRESET_INSTANCES
-    ]
+    """First plans of six small instances (20 s each) by one preset."""
+    runs = [run_of(name, preset=case, optimal=False, timeout=20) for name in PRESET_INSTANCES]
     good = [r for r in runs if r["valid"]]
     told: Values = {"runs": len(runs), "solved": len(good), "cpu": sum(r["cpu"] for r in runs)}
     told |= {key: sum(int(r[key] or 0) for r in good) for key in ("rounds", "refinements")}
@@ -513,7 +510,7 @@ def memory(case: str) -> Values:
     held = []
     for _ in range(8):
         for name in PRESET_INSTANCES:
-            solved_plan(instance(name).build("lean"))
+            solved_plan(instance(name).build())
         held.append(resident())
     return {"peak": peak(), "after_6": held[0], "after_48": held[-1]}
 
@@ -550,7 +547,7 @@ def resolving(case: str) -> Values:
     from up_samp.benchmarks import instance
 
     module = helper("benchmarks/scheduling", "relaxations")
-    return module.resolve(instance(case).build("lean", True), 20)
+    return module.resolve(instance(case).build(), 20)
 
 
 MEASURES: dict[str, Callable[[str], Values]] = {

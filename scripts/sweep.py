@@ -78,11 +78,11 @@ def solved(problem: Any, tuning: Table, timeout: float = 60.0, **params: Any) ->
         return told_of(problem, planner.solve(problem, timeout=timeout))
 
 
-def first_plan(name: str, tuning: Table, encoding: str = "fluents") -> Values:
+def first_plan(name: str, tuning: Table) -> Values:
     """A first plan of an instance."""
     from up_samp.benchmarks.instances import instance
 
-    return solved(instance(name).build(encoding, False), tuning, optimal=False)
+    return solved(instance(name).build("fluents", False), tuning, optimal=False)
 
 
 def proof(name: str, tuning: Table) -> Values:
@@ -228,11 +228,6 @@ def _plan_of(name: str) -> Any:
     return _PLANS[name]
 
 
-def lean(name: str, tuning: Table) -> Values:
-    """A first plan of an instance without fluents."""
-    return first_plan(name, tuning, "lean")
-
-
 CASES: dict[str, tuple[Callable[[str, Table], Values], tuple[str, ...]]] = {
     "tight": (tight, (
         "pocket, omni", "pocket, car", "pocket, differential", "lay-by, car",
@@ -250,7 +245,6 @@ CASES: dict[str, tuple[Callable[[str, Table], Values], tuple[str, ...]]] = {
     "first plan": (first_plan, (
         "navigation-r3", "jobshop-r2-j2-m1", "kitting-r2-k2-p2-d2", "doors-r2-d2",
     )),
-    "lean": (lean, ("jobshop-r2-j2-m2", "logistics-dc-oc-r2-i2")),
     "optimum": (proof, ("jobshop-r2-j2-m1", "jobshop-r2-j1-m4")),
     "run": (runs, ("navigation-r10",)),
     "better": (better, ("5x10",)),

@@ -18,7 +18,7 @@ from up_samp.benchmarks.kitting import kitting_floor
 from up_samp.benchmarks.logistics import layout
 from up_samp.benchmarks.navigation import navigation_floor
 from up_samp.benchmarks.one_run import select
-from up_samp.benchmarks.places import FamilyFloor, box, duration_bounds, outline
+from up_samp.benchmarks.places import FamilyFloor, box, least_duration, outline
 from up_samp.benchmarks.report import table_drawn
 from up_samp.model import ProblemError
 
@@ -54,12 +54,12 @@ def test_unknown_names_are_refused(bad):
 
 
 def test_sizes():
-    # per robot: 8 + 1 places out and back, 8 from the button, 8 picks, 1 door
+    # per robot: 8 + 1 places out and back, 8 from the button, 4 picks, 1 door
     problem = logistics(2, 4, door="closed", sides="all")
-    assert len(problem.activities) == 2 * (9 + 9 + 8 + 8 + 1)
+    assert len(problem.activities) == 2 * (9 + 9 + 8 + 4 + 1)
     assert len(logistics(3, 8, door="open", sides="corridor").activities) == 72
-    # per robot: 9 places (start, 4 machines, 4 buttons), 8 operations, 4 doors
-    assert len(job_shop(2, 2, 4).activities) == 2 * (9 * 8 + 8 + 4) == 168
+    # per robot: 10 places (2 starts, 4 machines, 4 buttons), 8 operations, 4 doors
+    assert len(job_shop(2, 2, 4).activities) == 2 * (10 * 9 + 8 + 4) == 204
 
 
 @pytest.mark.parametrize("arguments", [(0, 1), (11, 1), (1, 0), (1, 17)])
@@ -77,33 +77,33 @@ def test_unknown_settings_are_refused():
         job_shop(1, 1, 7)
 
 
-def test_duration_bounds():
-    # 8 m at 0.5 m/s^2: 2 sqrt(8 / 0.5) = 8 s exactly; at 0.1 m/s: 80 s
-    assert duration_bounds((0, 0, 0), (8, 0, 0), 0.5) == (8, 80)
-    assert duration_bounds((0, 0, 0), (0, 0, 1), 0.5) == (1, 1)
-    assert duration_bounds((0, 0, 0), (3, 4, 0), 1.0) == (math.floor(2 * math.sqrt(5)), 50)
+def test_least_duration():
+    # 8 m at 0.5 m/s^2: 2 sqrt(8 / 0.5) = 8 s exactly
+    assert least_duration((0, 0, 0), (8, 0, 0), 0.5) == 8
+    assert least_duration((0, 0, 0), (0, 0, 1), 0.5) == 1
+    assert least_duration((0, 0, 0), (3, 4, 0), 1.0) == math.floor(2 * math.sqrt(5))
     # beyond 800 m the guess of 20 m/s is reached: 1000 / 20 + 20 / 0.5
-    assert duration_bounds((0, 0, 0), (1000, 0, 0), 0.5)[0] == 90
+    assert least_duration((0, 0, 0), (1000, 0, 0), 0.5) == 90
 
 
 def test_a_move_as_up_sees_it():
     problem = logistics(2, 1, door="closed", sides="corridor")
-    move = problem.get_activity("move_r0_depot0_to_item0in")
+    move = problem.get_activity("move_robot0_robot0_depot_to_item0_in")
     (constraint,) = move.motion_constraints
     assert move.optional
-    assert str(constraint.movable) == "r0"
-    assert [o.name for o in constraint.static_obstacles] == ["door"]
-    assert [o.name for o in constraint.dynamic_obstacles_at_start] == ["r1"]
-    opening = problem.get_activity("open_door_r1")
+    assert str(constraint.movable) == "robot0"
+    assert [o.name for o in constraint.static_obstacles] == ["door0"]
+    assert [o.name for o in constraint.dynamic_obstacles_at_start] == ["robot1"]
+    opening = problem.get_activity("open_door0_robot1")
     assert not opening.motion_constraints
-    assert {str(k): str(v) for k, v in opening.motion_effects.items()} == {"door": "door_open"}
+    assert {str(k): str(v) for k, v in opening.motion_effects.items()} == {"door0": "door0_open"}
     assert problem.clone() == problem
 
 
-@pytest.mark.parametrize("encoding", ["lean", "no-fluents"])
+@pytest.mark.parametrize("encoding", ["fluents", "no-fluents"])
 def test_encodings_use_what_they_say(encoding):
     for problem in (logistics(2, 2, encoding=encoding), job_shop(1, 1, 1, encoding=encoding)):
-        assert bool(problem.fluents) == (encoding == "lean")
+        assert bool(problem.fluents) == (encoding == "fluents")
         assert problem.quality_metrics
     assert not logistics(1, 1, metric=False).quality_metrics
 
@@ -233,11 +233,11 @@ def test_box():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("encoding", ["lean", "no-fluents"])
+@pytest.mark.parametrize("encoding", ["fluents", "no-fluents"])
 def test_all_instances_build(encoding):
     large = [instances(family)[0] for family in families()]
     for i in [*instances("paper"), *large, instance("logistics-dc-all-r10-i16")]:
-        if i.family in ("warehouse", "transport") and encoding != "lean":
+        if i.family in ("warehouse", "transport") and encoding != "fluents":
             with pytest.raises(ProblemError, match="encoding"):
                 i.build(encoding, False)
             continue

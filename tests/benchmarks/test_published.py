@@ -15,7 +15,7 @@ from up_samp.benchmarks import (
     logistics,
     navigation,
 )
-from up_samp.benchmarks.published import PUBLISHED
+from up_samp.benchmarks.published import ENCODINGS
 from up_samp.model import ProblemError
 from up_samp.upio import read_problem
 
@@ -110,19 +110,11 @@ def test_job_shops_move_between_all_places():
 
 
 @pytest.mark.parametrize("family", ["logistics", "jobshop"])
-@pytest.mark.parametrize("encoding", PUBLISHED)
+@pytest.mark.parametrize("encoding", ENCODINGS)
 def test_variants_say_one_at_a_time_in_their_way(family, encoding):
     build = logistics if family == "logistics" else job_shop
-    problem = (
-        build(2, 2, encoding=encoding)
-        if family == "logistics"
-        else job_shop(2, 2, 2, encoding=encoding)
-    )
-    plain = (
-        build(2, 2, encoding="fluents")
-        if family == "logistics"
-        else job_shop(2, 2, 2, encoding="fluents")
-    )
+    size = (2, 2) if family == "logistics" else (2, 2, 1)
+    problem, plain = build(*size, encoding=encoding), build(*size, encoding="fluents")
     assert [a.name for a in problem.activities] == [a.name for a in plain.activities]
     names = {f.name for f in problem.fluents}
     assert ("robot0_at" in names) == encoding.startswith("fluents")
@@ -263,16 +255,8 @@ def test_doors_in_sequence():
 
 @pytest.mark.parametrize("family", ["navigation", "kitting", "doors"])
 def test_families_beside_the_paper_build_by_name(family):
-    for chosen, encoding in itertools.product(instances(family)[:1], PUBLISHED):
+    for chosen, encoding in itertools.product(instances(family)[:1], ENCODINGS):
         problem = chosen.build(encoding, False)
         assert problem.name == chosen.name
         assert len({a.name for a in problem.activities}) == len(problem.activities)
         assert read_problem(problem).tasks
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("encoding", ["fluents", "no-fluents"])
-def test_all_132_build(encoding):
-    for chosen in instances("paper"):
-        problem = chosen.build(encoding, True)
-        assert len({a.name for a in problem.activities}) == len(problem.activities) > 0

@@ -27,7 +27,9 @@ def test_selection():
 
 
 def test_sweep_and_keys():
-    runs = specs("jobshop", encodings=("lean", "no-fluents"), presets=("default", "paper"), runs=3)
+    runs = specs(
+        "jobshop", encodings=("fluents", "no-fluents"), presets=("default", "paper"), runs=3
+    )
     assert len(runs) == 36 * 2 * 2 * 3 == len({r.key for r in runs})
     assert [r.number for r in runs[:144]] == [0] * 144
     assert json.loads(json.dumps(runs[0].to_dict())) == runs[0].to_dict()

@@ -119,5 +119,6 @@ def test_the_figures_do_not_grow(package):
     # a tunable that no sweep shows to matter becomes a constant beside its use
     assert package.tunables + package.constants <= NUMBERS
     # imports are lines, too, and so are problems built line by line: those that tests alone build
-    # lie beside the tests, and what is left has fewer branches, but more for each line
-    assert package.branches / package.lines < 0.2755
+    # lie beside the tests, and what is left has fewer branches, but more for each line (so again
+    # when a second form of benchmark instances went: 36 branches less, in 270 lines of code less)
+    assert package.branches / package.lines < 0.2763

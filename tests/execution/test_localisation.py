@@ -60,7 +60,7 @@ def check(run):
 @pytest.mark.parametrize(
     ("family", "seed", "patterns"),
     [
-        ("rounds", 0, PATTERNS[1:3]),
+        pytest.param("rounds", 0, PATTERNS[1:3], marks=pytest.mark.long),
         ("rounds", 3, PATTERNS),
         pytest.param("ways", 5, PATTERNS[:3], marks=pytest.mark.long),
     ],

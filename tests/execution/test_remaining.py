@@ -98,14 +98,14 @@ def test_the_rest_is_planned_anew_and_carried_out(floor):
 def test_a_broken_robot_stands_in_the_way_and_does_nothing(floor):
     executor = floor.executive
     pose = (40.0, 50.0, 0.5)
-    left = executor.remaining_problem(Surprise(broken={"r1": pose}))
-    assert left.poses["r1"] == pytest.approx(pose)
-    assert not [a.name for a in left.problem.activities if "_r1_" in a.name]
-    picks = [a.name for a in left.problem.activities if a.name.startswith("pick_r0")]
+    left = executor.remaining_problem(Surprise(broken={"robot1": pose}))
+    assert left.poses["robot1"] == pytest.approx(pose)
+    assert not [a.name for a in left.problem.activities if "_robot1_" in a.name]
+    picks = [a.name for a in left.problem.activities if a.name.startswith("pick_robot0")]
     assert picks
     initial = {m.object().name: c.object() for m, c in left.problem.initial_configuration}
-    assert isinstance(initial["r1"], ConfigurationObject)
-    assert initial["r1"].name.startswith("now_r1")
+    assert isinstance(initial["robot1"], ConfigurationObject)
+    assert initial["robot1"].name.startswith("now_robot1")
     assert any("broken robot" in note for note in left.notes)
 
 
@@ -250,8 +250,8 @@ def test_what_only_a_broken_robot_could_do_is_named(made):
     problem, plan = made
     executor = Executor(plan, problem)
     executor.commands(0.0)
-    poses = {"r0": (20.0, 59.0, 1.57), "r1": (30.0, 59.0, 1.57)}
-    with pytest.raises(ProblemError, match=r"nothing can keep .*pick_r0_i"):
+    poses = {"robot0": (20.0, 59.0, 1.57), "robot1": (30.0, 59.0, 1.57)}
+    with pytest.raises(ProblemError, match=r"nothing can keep .*pick_robot0_item"):
         executor.remaining_problem(Surprise(broken=poses))
 
 
@@ -312,7 +312,8 @@ def test_cancelled_tasks_take_their_constraints_with_them(made):
     problem, plan = made
     executor = Executor(plan, problem)
     executor.commands(0.0)
-    picks = [a.name for a in problem.activities if a.name.startswith("pick_") and "_i1_" in a.name]
+    names = [a.name for a in problem.activities]
+    picks = [n for n in names if n.startswith("pick_") and n.endswith("_item1")]
     left = executor.remaining_problem(Surprise(cancelled=picks))
     assert not {a.name for a in left.problem.activities} & set(picks)
     assert any("about cancelled tasks" in note for note in left.notes)
@@ -333,7 +334,7 @@ def test_a_door_stays_shut_and_a_task_is_new():
     def add(target):
         target.add_activity("sweep", 5)
 
-    left = executor.remaining_problem(Surprise(shut=["door"], new=[add]))
+    left = executor.remaining_problem(Surprise(shut=["door0"], new=[add]))
     names = {a.name for a in left.problem.activities}
     assert "sweep" in names
     assert not [n for n in names if n.startswith("open_door")]

@@ -91,7 +91,7 @@ def test_the_rest_is_planned_in_the_units_and_with_the_margin_of_the_plan(solved
         return plans[-1][1]
 
     plan = plan_to_dict(problem, result.plan)
-    journey = simulate_replanned(problem, plan, Delays(slow=0.6), 3, late=2.0, solve=solve)
+    journey = simulate_replanned(problem, plan, Delays(long_stop=30.0), 3, late=2.0, solve=solve)
     assert journey.replans == 1
     assert journey.finished
     assert journey.collisions == 0

@@ -79,7 +79,7 @@ def test_ctrl_c_before_the_thread_begins_means_that_it_does_nothing(monkeypatch)
 
 @pytest.mark.parametrize(
     ("number", "code"),
-    [(signal.SIGINT, cli.Exit.INTERRUPTED), (signal.SIGTERM, cli.Exit.TERMINATED)],
+    [(signal.SIGINT, cli.INTERRUPTED), (signal.SIGTERM, cli.TERMINATED)],
 )
 def test_a_command_that_is_stopped_while_it_loads_says_so_shortly(tmp_path, number, code):
     """The parser is made of all that the commands need: much of the start of a short command."""

@@ -12,7 +12,7 @@ from up_samp.fleet.checks import Level, check_fleet
 from up_samp.fleet.faults import find_faults
 from up_samp.fleet.files import read_record
 from up_samp.fleet.picture import draw_fleet
-from up_samp.fleet.records import FIGURES, Order
+from up_samp.fleet.records import FILE_LIMITS, Order
 from up_samp.fleet.starter import write_starter
 
 
@@ -157,8 +157,8 @@ def test_a_place_for_one_type_alone_is_a_warning_and_drawn(site):
 
 def test_many_corners_are_refused_by_their_limit(site):
     fleet = Fleet.from_file(site)
-    with pytest.raises(FleetError, match=f"the limit is {FIGURES.corners}: leave out"):
-        fleet.add_robot_type("round", [(k, k * k) for k in range(FIGURES.corners + 1)])
+    with pytest.raises(FleetError, match=f"the limit is {FILE_LIMITS.corners}: leave out"):
+        fleet.add_robot_type("round", [(k, k * k) for k in range(FILE_LIMITS.corners + 1)])
 
 
 def test_names_are_compared_across_kinds_as_they_are_added(site):

@@ -42,7 +42,8 @@ def test_styles_of_a_small_site_agree(number, tmp_path):
 def test_every_style_is_read_as_the_same_motions(family, tmp_path):
     """Who drives from where to where, and which doors are where, does not hang on the style."""
     site, found = SMALL[family](), {}
-    for style in (s for s in ALL if s.moves == "each"):
+    own = list(SMALL).index(family) % 2  # every style of two families, at least
+    for style in [s for s in ALL if s.moves == "each"][own::2]:
         snapshot = read_problem(write(site, style, tmp_path))
         poses = snapshot.configurations
         drives = sorted(tuple(poses[term.name] for term in task.terms) for task in snapshot.tasks)

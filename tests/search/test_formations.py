@@ -46,7 +46,9 @@ def test_robots_that_keep_their_distance_are_no_loads(tmp_path, lists):
     assert len(result.plan.trajectories) == 2
 
 
-@pytest.mark.parametrize("engine", ["samp-refine[cpsat]", "samp-refine[aries]"])
+@pytest.mark.parametrize(
+    "engine", ["samp-refine[cpsat]", pytest.param("samp-refine[aries]", marks=pytest.mark.long)]
+)
 def test_robots_of_one_activity_give_way_to_each_other(tmp_path, engine):
     problem = formation(tmp_path, CROSSED, gap=(40, 55))
     result = solve(problem, engine)

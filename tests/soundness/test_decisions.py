@@ -116,8 +116,9 @@ def broken(world, rooms, decided, attack, refinements, named=False):
 @pytest.mark.parametrize(
     "seed",
     [
-        *SEEDS[::3],
-        *(pytest.param(s, marks=pytest.mark.long) for s in (*SEEDS[1::3], *SEEDS[2::3], 14, 44)),
+        *SEEDS[::6],
+        *(pytest.param(s, marks=pytest.mark.long) for s in SEEDS if s not in SEEDS[::6]),
+        *(pytest.param(s, marks=pytest.mark.long) for s in (14, 44)),
     ],
 )
 def test_decided_worlds_beat_no_proof(rooms, seed):
@@ -164,7 +165,7 @@ def test_many_decided_worlds_beat_no_proof(rooms, first, engine):
     assert wrong == {}
 
 
-@pytest.mark.parametrize("seed", [1, 2, 18])
+@pytest.mark.parametrize("seed", [2, 18])
 def test_the_papers_cuts_hold_for_their_decisions_only(rooms, seed):
     """Seed 1 has a drive that leads nowhere."""
     assert judge(random_world(seed), rooms, preset="paper").wrong == []

@@ -7,8 +7,8 @@ import json
 import sys
 from pathlib import Path
 
-from up_samp.benchmarks.builder import ENCODINGS
 from up_samp.benchmarks.instances import families
+from up_samp.benchmarks.published import ENCODINGS
 from up_samp.model import SampError
 
 

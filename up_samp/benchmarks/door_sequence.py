@@ -16,7 +16,7 @@ from unified_planning.shortcuts import Or
 
 from up_samp.benchmarks.maps import outer_wall
 from up_samp.benchmarks.places import DOWN, UP, FamilyDoor, FamilyFloor, Pose, box
-from up_samp.benchmarks.published import Form, Manner, Published
+from up_samp.benchmarks.published import Encoding, Form, Manner
 from up_samp.model import ProblemError
 
 HEIGHT, GAP = 30.0, 5.0
@@ -51,7 +51,7 @@ def door_sequence(
     robots: int = 2,
     doors: int = 2,
     *,
-    encoding: Published = "fluents",
+    encoding: Encoding = "fluents",
     metric: bool = True,
     seed: int = 0,
 ) -> SchedulingMotionProblem:

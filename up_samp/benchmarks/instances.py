@@ -6,7 +6,7 @@ A name says everything: ``logistics-dc-all-r2-i4`` (door closed or ``do``, open;
 instance of these sizes, with places, orders, durations, walls and robots' shapes drawn anew.
 ``warehouse-r5-o10`` (robots, orders), ``warehouse-compact-r5-o10``: empty moves start at a fluent.
 ``navigation-r4``, ``kitting-r2-k2-p3-d2`` (robots, kits, parts, doors; ``-op``: with an operator)
-and ``doors-r3-d2`` (robots, doors) exist in published forms only: ``lean`` means ``fluents`` there.
+and ``doors-r3-d2`` (robots, doors) are published beside the paper's families.
 """
 
 from __future__ import annotations
@@ -21,16 +21,15 @@ from typing import Any
 from unified_planning.model.motion import SchedulingMotionProblem
 
 from up_samp.benchmarks import jobshop, logistics, transport
-from up_samp.benchmarks.builder import Encoding, check_encoding
 from up_samp.benchmarks.door_sequence import door_sequence
 from up_samp.benchmarks.kitting import kitting
 from up_samp.benchmarks.navigation import navigation
-from up_samp.benchmarks.published import PUBLISHED
+from up_samp.benchmarks.published import Encoding, check_encoding
 from up_samp.benchmarks.warehouse import warehouse
 from up_samp.model import ProblemError
 
 Build = Callable[..., SchedulingMotionProblem]
-"""``build(encoding="lean", metric=True)`` makes a fresh problem."""
+"""``build(encoding="fluents", metric=True)`` makes a fresh problem."""
 
 
 @dataclass(frozen=True)
@@ -60,8 +59,6 @@ _FORMS: dict[str, tuple[str, Build]] = {
 }  # fmt: skip
 """How the names of each family go on (sizes in the builder's order), and what builds it."""
 
-_PUBLISHED_ONLY = ("navigation", "kitting", "doors")
-
 
 def instance(name: str) -> Instance:
     """Return the instance of that name; its sizes are checked when it is built.
@@ -77,13 +74,10 @@ def instance(name: str) -> Instance:
     compact = options.pop("compact", False)
     sizes = [int(size) for size in re.findall(r"-[a-rt-z](\d+)", name)]
 
-    def build(encoding: Encoding = "lean", metric: bool = True) -> SchedulingMotionProblem:
+    def build(encoding: Encoding = "fluents", metric: bool = True) -> SchedulingMotionProblem:
         form: str = encoding
-        if family in _PUBLISHED_ONLY:
-            check_encoding(encoding)
-            form = PUBLISHED[0] if encoding == "lean" else encoding
         if family == "warehouse":
-            check_encoding(encoding, ("lean",))  # where robots are is always a fluent here
+            check_encoding(encoding, ("fluents",))  # where robots are is always one here
             form = "compact" if compact else "moves"
         return make(*sizes, encoding=form, metric=metric, **options)
 

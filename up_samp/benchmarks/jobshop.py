@@ -22,16 +22,15 @@ from unified_planning.model.motion import ConfigurationObject, SchedulingMotionP
 from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import GE, And, Implies
 
-from up_samp.benchmarks.builder import Encoding, Family, is_published
 from up_samp.benchmarks.maps import DATA, WALL, outer_wall
 from up_samp.benchmarks.places import DOWN, UP, FamilyDoor, FamilyFloor, Pose, Shop, box
-from up_samp.benchmarks.published import Form, Manner, Published
+from up_samp.benchmarks.published import Encoding, Form, Manner
 from up_samp.model import ProblemError
 
 MOST = {"robots": 5, "jobs": 6, "machines": 6}
 """How large a job shop may be."""
-ACCELERATION, APART = 1.0, 4.0
-"""What the robots can do at most (m/s^2), and how far apart they start at least (m)."""
+APART = 4.0
+"""How far apart robots start at least (m)."""
 ROOM, HEIGHT = 50.0, 50.0
 """Width of a machine room, and height of the whole (m)."""
 HALL, THICK, GAP = 31.5, 1.0, 5.0
@@ -145,7 +144,7 @@ def job_shop(
     jobs: int = 2,
     machines: int = 2,
     *,
-    encoding: Encoding = "lean",
+    encoding: Encoding = "fluents",
     metric: bool = True,
     seed: int = 0,
 ) -> SchedulingMotionProblem:
@@ -153,64 +152,37 @@ def job_shop(
 
     Each operation is attended by exactly one robot, which stands at the machine's pose for the
     whole of it. The operations of a job follow their order, a machine does one operation at a
-    time. Moves are optional, between every ordered pair of the robot's own start, all machines and
-    all buttons, each at most once (as published: the other robots' starts, too). Doors are opened
-    from their buttons in 1 unit of time. What a schedule means is told in
-    :mod:`up_samp.benchmarks.builder`; for the other encodings see ``logistics``.
+    time. Moves are optional, between every ordered pair of all robots' starts, all machines and
+    all buttons, each at most once. Doors are opened from their buttons in 1 unit of time. For the
+    encodings see ``logistics``.
     """
     data = shop(robots, jobs, machines, seed)
     data.floor.check(shop_poses(data))
     title = instance_name(robots, jobs, machines) + (f"-s{seed}" if seed else "")
-    if is_published(encoding):
-        return published_job_shop(title, data, encoding, metric)
-    family = Family(title, data.floor, a_max=ACCELERATION, metric=metric)
-    starts = add_robots(family, data)
-    stands = [family.place(f"machine{m}", pose) for m, pose in enumerate(data.machines)]
-    buttons = add_doors(family)
-    for robot, start in zip(family.robots, starts, strict=True):
-        for origin, to in itertools.permutations([start, *stands, *buttons], 2):
-            family.move(robot, origin, to)
-    _operations(family, data, stands)
-    return family.finish()
+    form, starts, stands, buttons = shop_form(title, data, encoding, metric)
+    for robot in form.robots:
+        for origin, to in itertools.permutations([*stands, *starts, *buttons], 2):
+            form.move(robot, origin, to)
+    form.openings()
+    _operations(form, data, stands)
+    return form.finish()
 
 
-def add_robots(family: Family, data: Shop) -> list[ConfigurationObject]:
-    """Add the robots where they start, and return these places."""
-    starts = [family.place(f"start{r}", pose) for r, pose in enumerate(data.starts)]
-    for r, start in enumerate(starts):
-        family.robot(f"r{r}", start)
-    return starts
+Places = list[ConfigurationObject]
 
 
-def add_doors(family: Family) -> list[ConfigurationObject]:
-    """Add the floor's doors, which any robot may open; return the places of their buttons."""
-    buttons = []
-    for i, door in enumerate(family.floor.doors):
-        leaf, closed, opened = family.door(door, prefix=door.name)
-        button = family.place(f"button{i}", door.button)
-        family.open_door(f"open_{door.name}", leaf, closed, opened, button)
-        buttons.append(button)
-    return buttons
-
-
-def _operations(family: Family, data: Shop, stands: list[ConfigurationObject]) -> None:
-    """Add the operations, one alternative per robot, in job order and one per machine."""
-    by_machine: list[list[list[Activity]]] = [[] for _ in stands]
-    for j, route in enumerate(data.jobs):
-        previous: list[Activity] = []
-        for m, duration in route:
-            choices: list[Activity] = [
-                family.work(robot, f"op_j{j}_m{m}_{robot.name}", stands[m], duration)
-                for robot in family.robots
-            ]
-            family.exactly_one(choices)
-            family.in_order(previous, choices)
-            by_machine[m].append(choices)
-            previous = choices
-    for operations in by_machine:
-        for some, others in itertools.combinations(operations, 2):
-            for a, b in itertools.product(some, others):
-                family.one_at_a_time((a, b))
+def shop_form(
+    title: str, data: Shop, encoding: Encoding, metric: bool
+) -> tuple[Form, Places, Places, Places]:
+    """Return a shop's problem with robots and doors, and the places of starts, machines and
+    buttons; nothing happens in it yet.
+    """
+    form = Form(title, Manner(data.floor, guess=1.0), encoding, metric)
+    starts = [form.place(f"robot{r}_start", pose) for r, pose in enumerate(data.starts)]
+    for start in starts:
+        form.robot(start)
+    stands = [form.place(f"machine{m}", pose) for m, pose in enumerate(data.machines)]
+    return form, starts, stands, [form.door(door).button for door in data.floor.doors]
 
 
 def shop_poses(data: Shop) -> dict[str, Pose]:
@@ -220,28 +192,7 @@ def shop_poses(data: Shop) -> dict[str, Pose]:
     return poses | {f"button{i}": door.button for i, door in enumerate(data.floor.doors)}
 
 
-# ------------------ As published: moves between all places, also to the other robots' starts
-
-
-def published_job_shop(
-    name: str, shop: Shop, encoding: Published, metric: bool
-) -> SchedulingMotionProblem:
-    """Build a job shop in a published form (what it asks: ``job_shop``)."""
-    form = Form(name, Manner(shop.floor, guess=1.0), encoding, metric)
-    starts = [form.place(f"robot{r}_start", pose) for r, pose in enumerate(shop.starts)]
-    for start in starts:
-        form.robot(start)
-    machines = [form.place(f"machine{m}", pose) for m, pose in enumerate(shop.machines)]
-    buttons = [form.door(door).button for door in shop.floor.doors]
-    for robot in form.robots:
-        for origin, to in itertools.permutations([*machines, *starts, *buttons], 2):
-            form.move(robot, origin, to)
-    form.openings()
-    _published_operations(form, shop, machines)
-    return form.finish()
-
-
-def _published_operations(form: Form, shop: Shop, machines: Sequence[ConfigurationObject]) -> None:
+def _operations(form: Form, shop: Shop, machines: Sequence[ConfigurationObject]) -> None:
     by_machine: list[list[Activity]] = [[] for _ in machines]
     owner: dict[int, int] = {}
     free = [

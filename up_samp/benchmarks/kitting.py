@@ -21,7 +21,7 @@ from unified_planning.shortcuts import GE, LE, BoolType, Iff, Implies, Not, Or, 
 
 from up_samp.benchmarks.maps import outer_wall
 from up_samp.benchmarks.places import DOWN, UP, FamilyDoor, FamilyFloor, Pose, box
-from up_samp.benchmarks.published import Form, Manner, Published
+from up_samp.benchmarks.published import Encoding, Form, Manner
 from up_samp.model import ProblemError
 
 HALL = (30.0, 30.0)
@@ -73,7 +73,7 @@ def kitting(
     parts: int = 3,
     doors: int = 2,
     *,
-    encoding: Published = "fluents",
+    encoding: Encoding = "fluents",
     operator: bool = False,
     metric: bool = True,
     seed: int = 0,

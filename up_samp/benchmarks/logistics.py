@@ -15,25 +15,17 @@ from dataclasses import replace
 from typing import Literal
 
 from unified_planning.model import Fluent
-from unified_planning.model.motion import (
-    ConfigurationObject,
-    MotionActivity,
-    MovableObject,
-    SchedulingMotionProblem,
-)
+from unified_planning.model.motion import ConfigurationObject, SchedulingMotionProblem
 from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import FALSE, LE, TRUE, And, BoolType, Or
 
-from up_samp.benchmarks.builder import Encoding, Family, at_start, is_published
 from up_samp.benchmarks.maps import outer_wall
 from up_samp.benchmarks.places import DOWN, UP, FamilyDoor, FamilyFloor, Layout, Pose, box
-from up_samp.benchmarks.published import HANDLING, Form, Manner, Published, PublishedRobot
+from up_samp.benchmarks.published import HANDLING, Encoding, Form, Manner, PublishedRobot
 from up_samp.model import ProblemError
 
 MOST = {"robots": 10, "items": 16}
 """How large an instance may be."""
-ACCELERATION = 0.5
-"""What the robots can do at most, m/s^2."""
 
 DoorState = Literal["closed", "open"]
 Sides = Literal["all", "corridor"]
@@ -116,27 +108,31 @@ def _drawn(robots: int, items: int, seed: int) -> Layout:
     return Layout(floor, tuple(depots), tuple(inner), tuple(outer))
 
 
+Shelves = list[list[ConfigurationObject]]
+"""The poses from which each item can be picked."""
+
+
 def logistics(
     robots: int = 2,
     items: int = 4,
     *,
     door: DoorState = "closed",
     sides: Sides = "all",
-    encoding: Encoding = "lean",
+    encoding: Encoding = "fluents",
     metric: bool = True,
     seed: int = 0,
 ) -> SchedulingMotionProblem:
     """Build a logistics problem.
 
     Each robot starts at its depot, drives to an item (by the button, if it is the one to open the
-    door), picks it in 1 unit of time and drives home; every item is picked by exactly one robot,
-    and in the end all are at home. Picks, door openings and moves are optional activities; each
-    move happens at most once. What a schedule means is told in :mod:`up_samp.benchmarks.builder`.
+    door), picks it in 1 unit of time and drives home; every item is picked by exactly one robot (a
+    pick per robot and item, whatever the number of poses), and in the end all are at home. Picks,
+    door openings and moves are optional activities; each move happens at most once.
 
     :param door: ``"open"`` leaves door and button away.
     :param sides: ``"corridor"`` allows the items' inner poses only.
-    :param encoding: ``lean`` (object fluents, effects at the end, a pick per pose), or one of the
-        forms in which the authors publish it (:mod:`up_samp.benchmarks.published`).
+    :param encoding: one of the forms in which the authors publish it
+        (:mod:`up_samp.benchmarks.published`).
     :param metric: minimise the makespan.
     :param seed: 0 is the paper's layout.
     """
@@ -148,76 +144,9 @@ def logistics(
         spots = replace(spots, floor=replace(spots.floor, doors=()))
     side = "all" if sides == "all" else "oc"
     title = f"logistics-d{door[0]}-{side}-r{robots}-i{items}" + (f"-s{seed}" if seed else "")
-    if is_published(encoding):
-        return published_logistics(title, spots, sides == "all", encoding, metric)
-    family = Family(title, spots.floor, a_max=ACCELERATION, metric=metric)
-    shelves = _shelf_places(family, spots, sides)
-    depots = [family.place(f"depot{r}", pose) for r, pose in enumerate(spots.depots)]
-    for r, depot in enumerate(depots):
-        family.robot(f"r{r}", depot)
-    button = None
-    for leaf in family.floor.doors:
-        body, closed, opened = family.door(leaf, prefix="door")
-        button = family.place("button", leaf.button)
-        family.open_door("open_door", body, closed, opened, button)
-    _picks(family, depots, shelves, button, items)
-    return family.finish()
-
-
-def _picks(
-    family: Family,
-    depots: list[ConfigurationObject],
-    shelves: dict[tuple[int, str], ConfigurationObject],
-    button: ConfigurationObject | None,
-    items: int,
-) -> None:
-    """Add who picks what: every item is picked by exactly one robot. A pick needs free hands and
-    fills them, and every move home ends with free hands.
-    """
-    free = Fluent("robot_is_free", BoolType(), robot=family.robot_type)
-    family.problem.add_fluent(free, default_initial_value=True)
-    picks: list[list[Activity]] = [[] for _ in range(items)]
-    for robot, depot in zip(family.robots, depots, strict=True):
-        homeward = _moves(family, robot, depot, shelves, button)
-        for move in homeward:
-            move.add_effect(move.end, free(robot), TRUE())
-        for (item, side), shelf in shelves.items():
-            pick = family.work(robot, f"pick_{robot.name}_i{item}_{side}", shelf, 1)
-            pick.add_condition(at_start(pick), free(robot))
-            pick.add_effect(pick.end, free(robot), FALSE())
-            picks[item].append(pick)
-        family.end(robot, depot)
-    for choices in picks:
-        family.exactly_one(choices)
-
-
-def _shelf_places(
-    family: Family, spots: Layout, sides: Sides
-) -> dict[tuple[int, str], ConfigurationObject]:
-    """Add the poses from which items may be picked: (item, side) -> place."""
-    shelves = {}
-    for i, pose in enumerate(spots.inner):
-        shelves[i, "in"] = family.place(f"item{i}in", pose)
-        if sides == "all":
-            shelves[i, "out"] = family.place(f"item{i}out", spots.outer[i])
-    return shelves
-
-
-def _moves(
-    family: Family,
-    robot: MovableObject,
-    depot: ConfigurationObject,
-    shelves: dict[tuple[int, str], ConfigurationObject],
-    button: ConfigurationObject | None,
-) -> list[MotionActivity]:
-    """Add all moves of ``robot``; return those that bring it home."""
-    stops = [*shelves.values(), *([button] if button is not None else [])]
-    for stop in stops:
-        family.move(robot, depot, stop)
-    if button is not None:
-        for shelf in shelves.values():
-            family.move(robot, button, shelf)
-    return [family.move(robot, stop, depot) for stop in stops]
+    form = Form(title, Manner(spots.floor, guess=0.5), encoding, metric)
+    _fetches(form, spots, sides)
+    return form.finish()
 
 
 def _check(spots: Layout) -> None:
@@ -230,44 +159,29 @@ def _check(spots: Layout) -> None:
     spots.floor.check(dict(named))
 
 
-# ------------------ As published: one pick per robot and item, whatever the number of poses
-
-
-Shelves = list[list[ConfigurationObject]]
-"""The poses from which each item can be picked."""
-
-
-def published_logistics(
-    name: str,
-    spots: Layout,
-    both_sides: bool,
-    encoding: Published,
-    metric: bool,
-) -> SchedulingMotionProblem:
-    """Build a logistics problem in a published form (what it asks: ``logistics``)."""
-    form = Form(name, Manner(spots.floor, guess=0.5), encoding, metric)
+def _fetches(form: Form, spots: Layout, sides: Sides) -> None:
+    """Add robots, items and doors, and all that may be done with them."""
     depots = [form.place(f"robot{r}_depot", pose) for r, pose in enumerate(spots.depots)]
     for depot in depots:
         form.robot(depot)
     shelves: Shelves = []
     for i, pose in enumerate(spots.inner):
         shelves.append([form.place(f"item{i}_in", pose)])
-        if both_sides:
+        if sides == "all":
             shelves[-1].append(form.place(f"item{i}_out", spots.outer[i]))
-    buttons = [form.door(door).button for door in spots.floor.doors]
+    buttons = [form.door(leaf).button for leaf in spots.floor.doors]
     picks: list[list[Activity]] = [[] for _ in shelves]
     for robot in form.robots:
-        _published_moves(form, robot, [p for poses in shelves for p in poses], buttons)
-        for i, pick in enumerate(_published_picks(form, robot, shelves)):
+        _moves(form, robot, [p for poses in shelves for p in poses], buttons)
+        for i, pick in enumerate(_picks(form, robot, shelves)):
             picks[i].append(pick)
     form.openings()
     for choices in picks:
         form.exactly_one(choices)
     form.end_at(dict(enumerate(depots)))
-    return form.finish()
 
 
-def _published_moves(
+def _moves(
     form: Form,
     robot: PublishedRobot,
     poses: Sequence[ConfigurationObject],
@@ -282,7 +196,7 @@ def _published_moves(
         form.move(robot, place, robot.start)
 
 
-def _published_picks(form: Form, robot: PublishedRobot, shelves: Shelves) -> list[Activity]:
+def _picks(form: Form, robot: PublishedRobot, shelves: Shelves) -> list[Activity]:
     """Add the robot's picks; its hands must be free, and are so again when it comes home."""
     picks = [
         form.work(robot, f"pick_{robot.name}_item{i}", poses, HANDLING)

@@ -15,7 +15,7 @@ from unified_planning.model.motion import MotionModels, SchedulingMotionProblem
 
 from up_samp.benchmarks.maps import outer_wall
 from up_samp.benchmarks.places import FamilyFloor, Pose
-from up_samp.benchmarks.published import Form, Manner, Published
+from up_samp.benchmarks.published import Encoding, Form, Manner
 from up_samp.model import ProblemError
 
 HALL = (40.0, 12.0)
@@ -46,7 +46,7 @@ def navigation_floor(robots: int, rng: random.Random | None = None, name: str = 
 def navigation(
     robots: int = 2,
     *,
-    encoding: Published = "fluents",
+    encoding: Encoding = "fluents",
     metric: bool = True,
     seed: int = 0,
 ) -> SchedulingMotionProblem:

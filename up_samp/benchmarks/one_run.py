@@ -22,8 +22,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from up_samp.benchmarks.builder import Encoding, check_encoding
 from up_samp.benchmarks.instances import Instance, families, instance, instances
+from up_samp.benchmarks.published import Encoding, check_encoding
 from up_samp.model import ProblemError
 from up_samp.system.child import die_with
 from up_samp.system.memory import limit_memory
@@ -255,15 +255,15 @@ def _judge(problem: Any, plan: Any) -> Record:
 def _sequential(plan: Any, times: dict[str, tuple[int, int]]) -> int:
     """Return the makespan, units, if the plan's activities came one after another.
 
-    Motions count with the whole units that their trajectories need (waiting for others falls away
-    when nothing is parallel); between two activities lies one unit, as within one robot's plan.
+    Motions count with the whole units that their trajectories need: waiting for others falls away
+    when nothing is parallel.
     """
     moves = getattr(plan, "trajectories", None) or {}
     needed = [
         math.ceil(round(moves[name].duration, 6)) if name in moves else end - start
         for name, (start, end) in times.items()
     ]
-    return sum(needed) + max(0, len(needed) - 1)
+    return sum(needed)
 
 
 def _plain(value: object) -> Any:

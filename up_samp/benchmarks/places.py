@@ -1,5 +1,5 @@
-"""Robots, doors, poses and duration bounds that all families share (the paper's figures), and a
-problem under construction on one map.
+"""Robots, doors and poses that all families share (the paper's figures), and a problem under
+construction on one map.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any
 
 import shapely
 import shapely.affinity
-from unified_planning.model import Type
+from unified_planning.model import FNode, TimePointInterval, Timing, Type
 from unified_planning.model.motion import (
     SE2,
     ConfigurationKind,
@@ -24,6 +24,7 @@ from unified_planning.model.motion import (
     OccupancyMap,
     SchedulingMotionProblem,
 )
+from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import ConfigurationType, MinimizeMakespan
 
 from up_samp.benchmarks.maps import Rectangle, drawn_map
@@ -34,9 +35,6 @@ Pose = tuple[float, float, float]
 
 ROBOT_FOOTPRINT = ((-1.0, -0.5), (1.0, -0.5), (1.0, 0.5), (-1.0, 0.5))
 """Of the paper's robots, and of all that are not drawn from a seed."""
-
-CAR = {"turning_radius": 1.0, "v_max": 2.0}
-"""Motion parameters of the robots of all families (m, m/s)."""
 
 UP, DOWN = math.pi / 2, -math.pi / 2
 """Headings."""
@@ -59,22 +57,28 @@ def box(length: float, width: float) -> tuple[tuple[float, float], ...]:
     return ((-x, -y), (x, -y), (x, y), (-x, y))
 
 
-def duration_bounds(a: Pose, b: Pose, a_max: float) -> tuple[int, int]:
-    """Return the bounds, s, that a user who knows no motion would set for a move from a to b.
-
-    Lower: rest to rest over the Euclidean distance with a symmetric trapezoidal speed profile of
-    acceleration ``a_max`` (m/s^2) and top speed 20 m/s, rounded down, at least 1. Upper: the same
-    distance at 0.1 m/s, rounded up.
+def least_duration(a: Pose, b: Pose, a_max: float) -> int:
+    """Return the lower bound, s, that a user who knows no motion would set for a move from a to b:
+    rest to rest over the Euclidean distance with a symmetric trapezoidal speed profile of
+    acceleration ``a_max`` (m/s^2) and top speed 20 m/s, rounded down, at least 1.
     """
-    distance = math.hypot(b[0] - a[0], b[1] - a[1])
-    fastest, slowest = 20.0, 0.1
+    distance, fastest = math.dist(a[:2], b[:2]), 20.0
     ramp = fastest**2 / a_max
     if distance < ramp:
         seconds = 2 * math.sqrt(distance / a_max)
     else:
         seconds = distance / fastest + fastest / a_max
-    lower = max(1, math.floor(seconds))
-    return lower, max(lower, math.ceil(round(distance / slowest, 9)))
+    return max(1, math.floor(seconds))
+
+
+def at_start(a: Activity) -> TimePointInterval:
+    """Return the instant at which ``a`` starts, as the time of a condition."""
+    return TimePointInterval(Timing(0, a.start))
+
+
+def scope_of(*activities: Activity) -> list[FNode]:
+    """Return the scope "all these activities are present"."""
+    return [a.present for a in activities if a.optional]
 
 
 def outline(footprint: Sequence[tuple[float, float]], pose: Pose) -> shapely.Polygon:

@@ -34,7 +34,14 @@ from unified_planning.model.motion import (
 from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import GE, LE, And, Equals, Implies, MovableType, Not, Or
 
-from up_samp.benchmarks.places import FamilyDoor, FamilyFloor, ProblemOnMap, duration_bounds
+from up_samp.benchmarks.places import (
+    FamilyDoor,
+    FamilyFloor,
+    ProblemOnMap,
+    at_start,
+    least_duration,
+    scope_of,
+)
 from up_samp.model import ProblemError
 
 
@@ -135,7 +142,7 @@ class Leaf:
 # ------------------ How published SAMP problems are written, whatever the family
 
 
-Published = Literal[
+Encoding = Literal[
     "fluents",
     "no-fluents",
     "fluents-uses",
@@ -143,7 +150,13 @@ Published = Literal[
     "fluents-sequential",
     "no-fluents-sequential",
 ]
-PUBLISHED: tuple[Published, ...] = get_args(Published)
+ENCODINGS: tuple[Encoding, ...] = get_args(Encoding)
+
+
+def check_encoding(encoding: str, known: Sequence[str] = ENCODINGS) -> None:
+    """Raise :class:`ProblemError` where there is no such encoding."""
+    if encoding not in known:
+        raise ProblemError(f"encoding must be one of {tuple(known)}, not {encoding!r}")
 
 
 CONTROLS = {"v_min": 1.0, "v_max": 20.0, "phi_min": -1.0, "phi_max": 1.0}
@@ -176,9 +189,8 @@ class Manner:
 class Form(ProblemOnMap):
     """A problem under construction in one of the published forms."""
 
-    def __init__(self, name: str, manner: Manner, encoding: Published, metric: bool) -> None:
-        if encoding not in PUBLISHED:
-            raise ProblemError(f"encoding must be one of {PUBLISHED}, not {encoding!r}")
+    def __init__(self, name: str, manner: Manner, encoding: Encoding, metric: bool) -> None:
+        check_encoding(encoding)
         super().__init__(name, manner.floor.yaml, metric=metric)
         self.manner = manner
         self.with_fluents = encoding.startswith("fluents")
@@ -236,10 +248,14 @@ class Form(ProblemOnMap):
 
     # ------------------------------------------------------------- activities
     def move(
-        self, robot: PublishedRobot, origin: ConfigurationObject, to: ConfigurationObject
+        self,
+        robot: PublishedRobot,
+        origin: ConfigurationObject,
+        to: ConfigurationObject,
+        name: str | None = None,
     ) -> MotionActivity:
         """Add the optional move of ``robot`` from ``origin`` to ``to``, once all objects exist."""
-        name = f"move_{robot.name}_{origin.name}_to_{to.name}"
+        name = name or f"move_{robot.name}_{origin.name}_to_{to.name}"
         a = self.problem.add_motion_activity(name, 1, optional=True)
         a.set_duration_bounds(*(self.manner.bounds or self._bounds(origin, to)))
         a.add_motion_effect(robot.body, to)
@@ -258,7 +274,7 @@ class Form(ProblemOnMap):
 
     def _bounds(self, origin: ConfigurationObject, to: ConfigurationObject) -> tuple[int, int]:
         a, b = self.poses[origin.name], self.poses[to.name]
-        low, _ = duration_bounds(a, b, self.manner.guess)
+        low = least_duration(a, b, self.manner.guess)
         return low, max(low, math.ceil(round(math.dist(a[:2], b[:2]) / CONTROLS["v_min"], 9)))
 
     def _obstacles(self, things: Sequence[PublishedRobot] | Sequence[Leaf]) -> Any:
@@ -273,7 +289,7 @@ class Form(ProblemOnMap):
     @staticmethod
     def needs_at_start(a: Activity, what: Any) -> None:
         """Let ``a`` need ``what`` at its start."""
-        a.add_condition(TimePointInterval(Timing(0, a.start)), what)
+        a.add_condition(at_start(a), what)
 
     def occupy(self, robot: PublishedRobot, a: Activity) -> None:
         """Let ``a`` be among the things that ``robot`` does one at a time."""
@@ -328,8 +344,8 @@ class Form(ProblemOnMap):
     def one_at_a_time(self, activities: Sequence[Activity]) -> None:
         """Keep each pair of ``activities`` apart, if both are present."""
         for a, b in itertools.combinations(activities, 2):
-            scope = [x.present for x in (a, b) if x.optional]
-            self.problem.add_constraint(Or(LE(a.end, b.start), GE(a.start, b.end)), scope=scope)
+            apart = Or(LE(a.end, b.start), GE(a.start, b.end))
+            self.problem.add_constraint(apart, scope=scope_of(a, b))
 
     def end_at(self, places: dict[int, ConfigurationObject]) -> None:
         """Let robots (by number) be at ``places`` when everything is over (with fluents)."""

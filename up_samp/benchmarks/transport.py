@@ -10,21 +10,18 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 from unified_planning.model import Fluent, Object
-from unified_planning.model.motion import (
-    ConfigurationObject,
-    MovableObject,
-    SchedulingMotionProblem,
-)
+from unified_planning.model.motion import ConfigurationObject, SchedulingMotionProblem
 from unified_planning.model.scheduling import Activity
-from unified_planning.shortcuts import Equals, Iff, UserType
+from unified_planning.shortcuts import GE, Equals, Iff, UserType
 
 from up_samp.benchmarks import jobshop
-from up_samp.benchmarks.builder import Encoding, Family, at_start, check_encoding
 from up_samp.benchmarks.logistics import DoorState
-from up_samp.benchmarks.places import Pose
+from up_samp.benchmarks.places import Pose, scope_of
+from up_samp.benchmarks.published import ENCODINGS, Encoding, Form, check_encoding
 from up_samp.model import ProblemError
 
 HANDLING = 2
@@ -41,6 +38,10 @@ FT06: tuple[tuple[tuple[int, int], ...], ...] = (
 """Routes (machine, duration) of Fisher and Thompson's 6 x 6 job shop."""
 
 
+WITH_FLUENTS = tuple(e for e in ENCODINGS if e.startswith("fluents"))
+"""What robots carry is told by fluents, whatever else is not."""
+
+
 def transport(
     robots: int = 2,
     jobs: int = 2,
@@ -48,7 +49,7 @@ def transport(
     *,
     data: str | None = None,
     door: DoorState = "closed",
-    encoding: Encoding = "lean",
+    encoding: Encoding = "fluents",
     metric: bool = True,
     seed: int = 0,
 ) -> SchedulingMotionProblem:
@@ -58,38 +59,37 @@ def transport(
     one robot loads (2 units), carries and unloads (2 units), and does nothing else in between.
     Carrying and empty moves are optional motions; each empty move (from the robot's start and
     between machines, pallets and buttons) happens at most once.
-    Machines work on one item at a time, without a robot. What a schedule means is told in
-    :mod:`up_samp.benchmarks.builder`.
+    Machines work on one item at a time, without a robot.
 
     :param data: ``"ft06"`` takes that job shop's 6 jobs and 6 machines.
     :param door: ``"open"`` leaves doors and buttons away.
-    :param encoding: ``lean``: this family has no published form.
+    :param encoding: one of ``WITH_FLUENTS``.
     """
-    check_encoding(encoding, ("lean",))
+    check_encoding(encoding, WITH_FLUENTS)
     if data not in (None, "ft06") or door not in ("closed", "open"):
         raise ProblemError(f"no such transport setting: data={data!r}, door={door!r}")
     if data == "ft06":
         jobs, machines = len(FT06), len(FT06[0])
     shop = jobshop.draw_shop(robots, jobs, machines, seed)
-    floor = shop.floor if door == "closed" else replace(shop.floor, doors=())
+    if door == "open":
+        shop = replace(shop, floor=replace(shop.floor, doors=()))
     sizes = "" if data else f"-j{jobs}-m{machines}"
     title = f"transport{f'-{data}' if data else ''}-d{door[0]}-r{robots}{sizes}"
     title += f"-s{seed}" if seed else ""
-    family = Family(title, floor, a_max=jobshop.ACCELERATION, metric=metric)
-    starts = jobshop.add_robots(family, shop)
-    stands = [family.place(f"machine{m}", pose) for m, pose in enumerate(shop.machines)]
-    spots = pallet_poses(jobs, floor.size[0])
-    pallets = [family.place(f"pallet{j}", pose) for j, pose in enumerate(spots)]
-    floor.check({**jobshop.shop_poses(shop), **{f"pallet{j}": p for j, p in enumerate(spots)}})
-    buttons = jobshop.add_doors(family)
-    hands = Loads(family, pallets)
+    spots = {f"pallet{j}": p for j, p in enumerate(pallet_poses(jobs, shop.floor.size[0]))}
+    shop.floor.check({**jobshop.shop_poses(shop), **spots})
+    form, _, stands, buttons = jobshop.shop_form(title, shop, encoding, metric)
+    pallets = list(itertools.starmap(form.place, spots.items()))
+    hands = Hands(form, pallets)
     stops = [*stands, *pallets, *buttons]
-    for robot, start in zip(family.robots, starts, strict=True):
-        for origin, to in itertools.product([start, *stops], stops):
+    for robot in form.robots:
+        for origin, to in itertools.product([robot.start, *stops], stops):
             if origin is not to:
-                hands.empty(robot, family.move(robot, origin, to))
-    _jobs(family, hands, FT06 if data == "ft06" else shop.jobs, stands, pallets)
-    return family.finish()
+                move = form.move(robot, origin, to)
+                form.needs_at_start(move, Equals(hands.carries[robot.name], hands.nothing))
+    form.openings()
+    _jobs(form, hands, FT06 if data == "ft06" else shop.jobs, stands, pallets)
+    return form.finish()
 
 
 def pallet_poses(jobs: int, width: float) -> list[Pose]:
@@ -97,24 +97,20 @@ def pallet_poses(jobs: int, width: float) -> list[Pose]:
     return [(round(width * (j + 1) / (jobs + 1), 2), 8.0, math.pi / 2) for j in range(jobs)]
 
 
-class Loads:
-    """What robots carry and where items are: ``carries(robot)`` and ``item_at(item)``."""
+class Hands:
+    """What robots carry (``carries``, by robot) and where items are (``item_at``)."""
 
-    def __init__(self, family: Family, pallets: list[ConfigurationObject]) -> None:
-        self.family, item_type = family, UserType("item")
+    def __init__(self, form: Form, pallets: Sequence[ConfigurationObject]) -> None:
+        self.form, item_type = form, UserType("item")
         self.nothing = Object("nothing", item_type)
         self.items = [Object(f"item{j}", item_type) for j in range(len(pallets))]
-        self.carries = Fluent("carries", item_type, robot=family.robot_type)
-        self.item_at = Fluent("item_at", family.pose_type, item=item_type)
-        family.problem.add_objects([self.nothing, *self.items])
-        family.problem.add_fluent(self.carries, default_initial_value=self.nothing)
-        family.problem.add_fluent(self.item_at, default_initial_value=pallets[0])
-        for item, pallet in zip(self.items, pallets, strict=True):
-            family.problem.set_initial_value(self.item_at(item), pallet)
-
-    def empty(self, robot: MovableObject, move: Activity) -> None:
-        """``move`` is made without a load."""
-        move.add_condition(at_start(move), Equals(self.carries(robot), self.nothing))
+        form.problem.add_objects([self.nothing, *self.items])
+        self.carries = {r.name: Fluent(f"{r.name}_carries", item_type) for r in form.robots}
+        self.item_at = [Fluent(f"{item.name}_at", form.pose_type) for item in self.items]
+        for carries in self.carries.values():
+            form.problem.add_fluent(carries, default_initial_value=self.nothing)
+        for item_at, pallet in zip(self.item_at, pallets, strict=True):
+            form.problem.add_fluent(item_at, default_initial_value=pallet)
 
     def leg(
         self, j: int, k: int, origin: ConfigurationObject, to: ConfigurationObject
@@ -122,33 +118,40 @@ class Loads:
         """Add leg ``k`` of item ``j``, one alternative per robot (it loads, carries, and unloads);
         return all loads and unloads.
         """
-        family, item, loads, unloads = self.family, self.items[j], [], []
-        for robot in family.robots:
-            load = family.work(robot, f"load_{robot.name}_i{j}_{k}", origin, HANDLING)
-            carry = family.move(robot, origin, to, f"carry_{robot.name}_i{j}_{k}_to_{to.name}")
-            unload = family.work(robot, f"unload_{robot.name}_i{j}_{k}", to, HANDLING)
+        form, item, item_at = self.form, self.items[j], self.item_at[j]
+        loads, unloads = [], []
+        for robot in form.robots:
+            carries = self.carries[robot.name]
+            load = form.work(robot, f"load_{robot.name}_i{j}_{k}", [origin], HANDLING)
+            carry = form.move(robot, origin, to, f"carry_{robot.name}_i{j}_{k}_to_{to.name}")
+            unload = form.work(robot, f"unload_{robot.name}_i{j}_{k}", [to], HANDLING)
             for a, b in itertools.pairwise((load, carry, unload)):
-                family.problem.add_constraint(Iff(a.present, b.present))
-                family.in_order([a], [b])
-            carries, item_at = self.carries(robot), self.item_at
+                form.problem.add_constraint(Iff(a.present, b.present))
+                _in_order(form, [a], [b])
             for a, needs in ((load, self.nothing), (carry, item), (unload, item)):
-                a.add_condition(at_start(a), Equals(carries, needs))
-            load.add_condition(at_start(load), Equals(item_at(item), origin))
-            load.add_effect(load.end, carries, item)
-            unload.add_effect(unload.end, carries, self.nothing)
-            unload.add_effect(unload.end, item_at(item), to)
+                form.needs_at_start(a, Equals(carries, needs))
+            form.needs_at_start(load, Equals(item_at, origin))
+            load.add_effect(form.done(load), carries, item)
+            unload.add_effect(form.done(unload), carries, self.nothing)
+            unload.add_effect(form.done(unload), item_at, to)
             loads.append(load)
             unloads.append(unload)
-        family.exactly_one(loads)
+        form.exactly_one(loads, inside=False)
         return loads, unloads
 
 
+def _in_order(form: Form, first: Sequence[Activity], then: Sequence[Activity]) -> None:
+    """Every present activity of ``first`` ends before every present one of ``then`` starts."""
+    for a, b in itertools.product(first, then):
+        form.problem.add_constraint(GE(b.start, a.end), scope=scope_of(a, b))
+
+
 def _jobs(
-    family: Family,
-    hands: Loads,
-    routes: tuple[tuple[tuple[int, int], ...], ...],
-    stands: list[ConfigurationObject],
-    pallets: list[ConfigurationObject],
+    form: Form,
+    hands: Hands,
+    routes: Sequence[Sequence[tuple[int, int]]],
+    stands: Sequence[ConfigurationObject],
+    pallets: Sequence[ConfigurationObject],
 ) -> None:
     """Add every item's legs and operations, in order, and one operation a time per machine."""
     by_machine: list[list[Activity]] = [[] for _ in stands]
@@ -157,12 +160,12 @@ def _jobs(
         previous: list[Activity] = []
         for k, (origin, to) in enumerate(itertools.pairwise(stops)):
             loads, unloads = hands.leg(j, k, origin, to)
-            family.in_order(previous, loads)
+            _in_order(form, previous, loads)
             if k < len(route):
                 m, duration = route[k]
-                treat = family.problem.add_activity(f"treat_i{j}_m{m}", duration=duration)
-                family.in_order(unloads, [treat])
+                treat = form.problem.add_activity(f"treat_i{j}_m{m}", duration=duration)
+                _in_order(form, unloads, [treat])
                 by_machine[m].append(treat)
                 previous = [treat]
     for operations in by_machine:
-        family.one_at_a_time(operations)
+        form.one_at_a_time(operations)

@@ -33,9 +33,8 @@ from unified_planning.model.motion import (
 from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import LE, LT, Equals, IntType, MovableType, Or
 
-from up_samp.benchmarks.builder import at_start, scope_of
 from up_samp.benchmarks.maps import Rectangle, drawn_map, outer_wall
-from up_samp.benchmarks.places import Pose, ProblemOnMap
+from up_samp.benchmarks.places import Pose, ProblemOnMap, at_start, scope_of
 from up_samp.model import ProblemError
 
 SHELF = (1.4, 6.0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import enum
 import gc
 import importlib
 import io
@@ -15,14 +14,8 @@ from collections.abc import Sequence
 from up_samp.system.imports import load_unified_planning, own_the_process
 from up_samp.system.interrupts import interrupt_behind
 
-
-class Exit(enum.IntEnum):
-    """Exit codes beside 0 and a command's own."""
-
-    ERROR = 2
-    INTERRUPTED = 130
-    """By Ctrl-C: 128 and the signal's number, as shells have it."""
-    TERMINATED = 143
+ERROR, INTERRUPTED, TERMINATED = 2, 128 + signal.SIGINT, 128 + signal.SIGTERM
+"""Exit codes beside 0 and a command's own; of signals as shells have them."""
 
 
 COMMANDS = {
@@ -93,7 +86,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _run(args)
     except KeyboardInterrupt as stop:
         print("\nup-samp: stopped", file=sys.stderr)
-        return Exit.TERMINATED if _was_terminated(stop) else Exit.INTERRUPTED
+        return TERMINATED if _was_terminated(stop) else INTERRUPTED
     finally:
         if own:
             signal.signal(signal.SIGTERM, signal.SIG_DFL)
@@ -145,7 +138,7 @@ def _run(args: argparse.Namespace) -> int:
     except BrokenPipeError:
         # whoever read our output has seen enough; let the interpreter's exit not complain
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return Exit.ERROR
+        return ERROR
     except Exception as error:
         stop = interrupt_behind(error)
         if stop is not None:
@@ -153,7 +146,7 @@ def _run(args: argparse.Namespace) -> int:
         if args.debug:
             raise
         print(f"up-samp: {_message(error)}", file=sys.stderr)
-        return Exit.ERROR
+        return ERROR
 
 
 _TERMINATED = "SIGTERM"

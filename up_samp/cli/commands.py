@@ -14,7 +14,7 @@ from unified_planning.model import ProblemKind
 from unified_planning.model.motion import SchedulingMotionProblem
 
 from up_samp.benchmarks import logistics
-from up_samp.benchmarks.builder import ENCODINGS
+from up_samp.benchmarks.published import ENCODINGS
 from up_samp.cli.problems import (
     add_problem_arguments,
     find_problem,
@@ -99,7 +99,7 @@ def add_export(parser: argparse.ArgumentParser) -> None:
         metavar="PROBLEM",
         help="the plan's problem, as for 'up-samp solve': the plan's graph is checked against it",
     )
-    parser.add_argument("--encoding", choices=ENCODINGS, default="lean")
+    parser.add_argument("--encoding", choices=ENCODINGS, default="fluents")
     parser.set_defaults(run=_export)
 
 
@@ -201,7 +201,7 @@ def add_demo(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--items", type=int, default=4, metavar="N", help="(default: 4)")
     parser.add_argument("--door", choices=("closed", "open"), default="closed")
     parser.add_argument("--sides", choices=("all", "corridor"), default="corridor")
-    parser.add_argument("--encoding", choices=ENCODINGS, default="lean")
+    parser.add_argument("--encoding", choices=ENCODINGS, default="fluents")
     add_solver_arguments(parser, out="demo-out", gif=True)
     parser.set_defaults(run=_demo)
 

@@ -15,7 +15,7 @@ from unified_planning.exceptions import UPException
 from unified_planning.model.scheduling import SchedulingProblem
 
 from up_samp.benchmarks import instance
-from up_samp.benchmarks.builder import ENCODINGS, Encoding
+from up_samp.benchmarks.published import ENCODINGS, Encoding
 from up_samp.io import PlanDict
 from up_samp.io.precision import PRECISION
 from up_samp.model import ProblemError, SampError
@@ -34,12 +34,12 @@ def add_problem_arguments(parser: argparse.ArgumentParser) -> None:
         "('up-samp bench list' names them)",
     )
     parser.add_argument(
-        "--encoding", choices=ENCODINGS, default="lean", help="of a benchmark instance"
+        "--encoding", choices=ENCODINGS, default="fluents", help="of a benchmark instance"
     )
 
 
 def find_problem(
-    name: str, encoding: Encoding = "lean", settings: Mapping[str, float] | None = None
+    name: str, encoding: Encoding = "fluents", settings: Mapping[str, float] | None = None
 ) -> SchedulingProblem:
     """Return the problem of a problem file, of a script (``*.py``) or of a benchmark instance.
     ``settings`` take the place of a problem file's own (see :func:`settings_of`).

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from unified_planning.exceptions import UPException
 
-from up_samp.benchmarks.builder import ENCODINGS
+from up_samp.benchmarks.published import ENCODINGS
 from up_samp.cli.problems import problem_of_plan
 from up_samp.cli.progress import table
 from up_samp.io import PlanDict, read_plan, write_plan
@@ -61,7 +61,7 @@ def add_simulate(parser: argparse.ArgumentParser) -> None:
         help="the plan's problem, as for 'up-samp solve': where the plan file has no dependencies, "
         "and for the policy 'replan'",
     )
-    parser.add_argument("--encoding", choices=ENCODINGS, default="lean")
+    parser.add_argument("--encoding", choices=ENCODINGS, default="fluents")
     parser.add_argument(
         "--out", type=Path, default=None, metavar="DIR", help="folder for CSV, record and pictures"
     )

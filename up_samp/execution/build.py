@@ -22,6 +22,7 @@ from up_samp.execution.graph import (
     Edge,
     Event,
     Graph,
+    Narrow,
     PlannedTask,
     Precedence,
     reduced,
@@ -29,7 +30,6 @@ from up_samp.execution.graph import (
 from up_samp.execution.lives import DriveCells, Life, drives_of, lives_of
 from up_samp.execution.meetings import (
     Meeting,
-    Narrow,
     meetings_of,
     narrow_places,
     steps_of,

@@ -21,9 +21,8 @@ from up_samp.execution.astray import (
 from up_samp.execution.build import Dependencies, dependencies_of, with_sides
 from up_samp.execution.files import dependencies_from_plan, event_from_list, event_to_list
 from up_samp.execution.forecast import routes_of
-from up_samp.execution.graph import At, Event, Graph
+from up_samp.execution.graph import At, Event, Graph, Narrow
 from up_samp.execution.lives import drives_of
-from up_samp.execution.meetings import Narrow
 from up_samp.execution.remaining import Remaining, Surprise, remaining_problem
 from up_samp.execution.reorder import Followed, Proposal, adopt, propose
 from up_samp.execution.reports import (
@@ -44,7 +43,6 @@ from up_samp.execution.state import (
     FloorState,
     MotionUnderWay,
     RobotPace,
-    Squeezed,
     TaskPhase,
     reach,
 )
@@ -127,7 +125,7 @@ class Executor(Followed):
         self._of_robot = {r: [n for n in self._ready if r in graph.tasks[n].who] for r in whose}
 
     @property
-    def narrow(self) -> tuple[Narrow | Squeezed, ...]:
+    def narrow(self) -> tuple[Narrow, ...]:
         """Where less than the localisation error is covered: the plan has no room for more."""
         return *self.dependencies.narrow, *self.state.squeezed
 

@@ -20,9 +20,9 @@ from up_samp.execution.check import (
     shape_faults,
 )
 from up_samp.execution.check import named as faults_named
-from up_samp.execution.graph import MEETING, At, Choice, Event, Graph, Precedence
+from up_samp.execution.graph import MEETING, At, Choice, Event, Graph, Narrow, Precedence
 from up_samp.execution.lives import DriveCells, drives_of, lives_of
-from up_samp.execution.meetings import Narrow, meetings_of
+from up_samp.execution.meetings import meetings_of
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.io.plan_dict import PlanDict, snapshot_of, with_minor
 from up_samp.model import ProblemError, SampError

@@ -119,6 +119,30 @@ class Bound:
 
 
 @dataclass(frozen=True)
+class Narrow:
+    """Where less than the localisation error is covered: an error of ``kept`` m.
+
+    Two ``objects`` pass each other near ``where`` (x, y; m), in ``activities`` (``""``: at rest);
+    or one has to stand between two points ``where`` (m) of its motion: it has to have come to the
+    first before it may leave the second.
+    """
+
+    objects: tuple[str, ...]
+    activities: tuple[str, ...]
+    where: tuple[float, float]
+    kept: float
+
+    def __str__(self) -> str:
+        names = " and ".join(f"'{name}'" for name in self.objects)
+        doing = "; ".join(name or "resting" for name in self.activities)
+        a, b = self.where
+        kept = f"a localisation error of {self.kept:.3f} m is covered, not more"
+        if len(self.objects) == 1:
+            return f"{names} has to stand between {a:.3f} and {b:.3f} m of '{doing}': {kept}"
+        return f"{names} ({doing}) pass near ({a:.1f}, {b:.1f}) so closely that {kept}"
+
+
+@dataclass(frozen=True)
 class PlannedTask:
     """An activity of the plan. ``planned`` start and end in s; ``expected`` is how long (s) it
     lasts without disturbance where it drives nothing; ``who`` are the robots that do it.

@@ -18,7 +18,7 @@ from typing import cast
 import numpy as np
 import numpy.typing as npt
 
-from up_samp.execution.graph import At, Event, Precedence
+from up_samp.execution.graph import At, Event, Narrow, Precedence
 from up_samp.execution.lives import DriveCells, Life, Piece, Stay, concerned, pairs_of
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.model import ProblemError, UnsupportedError
@@ -87,27 +87,6 @@ class Meeting:
     def b(self) -> Piece:
         """The piece of ``other``."""
         return self.other.pieces[self.m]
-
-
-@dataclass(frozen=True)
-class Narrow:
-    """Two objects pass each other near ``where`` (x, y; m), in ``activities`` (``""``: at rest), as
-    close that a localisation error of only ``kept`` m is covered.
-    """
-
-    objects: tuple[str, str]
-    activities: tuple[str, str]
-    where: tuple[float, float]
-    kept: float
-
-    def __str__(self) -> str:
-        one, other = self.objects
-        doing = "; ".join(name or "resting" for name in self.activities)
-        x, y = self.where
-        return (
-            f"'{one}' and '{other}' ({doing}) pass near ({x:.1f}, {y:.1f}) so closely that a "
-            f"localisation error of {self.kept:.3f} m is covered, not more"
-        )
 
 
 def narrow_places(meetings: Iterable[Meeting], margin: float) -> tuple[Narrow, ...]:

@@ -16,7 +16,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from up_samp.execution.graph import ORIGIN, At, Edge, Event, Graph, chained, entangled
+from up_samp.execution.graph import ORIGIN, At, Edge, Event, Graph, Narrow, chained, entangled
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.execution.travel import TravelProfile
 
@@ -355,31 +355,7 @@ class FloorState:
         return tuple(o for a, o in self.bars if a == here and (a, o) not in self.ways)
 
 
-@dataclass(frozen=True)
-class Squeezed:
-    """``object`` has to stand between two points of its motion in ``activity`` that are closer than
-    twice the localisation error: it has to have come to one (``low``, m) before it may leave the
-    other (``high``). Only an error of ``kept`` (m) is covered there.
-    """
-
-    activity: str
-    object: str
-    low: float
-    high: float
-
-    @property
-    def kept(self) -> float:
-        """The error (m) that is covered."""
-        return (self.high - self.low) / 2
-
-    def __str__(self) -> str:
-        return (
-            f"'{self.object}' has to stand between {self.low:.3f} and {self.high:.3f} m of "
-            f"'{self.activity}': a localisation error of {self.kept:.3f} m is covered, not more"
-        )
-
-
-def told_places(graph: Graph, error: float) -> tuple[dict[int, float], tuple[Squeezed, ...]]:
+def told_places(graph: Graph, error: float) -> tuple[dict[int, float], tuple[Narrow, ...]]:
     """Return the progress (m) to be told at which each point of a path has surely been come to
     (``x + error``, at most the path's end), or has surely not been left (``x - error``, at least
     its start).
@@ -397,7 +373,7 @@ def told_places(graph: Graph, error: float) -> tuple[dict[int, float], tuple[Squ
         if e.at in (At.REACH, At.LEAVE)
     }
     turned = _turned(graph, places, 2 * error)
-    squeezed: list[Squeezed] = []
+    squeezed: list[Narrow] = []
     while turned:
         pairs = [*chained(events, graph.tasks, places), *((e.first, e.then) for e in graph.edges)]
         tangle = entangled(len(events), pairs)
@@ -405,7 +381,8 @@ def told_places(graph: Graph, error: float) -> tuple[dict[int, float], tuple[Squ
             break
         for mark, gate in [p for p in turned if p[0] in tangle and p[1] in tangle]:
             one, two = events[mark], events[gate]
-            squeezed.append(Squeezed(one.activity, one.object, one.progress, two.progress))
+            where, whole = (one.progress, two.progress), two.progress - one.progress
+            squeezed.append(Narrow((one.object,), (one.activity,), where, whole / 2))
             middle = (one.progress + two.progress) / 2
             places[mark], places[gate] = min(places[mark], middle), max(places[gate], middle)
         turned = _turned(graph, places, 2 * error)

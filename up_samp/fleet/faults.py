@@ -14,7 +14,7 @@ from shapely.geometry import Polygon
 from shapely.validation import explain_validity
 
 from up_samp.fleet.records import (
-    FIGURES,
+    FILE_LIMITS,
     GROUND,
     Attached,
     Battery,
@@ -78,7 +78,7 @@ class FleetError(ProblemError):
 
 def told(faults: Sequence[Fault], tell: Callable[[Fault], str] = str) -> str:
     """Return faults as text, a line each; of very many only the first."""
-    lines = [tell(fault) for fault in faults[: FIGURES.shown]]
+    lines = [tell(fault) for fault in faults[: FILE_LIMITS.shown]]
     more = len(faults) - len(lines)
     return "\n".join([*lines, f"... and {more} more"] if more > 0 else lines)
 
@@ -457,8 +457,10 @@ def _outline(outline: Outline, path: Path) -> Iterator[Fault]:
 @cache
 def _shape_fault(outline: Outline) -> str | None:
     corners = corners_of(outline)
-    if len(corners) > FIGURES.corners:
-        return f"has {len(corners)} corners; the limit is {FIGURES.corners}: leave out small ones"
+    if len(corners) > FILE_LIMITS.corners:
+        return (
+            f"has {len(corners)} corners; the limit is {FILE_LIMITS.corners}: leave out small ones"
+        )
     why = explain_validity(Polygon(corners))
     if why == "Valid Geometry" and Polygon(corners).area > 0.0:
         return None

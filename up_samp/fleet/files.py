@@ -306,6 +306,8 @@ def compose(path: File, text: str) -> yaml.Node | None:
         last = text.count("\n") + 1  # what is missing may be missed behind it
         line = f":{min(mark.line + 1, last)}" if mark is not None else ""
         what = getattr(error, "problem", None) or str(error)
+        if "nesting depth" in what:  # newer scanners read ahead of the tokens that are looked at
+            raise FleetError((), f"{path}{line}: {_TOO_DEEP}") from error
         raise FleetError((), f"{path}{line}: not readable as YAML or JSON: {what}") from error
 
 
@@ -319,9 +321,10 @@ def _check_tokens(path: File, tokens: Iterable[yaml.Token]) -> None:
             raise FleetError((), f"{path}: more than {FILE_LIMITS.aliases} aliases")
         if depth > FILE_LIMITS.depth:
             line = token.start_mark.line + 1
-            raise FleetError((), f"{path}:{line}: nested too deeply ({FILE_LIMITS.depth} at most)")
+            raise FleetError((), f"{path}:{line}: {_TOO_DEEP}")
 
 
+_TOO_DEEP = f"nested too deeply ({FILE_LIMITS.depth} at most)"
 _OPENING = (
     yaml.FlowSequenceStartToken,
     yaml.FlowMappingStartToken,

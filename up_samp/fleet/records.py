@@ -26,7 +26,7 @@ from up_samp.upio.read_maps import LIMITS
 
 @dataclass(frozen=True)
 class FileLimits:
-    """Larger files and maps are refused before anything is built from them."""
+    """Larger files, maps and figures are refused by name before anything is built from them."""
 
     file_bytes: int = 16_000_000
     """Bytes of a file of problems."""
@@ -40,19 +40,10 @@ class FileLimits:
     """Cells of a map that is drawn from outlines."""
     pieces: int = 200_000
     """Elements and points of a drawing, each copy counted: a few lines may stand for millions."""
-
-
-FILE_LIMITS = FileLimits()
-
-
-@dataclass(frozen=True)
-class FigureLimits:
-    """Figures beyond them are refused by name: nothing real has them, and they cannot be counted
-    with.
-    """
-
     largest: float = 1e9
-    """Of all figures without a limit of their own."""
+    """Of all figures without a limit of their own: nothing real has more, and nobody could count
+    with it.
+    """
     least: float = 1e-6
     """Of what has to be more than nothing."""
     visits: int = 200
@@ -66,7 +57,7 @@ class FigureLimits:
     """So many faults are told at a time."""
 
 
-FIGURES = FigureLimits()
+FILE_LIMITS = FileLimits()
 
 
 # ------------------ What a fleet problem says
@@ -87,14 +78,14 @@ def _number(value: Any) -> Any:
 
 
 NUMBER = BeforeValidator(_number)
-Count = Annotated[int, Gt(0), Le(int(FIGURES.largest)), NUMBER]
-Visits = Annotated[int, Gt(0), Le(FIGURES.visits), NUMBER]
-Positive = Annotated[float, Ge(FIGURES.least), Le(FIGURES.largest), NUMBER]
-Length = Annotated[float, Ge(FIGURES.least), Le(LIMITS.footprint), NUMBER]
+Count = Annotated[int, Gt(0), Le(int(FILE_LIMITS.largest)), NUMBER]
+Visits = Annotated[int, Gt(0), Le(FILE_LIMITS.visits), NUMBER]
+Positive = Annotated[float, Ge(FILE_LIMITS.least), Le(FILE_LIMITS.largest), NUMBER]
+Length = Annotated[float, Ge(FILE_LIMITS.least), Le(LIMITS.footprint), NUMBER]
 Clearance = Annotated[float, Ge(0), Le(LIMITS.footprint), NUMBER]
 Seconds = Positive
-Moment = Annotated[float, Ge(0), Le(FIGURES.largest), NUMBER]
-Rate = Annotated[float, Ge(0), Le(FIGURES.largest), NUMBER]
+Moment = Annotated[float, Ge(0), Le(FILE_LIMITS.largest), NUMBER]
+Rate = Annotated[float, Ge(0), Le(FILE_LIMITS.largest), NUMBER]
 Coordinate = Annotated[float, Ge(-LIMITS.farthest), Le(LIMITS.farthest), NUMBER]
 Heading = Annotated[float, Ge(-LIMITS.turned), Le(LIMITS.turned), NUMBER]
 Pose = tuple[Coordinate, Coordinate, Heading]
@@ -293,7 +284,7 @@ class Place:
     __pydantic_config__ = STRICT
     pose: Pose
     floor: Name = GROUND
-    park: Annotated[int, Ge(0), Le(FIGURES.visits), NUMBER] = 0
+    park: Annotated[int, Ge(0), Le(FILE_LIMITS.visits), NUMBER] = 0
     charger: Charger | None = None
 
 
@@ -387,7 +378,7 @@ class Repeat:
 
     __pydantic_config__ = STRICT
     every: Seconds
-    times: Annotated[int, Ge(2), Le(FIGURES.repeats), NUMBER]
+    times: Annotated[int, Ge(2), Le(FILE_LIMITS.repeats), NUMBER]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TextIO
 
-from up_samp.fleet.records import FIGURES
+from up_samp.fleet.records import FILE_LIMITS
 from up_samp.server.requests import (
     MAP_NAME,
     PlanRequest,
@@ -169,7 +169,7 @@ def look(kind: str, body: bytes) -> tuple[dict[str, Any], bytes]:
     try:
         request = check_request(kind, body, load_map)
     except RequestError as error:
-        return {"faults": error.faults[: FIGURES.shown]}, b""
+        return {"faults": error.faults[: FILE_LIMITS.shown]}, b""
     return {"faults": [], "timeout": getattr(request, "timeout", None)}, b""
 
 

@@ -103,12 +103,12 @@ def test_many_random_corridors_are_judged_valid(tmp_path):
 
 def test_no_order_of_two_works_but_together_they_pass(tmp_path):
     """Whoever goes first cannot come past the other: the bay is beside the second one's way."""
-    path = drawn(tmp_path, 100, [49])
+    path = drawn(tmp_path, 50, [24])
     service = MotionService(load_map(path))
     motions = [
-        motion("a", (3, 2, 0), (97, 2, 0)),
-        motion("b", (93, 2, math.pi), (3, 2, math.pi)),
-        motion("c", (96.8, 2, math.pi), (6, 2, math.pi)),
+        motion("a", (3, 2, 0), (47, 2, 0)),
+        motion("b", (43, 2, math.pi), (3, 2, math.pi)),
+        motion("c", (46.8, 2, math.pi), (6, 2, math.pi)),
     ]
     budget = WorkBudget(Deadline.after(60))
     group = MovingGroup(workspace_of(service), {m.name: m for m in motions}, [], budget)

@@ -1,5 +1,6 @@
 """Two robots that meet on one line pass each other where the way is wide enough for both."""
 
+import itertools
 import math
 
 import pytest
@@ -13,6 +14,8 @@ from up_samp.motion.fleet.timed_path import natural_timing, run_of
 from up_samp.motion.fleet.workspace import workspace_of
 from up_samp.motion.service import MotionService
 
+TURNS = (0.0, math.pi)
+SOME = [("omni", 1.45, 0.0), ("car", 1.45, math.pi), ("differential", 1.45, math.pi)]
 SHAPE = ((-0.4, -0.3), (0.4, -0.3), (0.4, 0.3), (-0.4, 0.3))
 
 
@@ -30,11 +33,13 @@ def corridor(kind, width, turned, late=0.0):
     return tight.Traffic("corridor", grid, GroupQuery(motions))
 
 
-@pytest.mark.parametrize("turned", [0.0, math.pi])
 @pytest.mark.parametrize(
-    "width", [1.45, *(pytest.param(w, marks=pytest.mark.long) for w in (1.6, 2.0))]
+    ("kind", "width", "turned"),
+    [
+        pytest.param(*case, marks=[] if case in SOME else [pytest.mark.long])
+        for case in itertools.product(("omni", "car", "differential"), (1.45, 1.6, 2.0), TURNS)
+    ],
 )
-@pytest.mark.parametrize("kind", ["omni", "car", "differential"])
 def test_two_pass_each_other(kind, width, turned, tmp_path):
     traffic = corridor(kind, width, turned)
     report = coordinate(MotionService(traffic.grid), traffic.query, Deadline.after(200.0))

@@ -79,7 +79,7 @@ def ends_exactly(trajectory, poses):
         assert abs(math.remainder(pose[2] - wanted[2], 2 * math.pi)) < 1e-9
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", ["unicycle", "holonomic"])
 def test_open_plane(law):
     poses = ((0.0, 0.0, 0.0), (6.0, 2.0, 1.0))
     query = PathQuery(body_of(LAWS[law]), poses)
@@ -91,8 +91,9 @@ def test_open_plane(law):
     assert report.trajectory.duration < 1.5 * math.hypot(6, 2) / limit
 
 
-@pytest.mark.parametrize("planner", PLANNERS)
-@pytest.mark.parametrize("law", ["unicycle", "drifting"])
+@pytest.mark.parametrize(
+    ("law", "planner"), [("unicycle", "RRT"), ("drifting", "KPIECE1"), ("unicycle", "EST")]
+)
 def test_through_the_gap(law, planner):
     query = PathQuery(body_of(LAWS[law]), (START, GOAL), (CRATE,))
     reports = [

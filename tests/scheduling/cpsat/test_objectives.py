@@ -44,7 +44,7 @@ def _silent(monkeypatch):
 
 @pytest.mark.parametrize("sort", SORTS)
 def test_proven_values_are_those_of_brute_force(sort):
-    found = {seed: disagreement(sort, seed) for seed in range(3)}
+    found = {seed: disagreement(sort, seed) for seed in range(2)}
     assert not {seed: why for seed, why in found.items() if why is not None}
 
 

@@ -123,7 +123,7 @@ def opened(problem, seed):
 
 
 @pytest.mark.parametrize(
-    "seed", [1, 2, *(pytest.param(s, marks=pytest.mark.long) for s in range(3, 30))]
+    "seed", [1, *(pytest.param(s, marks=pytest.mark.long) for s in range(2, 30))]
 )
 def test_every_fleet_that_parks_out_of_the_way_gets_a_plan(seed):
     rng = random.Random(seed)
@@ -137,7 +137,7 @@ def test_every_fleet_that_parks_out_of_the_way_gets_a_plan(seed):
     assert validate_plan(problem, whole).violations == ()
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [2])
 def test_whole_tours_are_decided_where_no_round_brings_any(seed, monkeypatch):
     monkeypatch.setattr(improve, "squeaky_wheel", lambda *_: None)
     problem = warehouse(4, 6, encoding="compact", seed=seed)

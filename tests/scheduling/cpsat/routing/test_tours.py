@@ -196,7 +196,7 @@ def check_tour_without(model, absent):
     assert not validate_schedule(problem, build_schedule(problem, tour.schedule)).violations
 
 
-@pytest.mark.parametrize("kind", ["move_", "op_"])
+@pytest.mark.parametrize("kind", ["move_", "r0_"])
 def test_tours_do_without_what_never_happens(kind):
     """Motion proofs state in advance, or between two solves, that something cannot be done."""
     problem = relax(samp := job_shop(2, 3, 2), read_problem(samp)).problem
@@ -231,7 +231,7 @@ def deliveries(seed):
     return fleet
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(4))
 def test_tours_of_fleets_bring_what_they_fetched_and_charge_in_time(seed):
     samp = deliveries(seed).problem
     problem = relax(samp, read_problem(samp)).problem
