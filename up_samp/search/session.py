@@ -33,7 +33,9 @@ from up_samp.search.check import Checker
 from up_samp.search.conclusion import SearchResult
 from up_samp.search.events import Observer, ProgressObserver, State, Telling, TraceObserver
 from up_samp.search.facts import Facts
-from up_samp.search.fleet.solve import large_of, solve_large
+from up_samp.search.fleet.jobs import find_jobs
+from up_samp.search.fleet.solve import LargeProblem, OpenThin, solve_large
+from up_samp.search.fleet_bound.bound import state_bounds
 from up_samp.search.history import READING, History, Stages
 from up_samp.search.knowledge import Bounds, Incumbent, Knowledge
 from up_samp.search.loop import solve
@@ -42,7 +44,7 @@ from up_samp.search.params import Parameters
 from up_samp.search.presets import components_of
 from up_samp.search.proof import Prover
 from up_samp.search.resolve import start_of
-from up_samp.search.search import Problem, Search
+from up_samp.search.search import Problem, Search, Statement
 from up_samp.search.stopping import runtime_of
 from up_samp.system.workers import Workers
 from up_samp.tuning import tuning_of
@@ -89,8 +91,6 @@ def _heeded(snapshot: Snapshot, name: str) -> frozenset[str] | None:
 
 _TOUR_ROUNDS = 10
 """A task, of annealing over tours of what was dealt out."""
-_RELAXED = 0.1
-"""CP-SAT's deterministic time for the routing relaxation of what was dealt out."""
 NEEDED = ("lower bounds on motions",)
 """What is stated before a plan of a thinned problem is sought."""
 ScheduleCheck = Callable[[Any, Schedule], list[str]]
@@ -145,13 +145,35 @@ def open_search(
         whole = params.components is not None or not only_makespan(problem)
         if wrapped.native and params.incumbents and not whole and start is None:
             inner = partial(open_thin, wrapped, params, service, workers)
-            large = large_of(problem, snapshot, inner, search.tuning)
-            search.in_parts = None if large is None else partial(solve_large, large)
+            _look_for_jobs(search, problem, snapshot, inner)
     search.history.stages = stages
     search.start = None if start is None else start_of(problem, start)
     if wrapped.native and params.incumbents and start is None and snapshot.tasks:
         search.easier = easier_of(problem, wrapped, params)
     return search
+
+
+def _look_for_jobs(
+    search: Search, problem: SchedulingMotionProblem, snapshot: Snapshot, inner: OpenThin
+) -> None:
+    """Find the jobs that robots may share: of a large problem, for plans in parts; of others, for
+    a bound before the search, if robots drive in the midst of a job. (Of single tasks the scheduler
+    knows more.)
+    """
+    jobs = find_jobs(problem, snapshot)
+    if jobs is None:
+        return
+    if sum(a.optional for a in problem.activities) >= search.tuning.large:
+        large = LargeProblem(problem, snapshot, jobs, inner, search.tuning)
+        search.in_parts = partial(solve_large, large)
+    elif any(mode.legs for modes in jobs.options for mode in modes):
+
+        def bound(search: Search) -> tuple[()]:
+            state_bounds(search, problem, jobs, relative=False)
+            return ()
+
+        told = (*search.components.statements, Statement("bound from all jobs", bound))
+        search.components = replace(search.components, statements=told)
 
 
 def easier_of(
@@ -219,7 +241,7 @@ def open_thin(
     before, motions are decided one after the other, and nobody is told. The plan is not judged.
     """
     tuning = tuning_of(params.tuning)
-    hasty = replace(tuning.cpsat, tour_rounds=_TOUR_ROUNDS, relaxed_content=_RELAXED)
+    hasty = replace(tuning.cpsat, tour_rounds=_TOUR_ROUNDS, labels=0)
     quick = replace(tuning, cpsat=hasty)
     mine = replace(params, tuning=quick, progress=None, trace=None, observers=())
     usual = components_of(mine, native=True)

@@ -36,7 +36,7 @@ from up_samp.search.fleet.assignment import (
 from up_samp.search.fleet.evaluator import AssignmentEvaluator
 from up_samp.search.fleet.evaluator_kernel import CostWeights
 from up_samp.search.fleet.improve import FleetLNS, plan_tours, undecided_tours
-from up_samp.search.fleet.jobs import Jobs, activity_locations, earlier_jobs, find_jobs
+from up_samp.search.fleet.jobs import Jobs, activity_locations, earlier_jobs
 from up_samp.search.fleet.sequential import FleetSolution
 from up_samp.search.fleet.tours import TourPlanner
 from up_samp.search.fleet.travel_times import TravelTimeModel, pauses_of
@@ -95,16 +95,6 @@ class LargeProblem:
         """
         optional = sum(a.optional for a in self.problem.activities)
         return 1.0 - (1.0 - share) * math.sqrt(self.tuning.large / optional)
-
-
-def large_of(
-    problem: SchedulingMotionProblem, snapshot: Snapshot, open_thin: OpenThin, tuning: SearchTuning
-) -> LargeProblem | None:
-    """Return a problem as a large one, or None where it is none, or has no jobs to deal out."""
-    if sum(a.optional for a in problem.activities) < tuning.large:
-        return None
-    jobs = find_jobs(problem, snapshot)
-    return None if jobs is None else LargeProblem(problem, snapshot, jobs, open_thin, tuning)
 
 
 def solve_large(

@@ -399,20 +399,6 @@ def decode(work: RoutedWork, sequence: list[Step], *, full: bool = False) -> Tou
     return Tour([(t, decoder.ways[t]) for t in decoder.order], schedule, cost)
 
 
-def sequence_of(work: RoutedWork, schedule: CandidateSchedule) -> list[Step]:
-    """Return who does which task, in the order of a schedule."""
-    found = [
-        (*schedule.times[name], number, way)
-        for number, task in enumerate(work.tasks)
-        for way, (_, name, _) in enumerate(task.ways)
-        if name in schedule.times
-    ]
-    first: dict[int, int] = {}
-    for _, _, number, way in sorted(found):
-        first.setdefault(number, way)  # who opens a door again changes nothing
-    return list(first.items())
-
-
 def improve(
     work: RoutedWork,
     rounds: int,
