@@ -36,7 +36,7 @@ from up_samp.motion.fleet.paths import (
     safe_intervals,
     shared_stretch,
 )
-from up_samp.motion.fleet.speed import Window, fit, tune
+from up_samp.motion.fleet.speed import fit, tune
 from up_samp.motion.fleet.timed_path import TimedPath, natural_timing, run_of
 from up_samp.motion.fleet.workspace import Workspace
 from up_samp.motion.guides.search_space import widest_shape
@@ -59,12 +59,11 @@ def is_good(run: TimedPath | None, motion: TimedMotion) -> bool:
 def met_at_full_speed(
     workspace: Workspace,
     motion: TimedMotion,
-    window: Window,
     path: Path,
     others: Sequence[TimedPath],
 ) -> list[tuple[TimedPath, int, float]]:
     """Return the runs it meets when it drives ``path`` at once, with their cell and when."""
-    run = run_of(motion, path, natural_timing(path, window.release), window.since)
+    run = run_of(motion, path, natural_timing(path, motion.release))
     found = []
     for other in others:
         at, _, cell = workspace.meeting(run, other)
@@ -77,23 +76,22 @@ def met_at_full_speed(
 def with_lanes(
     workspace: Workspace,
     motion: TimedMotion,
-    window: Window,
     path: Path,
     best: TimedPath | None,
     others: Sequence[TimedPath],
 ) -> TimedPath | None:
     """Return the best of ``best`` and of paths that change lanes where ``path`` meets somebody."""
     for _ in range(ROUNDS):
-        met = met_at_full_speed(workspace, motion, window, path, others)
+        met = met_at_full_speed(workspace, motion, path, others)
         if not met or len(motion.poses) != 2:
             break
         options = []
-        for lane in _lanes(workspace, motion, window, path, met[0][0]):
-            best = fit(workspace, motion, window, lane, others, best)
+        for lane in _lanes(workspace, motion, path, met[0][0]):
+            best = fit(workspace, motion, lane, others, best)
             if is_good(best, motion):
                 return best
             # go on from the lane that gets furthest at full speed
-            again = met_at_full_speed(workspace, motion, window, lane, others)
+            again = met_at_full_speed(workspace, motion, lane, others)
             options.append((-again[0][2] if again else -math.inf, lane.number, lane))
         if not options:
             break
@@ -102,10 +100,10 @@ def with_lanes(
 
 
 def _lanes(
-    workspace: Workspace, motion: TimedMotion, window: Window, path: Path, other: TimedPath
+    workspace: Workspace, motion: TimedMotion, path: Path, other: TimedPath
 ) -> Iterator[Path]:
     """Yield versions of ``path`` that pass ``other`` sideways where it would be met."""
-    run = run_of(motion, path, natural_timing(path, window.release), window.since)
+    run = run_of(motion, path, natural_timing(path, motion.release))
     at, _, _ = workspace.meeting(run, other)
     runs = workspace.conflicts(path, other.path)
     first, last = shared_stretch(runs, run.held, other.held, at)
@@ -120,7 +118,6 @@ def _lanes(
 def with_detours(
     workspace: Workspace,
     motion: TimedMotion,
-    window: Window,
     path: Path,
     best: TimedPath | None,
     others: Sequence[TimedPath],
@@ -131,10 +128,10 @@ def with_detours(
     whatever the last path met at full speed.
     """
     for coming in _paths_in(workspace, motion, static, others, deadline):
-        best = fit(workspace, motion, window, coming, others, best)
+        best = fit(workspace, motion, coming, others, best)
     copies: list[Placed] = []
     for _ in range(ROUNDS):
-        met = met_at_full_speed(workspace, motion, window, path, others)
+        met = met_at_full_speed(workspace, motion, path, others)
         virtual = _virtual_obstacles(workspace, path, met[:2])
         if not virtual or deadline.expired():
             break
@@ -143,7 +140,7 @@ def with_detours(
         if other_path is None:
             break
         path = other_path
-        best = fit(workspace, motion, window, path, others, best)
+        best = fit(workspace, motion, path, others, best)
         if is_good(best, motion):
             break
     return best
@@ -288,8 +285,7 @@ def _runs(
     found: dict[str, TimedPath] = {}
     for i in order:
         motion = motions[i]
-        window = Window(motion.present_from, motion.release)
-        run = fit(workspace, motion, window, lanes[i], [*world, *found.values()])
+        run = fit(workspace, motion, lanes[i], [*world, *found.values()])
         if run is None:
             return None
         found[motion.name] = run

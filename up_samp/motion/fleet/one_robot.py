@@ -22,7 +22,7 @@ from up_samp.model import (
 )
 from up_samp.motion.fleet.detours import is_good, met_at_full_speed, with_detours, with_lanes
 from up_samp.motion.fleet.paths import Path
-from up_samp.motion.fleet.speed import Window, fit, parked_all_the_time
+from up_samp.motion.fleet.speed import fit, parked_all_the_time
 from up_samp.motion.fleet.timed_path import TimedPath, fixed_run
 from up_samp.motion.fleet.workspace import PathPlanner, Workspace, workspace_of
 
@@ -40,7 +40,6 @@ class Attempt:
 def plan_one(
     workspace: Workspace,
     motion: TimedMotion,
-    window: Window,
     others: Sequence[TimedPath],
     deadline: Deadline,
 ) -> Attempt:
@@ -56,13 +55,13 @@ def plan_one(
         if not isinstance(second, Path):
             return Attempt(None, second, second.blockers or first.blockers)
         first = second
-    best = fit(workspace, motion, window, first, others)
+    best = fit(workspace, motion, first, others)
     if is_good(best, motion):
         return Attempt(best)
-    met = met_at_full_speed(workspace, motion, window, first, others)
-    best = with_lanes(workspace, motion, window, first, best, others)
+    met = met_at_full_speed(workspace, motion, first, others)
+    best = with_lanes(workspace, motion, first, best, others)
     if not is_good(best, motion):
-        best = with_detours(workspace, motion, window, first, best, others, static, deadline)
+        best = with_detours(workspace, motion, first, best, others, static, deadline)
     return Attempt(best, None, frozenset(o.object for o, _, _ in met))
 
 
@@ -85,9 +84,8 @@ def earliest_arrival(
     """
     began = time.monotonic()
     workspace = workspace_of(service)
-    window = Window(motion.present_from, motion.release)
     truncated = workspace.truncated
-    attempt = plan_one(workspace, motion, window, [fixed_run(ahead)], deadline)
+    attempt = plan_one(workspace, motion, [fixed_run(ahead)], deadline)
     seconds = time.monotonic() - began
     complete = not deadline.expired() and workspace.truncated == truncated
     if attempt.run is not None:
