@@ -112,7 +112,7 @@ def compile_groups() -> None:
     straight = _Straight()
     coordinate(straight, GroupQuery((east, north), (third,)), Deadline.never())
     fourth = rest_run(Workspace(straight), Rest("fourth", _BODY, (4.0, 4.0, 0.0)))
-    Proposer(Scene(_hall(), 0.01)).propose(east, 0.0, [fourth])
+    Proposer(Scene(_hall(), 0.01)).propose(east, [fourth])
 
 
 def compile_knots() -> None:

@@ -22,8 +22,8 @@ from up_samp.model import (
 from up_samp.model.refinement import Refinement, Strength
 from up_samp.motion.crew import can_be_sent
 from up_samp.refinement import rules, timed
-from up_samp.search.cuts.protocol import Alone, Cuts, Failure, rejects
-from up_samp.search.cuts.small import blocked
+from up_samp.search.cuts.protocol import Alone, Failure, rejects
+from up_samp.search.cuts.small import SmallCuts, blocked
 from up_samp.search.events import Phase, Telling
 from up_samp.search.facts import Facts, MotionCase
 from up_samp.search.knowledge import Knowledge
@@ -69,7 +69,7 @@ class Checker:
 
     motions: Motions
     knowledge: Knowledge
-    cuts: Cuts
+    cuts: SmallCuts
     layers: tuple[CheckAlone, ...]
     tell: Telling
     thorough: bool = True

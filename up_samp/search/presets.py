@@ -16,7 +16,6 @@ from up_samp.search.budget import SchedulerPace
 from up_samp.search.check import CheckAlone, check_duration, check_path
 from up_samp.search.cuts.paper import PaperCuts
 from up_samp.search.cuts.profiles import pair_cuts
-from up_samp.search.cuts.protocol import Cuts
 from up_samp.search.cuts.small import Attempt, SmallCuts
 from up_samp.search.events import Phase
 from up_samp.search.facts import Facts, just_this
@@ -113,7 +112,7 @@ def components_of(params: Parameters, *, native: bool) -> Components:
     )
 
 
-def _cuts(ideas: set[str], attempts: tuple[Attempt, ...], seed: int) -> Cuts:
+def _cuts(ideas: set[str], attempts: tuple[Attempt, ...], seed: int) -> SmallCuts:
     alike = Facts.like if "equivalents" in ideas else just_this
     if "small_cuts" in ideas:
         return SmallCuts(alike, attempts)

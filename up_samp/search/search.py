@@ -15,7 +15,7 @@ from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.tuning import CpsatTuning
 from up_samp.search.budget import Budget, Restarts, SchedulerPace
 from up_samp.search.check import Check, CheckAlone, Checker
-from up_samp.search.cuts.protocol import Cuts
+from up_samp.search.cuts.small import SmallCuts
 from up_samp.search.events import Telling
 from up_samp.search.facts import Facts
 from up_samp.search.history import VALIDATING, History
@@ -62,7 +62,7 @@ class Components:
 
     statements: tuple[Statement, ...]
     layers: tuple[CheckAlone, ...]
-    cuts: Cuts
+    cuts: SmallCuts
     pace: SchedulerPace
     shapers: tuple[Shaper, ...] = ()
     builders: tuple[Builder, ...] = ()

@@ -58,7 +58,7 @@ def coupled(service, motions):
     runs = {}
     for m in motions:
         path = workspace.path(m.body, m.poses, (), Deadline.after(60))
-        runs[m.name] = run_of(m, path, natural_timing(path, m.release), m.present_from)
+        runs[m.name] = run_of(m, path, natural_timing(path, m.release))
     return couple(workspace, motions, runs, [], Deadline.after(60))
 
 

@@ -63,6 +63,6 @@ def test_nobody_passes_where_there_is_no_room(width, wide):
     alone = {}
     for m in motions:
         path = workspace.path(m.body, m.poses, (), Deadline.never())
-        alone[m.name] = run_of(m, path, natural_timing(path, m.release), m.present_from)
+        alone[m.name] = run_of(m, path, natural_timing(path, m.release))
     assert (pass_by(workspace, motions, alone, ()) is not None) == wide
     assert pass_by(workspace, motions[:1], alone, ()) is None

@@ -22,7 +22,7 @@ def test_a_way_leads_around_who_rests_on_the_straight_one(kind, since):
     rest = rest_run(workspace, Rest("rests", body, (10.0, 5.0, 0.0), since))
     straight = workspace.path(body, motion.poses, (), Deadline.never())
     assert len(workspace.conflicts(straight, rest.path))
-    found = proposer_of(workspace).propose(motion, 0.0, [rest])
+    found = proposer_of(workspace).propose(motion, [rest])
     assert not len(workspace.conflicts(found, rest.path))
     assert abs(found.poses[:, 1] - 5.0).max() > 0.5
 

@@ -233,7 +233,7 @@ def test_coupling_heeds_what_comes_by():
 def sent(service, motion):
     workspace = workspace_of(service)
     path = workspace.path(motion.body, motion.poses, (), Deadline.after(60))
-    return run_of(motion, path, natural_timing(path, motion.release), motion.present_from)
+    return run_of(motion, path, natural_timing(path, motion.release))
 
 
 def test_coupling_refuses_what_it_cannot_do():

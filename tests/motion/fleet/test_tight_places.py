@@ -72,7 +72,7 @@ def test_cars_of_a_full_ring_go_at_once(tmp_path, monkeypatch):
     workspace, alone = workspace_of(service), {}
     for m in motions:
         path = workspace.path(m.body, m.poses, (), Deadline.never())
-        alone[m.name] = run_of(m, path, natural_timing(path, m.release), m.present_from)
+        alone[m.name] = run_of(m, path, natural_timing(path, m.release))
     search = joint(traffic, motions[0].body, cells_of(motions[0].body)[1], together=True)
     knot = Knot(workspace, service.scene, motions, (), Deadline.never())
     drives = drives_of(knot, search, loosened(search, search.search(20_000, Deadline.never())))

@@ -151,8 +151,8 @@ def _alone(group: MovingGroup) -> tuple[dict[str, TimedPath], Attempt, str]:
 
 def _plan(group: MovingGroup, name: str, runs: Runs, others: Sequence[TimedPath]) -> Attempt:
     """Plan one motion around others, after its object's last one in ``runs``."""
-    window, motion = group.window(name, runs), group.motions[name]
-    attempt = plan_one(group.workspace, motion, window, others, group.deadline)
+    motion = group.after_last(name, runs)
+    attempt = plan_one(group.workspace, motion, others, group.deadline)
     group.passed |= attempt.met
     return attempt
 
@@ -198,9 +198,7 @@ def climb(
     one_after_another(group)
     if group.finished() or group.deadline.expired():
         return
-    _pass(group, alone, conflicts)
-    if coupled and group.best is None:
-        _couple(group, alone, conflicts)
+    _together(group, alone, conflicts, coupled=coupled)
 
 
 def one_after_another(group: MovingGroup) -> None:
@@ -238,32 +236,24 @@ def _in_order(group: MovingGroup, order: Sequence[str]) -> tuple[str | None, dic
     return max(late, key=lambda name: late[name], default=None), runs
 
 
-def _pass(group: MovingGroup, alone: Runs, conflicts: Sequence[Pair]) -> None:
-    """Let pairs that meet pass each other, each robot in a lane of its own, if that is better."""
-    if len({m.object for m in group.motions.values()}) < len(group.motions):
-        return  # who comes later would be late for its next motion
-    runs: Runs | None = alone
-    for part in tied_by(conflicts):
-        runs = None if runs is None else _moved_together(group, alone, runs, part, pass_by)
-    if runs is not None:
-        group.keep(runs)
-
-
-def _couple(group: MovingGroup, alone: Runs, conflicts: Sequence[Pair]) -> None:
-    """Move those that meet together, where no order of them was found; or else everybody."""
-    together = partial(couple, deadline=group.deadline)
+def _together(group: MovingGroup, alone: Runs, conflicts: Sequence[Pair], *, coupled: bool) -> None:
+    """Move those that meet together: two pass each other, each in a lane of its own; where that
+    does not work, and no order of them was found, by joint moves (``coupled``), or else everybody.
+    """
     counts = Counter(motion.object for motion in group.motions.values())
     parts = tied_by(conflicts)
     if any(counts[group.motions[n].object] > 1 for part in parts for n in part):
         return  # the same object's other motions would have to give way, too
+    coupled = coupled and group.best is None
+    by = partial(couple, deadline=group.deadline) if coupled else pass_by
     runs: Runs | None = alone
     for part in parts:
-        runs = None if runs is None else _moved_together(group, alone, runs, part, together)
+        runs = None if runs is None else _moved_together(group, alone, runs, part, by)
     everybody = parts == [set(group.motions)]
-    if runs is None and not everybody and len(counts) == len(group.motions):
-        runs = _moved_together(group, alone, alone, set(group.motions), together)
+    if coupled and runs is None and not everybody and len(counts) == len(group.motions):
+        runs = _moved_together(group, alone, alone, set(group.motions), by)
     if runs is not None:
-        group.best = _polished(group, runs)
+        group.keep(_polished(group, runs) if coupled else runs)
 
 
 def tied_by(conflicts: Iterable[tuple[str, str]]) -> list[set[str]]:

@@ -19,7 +19,7 @@ from up_samp.model import Deadline, Rest, TimedMotion
 from up_samp.motion.budget import WorkBudget
 from up_samp.motion.fleet.paths import TIMES, Path
 from up_samp.motion.fleet.space_time import proposer_of
-from up_samp.motion.fleet.speed import Window, fit
+from up_samp.motion.fleet.speed import fit
 from up_samp.motion.fleet.timed_path import TimedPath, natural_timing, run_of
 from up_samp.motion.fleet.workspace import Workspace, rest_run
 
@@ -121,26 +121,26 @@ class MovingGroup:
         """Return the least seconds that a motion is known to take."""
         return min(way.natural.duration for way in self.ways[name])
 
-    def window(self, name: str, runs: Runs) -> Window:
-        """Return when a motion may happen: not before its object has arrived from the last one."""
+    def after_last(self, name: str, runs: Runs) -> TimedMotion:
+        """Return a motion as it may happen: not before its object has arrived from the last one."""
         motion, previous = self.motions[name], self.before.get(name)
         if previous is None or previous not in runs:
-            return Window(motion.present_from, motion.release)
+            return motion
         arrival = runs[previous].arrival
         since = max(motion.present_from, arrival) if motion.present_from > -math.inf else arrival
         release = max(motion.release, arrival)
-        return Window(min(since, release), release)
+        return replace(motion, present_from=min(since, release), release=release)
 
     def plan(self, name: str, runs: Runs, without: Collection[str] = ()) -> TimedPath | None:
         """Return the earliest run found of a motion among ``runs``, but those ``without``."""
         self.budget.used += 1
-        motion, window = self.motions[name], self.window(name, runs)
+        motion = self.after_last(name, runs)
         others = self.others(name, {n: run for n, run in runs.items() if n not in without})
         best: TimedPath | None = None
         ways = self.ways[name]
-        enough = window.release + self.alone(name) + SOON
+        enough = motion.release + self.alone(name) + SOON
         for way in sorted(ways, key=lambda way: (way.fastest, way.number))[:2]:
-            best = fit(self.workspace, motion, window, way, others, best)
+            best = fit(self.workspace, motion, way, others, best)
         if best is not None and best.arrival <= enough:
             return best
         proposer = proposer_of(self.workspace)
@@ -148,12 +148,12 @@ class MovingGroup:
             if proposer is None or (best is not None and best.arrival <= enough):
                 break
             until = math.inf if best is None else best.arrival
-            proposed = proposer.propose(motion, window.release, others, until=until, wide=wide)
+            proposed = proposer.propose(motion, others, until=until, wide=wide)
             if proposed is not None and proposed not in ways:
                 ways.append(proposed)
-                best = fit(self.workspace, motion, window, proposed, others, best)
+                best = fit(self.workspace, motion, proposed, others, best)
         for way in sorted(ways, key=lambda way: (way.fastest, way.number)):
-            best = fit(self.workspace, motion, window, way, others, best)
+            best = fit(self.workspace, motion, way, others, best)
         self._forget(name, best)
         return best
 
@@ -172,9 +172,9 @@ class MovingGroup:
 
     def ideal(self, name: str, runs: Runs) -> TimedPath:
         """Return the run of a motion on its best way as if nobody were there."""
-        motion, window = self.motions[name], self.window(name, runs)
+        motion = self.after_last(name, runs)
         way = min(self.ways[name], key=lambda way: way.natural.duration)
-        return run_of(motion, way, natural_timing(way, window.release), window.since)
+        return run_of(motion, way, natural_timing(way, motion.release))
 
     def at_start(self, name: str, seconds: float = 0.0) -> TimedPath:
         """Return a motion's object as it rests at the start, until so long after it may leave."""

@@ -1,8 +1,8 @@
 """One robot among movers: a ladder from the best path at full speed to new ways round.
 
 1. the best path among what rests there all the time, begun as soon as its planner's own timing
-   meets nothing; 2. its speed tuned; 3. other paths, in a lane beside it, around parked robots and
-   the places where it would meet the movers, each tuned.
+   meets nothing; 2. its speed tuned; 3. other paths, around parked robots and the places where
+   it would meet the movers, each tuned.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from up_samp.model import (
     Placed,
     TimedMotion,
 )
-from up_samp.motion.fleet.detours import is_good, met_at_full_speed, with_detours, with_lanes
+from up_samp.motion.fleet.detours import is_good, met_at_full_speed, with_detours
 from up_samp.motion.fleet.paths import Path
-from up_samp.motion.fleet.speed import Window, fit, parked_all_the_time
+from up_samp.motion.fleet.speed import fit, parked_all_the_time
 from up_samp.motion.fleet.timed_path import TimedPath, fixed_run
 from up_samp.motion.fleet.workspace import PathPlanner, Workspace, workspace_of
 
@@ -40,7 +40,6 @@ class Attempt:
 def plan_one(
     workspace: Workspace,
     motion: TimedMotion,
-    window: Window,
     others: Sequence[TimedPath],
     deadline: Deadline,
 ) -> Attempt:
@@ -56,13 +55,11 @@ def plan_one(
         if not isinstance(second, Path):
             return Attempt(None, second, second.blockers or first.blockers)
         first = second
-    best = fit(workspace, motion, window, first, others)
+    best = fit(workspace, motion, first, others)
     if is_good(best, motion):
         return Attempt(best)
-    met = met_at_full_speed(workspace, motion, window, first, others)
-    best = with_lanes(workspace, motion, window, first, best, others)
-    if not is_good(best, motion):
-        best = with_detours(workspace, motion, window, first, best, others, static, deadline)
+    met = met_at_full_speed(workspace, motion, first, others)
+    best = with_detours(workspace, motion, first, best, others, static, deadline)
     return Attempt(best, None, frozenset(o.object for o, _, _ in met))
 
 
@@ -85,9 +82,8 @@ def earliest_arrival(
     """
     began = time.monotonic()
     workspace = workspace_of(service)
-    window = Window(motion.present_from, motion.release)
     truncated = workspace.truncated
-    attempt = plan_one(workspace, motion, window, [fixed_run(ahead)], deadline)
+    attempt = plan_one(workspace, motion, [fixed_run(ahead)], deadline)
     seconds = time.monotonic() - began
     complete = not deadline.expired() and workspace.truncated == truncated
     if attempt.run is not None:

@@ -17,7 +17,7 @@ from up_samp.model import Body, Configuration, Deadline, Placed, Rest, TimedMoti
 from up_samp.motion.fleet.detours import Stand, is_good, met_at_full_speed, ways_past
 from up_samp.motion.fleet.one_robot import Attempt, plan_one
 from up_samp.motion.fleet.paths import Path
-from up_samp.motion.fleet.speed import Window, fit
+from up_samp.motion.fleet.speed import fit
 from up_samp.motion.fleet.timed_path import TimedPath, pair_flags, pose_at
 from up_samp.motion.fleet.workspace import KnownPaths, PathPlanner, rest_run, workspace_of
 
@@ -46,9 +46,8 @@ class ReservationTable:
 
     def plan(self, motion: TimedMotion, deadline: Deadline) -> Attempt:
         """Return a run of a motion among what is decided: on time, or else the earliest found."""
-        window = Window(self.arrival(motion.object), motion.release)
         others = self._others({motion.object}, motion.release)
-        return plan_one(self._workspace, motion, window, others, deadline)
+        return plan_one(self._workspace, self._after_last(motion), others, deadline)
 
     def alone(self, body: Body, poses: tuple[Configuration, ...], deadline: Deadline) -> float:
         """Return how long (s) a body takes on its best path if nobody else is there (inf: there is
@@ -66,11 +65,11 @@ class ReservationTable:
 
     def by_known_ways(self, motion: TimedMotion) -> TimedPath | None:
         """Return the earliest run of a motion on a path that was of use for it before, if any."""
-        window = Window(self.arrival(motion.object), motion.release)
+        asked = self._after_last(motion)
         others = self._others({motion.object}, motion.release)
         best: TimedPath | None = None
         for path in self.ways(motion).quickest_first():
-            best = fit(self._workspace, motion, window, path, others, best)
+            best = fit(self._workspace, asked, path, others, best)
             if is_good(best, motion):
                 break
         return best
@@ -95,20 +94,15 @@ class ReservationTable:
         path = self._workspace.path(motion.body, motion.poses, (), deadline)
         if not isinstance(path, Path):
             return set()
-        window = Window(self.arrival(motion.object), motion.release)
         others = self._others({motion.object}, motion.release)
-        met = met_at_full_speed(self._workspace, motion, window, path, others)
+        met = met_at_full_speed(self._workspace, self._after_last(motion), path, others)
         return {run.object for run, _, _ in met}
 
-    def past_all_ends(
-        self, motion: TimedMotion, deadline: Deadline, *, quick: bool = False
-    ) -> TimedPath | None:
+    def past_all_ends(self, motion: TimedMotion, deadline: Deadline) -> TimedPath | None:
         """Return the earliest run of a motion on its best path past the places where all others
         stay in the end, if there is such a path and a timing.
 
         Whatever the others do before, on that path it can drive once they have done it.
-
-        :param quick: any path that is cheap to find will do.
         """
         others = self._others({motion.object}, -math.inf)
         ends = [
@@ -116,16 +110,10 @@ class ReservationTable:
             for o in others
             if o.until == math.inf and avoids(motion.avoid, o.object)
         ]
-        asked = motion.body, motion.poses, ends
-        path = (
-            self._workspace.detour(*asked, (), deadline)
-            if quick
-            else self._workspace.path(*asked, deadline)
-        )
+        path = self._workspace.path(motion.body, motion.poses, ends, deadline)
         if not isinstance(path, Path):
             return None
-        window = Window(self.arrival(motion.object), motion.release)
-        return fit(self._workspace, motion, window, path, others)
+        return fit(self._workspace, self._after_last(motion), path, others)
 
     def add(self, run: TimedPath) -> None:
         """Decide a run: its object leaves where its last one ended when it leaves."""
@@ -170,6 +158,10 @@ class ReservationTable:
     def trajectories(self) -> dict[str, TimedPath]:
         """Return all decided runs by name."""
         return {run.name: run for runs in self._runs.values() for run in runs}
+
+    def _after_last(self, motion: TimedMotion) -> TimedMotion:
+        """Return a motion of an object that is at its start since its last decided one."""
+        return replace(motion, present_from=self.arrival(motion.object))
 
     def _others(self, mine: set[str], since: float) -> list[TimedPath]:
         """Return what is there of others after ``since`` (s)."""

@@ -371,7 +371,6 @@ class Proposer:
     def propose(
         self,
         motion: TimedMotion,
-        release: float,
         others: Sequence[TimedPath],
         *,
         until: float = math.inf,
@@ -398,7 +397,7 @@ class Proposer:
             return None
         safe = self._safe(motion, lattice, others, wide)
         for flip in _sides(motion, able):
-            times = float(release), float(until)
+            times = float(motion.release), float(until)
             task = _timed_task(motion, times, (source, target, to_go), flip)
             rows, done = search(lattice, task, safe, most)
             self.expanded += done

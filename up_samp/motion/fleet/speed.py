@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -352,18 +351,9 @@ GAIN = 0.02
 """Seconds for which another timing is worth having."""
 
 
-@dataclass(frozen=True)
-class Window:
-    """When a motion may happen: it is there from ``since``, leaves not before ``release``."""
-
-    since: float
-    release: float
-
-
 def fit(
     workspace: Workspace,
     motion: TimedMotion,
-    window: Window,
     path: Path,
     others: Sequence[TimedPath],
     best: TimedPath | None = None,
@@ -372,35 +362,34 @@ def fit(
     ``best`` if that is not later.
     """
     limit = best.arrival if best else math.inf
-    if window.release + path.fastest >= limit:
+    if motion.release + path.fastest >= limit:
         return best
-    horizon = max(motion.due, window.release + path.natural.duration)
+    horizon = max(motion.due, motion.release + path.natural.duration)
     while True:
-        soon = [o for o in others if o.until > window.release and o.since < horizon]
+        soon = [o for o in others if o.until > motion.release and o.since < horizon]
         later = [o for o in others if o.since >= horizon]
         rows = workspace.forbidden(path, motion.object, motion.avoid, soon)
         ends = _end_rows(workspace, motion, path, later)
         rows = np.concatenate([rows, ends])
-        timing = _earliest(motion, window, path, rows, limit)
+        timing = _earliest(motion, path, rows, limit)
         if timing is None and (not later or limit <= horizon):
             return best
         if timing is not None and (not later or timing.trajectory.end <= horizon):
-            return run_of(motion, path, timing, window.since)
-        horizon = window.release + 4 * (horizon - window.release) + 60.0
+            return run_of(motion, path, timing)
+        horizon = motion.release + 4 * (horizon - motion.release) + 60.0
 
 
 def first_start(
     workspace: Workspace,
     motion: TimedMotion,
-    window: Window,
     path: Path,
     others: Sequence[TimedPath],
 ) -> float | None:
     """Return when a motion can first begin its ``path`` with the path's own timing (s), if ever."""
     rows = workspace.forbidden(path, motion.object, motion.avoid, others)
-    rows = rows[(rows[:, 2] > window.release) | (rows[:, 0] == path.cells + 1)]
+    rows = rows[(rows[:, 2] > motion.release) | (rows[:, 0] == path.cells + 1)]
     blocked, earliest, latest = forbidden_starts(
-        rows, path.natural_held, window.release, motion.present_until
+        rows, path.natural_held, motion.release, motion.present_until
     )
     start = first_gap(blocked[np.argsort(blocked[:, 0], kind="stable")], earliest, latest)
     return start if start < math.inf else None
@@ -420,7 +409,6 @@ def _end_rows(
 
 def _earliest(
     motion: TimedMotion,
-    window: Window,
     path: Path,
     rows: FloatArray,
     limit: float,
@@ -428,23 +416,23 @@ def _earliest(
     """Return the earliest arrival along ``path``, before ``limit``, with forbidden (cell, from,
     until) ``rows``; at another speed only if that gains ``GAIN`` s.
     """
-    rows = rows[(rows[:, 2] > window.release) | (rows[:, 0] == path.cells + 1)]
+    rows = rows[(rows[:, 2] > motion.release) | (rows[:, 0] == path.cells + 1)]
     until = motion.present_until
-    blocked, earliest, latest = forbidden_starts(rows, path.natural_held, window.release, until)
+    blocked, earliest, latest = forbidden_starts(rows, path.natural_held, motion.release, until)
     blocked = blocked[np.argsort(blocked[:, 0], kind="stable")]
     start = first_gap(blocked, earliest, latest)
     best = None
     if start + path.natural.duration < limit:
         best = natural_timing(path, start)
         limit = best.trajectory.end
-    if start > window.release and path.tunable and path.cells > 0:
+    if start > motion.release and path.tunable and path.cells > 0:
         safe = safe_intervals(rows, path.cells)
         # at the end it must be able to rest, so it arrives after the last visit of another
         ends = rows[(rows[:, 0] == path.cells + 1) & (rows[:, 1] < until)]
         goal_free = float(np.max(ends[:, 2], initial=-math.inf))
         # hundredths of a second are not worth a timing that stops and goes
-        if max(goal_free, window.release + path.fastest) < limit - GAIN:
-            tuned = tune(path, safe, window.release, goal_free, limit - GAIN)
+        if max(goal_free, motion.release + path.fastest) < limit - GAIN:
+            tuned = tune(path, safe, motion.release, goal_free, limit - GAIN)
             best = tuned or best
     return best
 

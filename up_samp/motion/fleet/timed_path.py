@@ -206,8 +206,7 @@ def fixed_run(motion: FixedMotion) -> TimedPath:
     )
 
 
-def run_of(motion: TimedMotion, path: Path, timing: Timing, since: float) -> TimedPath:
-    """Return a motion with its timing as a run that is there from ``since`` on."""
-    return TimedPath(
-        motion.name, motion.object, path, timing, since, motion.present_until, motion.avoid
-    )
+def run_of(motion: TimedMotion, path: Path, timing: Timing) -> TimedPath:
+    """Return a motion with its timing as a run."""
+    since, until = motion.present_from, motion.present_until
+    return TimedPath(motion.name, motion.object, path, timing, since, until, motion.avoid)

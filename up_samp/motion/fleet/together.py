@@ -18,7 +18,7 @@ from up_samp.model import (
 from up_samp.motion.fleet.deadlocks import Drives, untie
 from up_samp.motion.fleet.detours import pass_by
 from up_samp.motion.fleet.paths import Path, path_of
-from up_samp.motion.fleet.speed import Window, first_start, fit
+from up_samp.motion.fleet.speed import first_start, fit
 from up_samp.motion.fleet.timed_path import TimedPath, Timing, natural_timing, pose_at, run_of
 from up_samp.motion.fleet.workspace import Workspace, rest_run
 
@@ -94,35 +94,32 @@ def _timed(
         found = _begun(workspace, parts, [*world, *others])
         if found is None:
             return None
-        for (robot, _), (_, window, _), run in zip(drives, parts, found, strict=True):
-            last, moved = legs[robot][-1], len(legs[robot]) > 1
+        for (robot, _), run in zip(drives, found, strict=True):
+            last = legs[robot][-1]
             # from then on the robot is where this drive leaves it
-            until = min(last.until, window.since if moved else run.since)
+            until = min(last.until, run.since)
             legs[robot][-1] = replace(last, until=until)
             legs[robot].append(run)
     return [runs[1:] for runs in legs]
 
 
-def _leg(
-    motion: TimedMotion, legs: Sequence[TimedPath], path: Path
-) -> tuple[TimedMotion, Window, Path]:
-    """Return a robot's next drive after those in ``legs``, and when it may begin."""
+def _leg(motion: TimedMotion, legs: Sequence[TimedPath], path: Path) -> tuple[TimedMotion, Path]:
+    """Return a robot's next drive after those in ``legs``, with its path."""
     last, moved = legs[-1], len(legs) > 1
-    since = last.arrival if moved else motion.present_from
-    window = Window(since, max(motion.release, last.arrival) if moved else motion.release)
     final = path.poses[-1][:2].tolist() == list(motion.poses[1][:2])
     leg = replace(
         motion,
         poses=(pose_at(path, 0), pose_at(path, -1)),
-        release=window.release,
+        release=max(motion.release, last.arrival) if moved else motion.release,
+        present_from=last.arrival if moved else motion.present_from,
         present_until=motion.present_until if final else math.inf,
     )
-    return leg, window, path
+    return leg, path
 
 
 def _begun(
     workspace: Workspace,
-    parts: Sequence[tuple[TimedMotion, Window, Path]],
+    parts: Sequence[tuple[TimedMotion, Path]],
     others: Sequence[TimedPath],
 ) -> list[TimedPath] | None:
     """Return the runs of drives that go at the same time: one with its speed tuned, several begun
@@ -131,19 +128,16 @@ def _begun(
     if len(parts) == 1:
         run = fit(workspace, *parts[0], others)
         return None if run is None else [run]
-    begin = max(window.release for _, window, _ in parts)
+    begin = max(leg.release for leg, _ in parts)
     for _ in range(BEGINS):
         found = []
-        for leg, window, path in parts:
-            start = first_start(workspace, leg, replace(window, release=begin), path, others)
+        for leg, path in parts:
+            start = first_start(workspace, replace(leg, release=begin), path, others)
             if start is None:
                 return None
             found.append(start)
         if max(found) <= begin:
-            return [
-                run_of(leg, path, natural_timing(path, begin), window.since)
-                for leg, window, path in parts
-            ]
+            return [run_of(leg, path, natural_timing(path, begin)) for leg, path in parts]
         begin = max(found)
     return None
 
@@ -161,4 +155,4 @@ def _one_run(motion: TimedMotion, legs: Sequence[TimedPath]) -> TimedPath:
     whole = Trajectory(np.concatenate(times), np.concatenate(poses))
     stops = [pose_at(leg.path, -1) for leg in legs]
     path = path_of(whole, motion.body, (motion.poses[0], *stops))
-    return run_of(motion, path, Timing(whole, path.natural_s), legs[0].since)
+    return run_of(motion, path, Timing(whole, path.natural_s))

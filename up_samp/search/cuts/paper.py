@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 from up_samp.model import PathQuery, Placed, ScheduledMotion, avoids
 from up_samp.model.refinement import Layer, Refinement, Strength
 from up_samp.refinement import paper_rules
-from up_samp.search.cuts.protocol import Alike, Alone, Failure
+from up_samp.search.cuts.protocol import Alone, Failure
+from up_samp.search.cuts.small import SmallCuts
 from up_samp.search.facts import Facts, MotionCase
 from up_samp.search.knowledge import Knowledge
 from up_samp.search.motions import Motions
@@ -20,17 +21,16 @@ _EXPLORE_SHARE = 0.2
 
 
 @dataclass(frozen=True)
-class PaperCuts:
-    """Refinements as they were published; see ``Cuts``.
+class PaperCuts(SmallCuts):
+    """Refinements as they were published, instead.
 
     ``widened``: a cut for no path is stated for all motions of equal bodies from where the tree
     was to where it did not come. ``seed`` is for the tree.
     """
 
-    alike: Alike
+    first_only: bool = True
     widened: bool = True
     seed: int = 0
-    first_only: bool = True
 
     def unobstructed(
         self, motions: Motions, knowledge: Knowledge, motion: ScheduledMotion

@@ -1,4 +1,4 @@
-"""What failed motion checks tell, and what turns that into refinements."""
+"""What failed motion checks tell, and whether refinements reject a candidate."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 from up_samp.model import (
     GroupQuery,
@@ -151,38 +150,6 @@ class Failure:
             for name in sorted(self.report.blockers)
             if self.facts.movers.get(name)
         }
-
-
-class Cuts(Protocol):
-    """The rules of one preset."""
-
-    @property
-    def alike(self) -> Alike:
-        """For which motions a cut is stated."""
-        ...
-
-    @property
-    def first_only(self) -> bool:
-        """Whether a check ends with the first refinement, as in the paper."""
-        ...
-
-    def unobstructed(
-        self, motions: Motions, knowledge: Knowledge, motion: ScheduledMotion
-    ) -> list[Refinement]:
-        """Return what the motion's duration among fixed obstacles tells."""
-        ...
-
-    def no_path(self, motions: Motions, alone: Alone) -> list[Refinement]:
-        """Return what it tells that a motion found no path, without a proof."""
-        ...
-
-    def too_slow(self, motions: Motions, alone: Alone, units: int) -> list[Refinement]:
-        """Return what it tells that a motion takes ``units`` alone."""
-        ...
-
-    def group(self, failure: Failure) -> list[Refinement]:
-        """Return refinements that reject a group which failed together."""
-        ...
 
 
 # ------------------ See to it that what was learned rejects the candidate schedule

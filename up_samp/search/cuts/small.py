@@ -26,10 +26,13 @@ Attempt = Callable[[Failure, str], list[Refinement]]
 
 @dataclass(frozen=True)
 class SmallCuts:
-    """Groups shrunk to what conflicts, with only the rivals that matter; see ``Cuts``."""
+    """Groups shrunk to what conflicts, with only the rivals that matter; other sets of cuts answer
+    the same questions. ``alike``: for which motions a cut is stated; ``first_only``: whether a
+    check ends with the first refinement, as in the paper.
+    """
 
     alike: Alike
-    attempts: tuple[Attempt, ...]
+    attempts: tuple[Attempt, ...] = ()
     first_only: bool = False
 
     def unobstructed(
@@ -40,11 +43,15 @@ class SmallCuts:
         return duration_of(motions, knowledge, cases, motions.budget.query())
 
     def no_path(self, motions: Motions, alone: Alone) -> list[Refinement]:
-        """State that the motion and all alike must not be made while the blockers rest there."""
+        """Return what it tells that a motion found no path, without a proof: it and all alike must
+        not be made while the blockers rest there.
+        """
         return blocked(motions.facts, alone)
 
     def too_slow(self, motions: Motions, alone: Alone, units: int) -> list[Refinement]:
-        """State that the motion and all alike take that long while the blockers rest there."""
+        """Return what it tells that a motion takes ``units`` alone: it and all alike take that long
+        while the blockers rest there.
+        """
         movers, why, strength = motions.facts.movers, alone.why, alone.strength
         places = _that_delay(motions, alone, units)
         found = []
@@ -59,7 +66,7 @@ class SmallCuts:
         return found
 
     def group(self, failure: Failure) -> list[Refinement]:
-        """Return refinements that reject the candidate's group."""
+        """Return refinements that reject a group which failed together."""
         if not failure.found:
             return or_exact(failure, [_together_cut(failure)])
         found: list[Refinement] = []

@@ -21,7 +21,7 @@ from up_samp.model import Deadline
 from up_samp.search.events import Phase
 from up_samp.search.fleet.assignment import Assignment, exchanged, mended
 from up_samp.search.fleet.sequential import FleetSolution, alone, can_decide, times_of
-from up_samp.search.fleet.tours import Past, Priorities, TourPlanner
+from up_samp.search.fleet.tours import Priorities, TourPlanner
 from up_samp.search.knowledge import Incumbent
 from up_samp.search.search import Search
 from up_samp.search.world import groups_of
@@ -141,11 +141,8 @@ def squeaky_wheel(
         noise = _NOISE if ahead else 0.0
         turns = {r: ahead.get(r, 0.0) + rng.uniform(0, noise) for r in tours.robots}
         looks = number // _EACH if number % _EACH == 0 else 0
-        past = Past.QUICK if looks else Past.NONE
         tours.reset()
-        stuck = tours.decide_in_turns(
-            Priorities(tuple(first), ahead=turns, looks=looks, past=past), deadline
-        )
+        stuck = tours.decide_in_turns(Priorities(tuple(first), ahead=turns, looks=looks), deadline)
         if stuck is not None:
             if best is None and stuck in late:
                 first = _sooner(stuck, first)

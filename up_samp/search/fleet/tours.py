@@ -55,14 +55,6 @@ class TourEnd(enum.Enum):
     """Something would be too late, whatever is tried from here on."""
 
 
-class Past(enum.IntEnum):
-    """Which ways past others are looked for where they stand in all that are known."""
-
-    NONE = 0
-    QUICK = 1
-    ANY = 2
-
-
 @dataclass(frozen=True)
 class Priorities:
     """Who goes before whom when tours are decided, and how hard ways are looked for."""
@@ -79,10 +71,6 @@ class Priorities:
     """How often other ways from pose to pose are looked for, if one is known."""
     looking: Mapping[str, int] = field(default_factory=dict)
     """The same for some motions, by activity."""
-    past: Past = Past.NONE
-    """Which ways past others are looked for at first, in turns: they are about to go on. More are
-    looked for where nobody finds any, or somebody is late.
-    """
     limit: float = math.inf
     """When all tours have to be over (units): who would be later looks for another way."""
     latest: float = math.inf
@@ -123,8 +111,10 @@ class TourPlanner:
         self._tries = 0
         self._contested = contested(search.facts, search.motions.service, itinerary)
         self._given = Priorities()
-        self._past = Past.ANY
-        """Which ways past others are looked for now."""
+        self._hard = True
+        """Whether new ways are looked for where others stand in all that are known: not as long as
+        somebody can go on without, for they are about to go on, too.
+        """
         self._turns: dict[str, float] = {}
         """Whose turn was when (s), ascending: of those motions that were decided in turns."""
 
@@ -368,13 +358,13 @@ class TourPlanner:
         """Decide all tours that are not decided piece by piece in the order of time, those of
         ``priorities.first`` whole before; return None, or the robot that should have gone sooner.
         """
-        self._given, self._past = priorities, Past.ANY
+        self._given, self._hard = priorities, True
         for robot in priorities.first:
             if self._decide(self._stretch(robot), deadline) is TourEnd.LATE or deadline.expired():
                 return robot
         asleep = set[str]()  # they found no way among what is decided
         now = -math.inf
-        self._past = priorities.past
+        self._hard = False
         while self._waiting:
             pieces = {r: self._piece(r) for r in self.robots if r not in asleep}
             ready = [(self._rank(r, piece), r) for r, piece in pieces.items() if piece]
@@ -387,10 +377,10 @@ class TourPlanner:
                     self._turns[pieces[turn][0]] = now
                     if self._done(self._chains[turn]) > priorities.latest:
                         return turn
-                self._past = priorities.past
+                self._hard = False
                 asleep.clear()
-            elif self._past is not Past.ANY and (turn is None or end is TourEnd.LATE):
-                self._past = Past(self._past + 1)
+            elif not self._hard and (turn is None or end is TourEnd.LATE):
+                self._hard = True
                 asleep.clear()
             elif turn is None or end is TourEnd.LATE:
                 return turn or next(r for r in self.robots if self._left(r))
@@ -398,7 +388,7 @@ class TourPlanner:
                 asleep.add(turn)
             if deadline.expired():
                 return turn or self.robots[0]
-        self._past = Past.ANY
+        self._hard = True
         return None
 
     def _rank(self, robot: str, piece: Sequence[str]) -> float:
@@ -502,10 +492,9 @@ class TourPlanner:
         asked = replace(motion, present_until=until, due=due)
         ways = self._floor.ways(asked)
         best = self._floor.by_known_ways(asked)
-        if best is None and self._past is not Past.NONE:
-            quick = self._past is Past.QUICK
-            best = self._floor.past_all_ends(asked, deadline, quick=quick)
-        hard = best is None and until == math.inf and self._past is Past.ANY
+        if best is None and self._hard:
+            best = self._floor.past_all_ends(asked, deadline)
+        hard = best is None and until == math.inf and self._hard
         most = self._given.looking.get(name, self._given.looks) + hard
         if ways.looks < most and (best is None or best.arrival > due):
             ways.looks += 1

@@ -35,16 +35,14 @@ class FinalOccupancy:
 
     ``aways``: drives from there that belong to no job that is counted (any of them may be the
     least), ``often``: how often there are such. ``repeated``: jobs that may be done several
-    times, and how often at most, ``again``: those of them that one robot may do several times.
-    ``everybody``: whoever did a job stays at one of
-    the places, or drove away from one.
+    times, and how often at most. ``everybody``: whoever did a job stays at one of the places, or
+    drove away from one.
     """
 
     places: frozenset[str] = frozenset()
     aways: Mapping[Away, tuple[Leg, ...]] = field(default_factory=dict)
     often: Mapping[Away, int] = field(default_factory=dict)
     repeated: Mapping[int, int] = field(default_factory=dict)
-    again: frozenset[int] = frozenset()
     everybody: bool = False
 
 
@@ -92,8 +90,7 @@ def final_occupancy(
     aways = {away: tuple(dict.fromkeys(some)) for away, some in kept.items()}
     often = {away: len(some) for away, some in kept.items()}
     told = all(_ends_there(way, places) for way in ways)
-    again = _again(parts[1]) & repeated.keys()
-    return FinalOccupancy(frozenset(places), aways, often, repeated, again, told)
+    return FinalOccupancy(frozenset(places), aways, often, repeated, told)
 
 
 def _ends_there(way: JobMode, places: set[str]) -> bool:
@@ -153,12 +150,6 @@ def _repeated(counted: Sequence[Sequence[WorkMode]]) -> dict[int, int]:
         if max(names.values()) == 1:
             found[job] = len(options)
     return found
-
-
-def _again(counted: Sequence[Sequence[WorkMode]]) -> frozenset[int]:
-    """Return the jobs that some robot has several options for."""
-    often = (Counter(option.robot for option in options) for options in counted)
-    return frozenset(job for job, robots in enumerate(often) if max(robots.values()) > 1)
 
 
 def _inside(

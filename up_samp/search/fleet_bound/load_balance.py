@@ -167,7 +167,7 @@ class _Model:
 
     def _state_places(self) -> None:
         """Nobody leaves a place more often than somebody came there or began there, whether for
-        these jobs or otherwise; and for a job, somebody who did not come there by doing it.
+        these jobs or otherwise.
         """
         leaving = defaultdict[tuple[int, str], list[int]](list)
         coming = defaultdict[tuple[int, str], list[tuple[int, float]]](list)
@@ -182,11 +182,6 @@ class _Model:
             other = [(self._others[at], -1.0)] if at in self._others else []
             other += [(c, -1.0) for away, c in self._aways.items() if (away[0], away[2]) == at]
             self.less.add([*((c, 1.0) for c in out), *came, *other], starts)
-            for job in sorted({self._job(column) for column, _ in came} - self._last.again):
-                mine = [c for c in out if self._job(c) == job and self._is_after(c, at[1])]
-                theirs = [(c, v) for c, v in came if self._job(c) != job]
-                if mine:
-                    self.less.add([*((c, 1.0) for c in mine), *theirs, *other], starts)
 
     def _state_ends(self) -> None:
         """No more than one of all robots is at a place in the end, and those that worked are there,
@@ -229,14 +224,6 @@ class _Model:
                 if away[0] == kind:
                     entries.append((self._aways[away], float(units)))
             self.less.add(entries, -float(size * self._since))
-
-    def _job(self, column: int) -> int:
-        return self._ways[self._columns[column - 1][0]].job
-
-    def _is_after(self, column: int, place: str) -> bool:
-        """Return whether a way comes to a place only after its call, if it comes there."""
-        way = self._ways[self._columns[column - 1][0]]
-        return place in way.after or place not in way.ends
 
     def proven(self, equal: FloatArray, less: FloatArray) -> float:
         """Return what multipliers prove: no choice of all columns within their limits that keeps

@@ -10,7 +10,6 @@ import math
 from collections import Counter, defaultdict
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 from unified_planning.model import FNode
 from unified_planning.model.motion import SchedulingMotionProblem
@@ -127,48 +126,18 @@ class JobWork:
         return self._driven[robot]
 
     def comings(self, called: Collection[tuple[int, str]]) -> dict[tuple[int, str], int]:
-        """Return by kind of robots and place what it takes at least to come there without doing a
-        counted job: the drive, and what has to be done with it and with no other such drive.
+        """Return by kind of robots and place what the drive takes at least that brings one there
+        without a counted job.
         """
         found: dict[tuple[int, str], int] = {}
         for robot in self.robots:
             check_time()
-            kind = self.kind_of[robot]
-            tasks = [t for t in self._driven[robot] if (kind, t.terms[-1].name) in called]
-            # what jobs count without this drive is counted there
-            drawn = {
-                t.activity: self._jobs.drawn(t.activity) & self._with[t.activity] for t in tasks
-            }
-            often = Counter(name for names in drawn.values() for name in names)
-            for task in tasks:
-                own = {n for n in drawn[task.activity] if often[n] == 1}
-                at = kind, task.terms[-1].name
-                units = self._drive(task) + self._apart(robot, own - {task.activity})
-                found[at] = min(found.get(at, units), units)
+            for task in self._driven[robot]:
+                at = self.kind_of[robot], task.terms[-1].name
+                if at in called:
+                    units = self._drive(task)
+                    found[at] = min(found.get(at, units), units)
         return found
-
-    @cached_property
-    def _with(self) -> Mapping[str, frozenset[str]]:
-        """Activity -> what no option of a job has as a member without it."""
-        options = [o for some in self._jobs.options for o in some]
-        shared: dict[str, list[frozenset[str]]] = defaultdict(list)
-        for option in options:
-            for name in option.members:
-                shared[name].append(option.members)
-        always = {name: frozenset.intersection(*some) for name, some in shared.items()}
-        found: dict[str, set[str]] = defaultdict(set)
-        for name, others in always.items():
-            for other in others:
-                found[other].add(name)
-        return defaultdict(frozenset, {name: frozenset(some) for name, some in found.items()})
-
-    def _apart(self, robot: str, names: Collection[str]) -> int:
-        """Return what a robot's activities take at least, those that are done in turn."""
-        drives = sum(
-            self._drive(t) for name in names for t in self._tasks.get(name, ()) if t.object == robot
-        )
-        turn = self._in_turn.get(robot, frozenset())
-        return drives + sum(self._durations[n] for n in names if n not in self._tasks and n in turn)
 
     def take(self, leg: Leg, units: int, *, over: Collection[str] = ()) -> None:
         """Take it that a drive takes some units at least, if it does not stop at one of the places
