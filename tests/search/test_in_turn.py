@@ -1,4 +1,6 @@
-"""Some plan always: where groups of motions find no trajectories, they happen one after another."""
+"""Some plan always: where groups of motions find no trajectories, they are decided one after
+another, and where that fails, too, they happen one after another.
+"""
 
 import pytest
 from unified_planning.engines import PlanGenerationResultStatus as Status
@@ -7,6 +9,7 @@ from unified_planning.shortcuts import OneshotPlanner
 from tests.upio.hall import Hall
 from up_samp.model import CandidateSchedule, GroupReport, Outcome, ScheduledMotion
 from up_samp.motion import MotionService
+from up_samp.search import presets
 from up_samp.search.check import Check
 from up_samp.search.resolve import of_failed_groups
 from up_samp.upio import Itinerary
@@ -30,6 +33,19 @@ def clumsy(monkeypatch):
     return asked
 
 
+@pytest.fixture
+def narrow(clumsy, monkeypatch):
+    """The same, and motions are never decided one after another."""
+    monkeypatch.setattr(presets, "in_order_at_last", lambda search, schedule, check: None)
+    return clumsy
+
+
+def spans_of(plan):
+    """Return the activities' times, in order."""
+    values = [[int(str(plan.get(t))) for t in (a.start, a.end)] for a in plan.activities]
+    return sorted(values)
+
+
 def crossing(folder, robots):
     hall = Hall(folder, robots=robots)
     for k in range(robots):
@@ -38,22 +54,30 @@ def crossing(folder, robots):
 
 
 @pytest.mark.parametrize("engine", ["cpsat", "aries"])
-def test_the_first_candidate_becomes_a_plan(tmp_path, clumsy, engine):
+def test_the_first_candidate_becomes_a_plan(tmp_path, narrow, engine):
     problem = crossing(tmp_path, 2)
     with OneshotPlanner(name=f"samp-refine[{engine}]", params={"first_plan": True}) as planner:
         result = planner.solve(problem, timeout=60)
     assert result.status is Status.SOLVED_SATISFICING
     assert validate_plan(problem, result.plan).valid
     assert result.metrics["rounds"] == "1"
-    assert 2 in clumsy  # together at first
-    spans = sorted(
-        (int(str(result.plan.get(a.start))), int(str(result.plan.get(a.end))))
-        for a in result.plan.activities
-    )
+    assert 2 in narrow  # together at first
+    spans = spans_of(result.plan)
     assert spans[0][1] <= spans[1][0]
 
 
-def test_who_is_in_the_way_goes_first(tmp_path, clumsy):
+def test_motions_that_are_decided_in_turn_happen_side_by_side(tmp_path, clumsy):
+    problem = crossing(tmp_path, 2)
+    with OneshotPlanner(name="samp-refine[cpsat]", params={"first_plan": True}) as planner:
+        result = planner.solve(problem, timeout=60)
+    assert validate_plan(problem, result.plan).valid
+    assert result.metrics["rounds"] == "1"
+    assert 2 in clumsy
+    spans = spans_of(result.plan)
+    assert spans[1][0] < spans[0][1]
+
+
+def test_who_is_in_the_way_goes_first(tmp_path, narrow):
     """One robot stands in the gap: only in one of two orders can they drive one after another."""
     hall = Hall(tmp_path, robots=2)
     gap = hall.pose("gap", 10.0, 5.0, 0.0)
@@ -78,6 +102,7 @@ def test_a_search_without_a_plan_uses_its_time(tmp_path, monkeypatch):
         return GroupReport(Outcome.OUT_OF_TIME, conflict=names, reason="made up by the test")
 
     monkeypatch.setattr(MotionService, "coordinate", coordinate)
+    monkeypatch.setattr(presets, "in_order_at_last", lambda search, schedule, check: None)
     with OneshotPlanner(name="samp-refine[cpsat]") as planner:
         result = planner.solve(crossing(tmp_path, 2), timeout=3)
     assert result.status is Status.TIMEOUT

@@ -19,7 +19,7 @@ from up_samp.search.cuts.profiles import pair_cuts
 from up_samp.search.cuts.small import Attempt, SmallCuts
 from up_samp.search.events import Phase
 from up_samp.search.facts import Facts, just_this
-from up_samp.search.fleet.improve import in_order
+from up_samp.search.fleet.improve import in_order, in_order_at_last
 from up_samp.search.params import SWITCHES, Parameters
 from up_samp.search.resolve import (
     least_work,
@@ -103,7 +103,10 @@ def components_of(params: Parameters, *, native: bool) -> Components:
         shapers=with_ideas((*lean, (slack, ("slack",)))),
         builders=with_ideas(((in_order, ("incumbents",)),)),
         repairs=with_ideas(
-            tuple((one, ("incumbents",)) for one in (repair, serialize_motions, least_work))
+            tuple(
+                (one, ("incumbents",))
+                for one in (repair, in_order_at_last, serialize_motions, least_work)
+            )
         ),
         for_proofs=() if native else with_ideas(((UNARY_PLACES, ("certificates",)),)),
         improvers=tuple(parts("improvers").values()),

@@ -5,9 +5,19 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from unified_planning.model import Fluent as UpFluent
 from unified_planning.model import GlobalStartTiming, RightOpenTimeInterval, Timing
 from unified_planning.model.scheduling import SchedulingProblem as UpProblem
-from unified_planning.shortcuts import BoolType, MinimizeMakespan
+from unified_planning.shortcuts import (
+    And,
+    BoolType,
+    GlobalEndTiming,
+    MinimizeMakespan,
+    Not,
+    OneshotPlanner,
+    Or,
+    TimePointInterval,
+)
 
 from tests.scheduling import problems
 from up_samp.model import CandidateSchedule, Deadline, UnsupportedError
@@ -300,3 +310,27 @@ def test_a_half_open_condition_is_waited_for(engine):
     with EngineScheduler(which, problem, {}, check) as scheduler:
         report = scheduler.solve(Deadline.after(30))
     assert report.schedule.times == {"a": (7, 12)}
+
+
+@pytest.mark.parametrize("where", ["of an activity", "at the end", "at a time"])
+def test_negated_conjunctions_are_told_to_engines_that_do_not_know_them(where):
+    """aries binds no ``not (a and b)`` in conditions: its server ended with an error."""
+    problem = UpProblem("p")
+    lit, shut = UpFluent("lit"), UpFluent("shut")
+    for fluent in (lit, shut):
+        problem.add_fluent(fluent, default_initial_value=False)
+    light = problem.add_activity("light", 2)
+    light.add_effect(light.end, lit, True)
+    look = problem.add_activity("look", 1)
+    look.add_effect(look.end, shut, True)
+    either = Not(And(Or(lit, shut), Not(And(lit, shut))))
+    if where == "of an activity":
+        look.add_condition(look.start, either)
+    else:
+        time = GlobalEndTiming() if where == "at the end" else GlobalStartTiming(3)
+        problem.add_condition(TimePointInterval(time), either)
+    problem.add_quality_metric(MinimizeMakespan())
+    with OneshotPlanner(name="samp-refine[aries]") as planner:
+        result = planner.solve(problem, timeout=30)
+    assert result.plan is not None, result.log_messages
+    assert validate_schedule(problem, result.plan).valid

@@ -101,6 +101,32 @@ def compile_differences(problem: PlainProblem) -> Compiled:
     return Compiled(replace(problem, constraints=tuple(constraints)))
 
 
+def compile_negations(problem: PlainProblem) -> Compiled:
+    """Rewrite every condition so that only atoms are negated: aries knows no negated conjunction
+    in conditions.
+    """
+    conditions = (replace(c, expression=_negated_atoms(c.expression)) for c in problem.conditions)
+    return Compiled(replace(problem, conditions=tuple(conditions)))
+
+
+def _negated_atoms(expression: Expr, positive: bool = True) -> Expr:
+    """Return an expression (or its negation) in negation normal form."""
+    operator = expression[0]
+    if operator == "not":
+        return _negated_atoms(expression[1], not positive)
+    if operator in ("and", "or"):
+        join = conjunction if (operator == "and") == positive else disjunction
+        return join(_negated_atoms(e, positive) for e in expression[1:])
+    if operator == "implies":
+        join = disjunction if positive else conjunction
+        left, right = expression[1:]
+        return join((_negated_atoms(left, not positive), _negated_atoms(right, positive)))
+    if operator == "iff":
+        left, right = expression[1:]
+        return ("iff", _negated_atoms(left), _negated_atoms(right, positive))
+    return expression if positive else negation(expression)
+
+
 def _parts(constraint: Expr) -> list[Expr]:
     """Return the conjuncts of a constraint: ``a or (b and c)`` has ``a or b`` and ``a or c``."""
     if constraint[0] == "and":

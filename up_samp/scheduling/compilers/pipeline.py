@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from up_samp.model import CandidateSchedule, check_time
 from up_samp.scheduling.compilers.constraints import (
     compile_differences,
+    compile_negations,
     compile_products,
     compile_rules,
 )
@@ -57,7 +58,7 @@ def compilers_for(quirks: Quirks, *, apart: bool = False) -> list[Compiler]:
         passes.append(compile_resources)
     if not quirks.empty_intervals:
         passes.append(compile_intervals)
-    passes.append(compile_differences)
+    passes += [compile_negations, compile_differences]
     if not quirks.products:
         passes.append(compile_products)
     if not quirks.optional:

@@ -17,15 +17,18 @@ import random
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from up_samp.model import Deadline
+from up_samp.model import CandidateSchedule, Deadline
+from up_samp.search.check import Check
 from up_samp.search.events import Phase
 from up_samp.search.fleet.assignment import Assignment, exchanged, mended
 from up_samp.search.fleet.sequential import FleetSolution, alone, can_decide, times_of
 from up_samp.search.fleet.tours import Priorities, TourPlanner
 from up_samp.search.knowledge import Incumbent
+from up_samp.search.resolve import Subproblem
 from up_samp.search.search import Search
 from up_samp.search.world import groups_of
-from up_samp.upio import Itinerary
+from up_samp.upio import Itinerary, read_itinerary
+from up_samp.upio.restrict import restrict
 
 # candidates of the usual search
 MANY, _SHARE = 14, 0.6
@@ -33,6 +36,8 @@ MANY, _SHARE = 14, 0.6
 the share of the remaining time that they get."""
 _FEW_ROUNDS = 4
 """In which all their tours are decided."""
+_AGAIN_EFFORT = 0.3
+"""For a candidate's schedule with what its check told: some seconds at most."""
 # first tours
 _EACH = 16
 """Rounds after which other ways are looked for in one."""
@@ -99,8 +104,30 @@ def in_order(search: Search, itinerary: Itinerary) -> Incumbent | None:
     """
     if max((len(g) for g in groups_of(itinerary.motions)), default=0) < MANY:
         return None
+    return _in_few_rounds(search, itinerary, search.budget.share(_SHARE, float("inf")))
+
+
+def in_order_at_last(search: Search, schedule: CandidateSchedule, check: Check) -> Incumbent | None:
+    """Return a plan with the activities of a candidate whose motions were not found as scheduled,
+    decided one after the other, as long as there is no plan; None where none is found.
+
+    Motions together may take more time than there is, on a busy machine at the latest. Decided in
+    turn they come late, but most of them side by side, while motions that only happen one at a
+    time (:func:`up_samp.search.resolve.serialize_motions`) take two or three times as long.
+    """
+    if search.bounds.incumbent is not None:
+        return None
+    # what the check told is in the relaxation by now: the candidate may break it
+    problem = restrict(search.own_relaxation(), search.facts.snapshot, schedule)
+    near = Subproblem(search, problem, _AGAIN_EFFORT).schedule(schedule)
+    if near is None:
+        return None
+    itinerary = read_itinerary(search.knowledge.relaxation, near)
+    return _in_few_rounds(search, itinerary, search.budget.part("motions one at a time"))
+
+
+def _in_few_rounds(search: Search, itinerary: Itinerary, deadline: Deadline) -> Incumbent | None:
     search.tell.stage(Phase.GROUP, count=len(itinerary.motions))
-    deadline = search.budget.share(_SHARE, float("inf"))
     with search.budget.motion_time():
         tours = undecided_tours(search, itinerary, frozenset())
         rng = random.Random(search.seed)
