@@ -206,3 +206,62 @@ def test_a_plan_that_was_asked_for_before_an_order_was_changed_is_not_followed(d
     spot = day.fleet.records.places["shelf2"].pose
     assert math.dist(spot[:2], handled_at(day, "o0")[0]) < 0.3
     assert day.verdict().good
+
+
+@pytest.mark.parametrize("moved", [False, True], ids=["", "and is moved"])
+@pytest.mark.parametrize("kind", ["pick", "deliver"])
+@pytest.mark.parametrize("day", [{"robots": 2}], indirect=True)
+def test_an_order_is_not_lost_with_who_leaves_while_it_handles_it(day, kind, moved):
+    """Picked up in part it is picked up again, by anybody; delivered in part by who has it."""
+    day.order("o0", "rack0", "dock0", robots=["r0"])
+    doing = f"do {kind}_o0"
+    day.until(lambda: doing in day.story(3), 100)
+    here = (3.0, 9.0, 0.0) if moved else None
+    if moved:
+        day.robots.put("r0", here)
+    day.operation.leave("r0", "out of order", here)
+    day.order("o1", "shelf2", "dock2", robots=["r1"])
+    day.until(lambda: day.state("o1") == "begun", 100)  # another plan
+    day.operation.join("r0")
+    day.run()
+    assert (day.state("o0"), day.state("o1")) == ("done", "done"), day.story()
+    verdict = day.verdict()
+    wrong = (*verdict.contacts, *verdict.lost, *verdict.elsewhere)
+    assert not wrong, (verdict, day.story())
+
+
+@pytest.mark.parametrize("day", [{"robots": 2}], indirect=True)
+def test_others_keep_away_at_once_from_who_is_put_on_their_way(day):
+    day.order("o0", "rack0", "dock0", robots=["r0"])
+    on_the_way(day, metres=1.0)
+    way = day.operation.executor.state.of_object["r0"]
+    path = day.operation.executor.drives[way.activity, "r0"].path
+    x, y, theta = path.poses_at([way.progress + 6.0])[0]
+    day.robots.put("r1", (x, y, theta))
+    day.operation.leave("r1", "by hand", (x, y, theta))
+    day.order("o1", "shelf2", "dock2", robots=["r1"])
+    stop = day.clock.now() + 8.0
+    day.until(lambda: day.clock.now() >= stop)
+    day.operation.join("r1")
+    day.run()
+    assert (day.state("o0"), day.state("o1")) == ("done", "done"), day.story()
+    assert day.verdict().good
+
+
+@pytest.mark.parametrize("day", [{"robots": 2}], indirect=True)
+def test_robots_are_let_drive_a_little_farther_than_they_can_stand(day):
+    """And no plan that is taken over makes that less."""
+    for k in range(6):
+        day.order(f"o{k}", f"rack{k % 3}", f"dock{(k + 1) % 3}")
+    let, far = {}, 0.0
+    while not day.operation.idle:
+        day.operation.step()
+        executor = day.operation.executor
+        for way in executor.state.of_object.values() if executor else ():
+            gone = day.operation.gone.get(way.activity, 0.0)
+            key = way.activity, way.object
+            assert way.let + gone >= let.get(key, 0.0) - 0.01
+            let[key] = way.let + gone
+            far = max(far, way.let - way.progress)
+    assert 2.0 < far < 8.0
+    assert day.verdict().good

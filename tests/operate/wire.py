@@ -100,13 +100,14 @@ def unwound(rows):
 class Wire:
     """A broker in simulated time, as one of paho's clients has it. Each message is lost by chance,
     arrives twice, or late (states: also after later ones); ``cuts``: (from, until) when nothing
-    arrives at all.
+    arrives at all. ``lose(agv, kind, message)`` may choose what to lose of what AGVs are told.
     """
 
     def __init__(self, agvs, seed, *, lost=0.1, twice=0.1, late=0.5, cuts=()):
         self.agvs, self.random = agvs, random.Random(f"wire {seed}")
         self.lost, self.twice, self.late, self.cuts = lost, twice, late, cuts
         self.on_connect = self.on_message = None
+        self.lose = lambda *_message: False
         self.now, self.count = 0.0, 0
         self.there = []  # (when it arrives, number, call, message)
         self.last = {}  # when the last message to an AGV arrives
@@ -126,10 +127,11 @@ class Wire:
     def publish(self, topic, payload, qos=0):
         """Send a message to an AGV: those to one arrive in the order of sending."""
         name, kind = topic.split("/")[-2:]
-        for _ in range(self.times()):
+        data = json.loads(payload)
+        for _ in range(0 if self.lose(name, kind, data) else self.times()):
             when = self.now + self.random.uniform(0.0, self.late)
             self.last[name] = when = max(when, self.last.get(name, 0.0))
-            self.put(when, self.bring, (name, kind, json.loads(payload)))
+            self.put(when, self.bring, (name, kind, data))
 
     def times(self):
         """How often a message that is sent now arrives."""

@@ -206,7 +206,7 @@ def _dispatched(day: Day, waiting: Sequence[DayOrder]) -> OpenWork | None:
             continue
         job = max(left, key=lambda j: _worth(day, j, robot, *free[robot]))
         opened = {first_there(day, job, free): Opened.ALL}
-        jobs = (job, *theirs(day, opened))
+        jobs = tuple({j.id: j for j in (job, *theirs(day, opened))}.values())
         if len(jobs) <= day.settings.most:
             return OpenWork(opened, jobs)
         return OpenWork(dict.fromkeys(opened, Opened.TAIL), (job,))

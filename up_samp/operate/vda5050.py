@@ -330,6 +330,8 @@ class MasterControl:
             if isinstance(command, Hold):
                 self._hold(agv, now)
                 continue
+            if self._dropped(agv):
+                continue  # somebody sees to it
             what = command.motion if isinstance(command, Go) else command.activity
             if what != agv.activity and not self._free(agv, what, now):
                 continue  # a pause goes on until what was released before is cancelled
