@@ -453,7 +453,7 @@ def test_no_error_makes_everybody_wait_for_everybody(gap):
     gate = graph.number[Event(At.LEAVE, "a", "a", 5.0)]
     assert places[mark] <= places[gate] + 1e-9
     if gap < 0.1:
-        assert {s.object for s in squeezed} == {"a", "b"}
+        assert {s.objects for s in squeezed} == {("a",), ("b",)}
         assert squeezed[0].kept == pytest.approx(gap / 2)
         assert places[mark] == places[gate] == pytest.approx(5.0 - gap / 2)
         assert f"error of {gap / 2:.3f} m is covered" in str(squeezed[0])
