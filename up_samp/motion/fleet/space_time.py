@@ -16,10 +16,10 @@ from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
-import numpy.typing as npt
 
+from up_samp.geometry.kernels import point_clearance
 from up_samp.geometry.memory import Memory
-from up_samp.geometry.records import inner, kernel
+from up_samp.geometry.records import GridData, inner, kernel
 from up_samp.geometry.scene import Scene
 from up_samp.model import Body, Configuration, Mobility, TimedMotion
 from up_samp.model.arrays import BoolArray, FloatArray, IntArray
@@ -69,6 +69,17 @@ class Lattice(NamedTuple):
     free: BoolArray
 
 
+@inner
+def _noted(rows: FloatArray, used: int, place: int, since: float, until: float) -> FloatArray:
+    """Return the rows with one more in row ``used``, in twice the room if there was none left."""
+    if used == len(rows):
+        more = np.empty((2 * used, 3))
+        more[:used] = rows
+        rows = more
+    rows[used, 0], rows[used, 1], rows[used, 2] = place, since, until
+    return rows
+
+
 @kernel
 def visits(
     lattice: Lattice, times: FloatArray, poses: FloatArray, ends: FloatArray, reach: float
@@ -100,23 +111,13 @@ def visits(
                 place = j * cols + i
                 if open_from[place] == np.inf or open_until[place] < low - 1e-6:
                     if open_from[place] < np.inf:
-                        if used == len(out):
-                            more = np.empty((2 * used, 3))
-                            more[:used] = out
-                            out = more
-                        out[used, 0] = place
-                        out[used, 1], out[used, 2] = open_from[place], open_until[place]
+                        out = _noted(out, used, place, open_from[place], open_until[place])
                         used += 1
                     open_from[place] = low
                 open_until[place] = high
     for place in range(rows * cols):
         if open_from[place] < np.inf:
-            if used == len(out):
-                more = np.empty((2 * used, 3))
-                more[:used] = out
-                out = more
-            out[used, 0] = place
-            out[used, 1], out[used, 2] = open_from[place], open_until[place]
+            out = _noted(out, used, place, open_from[place], open_until[place])
             used += 1
     return out[:used].copy()
 
@@ -584,45 +585,22 @@ def _pulled(
     arrive = np.array([rows[rows[:, 0] == p, 1].min() for p in dict.fromkeys(rows[:, 0])])
     if len(arrive) != len(points):  # it comes by the same place twice
         return points
-    room = Room(scene.data.clearance, _frame(scene), lattice.radius + scene.margin)
-    return points[pulled(lattice, np.column_stack((points, arrive)), safe, room)]
-
-
-def _frame(scene: Scene) -> FloatArray:
-    if scene.grid is None:
-        return np.zeros(0)
-    x, y, yaw = scene.grid.origin
-    return np.array([x, y, math.cos(yaw), math.sin(yaw), scene.grid.resolution])
-
-
-class Room(NamedTuple):
-    """What is free on the map around cells (rows, cols), in m; ``frame``: x, y, cos, sin of its
-    corner and m of a cell (empty: there is no map); ``need``: what a body needs.
-    """
-
-    around: npt.NDArray[np.float32]
-    frame: FloatArray
-    need: float
-
-
-@inner
-def _free_around(room: Room, x: float, y: float) -> float:
-    """Return what is free on the map around a point, in m; -1 off the map."""
-    frame = room.frame
-    u = (x - frame[0]) * frame[2] + (y - frame[1]) * frame[3]
-    v = -(x - frame[0]) * frame[3] + (y - frame[1]) * frame[2]
-    a, b = int(u / frame[4]), int(v / frame[4])
-    if a < 0 or b < 0 or b >= room.around.shape[0] or a >= room.around.shape[1]:
-        return -1.0
-    return float(room.around[b, a])
+    need = lattice.radius + scene.margin
+    return points[pulled(lattice, np.column_stack((points, arrive)), safe, scene.data, need)]
 
 
 @inner
 def _straight(
-    lattice: Lattice, run: FloatArray, ends: tuple[int, int], safe: Safe, room: Room
+    lattice: Lattice,
+    run: FloatArray,
+    ends: tuple[int, int],
+    safe: Safe,
+    grid: GridData,
+    need: float,
 ) -> bool:
     """Return whether a body can go straight between two corners of a ``run`` (x, y, arrival) where
-    the map has room (near the corners it need not), at times at which it is safe.
+    the map has the room that it ``need``s (m; near the corners it need not), at times at which it
+    is safe.
     """
     i, j = ends
     rows, cols = lattice.free.shape
@@ -632,11 +610,9 @@ def _straight(
     for k in range(1, count):
         share = k / count
         x, y = run[i, 0] + share * dx, run[i, 1] + share * dy
-        if len(room.frame) > 0:
-            around = _free_around(room, x, y)
-            amid = min(share, 1.0 - share) * length > 2 * lattice.step
-            if around < 0.0 or (around < room.need and amid):
-                return False
+        amid = min(share, 1.0 - share) * length > 2 * lattice.step
+        if amid and point_clearance(grid, x, y) < need:
+            return False
         col = min(cols - 1, max(0, round((x - lattice.x) / lattice.step)))
         row = min(rows - 1, max(0, round((y - lattice.y) / lattice.step)))
         t = run[i, 2] + share * (run[j, 2] - run[i, 2])
@@ -646,7 +622,7 @@ def _straight(
 
 
 @kernel
-def pulled(lattice: Lattice, run: FloatArray, safe: Safe, room: Room) -> IntArray:
+def pulled(lattice: Lattice, run: FloatArray, safe: Safe, grid: GridData, need: float) -> IntArray:
     """Return which corners of a ``run`` (x, y, arrival) to keep: each leads straight on to the
     farthest one that it can reach, at times between those of the way.
     """
@@ -656,7 +632,7 @@ def pulled(lattice: Lattice, run: FloatArray, safe: Safe, room: Room) -> IntArra
     while i < n - 1:
         best = i + 1
         for j in range(i + 2, n):
-            if _straight(lattice, run, (i, j), safe, room):
+            if _straight(lattice, run, (i, j), safe, grid, need):
                 best = j
         keep[used] = best
         used += 1

@@ -25,11 +25,8 @@ from up_samp.motion.fleet.roadmap import Roadmap, cells_of
 from up_samp.motion.guides.cost_to_go import Fields, field_value
 from up_samp.motion.guides.search_space import TOUCHES, search_box, widest_shape
 from up_samp.motion.moves import ShortMove, corners_of, steer
-from up_samp.motion.planners.car import CarPlanner, CarSettings
+from up_samp.motion.planners.car import CarPlanner
 from up_samp.motion.protocol import Leg, LegQuery
-
-QUICK_CAR = CarSettings((0.7,), (8_000,), rounds=400, patience=120)
-"""How hard a way along arcs is sought: there is another one, with stops."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +55,8 @@ class PivotPlanner:
         self.scene = scene
         self.settings = settings
         self.fields = Fields(scene)
-        self._car = CarPlanner(scene, seed, QUICK_CAR)
+        # there is another way, with stops
+        self._car = CarPlanner.quick(scene, seed)
 
     @classmethod
     def quick(cls, scene: Scene, seed: int = 0) -> PivotPlanner:
