@@ -91,6 +91,8 @@ def _heeded(snapshot: Snapshot, name: str) -> frozenset[str] | None:
 
 _TOUR_ROUNDS = 10
 """A task, of annealing over tours of what was dealt out."""
+_RELAXED = 0.1
+"""CP-SAT's deterministic time for the routing relaxation of what was dealt out."""
 NEEDED = ("lower bounds on motions",)
 """What is stated before a plan of a thinned problem is sought."""
 ScheduleCheck = Callable[[Any, Schedule], list[str]]
@@ -241,7 +243,7 @@ def open_thin(
     before, motions are decided one after the other, and nobody is told. The plan is not judged.
     """
     tuning = tuning_of(params.tuning)
-    hasty = replace(tuning.cpsat, tour_rounds=_TOUR_ROUNDS, labels=0)
+    hasty = replace(tuning.cpsat, tour_rounds=_TOUR_ROUNDS, labels=0, relaxed_content=_RELAXED)
     quick = replace(tuning, cpsat=hasty)
     mine = replace(params, tuning=quick, progress=None, trace=None, observers=())
     usual = components_of(mine, native=True)
