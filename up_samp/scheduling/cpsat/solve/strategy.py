@@ -222,12 +222,13 @@ def _anneal_tours(search: Solve) -> None:
 
 def _is_worth_relaxing(search: Solve) -> bool:
     """Whether the routing relaxation may tell more. Where all tasks are on the routes, sequences of
-    them bound better; where some schedule is at hand and no optimum is asked for, to write that of
-    a large model takes longer than it is searched for.
+    them bound better (they may be too many for a proof); where some schedule is at hand and no
+    optimum is asked for, to write that of a large model takes longer than it is searched for.
     """
     content = not search.optimal and search.whole.best is not None
     large = search.whole.size > _LARGE
-    return bool(search.routes) and search.work is None and not (content and large)
+    told = search.work is not None and not (search.optimal and search.sequences is None)
+    return bool(search.routes) and not told and not (content and large)
 
 
 def _solve_relaxation(search: Solve) -> None:
