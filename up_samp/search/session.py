@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import operator
 from collections.abc import Callable, Generator, Mapping
@@ -91,8 +92,6 @@ def _heeded(snapshot: Snapshot, name: str) -> frozenset[str] | None:
 
 _TOUR_ROUNDS = 10
 """A task, of annealing over tours of what was dealt out."""
-_RELAXED = 0.1
-"""CP-SAT's deterministic time for the routing relaxation of what was dealt out."""
 NEEDED = ("lower bounds on motions",)
 """What is stated before a plan of a thinned problem is sought."""
 ScheduleCheck = Callable[[Any, Schedule], list[str]]
@@ -168,7 +167,7 @@ def _look_for_jobs(
     if sum(a.optional for a in problem.activities) >= search.tuning.large:
         large = LargeProblem(problem, snapshot, jobs, inner, search.tuning)
         search.in_parts = partial(solve_large, large)
-    elif any(mode.legs for modes in jobs.options for mode in modes):
+    elif any(mode.legs for mode in itertools.chain(*jobs.options)):
 
         def bound(search: Search) -> tuple[()]:
             state_bounds(search, problem, jobs, relative=False)
@@ -243,7 +242,7 @@ def open_thin(
     before, motions are decided one after the other, and nobody is told. The plan is not judged.
     """
     tuning = tuning_of(params.tuning)
-    hasty = replace(tuning.cpsat, tour_rounds=_TOUR_ROUNDS, labels=0, relaxed_content=_RELAXED)
+    hasty = replace(tuning.cpsat, tour_rounds=_TOUR_ROUNDS, labels=0)
     quick = replace(tuning, cpsat=hasty)
     mine = replace(params, tuning=quick, progress=None, trace=None, observers=())
     usual = components_of(mine, native=True)

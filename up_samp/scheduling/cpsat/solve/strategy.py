@@ -151,7 +151,7 @@ def _bound_by_work(search: Solve) -> None:
     )
     whole.bound, search.sequences = found.value, found.sequences
     some = found.sequences
-    if search.optimal and labels > 0 and some is not None:
+    if search.optimal and some is not None:
         search.bounded = bool(some.found) or some.is_spent
 
 
