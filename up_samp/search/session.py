@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import operator
 from collections.abc import Callable, Generator, Mapping
@@ -166,7 +167,7 @@ def _look_for_jobs(
     if sum(a.optional for a in problem.activities) >= search.tuning.large:
         large = LargeProblem(problem, snapshot, jobs, inner, search.tuning)
         search.in_parts = partial(solve_large, large)
-    elif any(mode.legs for modes in jobs.options for mode in modes):
+    elif any(mode.legs for mode in itertools.chain(*jobs.options)):
 
         def bound(search: Search) -> tuple[()]:
             state_bounds(search, problem, jobs, relative=False)

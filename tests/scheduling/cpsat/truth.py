@@ -1,11 +1,19 @@
-"""Answers of cpsat with and without what it recognises, and its bounds without search."""
+"""Answers of cpsat with and without what it recognises, and the optimum of a collapsed problem."""
+
+import threading
+
+from ortools.sat.python import cp_model
 
 from up_samp.model import Deadline, ScheduleStatus
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.model import ScheduleModel
+from up_samp.scheduling.cpsat.problem import Watcher
 from up_samp.scheduling.cpsat.routing.detection import find_routes
 from up_samp.scheduling.cpsat.routing.dispatch import find_work
+from up_samp.scheduling.cpsat.routing.relaxation import RoutingRelaxation
 from up_samp.scheduling.cpsat.routing.workload import bound_by_assignment, bound_by_work
+from up_samp.scheduling.cpsat.solve.attempts import Attempts, Orders
+from up_samp.scheduling.cpsat.tuning import CpsatTuning
 from up_samp.upio.plan import build_schedule
 from up_samp.validation import validate_schedule
 
@@ -30,6 +38,9 @@ def answer(problem, *, plain=False):
     return report.status, report.schedule.makespan
 
 
+ORDERS = Orders(0, 1, True, CpsatTuning(), threading.Event())
+
+
 def bound_without_search(problem):
     """Return the lower bound by all the work there is (None: there are no routes).
 
@@ -42,3 +53,18 @@ def bound_without_search(problem):
     return (
         None if work is None else max(bound_by_work(full, work).value, bound_by_assignment(work, 0))
     )
+
+
+def collapsed_optimum(problem):
+    """Return the collapsed problem's optimum (-1: it has no schedule; None: there is none)."""
+    full = ScheduleModel(problem)
+    routes = find_routes(full)
+    if not routes:
+        return None
+    collapsed = RoutingRelaxation(full, Watcher(problem).look(), routes, Deadline.never())
+    Attempts(collapsed.model, ORDERS, Deadline.never(), 0)
+    solver = cp_model.CpSolver()
+    solver.parameters.num_workers = 1
+    status = solver.solve(collapsed.model.store.model)
+    assert status in (cp_model.OPTIMAL, cp_model.INFEASIBLE)
+    return round(solver.objective_value) if status == cp_model.OPTIMAL else -1

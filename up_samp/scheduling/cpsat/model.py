@@ -67,6 +67,8 @@ class ScheduleModel:
     """Variables and constraints for one problem, whole from the start.
 
     :param problem: watched by others, never changed.
+    :param parts: all of it, or of a part of it (``None``: as it is now).
+    :param limit_at_least: latest time that is at least allowed for.
     :param plain: recognise nothing: state what is written, as it is written.
     :raises OutOfTimeError: when ``deadline`` comes before the model is built.
     """
@@ -74,13 +76,16 @@ class ScheduleModel:
     def __init__(
         self,
         problem: SchedulingProblem,
+        parts: Additions | None = None,
         deadline: Deadline = Deadline.never(),
         *,
+        limit_at_least: int = 0,
         plain: bool = False,
     ) -> None:
         self.problem = problem
         self.plain = plain
         self.limit = 0
+        self.limit_at_least = limit_at_least
         self.store = ModelStore()
         self.world = World(self.store)
         self.horizon = Horizon(self.store)
@@ -105,12 +110,12 @@ class ScheduleModel:
         """Whether the makespan variable is the latest end, not only at least that."""
         # without a deadline of its own, the one that is in force goes on to be
         with in_force(deadline) if deadline is not None else contextlib.nullcontext():
-            self._build()
+            self._build(parts)
         self._deadline = Deadline.never()
 
-    def _build(self) -> None:
+    def _build(self, parts: Additions | None) -> None:
         problem = self.problem
-        parts = Watcher(problem).look()
+        parts = Watcher(problem).look() if parts is None else parts
         form = NormalForm(parts, {}) if self.plain else normal_form(parts)
         self.follow_ups: list[FollowUp] = form.follow_ups
         for code, obj in enumerate(problem.all_objects):
@@ -168,7 +173,7 @@ class ScheduleModel:
 
     def _durations(self, draft: ModelDraft) -> None:
         for activity in draft.parts.activities:
-            self.variables.link_times(activity)
+            self.variables.link_times(activity, vague=activity.name in draft.parts.vague)
 
     def _effects(self, draft: ModelDraft) -> None:
         for timing, effect, owner in self._in_time(draft.parts.effects):
@@ -212,7 +217,7 @@ class ScheduleModel:
             self.store.enforce(form)
 
     def _makespan(self, draft: ModelDraft) -> None:
-        if self.world.makespan_used:
+        if self.world.makespan_used and draft.parts.whole:
             self._exact_makespan()
 
     def _decisions(self, draft: ModelDraft) -> None:
@@ -310,7 +315,7 @@ class ScheduleModel:
         horizon = self.horizon
         horizon.forms(forms)
         for activity in parts.activities:
-            if None in constant_bounds(activity.duration):
+            if None in constant_bounds(activity.duration) and activity.name not in parts.vague:
                 horizon.lasting(activity.duration.lower, self.world)
         widest = max(self.disjunctions.gaps.values(), default=0)
         horizon.gap(widest)
@@ -324,7 +329,7 @@ class ScheduleModel:
         horizon.total += sum(constants(p.node) for p in asked)
         horizon.spread = any(lasts(n) for p in asked for n in walk(p.node))
         # room for what may be appended later, so that growing seldom means rebuilding
-        self.limit = 2 * horizon.bound() + 100
+        self.limit = max(2 * horizon.bound() + 100, self.limit_at_least)
         if self.limit > LIMITS.latest:
             raise UnsupportedError(
                 f"cpsat counts times to {LIMITS.latest}, and a schedule of this problem may last "

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from up_samp.model.tunable import Tunables, tunable
+from up_samp.model.tunable import Tunables, effort_of, tunable
 
 
 @dataclass(frozen=True)
@@ -15,6 +15,9 @@ class CpsatTuning(Tunables):
 
     tiny: int = tunable(
         2_000, "constraints", "up to so many, a search without presolve is tried first", least=0
+    )
+    relaxed_content: float = effort_of(
+        0.4, "for the routing relaxation, where no optimum is asked for"
     )
     tour_rounds: int = tunable(
         60, "rounds a task", "of annealing over tours before CP-SAT is asked", least=0

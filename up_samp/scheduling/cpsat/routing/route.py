@@ -7,7 +7,7 @@ from __future__ import annotations
 import heapq
 import itertools
 from collections.abc import Callable, Collection, Iterable, Set
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 from up_samp.model import CandidateSchedule
@@ -18,11 +18,15 @@ from up_samp.scheduling.cpsat.model import ScheduleModel
 Pair = tuple[int, int]
 
 
-def shorten(lengths: dict[Pair, int], places: Iterable[int]) -> None:
-    """Make ``lengths`` (0 or more) those of shortest ways (Floyd and Warshall). Sparse lengths are
-    few steps: places that nothing leads from cost nothing.
+def shorten(lengths: dict[Pair, int], places: Iterable[int]) -> dict[Pair, int]:
+    """Make ``lengths`` (0 or more) those of shortest ways; return, for each pair that is shorter
+    by way of another place, the last one that made it so (Floyd and Warshall).
+
+    Of ways of one length the first one found stays. Sparse lengths are few steps: places that
+    nothing leads from cost nothing. (``scipy.sparse.csgraph`` returns other ones among equals.)
     """
     order = list(places)
+    via: dict[Pair, int] = {}
     for middle in order:
         onward = [(b, lengths[middle, b]) for b in order if b != middle and (middle, b) in lengths]
         for a in order:
@@ -33,6 +37,8 @@ def shorten(lengths: dict[Pair, int], places: Iterable[int]) -> None:
                 known = lengths.get((a, b))
                 if known is None or first + second < known:
                     lengths[a, b] = first + second
+                    via[a, b] = middle
+    return via
 
 
 # ------------------ The route of one traveller
@@ -90,7 +96,7 @@ class Route:
     """Stops after which the traveller has to come to one of these places some time."""
     visits: list[tuple[str, frozenset[int]]] = field(default_factory=list)
     """Places where the traveller has to arrive some time, with a name for each: nothing happens
-    there. They last no time, and begin when a move ends."""
+    there. As stops they last no time, and begin when a move ends (see :meth:`with_visits`)."""
     odd: dict[str, str] = field(default_factory=dict)
     """What changes the place and is no plain move -> why: they are not taken out."""
     free: frozenset[int] = frozenset()
@@ -102,6 +108,7 @@ class Route:
     at ``end - 1``."""
     hops: dict[tuple[int, int], list[Move]] = field(default_factory=dict)
     travel: dict[tuple[int, int], int] = field(default_factory=dict)
+    _via: dict[tuple[int, int], int] = field(default_factory=dict)
     leaving: dict[int, list[tuple[int, list[Move]]]] = field(default_factory=dict)
     """Place -> (where one can go from there, with which moves, the quickest first)."""
     _ways: dict[tuple[int, frozenset[int]], tuple[int, list[Move]] | None] = field(
@@ -117,6 +124,10 @@ class Route:
     def movers(self) -> frozenset[str]:
         """All plain moves, be it that they are stated never to happen."""
         return self.never | {move.name for move in self.moves} - self.odd.keys()
+
+    def with_visits(self) -> Route:
+        """Return the same route with its visits among its stops."""
+        return replace(self, stops=[*self.stops, *self.visits])
 
     def rest(self, stop: str) -> int:
         """Return the time from the end of a move to a stop."""
@@ -148,14 +159,18 @@ class Route:
             self.leaving.setdefault(a, []).append((b, choices))
         for a in order:
             for b in self.free - {a}:
-                self.travel[a, b] = 0
-        shorten(self.travel, order)
+                self.travel[a, b], self._via[a, b] = 0, b
+        self._via.update(shorten(self.travel, order))
 
     def between(self, some: Set[int], others: Set[int]) -> int:
         """Return the least travel time from a place in ``some`` to one in ``others``."""
         return min(
             (self.travel.get((a, b), INFINITE) for a in some for b in others), default=INFINITE
         )
+
+    def is_direct(self, a: int, b: int) -> bool:
+        """Return whether the shortest way is one move."""
+        return (a, b) in self.hops and (a, b) not in self._via
 
     def way(
         self, here: int, targets: frozenset[int], banned: Collection[str] = ()
@@ -234,7 +249,7 @@ def way_back(route: Route, places: Set[int], final: Set[int] | None) -> int:
     return 0 if distance >= INFINITE else max(0, route.gap + distance - route.step)
 
 
-# ------------------ From a schedule without moves to one with them
+# ------------------ From a schedule of the routing relaxation to one with moves
 
 
 Changes = dict[str, list[tuple[Key, int]]]

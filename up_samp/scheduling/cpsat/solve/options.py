@@ -26,7 +26,7 @@ CP_SATS_OWN: Profile = {}
 
 IGNORED = ("ls*", "fj*")
 """Never run: CP-SAT's local search over violations and its feasibility jump write beyond their
-memory (OR-Tools 9.15). Of 180 runs of a job shop's relaxed form with two workers and ``ls``,
+memory (OR-Tools 9.15). Of 180 runs of a job shop's routing relaxation with two workers and ``ls``,
 ten ended the process ("free(): invalid next size"); of 120 without it, none. With ``fj``, small
 relaxations without a solution do: benchmarks/reliability/memory.py shows it, and whether a newer
 OR-Tools is any better.

@@ -1,8 +1,8 @@
 """How a model is solved: stages in a fixed order, as data.
 
 Each stage is named, says when it applies, and adds to what is known; the solve ends as soon as
-nothing is left to be known, or no time. The first ones build on a schedule in hand and on routes,
-the last ones are CP-SAT's own search.
+nothing is left to be known, or no time. The first ones build on a schedule in hand and on the
+routing relaxation, the last ones are CP-SAT's own search.
 """
 
 from __future__ import annotations
@@ -11,7 +11,8 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
-from up_samp.model import CandidateSchedule, Deadline
+from up_samp.model import CandidateSchedule, Deadline, OutOfTimeError
+from up_samp.scheduling.cpsat.problem import Additions
 from up_samp.scheduling.cpsat.routing.detection import find_routes
 from up_samp.scheduling.cpsat.routing.dispatch import RoutedWork, find_work
 from up_samp.scheduling.cpsat.routing.list_scheduling import (
@@ -21,14 +22,16 @@ from up_samp.scheduling.cpsat.routing.list_scheduling import (
     steps_of,
     times_of,
 )
+from up_samp.scheduling.cpsat.routing.relaxation import RoutingRelaxation
 from up_samp.scheduling.cpsat.routing.route import Route
 from up_samp.scheduling.cpsat.routing.sequences import Sequences
 from up_samp.scheduling.cpsat.routing.workload import bound_by_work
+from up_samp.scheduling.cpsat.solve import options as profiles
 from up_samp.scheduling.cpsat.solve.attempts import Attempts, hint_values
 
 _SHARE = 0.35
-"""Of the time that is left: for tours, and for bounds without search where the optimum is not asked
-for."""
+"""Of the time that is left: for tours, for the routing relaxation, and for bounds without search
+where the optimum is not asked for."""
 _BOUNDING = 0.7
 """For bounds without search, where it is: most of what is proven of routed problems they prove."""
 _LABELS_AGAIN = 150_000
@@ -40,20 +43,26 @@ _BEAM = 500
 a fifth of them where the optimum is not asked for."""
 _FEW_TASKS = 8
 """Up to so many, a greedy tour will do: the proof finds the best one."""
+_RELAXED_PROOF = 20.0
+"""CP-SAT's deterministic time for the routing relaxation, where the optimum is asked for."""
 _CONTENT = 1.0
-"""CP-SAT's deterministic time for the whole problem, where the optimum is not asked for."""
+"""The same for the whole problem, where it is not."""
+_LARGE = 50_000
+"""Constraints of the whole, from which on its relaxation is not solved only for a better schedule
+than the one at hand."""
 
 
 @dataclass
 class Solve:
     """One solve: the attempts at the whole model, and what was recognised in it.
 
-    ``guess`` is a schedule to start from (it may break what was added since), ``expected`` the
-    makespan to expect (0: not known). ``again``: bounds were sought before with all effort, when
-    less was stated; ``bounded``: they were here.
+    ``parts`` gives all of the problem, ``guess`` a schedule to start from (it may break what was
+    added since), ``expected`` the makespan to expect (0: not known). ``again``: bounds were sought
+    before with all effort, when less was stated; ``bounded``: they were here.
     """
 
     whole: Attempts
+    parts: Callable[[], Additions]
     guess: CandidateSchedule | None = None
     routes: list[Route] | None = None
     work: RoutedWork | None = None
@@ -142,7 +151,7 @@ def _bound_by_work(search: Solve) -> None:
     )
     whole.bound, search.sequences = found.value, found.sequences
     some = found.sequences
-    if search.optimal and labels > 0 and some is not None:
+    if search.optimal and some is not None:
         search.bounded = bool(some.found) or some.is_spent
 
 
@@ -211,11 +220,70 @@ def _anneal_tours(search: Solve) -> None:
         search.expected = max(search.expected, search.whole.value)
 
 
+def _is_worth_relaxing(search: Solve) -> bool:
+    """Whether the routing relaxation may tell more. Where all tasks are on the routes, sequences of
+    them bound better (they may be too many for a proof); where some schedule is at hand and no
+    optimum is asked for, to write that of a large model takes longer than it is searched for.
+    """
+    content = not search.optimal and search.whole.best is not None
+    large = search.whole.size > _LARGE
+    told = search.work is not None and not (search.optimal and search.sequences is None)
+    return bool(search.routes) and not told and not (content and large)
+
+
+def _solve_relaxation(search: Solve) -> None:
+    """Solve the routing relaxation and make what is found a schedule of the whole, the first one
+    at once and the best one in the end.
+
+    A schedule of the whole in hand is one of the relaxation, for its search to start from; where
+    there is no better one, it is an optimal one.
+    """
+    whole = search.whole
+    assert search.routes is not None
+    try:
+        relaxation = RoutingRelaxation(whole.model, search.parts(), search.routes, whole.deadline)
+    except OutOfTimeError:
+        search.expected = max(search.expected, whole.value)
+        return
+    tuning = whole.orders.tuning
+    inner = Attempts(
+        relaxation.model,
+        replace(whole.orders, progress=None),
+        search.share(),
+        whole.bound,
+        left=whole.left,
+        relaxed=True,
+        known=relaxation.hints(whole.known),
+    )
+    effort = _RELAXED_PROOF if search.optimal else tuning.relaxed_content
+    if whole.best is not None:
+        inner.without_presolve(whole.value)
+        if not inner.over():
+            profile = profiles.CP_SATS_OWN if search.optimal else profiles.LINEARIZATION
+            inner.improve(whole.value, profile, effort)
+    else:
+        inner.first(0)
+        if inner.best is not None:
+            whole.realize(relaxation.expanded(inner.best))
+            inner.deadline = search.share()
+        if not inner.over():
+            inner.finish(effort)
+        whole.infeasible = inner.infeasible
+    whole.bound = max(whole.bound, inner.bound)
+    whole.left = inner.left
+    if inner.best is None:
+        search.expected = max(search.expected, whole.value)
+        return
+    search.expected = max(search.expected, inner.value)
+    if not whole.met():
+        whole.realize(relaxation.expanded(inner.best))
+
+
 def _goes_on(search: Solve) -> bool:
     """Whether the whole problem is searched for schedules better than the one in hand: without a
-    proof to make, there is none soon where tours were annealed.
+    proof to make, there is none soon where tours or the routing relaxation have none.
     """
-    return search.optimal or search.work is None or FIRST in search.done
+    return search.optimal or not search.routes or FIRST in search.done
 
 
 def _finish(search: Solve) -> None:
@@ -240,7 +308,8 @@ STAGES = (
         lambda s: s.sequences is not None and s.whole.best is not None,
         _seek_sequences,
     ),
-    Stage("climb: a small problem", lambda s: s.work is None, lambda s: s.whole.climb()),
+    Stage("solve the routing relaxation", _is_worth_relaxing, _solve_relaxation),
+    Stage("climb: a small problem", lambda s: not s.routes, lambda s: s.whole.climb()),
     Stage(
         FIRST,
         lambda s: s.whole.best is None,
