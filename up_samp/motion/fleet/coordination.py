@@ -51,6 +51,16 @@ def one_decides(runs: IntArray) -> bool:
     return True
 
 
+def _one_can_go_first(runs: IntArray, end: int, other_end: int) -> bool:
+    """Return whether one of two can come to its end (cell) while the other one is still at its
+    beginning: where they swap places neither can.
+    """
+    i, low, high = runs.T
+    one = not (np.any(low == 0) or np.any(i == end))
+    other = not (np.any(i == 0) or np.any(high == other_end))
+    return one or other
+
+
 def _avoid_each_other(one: TimedMotion, other: TimedMotion) -> bool:
     return avoids(one.avoid, other.object) and avoids(other.avoid, one.object)
 
@@ -70,7 +80,8 @@ def order_decides(
     one, other = ways
     if not isinstance(one, Path) or not isinstance(other, Path):
         return False
-    return one_decides(workspace.conflicts(one, other))
+    runs = workspace.conflicts(one, other)
+    return one_decides(runs) and _one_can_go_first(runs, one.cells + 1, other.cells + 1)
 
 
 # ------------------ A ladder of efforts, and a report of what really conflicts
@@ -315,8 +326,13 @@ def _is_tried_out(group: MovingGroup, alone: Runs) -> bool:
     """Return whether there are no other ways to coordinate the group than were tried: two robots,
     each in time alone, of which the one goes first or the other, and nothing else that comes or
     goes on their ways.
+
+    Who is late off its way may be sooner on another one than on that which was found: two of which
+    neither can go first (they swap places) have to leave theirs.
     """
     if len(alone) != 2 or group.least > 0.0:
+        return False
+    if _is_bad(group) and not _keeps_to(alone, group.best):
         return False
     one, other = group.motions.values()
     if one.object == other.object or not _avoid_each_other(one, other):
@@ -331,6 +347,11 @@ def _is_tried_out(group: MovingGroup, alone: Runs) -> bool:
         len(group.workspace.forbidden(path, m.object, m.avoid, group.world))
         for m, path in zip((one, other), paths, strict=True)
     )
+
+
+def _keeps_to(alone: Runs, best: Runs | None) -> bool:
+    """Return whether everybody drives as it does alone, if at other times."""
+    return best is not None and all(best[name].path is run.path for name, run in alone.items())
 
 
 def _is_bad(group: MovingGroup) -> bool:
