@@ -56,9 +56,8 @@ def _one_can_go_first(runs: IntArray, end: int, other_end: int) -> bool:
     beginning: where they swap places neither can.
     """
     i, low, high = runs.T
-    one = not (np.any(low == 0) or np.any(i == end))
-    other = not (np.any(i == 0) or np.any(high == other_end))
-    return one or other
+    neither = np.any((low == 0) | (i == end)) & np.any((i == 0) | (high == other_end))
+    return not neither
 
 
 def _avoid_each_other(one: TimedMotion, other: TimedMotion) -> bool:
@@ -71,9 +70,7 @@ def order_decides(
     """Return whether it decides everything who goes first, on the fastest ways of two motions when
     nobody else is there.
     """
-    if first.body.flies or second.body.flies:
-        return False
-    if not _avoid_each_other(first, second):
+    if first.body.flies or second.body.flies or not _avoid_each_other(first, second):
         return False
     workspace = workspace_of(service)
     ways = [workspace.path(m.body, m.poses, (), deadline) for m in (first, second)]
@@ -330,14 +327,11 @@ def _is_tried_out(group: MovingGroup, alone: Runs) -> bool:
     Who is late off its way may be sooner on another one than on that which was found: two of which
     neither can go first (they swap places) have to leave theirs.
     """
-    if len(alone) != 2 or group.least > 0.0:
-        return False
-    if _is_bad(group) and not _keeps_to(alone, group.best):
+    if len(alone) != 2 or group.least > 0.0 or _is_late_elsewhere(group, alone):
         return False
     one, other = group.motions.values()
-    if one.object == other.object or not _avoid_each_other(one, other):
-        return False
-    if one.body.flies or other.body.flies:
+    apart = one.object != other.object and _avoid_each_other(one, other)
+    if one.body.flies or other.body.flies or not apart:
         return False
     paths = [alone[m.name].path for m in (one, other)]
     if not one_decides(group.workspace.conflicts(*paths)):
@@ -349,9 +343,12 @@ def _is_tried_out(group: MovingGroup, alone: Runs) -> bool:
     )
 
 
-def _keeps_to(alone: Runs, best: Runs | None) -> bool:
-    """Return whether everybody drives as it does alone, if at other times."""
-    return best is not None and all(best[name].path is run.path for name, run in alone.items())
+def _is_late_elsewhere(group: MovingGroup, alone: Runs) -> bool:
+    """Return whether somebody is late, or has no way, and not all drive where they do alone."""
+    best = group.best or {}
+    return _is_bad(group) and any(
+        best[name].path is not run.path for name, run in alone.items() if name in best
+    )
 
 
 def _is_bad(group: MovingGroup) -> bool:
