@@ -45,7 +45,7 @@ _REPAIR_STEPS, _REPAIR_EFFORT = 25, 0.4
 each (CP-SAT's deterministic time, like all efforts): a few seconds at most."""
 _STEPS = 12
 """Of scheduling anew and driving, where motions are serialized or pruned."""
-_EFFORT = 0.3
+STEP_EFFORT = 0.3
 """For one of these steps: some seconds at most."""
 _LEAN_EFFORT = 2.0
 """For another engine's candidate: some seconds; checking it takes longer."""
@@ -193,7 +193,7 @@ def _in_turn(
         # made anew: the relaxation holds what was learned by then
         problem = restrict(search.own_relaxation(), search.facts.snapshot, schedule)
         _take_turns(problem, some)
-        small = Subproblem(search, problem, _EFFORT)
+        small = Subproblem(search, problem, STEP_EFFORT)
         return small.schedule(near, optimal=False, deadline=deadline)
 
     def tell(itinerary: Itinerary, check: Check) -> bool:
@@ -235,7 +235,7 @@ def _with_fewest_motions(search: Search, near: CandidateSchedule) -> CandidateSc
     left_out = {manager.Not(a.present): 1 for a in drives}
     problem.add_quality_metric(Oversubscription(left_out, problem.environment))
     # a problem of all activities, not of a candidate's alone
-    return Subproblem(search, problem, 10 * _EFFORT).schedule(near)
+    return Subproblem(search, problem, 10 * STEP_EFFORT).schedule(near)
 
 
 def of_failed_groups(itinerary: Itinerary, check: Check) -> set[str]:
@@ -322,7 +322,7 @@ def prune_motions(search: Search, plan: Incumbent) -> Incumbent | None:
     if not weights or not only_makespan(relaxation.problem):
         return None
     problem = _with_motions_optional(relaxation, plan.schedule, weights, plan.schedule.makespan)
-    small = Subproblem(search, problem, _EFFORT)
+    small = Subproblem(search, problem, STEP_EFFORT)
 
     def again(near: CandidateSchedule) -> CandidateSchedule | None:
         found = small.schedule(near)

@@ -7,7 +7,15 @@ import numpy as np
 import pytest
 
 from tests.motion.fleet.spacetime_oracle import room
-from up_samp.model import Deadline, GroupQuery, Kinematics, MotionModel, Rest, TimedMotion
+from up_samp.model import (
+    Deadline,
+    GroupQuery,
+    Kinematics,
+    MotionModel,
+    Outcome,
+    Rest,
+    TimedMotion,
+)
 from up_samp.model.bodies import Body
 from up_samp.motion import MotionService
 from up_samp.motion.fleet.coordination import one_decides, order_decides
@@ -151,3 +159,20 @@ def test_who_goes_first_does_not_decide_where_something_else_comes_or_goes():
     assert not corridor("leaf", seconds=2.0).exhaustive  # it tries other orders until then
     assert corridor("none").exhaustive
     assert corridor("crate").exhaustive
+
+
+def test_who_goes_first_does_not_decide_where_neither_can():
+    """Two that swap places leave their fastest ways and are late: other ways may be sooner than
+    those that were found.
+    """
+    one, other = (3.0, 4.0, 0.0), (10.0, 4.0, 0.0)
+    motions = (
+        TimedMotion("a", "ra", body(), (one, other), 0.0, 8.05),
+        TimedMotion("b", "rb", body(), (other, one), 0.0, 8.05),
+    )
+    service = MotionService(room(15, 9, [(0.1, 0.1, 14.0, 8.8)]))
+    report = service.coordinate(GroupQuery(motions, ()), Deadline.after(60.0))
+    assert report.outcome is Outcome.FOUND
+    assert report.late
+    assert not report.exhaustive
+    assert not order_decides(service, *motions, Deadline.after(60.0))

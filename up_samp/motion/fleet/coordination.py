@@ -51,6 +51,15 @@ def one_decides(runs: IntArray) -> bool:
     return True
 
 
+def _one_can_go_first(runs: IntArray, end: int, other_end: int) -> bool:
+    """Return whether one of two can come to its end (cell) while the other one is still at its
+    beginning: where they swap places neither can.
+    """
+    i, low, high = runs.T
+    neither = np.any((low == 0) | (i == end)) & np.any((i == 0) | (high == other_end))
+    return not neither
+
+
 def _avoid_each_other(one: TimedMotion, other: TimedMotion) -> bool:
     return avoids(one.avoid, other.object) and avoids(other.avoid, one.object)
 
@@ -61,16 +70,15 @@ def order_decides(
     """Return whether it decides everything who goes first, on the fastest ways of two motions when
     nobody else is there.
     """
-    if first.body.flies or second.body.flies:
-        return False
-    if not _avoid_each_other(first, second):
+    if first.body.flies or second.body.flies or not _avoid_each_other(first, second):
         return False
     workspace = workspace_of(service)
     ways = [workspace.path(m.body, m.poses, (), deadline) for m in (first, second)]
     one, other = ways
     if not isinstance(one, Path) or not isinstance(other, Path):
         return False
-    return one_decides(workspace.conflicts(one, other))
+    runs = workspace.conflicts(one, other)
+    return one_decides(runs) and _one_can_go_first(runs, one.cells + 1, other.cells + 1)
 
 
 # ------------------ A ladder of efforts, and a report of what really conflicts
@@ -305,13 +313,15 @@ def _is_tried_out(group: MovingGroup, alone: Runs) -> bool:
     """Return whether there are no other ways to coordinate the group than were tried: two robots,
     each in time alone, of which the one goes first or the other, and nothing else that comes or
     goes on their ways.
+
+    Who is late off its way may be sooner on another one than on that which was found: two of which
+    neither can go first (they swap places) have to leave theirs.
     """
-    if len(alone) != 2 or group.least > 0.0:
+    if len(alone) != 2 or group.least > 0.0 or _is_late_elsewhere(group, alone):
         return False
     one, other = group.motions.values()
-    if one.object == other.object or not _avoid_each_other(one, other):
-        return False
-    if one.body.flies or other.body.flies:
+    apart = one.object != other.object and _avoid_each_other(one, other)
+    if one.body.flies or other.body.flies or not apart:
         return False
     paths = [alone[m.name].path for m in (one, other)]
     if not one_decides(group.workspace.conflicts(*paths)):
@@ -320,6 +330,14 @@ def _is_tried_out(group: MovingGroup, alone: Runs) -> bool:
     return not any(
         len(group.workspace.forbidden(path, m.object, m.avoid, group.world))
         for m, path in zip((one, other), paths, strict=True)
+    )
+
+
+def _is_late_elsewhere(group: MovingGroup, alone: Runs) -> bool:
+    """Return whether somebody is late, or has no way, and not all drive where they do alone."""
+    best = group.best or {}
+    return _is_bad(group) and any(
+        best[name].path is not run.path for name, run in alone.items() if name in best
     )
 
 

@@ -114,13 +114,11 @@ def _negated_atoms(expression: Expr, positive: bool = True) -> Expr:
     operator = expression[0]
     if operator == "not":
         return _negated_atoms(expression[1], not positive)
-    if operator in ("and", "or"):
-        join = conjunction if (operator == "and") == positive else disjunction
-        return join(_negated_atoms(e, positive) for e in expression[1:])
     if operator == "implies":
-        join = disjunction if positive else conjunction
-        left, right = expression[1:]
-        return join((_negated_atoms(left, not positive), _negated_atoms(right, positive)))
+        return _negated_atoms(("or", negation(expression[1]), expression[2]), positive)
+    if operator in ("and", "or"):
+        join = (disjunction, conjunction)[(operator == "and") == positive]
+        return join(_negated_atoms(e, positive) for e in expression[1:])
     if operator == "iff":
         left, right = expression[1:]
         return ("iff", _negated_atoms(left), _negated_atoms(right, positive))

@@ -24,7 +24,7 @@ from up_samp.search.fleet.assignment import Assignment, exchanged, mended
 from up_samp.search.fleet.sequential import FleetSolution, alone, can_decide, times_of
 from up_samp.search.fleet.tours import Priorities, TourPlanner
 from up_samp.search.knowledge import Incumbent
-from up_samp.search.resolve import Subproblem
+from up_samp.search.resolve import STEP_EFFORT, Subproblem
 from up_samp.search.search import Search
 from up_samp.search.world import groups_of
 from up_samp.upio import Itinerary, read_itinerary
@@ -36,8 +36,6 @@ MANY, _SHARE = 14, 0.6
 the share of the remaining time that they get."""
 _FEW_ROUNDS = 4
 """In which all their tours are decided."""
-_AGAIN_EFFORT = 0.3
-"""For a candidate's schedule with what its check told: some seconds at most."""
 # first tours
 _EACH = 16
 """Rounds after which other ways are looked for in one."""
@@ -119,7 +117,7 @@ def in_order_at_last(search: Search, schedule: CandidateSchedule, check: Check) 
         return None
     # what the check told is in the relaxation by now: the candidate may break it
     problem = restrict(search.own_relaxation(), search.facts.snapshot, schedule)
-    near = Subproblem(search, problem, _AGAIN_EFFORT).schedule(schedule)
+    near = Subproblem(search, problem, STEP_EFFORT).schedule(schedule)
     if near is None:
         return None
     itinerary = read_itinerary(search.knowledge.relaxation, near)
