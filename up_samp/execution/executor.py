@@ -39,7 +39,6 @@ from up_samp.execution.reports import (
     unreadable,
 )
 from up_samp.execution.state import (
-    HOP,
     FloorState,
     MotionUnderWay,
     RobotPace,
@@ -83,11 +82,8 @@ class Executor(Followed):
         dependencies: Dependencies | None = None,
         tuning: ExecutionTuning = ExecutionTuning(),
     ):
-        lengths = {"localisation": localisation, "tolerance": tolerance}
-        for name, value in {**lengths, "latency": latency, "ahead": ahead}.items():
-            if value is not None and (not is_number(value) or value < 0.0):
-                unit = "m" if name in lengths else "s"
-                raise ProblemError(f"'{name}' cannot be {value!r}: at least 0 {unit}")
+        _check("m", localisation=localisation, tolerance=tolerance)
+        _check("s", latency=latency, ahead=ahead)
         if isinstance(plan, Schedule):
             if problem is None:
                 raise ProblemError("a UP plan can be followed only together with its problem")
@@ -527,7 +523,7 @@ class Executor(Followed):
         if self.ahead is None:
             return until
         far = way.progress + reach(way.travel, self.ahead)
-        if way.let < far - HOP:
+        if way.let < far - way.travel.fastest * self.ahead:
             way.let = max(way.let, min(until, far))
         return min(way.let, until)
 
@@ -620,6 +616,12 @@ class Executor(Followed):
             if over > 1e-6:
                 found[bound.why] = max(over, found.get(bound.why, 0.0))
         return found
+
+
+def _check(unit: str, **values: float | None) -> None:
+    for name, value in values.items():
+        if value is not None and (not is_number(value) or value < 0.0):
+            raise ProblemError(f"'{name}' cannot be {value!r}: at least 0 {unit}")
 
 
 # ------------------ What has happened, kept and taken up again, or told by who was there

@@ -85,8 +85,6 @@ class RobotPace(Mapping[str, float]):
 
 REACTION = 0.5
 """Seconds that pass before a robot obeys a new command."""
-HOP = 2.0
-"""m that robots are let drive farther at a time, unless they have to wait before."""
 
 
 def braked(travel: TravelProfile, speed: float) -> float:
@@ -96,9 +94,9 @@ def braked(travel: TravelProfile, speed: float) -> float:
 
 def reach(travel: TravelProfile, ahead: float | None) -> float:
     """Return how far (m) from where it is a robot may be let drive for good that is let drive
-    ``ahead`` s farther than it can stand (None: nothing is for good).
+    ``ahead`` s farther than it can stand, and twice as far at a time (None: nothing is for good).
     """
-    return 0.0 if ahead is None else braked(travel, travel.fastest) + travel.fastest * ahead + HOP
+    return 0.0 if ahead is None else braked(travel, travel.fastest) + 2 * travel.fastest * ahead
 
 
 # ------------------ What has happened so far

@@ -61,10 +61,10 @@ class Robots(Protocol):
 
 SNAPSHOT = 60.0
 """Seconds after which all that has happened is kept as a whole, so that a restart is quick."""
-STILL = 5.0
-"""Seconds after which a robot that stands off its path is planned anew from there."""
 RETRY = 5.0
-"""Seconds after which the planner is asked again that found nothing."""
+"""Seconds after which the planner is asked again that found nothing, and after which a robot that
+stands off its path is planned anew from there.
+"""
 
 
 DAY = Weights(tardiness=10.0, completion=1.0, driving=0.1)
@@ -419,7 +419,7 @@ class Operation(Day):
         if math.dist(here, there) > 2 * self.settings.localisation:
             since, there = report.time, here
         self._off[name] = since, there
-        if report.time >= since + STILL:
+        if report.time >= since + RETRY:
             del self._off[name]
             self.poses[name], self.placed[name] = here, PLACED
             self._keep_fleet()

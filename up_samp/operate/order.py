@@ -35,7 +35,6 @@ def ordered(
     goals: Mapping[str, Goal],
     begun: Mapping[str, float] = MappingProxyType({}),
     lead: float = 0.0,
-    localisation: float = TOLERANCES.localisation,
     ahead: float | None = None,
 ) -> PlanDict:
     """Return a plan in the best order that is found, with its times from now on. ``begun``: what
@@ -44,9 +43,7 @@ def ordered(
     :class:`Executor`.
     """
     tuning = ExecutionTuning(reorder=ReorderTuning(horizon=1e6))
-    executor = Executor(
-        plan, dependencies=told, localisation=localisation, tuning=tuning, ahead=ahead
-    )
+    executor = Executor(plan, dependencies=told, tuning=tuning, ahead=ahead)
     here = {n: s for n, s in begun.items() if n in told.graph.tasks}
     executor.join(
         0.0,

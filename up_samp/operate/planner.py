@@ -280,7 +280,7 @@ def _ordered(
 ) -> PlanDict:
     """Return a plan in order by what orders' ends cost, and by when it can be followed."""
     goals = goals_of(meanings, (*ask.kept_jobs, *ask.jobs, *(o for _, o in ask.held)))
-    return ordered(plan, told, goals, ask.cut.begun, ask.lead, ask.localisation, ask.ahead)
+    return ordered(plan, told, goals, ask.cut.begun, ask.lead, ask.ahead)
 
 
 # ------------------ The process

@@ -29,5 +29,5 @@ class Settings:
     tick: float = 0.2
     localisation: float = 0.05
     latency: float = 0.5
-    ahead: float = 1.5
+    ahead: float = 1.2
     seed: int = 0

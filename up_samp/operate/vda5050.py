@@ -45,10 +45,6 @@ BEGUN_ANEW = "~"
 """What stands between an activity and how often its order was begun anew."""
 NEAR = 0.01
 """m of progress that are the same place."""
-BACK = 0.05
-"""m that more may be released than may be driven: roundings, and what a new plan cuts otherwise."""
-SIDEWAYS = 0.25
-"""m between two nodes of motions that are driven sideways in part."""
 AGAIN = 1.0
 """Seconds after which what is over is told again, until it is believed."""
 SHAPE = ("trajectory", "orientation", "orientationType", "rotationAllowed", "length")
@@ -270,11 +266,15 @@ class MasterControl:
         for key, own in (("speedMax", kind.v_max), ("accelerationMax", kind.a_max)):
             if isinstance(told.get(key), int | float) and told[key] < own - 1e-9:
                 self._fault(name, f"its {key} is {told[key]:g}, in the site file {own:g}")
-        corners = corners_of(kind.footprint)
-        for key, axis in (("length", 0), ("width", 1)):
-            own = max(c[axis] for c in corners) - min(c[axis] for c in corners)
+        for key, own in zip(("length", "width"), self._sides(name), strict=True):
             if isinstance(told.get(key), int | float) and told[key] > own + 1e-3:
                 self._fault(name, f"its {key} is {told[key]:g} m, in the site file {own:g}")
+
+    def _sides(self, robot: str) -> tuple[float, float]:
+        """Return a robot's length and width (m)."""
+        kind = self.site.robot_types[self.site.robots[robot].type]
+        x, y = zip(*corners_of(kind.footprint), strict=True)
+        return max(x) - min(x), max(y) - min(y)
 
     def _reported(self, agv: Agv, now: float) -> list[Report]:
         state = agv.state
@@ -380,7 +380,7 @@ class MasterControl:
         """
         if agv.activity != command.motion or not agv.nodes or not (agv.released or agv.cancel):
             return True
-        if agv.cancel is None and command.until >= agv.nodes[-1][1] - BACK:
+        if agv.cancel is None and command.until >= agv.nodes[-1][1] - NEAR:
             return True
         self._pause(agv, True, now)
         if not agv.state.get("driving"):
@@ -427,7 +427,7 @@ class MasterControl:
         motion = self._motions[command.motion]
         released = agv.nodes[-1] if agv.nodes else (0, 0.0)
         whole = self._lengths[command.motion]
-        at = {released[1], command.until, *self._spaced(motion, whole)}
+        at = {released[1], command.until, *self._spaced(agv.name, motion, whole)}
         pieces = [p for p in stretches_of(motion, at) if p[2] > released[1] + NEAR]
         number = released[0] // 2
         nodes = [self._node(agv, number, self._pose(motion, released[1]), True)]
@@ -446,13 +446,14 @@ class MasterControl:
         agv.nodes = [*agv.nodes, *added]
         self._send_new(agv, nodes, edges, now)
 
-    def _spaced(self, motion: Message, whole: float) -> list[float]:
+    def _spaced(self, robot: str, motion: Message, whole: float) -> list[float]:
         """Return where (m) a motion has nodes beside those that are asked for: edges do not say how
-        a robot turns while it drives sideways, nodes do.
+        a robot turns while it drives sideways, nodes do, half as far from each other as it is wide.
         """
         step = self.spacing
         if any(p.direction == "any" for p in pieces_of(motion)):
-            step = min(step or SIDEWAYS, SIDEWAYS)
+            half = min(self._sides(robot)) / 2
+            step = min(step or half, half)
         return [step * k for k in range(1, int(whole / step) + 1)] if step else []
 
     def _begin(self, agv: Agv, activity: str) -> None:
