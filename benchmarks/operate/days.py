@@ -28,14 +28,18 @@ LATER = 1e-3
 
 
 class FirstComeFirstServed(Operation):
-    """The order that waits and is next, by priority, then by when it is due, then by coming."""
+    """The order that waits and is next, by priority, then by when it is due, then by coming; those
+    that no plan was found for a moment ago come last.
+    """
 
     def next_order(self) -> DayOrder | None:
         """Return it (None: none waits, or something else has to be seen to first)."""
         waiting = [*self.waiting(), *self.dropped()]
         if not waiting or self.stranded() or self.stale():
             return None
-        return min(waiting, key=lambda j: (-j.record.priority, j.record.due or math.inf, j.came))
+        now = self.clock.now()
+        left = [j for j in waiting if self.aside.get(j.id, now) <= now] or waiting
+        return min(left, key=lambda j: (-j.record.priority, j.record.due or math.inf, j.came))
 
     def mended(self) -> OpenWork | None:
         """Return what has to be planned though no order waits."""
