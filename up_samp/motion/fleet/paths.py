@@ -195,6 +195,33 @@ def first_meeting(
 
 
 @kernel
+def shared_stretch(runs: IntArray, a: FloatArray, b: FloatArray, after: float) -> tuple[int, int]:
+    """Return the first and last cell of ``a`` in which two runs conflict at some time, from the
+    first conflict (at ``after`` or later) on as long as they are no more than 2 s apart (-1: none).
+    """
+    low = np.empty(len(runs))
+    for r in range(len(runs)):
+        i, j0, j1 = runs[r, 0], runs[r, 1], runs[r, 2]
+        low[r] = max(a[i], b[j0])
+        if min(a[i + 1], b[j1 + 1]) - low[r] <= TIMES.same or low[r] < after - TIMES.same:
+            low[r] = np.inf
+    first, last = -1, -1
+    until = low.min() if len(low) > 0 else np.inf
+    grown = until < np.inf
+    while grown:
+        grown = False
+        for r in range(len(runs)):
+            if low[r] <= until and low[r] < np.inf:  # until may be endless
+                i = runs[r, 0]
+                first = i if first < 0 else min(first, i)
+                last = max(last, i)
+                until = max(until, min(a[i + 1], b[runs[r, 2] + 1]) + 2.0)
+                low[r] = np.inf
+                grown = True
+    return first, last
+
+
+@kernel
 def safe_intervals(rows: FloatArray, cells: int) -> Safe:
     """Return the safe time intervals of all extended cells, ascending, outside of ``rows`` (cell,
     from, until).
