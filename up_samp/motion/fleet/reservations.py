@@ -98,15 +98,11 @@ class ReservationTable:
         met = met_at_full_speed(self._workspace, self._after_last(motion), path, others)
         return {run.object for run, _, _ in met}
 
-    def past_all_ends(
-        self, motion: TimedMotion, deadline: Deadline, *, quick: bool = False
-    ) -> TimedPath | None:
+    def past_all_ends(self, motion: TimedMotion, deadline: Deadline) -> TimedPath | None:
         """Return the earliest run of a motion on its best path past the places where all others
         stay in the end, if there is such a path and a timing.
 
         Whatever the others do before, on that path it can drive once they have done it.
-
-        :param quick: any path that is cheap to find will do.
         """
         others = self._others({motion.object}, -math.inf)
         ends = [
@@ -114,12 +110,7 @@ class ReservationTable:
             for o in others
             if o.until == math.inf and avoids(motion.avoid, o.object)
         ]
-        asked = motion.body, motion.poses, ends
-        path = (
-            self._workspace.detour(*asked, (), deadline)
-            if quick
-            else self._workspace.path(*asked, deadline)
-        )
+        path = self._workspace.path(motion.body, motion.poses, ends, deadline)
         if not isinstance(path, Path):
             return None
         return fit(self._workspace, self._after_last(motion), path, others)
