@@ -92,16 +92,13 @@ class Day:
         cancelled, or changed.
         """
         found = {}
+        reasons = {OrderState.CANCELLED: "is cancelled", OrderState.WAITING: "was changed"}
         for name, meaning in self.meanings.items():
             job = self.jobs.get(meaning.what)
-            if job is None or not self.executor:
+            if self.executor is None or job is None or job.state not in reasons:
                 continue
-            if self.executor.phase(name) is not TaskPhase.WAITING:
-                continue
-            if job.state is OrderState.CANCELLED:
-                found[name] = f"order '{job.id}' is cancelled"
-            elif job.state is OrderState.WAITING:
-                found[name] = f"order '{job.id}' was changed"
+            if self.executor.phase(name) is TaskPhase.WAITING:
+                found[name] = f"order '{job.id}' {reasons[job.state]}"
         return found
 
     def stale(self) -> list[str]:

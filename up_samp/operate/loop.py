@@ -456,9 +456,7 @@ class Operation(Day):
         for name, meaning in self.meanings.items():
             job = self.jobs.get(meaning.what)
             phase = self.executor.phase(name)
-            if job is None or phase is TaskPhase.WAITING:
-                continue
-            if not job.state.open:
+            if job is None or phase is TaskPhase.WAITING or not job.state.open:
                 continue
             when = self.executor.state.now + self.origin
             if phase is TaskPhase.DONE and meaning.kind in DELIVERS:
