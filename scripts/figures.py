@@ -116,7 +116,7 @@ TIGHT = {
 """The bodies for which each case of ``tests/motion/fleet/tight_places.py`` makes sense."""
 FLOORS = (
     *("logistics-dc-all-r2-i3", "logistics-do-oc-r3-i4", "logistics-dc-all-r3-i6"),
-    *("jobshop-r2-j2-m2", "jobshop-r3-j3-m2", "jobshop-r3-j3-m4", "transport-dc-r2-j2-m2"),
+    *("jobshop-r2-j2-m2", "jobshop-r3-j3-m2", "jobshop-r3-j3-m4"),
     *("navigation-r3", "kitting-r2-k2-p2-d2", "doors-r2-d2", "warehouse-r3-o5"),
     *("logistics-dc-all-r5-i8", "navigation-r10", "logistics-dc-all-r10-i16"),
 )

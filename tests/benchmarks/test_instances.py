@@ -39,13 +39,13 @@ def test_the_paper_has_132():
 
 
 def test_any_size_and_seed_by_name():
-    for name in ("logistics-do-oc-r4-i3-s7", "jobshop-r1-j1-m1-s3", "transport-do-r1-j1-m1"):
+    for name in ("logistics-do-oc-r4-i3-s7", "jobshop-r1-j1-m1-s3"):
         assert instance(name).build(metric=False).name == name
     with pytest.raises(ProblemError, match="robots"):
         instance("logistics-dc-all-r11-i1").build()
 
 
-@pytest.mark.parametrize("bad", ["logistics-r1", "nothing", "transport-dc-r1"])
+@pytest.mark.parametrize("bad", ["logistics-r1", "nothing", "doors-dc-r1"])
 def test_unknown_names_are_refused(bad):
     with pytest.raises(ProblemError, match=bad):
         instance(bad)
@@ -237,7 +237,7 @@ def test_box():
 def test_all_instances_build(encoding):
     large = [instances(family)[0] for family in families()]
     for i in [*instances("paper"), *large, instance("logistics-dc-all-r10-i16")]:
-        if i.family in ("warehouse", "transport") and encoding != "fluents":
+        if i.family == "warehouse" and encoding != "fluents":
             with pytest.raises(ProblemError, match="encoding"):
                 i.build(encoding, False)
             continue

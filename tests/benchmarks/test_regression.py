@@ -39,7 +39,7 @@ def test_the_short_subset_is_solved_to_the_known_optimum(instance):
     """The first in a process of its own, as the runner does it."""
     spec = RunSpec(instance, ENGINE, timeout=240)
     own = instance == next(iter(OPTIMA))
-    record = runner.execute(spec.to_dict()) if own else perform(spec)
+    record = runner.execute(spec) if own else perform(spec)
     assert report.proven(record), record
     assert record["makespan"] == record["metrics"]["lower_bound"] == OPTIMA[instance]
     assert record["seconds_cpu"] > 0

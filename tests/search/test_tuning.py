@@ -147,5 +147,5 @@ def test_a_benchmarks_run_gets_its_tunables_in_its_process(tmp_path):
     assert [s.tuning for s in specs] == ["", '{"cpsat": {"tiny": 0}}']
     assert len({s.key for s in specs}) == len({s.column for s in specs}) == 2
     wrong = RunSpec(chosen[0].name, "samp-refine[cpsat]", tuning='{"cpsat": {"x": 1}}')
-    record = execute(dataclasses.asdict(wrong))
+    record = execute(wrong)
     assert "unknown tunable 'cpsat.x'" in record["error"]

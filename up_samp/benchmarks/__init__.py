@@ -11,7 +11,6 @@ from up_samp.benchmarks.jobshop import job_shop
 from up_samp.benchmarks.kitting import kitting
 from up_samp.benchmarks.logistics import logistics
 from up_samp.benchmarks.navigation import navigation
-from up_samp.benchmarks.transport import transport
 
 __all__ = [
     "Instance",
@@ -23,5 +22,4 @@ __all__ = [
     "kitting",
     "logistics",
     "navigation",
-    "transport",
 ]

@@ -63,13 +63,6 @@ def _add_run(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
         help="draw the instances anew from these seeds, all but their sizes (0: as they are)",
     )
     sweeper.add_argument("--jobs", type=int, default=1, metavar="J", help="runs at a time")
-    sweeper.add_argument("--cluster", metavar="ADDRESS", help="a Dask scheduler to run on")
-    sweeper.add_argument(
-        "--cold", action="store_true", help="no warm-up run before the first that counts"
-    )
-    sweeper.add_argument(
-        "--again", nargs="+", default=[], metavar="STATUS", help="do runs that ended so again"
-    )
     sweeper.add_argument("--out", type=Path, required=True, metavar="DIR")
 
 
@@ -101,10 +94,7 @@ def _run(args: argparse.Namespace) -> int:
         timeout=args.timeout,
         memory=args.memory,
     )
-    with runner.executor_for(args.jobs, args.cluster) as executor:
-        if not args.cold:
-            runner.warm_up(specs, executor)
-        records = runner.run_sweep(specs, args.out, executor, again=args.again)
+    records = runner.run_sweep(specs, args.out, args.jobs)
     for record in records:
         print(runner.describe(record))
     path = report.write(records, args.out)

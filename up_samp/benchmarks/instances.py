@@ -2,8 +2,8 @@
 
 A name says everything: ``logistics-dc-all-r2-i4`` (door closed or ``do``, open; all sides or
 ``oc``, corridor only; robots; items), ``jobshop-r2-j2-m4`` (robots, jobs, machines),
-``transport-dc-r2-j2-m2``, ``transport-ft06-do-r3``; ``-s7`` at the end asks for seed 7: another
-instance of these sizes, with places, orders, durations, walls and robots' shapes drawn anew.
+``-s7`` at the end asks for seed 7: another instance of these sizes, with places, orders, durations,
+walls and robots' shapes drawn anew.
 ``warehouse-r5-o10`` (robots, orders), ``warehouse-compact-r5-o10``: empty moves start at a fluent.
 ``navigation-r4``, ``kitting-r2-k2-p3-d2`` (robots, kits, parts, doors; ``-op``: with an operator)
 and ``doors-r3-d2`` (robots, doors) are published beside the paper's families.
@@ -20,7 +20,7 @@ from typing import Any
 
 from unified_planning.model.motion import SchedulingMotionProblem
 
-from up_samp.benchmarks import jobshop, logistics, transport
+from up_samp.benchmarks import jobshop, logistics
 from up_samp.benchmarks.door_sequence import door_sequence
 from up_samp.benchmarks.kitting import kitting
 from up_samp.benchmarks.navigation import navigation
@@ -49,9 +49,6 @@ class Instance:
 _FORMS: dict[str, tuple[str, Build]] = {
     "logistics": (r"-d(?P<door>[co])-(?P<sides>all|oc)-r\d+-i\d+", logistics.logistics),
     "jobshop": (r"-r\d+-j\d+-m\d+", jobshop.job_shop),
-    "transport": (
-        r"(?P<data>-ft06)?-d(?P<door>[co])-r\d+(?(data)|-j\d+-m\d+)", transport.transport,
-    ),
     "navigation": (r"-r\d+", navigation),
     "kitting": (r"-r\d+-k\d+-p\d+-d\d+(?P<operator>-op)?", kitting),
     "warehouse": (r"-(?P<compact>compact-)?r\d+-o\d+", warehouse),
@@ -95,8 +92,6 @@ def _options(found: re.Match[str]) -> dict[str, Any]:
             options[key] = "closed" if word == "c" else "open"
         elif key == "sides":
             options[key] = "all" if word == "all" else "corridor"
-        elif key == "data":
-            options[key] = word and word[1:]
         else:
             options[key] = word is not None
     return options
@@ -128,13 +123,6 @@ _LISTS: dict[str, list[tuple[str, _Sizes]]] = {
             "jobshop-r{}-j{}-m{}",
             [(3, 4, 4), (3, 6, 4), (4, 4, 4), (4, 4, 6), (4, 6, 6), (5, 6, 6)],
         )
-    ],
-    "transport": [
-        (
-            "transport-dc-r{}-j{}-m{}",
-            [*itertools.product((1, 2), (1, 2), (1, 2)), (2, 3, 2), (3, 3, 2), (2, 2, 4)],
-        ),
-        ("transport-ft06-do-r{}", [(2,), (3,)]),
     ],
     "navigation": [("navigation-r{}", [(robots,) for robots in range(2, 11)])],
     "kitting": [

@@ -1,8 +1,8 @@
 """One benchmark run in a process of its own.
 
-Reads a :class:`~up_samp.benchmarks.one_run.RunSpec` as a line of JSON from stdin, writes a line
-when its engine is called, and the record as a line of JSON. Whatever goes wrong becomes part of the
-record; a process that dies leaves none, and its parent says so.
+Reads a :class:`~up_samp.benchmarks.one_run.RunSpec` as JSON from its argument and writes the record
+as a line of JSON. Whatever goes wrong becomes part of the record; a process that dies leaves none,
+and its parent says so.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import platform
 import sys
 import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,9 +27,6 @@ from up_samp.benchmarks.published import Encoding, check_encoding
 from up_samp.model import ProblemError
 from up_samp.system.child import die_with
 from up_samp.system.memory import limit_memory
-
-BEGINS = b"begins\n"
-"""What a run says when everything is built, before its engine is called."""
 
 Record = dict[str, Any]
 """The outcome of a run, as one line of JSON.
@@ -167,14 +164,12 @@ def machine() -> dict[str, Any]:
     return {"system": platform.system(), "processor": platform.machine(), "cores": usable}
 
 
-def perform(spec: RunSpec, begin: Callable[[], None] = lambda: None) -> Record:
-    """Solve the instance and judge the plan; return what the run found. ``begin`` is called when
-    everything is built, before the engine.
-    """
+def perform(spec: RunSpec) -> Record:
+    """Solve the instance and judge the plan; return what the run found."""
     record: Record = {}
     began = time.perf_counter()
     try:
-        _solve(spec, record, begin)
+        _solve(spec, record)
     except MemoryError:
         record |= {"status": "MEMOUT", "error": "out of memory"}
     except Exception as error:
@@ -185,7 +180,7 @@ def perform(spec: RunSpec, begin: Callable[[], None] = lambda: None) -> Record:
     return record
 
 
-def _solve(spec: RunSpec, record: Record, begin: Callable[[], None]) -> None:
+def _solve(spec: RunSpec, record: Record) -> None:
     import unified_planning
     from unified_planning.exceptions import UPNoRequestedEngineAvailableException
     from unified_planning.shortcuts import OneshotPlanner
@@ -206,7 +201,6 @@ def _solve(spec: RunSpec, record: Record, begin: Callable[[], None]) -> None:
     }
     if spec.tuning:
         parameters["tuning"] = json.loads(spec.tuning)
-    begin()
     began, cpu = time.perf_counter(), _cpu()
     try:
         planner = OneshotPlanner(name=spec.engine, params=parameters)
@@ -278,19 +272,15 @@ def _plain(value: object) -> Any:
 
 
 def main() -> None:
-    """Run the spec that is the first line of stdin; tell when it begins, and its record."""
+    """Run the spec that is the argument, and tell its record."""
     # whatever libraries print must not get between the lines that are told
     channel = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
-    spec = RunSpec(**json.loads(sys.stdin.buffer.readline()))
+    spec = RunSpec(**json.loads(sys.argv[1]))
     die_with(sys.stdin.fileno())
     limit_memory(spec.memory * 1_000_000, "DATA")
-
-    def tell(line: bytes) -> None:
-        channel.write(line)
-        channel.flush()
-
-    tell(json.dumps(perform(spec, lambda: tell(BEGINS))).encode() + b"\n")
+    channel.write(json.dumps(perform(spec)).encode() + b"\n")
+    channel.flush()
 
 
 if __name__ == "__main__":

@@ -1,10 +1,9 @@
-"""Reports on sweeps: the paper's Table 1 with ours beside it, coverage over time, Markdown."""
+"""Reports on sweeps: the paper's Table 1 with ours beside it, Markdown."""
 
 from __future__ import annotations
 
 import re
 import statistics
-from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -61,10 +60,8 @@ def _groups() -> dict[str, str]:
 
 
 def write(records: Sequence[Record], folder: Path) -> Path:
-    """Write ``report.md`` with its plot into ``folder``; return its path."""
+    """Write ``report.md`` into ``folder``; return its path."""
     folder.mkdir(parents=True, exist_ok=True)
-    plot = folder / "coverage.png"
-    plot_coverage(records, plot)
     parts = [
         "# Benchmark report",
         summary(records),
@@ -78,15 +75,11 @@ def write(records: Sequence[Record], folder: Path) -> Path:
         "Instances of the same sizes from seeds (0: the paper's): runs with a valid plan, with a "
         "proven optimal one, and the mean of (makespan - lower bound) / makespan.",
         table_drawn(records),
-        "## Coverage over time",
-        f"![solved instances over time]({plot.name})",
         "## Runs that were not solved",
         table_failures(records),
         "## Every instance",
         "Makespan (and the lower bound where it is not met) and seconds; a dash is no plan.",
         table_instances(records),
-        "## Versions and machines",
-        table_machines(records),
     ]
     path = folder / "report.md"
     path.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
@@ -205,42 +198,6 @@ def _reason(record: Record) -> str:
     else:
         text = record.get("error") or "; ".join(record.get("messages", []))
     return " ".join(text.split()).replace("|", "\\|")[:200]
-
-
-def table_machines(records: Sequence[Record]) -> str:
-    """Return the versions and machines that the runs were made with."""
-
-    def listed(key: str) -> Counter[str]:
-        return Counter(
-            ", ".join(f"{k} {v}" for k, v in sorted(r.get(key, {}).items())) for r in records
-        )
-
-    rows = [["runs", "with"]]
-    for key in ("versions", "machine"):
-        rows += [[str(n), what] for what, n in listed(key).items()]
-    return _table(rows)
-
-
-def plot_coverage(records: Sequence[Record], path: Path) -> None:
-    """Draw how many runs were solved (as their column asks) within how many seconds."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(8, 4.5), layout="constrained")
-    axes = figure.add_subplot()
-    for title, members in columns(records).items():
-        repeats = len({r["number"] for r in members})
-        times = sorted(max(r["seconds"], 1e-2) for r in members if counts(r))
-        if times:
-            end = max(times[-1], members[0]["timeout"])
-            heights = [(i + 1) / repeats for i in range(len(times))]
-            axes.step([*times, end], [*heights, heights[-1]], where="post", label=title)
-    axes.set_xscale("log")
-    axes.set_xlabel("time (s)")
-    axes.set_ylabel("instances solved")
-    axes.grid(alpha=0.3)
-    if axes.get_legend_handles_labels()[0]:
-        axes.legend(fontsize="small")
-    figure.savefig(path, dpi=120)
 
 
 def _mean(values: Any) -> str:
