@@ -411,6 +411,8 @@ SORTS = {
     "robots": (),
     "places": ("start", "end", "at", "input", "output", "opened_from"),
     "doors": (),
+    "automatic_doors": (),
+    "airlocks": ("airlock",),
     "zones": (),
     "floors": ("floor", "stops"),
     "lifts": (),

@@ -12,6 +12,10 @@ REFUSED = {
         lambda f: f.add_robot("late", "agv", [3, 11, 0], shift=(9, 99)),
         "robot 'late' has a shift",
     ),
+    "timetables": (
+        lambda f: f.add_automatic_door("gate", [(1, 1), (2, 1), (2, 2)], shut=(9, 99)),
+        "automatic door 'gate' has a timetable",
+    ),
     "batteries": (
         lambda f: f.add_robot_type("small", (0.5, 0.5), battery={"capacity": 9}),
         "robot type 'small' has a battery",

@@ -14,6 +14,7 @@ from typing import NamedTuple
 from shapely import STRtree, box
 from shapely.geometry import Polygon
 
+from up_samp.fleet.doorways import in_doorways
 from up_samp.fleet.faults import NO_ROBOT
 from up_samp.fleet.floors import FloorMaps, floor_of, legs_between, lift_between
 from up_samp.fleet.loads import ends_of, load_of, load_pose, loads_of, place_of, with_load
@@ -134,7 +135,7 @@ class _Checker:
         return floor_of(self.records, place)
 
     def poses(self) -> Iterator[Finding]:
-        """Where robots would stand in walls, doors or zones."""
+        """Where robots would stand in walls, doors, doorways or zones."""
         found: dict[str, dict[str, list[str]]] = {}
         for kind, places in sorted(self.used.items()):
             for name in sorted(places):
@@ -152,6 +153,9 @@ class _Checker:
                     blocked.append(
                         f"{at} would stand in a wall, in unknown cells or outside the map"
                     )
+                for door in in_doorways(self.records, kind, name):
+                    text = f"{at} would stand in the doorway of '{door}': drive through it only"
+                    yield Finding(Level.ERROR, name, text, kind)
                 for other in sorted(hit):
                     if other in self.records.zones:
                         text = f"{at} would be in the zone '{other}', which it must keep out of"

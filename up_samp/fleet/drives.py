@@ -9,6 +9,7 @@ from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import Equals
 
 from up_samp.fleet.batteries import Meter
+from up_samp.fleet.doorways import Doorways, check_visits
 from up_samp.fleet.floors import floor_of, lift_between
 from up_samp.fleet.loads import is_stand_of, is_under, load_name, loads_of, place_of, ridden
 from up_samp.fleet.outlines import area_of
@@ -17,6 +18,7 @@ from up_samp.fleet.site import Site
 from up_samp.fleet.statements import Kind, Meaning, at_start
 from up_samp.fleet.visits import Successions, moves_needed
 from up_samp.fleet.work import Work
+from up_samp.model import Placed
 
 
 class Drives:
@@ -26,10 +28,12 @@ class Drives:
         self._site = site
         self._work = work
         self._meter = Meter(site.records, site.folder)
+        self._doorways = Doorways(site, self._meter)
 
     def add(self, robot: str) -> None:
         """Add the drives that a robot may need, as many of each as any schedule could."""
         records, kind = self._site.records, self._site.kind_of(robot)
+        check_visits(records, robot, self._work.visits[robot])
         needed = moves_needed(self._work.visits[robot], Successions(records, robot))
         longest = self._longest(kind)
         for (origin, to), copies in needed.items():
@@ -73,13 +77,15 @@ class Drives:
         a.set_duration_bounds(1, longest)
         floor = floor_of(site.records, origin)
         areas = self._zones(a, robot, origin, to)
+        around = [area_of(site.records, area.name) for area in areas]
         a.add_motion_constraint(
             ActivityWaypoints(
                 mover,
                 site.places[origin],
                 [site.places[to]],
                 static_obstacles=[
-                    *self._doors(robot, origin, to, areas),
+                    *self._doors(robot, origin, to, around),
+                    *self._doorways.heed(a, robot, origin, to, around),
                     *site.keep_out.get((mover.type.name, floor), ()),
                     *areas,
                 ],
@@ -118,18 +124,15 @@ class Drives:
                 a.add_increase_effect(a.end, room, 1)
         return around
 
-    def _doors(
-        self, robot: str, origin: str, to: str, around: list[MovableObject]
-    ) -> list[MovableObject]:
+    def _doors(self, robot: str, origin: str, to: str, around: list[Placed]) -> list[MovableObject]:
         """Return a floor's doors as a drive heeds them: where its way leads past all that a leaf
         sweeps anyway, that area, which never moves, so that it waits for no door.
         """
         site, found = self._site, []
-        zones = [area_of(site.records, area.name) for area in around]
         for name, door in site.records.doors.items():
             if door.floor == floor_of(site.records, origin):
                 area, reach = site.reaches[name]
-                past = self._meter.clears(robot, origin, to, (reach, *zones))
+                past = self._meter.clears(robot, origin, to, (reach, *around))
                 found.append(area if past else site.doors[name])
         return found
 

@@ -136,6 +136,7 @@ def same_names(records: FleetRecords) -> Iterator[Fault]:
         ("robots", records.robots),
         ("places", records.places),
         ("doors", records.doors),
+        ("automatic_doors", records.automatic_doors),
         ("zones", records.zones),
         ("lifts", records.lifts),
         ("floors", records.floors),
@@ -189,7 +190,7 @@ def _floors(records: FleetRecords) -> Iterator[Fault]:
     stops = {stop_of(n, floor) for n, lift in records.lifts.items() for floor in lift.stops}
     named: list[tuple[Path, str]] = [
         ((kind, name, "floor"), item.floor)
-        for kind in ("places", "doors", "zones")
+        for kind in ("places", "doors", "automatic_doors", "zones")
         for name, item in getattr(records, kind).items()
         if name not in stops
     ]
@@ -259,6 +260,19 @@ def _doors(records: FleetRecords) -> Iterator[Fault]:
             yield Fault(("doors", name, "times"), text)
         if door.opened_from and records.robots and not with_skills(records, door.skills, ()):
             yield Fault(("doors", name, "skills"), f"no robot has {_and(door.skills)}")
+
+
+def _automatic_doors(records: FleetRecords) -> Iterator[Fault]:
+    locks = [door.airlock for door in records.automatic_doors.values()]
+    for name, door in records.automatic_doors.items():
+        path: Path = ("automatic_doors", name)
+        if door.closes_in and door.airlock is None:
+            text = "is how long the other door of an airlock waits for this one; name its airlock"
+            yield Fault((*path, "closes_in"), text)
+        if door.airlock is not None and locks.count(door.airlock) == 1:
+            text = f"only '{name}' is of the airlock '{door.airlock}'; an airlock has two or more"
+            yield Fault(("automatic_doors",), text)  # the other one may be added next
+        yield from _window(door.shut, FILE_LIMITS.least, path, "shut")
 
 
 def _zones(records: FleetRecords) -> Iterator[Fault]:
@@ -444,6 +458,10 @@ def _outlines(records: FleetRecords) -> Iterator[Fault]:
         shapes.append((("robot_types", name, "footprint"), kind.footprint))
     shapes += [(("doors", name, "leaf"), door.leaf) for name, door in records.doors.items()]
     shapes += [(("zones", name, "polygon"), zone.polygon) for name, zone in records.zones.items()]
+    shapes += [
+        (("automatic_doors", name, "polygon"), door.polygon)
+        for name, door in records.automatic_doors.items()
+    ]
     for path, outline in shapes:
         yield from _outline(outline, path)
 
@@ -490,6 +508,7 @@ CHECKS: tuple[Callable[[FleetRecords], Iterator[Fault]], ...] = (
     _batteries,
     _chargers,
     _doors,
+    _automatic_doors,
     _zones,
     _outlines,
     _orders,

@@ -26,6 +26,7 @@ from up_samp.fleet.faults import (
 from up_samp.fleet.files import read_problem_file, read_record, write_problem_file
 from up_samp.fleet.objective import tell_lateness
 from up_samp.fleet.records import (
+    AutomaticDoor,
     Door,
     FleetRecords,
     Lift,
@@ -187,6 +188,10 @@ class Fleet:
         :class:`Door`.
         """
         self._named("doors", Door, name, {"leaf": leaf, "closed": closed, "open": open, **options})
+
+    def add_automatic_door(self, name: str, polygon: Any, **options: Any) -> None:
+        """Add a doorway, whose door opens as robots come. Options: see :class:`AutomaticDoor`."""
+        self._named("automatic_doors", AutomaticDoor, name, {"polygon": polygon, **options})
 
     def add_zone(self, name: str, polygon: Any, **options: Any) -> None:
         """Add a part of the floor that robots of some types must ``keep_out`` of, or that takes

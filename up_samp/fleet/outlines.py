@@ -90,6 +90,11 @@ def area_of(records: FleetRecords, zone: str) -> Placed:
     return Placed(zone, still(records.zones[zone].polygon), (0.0, 0.0, 0.0))
 
 
+def doorway_of(records: FleetRecords, door: str) -> Placed:
+    """Return the area of an automatic door as an obstacle."""
+    return Placed(door, still(records.automatic_doors[door].polygon), (0.0, 0.0, 0.0))
+
+
 def kept_out(records: FleetRecords, kind: str, floor: str) -> tuple[Placed, ...]:
     """Return the zones of a floor that robots of a type must keep out of, as obstacles."""
     return tuple(

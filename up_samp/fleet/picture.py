@@ -16,7 +16,7 @@ from up_samp.fleet.checks import Finding, Level
 from up_samp.fleet.floors import height_of, map_of
 from up_samp.fleet.loads import load_pose, loads_of
 from up_samp.fleet.outlines import placed
-from up_samp.fleet.records import GROUND, FleetRecords, Outline, Pose
+from up_samp.fleet.records import GROUND, FleetRecords, Outline, Point, Pose
 from up_samp.fleet.spelled_out import in_numbers, spelled_out
 from up_samp.model.frames import Frame
 from up_samp.plotting.background import ground_of
@@ -86,11 +86,21 @@ def _laid_out(records: FleetRecords, shifts: Mapping[float, Frame]) -> FleetReco
     for name, door in records.doors.items():
         closed, opened = moved(door.floor, door.closed, door.open)
         doors[name] = dataclasses.replace(door, closed=closed, open=opened)
-    zones = {}
-    for name, zone in records.zones.items():
-        corners = moved(zone.floor, *((x, y, 0.0) for x, y in zone.polygon))
-        zones[name] = dataclasses.replace(zone, polygon=tuple(c[:2] for c in corners))
-    return dataclasses.replace(records, places=places, doors=doors, zones=zones)
+
+    def outline(floor: str, corners: Iterable[Point]) -> tuple[tuple[float, float], ...]:
+        return tuple(c[:2] for c in moved(floor, *((x, y, 0.0) for x, y in corners)))
+
+    zones = {
+        name: dataclasses.replace(zone, polygon=outline(zone.floor, zone.polygon))
+        for name, zone in records.zones.items()
+    }
+    automatic = {
+        name: dataclasses.replace(door, polygon=outline(door.floor, door.polygon))
+        for name, door in records.automatic_doors.items()
+    }
+    return dataclasses.replace(
+        records, places=places, doors=doors, automatic_doors=automatic, zones=zones
+    )
 
 
 def _draw_fixtures(ax: Axes, records: FleetRecords) -> list[PlacedLabel]:
@@ -101,6 +111,11 @@ def _draw_fixtures(ax: Axes, records: FleetRecords) -> list[PlacedLabel]:
         draw_area(ax, here)
         x, y = (float(v) for v in here.mean(axis=0))
         labels.append(PlacedLabel(name, x, y, WRONG, False, (0.3, 0.3)))
+    for name, doorway in records.automatic_doors.items():
+        here = np.asarray(doorway.polygon, dtype=np.float64)
+        ax.add_patch(Polygon(here, fc=mixed(FIXTURE, 0.7), ec=FIXTURE, ls=":"))
+        x, y = (float(v) for v in here.mean(axis=0))
+        labels.append(PlacedLabel(name, x, y, FIXTURE, False, (0.3, 0.3)))
     for name, door in records.doors.items():
         leaf, opened = placed(door.leaf, door.closed), placed(door.leaf, door.open)
         ax.add_patch(Polygon(opened, fc="none", ec=FIXTURE, ls="--"))
@@ -141,6 +156,9 @@ def _draw_places(ax: Axes, records: FleetRecords, bad: set[str]) -> list[PlacedL
 
 def _draw_legend(ax: Axes, records: FleetRecords, bad: set[str], tight: bool) -> None:
     keys = [Patch(fc=mixed(INK, 0.85), ec=INK, label="place")]
+    if records.automatic_doors:
+        doorway = mixed(FIXTURE, 0.7)
+        keys.append(Patch(fc=doorway, ec=FIXTURE, ls=":", label="door, automatic"))
     if records.doors:
         keys.append(Patch(fc=FIXTURE, label="door, closed"))
     if loads_of(records):

@@ -309,6 +309,26 @@ class Door:
 
 
 @dataclass(frozen=True)
+class AutomaticDoor:
+    """A doorway (``polygon``) whose door opens by itself as robots come.
+
+    A drive through it lasts ``opens_in`` s longer, in which the robot may have to stand before the
+    door; who drives past keeps clear of it, and nobody has business in it. ``shut``: times in
+    which nobody drives through. Of an ``airlock`` (a name that several doors share) one door at a
+    time is open: one robot at a time drives through any of them, and each also waits ``closes_in``
+    s until the other one is shut.
+    """
+
+    __pydantic_config__ = STRICT
+    polygon: Polygon
+    opens_in: Moment = 0.0
+    closes_in: Moment = 0.0
+    shut: Windows = ()
+    airlock: Name | None = None
+    floor: Name = GROUND
+
+
+@dataclass(frozen=True)
 class Zone:
     """A part of the floor: ``keep_out`` names the robot types that may not touch it."""
 
@@ -523,6 +543,7 @@ class FleetRecords:
     floors: Mapping[Name, Storey] = field(default_factory=dict)
     lifts: Mapping[Name, Lift] = field(default_factory=dict)
     doors: Mapping[Name, Door] = field(default_factory=dict)
+    automatic_doors: Mapping[Name, AutomaticDoor] = field(default_factory=dict)
     zones: Mapping[Name, Zone] = field(default_factory=dict)
     resources: Mapping[Name, Resource] = field(default_factory=dict)
     orders: Orders = ()

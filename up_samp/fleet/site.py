@@ -162,6 +162,8 @@ class Site:
         self.doors: dict[str, MovableObject] = {}
         self.reaches: dict[str, tuple[MovableObject, Placed]] = {}
         """By door, all that its leaf sweeps: an area that never moves."""
+        self.doorways: dict[str, MovableObject] = {}
+        """By automatic door, its area."""
         self.keep_out: dict[tuple[str, str], list[MovableObject]] = {}
         """By robot type and floor."""
         self.crowds: list[Crowd] = []
@@ -294,6 +296,8 @@ class Site:
             self.reaches[name] = area, Placed(area.name, still(reach), (0.0, 0.0, 0.0))
             self.doors[name] = self._fixture(name, door.leaf, self.places[f"{name}.closed"])
             self._at_first(name, self.spots[f"{name}.closed"])
+        for name, automatic in self.records.automatic_doors.items():
+            self.doorways[name] = self._area(name, automatic.polygon, automatic.floor)
 
     def _area(self, name: str, polygon: Outline, floor: str) -> MovableObject:
         here = self._pose(f"{name}.here", (0.0, 0.0, 0.0), floor)

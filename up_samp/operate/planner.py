@@ -96,6 +96,9 @@ def check_site(site: FleetRecords) -> None:
     for name, door in site.doors.items():
         if door.closes is not None:
             raise UnsupportedError(f"door '{name}' closes by itself: not operated yet")
+    for name, automatic in site.automatic_doors.items():
+        if automatic.shut:
+            raise UnsupportedError(f"automatic door '{name}' has a timetable: not operated yet")
     for name, kind in site.robot_types.items():
         if kind.battery is not None:
             raise UnsupportedError(f"robot type '{name}' has a battery: not operated yet")
