@@ -46,7 +46,7 @@ STYLE = (
     [tool("ruff"), "format", "--check", "."],
     [tool("lint-imports")],
 )
-TYPES = [tool("mypy"), "-p", "up_samp"]
+TYPES = [tool("mypy"), "-p", "up_samp", "-p", "up_samp_ros"]
 
 
 def room(name: str) -> str:

@@ -9,7 +9,9 @@ import pytest
 import yaml
 
 ROOT = Path(__file__).parents[2]
-WHOLE = {"docs", "extensions", "faults", "fuzz", "hostile", "metamorphic", "oracles", "soundness"}
+WHOLE = {
+    "docs", "extensions", "faults", "fuzz", "hostile", "metamorphic", "oracles", "ros", "soundness",
+}  # fmt: skip
 """Folders of tests/ that are about the whole package, told in CONTRIBUTING.md."""
 
 

@@ -27,6 +27,13 @@ def add_operate(parser: argparse.ArgumentParser) -> None:
         metavar="HOST:PORT",
         help="the robots' broker (VDA 5050); none: simulated robots",
     )
+    parser.add_argument(
+        "--robots",
+        choices=("simulated", "http"),
+        default="simulated",
+        help="without a broker: simulated ones, or those that whoever drives them asks and tells "
+        "of over --http (default: %(default)s)",
+    )
     parser.add_argument("--prefix", default="uagv", help="of topics (default: %(default)s)")
     parser.add_argument("--manufacturer", default="up_samp", help="(default: %(default)s)")
     parser.add_argument("--vda", default="2.1.0", metavar="VERSION", help="(default: %(default)s)")
@@ -52,20 +59,23 @@ def broker(text: str) -> tuple[str, int]:
 
 def _operate(args: argparse.Namespace) -> int:
     from up_samp.operate import Operation, RealClock, Settings, Store
+    from up_samp.operate.remote import RemoteRobots
     from up_samp.operate.simulated import SimulatedRobots, SteppedClock
 
+    if args.robots == "http" and (args.mqtt is not None or args.http is None):
+        raise ProblemError("--robots http is without --mqtt, and needs --http PORT")
     fleet, store = Fleet.from_file(args.site), Store(args.store)
     site = with_places(fleet.records)
     epoch = store.day("epoch", time.time())
     clock = RealClock(epoch)
     settings = Settings(budget=args.budget)
-    if args.mqtt is None:
+    if args.mqtt is None and args.robots == "simulated":
         floor = SimulatedRobots({n: site.places[r.start].pose for n, r in site.robots.items()})
         stepped = SteppedClock(clock, floor)
         day = Operation(fleet, store=store, robots=floor, clock=stepped, settings=settings)
         with contextlib.closing(day):
             return _until(day, args)
-    robots = _behind_broker(args, fleet)
+    robots = _behind_broker(args, fleet) if args.mqtt else RemoteRobots(site)
     day = Operation(fleet, store=store, robots=robots, clock=clock, settings=settings)
     with contextlib.closing(robots), contextlib.closing(day):
         return _until(day, args)

@@ -100,6 +100,12 @@ def _begun(motion: Mapping[str, Any], at: float | None) -> Mapping[str, Any]:
     return {**motion, "samples": samples, "progress": progress, "from": left}
 
 
+def whole_motion(motion: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a motion of a plan with progress from where its robot began it."""
+    begun = motion.get("from", 0.0)
+    return {**motion, "progress": [p + begun for p in motion["progress"]]}
+
+
 def _ended(motion: Mapping[str, Any], at: float | None) -> Mapping[str, Any]:
     """Return a motion up to ``at`` m."""
     if at is None:

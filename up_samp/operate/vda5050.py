@@ -39,6 +39,7 @@ from up_samp.export.vda5050 import edge_of, later, node_of
 from up_samp.fleet.records import FleetRecords, corners_of
 from up_samp.model import ProblemError
 from up_samp.operate.records import Pose, Report
+from up_samp.operate.stitch import whole_motion
 
 Message = dict[str, Any]
 BEGUN_ANEW = "~"
@@ -316,7 +317,7 @@ class MasterControl:
     def follow(self, executor: Executor) -> None:
         """Know the motions of another plan."""
         plan = executor.plan
-        self._motions = {m["activity"]: _whole(m) for m in plan["motions"]}
+        self._motions = {m["activity"]: whole_motion(m) for m in plan["motions"]}
         self._lengths = {name: m["progress"][-1] for name, m in self._motions.items()}
         self._meanings = plan["meanings"]
         self._expected = {n: t.expected for n, t in executor.state.graph.tasks.items()}
@@ -573,11 +574,6 @@ def _pose_in(state: Message) -> Pose | None:
         return float(position["x"]), float(position["y"]), float(position["theta"])
     except (KeyError, TypeError, ValueError):
         return None
-
-
-def _whole(motion: Message) -> Message:
-    """Return a motion with progress from where its robot began it."""
-    return {**motion, "progress": [p + motion.get("from", 0.0) for p in motion["progress"]]}
 
 
 def _older(new: Message, old: Message) -> bool:

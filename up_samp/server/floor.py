@@ -1,8 +1,9 @@
-"""The live floor: a page and an interface over HTTP for an operation, with two tokens.
+"""The live floor: a page and an interface over HTTP for an operation, with three tokens.
 
-Whoever has the read-only token sees; whoever has the operator's may add and cancel orders, hold and
-release, block areas. Nothing here touches the operation: what is asked waits for the loop, which
-does it between two steps (:meth:`FloorPage.serve`) and publishes what is to be seen.
+Whoever has the read-only token sees; whoever has the robots' drives them, where they are behind
+HTTP; whoever has the operator's may add and cancel orders, hold and release, block areas. Nothing
+here touches the operation: what is asked waits for the loop, which does it between two steps
+(:meth:`FloorPage.serve`) and publishes what is to be seen.
 """
 
 from __future__ import annotations
@@ -33,8 +34,10 @@ from up_samp.model import ProblemError, SampError
 from up_samp.operate.horizon import DELIVERS
 from up_samp.operate.loop import Operation
 from up_samp.operate.planner import is_open
+from up_samp.operate.remote import RemoteRobots
 from up_samp.operate.store import clock_text
 from up_samp.server.guard import LOCAL, Guard
+from up_samp.server.robots import add_robots
 
 OFTEN = 0.4
 """Seconds between two looks that are published."""
@@ -42,6 +45,8 @@ WAIT = 10.0
 """Seconds that a request waits for the loop."""
 MOST = 1_000_000
 """Bytes of a request."""
+TOKENS = ("read", "robots", "operator")
+"""Who may more comes later."""
 SHOWN = 60
 """So many orders are shown, those that are open first."""
 
@@ -51,13 +56,10 @@ class FloorPage:
 
     def __init__(self, day: Operation, host: str, port: int) -> None:
         self.day = day
-        self.read, self.write = (
-            day.store.day(f"token {kind}") or secrets.token_urlsafe(18)
-            for kind in ("read", "operator")
-        )
         with day.store:
-            day.store.keep("token read", self.read)
-            day.store.keep("token operator", self.write)
+            self.read, self.drive, self.write = self.tokens = [
+                str(day.store.day(f"token {kind}", secrets.token_urlsafe(18))) for kind in TOKENS
+            ]
         self._asked: queue.SimpleQueue[tuple[Callable[[], Any], Future[Any]]] = queue.SimpleQueue()
         self._at = -math.inf
         self.shown = b"{}"
@@ -69,6 +71,8 @@ class FloorPage:
         self._thread.start()
         base = f"http://{host}:{port}/?token="
         self.told = [f"to look: {base}{self.read}", f"to operate: {base}{self.write}"]
+        if isinstance(day.robots, RemoteRobots):
+            self.told.append(f"to drive robots: {base}{self.drive}")
 
     def serve(self) -> None:
         """Do what is asked for, and publish what is to be seen; called by the loop."""
@@ -122,15 +126,32 @@ def _same(one: str, other: str) -> bool:
     return hmac.compare_digest(one.encode(), other.encode())
 
 
-def _add_looks(app: FastAPI, page: FloorPage) -> None:
-    def reader(request: Request) -> bool:
-        """Return whether who asks may operate, too; who may not even look is turned away."""
-        token = _token(request)
-        if _same(token, page.write):
-            return True
-        if _same(token, page.read):
-            return False
+def _right(page: FloorPage, request: Request, least: str) -> str:
+    """Return what who asks may do, ``least`` or more; others are turned away."""
+    token = _token(request)
+    found = [kind for kind, known in zip(TOKENS, page.tokens, strict=True) if _same(token, known)]
+    if not found:
         raise HTTPException(401, "give the token of this floor")
+    if TOKENS.index(found[0]) < TOKENS.index(least):
+        raise HTTPException(403, f"only who has the {least} token may")
+    return found[0]
+
+
+async def _sent(request: Request) -> dict[str, Any]:
+    """Return what is sent with a request."""
+    try:
+        body = json.loads(await request.body() or b"{}")
+    except ValueError as error:
+        raise HTTPException(422, "the request is no JSON") from error
+    if not isinstance(body, dict):
+        raise HTTPException(422, "the request must be an object")
+    return body
+
+
+def _add_looks(app: FastAPI, page: FloorPage) -> None:
+    def reader(request: Request) -> str:
+        """Return what who asks may do; who may not even look is turned away."""
+        return _right(page, request, "read")
 
     @app.get("/", response_class=HTMLResponse)
     def home() -> str:
@@ -138,17 +159,17 @@ def _add_looks(app: FastAPI, page: FloorPage) -> None:
         return resources.files("up_samp.server").joinpath("floor.html").read_text("utf-8")
 
     @app.get("/v1/floor")
-    def look(_: bool = Depends(reader)) -> Response:
+    def look(_: str = Depends(reader)) -> Response:
         """Return what is to be seen now."""
         return Response(page.shown, media_type="application/json")
 
     @app.get("/v1/site")
-    def site(operator: bool = Depends(reader)) -> dict[str, Any]:
+    def site(right: str = Depends(reader)) -> dict[str, Any]:
         """Return what does not change: walls, places, footprints, and what may be done."""
-        return {**site_data(page.day), "operator": operator}
+        return {**site_data(page.day), "operator": right == "operator"}
 
     @app.get("/v1/floor/events")
-    async def events(_: bool = Depends(reader)) -> StreamingResponse:
+    async def events(_: str = Depends(reader)) -> StreamingResponse:
         """Stream what is to be seen as server-sent events."""
 
         async def stream() -> AsyncIterator[bytes]:
@@ -167,18 +188,17 @@ def _add_deeds(app: FastAPI, page: FloorPage) -> None:
 
     async def operator(request: Request) -> dict[str, Any]:
         """Return what an operator sends; others are turned away."""
-        token = _token(request)
-        if not _same(token, page.write):
-            raise HTTPException(403 if _same(token, page.read) else 401, "only operators may")
-        if request.method == "DELETE":
-            return {}
-        try:
-            body = json.loads(await request.body() or b"{}")
-        except ValueError as error:
-            raise HTTPException(422, "the request is no JSON") from error
-        if not isinstance(body, dict):
-            raise HTTPException(422, "the request must be an object")
-        return body
+        _right(page, request, "operator")
+        return {} if request.method == "DELETE" else await _sent(request)
+
+    if isinstance(day.robots, RemoteRobots):
+
+        async def driver(request: Request) -> dict[str, Any]:
+            """Return what who drives robots sends; others are turned away."""
+            _right(page, request, "robots")
+            return await _sent(request)
+
+        add_robots(app, day.robots, driver, day.settings.tick / 4)
 
     def deed(method: str, path: str, do: Callable[[Mapping[str, Any], str], Any]) -> None:
         async def done(request: Request, body: dict[str, Any] = Depends(operator)) -> Any:  # noqa: B008

@@ -1,0 +1,166 @@
+"""Robots behind HTTP: whoever drives one asks what it is to do, and tells where it is.
+
+What a robot is to do is one command at a time, with a number, and is there as long as it holds: so
+nothing is lost where an answer is, and whoever has been away just asks again. Paths are told once.
+The requests are those of :mod:`up_samp.server.robots`; a client is in the folder ``ros/``.
+"""
+
+from __future__ import annotations
+
+import math
+import queue
+import time
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from up_samp.execution.executor import Executor
+from up_samp.execution.reports import Command, Do, Go, unreadable
+from up_samp.execution.state import MotionUnderWay
+from up_samp.export.steps import stretches_of
+from up_samp.fleet.records import FleetRecords
+from up_samp.model import ProblemError
+from up_samp.operate.records import Report
+from up_samp.operate.stitch import whole_motion
+
+Message = dict[str, Any]
+
+
+class RemoteRobots:
+    """The robots of a site whose drivers ask and tell; every thread may do so. Of whom nothing was
+    heard for ``silent`` s that is noted.
+    """
+
+    def __init__(self, site: FleetRecords, silent: float = 10.0) -> None:
+        self.site, self.silent = site, silent
+        self.faults: list[tuple[str, str]] = []
+        self.levels: dict[str, float] = {}
+        # not the numbers of another process: who asks for what comes after one of those is answered
+        first = time.time_ns() // 1000
+        nothing = {"number": first, "kind": "hold", "why": "nothing is known yet"}
+        self._commands: dict[str, Message] = dict.fromkeys(site.robots, nothing)
+        self._inbox: queue.SimpleQueue[tuple[str, Message]] = queue.SimpleQueue()
+        self._heard: dict[str, float] = {}
+        self._motions: dict[str, Message] = {}
+        self._ways: Mapping[tuple[str, str], MotionUnderWay] = {}
+        self._meanings: Mapping[str, Any] = {}
+        self._expected: Mapping[str, float] = {}
+
+    # ------------------------------------------------------------------ for the loop
+
+    def follow(self, executor: Executor) -> None:
+        """Know the motions of another plan."""
+        self._motions = {m["activity"]: m for m in executor.plan["motions"]}
+        self._ways = executor.state.ways
+        self._meanings = executor.plan["meanings"]
+        self._expected = {n: t.expected for n, t in executor.state.graph.tasks.items()}
+
+    def tell(self, commands: Mapping[str, Command], now: float) -> None:
+        """Let robots do something else from now on."""
+        for robot in self._commands.keys() & commands.keys():
+            before, found = self._commands[robot], self._told(commands[robot])
+            if {**found, "number": before["number"]} != before:
+                self._commands[robot] = {**found, "number": before["number"] + 1}
+
+    def _told(self, command: Command) -> Message:
+        """Return a command as JSON would hold it."""
+        if isinstance(command, Go):
+            return {"kind": "go", "motion": command.motion, "until": round(command.until, 4)}
+        if isinstance(command, Do):
+            name = command.activity
+            kind, what, _ = self._meanings[name]
+            told = {"activity": name, "action": kind, "order": what, "may_end": command.may_end}
+            return {"kind": "do", "seconds": self._expected[name], **told}
+        return {"kind": "hold", "why": "; ".join(command.waiting_for)}
+
+    def reports(self, now: float) -> list[Report]:
+        """Return what robots have told since the last call; who tells nothing is at fault."""
+        found = []
+        for _ in range(self._inbox.qsize()):
+            robot, told = self._inbox.get()
+            self._heard[robot] = now
+            pose = told.get("pose")
+            done, motion = told.get("done"), told.get("motion") or ""
+            where = None if pose is None else (float(pose[0]), float(pose[1]), float(pose[2]))
+            if "battery" in told:
+                self.levels[robot] = float(told["battery"]) / 100.0
+            if where or "progress" in told:
+                found.append(Report(robot, now, motion, told.get("progress"), where))
+            if done:
+                found.append(Report(robot, now, done, done=True))
+        for robot in self._commands:
+            if now > self._heard.setdefault(robot, now) + self.silent:
+                self._heard[robot] = math.inf
+                self.faults.append((robot, f"nothing was heard of it for {self.silent:g} s"))
+        return found
+
+    # ------------------------------------------------------------------ for who drives
+
+    def command(self, robot: str) -> Message:
+        """Return what a robot is to do: ``go`` along the path of a ``motion``, not beyond ``until``
+        (m), ``do`` something where it stands (``seconds``; not over before it ``may_end``), or
+        ``hold``.
+
+        :raises ProblemError: where there is no such robot.
+        """
+        if robot not in self._commands:
+            raise ProblemError(f"there is no robot '{robot}'")
+        return self._commands[robot]
+
+    def path(self, robot: str) -> Message:
+        """Return the path of the motion that a robot is to drive now: ``pieces``, each driven in
+        one ``direction`` (``forward``, ``backward``, ``turn`` on the spot, or ``any``) and with
+        ``poses`` [s, x, y, theta], s being the progress (m); and the ``progress`` that it told
+        last.
+
+        :raises ProblemError: where it is not to drive.
+        """
+        name = self.command(robot).get("motion", "")
+        motion = self._motions.get(name)
+        if motion is None:
+            raise ProblemError(f"'{robot}' is not to drive anywhere now")
+        begun = motion.get("from", 0.0) + max(0.0, self._ways[name, robot].progress)
+        return {"motion": name, "progress": round(begun, 4), "pieces": pieces_told(motion)}
+
+    def take(self, robot: str, told: Message) -> None:
+        """Take in what a robot tells: its ``pose`` [x, y, theta] or its ``progress`` (m) along
+        ``motion``, that an activity or a motion is ``done``, the level of its ``battery`` (percent
+        of a full one).
+
+        :raises ProblemError: where something in it cannot be read.
+        """
+        self.command(robot)
+        unknown = told.keys() - {"motion", "pose", "progress", "done", "battery"}
+        if unknown:
+            raise ProblemError(f"'{min(unknown)}' is nothing that robots tell")
+        if told.keys() & {"pose", "progress"}:
+            why = unreadable(told.get("progress"), told.get("pose"))
+            if why:
+                raise ProblemError(why)
+        if told.keys() & {"battery"} and unreadable(told["battery"], None):
+            raise ProblemError(f"a battery cannot be {told['battery']!r}: percent of a full one")
+        if not all(isinstance(told.get(key, ""), str) for key in ("motion", "done")):
+            raise ProblemError("'motion' and 'done' are the names of activities")
+        if "progress" in told and not told.get("motion"):
+            raise ProblemError("progress is along a 'motion': name it")
+        self._inbox.put((robot, told))
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+def pieces_told(motion: Mapping[str, Any]) -> list[Message]:
+    """Return the pieces of a motion of a plan, by progress since its robot began it."""
+    whole = whole_motion(motion)
+    times = [row[0] for row in whole["samples"]]
+    return [
+        {
+            "direction": piece.direction,
+            "speed": round(piece.top_speed, 3),
+            "poses": np.column_stack(
+                [np.interp(piece.rows[:, 0], times, whole["progress"]), piece.rows[:, 1:]]
+            ).round(4).tolist(),
+        }
+        for piece, _, _ in stretches_of(whole, set())
+    ]  # fmt: skip
