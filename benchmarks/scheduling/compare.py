@@ -19,11 +19,11 @@ from unified_planning.shortcuts import OneshotPlanner
 
 import up_samp  # noqa: F401  (registers the engines)
 from up_samp.model import CandidateSchedule, UnsupportedError
-from up_samp.scheduling.compilers.pipeline import chain, compilers_for
+from up_samp.scheduling.compilers.pipeline import chain, compilers_for, restored
 from up_samp.scheduling.compilers.read import read_problem
-from up_samp.scheduling.compilers.write import write_problem
+from up_samp.scheduling.compilers.write import ProblemWriter
 from up_samp.scheduling.quirks import quirks_of
-from up_samp.scheduling.schedules import complete, to_candidate
+from up_samp.scheduling.schedules import to_candidate
 from up_samp.scheduling.worker import slim_down
 from up_samp.upio.plan import build_schedule
 from up_samp.validation import validate_schedule
@@ -55,13 +55,16 @@ def compiled(planner: Any, problem: Any, seconds: float) -> tuple[str, Candidate
     """Solve what the compilers make of a problem, and map the answer back."""
     started = time.perf_counter()
     quirks = quirks_of(type(planner))
-    plan = chain(read_problem(problem), compilers_for(quirks))
-    rewritten = write_problem(plan.problem)
+    original = read_problem(problem)
+    plan = chain(original, compilers_for(quirks))
+    written = ProblemWriter(plan.problem)
     if quirks.message_limit is not None:
-        slim_down(planner, rewritten, quirks.message_limit)
+        slim_down(planner, written.up, quirks.message_limit)
     left = max(0.1, seconds - (time.perf_counter() - started))
-    status, schedule = direct(planner, rewritten, left)
-    return status, None if schedule is None else complete(problem, plan.map_back(schedule))
+    status, found = direct(planner, written.up, left)
+    if found is None:
+        return status, None
+    return status, restored(original, plan, written.read_back(found))
 
 
 def solve(column: str, problem: Any, seconds: float) -> dict[str, Any]:

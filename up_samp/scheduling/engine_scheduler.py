@@ -17,12 +17,11 @@ from up_samp.model import (
     ScheduleStatus,
     UnsupportedError,
 )
-from up_samp.scheduling.compilers.pipeline import chain, compilers_for
+from up_samp.scheduling.compilers.pipeline import chain, compilers_for, restored
 from up_samp.scheduling.compilers.plain import Compiled, PlainProblem, end, integer
 from up_samp.scheduling.compilers.read import read_problem
 from up_samp.scheduling.process import OverrunError, WorkerProcess
 from up_samp.scheduling.quirks import quirks_of
-from up_samp.scheduling.schedules import complete
 from up_samp.scheduling.worker import WorkerAnswer, WorkerTask
 from up_samp.upio.plan import build_schedule
 
@@ -109,7 +108,8 @@ class EngineScheduler:
 
         try:
             passes = compilers_for(self._quirks, apart=apart)
-            compiled = chain(read_problem(self._problem), passes)
+            original = read_problem(self._problem)
+            compiled = chain(original, passes)
         except UnsupportedError as error:
             raise UnsupportedError(f"engine {self.name}: {error}") from error
         if deadline.expired():
@@ -129,7 +129,7 @@ class EngineScheduler:
         assert answer is not None
         if answer.status == "exception":
             answer = self._without_proof(runner, compiled, deadline) or answer
-        report = self._judge(answer, compiled, lower_bound, started)
+        report = self._judge(answer, original, compiled, lower_bound, started)
         late = task.until is not None and time.monotonic() > task.until
         if report.status is ScheduleStatus.NOT_FOUND and late:  # cpse calls a timeout so
             return replace(report, status=ScheduleStatus.OUT_OF_TIME)
@@ -203,6 +203,7 @@ class EngineScheduler:
     def _judge(
         self,
         answer: WorkerAnswer,
+        original: PlainProblem,
         compiled: Compiled,
         lower_bound: int | Fraction | None,
         started: float,
@@ -225,8 +226,8 @@ class EngineScheduler:
                 message = _broke_down(self.name, answer.message)
             return _report(status, lower_bound, started, message)
         try:
-            schedule = compiled.map_back(CandidateSchedule(answer.times, answer.parameters))
-            schedule = complete(self._problem, schedule)
+            found = CandidateSchedule(answer.times, answer.parameters)
+            schedule = restored(original, compiled, found)
             wrong = self._violations(schedule)
         except LookupError as error:
             wrong = [f"{error} is missing in it, or not in the problem"]

@@ -5,10 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from up_samp.model import CandidateSchedule
-from up_samp.model.schedule import Value
 
 if TYPE_CHECKING:
-    from unified_planning.model.scheduling import SchedulingProblem
     from unified_planning.plans import Schedule
 
 
@@ -38,23 +36,3 @@ def to_candidate(schedule: Schedule) -> CandidateSchedule:
         for a in schedule.activities
     }
     return CandidateSchedule(times, parameters)
-
-
-def complete(problem: SchedulingProblem, candidate: CandidateSchedule) -> CandidateSchedule:
-    """Return the candidate with some value for each variable that has none: engines leave out
-    those that nothing constrains.
-    """
-    values: dict[str, Value] = dict(candidate.parameters)
-    present = [a for a in problem.activities if a.name in candidate.times]
-    for parameter in [*problem.base_variables, *(p for a in present for p in a.parameters)]:
-        if parameter.name not in values:
-            values[parameter.name] = _some_value(problem, parameter.type)
-    return CandidateSchedule(candidate.times, values)
-
-
-def _some_value(problem: SchedulingProblem, tpe: Any) -> Value:
-    if tpe.is_bool_type():
-        return False
-    if tpe.is_user_type():
-        return str(next(iter(problem.objects(tpe))).name)
-    return int(tpe.lower_bound if tpe.lower_bound is not None else min(0, tpe.upper_bound or 0))

@@ -124,14 +124,15 @@ def engine_of(task: WorkerTask, known: dict[tuple[str, str, str], Any]) -> Any:
 
 def run(task: WorkerTask, engines: dict[tuple[str, str, str], Any]) -> WorkerAnswer:
     """Solve one task; every failure of the engine becomes an answer."""
-    from up_samp.scheduling.compilers.write import write_problem
+    from up_samp.scheduling.compilers.write import ProblemWriter
     from up_samp.scheduling.schedules import to_candidate
 
     started = time.monotonic()
     try:
         os.environ.update(task.environment)
         engine = engine_of(task, engines)
-        problem = write_problem(task.problem)
+        written = ProblemWriter(task.problem)
+        problem = written.up
         if task.message_limit is not None:
             slim_down(engine, problem, task.message_limit)
         lacking = sorted(problem.kind.features - engine.supported_kind().features)
@@ -148,7 +149,7 @@ def run(task: WorkerTask, engines: dict[tuple[str, str, str], Any]) -> WorkerAns
         logs = "; ".join(str(m.message) for m in result.log_messages or [])
         if result.plan is None:
             return WorkerAnswer(result.status.name, None, {}, logs[-2000:], seconds)
-        found = to_candidate(result.plan)
+        found = written.read_back(to_candidate(result.plan))
         return WorkerAnswer(
             result.status.name, found.times, found.parameters, logs[-2000:], seconds
         )

@@ -27,6 +27,7 @@ from up_samp.scheduling.compilers.exclusion import compile_resources
 from up_samp.scheduling.compilers.fluents import compile_ground
 from up_samp.scheduling.compilers.intervals import compile_dense, compile_stillness, compile_support
 from up_samp.scheduling.compilers.optional import compile_optional
+from up_samp.scheduling.compilers.pipeline import restored
 from up_samp.scheduling.compilers.plain import (
     TRUE,
     Activity,
@@ -42,8 +43,8 @@ from up_samp.scheduling.compilers.plain import (
 )
 from up_samp.scheduling.compilers.precedences import compile_precedences
 from up_samp.scheduling.compilers.read import read_problem
-from up_samp.scheduling.compilers.types import compile_flat_types, compile_names
-from up_samp.scheduling.compilers.write import write_problem
+from up_samp.scheduling.compilers.types import compile_flat_types
+from up_samp.scheduling.compilers.write import ProblemWriter
 from up_samp.scheduling.engine_scheduler import EngineScheduler
 from up_samp.validation import validate_schedule
 
@@ -195,11 +196,11 @@ def test_optional_activities_go_and_come_back():
     plain = read_problem(problems.fetch_and_return())
     compiled = compile_optional(compile_differences(plain).problem)
     assert not compiled.problem.optional_names
-    assert write_problem(compiled.problem).kind.has_optional_activities() is False
+    assert ProblemWriter(compiled.problem).up.kind.has_optional_activities() is False
     parameters = {n: False for n, t in compiled.problem.parameter_types().items()}
     parameters["pick.present"] = True
     times = {a.name: (0, 2) for a in compiled.problem.activities}
-    back = compiled.map_back(CandidateSchedule(times, parameters))
+    back = restored(plain, compiled, CandidateSchedule(times, parameters))
     assert back == CandidateSchedule({"pick": (0, 2)}, {})
 
 
@@ -238,11 +239,11 @@ def test_types_below_types_become_constraints():
 
 
 def test_names_travel_back():
-    compiled = compile_names(read_problem(problems.garages()))
-    (short,) = (a.name for a in compiled.problem.activities)
-    ((parameter, _),) = compiled.problem.activities[0].parameters
-    box = next(o for o, t in compiled.problem.objects.items() if t != "T0")
-    back = compiled.map_back(CandidateSchedule({short: (1, 3)}, {parameter: box}))
+    written = ProblemWriter(read_problem(problems.garages()))
+    ((short, parameter),) = ((a.name, a.parameters[0].name) for a in written.up.activities)
+    box = next(o.name for o in written.up.all_objects if o.type.name != "T0")
+    assert max(map(len, (short, parameter, box))) < len("park.where")
+    back = written.read_back(CandidateSchedule({short: (1, 3)}, {parameter: box}))
     assert back == CandidateSchedule({"park": (1, 3)}, {"park.where": "box"})
 
 

@@ -32,7 +32,6 @@ from up_samp.scheduling.compilers.plain import (
     evaluate,
     fluents_in,
     fresh,
-    hiding,
     implies,
     integer,
     later,
@@ -332,7 +331,6 @@ class _IntervalCompiler:
         self.activities = list(problem.activities)
         self.conditions: list[Condition] = []
         self.constraints = list(problem.constraints)
-        self.added: set[str] = set()
         self.exact = True
 
     def add(self, condition: Condition) -> None:
@@ -361,7 +359,7 @@ class _IntervalCompiler:
             conditions=tuple(self.conditions),
             constraints=tuple(self.constraints),
         )
-        return Compiled(problem, hiding(self.added), exact=self.exact)
+        return Compiled(problem, exact=self.exact)
 
     def _always_empty(self, condition: Condition) -> bool:
         gap = least(self.problem, condition.high, condition.low)
@@ -374,7 +372,6 @@ class _IntervalCompiler:
     def host(self, condition: Condition) -> None:
         """Move a condition to an activity that spans its interval, if that is not empty."""
         name = fresh(f"span_{condition.owner or 'base'}", self.taken)
-        self.added.add(name)
         upper = self.problem.activity(condition.owner).upper if condition.owner else None
         # an open end: no longer than the owner plus what the delays add
         most = abs(condition.low[3]) + abs(condition.high[3])
@@ -437,7 +434,6 @@ def compile_ends(problem: PlainProblem) -> Compiled:
         return Compiled(problem)
     compiler = _IntervalCompiler(problem)
     name = fresh("finish", compiler.taken)
-    compiler.added.add(name)
     compiler.activities.append(Activity(name, False, integer(0), integer(0)))
     compiler.constraints += _is_last(problem, start(name))
     compiler.exact = False

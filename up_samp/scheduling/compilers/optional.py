@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 
-from up_samp.model import CandidateSchedule, UnsupportedError
+from up_samp.model import UnsupportedError
 from up_samp.scheduling.compilers.constraints import DifferenceForm
 from up_samp.scheduling.compilers.plain import (
     TRUE,
@@ -27,11 +27,11 @@ from up_samp.scheduling.compilers.plain import (
     evaluate,
     fluents_in,
     fresh,
-    hiding,
     integer,
     names_in_use,
     rewrite,
     show,
+    some_value,
     start,
     subexpressions,
     values_of,
@@ -54,13 +54,6 @@ def ground_fluents(problem: PlainProblem, fluents: set[str]) -> list[Expr]:
         domains = [values_of(problem, t) for _, t in problem.fluents[name].parameters]
         ground += [("flu", name, *choice) for choice in itertools.product(*domains)]
     return ground
-
-
-def some_value(problem: PlainProblem, tpe: Type) -> Expr:
-    """Return any value of a type."""
-    if tpe[0] == "int":
-        return integer(tpe[1] if tpe[1] is not None else tpe[2] if tpe[2] is not None else 0)
-    return values_of(problem, tpe)[0]
 
 
 def idle_values(problem: PlainProblem, owner: str) -> dict[Expr, Expr]:
@@ -129,7 +122,7 @@ def compile_variables(problem: PlainProblem) -> Compiled:
         constraints=(*problem.constraints, ("le", start(name), integer(0))),
         variables={},
     )
-    return Compiled(compiled, hiding({name}))
+    return Compiled(compiled)
 
 
 def compile_anchor(problem: PlainProblem) -> Compiled:
@@ -141,7 +134,7 @@ def compile_anchor(problem: PlainProblem) -> Compiled:
     name = fresh("anchor", names_in_use(problem))
     anchor = Activity(name, False, integer(0), integer(0))
     compiled = replace(problem, activities=(*problem.activities, anchor))
-    return Compiled(compiled, hiding({name}))
+    return Compiled(compiled)
 
 
 # ------------------ Optional activities away
@@ -231,31 +224,13 @@ class _OptionalCompiler:
             initial={**kept, **self.initial},
         )
         floor = max((self.shortest[n] + self.earliest[n] for n in self.optional), default=0)
-        return Compiled(compiled, self._map_back(), floor)
+        return Compiled(compiled, self.present, floor)
 
     def _with_default(self, fluent: Fluent) -> Fluent:
         """Return the fluent with a default value, for copies whose value does not matter."""
         if fluent.default is not None:
             return fluent
         return replace(fluent, default=some_value(self.problem, fluent.type))
-
-    def _map_back(self) -> Callable[[CandidateSchedule], CandidateSchedule]:
-        present = self.present
-        added = {name for extra in self.extra.values() for name, _ in extra}
-        added |= set(self.variables) - set(self.problem.variables)
-        absent_parameters = {
-            a.name: {name for name, _ in a.parameters} for a in self.problem.activities
-        }
-
-        def map_back(schedule: CandidateSchedule) -> CandidateSchedule:
-            gone = {a for a, p in present.items() if not schedule.parameters[p]}
-            drop = added.union(*(absent_parameters[a] for a in gone)) if gone else added
-            return CandidateSchedule(
-                {a: t for a, t in schedule.times.items() if a not in gone},
-                {p: v for p, v in schedule.parameters.items() if p not in drop},
-            )
-
-        return map_back
 
     def _shortest(self, activity: Activity) -> int:
         """Return the shortest duration with which none of the activity's conditions is empty

@@ -27,9 +27,9 @@ from up_samp.scheduling.compilers.optional import (
     compile_optional,
     compile_variables,
 )
-from up_samp.scheduling.compilers.plain import Compiled, PlainProblem
+from up_samp.scheduling.compilers.plain import Compiled, PlainProblem, some_value
 from up_samp.scheduling.compilers.precedences import compile_precedences
-from up_samp.scheduling.compilers.types import compile_flat_types, compile_names, compile_unused
+from up_samp.scheduling.compilers.types import compile_flat_types, compile_unused
 from up_samp.scheduling.quirks import Quirks
 
 Compiler = Callable[[PlainProblem], Compiled]
@@ -65,24 +65,38 @@ def compilers_for(quirks: Quirks, *, apart: bool = False) -> list[Compiler]:
         passes.append(compile_optional)
     if not quirks.reports_variables:
         passes.append(compile_variables)
-    passes += [compile_anchor, compile_unused, compile_names]
+    passes += [compile_anchor, compile_unused]
     return passes
 
 
 def chain(problem: PlainProblem, passes: Sequence[Compiler]) -> Compiled:
-    """Run the passes one after the other; their maps back run the other way round."""
-    backs: list[Callable[[CandidateSchedule], CandidateSchedule]] = []
+    """Run the passes one after the other."""
+    presence: dict[str, str] = {}
     floor, exact = 0, True
     for compiler in passes:
         check_time()
         compiled = compiler(problem)
         problem, floor = compiled.problem, max(floor, compiled.floor)
         exact = exact and compiled.exact
-        backs.append(compiled.map_back)
+        presence |= compiled.presence
+    return Compiled(problem, presence, floor, exact)
 
-    def map_back(schedule: CandidateSchedule) -> CandidateSchedule:
-        for back in reversed(backs):
-            schedule = back(schedule)
-        return schedule
 
-    return Compiled(problem, map_back, floor, exact)
+def restored(
+    original: PlainProblem, compiled: Compiled, schedule: CandidateSchedule
+) -> CandidateSchedule:
+    """Return a schedule of a compiled problem as one of the original, with some value for each
+    variable that has none: engines leave out those that nothing constrains.
+
+    Raises:
+        LookupError: an activity that has to be there, or what says whether it is, is missing.
+    """
+    absent = {a for a, p in compiled.presence.items() if not schedule.parameters[p]}
+    absent |= original.optional_names - schedule.times.keys()
+    here = [a for a in original.activities if a.name not in absent]
+    variables = [*original.variables.items(), *(p for a in here for p in a.parameters)]
+    given = schedule.parameters
+    return CandidateSchedule(
+        {a.name: schedule.times[a.name] for a in here},
+        {n: given[n] if n in given else some_value(original, t)[1] for n, t in variables},
+    )

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
-from up_samp.model import CandidateSchedule, UnsupportedError, check_time
+from up_samp.model import UnsupportedError, check_time
 
 
 @dataclass(frozen=True)
@@ -313,8 +313,11 @@ class PlainProblem:
 
 @dataclass(frozen=True)
 class Compiled:
-    """A compiled problem and the way back for its schedules.
+    """A compiled problem. Activities and parameters that are not the original's are left out of its
+    schedules (:func:`.pipeline.restored`).
 
+    ``presence``: activities that are optional in the original and are not here, with the bool
+    parameters that say whether they are there.
     ``floor``: schedules of the compiled problem are never shorter than this even where the
     original's are, so an optimum at or below it proves nothing about the original.
     ``exact``: every schedule of the original has one in the compiled problem, of the same makespan
@@ -322,21 +325,9 @@ class Compiled:
     """
 
     problem: PlainProblem
-    map_back: Callable[[CandidateSchedule], CandidateSchedule] = lambda schedule: schedule
+    presence: Mapping[str, str] = field(default_factory=dict)
     floor: int = 0
     exact: bool = True
-
-
-def hiding(added: Collection[str]) -> Callable[[CandidateSchedule], CandidateSchedule]:
-    """Return the way back that leaves out ``added`` activities and parameters."""
-
-    def map_back(schedule: CandidateSchedule) -> CandidateSchedule:
-        return CandidateSchedule(
-            {a: t for a, t in schedule.times.items() if a not in added},
-            {p: v for p, v in schedule.parameters.items() if p not in added},
-        )
-
-    return map_back
 
 
 # ------------------ Values of types and of constant expressions
@@ -355,6 +346,13 @@ def values_of(problem: PlainProblem, tpe: Type) -> list[Expr]:
     if tpe[1] is None or tpe[2] is None:
         raise UnsupportedError("an unbounded integer where all values are needed")
     return [integer(n) for n in range(tpe[1], tpe[2] + 1)]
+
+
+def some_value(problem: PlainProblem, tpe: Type) -> Expr:
+    """Return any value of a type."""
+    if tpe[0] == "int":
+        return integer(min(0, tpe[2] or 0) if tpe[1] is None else tpe[1])
+    return values_of(problem, tpe)[0]
 
 
 def evaluate(expression: Expr) -> Expr:

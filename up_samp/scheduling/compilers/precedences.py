@@ -36,7 +36,6 @@ from up_samp.scheduling.compilers.plain import (
     evaluate,
     fluents_in,
     fresh,
-    hiding,
     integer,
     later,
     names_in_use,
@@ -99,7 +98,7 @@ class _PrecedenceCompiler:
             fluents={n: f for n, f in self.problem.fluents.items() if n in counted},
             initial={k: v for k, v in self.problem.initial.items() if k[1] in counted},
         )
-        return Compiled(compiled, hiding(set(self.variables) - set(self.problem.variables)))
+        return Compiled(compiled)
 
     def _change(self, effect: Effect) -> Effect:
         for part in (effect.value, effect.condition):

@@ -27,22 +27,11 @@ from up_samp.scheduling.compilers.plain import (
     implies,
     later,
 )
-from up_samp.scheduling.compilers.write import EFFECT_KINDS, POINTS
+from up_samp.scheduling.compilers.write import EFFECT_KINDS, OPERATORS, POINTS
 from up_samp.upio.expressions import QuantifierRemover
 from up_samp.upio.spans import with_timings
 
-_OPERATORS = {
-    OperatorKind.NOT: "not",
-    OperatorKind.IMPLIES: "implies",
-    OperatorKind.IFF: "iff",
-    OperatorKind.EQUALS: "eq",
-    OperatorKind.LE: "le",
-    OperatorKind.LT: "lt",
-    OperatorKind.PLUS: "plus",
-    OperatorKind.MINUS: "minus",
-    OperatorKind.TIMES: "times",
-    OperatorKind.DIV: "div",
-}
+_OPERATORS = {kind: name for name, kind in OPERATORS.items()}
 _ANCHORS = {kind: anchor for anchor, kind in POINTS.items()}
 _KINDS = {kind: name for name, kind in EFFECT_KINDS.items()}
 

@@ -1,7 +1,10 @@
-"""From a :class:`PlainProblem` back to a UP ``SchedulingProblem``."""
+"""From a :class:`PlainProblem` back to a UP ``SchedulingProblem``, under short names: messages to
+engines' servers have a limit.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from itertools import starmap
 from typing import Any
 
@@ -21,12 +24,28 @@ from unified_planning.model import (
 from unified_planning.model.effect import Effect as UpEffect
 from unified_planning.model.effect import EffectKind
 from unified_planning.model.metrics import MinimizeMakespan
+from unified_planning.model.operators import OperatorKind as Op
 from unified_planning.model.scheduling import Activity as UpActivity
 from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.model.timing import TimeInterval
 
+from up_samp.model import CandidateSchedule
 from up_samp.scheduling.compilers.plain import Activity, Effect, Expr, PlainProblem, Type
 
+OPERATORS = {
+    "and": Op.AND,
+    "or": Op.OR,
+    "not": Op.NOT,
+    "implies": Op.IMPLIES,
+    "iff": Op.IFF,
+    "eq": Op.EQUALS,
+    "le": Op.LE,
+    "lt": Op.LT,
+    "plus": Op.PLUS,
+    "minus": Op.MINUS,
+    "times": Op.TIMES,
+    "div": Op.DIV,
+}
 EFFECT_KINDS = {
     "assign": EffectKind.ASSIGN,
     "increase": EffectKind.INCREASE,
@@ -40,43 +59,65 @@ POINTS = {
 }
 
 
-def write_problem(
-    problem: PlainProblem, environment: Environment | None = None
-) -> SchedulingProblem:
-    """Return ``problem`` as a UP problem (in the global environment if none is given)."""
-    return _ProblemWriter(problem, environment or get_environment()).write()
+def _short(letter: str, names: Iterable[str]) -> dict[str, str]:
+    return {name: f"{letter}{i}" for i, name in enumerate(names)}
 
 
-class _ProblemWriter:
-    def __init__(self, problem: PlainProblem, environment: Environment):
-        self.plain = problem
-        self.environment = environment
-        self.manager = environment.expression_manager
-        self.up = SchedulingProblem(problem.name, environment)
+class ProblemWriter:
+    """Writes ``plain`` as the UP problem ``up`` (in the global environment if none is given), and
+    reads names in its schedules back.
+    """
+
+    def __init__(self, plain: PlainProblem, environment: Environment | None = None):
+        self.plain = plain
+        self.environment = environment or get_environment()
+        self.manager = self.environment.expression_manager
+        self.up = SchedulingProblem("p", self.environment)
+        self._names = {
+            "activity": _short("a", (a.name for a in plain.activities)),
+            "object": _short("o", plain.objects),
+            "type": _short("T", plain.types),
+        }
         self._memo: dict[Expr, FNode] = {}
         self._types: dict[str, Any] = {}
+        self._objects: dict[str, Object] = {}
+        self._fluents: dict[str, UpFluent] = {}
         self._parameters: dict[str, Parameter] = {}
         self._activities: dict[str, UpActivity] = {}
+        self._write()
 
-    def write(self) -> SchedulingProblem:
+    def read_back(self, schedule: CandidateSchedule) -> CandidateSchedule:
+        """Return a schedule of ``up`` under the names of ``plain``."""
+        activities = {new: old for old, new in self._names["activity"].items()}
+        objects = {new: old for old, new in self._names["object"].items()}
+        parameters = {p.name: name for name, p in self._parameters.items()}
+        return CandidateSchedule(
+            {activities[a]: times for a, times in schedule.times.items()},
+            {
+                parameters[p]: objects[v] if isinstance(v, str) else v
+                for p, v in schedule.parameters.items()
+                if p in parameters
+            },
+        )
+
+    def _write(self) -> None:
         plain, problem = self.plain, self.up
         for name in plain.types:
             problem._add_user_type(self.type(("user", name)))
         for name, user_type in plain.objects.items():
-            problem.add_object(Object(name, self.type(("user", user_type)), self.environment))
-        for name, fluent in plain.fluents.items():
+            short = self._names["object"][name]
+            self._objects[name] = Object(short, self.type(("user", user_type)), self.environment)
+            problem.add_object(self._objects[name])
+        for i, (name, fluent) in enumerate(plain.fluents.items()):
             signature = list(starmap(self._parameter, fluent.parameters))
-            problem.add_fluent(
-                UpFluent(name, self.type(fluent.type), signature, environment=self.environment),
-                default_initial_value=None
-                if fluent.default is None
-                else self.expression(fluent.default),
-            )
+            new = UpFluent(f"f{i}", self.type(fluent.type), signature, environment=self.environment)
+            default = None if fluent.default is None else self.expression(fluent.default)
+            self._fluents[name] = problem.add_fluent(new, default_initial_value=default)
         for fluent_expression, value in plain.initial.items():
             problem.set_initial_value(self.expression(fluent_expression), self.expression(value))
-        for name, tpe in plain.variables.items():
-            self._parameters[name] = self._parameter(name, tpe)
-            problem._base._parameters[name] = self._parameters[name]
+        for i, (name, tpe) in enumerate(plain.variables.items()):
+            self._parameters[name] = self._parameter(f"v{i}", tpe)
+            problem._base._parameters[f"v{i}"] = self._parameters[name]
         for activity in plain.activities:
             self._declare(activity)
         for activity in plain.activities:
@@ -96,17 +137,16 @@ class _ProblemWriter:
             self._effect(effect)
         if plain.minimize_makespan:
             problem.add_quality_metric(MinimizeMakespan(environment=self.environment))
-        return problem
 
     def _chronicle(self, owner: str | None) -> Any:
         return self.up._base if owner is None else self._activities[owner]
 
     def _declare(self, activity: Activity) -> None:
-        new = UpActivity(activity.name, 0, activity.optional, _env=self.environment)
-        for full_name, tpe in activity.parameters:
-            parameter = self._parameter(full_name, tpe)
-            new._parameters[full_name.rsplit(".", 1)[-1]] = parameter
-            self._parameters[full_name] = parameter
+        short = self._names["activity"][activity.name]
+        new = UpActivity(short, 0, activity.optional, _env=self.environment)
+        for i, (full_name, tpe) in enumerate(activity.parameters):
+            parameter = self._parameter(f"{short}.p{i}", tpe)
+            new._parameters[f"p{i}"] = self._parameters[full_name] = parameter
         self._activities[activity.name] = new
         self.up._activities.append(new)
 
@@ -136,14 +176,15 @@ class _ProblemWriter:
         if name not in self._types:
             father = self.plain.types[name]
             self._types[name] = manager.UserType(
-                name, None if father is None else self.type(("user", father))
+                self._names["type"][name], None if father is None else self.type(("user", father))
             )
         return self._types[name]
 
     def timing(self, time: Expr) -> Timing:
         """Return a ``time`` expression as a UP timing."""
         _, anchor, activity, delay = time
-        return Timing(delay, Timepoint(POINTS[anchor], container=activity))
+        container = None if activity is None else self._names["activity"][activity]
+        return Timing(delay, Timepoint(POINTS[anchor], container=container))
 
     def expression(self, expression: Expr) -> FNode:
         """Return a plain expression as a UP expression."""
@@ -154,38 +195,21 @@ class _ProblemWriter:
 
     def _expression(self, expression: Expr) -> FNode:
         operator, manager = expression[0], self.manager
-        if operator in ("bool", "int", "obj", "par", "pres", "time"):
-            return self._leaf(expression)
+        if operator in OPERATORS:
+            operands = tuple(self.expression(e) for e in expression[1:])
+            return manager.create_node(node_type=OPERATORS[operator], args=operands)
         if operator == "flu":
             arguments = tuple(self.expression(e) for e in expression[2:])
-            return manager.FluentExp(self.up.fluent(expression[1]), arguments)
-        operands = [self.expression(e) for e in expression[1:]]
-        build = {
-            "and": manager.And,
-            "or": manager.Or,
-            "not": manager.Not,
-            "implies": manager.Implies,
-            "iff": manager.Iff,
-            "eq": manager.Equals,
-            "le": manager.LE,
-            "lt": manager.LT,
-            "plus": manager.Plus,
-            "minus": manager.Minus,
-            "times": manager.Times,
-            "div": manager.Div,
-        }[operator]
-        return build(*operands)
-
-    def _leaf(self, expression: Expr) -> FNode:
-        operator, manager = expression[0], self.manager
+            return manager.FluentExp(self._fluents[expression[1]], arguments)
+        if operator == "time":
+            return manager.TimingExp(self.timing(expression))
+        said = expression[1]
         if operator == "bool":
-            return manager.TRUE() if expression[1] else manager.FALSE()
+            return manager.TRUE() if said else manager.FALSE()
         if operator == "int":
-            return manager.Int(expression[1])
+            return manager.Int(said)
         if operator == "obj":
-            return manager.ObjectExp(self.up.object(expression[1]))
+            return manager.ObjectExp(self._objects[said])
         if operator == "par":
-            return manager.ParameterExp(self._parameters[expression[1]])
-        if operator == "pres":
-            return manager.PresentExp(Presence(expression[1]))
-        return manager.TimingExp(self.timing(expression))
+            return manager.ParameterExp(self._parameters[said])
+        return manager.PresentExp(Presence(self._names["activity"][said]))
