@@ -1,8 +1,6 @@
 """Executors as nobody wishes for: the last task first, and workers that are lost."""
 
-import os
 import pickle
-import signal
 from concurrent.futures import BrokenExecutor, Executor, Future
 
 
@@ -30,18 +28,4 @@ class Backwards(Executor):
             return wait(timeout)
 
         future.result = result
-        return future
-
-
-class Killing(Executor):
-    """Hands tasks on, and kills a worker after the second one."""
-
-    def __init__(self, executor, victim):
-        self.executor, self.victim, self.handed = executor, victim, 0
-
-    def submit(self, do, *given):
-        self.handed += 1
-        future = self.executor.submit(do, *given)
-        if self.handed == 2:
-            os.kill(self.victim, signal.SIGKILL)
         return future

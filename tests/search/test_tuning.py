@@ -3,7 +3,6 @@
 import dataclasses
 import importlib.util
 import json
-import pickle
 from pathlib import Path
 
 import pytest
@@ -110,17 +109,14 @@ def test_components_and_schedulers_get_their_tunables(tmp_path, monkeypatch):
     assert set(sessions) == {0}
 
 
-def test_motion_planning_gets_its_tunables_here_and_in_child_processes():
+def test_motion_planning_gets_its_tunables():
     from up_samp.motion import MotionService
-    from up_samp.motion.crew import Scope
     from up_samp.motion.fleet.workspace import workspace_of
 
     tuning = tuning_of({"motion": {"fleet": {"again": 7}}})
     service = MotionService(None, tuning=tuning.motion)
     assert workspace_of(service).tuning.again == 7
-    scope = pickle.loads(pickle.dumps(Scope.of(service)))
-    assert scope.service().tuning == tuning.motion
-    assert Scope.of(MotionService(None)).service().tuning == Tuning().motion
+    assert MotionService(None).tuning == Tuning().motion
     with pytest.raises(ProblemError, match="must be 0 or more"):
         tuning_of({"motion": {"fleet": {"first": -1}}})
 

@@ -269,8 +269,6 @@ class SampRefine(ReplanningFace, MetaEngine, OneshotPlannerMixin, AnytimePlanner
             )
         if self.engine_params.get("workers") != 1:
             raise ProblemError("reproducible=True needs workers=1: CP-SAT's threads race")
-        if self.params.executor is not None:
-            raise ProblemError("reproducible=True needs motions planned here: leave out 'executor'")
 
     def _plans(
         self,

@@ -20,7 +20,6 @@ from up_samp.model import (
     avoids,
 )
 from up_samp.model.refinement import Refinement, Strength
-from up_samp.motion.crew import can_be_sent
 from up_samp.refinement import rules, timed
 from up_samp.search.cuts.protocol import Alone, Failure, rejects
 from up_samp.search.cuts.small import SmallCuts, blocked
@@ -47,7 +46,6 @@ class Check:
     refinements: list[Refinement] = field(default_factory=list)
     needed: dict[str, int] = field(default_factory=dict)
     failed: set[str] = field(default_factory=set)
-    ahead: dict[frozenset[str], tuple[GroupReport, bool]] = field(default_factory=dict)
     """What workers found out about groups (by their motions), and whether their time was up."""
 
     @property
@@ -88,9 +86,7 @@ class Checker:
         deadline = self.motions.budget.deadline
         with self.motions.budget.motion_time():
             check.refinements += check_static(itinerary)
-            groups = groups_of(itinerary.motions)
-            check.ahead |= self._asked_ahead(itinerary, groups)
-            for group in groups:
+            for group in groups_of(itinerary.motions):
                 self._check_group(itinerary, group, check, learn=learn, first_only=first_only)
                 if deadline.expired():
                     check.failed |= {motion_key(m) for m in group}
@@ -114,7 +110,7 @@ class Checker:
         if any(motion_key(m) in check.failed for m in group):
             return
         query = group_query(self.motions.facts, itinerary, group)
-        report, cut_short = self._coordinate(query, check)
+        report, cut_short = self._coordinate(query)
         check.trajectories.update(report.trajectories)
         if report.outcome is not Outcome.FOUND:
             check.failed |= report.conflict or {motion_key(m) for m in group}
@@ -166,35 +162,8 @@ class Checker:
                 break
         return found
 
-    def _asked_ahead(
-        self, itinerary: Itinerary, groups: Sequence[Sequence[ScheduledMotion]]
-    ) -> dict[frozenset[str], tuple[GroupReport, bool]]:
-        """Let workers, if there are any, coordinate all groups of several motions at once."""
-        several = [g for g in groups if len(g) > 1]
-        crew = self.motions.crew
-        if crew is None or len(several) < 2:
-            return {}
-        queries = [group_query(self.motions.facts, itinerary, g) for g in several]
-        queries = [
-            q for q in queries
-            if all(can_be_sent(x.body) for part in (q.motions, q.rests) for x in part)
-        ]  # fmt: skip
-        if not queries:
-            return {}
-        self.tell.stage(Phase.GROUP, count=sum(len(q.motions) for q in queries))
-        deadlines = [self.motions.budget.group(len(q.motions)) for q in queries]
-        seed = self.seed + self.knowledge.history.restarts
-        answers = crew.coordinate(queries, deadlines, seed=seed)
-        return {
-            _names(query): answer
-            for query, answer in zip(queries, answers, strict=True)
-            if answer is not None
-        }
-
-    def _coordinate(self, query: GroupQuery, check: Check) -> tuple[GroupReport, bool]:
+    def _coordinate(self, query: GroupQuery) -> tuple[GroupReport, bool]:
         """Ask the motion service for a group; return also whether its time was up."""
-        if _names(query) in check.ahead:
-            return check.ahead[_names(query)]
         if len(query.motions) > 1:
             self.tell.stage(Phase.GROUP, count=len(query.motions))
         deadline = self.motions.budget.group(len(query.motions))
@@ -205,10 +174,6 @@ class Checker:
     def rejected(self, itinerary: Itinerary, found: Sequence[Refinement]) -> bool:
         """Return whether one of the refinements forbids the candidate."""
         return any(rejects(itinerary, self.knowledge.relaxation.snapshot, r) for r in found)
-
-
-def _names(query: GroupQuery) -> frozenset[str]:
-    return frozenset(m.name for m in query.motions)
 
 
 def check_static(itinerary: Itinerary) -> list[Refinement]:

@@ -16,7 +16,6 @@ from up_samp.model import (
 )
 from up_samp.model.refinement import Strength
 from up_samp.motion import MotionService
-from up_samp.motion.crew import Crew
 from up_samp.motion.fleet import earliest_arrival
 from up_samp.motion.fleet.coordination import order_decides
 from up_samp.search.budget import Budget
@@ -26,15 +25,11 @@ from up_samp.search.world import Where, surely_there
 
 @dataclass(frozen=True)
 class Motions:
-    """Asks the motion service about motions of the problem, within the search's budget.
-
-    ``crew``: workers that plan ahead for the service, if there are any.
-    """
+    """Asks the motion service about motions of the problem, within the search's budget."""
 
     facts: Facts
     service: MotionService
     budget: Budget
-    crew: Crew | None = None
 
     def path(self, query: PathQuery) -> PathReport:
         """Return the planner's path for a motion alone, within one query's time."""

@@ -6,7 +6,6 @@ import dataclasses
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -64,10 +63,6 @@ class Parameters:
     """What the search is made of, instead of what the preset and its switches say."""
     tuning: Tuning | Mapping[str, Any] | str | os.PathLike[str] | None = None
     """Tunables (:mod:`up_samp.tuning`), or a table or TOML file of them."""
-    executor: Executor | None = None
-    """Who plans motions beside this process (:mod:`up_samp.system.workers`); answers are the same
-    without. The caller ends it.
-    """
     path_planner: str = "default"
 
     refine: bool = True
@@ -144,7 +139,6 @@ _KINDS: Mapping[str, tuple[Callable[[Any], bool], str]] = {
     "observers": (_observe, "a sequence of observers"),
     # it is checked where it is read: that imports what is not needed here
     "tuning": (lambda value: True, ""),
-    "executor": (lambda value: callable(getattr(value, "submit", None)), "an executor"),
     "components": (dataclasses.is_dataclass, "components of a search"),
 }
 """What parameters may be, by name; the others are switches."""

@@ -26,7 +26,6 @@ from up_samp.model import (
 )
 from up_samp.model.snapshot import Snapshot
 from up_samp.motion import MotionCache, MotionService
-from up_samp.motion.crew import Crew
 from up_samp.scheduling import Scheduler, open_scheduler
 from up_samp.scheduling.cpsat.tuning import CpsatTuning
 from up_samp.search.budget import Budget, Restarts
@@ -47,7 +46,6 @@ from up_samp.search.proof import Prover
 from up_samp.search.resolve import start_of
 from up_samp.search.search import Problem, Search, Statement
 from up_samp.search.stopping import runtime_of
-from up_samp.system.workers import Workers
 from up_samp.tuning import tuning_of
 from up_samp.upio import Relaxation, SampSchedule, build_plan, read_problem, relax, trajectory_key
 from up_samp.upio.objective import Number, measure_of, only_makespan
@@ -141,11 +139,10 @@ def open_search(
     measure = measure_of(problem, wrapped.worth)
     asked = replace(problem_of(problem, snapshot, wrapped, params, own), measure=measure)
     with stages.of(READING):
-        workers = None if params.executor is None else Workers(params.executor)
-        search = assemble(asked, service, params, deadline, workers)
+        search = assemble(asked, service, params, deadline)
         whole = params.components is not None or not only_makespan(problem)
         if wrapped.native and params.incumbents and not whole and start is None:
-            inner = partial(open_thin, wrapped, params, service, workers)
+            inner = partial(open_thin, wrapped, params, service)
             _look_for_jobs(search, problem, snapshot, inner)
     search.history.stages = stages
     search.start = None if start is None else start_of(problem, start)
@@ -188,7 +185,7 @@ def easier_of(
     soon = problem.clone()
     soon.clear_quality_metrics()
     soon.add_quality_metric(MinimizeMakespan())
-    mine = replace(params, progress=None, trace=None, observers=(), stop=None, executor=None)
+    mine = replace(params, progress=None, trace=None, observers=(), stop=None)
 
     def plans(search: Search) -> Generator[Incumbent, None, Any]:
         deadline, service = (
@@ -234,7 +231,6 @@ def open_thin(
     wrapped: Wrapped,
     params: Parameters,
     service: MotionService,
-    workers: Workers | None,
     problem: SchedulingMotionProblem,
     deadline: Deadline,
 ) -> Search:
@@ -256,7 +252,7 @@ def open_thin(
 
     unjudged = replace(wrapped, judge=lambda plan: [])
     asked = problem_of(problem, snapshot, unjudged, params, hasty)
-    return assemble(asked, service, replace(mine, components=components), deadline, workers)
+    return assemble(asked, service, replace(mine, components=components), deadline)
 
 
 def assemble(
@@ -264,7 +260,6 @@ def assemble(
     service: MotionService,
     params: Parameters,
     deadline: Deadline,
-    workers: Workers | None,
 ) -> Search:
     """Return a search of the components that the parameters ask for."""
     deadline = replace(deadline, at=min(deadline.at, deadline.started + runtime_of(params.stop)))
@@ -275,8 +270,7 @@ def assemble(
     history, bounds = History(), Bounds.by(problem.measure)
     knowledge = Knowledge(relaxation, history)
     budget = Budget(deadline, params.query_seconds)
-    crew = None if workers is None else Crew(workers, service)
-    motions = Motions(facts, service, budget, crew)
+    motions = Motions(facts, service, budget)
     tell = Telling(observers_of(params), partial(state_of, history, bounds, deadline))
     return Search(
         problem=problem,

@@ -2,7 +2,6 @@
 
 import math
 import random
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -97,15 +96,6 @@ def test_many_drive_under_one_that_hovers(world, monkeypatch):
     monkeypatch.setattr("up_samp.search.fleet.improve.MANY", 2)
     result = solved(world)
     assert result.status in FOUND
-
-
-def test_workers_meet_shadows_too(world):
-    world.flyer("drone", (5, 9, 0.5, *UPRIGHT))
-    for k, y in enumerate((3, 6)):
-        cart = world.flat(f"cart{k}", (3, y, 0), motion_parameters=LOW)
-        world.move(f"drive{k}", cart, cart.home, world.place(7, 9 - y, 0))
-    with ThreadPoolExecutor(2) as pool:
-        assert solved(world, executor=pool).status in FOUND
 
 
 def test_a_driver_waits_until_a_drone_has_taken_off(world):

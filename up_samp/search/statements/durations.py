@@ -59,10 +59,6 @@ def fastest_durations(
     found = []
     signatures = motions.facts.by_signature
     seconds = min(QUERY, motions.budget.query_seconds)
-    if motions.crew is not None:
-        queries = [_among_fixed(motions.facts, cases) for cases in signatures.values()]
-        motions.crew.plan_ahead(queries, motions.budget.part("unobstructed motions"))
-    # what workers have found takes no time any more
     deadline = motions.budget.part("unobstructed motions")
     whole = deadline.remaining()
     for count, cases in enumerate(signatures.values()):
