@@ -46,7 +46,6 @@ class Check:
     refinements: list[Refinement] = field(default_factory=list)
     needed: dict[str, int] = field(default_factory=dict)
     failed: set[str] = field(default_factory=set)
-    """What workers found out about groups (by their motions), and whether their time was up."""
 
     @property
     def passed(self) -> bool:
