@@ -13,7 +13,6 @@ from up_samp.cli import main, solving
 from up_samp.cli.progress import Progress, schedule_table, table
 from up_samp.execution import with_dependencies
 from up_samp.io import plan_to_dict, read_plan, write_plan
-from up_samp.model import ProblemError
 from up_samp.search.history import ProgressEvent
 
 SCRIPT = """
@@ -336,48 +335,6 @@ def test_simulate_prints_a_table_and_writes_files(made, tmp_path, capsys):
     assert main(["draw", str(out / "executed-staircase.json"), "--out", str(tmp_path / "d")]) == 0
     assert main(["simulate", str(plan), "--delays", "fast=2"]) == 2
     assert "NAME=NUMBER of slow" in capsys.readouterr().err
-
-
-def test_a_run_that_fails_is_a_row_that_says_why(made, script, tmp_path, capsys, monkeypatch):
-    """The other policies' runs are told all the same."""
-
-    def fails(*_, **__):
-        raise ProblemError("no rest today")
-
-    monkeypatch.setattr("up_samp.execution.simulate_replanned", fails)
-    plan = write_plan(tmp_path / "plan.json", plan_to_dict(made.problem, made.plan))
-    out = tmp_path / "out"
-    arguments = ["simulate", str(plan), "--runs", "2", "--problem", script(), "--out", str(out)]
-    assert main([*arguments, "--policy", "replan", "--policy", "timed"]) == 1
-    lines = capsys.readouterr().out.splitlines()
-    assert lines[2].split()[:6] == ["replan", "2", "2", "-", "-", "-"]
-    assert lines[3].split()[:3] == ["timed", "2", "0"]
-    assert "replan failed (seed 0, 1): no rest today" in lines
-    table = (out / "runs.csv").read_text().splitlines()
-    assert [row.rpartition(",")[2] for row in table] == ["failed", "", "", *["no rest today"] * 2]
-    assert main([*arguments, "--policy", "replan"]) == 1
-
-
-def test_simulate_plans_the_rest_anew(made, script, tmp_path, capsys):
-    plan = write_plan(
-        tmp_path / "plan.json",
-        with_dependencies(made.problem, plan_to_dict(made.problem, made.plan)),
-    )
-    arguments = ["simulate", str(plan), "--policy", "replan", "--runs", "1"]
-    assert main(arguments) == 2
-    assert "--problem" in capsys.readouterr().err
-    out = tmp_path / "out"
-    arguments += ["--problem", script(), "--late", "2", "--delays", "slow=0.6", "--out", str(out)]
-    assert main(arguments) == 0
-    row = capsys.readouterr().out.splitlines()[2].split()
-    assert (row[0], row[-1]) == ("replan", "1")
-    record = read_plan(out / "executed-replan.json")
-    names = [a["name"] for a in record["activities"]]
-    assert any(name.endswith("(resumed)") for name in names)
-    assert len(set(names)) == len(names) >= 7
-    ends = {a["name"]: a["end"] for a in record["activities"]}
-    assert record["makespan"] == pytest.approx(max(ends.values()))
-    assert main(["draw", str(out / "executed-replan.json"), "--out", str(tmp_path / "d")]) == 0
 
 
 def test_simulate_takes_tunables(made, tmp_path, capsys):

@@ -9,12 +9,12 @@ from jsonschema import Draft202012Validator
 from unified_planning.shortcuts import OneshotPlanner, get_environment
 
 import up_samp  # noqa: F401
+from tests.execution.legs import carried_out
 from up_samp.benchmarks import instance
 from up_samp.execution import (
     Delays,
     Executor,
     dependencies_of,
-    simulate_replanned,
     with_dependencies,
 )
 from up_samp.execution.replan import solve_remaining
@@ -91,10 +91,10 @@ def test_the_rest_is_planned_in_the_units_and_with_the_margin_of_the_plan(solved
         return plans[-1][1]
 
     plan = plan_to_dict(problem, result.plan)
-    journey = simulate_replanned(problem, plan, Delays(long_stop=30.0), 3, late=2.0, solve=solve)
-    assert journey.replans == 1
-    assert journey.finished
-    assert journey.collisions == 0
+    journey = carried_out(problem, plan, Delays(long_stop=30.0), 3, late=2.0, solve=solve)
+    assert len(journey) == 2
+    assert journey[1][1].finished
+    assert not any(leg.contacts for _, leg in journey)
     for left, data in plans:
         assert (data["seconds_per_unit"], data["margin"]) == (0.5, 0.2)
         assert validate_plan(left, plan_from_dict(left, data), seconds_per_unit=0.5).valid

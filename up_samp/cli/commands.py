@@ -29,7 +29,7 @@ from up_samp.cli.solving import (
     judge,
     solve_and_show,
 )
-from up_samp.execution import Incident, Surprise, dependency_faults, remaining_at
+from up_samp.execution import Surprise, dependency_faults, remaining_at
 from up_samp.execution.check import check_motions, refuse
 from up_samp.export import FORMATS, export_plan
 from up_samp.io import read_plan
@@ -269,7 +269,7 @@ def _go_on(args: argparse.Namespace) -> int:
     check_motions(plan)
     problem = problem_of_plan(args.problem, args.encoding, plan)
     surprise = Surprise(cancelled=tuple(args.cancel or ()))
-    left = remaining_at(problem, plan, Incident(args.at, surprise, tuple(args.broken or ())))
+    left = remaining_at(problem, plan, args.at, surprise, args.broken or ())
     own = {"seconds_per_unit": float(plan["seconds_per_unit"]), "margin": plan.get("margin")}
     settings = settings_of(args.problem, own)
     args.seconds_per_unit, args.margin = settings["seconds_per_unit"], settings["margin"]

@@ -5,27 +5,22 @@ from __future__ import annotations
 import argparse
 import csv
 import statistics
-from collections.abc import Callable, Sequence
-from functools import cache, partial
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
-
-from unified_planning.exceptions import UPException
 
 from up_samp.benchmarks.published import ENCODINGS
 from up_samp.cli.problems import problem_of_plan
 from up_samp.cli.progress import table
 from up_samp.io import PlanDict, read_plan, write_plan
-from up_samp.model import ProblemError, SampError
+from up_samp.model import ProblemError
 from up_samp.tuning import tuning_of
 
 if TYPE_CHECKING:
-    from up_samp.execution import Delays, Dependencies, ExecutionTuning, Simulation
+    from up_samp.execution import Simulation
 
 
-FailedRun = tuple[str, int, str]
-"""Policy and seed of a run that could not be carried out, and why."""
-POLICIES = ("timed", "coarse", "staircase", "reorder", "replan")
+POLICIES = ("timed", "coarse", "staircase", "reorder")
 
 
 def add_simulate(parser: argparse.ArgumentParser) -> None:
@@ -44,22 +39,13 @@ def add_simulate(parser: argparse.ArgumentParser) -> None:
         "--policy",
         action="append",
         choices=(*POLICIES, "all"),
-        help="how to follow the plan; may be given again (default: timed, staircase, reorder); "
-        "'replan' plans the rest anew where it gets late, and needs --problem",
-    )
-    parser.add_argument(
-        "--late",
-        type=float,
-        default=10.0,
-        metavar="S",
-        help="replan: once the forecast is so many seconds behind the plan (default: %(default)s)",
+        help="how to follow the plan; may be given again (default: timed, staircase, reorder)",
     )
     parser.add_argument(
         "--problem",
         default=None,
         metavar="PROBLEM",
-        help="the plan's problem, as for 'up-samp solve': where the plan file has no dependencies, "
-        "and for the policy 'replan'",
+        help="the plan's problem, as for 'up-samp solve': where the plan file has no dependencies",
     )
     parser.add_argument("--encoding", choices=ENCODINGS, default="fluents")
     parser.add_argument(
@@ -72,12 +58,7 @@ def add_simulate(parser: argparse.ArgumentParser) -> None:
 
 
 def _simulate(args: argparse.Namespace) -> int:
-    from up_samp.execution import (
-        Delays,
-        dependencies_from_plan,
-        simulate_replanned,
-        solve_remaining,
-    )
+    from up_samp.execution import Delays, coarse, dependencies_from_plan, simulate
     from up_samp.execution.check import check_motions
 
     if args.runs < 1:
@@ -87,101 +68,60 @@ def _simulate(args: argparse.Namespace) -> int:
     delays = Delays.parse(args.delays)
     policies = tuple(dict.fromkeys(args.policy or ("timed", "staircase", "reorder")))
     policies = POLICIES if "all" in policies else policies
-    if "replan" in policies and args.problem is None:
-        raise ProblemError("--policy replan plans anew: name the plan's problem with --problem")
     named = args.problem is not None
     problem = problem_of_plan(args.problem, args.encoding, plan) if named else None
     tuning = tuning_of(args.tuning).execution
     found = dependencies_from_plan(plan, problem)
-    # at most a minute each time that the rest is planned
-    solve = partial(solve_remaining, seconds=60.0)
-
-    def again(seed: int) -> Simulation:
-        assert problem is not None
-        return simulate_replanned(
-            problem, plan, delays, seed, late=args.late, solve=solve, tuning=tuning
-        )
-
     runs: list[Simulation] = []
-    failed: list[FailedRun] = []
     for policy in policies:
-        run = _executions(policy, found, plan, delays, tuning, again)
+        graph = coarse(found) if policy == "coarse" else found
         for seed in range(args.seed, args.seed + args.runs):
-            try:
-                runs.append(run(seed))
-            except (SampError, UPException) as error:
-                failed.append((policy, seed, " ".join(str(error).split())))
-    print(_table(policies, runs, failed))
+            runs.append(simulate(graph, plan, delays, seed, policy=policy, tuning=tuning))
+    print(_table(policies, runs))
     if args.out is not None:
-        files = write_runs(plan, runs, args.out, failed)
+        files = write_runs(plan, runs, args.out)
         print("\n".join(str(f) for f in files))
     bad = any(r.contacts or r.broken or not r.finished for r in runs if r.policy != "timed")
-    return 1 if bad or failed else 0
-
-
-def _executions(
-    policy: str,
-    found: Dependencies,
-    plan: PlanDict,
-    delays: Delays,
-    tuning: ExecutionTuning,
-    replanned: Callable[[int], Simulation],
-) -> Callable[[int], Simulation]:
-    """Return what executes the plan by a policy with the delays of a seed."""
-    from up_samp.execution import coarse, simulate
-
-    if policy == "replan":
-        return replanned
-    graph = cache(lambda: coarse(found) if policy == "coarse" else found)
-    return lambda seed: simulate(graph(), plan, delays, seed, policy=policy, tuning=tuning)  # type: ignore[arg-type]
+    return 1 if bad else 0
 
 
 def _policies(runs: Sequence[Simulation]) -> list[str]:
     return list(dict.fromkeys(r.policy for r in runs))
 
 
-def _table(
-    policies: Sequence[str], runs: Sequence[Simulation], failed: Sequence[FailedRun] = ()
-) -> str:
-    """Return a row for each policy, and a line for each reason for which runs failed."""
-    rows, reasons = [], []
+def _table(policies: Sequence[str], runs: Sequence[Simulation]) -> str:
+    """Return a row for each policy, and a line for each of the first broken rules."""
+    rows = []
     for policy in policies:
         mine = [r for r in runs if r.policy == policy]
         ratios = sorted(r.ratio for r in mine if r.finished)
-        lost = [(seed, why) for name, seed, why in failed if name == policy]
         rows.append(
             [
                 policy,
-                str(len(mine) + len(lost)),
-                str(len(lost) + sum(not r.finished for r in mine)),
+                str(len(mine)),
+                str(sum(not r.finished for r in mine)),
                 f"{statistics.median(ratios):.3f}" if ratios else "-",
                 f"{ratios[-1]:.3f}" if ratios else "-",
-                f"{100 * statistics.mean(r.waiting for r in mine):.1f} %" if mine else "-",
+                f"{100 * statistics.mean(r.waiting for r in mine):.1f} %",
                 str(sum(r.collisions for r in mine)),
                 f"{sum(bool(r.contacts) for r in mine)}",
                 f"{sum(bool(r.broken) for r in mine)}",
                 str(sum(r.deadlock for r in mine)),
                 str(sum(r.reorders for r in mine)),
-                str(sum(r.replans for r in mine)),
             ]
         )
-        for why in dict.fromkeys(why for _, why in lost):
-            seeds = ", ".join(str(seed) for seed, its in lost if its == why)
-            reasons.append(f"{policy} failed (seed {seeds}): {why}")
     header = (
         "policy", "runs", "unfinished", "median", "worst", "waiting", "collisions", "unsafe",
-        "broken", "deadlocks", "reorders", "replans",
+        "broken", "deadlocks", "reorders",
     )  # fmt: skip
     note = "median and worst: realised over planned makespan of the runs that were finished; "
     note += "unsafe: runs with a collision; broken: runs that break a rule of the problem "
     note += "(looked for with --problem)"
-    reasons += [f"{r.policy}, seed {r.seed}: {r.broken[0]}" for r in runs if r.broken][:3]
-    return "\n".join([table(header, rows, range(1, 12)), note, *reasons])
+    reasons = [f"{r.policy}, seed {r.seed}: {r.broken[0]}" for r in runs if r.broken][:3]
+    return "\n".join([table(header, rows, range(1, 11)), note, *reasons])
 
 
-def write_runs(
-    plan: PlanDict, runs: Sequence[Simulation], folder: Path, failed: Sequence[FailedRun] = ()
-) -> list[Path]:
+def write_runs(plan: PlanDict, runs: Sequence[Simulation], folder: Path) -> list[Path]:
     """Write ``runs.csv``, the median run's record and pictures; return the files."""
     from up_samp.plotting import plot_executed, plot_makespans
     from up_samp.plotting.style import saved
@@ -192,18 +132,13 @@ def write_runs(
         writer = csv.writer(stream)
         writer.writerow(
             ["policy", "seed", "planned_s", "makespan_s", "ratio", "waiting", "collisions",
-             "deadlock", "finished", "reorders", "replans", "failed"]
+             "deadlock", "finished", "reorders"]
         )  # fmt: skip
         for r in runs:
             writer.writerow(
                 [r.policy, r.seed, f"{r.planned:g}", f"{r.makespan:.3f}", f"{r.ratio:.4f}",
-                 f"{r.waiting:.4f}", r.collisions, r.deadlock, r.finished, r.reorders, r.replans,
-                 ""]
+                 f"{r.waiting:.4f}", r.collisions, r.deadlock, r.finished, r.reorders]
             )  # fmt: skip
-        for policy, seed, why in failed:
-            writer.writerow([policy, seed, *[""] * 9, why])
-    if not runs:
-        return files
     for policy in _policies(runs):
         mine = sorted((r for r in runs if r.policy == policy), key=lambda r: r.makespan)
         middle = mine[len(mine) // 2]

@@ -7,9 +7,7 @@ from up_samp.execution.files import dependencies_from_plan, dependency_faults, w
 from up_samp.execution.graph import At, Bound, Edge, Event, Graph, PlannedTask
 from up_samp.execution.remaining import Remaining, Surprise
 from up_samp.execution.replan import (
-    Incident,
     remaining_at,
-    simulate_replanned,
     solve_remaining,
 )
 from up_samp.execution.reports import Command, Do, Go, Heard, Hold, Reply
@@ -31,7 +29,6 @@ __all__ = [
     "Graph",
     "Heard",
     "Hold",
-    "Incident",
     "Overrun",
     "PlannedTask",
     "Remaining",
@@ -45,7 +42,6 @@ __all__ = [
     "dependency_faults",
     "remaining_at",
     "simulate",
-    "simulate_replanned",
     "solve_remaining",
     "with_dependencies",
 ]

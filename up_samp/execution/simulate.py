@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
-from unified_planning.model.scheduling import SchedulingProblem
 
 from up_samp.execution.build import Dependencies, timed
 from up_samp.execution.executor import Executor
@@ -292,7 +291,6 @@ class Simulation:
     contacts: tuple[Contact, ...]
     record: PlanDict
     waits: tuple[tuple[str, float, float, str], ...] = ()
-    replans: int = 0
     lasted: float = 0.0
     """How long the run was watched (s)."""
     broken: tuple[str, ...] = ()
@@ -300,10 +298,6 @@ class Simulation:
     run came to its end)."""
     missed: tuple[str, ...] = ()
     """Deadlines, windows and longest durations that were overrun: no executive can keep them."""
-    legs: tuple[tuple[float, Simulation, SchedulingProblem], ...] = ()
-    """Where the rest was planned anew: when each leg began (s), the leg on a clock of its own, and
-    its problem (the first one's is the original).
-    """
 
     @property
     def ratio(self) -> float:
