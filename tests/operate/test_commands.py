@@ -49,7 +49,7 @@ def test_operating_begins_with_the_orders_of_the_file(tmp_path, capsys):
 
 def test_what_cannot_be_operated_is_refused_by_name(tmp_path, capsys):
     fleet = hall(tmp_path, 1)
-    fleet.add_zone("crossing", [(7, 1), (8, 1), (8, 2)], max_robots=1)
+    fleet.add_robot_type("fork", (0.5, 0.5), unloading="lifo")
     file = fleet.save(tmp_path / "site.yaml")
     assert main(["operate", str(file), "--store", str(tmp_path / "day.db"), "--seconds", "1"]) == 2
-    assert "'crossing'" in capsys.readouterr().err
+    assert "'fork'" in capsys.readouterr().err

@@ -15,7 +15,17 @@ from typing import Any
 
 import numpy as np
 
-from up_samp.execution.graph import MEETING, ORIGIN, At, Edge, Event, Graph, PlannedTask, Precedence
+from up_samp.execution.graph import (
+    MEETING,
+    ORIGIN,
+    ZONE,
+    At,
+    Edge,
+    Event,
+    Graph,
+    PlannedTask,
+    Precedence,
+)
 from up_samp.execution.lives import DriveCells, Life, drives_of, in_turn
 from up_samp.execution.meetings import Meeting, steps_of
 from up_samp.execution.tolerances import TOLERANCES
@@ -24,7 +34,7 @@ from up_samp.io.shape import Check, distance, number, text
 from up_samp.model import MotionModel, ProblemError
 from up_samp.model.errors import short
 
-KINDS = (MEETING, "constraint", "duration", "fluent", "resource", "object", "static obstacle")
+KINDS = (MEETING, ZONE, "constraint", "duration", "fluent", "resource", "object", "static obstacle")
 """What an edge may come from: an executive that re-orders changes meetings only."""
 
 

@@ -58,6 +58,8 @@ ORIGIN = Event(At.ORIGIN)
 
 MEETING = "meeting"
 """The kind of edges that say who goes first where two bodies would meet."""
+ZONE = "zone"
+"""The kind of edges that say who has to have left a zone before who may come into it."""
 
 
 @dataclass(frozen=True)

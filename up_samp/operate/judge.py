@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import shapely
 from unified_planning.shortcuts import MovableType
 
 from up_samp.execution.judge import Contact, contacts_of
@@ -33,7 +34,8 @@ stops short of the place."""
 class DayVerdict:
     """``contacts``: who met. ``lost``: orders that were taken and not done; ``twice``: done more
     than once; ``elsewhere``: what was done where it should not have been, in words; ``backwards``:
-    who drove against its heading and must not, in words.
+    who drove against its heading and must not, in words; ``crowded``: zones in which there were
+    more robots than they take, in words.
     """
 
     contacts: tuple[Contact, ...]
@@ -41,12 +43,13 @@ class DayVerdict:
     twice: tuple[str, ...]
     elsewhere: tuple[str, ...]
     backwards: tuple[str, ...] = ()
+    crowded: tuple[str, ...] = ()
 
     @property
     def good(self) -> bool:
         """Whether nothing is wrong."""
-        wrong = self.contacts or self.lost or self.twice or self.elsewhere or self.backwards
-        return not wrong
+        orders = self.lost or self.twice or self.elsewhere
+        return not (self.contacts or orders or self.backwards or self.crowded)
 
 
 def judge_day(
@@ -70,8 +73,46 @@ def judge_day(
         if isinstance(job.record, Order) and ends:
             elsewhere += _of_order(site, job.record, mine, initial, drives)
     met = contacts(site, initial, drives, handled)
-    back = tuple(_backwards(site, drives))
-    return DayVerdict(tuple(met), tuple(lost), tuple(twice), tuple(elsewhere), back)
+    back, crowds = tuple(_backwards(site, drives)), tuple(crowded(site, initial, drives))
+    return DayVerdict(tuple(met), tuple(lost), tuple(twice), tuple(elsewhere), back, crowds)
+
+
+def crowded(
+    site: FleetRecords, initial: Mapping[str, Pose], drives: Sequence[Drive]
+) -> Iterable[str]:
+    """Yield in which zones there were more robots than they take, by what was driven."""
+    for name, zone in site.zones.items():
+        if zone.max_robots is None:
+            continue
+        changes: list[tuple[float, int, str]] = []
+        for robot, pose in initial.items():
+            kind, inside = site.robot_types[site.robots[robot].type], False
+            rows = [[0.0, *pose], *(row for d in drives if d.robot == robot for row in d.rows)]
+            for (when, *_), now in zip(
+                rows, _inside(rows, corners_of(kind.footprint), zone.polygon), strict=True
+            ):
+                if now != inside:
+                    changes.append((when, 1 if now else -1, robot))
+                    inside = now
+        count = 0
+        for when, by, robot in sorted(changes):
+            count += by
+            if by > 0 and count > zone.max_robots:
+                yield f"'{robot}' came into '{name}' at {when:.1f} s as number {count}"
+
+
+def _inside(
+    rows: Sequence[Sequence[float]], corners: Sequence[Sequence[float]], polygon: Any
+) -> Iterable[bool]:
+    """Return at which rows (t, x, y, theta) a body touches a polygon."""
+    _, x, y, theta = np.asarray(rows, dtype=float).T
+    c, s = np.cos(theta)[:, None], np.sin(theta)[:, None]
+    u, v = np.asarray(corners, dtype=float).T
+    there = np.stack([x[:, None] + c * u - s * v, y[:, None] + s * u + c * v], axis=2)
+    area = shapely.Polygon(polygon)
+    shapely.prepare(area)
+    found: list[bool] = shapely.intersects(area, shapely.polygons(there)).tolist()
+    return found
 
 
 def _backwards(site: FleetRecords, drives: Sequence[Drive]) -> Iterable[str]:

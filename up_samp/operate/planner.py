@@ -36,7 +36,8 @@ from up_samp.model import ProblemError, SampError, UnsupportedError
 from up_samp.operate.horizon import DELIVERS, Cut
 from up_samp.operate.order import ordered
 from up_samp.operate.records import Pose, Shape
-from up_samp.operate.stitch import BUSY, Kept, stitched
+from up_samp.operate.stitch import BUSY, Joint, Kept, stitched
+from up_samp.operate.zones import still_counted
 from up_samp.system.child import ProcessGroup, close_pipes, command, environment
 
 LATE = 10.0
@@ -104,9 +105,6 @@ def check_site(site: FleetRecords) -> None:
             raise UnsupportedError(f"robot type '{name}' has a battery: not operated yet")
         if kind.unloading != "any":
             raise UnsupportedError(f"robot type '{name}' unloads in an order: not operated yet")
-    for name, zone in site.zones.items():
-        if zone.max_robots is not None:
-            raise UnsupportedError(f"zone '{name}' takes so many robots at a time: not operated")
     for job in site.jobs:
         check_job(job)
 
@@ -159,7 +157,7 @@ def problem_records(ask: Question) -> FleetRecords:
         units = math.ceil(ask.cut.free.get(name, 0.0) / site.seconds_per_unit)
         if units >= 1 and any(name in j.robots for j in (*orders, *tasks)):
             tasks.append(_busy(name, robots[name].start, units * site.seconds_per_unit))
-    zones = dict(site.zones)
+    zones = still_counted(site, ask.cut.poses, ask.robots)
     for name, corners in ask.areas.items():
         zones[name] = Zone(polygon=corners, keep_out=tuple(site.robot_types))
     doors = {n: d for n, d in site.doors.items() if not is_open(d, ask.cut.poses.get(n))}
@@ -260,9 +258,9 @@ def _plan(ask: Question, cache: str | None) -> PlanDict:
         raise ProblemError(f"no plan within {ask.seconds:g} s: {result.status}")
     plan = with_dependencies(written.problem, result.data, localisation=ask.localisation)
     meanings: dict[str, Meaning] = dict(written.meanings)
-    ties = ties_of(ask, written, plan)
+    joint = Joint(tuple(ties_of(ask, written, plan)), ask.site)
     order = partial(_ordered, ask)
-    whole = stitched(ask.kept, plan, meanings, ask.number, ties, ask.lead, order)
+    whole = stitched(ask.kept, plan, meanings, ask.number, joint, ask.lead, order)
     whole["on_board"] = dict(ask.on_board)
     return whole
 

@@ -18,14 +18,16 @@ import numpy as np
 from up_samp.execution.build import Dependencies, Draft, tasks_of
 from up_samp.execution.executor import Executor
 from up_samp.execution.files import event_from_list, graph_to_dict
-from up_samp.execution.graph import MEETING, ORIGIN, At, Event
+from up_samp.execution.graph import MEETING, ORIGIN, ZONE, At, Event
 from up_samp.execution.lives import lives_of
 from up_samp.execution.meetings import meetings_of
 from up_samp.execution.tolerances import TOLERANCES
+from up_samp.fleet.records import FleetRecords
 from up_samp.fleet.statements import Meaning
 from up_samp.io.plan_dict import PlanDict, with_minor
 from up_samp.operate.horizon import Cut, meanings_of
 from up_samp.operate.records import Pose
+from up_samp.operate.zones import keep_zones
 
 BUSY = "busy."
 """Tasks of this prefix stand for what robots still do of the plan before."""
@@ -121,11 +123,11 @@ def _ended(motion: Mapping[str, Any], at: float | None) -> Mapping[str, Any]:
 
 
 def _edges(executor: Executor, cut: Cut) -> Iterable[tuple[Event, Event, float, str, str]]:
-    """Yield what the old graph says of what is kept, beside who lets whom pass."""
+    """Yield what the old graph says of what is kept, beside who lets whom pass, or into a zone."""
     graph, names = executor.state.graph, set(cut.kept)
     for edge in graph.edges:
         first, then = graph.events[edge.first], graph.events[edge.then]
-        if edge.kind == MEETING or then.activity not in names:
+        if edge.kind in (MEETING, ZONE) or then.activity not in names:
             continue
         if any(_lost(e, cut) for e in (first, then)):
             continue
@@ -177,19 +179,28 @@ def _initial(executor: Executor, cut: Cut, motions: list[dict[str, Any]]) -> dic
     return found
 
 
+@dataclass(frozen=True)
+class Joint:
+    """What both plans have to keep together: ``ties`` are kept activities, and new ones (by their
+    names in the new plan) that may begin only then; ``site``: whose zones take so many robots.
+    """
+
+    ties: tuple[tuple[str, str], ...]
+    site: FleetRecords
+
+
 def stitched(
     kept: Kept,
     new: PlanDict,
     meanings: Mapping[str, Meaning],
     number: int,
-    ties: Iterable[tuple[str, str]],
+    joint: Joint,
     lead: float,
     ordered: Callable[[PlanDict, Dependencies, Mapping[str, Meaning]], PlanDict],
 ) -> PlanDict:
     """Return one plan with its dependencies. ``meanings`` are those of the new plan's activities,
-    which get ``#number`` behind their names. ``ties``: kept activities, and new ones (by their
-    names in the new plan) that may begin only then. ``lead``: nothing new begins within so many
-    seconds. ``ordered``: puts both in order.
+    which get ``#number`` behind their names. ``joint``: what they have to keep together. ``lead``:
+    nothing new begins within so many seconds. ``ordered``: puts both in order.
 
     Raises :class:`ProblemError` where nobody could follow it.
     """
@@ -232,9 +243,8 @@ def stitched(
     plan["makespan"] = max((a["end"] for a in plan["activities"]), default=0)
     known = dict(kept.meanings or {}) | {n: meanings[old] for old, n in names.items()}
     plan["meanings"] = {n: [m.kind.value, m.what, m.robot] for n, m in known.items()}
-    ties = [*ties]
-    plan = ordered(plan, _dependencies(plan, kept, new, names, ties, known, lead), known)
-    told = _dependencies(plan, kept, new, names, ties, known)
+    plan = ordered(plan, _dependencies(plan, kept, new, names, joint, known, lead), known)
+    told = _dependencies(plan, kept, new, names, joint, known)
     plan["dependencies"] = {
         **graph_to_dict(told.graph),
         "localisation": told.localisation,
@@ -248,7 +258,7 @@ def _dependencies(
     kept: Kept,
     new: PlanDict,
     names: Mapping[str, str],
-    ties: Iterable[tuple[str, str]],
+    joint: Joint,
     known: Mapping[str, Meaning],
     lead: float = 0.0,
 ) -> Dependencies:
@@ -269,7 +279,7 @@ def _dependencies(
         if entry["kind"] != MEETING and {first.activity, then.activity} - {""} <= set(names):
             pair = (_named(first, names), _named(then, names))
             draft.put(*pair, float(entry["lag"]), entry["kind"], entry["why"])
-    for one, two in _after(kept, known, names, ties):
+    for one, two in _after(kept, known, names, joint.ties):
         first, then = Event(At.END, one), Event(At.START, two)
         draft.put(first, then, TOLERANCES.strict, "object", f"{one} was there before")
     for name in names.values() if lead else ():
@@ -278,7 +288,8 @@ def _dependencies(
     meetings = meetings_of(lives, margin, error)
     for meeting in meetings:
         draft.add_meeting(meeting)
-    return Dependencies(draft.graph(margin), lives, tuple(meetings), (), error)
+    choices = keep_zones(draft, lives, joint.site, error)
+    return Dependencies(draft.graph(margin), lives, tuple(meetings), choices, error)
 
 
 def _named(event: Event, names: Mapping[str, str]) -> Event:

@@ -1,0 +1,177 @@
+"""Zones that so many robots may be in at a time: who is in one when, and who waits for whom.
+
+A robot is let into a zone only once one that was in it before has left it, wherever the plan of two
+has no other room. Where one robot fits, who goes first may be decided again, as at meetings; where
+more do, it stays as planned.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+from shapely.affinity import affine_transform
+from shapely.geometry import Polygon
+from shapely.geometry.base import BaseGeometry
+
+from up_samp.execution.build import Draft
+from up_samp.execution.graph import ZONE, At, Choice, Event, Precedence
+from up_samp.execution.lives import DriveCells, Life, Piece
+from up_samp.execution.tolerances import TOLERANCES
+from up_samp.fleet.records import FleetRecords, Zone, corners_of
+from up_samp.model import ProblemError
+from up_samp.operate.records import Pose
+
+STEP = 0.05
+"""m of a path between two looks whether its robot touches a zone."""
+
+
+def still_counted(
+    site: FleetRecords, poses: Mapping[str, Pose], moving: Collection[str]
+) -> dict[str, Zone]:
+    """Return a site's zones as a problem has them in which only some robots are ``moving``: those
+    that have room for all of them anyhow do not count; those that hold more robots than they should
+    already take these until they have left.
+    """
+    found = {}
+    for name, zone in site.zones.items():
+        if zone.max_robots is None:
+            found[name] = zone
+            continue
+        area = Polygon(zone.polygon)
+        inside = {
+            r
+            for r, pose in poses.items()
+            if r in site.robots and _touch(_body_of(site, r), [pose], area)[0]
+        }
+        if len(inside - {*moving}) + len(moving) > zone.max_robots:
+            found[name] = replace(zone, max_robots=max(zone.max_robots, len(inside)))
+    return found
+
+
+def _body_of(site: FleetRecords, robot: str) -> Polygon:
+    return Polygon(corners_of(site.robot_types[site.robots[robot].type].footprint))
+
+
+@dataclass(frozen=True)
+class Visit:
+    """A robot is in a zone from ``since`` until ``until`` (s, plan time; without end where it is
+    there first, or stays): it comes by going beyond ``enters``, and has left at ``leaves``.
+    """
+
+    robot: str
+    since: float = -math.inf
+    until: float = math.inf
+    enters: Event | None = None
+    leaves: Event | None = None
+
+
+def keep_zones(
+    draft: Draft, lives: Mapping[str, Life], site: FleetRecords, error: float
+) -> tuple[Choice, ...]:
+    """Let robots wait before zones that are full; return what could be the other way round.
+    ``error`` (m): how far robots may be from where they tell to be.
+
+    :raises ProblemError: where somebody would come into a zone that never gets room again.
+    """
+    found: list[Choice] = []
+    for name, zone in site.zones.items():
+        if zone.max_robots is None:
+            continue
+        area = Polygon(zone.polygon).buffer(error + STEP)
+        mine = [lives[r] for r in site.robots if r in lives]
+        visits = [v for life in mine for v in visits_of(life, area)]
+        visits.sort(key=lambda v: (v.since, v.until, v.robot))
+        why = f"zone '{name}' takes {zone.max_robots}"
+        if zone.max_robots == 1:
+            found += _one_by_one(draft, visits, why)
+        else:
+            for first, then in _in_rooms(visits, zone.max_robots, why):
+                draft.put(first, then, 0.0, ZONE, why)
+    for choice in found:
+        draft.put_choice(choice)
+    return tuple(found)
+
+
+def visits_of(life: Life, area: BaseGeometry) -> Iterator[Visit]:
+    """Yield when a robot is in an area, in the order of its life."""
+    body = Polygon(life.body.footprint)
+    since, enters, inside = -math.inf, None, False
+    for piece in life.pieces:
+        for event, time, comes in _crossings(piece, body, area, inside):
+            if not comes:
+                yield Visit(life.object, since, time, enters, event)
+            since, enters, inside = time, event, comes
+    if inside:
+        yield Visit(life.object, since, enters=enters)
+
+
+def _crossings(
+    piece: Piece, body: Polygon, area: BaseGeometry, inside: bool
+) -> Iterator[tuple[Event | None, float, bool]]:
+    """Yield where a piece of a life comes into an area, or has left it: by which event, when, and
+    whether it comes.
+    """
+    if not isinstance(piece, DriveCells):
+        x, y, theta = (float(v) for v in piece.pose[:3])
+        if not inside and _touch(body, [(x, y, theta)], area)[0]:
+            yield piece.enter, -math.inf if piece.enter is None else piece.since, True
+        return
+    path = piece.path
+    at = np.append(np.arange(0.0, path.length, STEP), path.length)
+    touches = _touch(body, path.poses_at(at).tolist(), area)
+    for k in np.flatnonzero(touches != np.append(inside, touches[:-1])).tolist():
+        # it waits a look before, and has left a look after
+        s = round(float(at[max(k - 1, 0)] if touches[k] else at[k]), 6)
+        if touches[k]:
+            event = Event(At.LEAVE, piece.activity, piece.object, s)
+            yield event, float(piece.left(np.array([s]))[0]), True
+        else:
+            event = Event(At.REACH, piece.activity, piece.object, s)
+            yield event, float(piece.reached(np.array([s]))[0]), False
+
+
+def _touch(
+    body: Polygon, poses: Iterable[Sequence[float]], area: BaseGeometry
+) -> npt.NDArray[np.bool_]:
+    """Return at which poses a body touches an area."""
+    shapely.prepare(area)
+    placed = [
+        affine_transform(body, (math.cos(t), -math.sin(t), math.sin(t), math.cos(t), x, y))
+        for x, y, t in poses
+    ]
+    return np.asarray(shapely.intersects(area, placed), dtype=bool)
+
+
+def _one_by_one(draft: Draft, visits: Sequence[Visit], why: str) -> Iterator[Choice]:
+    """Yield who could go first instead of whom; what cannot be otherwise is put into the draft."""
+    for one, two in itertools.combinations(visits, 2):
+        if one.robot == two.robot or two.enters is None:
+            continue
+        if one.leaves is None or one.until > two.since + 2 * TOLERANCES.late:
+            raise ProblemError(f"'{two.robot}' and '{one.robot}' would be in one: {why}")
+        planned = Precedence(one.leaves, two.enters, 0.0, why)
+        if one.enters is None or two.leaves is None:
+            draft.put(planned.first, planned.then, 0.0, ZONE, why)
+        else:
+            other = Precedence(two.leaves, one.enters, 0.0, why)
+            yield Choice((planned, other), ZONE, why)
+
+
+def _in_rooms(visits: Iterable[Visit], most: int, why: str) -> Iterator[tuple[Event, Event]]:
+    """Yield who has to have left before who may come: each takes the room that is free first."""
+    rooms: list[Visit] = [Visit("", until=-math.inf)] * most
+    for visit in visits:
+        k = min(range(most), key=lambda i: rooms[i].until)
+        before, rooms[k] = rooms[k], visit
+        if visit.enters is None or not before.robot:
+            continue
+        if before.leaves is None or before.until > visit.since + 2 * TOLERANCES.late:
+            raise ProblemError(f"'{visit.robot}' would be one too many: {why}")
+        if before.robot != visit.robot:
+            yield before.leaves, visit.enters
