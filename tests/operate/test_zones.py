@@ -15,7 +15,7 @@ from up_samp.geometry.maps import write_map
 from up_samp.model import ProblemError
 from up_samp.operate.judge import crowded
 from up_samp.operate.simulated import Drive, Mishaps
-from up_samp.operate.zones import Visit, _in_rooms, _one_by_one, still_counted
+from up_samp.operate.zones import ZoneVisit, _in_rooms, _one_by_one, still_counted
 
 MIDDLE = [(7.0, 0.3), (17.5, 0.3), (17.5, 13.7), (7.0, 13.7)]
 """Across the hall, with its rows of shelves."""
@@ -42,7 +42,7 @@ def test_no_more_robots_are_in_a_zone_than_it_takes(tmp_path, most):
 
 
 def visit(robot, since, until, enters=True, leaves=True):
-    return Visit(
+    return ZoneVisit(
         robot, since, until,
         Event(At.LEAVE, f"{robot} {since}", robot, 1.0) if enters else None,
         Event(At.REACH, f"{robot} {since}", robot, 2.0) if leaves else None,

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import shapely
 from unified_planning.shortcuts import MovableType
 
@@ -86,14 +87,11 @@ def crowded(
             continue
         changes: list[tuple[float, int, str]] = []
         for robot, pose in initial.items():
-            kind, inside = site.robot_types[site.robots[robot].type], False
+            kind = site.robot_types[site.robots[robot].type]
             rows = [[0.0, *pose], *(row for d in drives if d.robot == robot for row in d.rows)]
-            for (when, *_), now in zip(
-                rows, _inside(rows, corners_of(kind.footprint), zone.polygon), strict=True
-            ):
-                if now != inside:
-                    changes.append((when, 1 if now else -1, robot))
-                    inside = now
+            here = _inside(rows, corners_of(kind.footprint), zone.polygon)
+            steps = np.diff(here.astype(int), prepend=0).tolist()
+            changes += [(row[0], by, robot) for row, by in zip(rows, steps, strict=True) if by]
         count = 0
         for when, by, robot in sorted(changes):
             count += by
@@ -103,7 +101,7 @@ def crowded(
 
 def _inside(
     rows: Sequence[Sequence[float]], corners: Sequence[Sequence[float]], polygon: Any
-) -> Iterable[bool]:
+) -> npt.NDArray[np.bool_]:
     """Return at which rows (t, x, y, theta) a body touches a polygon."""
     _, x, y, theta = np.asarray(rows, dtype=float).T
     c, s = np.cos(theta)[:, None], np.sin(theta)[:, None]
@@ -111,8 +109,7 @@ def _inside(
     there = np.stack([x[:, None] + c * u - s * v, y[:, None] + s * u + c * v], axis=2)
     area = shapely.Polygon(polygon)
     shapely.prepare(area)
-    found: list[bool] = shapely.intersects(area, shapely.polygons(there)).tolist()
-    return found
+    return np.asarray(shapely.intersects(area, shapely.polygons(there)), dtype=bool)
 
 
 def _backwards(site: FleetRecords, drives: Sequence[Drive]) -> Iterable[str]:

@@ -36,7 +36,7 @@ from up_samp.model import ProblemError, SampError, UnsupportedError
 from up_samp.operate.horizon import DELIVERS, Cut
 from up_samp.operate.order import ordered
 from up_samp.operate.records import Pose, Shape
-from up_samp.operate.stitch import BUSY, Joint, Kept, stitched
+from up_samp.operate.stitch import BUSY, CommonNeeds, Kept, stitched
 from up_samp.operate.zones import still_counted
 from up_samp.system.child import ProcessGroup, close_pipes, command, environment
 
@@ -258,9 +258,9 @@ def _plan(ask: Question, cache: str | None) -> PlanDict:
         raise ProblemError(f"no plan within {ask.seconds:g} s: {result.status}")
     plan = with_dependencies(written.problem, result.data, localisation=ask.localisation)
     meanings: dict[str, Meaning] = dict(written.meanings)
-    joint = Joint(tuple(ties_of(ask, written, plan)), ask.site)
+    common = CommonNeeds(tuple(ties_of(ask, written, plan)), ask.site)
     order = partial(_ordered, ask)
-    whole = stitched(ask.kept, plan, meanings, ask.number, joint, ask.lead, order)
+    whole = stitched(ask.kept, plan, meanings, ask.number, common, ask.lead, order)
     whole["on_board"] = dict(ask.on_board)
     return whole
 

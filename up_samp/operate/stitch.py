@@ -180,7 +180,7 @@ def _initial(executor: Executor, cut: Cut, motions: list[dict[str, Any]]) -> dic
 
 
 @dataclass(frozen=True)
-class Joint:
+class CommonNeeds:
     """What both plans have to keep together: ``ties`` are kept activities, and new ones (by their
     names in the new plan) that may begin only then; ``site``: whose zones take so many robots.
     """
@@ -194,12 +194,12 @@ def stitched(
     new: PlanDict,
     meanings: Mapping[str, Meaning],
     number: int,
-    joint: Joint,
+    common: CommonNeeds,
     lead: float,
     ordered: Callable[[PlanDict, Dependencies, Mapping[str, Meaning]], PlanDict],
 ) -> PlanDict:
     """Return one plan with its dependencies. ``meanings`` are those of the new plan's activities,
-    which get ``#number`` behind their names. ``joint``: what they have to keep together. ``lead``:
+    which get ``#number`` behind their names. ``common``: what they have to keep together. ``lead``:
     nothing new begins within so many seconds. ``ordered``: puts both in order.
 
     Raises :class:`ProblemError` where nobody could follow it.
@@ -243,8 +243,8 @@ def stitched(
     plan["makespan"] = max((a["end"] for a in plan["activities"]), default=0)
     known = dict(kept.meanings or {}) | {n: meanings[old] for old, n in names.items()}
     plan["meanings"] = {n: [m.kind.value, m.what, m.robot] for n, m in known.items()}
-    plan = ordered(plan, _dependencies(plan, kept, new, names, joint, known, lead), known)
-    told = _dependencies(plan, kept, new, names, joint, known)
+    plan = ordered(plan, _dependencies(plan, kept, new, names, common, known, lead), known)
+    told = _dependencies(plan, kept, new, names, common, known)
     plan["dependencies"] = {
         **graph_to_dict(told.graph),
         "localisation": told.localisation,
@@ -258,7 +258,7 @@ def _dependencies(
     kept: Kept,
     new: PlanDict,
     names: Mapping[str, str],
-    joint: Joint,
+    common: CommonNeeds,
     known: Mapping[str, Meaning],
     lead: float = 0.0,
 ) -> Dependencies:
@@ -279,7 +279,7 @@ def _dependencies(
         if entry["kind"] != MEETING and {first.activity, then.activity} - {""} <= set(names):
             pair = (_named(first, names), _named(then, names))
             draft.put(*pair, float(entry["lag"]), entry["kind"], entry["why"])
-    for one, two in _after(kept, known, names, joint.ties):
+    for one, two in _after(kept, known, names, common.ties):
         first, then = Event(At.END, one), Event(At.START, two)
         draft.put(first, then, TOLERANCES.strict, "object", f"{one} was there before")
     for name in names.values() if lead else ():
@@ -288,7 +288,7 @@ def _dependencies(
     meetings = meetings_of(lives, margin, error)
     for meeting in meetings:
         draft.add_meeting(meeting)
-    choices = keep_zones(draft, lives, joint.site, error)
+    choices = keep_zones(draft, lives, common.site, error)
     return Dependencies(draft.graph(margin), lives, tuple(meetings), choices, error)
 
 

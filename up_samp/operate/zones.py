@@ -59,7 +59,7 @@ def _body_of(site: FleetRecords, robot: str) -> Polygon:
 
 
 @dataclass(frozen=True)
-class Visit:
+class ZoneVisit:
     """A robot is in a zone from ``since`` until ``until`` (s, plan time; without end where it is
     there first, or stays): it comes by going beyond ``enters``, and has left at ``leaves``.
     """
@@ -98,17 +98,17 @@ def keep_zones(
     return tuple(found)
 
 
-def visits_of(life: Life, area: BaseGeometry) -> Iterator[Visit]:
+def visits_of(life: Life, area: BaseGeometry) -> Iterator[ZoneVisit]:
     """Yield when a robot is in an area, in the order of its life."""
     body = Polygon(life.body.footprint)
     since, enters, inside = -math.inf, None, False
     for piece in life.pieces:
         for event, time, comes in _crossings(piece, body, area, inside):
             if not comes:
-                yield Visit(life.object, since, time, enters, event)
+                yield ZoneVisit(life.object, since, time, enters, event)
             since, enters, inside = time, event, comes
     if inside:
-        yield Visit(life.object, since, enters=enters)
+        yield ZoneVisit(life.object, since, enters=enters)
 
 
 def _crossings(
@@ -148,7 +148,7 @@ def _touch(
     return np.asarray(shapely.intersects(area, placed), dtype=bool)
 
 
-def _one_by_one(draft: Draft, visits: Sequence[Visit], why: str) -> Iterator[Choice]:
+def _one_by_one(draft: Draft, visits: Sequence[ZoneVisit], why: str) -> Iterator[Choice]:
     """Yield who could go first instead of whom; what cannot be otherwise is put into the draft."""
     for one, two in itertools.combinations(visits, 2):
         if one.robot == two.robot or two.enters is None:
@@ -163,9 +163,9 @@ def _one_by_one(draft: Draft, visits: Sequence[Visit], why: str) -> Iterator[Cho
             yield Choice((planned, other), ZONE, why)
 
 
-def _in_rooms(visits: Iterable[Visit], most: int, why: str) -> Iterator[tuple[Event, Event]]:
+def _in_rooms(visits: Iterable[ZoneVisit], most: int, why: str) -> Iterator[tuple[Event, Event]]:
     """Yield who has to have left before who may come: each takes the room that is free first."""
-    rooms: list[Visit] = [Visit("", until=-math.inf)] * most
+    rooms: list[ZoneVisit] = [ZoneVisit("", until=-math.inf)] * most
     for visit in visits:
         k = min(range(most), key=lambda i: rooms[i].until)
         before, rooms[k] = rooms[k], visit
