@@ -286,6 +286,14 @@ class _Judge:
             return self.value(condition, choice, owner, read_inside) is not False
         return True
 
+    def total(self, costs, choice, read):
+        sums = Counter()
+        for cost in costs:
+            sums[cost.term, cost.share] += self.cost(cost, choice, read)
+        shared = {term for term, share in sums if share}
+        most = [max(0, *(v for (t, s), v in sums.items() if t == m and s)) for m in shared]
+        return sum(most) + sum(v for (_, share), v in sums.items() if not share)
+
     def metric(self, metric, choice, history):
         if metric is None or metric.is_minimize_makespan():
             return choice.makespan
@@ -295,12 +303,10 @@ class _Judge:
             return _at(states, last + 1)[key]
 
         if isinstance(metric, MinimizeCosts):
-            sums = Counter()
-            for cost in metric.costs:
-                sums[cost.term, cost.share] += self.cost(cost, choice, read)
-            shared = {term for term, share in sums if share}
-            most = [max(0, *(v for (t, s), v in sums.items() if t == m and s)) for m in shared]
-            return sum(most) + sum(v for (_, share), v in sums.items() if not share)
+            ranks = sorted({cost.rank for cost in metric.costs})
+            told = [[c for c in metric.costs if c.rank == rank] for rank in ranks]
+            values = tuple(self.total(costs, choice, read) for costs in told)
+            return values if len(ranks) > 1 else sum(values)  # of several, the first counts first
         if metric.is_minimize_expression_on_final_state():
             return self.value(metric.expression, choice, None, read)
         if metric.is_minimize_action_costs():

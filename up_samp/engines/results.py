@@ -36,6 +36,8 @@ STATUSES = {
     ScheduleStatus.ERROR: PlanGenerationResultStatus.INTERNAL_ERROR,
 }
 
+RELATIVE = "relative to the motion planner's durations"
+"""What a bound is that rests on these."""
 
 _STATUSES = {
     "OPTIMAL": PlanGenerationResultStatus.SOLVED_OPTIMALLY,
@@ -101,9 +103,7 @@ def metrics_of(params: Parameters, search: Search) -> dict[str, str]:
     metrics = {
         "preset": params.preset,
         **_bound(bounds),
-        "bound_kind": (
-            "relative to the motion planner's durations" if bounds.relative else "absolute"
-        ),
+        "bound_kind": RELATIVE if bounds.relative else "absolute",
         "rounds": str(len(history.rounds)),
         "restarts": str(history.restarts),
         "refinements_bound": str(history.count(Layer.BOUND)),

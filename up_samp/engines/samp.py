@@ -25,6 +25,7 @@ from unified_planning.plans import Plan, Schedule
 
 from up_samp.engines.direct import Call
 from up_samp.engines.features import COMPILED, PASSED_ON
+from up_samp.engines.in_order import InOrder, costs_in_order
 from up_samp.engines.replanning import ReplanningFace
 from up_samp.engines.results import (
     SampResult,
@@ -211,6 +212,13 @@ class SampRefine(ReplanningFace, MetaEngine, OneshotPlannerMixin, AnytimePlanner
         if moves and (settled := settle_movers(problem)) is not None:
             again = partial(self._results, optimal=optimal, patience=patience)
             yield from solve_settled(settled, call, again, self.params.seconds_per_unit)
+            return
+        ranked = costs_in_order(problem)
+        if ranked is not None:
+            again = partial(self._results, optimal=optimal, patience=patience)
+            yield from InOrder(ranked, call, again, self.params.reproducible).solve(
+                first=not optimal and self.params.first_plan
+            )
             return
         compiling = begin_compiling(problem) if moves else None
         # imports, too, are made before the clock runs

@@ -17,7 +17,7 @@ from unified_planning.shortcuts import MinimizeMakespan
 from up_samp.fleet.drives import Drives
 from up_samp.fleet.jobs import JobRules, add_loads
 from up_samp.fleet.objective import add_objective
-from up_samp.fleet.records import FleetRecords, Weights
+from up_samp.fleet.records import FleetRecords
 from up_samp.fleet.site import Site
 from up_samp.fleet.spelled_out import spelled_out
 from up_samp.fleet.statements import Written, one_at_a_time
@@ -47,8 +47,8 @@ def write_problem(records: FleetRecords, folder: Path) -> Written:
     work.limit_shifts()
     for robot, activities in work.busy.items():
         one_at_a_time(site.problem, robot, activities)
-    if isinstance(records.objective, Weights):
-        add_objective(site, work, records.objective)
+    if records.weighed:
+        add_objective(site, work)
     elif records.objective == "makespan":
         site.problem.add_quality_metric(MinimizeMakespan())
     return Written(site.problem, site.meanings)

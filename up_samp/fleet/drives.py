@@ -93,7 +93,7 @@ class Drives:
             )
         )
         a.add_motion_effect(mover, site.places[to])
-        if site.weights.distance or site.weights.cost:
+        if any(told.distance or told.cost for told in site.records.weighed):
             site.metres[a.name], _ = self._meter.length(robot, origin, to)
         amount = self._meter.drive(robot, origin, to)
         if amount:

@@ -23,7 +23,6 @@ from up_samp.fleet.records import (
     Outline,
     Stop,
     Task,
-    Weights,
     Windows,
     able,
     carries,
@@ -490,15 +489,22 @@ def _shape_fault(outline: Outline) -> str | None:
 
 
 def _weights(records: FleetRecords) -> Iterator[Fault]:
-    """An objective of several terms weighs one of them at least, and knows what robots cost."""
-    told = records.objective
+    """An objective of several terms weighs one of them at least, and knows what robots cost; of
+    several, no two weigh the same.
+    """
     free = not any(kind.costs for kind in records.robot_types.values())
-    if isinstance(told, Weights) and told.cost and free:
-        text = "say what robots cost, as costs of a type: {used: 20, per_km: 0.5, per_hour: 3}"
-        yield Fault(("objective", "cost"), text)
-    if isinstance(records.objective, Weights) and not any(vars(records.objective).values()):
-        text = f"give a weight above 0 to one of {', '.join(vars(records.objective))}, or say none"
-        yield Fault(("objective",), text)
+    listed, seen = isinstance(records.objective, tuple), []
+    for number, weights in enumerate(records.weighed):
+        path: Path = ("objective", number) if listed else ("objective",)
+        if weights.cost and free:
+            text = "say what robots cost, as costs of a type: {used: 20, per_km: 0.5, per_hour: 3}"
+            yield Fault((*path, "cost"), text)
+        if not any(vars(weights).values()):
+            text = f"give a weight above 0 to one of {', '.join(vars(weights))}, or say none"
+            yield Fault(path, text)
+        if weights in seen:
+            yield Fault(path, "is there before: among plans as good in it, it decides nothing")
+        seen.append(weights)
 
 
 CHECKS: tuple[Callable[[FleetRecords], Iterator[Fault]], ...] = (

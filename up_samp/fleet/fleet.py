@@ -60,8 +60,9 @@ class Fleet:
     problem.
 
     :param map: a ROS ``map_server`` YAML file.
-    :param objective: ``"makespan"``, ``"none"``, or weights of several terms, as in
-        ``{"tardiness": 10, "driving": 0.1}`` (see :class:`Weights`).
+    :param objective: ``"makespan"``, ``"none"``, weights of several terms, as in ``{"tardiness":
+        10, "driving": 0.1}`` (see :class:`Weights`), or a list of such or of terms, the most
+        important first: ``["tardiness", "makespan"]``.
     :param seconds_per_unit: the schedule's unit: durations are rounded up to it.
     :param margin: clearance in m that motions keep from walls and from each other.
     """
@@ -74,7 +75,7 @@ class Fleet:
         map: str | PathLike[str],
         *,
         name: str = "fleet",
-        objective: str | Mapping[str, float] | Weights = "makespan",
+        objective: str | Mapping[str, float] | Weights | Sequence[Any] = "makespan",
         seconds_per_unit: float = 1.0,
         margin: float = PRECISION.margin,
     ) -> None:

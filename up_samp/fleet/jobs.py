@@ -12,7 +12,7 @@ from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import FALSE, LE, TRUE, BoolType, IntType, Not, Or, Plus
 
 from up_samp.fleet.faults import earlier_than
-from up_samp.fleet.records import Order, Task, Weights
+from up_samp.fleet.records import Order, Task
 from up_samp.fleet.site import Site
 from up_samp.fleet.statements import (
     Kind,
@@ -181,7 +181,7 @@ class JobRules:
         """Return the activity that stands for leaving a job out; it lasts as long as that costs."""
         if job not in self._leaving:
             # with an objective of several terms it costs by itself: no time stands for it
-            counts = isinstance(self._records.objective, Weights)
+            counts = bool(self._records.weighed)
             units = 1 if counts else self._site.up(penalty)
             name = self._site.fresh(f"leave_out_{job}", Meaning(Kind.LEAVE, job))
             a = self._problem.add_activity(name, duration=units, optional=True)
@@ -220,7 +220,7 @@ class JobRules:
 
     def _left_out(self) -> None:
         """What is left out counts as seconds of makespan: it comes after all else, one by one."""
-        if isinstance(self._records.objective, Weights):
+        if self._records.weighed:
             return
         last = set(self._leaving.values())
         for leaving in self._leaving.values():

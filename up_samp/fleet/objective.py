@@ -13,7 +13,7 @@ from unified_planning.model.scheduling import Activity
 from unified_planning.model.timing import GlobalEndTiming
 from unified_planning.shortcuts import Minus, Or
 
-from up_samp.fleet.records import FleetRecords, Weights
+from up_samp.fleet.records import FleetRecords
 from up_samp.fleet.site import Site
 from up_samp.fleet.spelled_out import spelled_out
 from up_samp.fleet.statements import Kind, Written, present
@@ -24,13 +24,18 @@ Amount = tuple[float | Fraction, Any, Activity | None]
 """(seconds or pieces that 1 stands for, expression in units, whose presence it needs)."""
 
 
-def add_objective(site: Site, work: Work, weights: Weights) -> None:
-    """State the weighted sum of terms that is to be minimised, in a site's problem whose activities
-    are all there.
+def add_objective(site: Site, work: Work) -> None:
+    """State the weighted sums of terms that are to be minimised one after the other, in a site's
+    problem whose activities are all there. What is left out costs in the first.
     """
-    told: Mapping[str, float] = vars(weights) | {"left_out": 1.0}
+    costs: list[Cost] = []
+    for rank, weights in enumerate(site.records.weighed):
+        costs += _costs(site, work, vars(weights) | {"left_out": float(not rank)}, rank)
+    site.problem.add_quality_metric(MinimizeCosts(costs, site.problem.environment))
+
+
+def _costs(site: Site, work: Work, told: Mapping[str, float], rank: int) -> Iterator[Cost]:
     manager = site.problem.environment.expression_manager
-    costs = []
     for term, amounts in TERMS.items():
         for each, node, activity in amounts(site, work) if told[term] else ():
             if not each:
@@ -39,8 +44,7 @@ def add_objective(site: Site, work: Work, weights: Weights) -> None:
             weight = Fraction(str(told[term])) * Fraction(str(each))
             name = None if activity is None or not activity.optional else activity.name
             share = site.meanings[activity.name].robot if term == "busiest" and activity else ""
-            costs.append(Cost(term, weight, node, name, term == "tardiness", share))
-    site.problem.add_quality_metric(MinimizeCosts(costs, site.problem.environment))
+            yield Cost(term, weight, node, name, term == "tardiness", share, rank)
 
 
 def tell_lateness(records: FleetRecords, written: Written, plan: Mapping[str, Any]) -> list[str]:

@@ -501,16 +501,31 @@ class Weights:
 
 
 def _objective(value: Any) -> Any:
-    """Let only one of the two forms through, so that errors are about that one."""
+    """Let only one of the forms through, so that errors are about that one; a term alone in a list
+    has the weight 1.
+    """
+    if isinstance(value, list | tuple) and value:
+        return tuple({one: 1.0} if isinstance(one, str) else one for one in value)
     if isinstance(value, Mapping | Weights) or value in ("makespan", "none"):
         return value
-    raise ValueError("give makespan, none, or weights such as {tardiness: 10, driving: 0.1}")
+    raise ValueError(
+        "give makespan, none, or weights such as {tardiness: 10, driving: 0.1}, or a list of such, "
+        "the most important first"
+    )
 
 
+Term = Literal[
+    "makespan", "tardiness", "completion", "driving", "distance", "energy", "robots", "cost",
+    "busiest",
+]  # fmt: skip
 AnyObjective = Annotated[
-    Literal["makespan", "none"] | Weights,
-    BeforeValidator(_objective, json_schema_input_type=Literal["makespan", "none"] | Weights),
+    Literal["makespan", "none"] | Weights | tuple[Weights, ...],
+    BeforeValidator(
+        _objective,
+        json_schema_input_type=Literal["makespan", "none"] | Weights | list[Term | Weights],
+    ),
 ]
+"""What is best: of a list, the first is minimised, then the next among plans as good in that."""
 
 
 def _orders(value: Any) -> Any:
@@ -556,6 +571,14 @@ class FleetRecords:
     def settings(self) -> dict[str, float]:
         """What an engine that solves the problem has to be given: its parameters, by name."""
         return {"seconds_per_unit": self.seconds_per_unit, "margin": self.margin}
+
+    @property
+    def weighed(self) -> tuple[Weights, ...]:
+        """The weights of an objective of several terms, the most important first; none: where it is
+        the makespan alone, or any plan will do.
+        """
+        told = self.objective
+        return told if isinstance(told, tuple) else (told,) if isinstance(told, Weights) else ()
 
     @property
     def jobs(self) -> tuple[Order | Task, ...]:

@@ -125,9 +125,12 @@ class FleetResult:
         unit = self.seconds_per_unit
         bound = float(metrics.get("lower_bound", 0)) * unit
         lines = [f"{self.status}: all is over after {self.makespan:g} s"]
-        if any(isinstance(m, MinimizeCosts) for m in self.problem.quality_metrics):
+        costly = [m for m in self.problem.quality_metrics if isinstance(m, MinimizeCosts)]
+        if costly:
             told = ", ".join(f"{term} {cost:g}" for term, cost in self.costs.items())
-            lines.append(f"it costs {sum(self.costs.values()):g}: {told}")
+            total = "" if costly[0].in_order else f" {sum(self.costs.values()):g}:"
+            lines.append(f"it costs{total} {told}")
+        if costly and not costly[0].in_order:  # else the messages tell the bounds
             least = metrics.get("value_bound", "-")
             lines += [] if least == "-" else [f"no plan costs less than {float(Fraction(least)):g}"]
         elif bound:

@@ -57,7 +57,6 @@ from up_samp.fleet.records import (
     Outline,
     Pose,
     RobotType,
-    Weights,
     corners_of,
 )
 from up_samp.fleet.spelled_out import stop_of
@@ -148,8 +147,6 @@ class Site:
         self.spots: dict[str, Object] = {}
         self.lifts: dict[str, Fluent] = {}
         self.stops: dict[str, FNode] = {}
-        told = records.objective
-        self.weights = told if isinstance(told, Weights) else Weights()
         self.metres: dict[str, float] = {}
         """How long drives are (by activity), where the objective asks for it."""
         self.places: dict[str, ConfigurationObject] = {}

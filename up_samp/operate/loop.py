@@ -88,12 +88,11 @@ class Operation(Day):
         settings: Settings = Settings(),
     ) -> None:
         check_site(fleet.records)
-        told = fleet.records.objective
         self.site = dataclasses.replace(
             with_places(fleet.records),
             orders=(),
             tasks=(),
-            objective=told if isinstance(told, Weights) else DAY,
+            objective=fleet.records.objective if fleet.records.weighed else DAY,
         )
         self.folder: Path = fleet.folder
         self.store, self.robots, self.clock = store, robots, clock

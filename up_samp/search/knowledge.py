@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
@@ -147,7 +148,7 @@ class Bounds:
 
     def improves(self, schedule: CandidateSchedule) -> bool:
         """Return whether a plan with this schedule would be the best so far."""
-        return self.upper is None or self.measure.cost(schedule) < self.upper
+        return self.measure.cost(schedule) < (math.inf if self.upper is None else self.upper)
 
     def keep(self, found: Incumbent) -> bool:
         """Make a valid plan the incumbent, if it is the best so far; return whether it is."""

@@ -19,7 +19,7 @@ from unified_planning.model.timing import GlobalEndTiming
 
 from up_samp.extensions import parts as from_outside
 from up_samp.model import UnsupportedError
-from up_samp.model.objective import MinimizeCosts
+from up_samp.model.objective import Cost, MinimizeCosts
 from up_samp.upio.expressions import QuantifierRemover
 
 Number = int | Fraction
@@ -44,34 +44,48 @@ class ObjectivePart:
 
 class Objective(metrics.PlanQualityMetric):  # type: ignore[misc]
     """A sum of parts to be minimised (``sign`` 1) or maximised (-1). A UP metric itself, so that a
-    relaxation can carry it. Costs are ``sign`` times values: the less, the better.
+    relaxation can carry it. Costs are ``sign`` times values: the less, the better. ``limits``:
+    other sums, and what each of them costs at most.
     """
 
     def __init__(
-        self, name: str, sign: int, parts: Iterable[ObjectivePart], environment: Any
+        self,
+        name: str,
+        sign: int,
+        parts: Iterable[ObjectivePart],
+        environment: Any,
+        limits: Iterable[tuple[Objective, Number]] = (),
     ) -> None:
         super().__init__(environment)
         self.name = name
         self.sign = sign
         self.parts = tuple(parts)
+        self.limits = tuple(limits)
 
     def __repr__(self) -> str:
         return f"{'maximize' if self.sign < 0 else 'minimize'} {self.name}"
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Objective) and (self.name, self.sign, self.parts) == (
-            other.name,
-            other.sign,
-            other.parts,
-        )
+        return isinstance(other, Objective) and (
+            self.name,
+            self.sign,
+            self.parts,
+            self.limits,
+        ) == (other.name, other.sign, other.parts, other.limits)
 
     def __hash__(self) -> int:
         return hash((self.name, self.sign))
 
+    @property
+    def all_parts(self) -> tuple[ObjectivePart, ...]:
+        """Its parts, and those of what is limited."""
+        return (*self.parts, *(part for other, _ in self.limits for part in other.parts))
+
     def rewritten(self, rewrite: Callable[[FNode], FNode]) -> Objective:
         """Return it with each expression rewritten."""
         parts = (replace(p, node=rewrite(p.node)) for p in self.parts)
-        return Objective(self.name, self.sign, parts, self.environment)
+        limits = ((other.rewritten(rewrite), most) for other, most in self.limits)
+        return Objective(self.name, self.sign, parts, self.environment, limits)
 
     def decided(self, fix: Callable[..., FNode], present: Container[str]) -> Objective:
         """Return it where presence is decided: without what absent activities cost. ``fix`` tells
@@ -86,7 +100,8 @@ class Objective(metrics.PlanQualityMetric):  # type: ignore[misc]
             holds = part.node.type.is_bool_type()
             node = fix(part.node, positive=False) if holds else part.node
             parts.append(replace(part, node=node))
-        return Objective(self.name, self.sign, parts, self.environment)
+        limits = ((other.decided(fix, present), most) for other, most in self.limits)
+        return Objective(self.name, self.sign, parts, self.environment, limits)
 
 
 # ------------------ One row for each metric of UP
@@ -119,7 +134,11 @@ def _costs(metric: Any, problem: Any) -> Iterator[ObjectivePart]:
 
 
 def _sum(metric: Any, problem: Any) -> Iterator[ObjectivePart]:
-    for cost in metric.costs:
+    yield from _parts(metric.of_rank(len(metric.limits)))
+
+
+def _parts(costs: Iterable[Cost]) -> Iterator[ObjectivePart]:
+    for cost in costs:
         share = (cost.term, cost.share) if cost.share else None
         yield ObjectivePart(cost.weight, cost.node, None, cost.activity, cost.positive, share)
 
@@ -149,14 +168,24 @@ def objective_of(problem: Any) -> Objective | None:
     if len(told) > 1:
         raise UnsupportedError("one quality metric at a time, not several: add them up in one")
     metric = told[0]
+    if isinstance(metric, MinimizeCosts) and metric.in_order:
+        raise UnsupportedError(f"'{metric}' in this order: samp-refine[cpsat] does one by one")
     others = {o.metric: (o.name, o.sign, o.parts) for o in from_outside("objectives").values()}
     row = {**METRICS, **others}.get(type(metric))
     if row is not None:
         name, sign, parts = row
-        metric = Objective(name, sign, parts(metric, problem), problem.environment)
+        env, limits = problem.environment, _limits(metric, name, problem.environment)
+        metric = Objective(name, sign, parts(metric, problem), env, limits)
     elif not isinstance(metric, Objective):
         raise UnsupportedError(f"the metric '{metric}' has no meaning for schedules")
     return metric.rewritten(QuantifierRemover(problem))
+
+
+def _limits(metric: Any, name: str, env: Any) -> Iterator[tuple[Objective, Number]]:
+    """Yield what a metric limits beside what it minimises."""
+    if isinstance(metric, MinimizeCosts):
+        for number, most in enumerate(metric.limits):
+            yield Objective(name, 1, _parts(metric.of_rank(number)), env), most
 
 
 def check_copied(problem: Any) -> None:
@@ -171,6 +200,15 @@ def check_copied(problem: Any) -> None:
                 "for replanning, and where a parameter says what moves: say it as gains of "
                 "Not(activity.present)"
             )
+
+
+def is_makespan(costs: Iterable[Cost]) -> bool:
+    """Return whether costs are the makespan, times a weight above 0."""
+    told = [*costs]
+    node = told[0].node if len(told) == 1 else None
+    if node is None or not node.is_timing_exp() or node.timing() != GlobalEndTiming():
+        return False
+    return told[0].weight > 0 and told[0].activity is None
 
 
 def only_makespan(problem: Any) -> bool:

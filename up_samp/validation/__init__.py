@@ -4,7 +4,7 @@ It shares no map reading, collision checking, timing or scheduling code with the
 accepts was found right twice. The rules are stated in ``docs/semantics.md``.
 """
 
-from up_samp.validation.metrics import terms_of, value_of
+from up_samp.validation.metrics import ranked, terms_of, value_of
 from up_samp.validation.plan import judge_plan, validate_plan
 from up_samp.validation.schedule import validate_schedule
 from up_samp.validation.verdict import Verdict, Violation
@@ -13,6 +13,7 @@ __all__ = [
     "Verdict",
     "Violation",
     "judge_plan",
+    "ranked",
     "terms_of",
     "validate_plan",
     "validate_schedule",

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from unified_planning.model import metrics
 
 from up_samp.extensions import parts
 from up_samp.model import ProblemError, UnsupportedError
-from up_samp.model.objective import MinimizeCosts
+from up_samp.model.objective import Cost, MinimizeCosts
 from up_samp.validation.conditions import holds_throughout, reader_at
 from up_samp.validation.schedule import read_decisions
 from up_samp.validation.timeline import Reading, StateTimeline, build_timeline
@@ -26,7 +27,7 @@ def evaluate_metric(metric: Any, timeline: StateTimeline) -> Value:
     if isinstance(metric, metrics.MinimizeMakespan):
         return timeline.decisions.makespan
     if isinstance(metric, MinimizeCosts):
-        return plain(sum(value for _, value in _terms(metric, timeline)))
+        return _of_costs(metric, timeline)
     final = _final(timeline)
     if isinstance(
         metric, (metrics.MinimizeExpressionOnFinalState, metrics.MaximizeExpressionOnFinalState)
@@ -52,12 +53,25 @@ def _final(timeline: StateTimeline, owner: str | None = None) -> Reader:
     return reader_at(timeline, timeline.horizon + 1, Reading.LATER, owner)
 
 
-def _terms(metric: MinimizeCosts, timeline: StateTimeline) -> Iterator[tuple[str, Value]]:
+def _of_costs(metric: MinimizeCosts, timeline: StateTimeline) -> Value:
+    """Return what is minimised of costs: infinite, where one of those that are limited costs more
+    than it may.
+    """
+    told = [_sum(costs, timeline) for costs in map(metric.of_rank, range(len(metric.limits) + 1))]
+    over = any(value > most for value, most in zip(told, metric.limits, strict=False))
+    return math.inf if over else told[-1]
+
+
+def _sum(costs: Iterable[Cost], timeline: StateTimeline) -> Value:
+    return plain(sum(value for _, value in _terms(costs, timeline)))
+
+
+def _terms(costs: Iterable[Cost], timeline: StateTimeline) -> Iterator[tuple[str, Value]]:
     """Yield each cost that counts, by its term: weighted values after all effects, and the largest
     of those sums that are shares.
     """
     shares: dict[str, dict[str, Value]] = {}
-    for cost in metric.costs:
+    for cost in costs:
         if cost.activity is None or cost.activity in timeline.decisions.times:
             value = _final(timeline, cost.activity).value(cost.node)
             if cost.node.type.is_bool_type():  # what an absent activity leaves open does not hold
@@ -83,9 +97,18 @@ def terms_of(problem: Any, plan: Any) -> dict[str, Value]:
     """Return what a schedule costs by term, where the problem's metric is a sum of costs."""
     metric = problem.quality_metrics[0]
     found = dict.fromkeys((cost.term for cost in metric.costs), 0)
-    for term, value in _terms(metric, _timeline_of(problem, plan)):
-        found[term] = plain(found[term] + value)
+    timeline = _timeline_of(problem, plan)
+    # shares of a term are compared within a rank: one sum at a time
+    for costs in map(metric.of_rank, range(len(metric.ranks))):
+        for term, value in _terms(costs, timeline):
+            found[term] = plain(found[term] + value)
     return found
+
+
+def ranked(problem: Any, plan: Any) -> list[Value]:
+    """Return what a schedule costs by rank, where the problem's metric is a sum of costs."""
+    metric, timeline = problem.quality_metrics[0], _timeline_of(problem, plan)
+    return [_sum(metric.of_rank(number), timeline) for number, _ in enumerate(metric.ranks)]
 
 
 def value_of(problem: Any, plan: Any) -> Value:

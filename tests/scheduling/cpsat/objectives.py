@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 
 from unified_planning.model import ClosedTimeInterval, GlobalEndTiming, GlobalStartTiming, Timing
@@ -19,6 +20,8 @@ from tests.shuffled import shuffled
 from up_samp.model.objective import Cost, MinimizeCosts
 
 SORTS = ("least", "most", "goals", "timed", "costs", "weighted", "fractions", "sum")
+ORDER = "order"
+"""Costs of several ranks: which of them come first is drawn, too."""
 
 
 class MetricMaker(Maker):
@@ -95,6 +98,10 @@ class MetricMaker(Maker):
             self.p.add_quality_metric(MinimizeActionCosts({}, default))
         elif self.sort == "sum":
             self.p.add_quality_metric(MinimizeCosts(self.costs(), self.p.environment))
+        elif self.sort == ORDER:
+            first = {t: r.randint(0, 2) for t in ("all", "goal", "late", "long", "most", "there")}
+            costs = [replace(cost, rank=first[cost.term]) for cost in self.costs()]
+            self.p.add_quality_metric(MinimizeCosts(costs, self.p.environment))
         elif self.sort == "weighted":
             # times are no numbers to UP, but variables are
             latest = em.ParameterExp(self.p.add_variable("latest", self.tm.IntType(0, HORIZON)))

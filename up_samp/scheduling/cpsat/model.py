@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
@@ -21,6 +22,7 @@ from up_samp.scheduling.cpsat.encode.forms import (
     Lin,
     Literal,
     clauses_of,
+    compare,
     constant,
     disjunction,
 )
@@ -209,8 +211,14 @@ class ScheduleModel:
         makespan = Lin(((self.world.makespan, 1),))
         self.objective = makespan
         if self.asked is not None:
-            self.objective, self.scale = Encoding(self.states).cost(self.asked)
-            self.horizon.certain &= ends_in_time(self.problem, self.asked)
+            encoding = Encoding(self.states)
+            self.objective, self.scale = encoding.cost(self.asked)
+            for limited, most in self.asked.limits:
+                total, scale = encoding.cost(limited)
+                within = compare(total.plus(constant(-math.floor(most * scale))), "<=")
+                self.store.enforce(within, ())
+            told = (self.asked, *(limited for limited, _ in self.asked.limits))
+            self.horizon.certain &= all(ends_in_time(self.problem, one) for one in told)
 
     def _rest(self, draft: ModelDraft) -> None:
         for form in self._in_time(draft.rest):
@@ -322,7 +330,7 @@ class ScheduleModel:
         horizon.total += len(self.world.activities) * widest
         for timing, _, _ in parts.effects:
             horizon.beside(countable(int(abs(timing.delay))))
-        asked = () if self.asked is None else self.asked.parts
+        asked = () if self.asked is None else self.asked.all_parts
         timed = [with_timings(p.interval) for p in asked if p.interval is not None]
         for span in [*(span for span, _, _ in parts.conditions), *timed]:
             horizon.beside(int(abs(span.lower.delay) + abs(span.upper.delay)))
