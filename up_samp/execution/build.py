@@ -63,6 +63,8 @@ class Draft:
         """Which events wait for which, also as long as it is open how (``tight``)."""
         self.orders: list[tuple[OrderConstraint, float]] = []
         """Orders that could be the other way round (see ``settle_choices``)."""
+        self.together: dict[Event, set[Event]] = {}
+        """Starts that are to happen at one instant."""
 
     def add_orders(self, orders: Iterable[OrderConstraint], unit: float) -> None:
         """Add differences. Of two that ask for one instant the first one settles who goes first:
@@ -87,6 +89,9 @@ class Draft:
                 continue
             # two that are to happen at once: the second follows the first, and that is watched
             at_once = need.lag <= 0 and self._at_once(then, first)
+            if at_once and need.lag == 0 and first.at is then.at is At.START:
+                self.together.setdefault(first, set()).add(then)
+                self.together.setdefault(then, set()).add(first)
             if at_once and need.lag == 0 and order.kind not in _WATCHED:
                 raise UnsupportedError(
                     f"{first} and {then} happen at one instant, and each has to come first "
@@ -129,6 +134,7 @@ class Draft:
                 or two is None
                 or self.time(one.then) < self.time(one.first) - TOLERANCES.same_time
                 or any(_leads(after, way.then, way.first) for way in (one, two))
+                or any(way.then in self.together for way in (one, two))
             ):
                 self.add_order(replace(order, instead=None), unit)
                 continue
@@ -237,6 +243,20 @@ class Draft:
         if known is None or known[0] < lag:
             self.edges[first, then] = (lag, kind, why)
 
+    def _begin_together(self) -> None:
+        """Let what begins together wait for all that any of it waits for."""
+        done: set[Event] = set()
+        for event in self.together:
+            group, new = {event}, {event} - done
+            while new:
+                new = {other for one in new for other in self.together[one]} - group
+                group |= new
+            done |= group
+            waits = [(pair, told) for pair, told in self.edges.items() if pair[1] in group]
+            for (first, _), told in waits:
+                for then in group if first not in group else ():
+                    self.put(first, then, *told)
+
     def _settle(self) -> None:
         """Hold tasks back before they begin, not before they end, wherever that makes no cycle."""
         for first, then, lag, kind, why in self.tight:
@@ -245,6 +265,7 @@ class Draft:
                 then, lag = begun, max(0.0, lag - self.tasks[then.activity].expected)
             self.put(first, then, lag, kind, why)
         self.tight = []
+        self._begin_together()
 
     def _follows(self, first: Event, then: Event) -> bool:
         """Return whether ``then`` has to wait for ``first`` by the edges so far."""

@@ -371,9 +371,21 @@ def _task(records: FleetRecords, task: Task, path: Path) -> Iterator[Fault]:
         lengths.append(task.duration)
     yield from _window(task.window, min(lengths, default=0.0), path)
     yield from _modes(records, task, path)
+    if task.crew > 1:
+        yield from _crew(records, task, path)
     if not task.at and (task.skills or task.robots):
         yield Fault((*path, "at"), "a robot does it, so say where: at: a place, or several")
     yield from _job(records, task, path)
+
+
+def _crew(records: FleetRecords, task: Task, path: Path) -> Iterator[Fault]:
+    if len(set(task.at)) != task.crew:
+        text = f"a crew of {task.crew} needs a place for each robot: name {task.crew}"
+        yield Fault((*path, "at"), text)
+    fit = able(records, task)
+    if records.robots and 0 < len(fit) < task.crew:
+        text = f"{len(fit)} of {task.crew} robots may do it ({', '.join(fit)})"
+        yield Fault((*path, "crew"), text)
 
 
 def _modes(records: FleetRecords, task: Task, path: Path) -> Iterator[Fault]:

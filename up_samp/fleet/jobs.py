@@ -9,7 +9,17 @@ from collections.abc import Sequence
 
 from unified_planning.model import Fluent, Timing
 from unified_planning.model.scheduling import Activity
-from unified_planning.shortcuts import FALSE, LE, TRUE, BoolType, IntType, Not, Or, Plus
+from unified_planning.shortcuts import (
+    FALSE,
+    LE,
+    TRUE,
+    BoolType,
+    Equals,
+    IntType,
+    Not,
+    Or,
+    Plus,
+)
 
 from up_samp.fleet.faults import earlier_than
 from up_samp.fleet.records import Order, Task
@@ -136,9 +146,18 @@ class JobRules:
                     ends_before(self._problem, pick, deliver)
         for task in self._records.tasks:
             if task.at:
-                self._done_once(task, self._work.of(task.id, Kind.TASK), "task")
+                seats = self._work.seats(task)
+                for number, activities in enumerate(seats):
+                    self._done_once(task, activities, f"task{number or ''}")
+                for some, others in itertools.pairwise(seats):
+                    self._at_once(some, others)
             elif task.optional or task.modes:
                 self._done_once(task, self._work.begins(task.id), "task")
+
+    def _at_once(self, some: Sequence[Activity], others: Sequence[Activity]) -> None:
+        """Who does its part of a crew's task begins as the others begin, and so ends as they do."""
+        for a, b in itertools.product(some, others):
+            self._problem.add_constraint(Equals(a.start, b.start), present(a, b))
 
     def _able(self, order: Order) -> list[str]:
         """Return the robots that may do an order."""

@@ -50,13 +50,13 @@ def _costs(site: Site, work: Work, told: Mapping[str, float], rank: int) -> Iter
 def tell_lateness(records: FleetRecords, written: Written, plan: Mapping[str, Any]) -> list[str]:
     """Return in words which jobs of a plan end after they are due, whether that costs or not."""
     due = {job.id: job.due for job in spelled_out(records).jobs if job.due is not None}
-    lines = []
+    lines: dict[str, None] = {}  # of a crew's task once
     for meaning, activity in written.happening(plan["activities"]):
         end = float(activity["end"]) * float(plan["seconds_per_unit"])
         late = end - due.get(meaning.what, end)
         if meaning.kind in (Kind.DELIVERY, Kind.TASK) and late > 0:
-            lines.append(f"{meaning.what} ends {late:g} s after it is due")
-    return lines
+            lines[f"{meaning.what} ends {late:g} s after it is due"] = None
+    return [*lines]
 
 
 # ------------------ One function for each term

@@ -464,13 +464,15 @@ class Task(FleetJob):
     """Something that lasts ``duration`` s: done by one robot at one of the places ``at``, or, where
     none is named, by no robot (a machine that works by itself on its ``resources``).
 
-    ``modes`` instead of ``duration``: it is done by one of several machines, by name. Beside that
-    see :class:`FleetJob`.
+    ``crew``: so many robots do it together, from its start to its end: one at each of the places
+    ``at``. ``modes`` instead of ``duration``: it is done by one of several machines, by name.
+    Beside that see :class:`FleetJob`.
     """
 
     __pydantic_config__ = STRICT
     duration: Seconds | None = None
     at: Names = ()
+    crew: Count = 1
     modes: Mapping[Name, Mode] = field(default_factory=dict)
     resources: Names = ()
     window: Windows = ()
@@ -625,6 +627,13 @@ def carries(kind: RobotType, order: Order) -> bool:
 def needs_robot(job: Order | Task) -> bool:
     """Return whether a robot does it."""
     return not isinstance(job, Task) or bool(job.at)
+
+
+def seats_of(task: Task) -> dict[str, tuple[str, ...]]:
+    """Return the places at which a robot does a task, one of them each: of a crew by seat, else
+    there is one ("").
+    """
+    return {place: (place,) for place in task.at} if task.crew > 1 else {"": task.at}
 
 
 def able(records: FleetRecords, job: Order | Task) -> list[str]:

@@ -21,6 +21,7 @@ from up_samp.fleet.records import (
     able,
     carries,
     needs_robot,
+    seats_of,
 )
 from up_samp.fleet.statements import Kind
 
@@ -43,7 +44,7 @@ class Visit:
     def name(self) -> str:
         """The name of its activity."""
         if self.kind is Kind.TASK:
-            return f"{self.what}_{self.robot}"
+            return f"{self.what}_{self.robot}" + (f"_at_{self.option}" if self.option else "")
         if self.kind is Kind.CHARGE:
             return f"charge_{self.robot}_at_{self.what}_{self.number + 1}"
         name = f"{self.kind.value}_{self.what}_{self.robot}"
@@ -69,9 +70,10 @@ def visits_of(records: FleetRecords, robot: str) -> list[Visit]:
                 for name, poses in options.items():
                     visits.append(Visit(robot, kind_, order.id, poses, 0, name))
     visits += [
-        Visit(robot, Kind.TASK, task.id, task.at)
+        Visit(robot, Kind.TASK, task.id, places, 0, seat)
         for task in filter(needs_robot, records.tasks)
         if robot in able(records, task)
+        for seat, places in seats_of(task).items()
     ]
     visits += [
         Visit(robot, Kind.OPEN, name, door.opened_from, i)
@@ -120,7 +122,7 @@ class Successions:
             return False
         if a.kind is Kind.START and b.kind is Kind.DELIVERY:
             return False
-        if a.kind is b.kind is Kind.PARK:
+        if a.kind is b.kind is Kind.PARK or (a.kind is b.kind is Kind.TASK and a.what == b.what):
             return False
         if a.what in self._orders and a.what == b.what:
             return (a.kind, b.kind) == ENDS

@@ -9,7 +9,7 @@ from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import GE, LE, And, Equals, Or
 
 from up_samp.fleet.batteries import step_of, steps_of
-from up_samp.fleet.records import Break, Stop, Task, Windows
+from up_samp.fleet.records import Break, Stop, Task, Windows, seats_of
 from up_samp.fleet.site import Site
 from up_samp.fleet.statements import (
     Kind,
@@ -75,17 +75,28 @@ class Work:
         visits = self.activities.items()
         return [a for v, a in visits if (v.what, v.kind, v.option) == (order, kind, name)]
 
+    def seats(self, task: Task) -> list[list[Activity]]:
+        """Return the activities of a task, seat by seat: one of each does it."""
+        return [self.option(task.id, Kind.TASK, seat) for seat in seats_of(task)]
+
     def begins(self, job: str) -> list[Activity]:
         """Return the activities of which one begins a job."""
         if job in self.machines:
             return list(self.machines[job].values())
-        return self.of(job, Kind.PICKUP, Kind.TASK)
+        return self._led(job, Kind.PICKUP)
 
     def ends(self, job: str) -> list[Activity]:
         """Return the activities of which one ends a job."""
         if job in self.machines:
             return list(self.machines[job].values())
-        return self.of(job, Kind.DELIVERY, Kind.TASK)
+        return self._led(job, Kind.DELIVERY)
+
+    def _led(self, job: str, kind: Kind) -> list[Activity]:
+        """Return an order's activities of a kind, or those of a task: of a crew, which begins and
+        ends together, those of its first seat.
+        """
+        task = self._records.task_of.get(job)
+        return self.of(job, kind) if task is None else self.seats(task)[0]
 
     def _work(self, visit: Visit) -> None:
         """Add what a robot does at one of a visit's places."""
@@ -175,7 +186,8 @@ class Work:
         if visit.kind is Kind.TASK:
             task = self._records.task_of[visit.what]
             assert task.duration is not None
-            return task.duration, task.window, task.resources
+            first = visit.option in ("", task.at[0])  # a crew takes them once
+            return task.duration, task.window, task.resources if first else ()
         order = self._records.order_of[visit.what]
         stop: Stop = order.pickup if visit.kind is Kind.PICKUP else order.delivery
         return stop.service, stop.window, stop.resources

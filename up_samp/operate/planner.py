@@ -115,6 +115,8 @@ def check_job(job: Order | Task) -> None:
         raise UnsupportedError(f"'{job.id}' has a load with a footprint: not operated yet")
     if job.release or job.repeat is not None:
         raise UnsupportedError(f"'{job.id}' has a release time or recurs: add it when it is there")
+    if isinstance(job, Task) and job.crew > 1:
+        raise UnsupportedError(f"'{job.id}' is done by a crew: not operated yet")
     stops = (job.pickup, job.delivery) if isinstance(job, Order) else ()
     machines = any(s.task is not None for s in stops) or (isinstance(job, Task) and job.modes)
     if machines or (isinstance(job, Task) and not job.at):
