@@ -18,13 +18,18 @@ import numpy as np
 
 from up_samp import Fleet
 from up_samp.geometry.maps import write_map
-from up_samp.operate.choice import OpenWork, able, choose, first_there, theirs
+from up_samp.operate.choice import OpenWork, able, choose, first_there, ready, theirs
 from up_samp.operate.horizon import Opened
 from up_samp.operate.loop import Operation
 from up_samp.operate.records import DayOrder
 
 LATER = 1e-3
 """What an order costs beside one that is planned, where it never goes first at that one's cost."""
+
+
+def _place(job: DayOrder) -> tuple[float, float, float]:
+    due = math.inf if job.record.due is None else job.record.due
+    return -job.record.priority, due, job.came
 
 
 class FirstComeFirstServed(Operation):
@@ -34,12 +39,14 @@ class FirstComeFirstServed(Operation):
 
     def next_order(self) -> DayOrder | None:
         """Return it (None: none waits, or something else has to be seen to first)."""
-        waiting = [*self.waiting(), *self.dropped()]
-        if not waiting or self.stranded() or self.stale():
+        if self.stranded() or self.stale():
             return None
         now = self.clock.now()
-        left = [j for j in waiting if self.aside.get(j.id, now) <= now] or waiting
-        return min(left, key=lambda j: (-j.record.priority, j.record.due or math.inf, j.came))
+        waiting = [j for j in (*self.waiting(), *self.dropped()) if ready(self, j)]
+        for until in self.turns():
+            if left := [j for j in waiting if self.aside.get(j.id, now) <= until]:
+                return min(left, key=_place)
+        return None
 
     def mended(self) -> OpenWork | None:
         """Return what has to be planned though no order waits."""

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from tests.operate.sites import hall
 from up_samp.operate.clock import SimulatedClock
+from up_samp.operate.horizon import Opened
 from up_samp.operate.judge import judge_day
 from up_samp.operate.loop import Operation
 from up_samp.operate.planner import answer
@@ -83,7 +84,18 @@ class Day:
         stop = self.clock.now() + most
         while not good():
             assert self.clock.now() < stop, self.story()
-            self.operation.step()
+            self.step()
+
+    def step(self):
+        """Let a tick pass; now and then see that a plan can be cut."""
+        self.operation.step()
+        if self.random.random() < 0.05:
+            cut = self.operation.cut(dict.fromkeys(self.operation.there(), Opened.ALL))
+            meanings, ended = self.operation.meanings, set()
+            assert len(set(cut.kept)) == len(cut.kept)
+            for name in cut.kept:  # in each robot's order
+                assert meanings[name].robot not in ended, (name, cut)
+                ended |= {meanings[name].robot} if name in cut.stops else set()
 
     def run(self, most=600.0):
         self.until(lambda: self.operation.idle, most)

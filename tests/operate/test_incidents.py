@@ -265,3 +265,35 @@ def test_robots_are_let_drive_a_little_farther_than_they_can_stand(day):
             far = max(far, way.let - way.progress)
     assert 2.0 < far < 8.0
     assert day.verdict().good
+
+
+@pytest.mark.parametrize("end", ["pickup", "delivery"])
+def test_nobody_is_planned_to_go_where_somebody_stands_for_good(day, end):
+    """Others are not to wait for such orders, however late those are."""
+    ends = {"pickup": "rack0", "delivery": "dock0"}
+    x, y, theta = day.fleet.records.places[ends[end]].pose
+    day.robots.put("r1", (x + 0.3, y + 0.6, theta + 0.4))  # beside it
+    day.operation.leave("r1", "broken", day.robots.pose("r1"))
+    other = {"pickup": "shelf2", "delivery": "dock1"}
+    day.order("covered", **{**other, end: ends[end]}, due=1.0)
+    day.order("free", **other, due=600.0)
+    day.until(lambda: day.state("free") == "done", 120)
+    assert day.state("covered") == "waiting"
+    assert all(taken for *_, taken in day.operation.costs)
+    day.operation.join("r1")
+    day.run()
+    assert day.state("covered") == "done"
+    assert day.verdict().good, day.story()
+
+
+def test_what_no_plan_was_found_for_is_put_aside_longer_each_time(day):
+    operation = day.operation
+    for seconds in (30.0, 60.0, 120.0):
+        operation.put_aside(["o"], ["r0"])
+        assert operation.aside == {"o": seconds, "r0": seconds}
+    operation.again = 5.0
+    assert operation.turns() == (0.0,)
+    day.until(lambda: day.clock.now() >= 5.0)
+    assert operation.turns() == (day.clock.now(), math.inf)
+    operation.block("wet", [(3, 3), (4, 3), (4, 4)])  # the floor is another one
+    assert not operation.aside

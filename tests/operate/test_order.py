@@ -57,6 +57,17 @@ def test_what_cannot_be_told_in_time_stays(crossed):
     assert min(found, key=found.get) == "r0"
 
 
+@pytest.mark.parametrize(("gone", "first"), [(0.0, "r1"), (1.2, "r0")])
+def test_who_is_farther_on_its_way_is_not_held_back_behind_where_it_is(crossed, gone, first):
+    plan, told = crossed
+    names = {m["object"]: m["activity"] for m in plan["motions"]}
+    goals = {name: Goal(20.0 if robot == "r1" else 1.0, 0.0, 0.0) for robot, name in names.items()}
+    begun = {names["r0"]: 2.0}
+    made = ordered(plan, told, goals, begun, lead=0.5, gone={names["r0"]: gone})
+    (meeting,) = meetings_of(lives_of(made), localisation=0.05)
+    assert np.all(meeting.one_first == (meeting.one.object == first))
+
+
 @pytest.mark.parametrize(("driven", "good"), [(0.5, True), (2.5, False)])
 def test_no_plan_is_taken_over_in_which_somebody_is_beyond_where_it_waits(crossed, driven, good):
     plan, told = crossed

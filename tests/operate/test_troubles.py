@@ -62,7 +62,7 @@ class TroubledDay:
             late = self.end + 900.0
             while self.day.clock.now() < self.end or (self.left() and self.day.clock.now() < late):
                 self.happen(self.day.clock.now())
-                self.operation.step()
+                self.day.step()
             self.story = self.day.story(30000)
             return self.day.verdict()
         finally:

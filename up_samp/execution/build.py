@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -302,17 +302,33 @@ Drives = Mapping[tuple[str, str], DriveCells]
 
 def planned_time(event: Event, tasks: Mapping[str, PlannedTask], drives: Drives) -> float:
     """Return when an event happens as planned (s)."""
-    if event.at is At.ORIGIN:
-        return 0.0
-    if event.at in (At.START, At.END):
-        return tasks[event.activity].planned[0 if event.at is At.START else 1]
-    drive = drives.get((event.activity, event.object))
-    if drive is None:
-        raise ProblemError(
-            f"the plan cannot be followed: its dependencies speak of {event}, which is not driven"
-        )
-    at = np.array([event.progress])
-    return float((drive.reached if event.at is At.REACH else drive.left)(at)[0])
+    (found,) = planned_times([event], tasks, drives)
+    return found
+
+
+def planned_times(
+    events: Sequence[Event], tasks: Mapping[str, PlannedTask], drives: Drives
+) -> list[float]:
+    """Return when events happen as planned (s)."""
+    found = [0.0] * len(events)
+    points: dict[tuple[str, str, At], list[int]] = {}
+    for k, event in enumerate(events):
+        if event.at in (At.START, At.END):
+            found[k] = tasks[event.activity].planned[0 if event.at is At.START else 1]
+        elif event.at is not At.ORIGIN:
+            points.setdefault((event.activity, event.object, event.at), []).append(k)
+    for (activity, who, at), numbers in points.items():
+        drive = drives.get((activity, who))
+        if drive is None:
+            raise ProblemError(
+                f"the plan cannot be followed: its dependencies speak of {events[numbers[0]]}, "
+                "which is not driven"
+            )
+        places = np.array([events[k].progress for k in numbers])
+        times = (drive.reached if at is At.REACH else drive.left)(places)
+        for k, time in zip(numbers, times.tolist(), strict=True):
+            found[k] = time
+    return found
 
 
 def graph_of(
@@ -337,7 +353,7 @@ def graph_of(
     return Graph(
         tasks,
         tuple(events),
-        tuple(planned_time(e, tasks, drives) for e in events),
+        tuple(planned_times(list(events), tasks, drives)),
         tuple(Edge(number[e[0]], number[e[1]], *e[2:]) for e in edges),
         tuple(Bound(number[b[0]], number[b[1]], *b[2:]) for b in bounds),
         margin=margin,

@@ -262,21 +262,34 @@ def lacking(
         after.setdefault(before, []).append((then, 0.0))
     for e in made:
         after.setdefault(e.first, []).append((e.then, e.lag))
+    later = _later(graph.order, after)
     left: dict[Event, list[Precedence]] = {}
     for need in needs:
-        if direct.get((need.first, need.then), -1.0) < need.lag - TOLERANCES.rounded:
+        follows = need.lag <= TOLERANCES.rounded and later[number[need.first]] >> number[need.then]
+        if not follows & 1 and (
+            direct.get((need.first, need.then), -1.0) < need.lag - TOLERANCES.rounded
+        ):
             left.setdefault(need.first, []).append(need)
     missing = []
     for first, wanted in left.items():
         latest = {number[first]: 0.0}
         for k in graph.order[rank[number[first]] :]:
-            for later, lag in after.get(k, ()) if k in latest else ():
-                latest[later] = max(latest.get(later, 0.0), latest[k] + lag)
+            for then, lag in after.get(k, ()) if k in latest else ():
+                latest[then] = max(latest.get(then, 0.0), latest[k] + lag)
         never = -math.inf
         missing += [
             n for n in wanted if latest.get(number[n.then], never) < n.lag - TOLERANCES.rounded
         ]
     return missing
+
+
+def _later(order: Sequence[int], after: Mapping[int, Sequence[tuple[int, float]]]) -> list[int]:
+    """Return for each number those that come after it, as the bits of a whole number."""
+    found = [0] * len(order)
+    for k in reversed(order):
+        for then, _ in after.get(k, ()):
+            found[k] |= found[then] | 1 << then
+    return found
 
 
 def named(items: Sequence[object], most: int = 12) -> list[str]:

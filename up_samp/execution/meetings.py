@@ -306,15 +306,20 @@ def _side(
     in_times = cell_times(enterer, q)[0]
     reach = 0.5 * min(life.hull.radius, follower.hull.radius)
     allowed = in_times if planned else np.full(len(in_times), np.inf)
+    pairs = []
     for gone, entered in _joined(steps, p, out_times, allowed, reach):
         first, then = _exit(leaver, p, gone), _entry(enterer, q, entered)
-        if first is None or then is None:
-            continue
-        x, y, _ = q.poses[0] if q.cells == 0 else q.poses_at(q.edges[entered : entered + 1])[0]
-        entered_at, gone_at = float(in_times[entered]), float(out_times[gone])
-        if isinstance(enterer, DriveCells):
-            entered_at = float(enterer.left(np.array([then.progress]))[0])
-        if planned and gone_at > entered_at + 2 * TOLERANCES.late:
+        if first is not None and then is not None:
+            pairs.append((gone, entered, first, then))
+    if not pairs:
+        return
+    cells = [entered for _, entered, _, _ in pairs]
+    where = q.poses_at(q.edges[cells]) if q.cells else np.repeat(q.poses[:1], len(pairs), axis=0)
+    begun = in_times[cells]
+    if planned and isinstance(enterer, DriveCells):
+        begun = enterer.left(np.array([then.progress for *_, then in pairs]))
+    for (gone, _, first, then), (x, y, _), begins in zip(pairs, where, begun, strict=True):
+        if planned and out_times[gone] > begins + 2 * TOLERANCES.late:
             raise UnsupportedError(
                 f"'{follower.object}' cannot stop on its way, but the plan lets it begin before "
                 f"{first}: no executive could hold it back"

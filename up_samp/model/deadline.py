@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 
@@ -13,13 +13,30 @@ from up_samp.model.errors import OutOfTimeError, ProblemError, short
 
 _not_counted = [0.0]
 """Seconds of this process that no deadline counts."""
+_source: list[Callable[[], float]] = [time.monotonic]
+"""The clock that deadlines go by."""
+_BUSY = 20.0
+"""How many seconds may pass on the machine's clock for one that this process computes."""
 
 
 def clock() -> float:
-    """Return the time (s) that deadlines go by: that of ``time.monotonic`` without what was taken
+    """Return the time (s) that deadlines go by: that of ``time.monotonic`` (within
+    :func:`computing_time`: this process's computing) without what was taken
     out of it (:func:`do_not_count`). It goes back by so much when that is told.
     """
-    return time.monotonic() - _not_counted[0]
+    return _source[0]() - _not_counted[0]
+
+
+@contextlib.contextmanager
+def computing_time() -> Iterator[None]:
+    """Let deadlines count the seconds for which this process computes, until the block is left:
+    whatever runs beside it on the machine takes nothing away from them.
+    """
+    before, _source[0] = _source[0], time.process_time
+    try:
+        yield
+    finally:
+        _source[0] = before
 
 
 def do_not_count(seconds: float) -> None:
@@ -96,9 +113,12 @@ class Deadline:
 
     @property
     def moment(self) -> float:
-        """When it ends on the clock of the whole machine, ``time.monotonic``, as things stand."""
+        """When it ends on the clock of the whole machine, ``time.monotonic``, as things stand; at
+        the latest, where it counts computing.
+        """
         at = self.at if self.work is None else self.work.until
-        return at + _not_counted[0]
+        left = at - clock()
+        return time.monotonic() + left * (1.0 if _source[0] is time.monotonic else _BUSY)
 
     def remaining(self) -> float:
         """Return the seconds left (``inf`` without a limit, never below 0)."""

@@ -14,15 +14,20 @@ import random
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from shapely.affinity import rotate, translate
+from shapely.geometry import Polygon
+
 from up_samp.execution.executor import Executor
 from up_samp.execution.state import TaskPhase
-from up_samp.fleet.records import FleetRecords, Order
+from up_samp.fleet.records import FleetRecords, Order, corners_of
 from up_samp.fleet.statements import Kind, Meaning
 from up_samp.operate.clock import Clock
 from up_samp.operate.horizon import DELIVERS, Cut, Opened, cut_of, on_board
 from up_samp.operate.records import DayOrder, OrderState, Pose
 from up_samp.operate.settings import Settings
 
+ASIDE = 30.0
+"""Seconds for which is put aside what no plan was found for, at first."""
 PATIENCE = 2.0
 """An order that could wait for so many times its own length is worth a third of a late one."""
 
@@ -49,8 +54,29 @@ class Day:
     """How far (m) motions may go, where that is less than their whole length."""
     aside: dict[str, float]
     """Until when (s of the day) orders and robots are put aside that no plan was found for."""
+    again: float = 0.0
+    """When (s of the day) those may be tried again, where there is nothing else."""
     tried: dict[tuple[str, str], int]
     """How often no plan was found for an order (by name) and a robot that was to do it."""
+
+    def put_aside(self, orders: Sequence[str], robots: Sequence[str]) -> None:
+        """Put aside, for longer each time, what no plan was found for: there may be none for long,
+        and others are not to wait for that.
+        """
+        now = self.clock.now()
+        for pair in itertools.product(orders or [""], robots):
+            self.tried[pair] = self.tried.get(pair, 0) + 1
+        self.aside = {name: until for name, until in self.aside.items() if until > now}
+        for name in (*orders, *robots):
+            count = sum(n for pair, n in self.tried.items() if name in pair)
+            self.aside[name] = now + ASIDE * 2.0 ** min(count - 1, 4)
+
+    def turns(self) -> tuple[float, ...]:
+        """Return until when (s of the day) what is planned now may have been put aside: first what
+        is not, and then, once it is time for that, anything.
+        """
+        now = self.clock.now()
+        return (now, math.inf) if now >= self.again else (now,)
 
     def _home(self, place: str) -> Pose:
         return self.site.places[place].pose
@@ -110,11 +136,14 @@ class Day:
         return max(abs(one[0] - two[0]), abs(one[1] - two[1])) < 0.01
 
     def free_at(self) -> dict[str, tuple[float, Pose]]:
-        """Return in how many seconds each robot will have done its last order, and where."""
+        """Return in how many seconds each robot will have done its last order, and where; without
+        those that still have one then, as they cannot bring it to its end.
+        """
         found = {r: (0.0, self.poses[r]) for r in self.there()}
         if self.executor is not None:
             cut = self.cut(opened=dict.fromkeys(found, Opened.TAIL))
-            found = {r: (cut.free.get(r, 0.0), cut.poses[r]) for r in found}
+            idle = found.keys() - set(cut.carrying.values())
+            found = {r: (cut.free.get(r, 0.0), cut.poses[r]) for r in found if r in idle}
         return found
 
     def cut(self, opened: Mapping[str, Opened] | None = None) -> Cut:
@@ -177,8 +206,8 @@ def choose(day: Day) -> OpenWork | None:
     ago is put aside while there is anything else.
     """
     now, stuck = day.clock.now(), day.stranded() or day.stale()
-    waiting = [j for j in (*day.waiting(), *day.dropped()) if _ready(day, j)]
-    for until in (now, math.inf):
+    waiting = [j for j in (*day.waiting(), *day.dropped()) if ready(day, j)]
+    for until in day.turns():
         if robots := [r for r in stuck if day.aside.get(r, now) <= until][:2]:
             opened = dict.fromkeys(robots, Opened.ALL)
             return OpenWork(opened, tuple(theirs(day, opened)))
@@ -214,8 +243,14 @@ def first_there(day: Day, job: DayOrder, free: Mapping[str, tuple[float, Pose]])
     """Return the robot that could be first at an order's pickup, of those that may do it and were
     tried least in vain: another one may stand where it would have to go.
     """
-    fit = (r for r in free if able(day, job, r))
-    return min(fit, key=lambda r: (day.tried.get((job.id, r), 0), _there(day, job, r, *free[r]), r))
+    now = day.clock.now()
+
+    def key(robot: str) -> tuple[int, bool, float, str]:
+        in_vain = day.tried.get((job.id, robot), 0)
+        aside = day.aside.get(robot, now) > now
+        return in_vain, aside, _there(day, job, robot, *free[robot]), robot
+
+    return min((r for r in free if able(day, job, r)), key=key)
 
 
 def _worth(
@@ -240,10 +275,33 @@ def _handling(day: Day, job: DayOrder, robot: str) -> float:
     return record.pickup.service + way / speed + record.delivery.service
 
 
-def _ready(day: Day, job: DayOrder) -> bool:
-    """Return whether what comes before an order is in the plan, or over."""
+def ready(day: Day, job: DayOrder) -> bool:
+    """Return whether an order can be planned: what comes before it is in the plan, or over, and
+    nobody stands for good where it is picked up or delivered.
+    """
     before = (day.jobs.get(name) for name in job.record.after)
-    return all(b is None or b.state is not OrderState.WAITING for b in before)
+    if not all(b is None or b.state is not OrderState.WAITING for b in before):
+        return False
+    record = job.record
+    ends = (record.pickup.at, record.delivery.at) if isinstance(record, Order) else (record.at,)
+    return all(any(_reachable(day, place) for place in at) for at in ends)
+
+
+def _reachable(day: Day, place: str) -> bool:
+    """Return whether some robot could stand at a place beside those that do nothing now."""
+    there = [body_at(day.site, r, day.poses[r]) for r in day.away]
+    bodies = {day.site.robots[r].type: r for r in day.site.robots} if there else {}
+    here = (body_at(day.site, r, day.site.places[place].pose) for r in bodies.values())
+    return not there or any(
+        all(body.distance(other) > day.site.margin for other in there) for body in here
+    )
+
+
+def body_at(site: FleetRecords, robot: str, pose: Pose) -> Polygon:
+    """Return where a robot's body is at a pose."""
+    body = Polygon(corners_of(site.robot_types[site.robots[robot].type].footprint))
+    turned = rotate(body, pose[2], origin=(0, 0), use_radians=True)
+    return translate(turned, pose[0], pose[1])
 
 
 def able(day: Day, job: DayOrder, robot: str) -> bool:

@@ -52,6 +52,8 @@ class Cut:
     jobs: tuple[str, ...] = ()
     begun: Mapping[str, float] = field(default_factory=dict)
     """What had begun by then, and for how long (s)."""
+    gone: Mapping[str, float] = field(default_factory=dict)
+    """How far (m) robots told to be on what is left of motions under way."""
     away: frozenset[str] = frozenset()
     """Robots that did nothing then, and stand at their ``poses``."""
 
@@ -173,8 +175,8 @@ class _Cutter:
             and self._alive(n)
             and (n in stays or forecast.span(n)[0] <= now + ahead)
         ]
-        kept = self._whole({n for n in (*running, *soon) if self._alive(n)})
         ended = {n: s for n in running if not self._alive(n) if (s := self._stop(n)) is not None}
+        kept = self._whole({n for n in (*running, *soon) if self._alive(n)}, ended)
         tails = {n: s for n in kept if (s := self._tail(n, kept, ahead, forecast)) is not None}
         kept -= tails.keys()
         # who has not moved does not move
@@ -190,16 +192,19 @@ class _Cutter:
                 here = way.travel.time_at(way.progress)
                 end = since + way.travel.time_at(stops[name]) - here + 1.0
             free[who] = max(free.get(who, 0.0), end - now)
+        starts = self._starts(listed)
+        under_way = {n: w for n in listed for w in self.state.ways_of[n] if n in running}
         return Cut(
             now,
             tuple(listed),
             stops,
-            self._starts(listed),
+            starts,
             self._poses(set(kept), stops),
             free,
             self._carrying(set(kept)),
             tuple(sorted({self.meanings[n].what for n in kept if self.meanings[n].what})),
             {n: now - since for n, (since, _) in self.executor.times().items()},
+            {n: max(0.0, w.told - starts.get(n, 0.0)) for n, w in under_way.items()},
             frozenset(self.broken),
         )
 
@@ -229,14 +234,19 @@ class _Cutter:
         last = max((i for i, n in enumerate(turn) if self._does_job(n)), default=-1)
         return turn[: last + 1]
 
-    def _whole(self, chosen: set[str]) -> set[str]:
-        """Return activities with all that they wait for, and orders whole."""
+    def _whole(self, chosen: set[str], ended: dict[str, float]) -> set[str]:
+        """Return activities with all that they wait for, and orders whole. ``ended``: how far (m)
+        motions go that end early; those are added on whose way there somebody is waited for.
+        """
         size = -1
-        while len(chosen) != size:
-            size = len(chosen)
+        while len(chosen) + len(ended) != size:
+            size = len(chosen) + len(ended)
             ends = [self.state.end_number[n] for n in chosen]
-            wanted = self._closure(ends, self.before)
-            chosen |= {self.events[k].activity for k in wanted if self.events[k].activity}
+            ends += [self._last(n, s) for n, s in ended.items()]
+            names = {self.events[k].activity for k in self._closure(ends, self.before)} - {""}
+            chosen |= {n for n in names if self._alive(n)}
+            halves = {n: self._stop(n) for n in names - chosen - ended.keys()}
+            ended |= {n: s for n, s in halves.items() if s is not None}
             picked = {
                 self.meanings[n].what
                 for n, phase in self.state.phase.items()
@@ -278,7 +288,22 @@ class _Cutter:
         way = ways[0]
         gates = [place for place, number in way.gates if number in self.dead]
         most = min([way.length, self.limits.get(name, way.length), *gates])
+        if self.state.phase[name] is TaskPhase.WAITING:
+            return most
         return min(way.length, max(most, self.state.braking(way)))
+
+    def _last(self, name: str, stop: float) -> int:
+        """Return the last event of a motion that ends early (m)."""
+        (way, *_), events = self.state.ways_of[name], self.events
+        passed = [
+            k
+            for _, k in (*way.marks, *way.gates)
+            if events[k].progress <= stop and k not in self.dead
+        ]
+        start = self.state.start_number[name]
+        return max(
+            passed, key=lambda k: (events[k].progress, events[k].at is At.LEAVE), default=start
+        )
 
     def _tail(
         self, name: str, kept: Collection[str], ahead: float, forecast: Forecast

@@ -8,14 +8,12 @@ for the planner, which is another process; and nothing is told to a robot before
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from shapely.affinity import rotate, translate
 from shapely.geometry import Polygon
 
 from up_samp.execution.astray import place_of, pose_in
@@ -24,11 +22,11 @@ from up_samp.execution.reorder import cost
 from up_samp.execution.reports import Command, Do, Go, Heard, Hold, Reply
 from up_samp.execution.state import TaskPhase
 from up_samp.fleet.fleet import Fleet
-from up_samp.fleet.records import FleetRecords, Order, Task, Weights, Windows, corners_of
+from up_samp.fleet.records import FleetRecords, Order, Task, Weights, Windows
 from up_samp.fleet.spelled_out import with_places
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import ProblemError, SampError
-from up_samp.operate.choice import Day, OpenWork, choose
+from up_samp.operate.choice import Day, OpenWork, body_at, choose
 from up_samp.operate.clock import Clock
 from up_samp.operate.horizon import (
     DELIVERS,
@@ -273,7 +271,7 @@ class Operation(Day):
                 self._put(name, pose)
             self.store.note(now, "robot", name, "left", why)
             self._keep_fleet()
-        self.want(f"robot '{name}' is {why}")
+        self._other_floor(f"robot '{name}' is {why}")
 
     def join(self, robot: str, pose: Pose | None = None) -> None:
         """Note that a robot does its work again, from where it stands (``pose``: from there). Where
@@ -288,7 +286,7 @@ class Operation(Day):
                 self._put(name, here)
             self.store.note(now, "robot", name, "joined")
             self._keep_fleet()
-        self.want(f"robot '{name}' joined")
+        self._other_floor(f"robot '{name}' joined")
 
     def _put(self, robot: str, pose: Pose) -> None:
         """Note that a robot stands where no plan has it: others keep away from there."""
@@ -316,7 +314,7 @@ class Operation(Day):
             self.store.keep("areas", self.areas)
             self.store.note(self.clock.now(), "area", name, "blocked")
         self._limit()
-        self.want(f"area '{name}' is blocked")
+        self._other_floor(f"area '{name}' is blocked")
 
     def unblock(self, name: str) -> None:
         """Open an area again."""
@@ -327,7 +325,7 @@ class Operation(Day):
             self.store.keep("areas", self.areas)
             self.store.note(self.clock.now(), "area", name, "open again")
         self._limit()
-        self.want(f"area '{name}' is open again")
+        self._other_floor(f"area '{name}' is open again")
 
     def _limit(self) -> None:
         """Find out how far motions may go with the areas that are blocked."""
@@ -335,17 +333,20 @@ class Operation(Day):
         if self.executor is None or not self.areas:
             return
         shapes = [Polygon(corners) for corners in self.areas.values()]
-        bodies = {
-            name: Polygon(corners_of(self.site.robot_types[robot.type].footprint))
-            for name, robot in self.site.robots.items()
-        }
 
         def touches(pose: Pose, robot: str) -> bool:
-            here = rotate(bodies[robot], pose[2], origin=(0, 0), use_radians=True)
-            placed = translate(here, pose[0], pose[1])
-            return any(placed.intersects(shape) for shape in shapes)
+            here = body_at(self.site, robot, pose)
+            return any(here.intersects(shape) for shape in shapes)
 
         self.limits = first_inside(self.executor, touches)
+
+    def _other_floor(self, why: str) -> None:
+        """Ask for the rest to be planned anew, also what no plan was found for: there may be one
+        now.
+        """
+        self.aside.clear()
+        self.tried.clear()
+        self.want(why)
 
     def want(self, why: str) -> None:
         """Ask for the rest to be planned anew."""
@@ -516,7 +517,7 @@ class Operation(Day):
             )
             self._planned_at = now
             if not taken:
-                self._not_before = now + RETRY
+                self.again = now + RETRY
                 if why not in (EVERY, OVERDUE):
                     self.want(why if why.startswith("again") else f"again: {why}")
         self._look(now)
@@ -567,6 +568,7 @@ class Operation(Day):
             areas=self.areas,
             kept_jobs=tuple(_since(j.record, now, j.came) for j in staying),
             seconds=s.budget * (s.stretch if self.clock.waits else 1.0),
+            computing=self.clock.waits,
             lead=s.budget + s.grace,
             seed=s.seed,
             localisation=s.localisation,
@@ -595,13 +597,7 @@ class Operation(Day):
         why.
         """
         if answer.plan is None:
-            # it may not be possible for long: others are not to wait for that
-            now = self.clock.now()
-            some = (*(j.id for j in question.jobs), *question.robots)
-            self.aside = {name: until for name, until in self.aside.items() if until > now}
-            self.aside |= dict.fromkeys(some, now + 6 * RETRY)
-            for pair in itertools.product((j.id for j in question.jobs), question.robots):
-                self.tried[pair] = self.tried.get(pair, 0) + 1
+            self.put_aside([j.id for j in question.jobs], question.robots)
             return False, answer.why
         if question.cut.away != self.off_plan():
             return False, "a robot has gone, or is back, since it was asked for"
@@ -628,7 +624,8 @@ class Operation(Day):
         self._follow(executor)
         self._forecast = self._end()
         done = {m.what for m in self.meanings.values()}
-        self.tried = {(j, r): n for (j, r), n in self.tried.items() if j not in done}
+        over = done | set(question.robots)
+        self.tried = {pair: n for pair, n in self.tried.items() if not over.intersection(pair)}
         for job in [*self.jobs.values()]:
             if job.state is OrderState.WAITING and job.id in done:
                 self._set(job, OrderState.PLANNED, f"plan {answer.number}")
@@ -685,8 +682,11 @@ class Operation(Day):
             most = self.limits.get(way.activity, before.length)
             least = min(old.state.committed(before), most) - gone
             way.let = max(0.0, before.let - gone)
-            if executor.state.until(way) < least - old.state.tolerance:
-                raise ProblemError(f"'{robot}' is beyond where it would have to wait")
+            beyond = least - executor.state.until(way)
+            if beyond > old.state.tolerance:
+                raise ProblemError(
+                    f"'{robot}' is {beyond:.2f} m beyond where it would have to wait"
+                )
         return executor
 
     def _better(self, executor: Executor, since: float) -> bool:

@@ -5,6 +5,7 @@ gets the times that follow from that.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
 
@@ -36,25 +37,34 @@ def ordered(
     begun: Mapping[str, float] = MappingProxyType({}),
     lead: float = 0.0,
     ahead: float | None = None,
+    gone: Mapping[str, float] = MappingProxyType({}),
 ) -> PlanDict:
     """Return a plan in the best order that is found, with its times from now on. ``begun``: what
-    has begun, and for how long (s). ``goals``: what ends cost. ``lead``: s until anything of a new
-    plan can be followed. ``ahead``: for how many seconds robots are let drive for good, see
-    :class:`Executor`.
+    has begun, and for how long (s); ``gone``: how far (m) its robots are on their motions.
+    ``goals``: what ends cost. ``lead``: s until anything of a new plan can be followed. ``ahead``:
+    for how many seconds robots are let drive for good, see :class:`Executor`.
     """
-    tuning = ExecutionTuning(reorder=ReorderTuning(horizon=1e6))
-    executor = Executor(plan, dependencies=told, tuning=tuning, ahead=ahead)
-    here = {n: s for n, s in begun.items() if n in told.graph.tasks}
-    executor.join(
-        0.0,
-        under_way={n: {w.object: 0.0 for w in executor.state.ways_of[n]} for n in here},
-        times={n: (-s, None) for n, s in here.items()},
-    )
+
+    def under_way(told: Dependencies, gone: Mapping[str, float]) -> Executor:
+        tuning = ExecutionTuning(reorder=ReorderTuning(horizon=1e6))
+        executor = Executor(plan, dependencies=told, tuning=tuning, ahead=ahead)
+        here = {n: s for n, s in begun.items() if n in told.graph.tasks}
+        ways = executor.state.ways_of
+        executor.join(
+            0.0,
+            under_way={n: {w.object: gone.get(n, 0.0) for w in ways[n]} for n in here},
+            times={n: (-s, None) for n, s in here.items()},
+        )
+        return executor
+
+    executor = under_way(told, gone)
     executor.goals, executor.lead = goals, lead
     for _ in range(ROUNDS):
         if propose(executor) is None:
             break
-    return timed(plan, told, executor.retime())
+    # the plan's motions begin where they are cut, a moment behind where their robots are
+    whole = under_way(replace(told, graph=executor.state.graph), {})
+    return timed(plan, told, whole.retime())
 
 
 def timed(plan: PlanDict, told: Dependencies, ahead: Forecast) -> PlanDict:

@@ -4,6 +4,8 @@ budget, and put behind what is kept of the plan that is driven.
 
 from __future__ import annotations
 
+import contextlib
+import gc
 import math
 import os
 import pickle
@@ -33,6 +35,7 @@ from up_samp.fleet.records import (
 from up_samp.fleet.statements import Meaning, Written
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import ProblemError, SampError, UnsupportedError
+from up_samp.model.deadline import computing_time
 from up_samp.operate.horizon import DELIVERS, Cut
 from up_samp.operate.order import ordered
 from up_samp.operate.records import Pose, Shape
@@ -68,6 +71,8 @@ class Question:
     areas: Mapping[str, Shape] = field(default_factory=dict)
     kept_jobs: tuple[Order | Task, ...] = ()
     seconds: float = 2.0
+    computing: bool = False
+    """Whether ``seconds`` are those for which the planner computes, not those of the clock."""
     lead: float = 4.0
     """In how many seconds the answer is followed."""
     seed: int = 0
@@ -241,7 +246,8 @@ def answer(ask: Question, cache: str | None = None) -> Answer:
         )  # fmt: skip
 
     try:
-        return said(_plan(ask, cache))
+        with computing_time() if ask.computing else contextlib.nullcontext():
+            return said(_plan(ask, cache))
     except SampError as error:
         return said(None, " ".join(str(error).split())[:500])
 
@@ -254,7 +260,10 @@ def _plan(ask: Question, cache: str | None) -> PlanDict:
     records = problem_records(ask)
     written = write_problem(records, ask.folder)
     params: dict[str, Any] = {"seed": ask.seed, "cache": cache, "patience": 0.0}
-    params |= records.settings
+    told = records.settings
+    if told.get("engine", "cpsat") == "cpsat" and told.get("workers", 1) == 1:
+        params["reproducible"] = True  # whatever else this machine does
+    params |= told
     result = solve_problem(written, ask.seconds, params)
     if result.plan is None:
         raise ProblemError(f"no plan within {ask.seconds:g} s: {result.status}")
@@ -283,7 +292,7 @@ def _ordered(
 ) -> PlanDict:
     """Return a plan in order by what orders' ends cost, and by when it can be followed."""
     goals = goals_of(meanings, (*ask.kept_jobs, *ask.jobs, *(o for _, o in ask.held)))
-    return ordered(plan, told, goals, ask.cut.begun, ask.lead, ask.ahead)
+    return ordered(plan, told, goals, ask.cut.begun, ask.lead, ask.ahead, gone=ask.cut.gone)
 
 
 # ------------------ The process
@@ -297,8 +306,10 @@ def serve(source: BinaryIO, sink: BinaryIO) -> None:
                 ask = pickle.load(source)
             except EOFError:
                 return
+            gc.disable()  # what one answer leaves behind is less than looking for it costs
             pickle.dump(answer(ask, cache), sink)
             sink.flush()
+            gc.collect()
 
 
 def main() -> None:
