@@ -244,7 +244,7 @@ TABLES: dict[str, tuple[str, Callable[[Rows], str]]] = {
         Column("plans (dropped)", lambda r: f"{r['plans']} ({r['dropped']})"),
         Column("CPU of a plan, 95 %, s", "planning", ".2f"),
         Column("of a step, 95 %, ms", lambda r: 1000 * r["step"], ".1f"),
-        Column("MiB", "peak", ".0f"),
+        Column("MiB early, at the end", lambda r: f"{r['early']:.0f}, {r['held']:.0f}"),
     )),
     "clairvoyant": ("clairvoyant", plain(
         "instance", Column("draws", "draws"), Column("(b) coarse", "coarse", ".3f"),

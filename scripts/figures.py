@@ -121,12 +121,20 @@ FLOORS = (
     *("logistics-dc-all-r5-i8", "navigation-r10", "logistics-dc-all-r10-i16"),
 )
 """Instances whose plans are executed."""
+FULL = 360
+"""Orders an hour: nine tenths of what ten robots can do at most."""
+WAYS = ("rolling", "token", "anew")
 DAYS = (
-    *(f"rolling, 60 an hour, 8 h, seed {seed}" for seed in range(5)),
-    *(f"{way}, 60 an hour, 8 h, seed 0" for way in ("token", "anew")),
-    *(f"{way}, 240 an hour, 1 h, seed 0" for way in ("rolling", "token", "anew")),
+    *(f"rolling, 240 an hour, 1 h, seed {seed}" for seed in range(2)),
+    *(f"rolling, 60 an hour, 2 h, seed {seed}" for seed in range(5)),
+    *(f"{way}, {FULL} an hour, 0.5 h, seed 3" for way in WAYS),
+    *(["rolling, 60 an hour, 1 h, seed 0, Nav2"] if "NAV2_MAPS" in os.environ else []),
+    "rolling, 180 an hour, 0.5 h, seed 0, 30 robots",
+    "rolling, 60 an hour, 8 h, seed 0",
 )
-"""Days of ten robots: whole ones with orders as they come, and hours with as many as they can do.
+"""Days of ten robots with orders as they come, with four times as many, with nine tenths of what
+they can do at most by each of three ways to plan, and a whole one. On Nav2's map only where
+``NAV2_MAPS`` says in which folder it is.
 """
 IDEAS = (
     *("bounds-first", "certificates", "small-cuts", "equivalents", "profiles", "incumbents"),
@@ -205,10 +213,10 @@ FIGURES = (
         Value("unsafe"), Value("staircase", tolerance=0.02), Value("reorder", tolerance=0.02),
         Value("coarse", "", ""), Value("timed", "", ""), Value("timed_collided", "", ""),
     )),
-    Figure("days", "day", DAYS, DAYS[:1], 7200, (
+    Figure("days", "day", DAYS, (DAYS[2],), 7200, (
         Value("done", "", "higher"), Value("wrong"), Value("tardiness", "s", tolerance=0.2),
         Value("flow", "s", tolerance=0.1), Value("dropped"), Value("planning", "s", "lower", 0.3),
-        Value("step", "s", "lower", 0.3), PEAK,
+        Value("step", "s", "lower", 0.3), Value("held", "MiB", "lower", 0.2), PEAK,
     )),
     Figure("clairvoyant", "clairvoyant", (
         "jobshop-r2-j2-m2", "jobshop-r3-j3-m2", "logistics-dc-all-r2-i3", "logistics-do-oc-r3-i4",

@@ -15,6 +15,7 @@ import importlib
 import json
 import math
 import os
+import re
 import resource
 import shutil
 import statistics
@@ -34,8 +35,6 @@ DRAWS = 6
 """Draws of delays that each plan is executed with."""
 SEED = 5000
 """The first of them."""
-STRETCH = 10.0
-"""How much longer than in a day planners may take by the clock: what runs beside them is busy."""
 TREE = Path(sys.argv[3] if len(sys.argv) > 3 else Path(__file__).parents[1]).resolve()
 Values = dict[str, Any]
 
@@ -309,28 +308,39 @@ def drives(case: str) -> Values:
 
 
 def day(case: str) -> Values:
-    """A day of ten robots in simulation ("rolling, 60 an hour, 8 h, seed 0"): 2 cm of noise, 30 %
-    delays, two breakdowns, orders due after 300 s.
+    """A day of ten robots in simulation ("rolling, 60 an hour, 8 h, seed 0"), or of others ("...,
+    30 robots"), or on Nav2's map ("..., Nav2"): 2 cm of noise, 30 % delays, two breakdowns, orders
+    due after 300 s. Memory is looked at every tenth of an hour: ``held`` is what this process holds
+    at the end of the second hour (of a shorter day: at half of it) and at the end.
     """
     from up_samp.operate.day import DayPlan, simulate_day
-    from up_samp.operate.settings import Settings
 
     days = helper("benchmarks/operate", "days")
     way, *rest = case.split(", ")
-    rate, hours, seed = (float(word) for part in rest for word in part.split() if word[0].isdigit())
+    told = {unit: float(n) for n, unit in re.findall(r"([0-9.]+) (an hour|h|robots)", case)}
+    seed, robots = int(case.split("seed ")[1].split(",")[0]), int(told.get("robots", 10))
     plan = DayPlan(
-        hours, rate, due=300.0, noise=0.02, delays=0.3, breakdowns=2, seed=int(seed),
+        told["h"], told["an hour"], due=300.0, noise=0.02, delays=0.3, breakdowns=2, seed=seed,
     )  # fmt: skip
-    settings, operation = Settings(stretch=STRETCH, seed=plan.seed), days.WAYS[way]
+    floor = days.nav2_warehouse if "Nav2" in rest else days.warehouse
+    held: list[float] = []
+
+    class Watched(days.WAYS[way]):  # type: ignore[misc]
+        def step(self) -> None:
+            super().step()
+            if self.clock.now() >= 360.0 * len(held):
+                held.append(resident())
+
     with tempfile.TemporaryDirectory() as folder:
-        fleet, store = days.warehouse(Path(folder), 10), Path(folder) / "day.db"
-        result = simulate_day(fleet, plan, store, settings=settings, operation=operation)
-    told, verdict = result.figures, result.verdict
+        fleet, store = floor(Path(folder), robots), Path(folder) / "day.db"
+        result = simulate_day(fleet, plan, store, operation=Watched)
+    came, verdict = result.figures, result.verdict
     wrong = (verdict.contacts, verdict.lost, verdict.twice, verdict.elsewhere)
-    values: Values = {"orders": told.orders, "done": told.done, "wrong": sum(map(len, wrong))}
-    values |= {k: getattr(told, k) for k in ("per_hour", "tardiness", "flow", "waiting")}
-    values |= {"plans": told.plans, "dropped": told.plans - told.plans_taken}
-    return values | {"planning": told.planning[1], "step": told.steps[1], "peak": peak()}
+    values: Values = {"orders": came.orders, "done": came.done, "wrong": sum(map(len, wrong))}
+    values |= {k: getattr(came, k) for k in ("per_hour", "tardiness", "flow", "waiting")}
+    values |= {"plans": came.plans, "dropped": came.plans - came.plans_taken}
+    values |= {"early": held[min(20, len(held) // 2)], "held": held[-1]}
+    return values | {"planning": came.planning[1], "step": came.steps[1], "peak": peak()}
 
 
 # --- execution

@@ -1,4 +1,4 @@
-"""A floor to spend days on, and three ways to plan them in the same loop: the figure ``days`` of
+"""Floors to spend days on, and three ways to plan them in the same loop: the figure ``days`` of
 ``scripts/figures.py``.
 
 ``rolling`` is what ``up-samp operate`` does; ``token`` gives each order, in the order of coming, to
@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
 from pathlib import Path
 
 import numpy as np
@@ -80,7 +81,13 @@ class Anew(FirstComeFirstServed):
         return OpenWork(everybody, (job, *theirs(self, everybody)))
 
 
+NAV2 = Path(os.environ.get("NAV2_MAPS", "/opt/ros/jazzy/share/nav2_bringup/maps"))
+"""Where the maps of the ROS 2 package ``nav2_bringup`` lie."""
+
 WAYS = {"rolling": Operation, "token": Token, "anew": Anew}
+
+
+AGV = {"footprint": (0.8, 0.6), "model": "diff", "v_max": 1.5, "a_max": 0.7, "omega_max": 1.5}
 
 
 def warehouse(folder: Path, robots: int) -> Fleet:
@@ -95,9 +102,7 @@ def warehouse(folder: Path, robots: int) -> Fleet:
                 round(y / cell) : round((y + 1.0) / cell), round(x / cell) : round((x + 7) / cell)
             ] = True
     fleet = Fleet(write_map(folder, "warehouse", cells, cell), name="warehouse", margin=0.12)
-    fleet.add_robot_type(
-        "agv", footprint=(0.8, 0.6), model="diff", v_max=1.5, a_max=0.7, omega_max=1.5
-    )
+    fleet.add_robot_type("agv", **AGV)
     for k in range(robots):
         fleet.add_place(f"home{k}", 34.0, 1.5 + 1.6 * k, np.pi)
         fleet.add_robot(f"r{k}", "agv", start=f"home{k}", end=f"home{k}")
@@ -109,4 +114,25 @@ def warehouse(folder: Path, robots: int) -> Fleet:
             fleet.add_place(f"rack{k}_{i}", x, y - 0.8)
             delivery = {"at": docks[(k + i) % len(docks)], "service": 5}
             fleet.add_order(f"o{k}_{i}", {"at": f"rack{k}_{i}", "service": 5}, delivery)
+    return fleet
+
+
+def nav2_warehouse(folder: Path, robots: int) -> Fleet:
+    """Nav2's warehouse, 30 m x 50 m (:data:`NAV2`): shelves in three aisles and on two sides of a
+    hall, three conveyors, and a home for each robot, up to twelve, along the wall on the left.
+    """
+    fleet = Fleet(NAV2 / "warehouse.yaml", name="nav2_warehouse", margin=0.12)
+    fleet.add_robot_type("agv", **AGV)
+    for k in range(robots):
+        fleet.add_place(f"home{k}", -13.5, 3.0 - 1.8 * k)
+        fleet.add_robot(f"r{k}", "agv", start=f"home{k}", end=f"home{k}")
+    docks = {"packing": (6.8, 4.0), "truck1": (10.2, -14.9), "truck2": (10.2, -20.9)}
+    for name, (x, y) in docks.items():
+        fleet.add_place(name, x, y)
+    shelves = [(x, y, 0.0) for x in (-4.0, 0.0, 4.1) for y in (-7.0, -10.5, -14.0, -17.5)]
+    shelves += [(x, 7.1, np.pi / 2) for x in (-3.0, 1.0, 5.0)] + [(-3.0, 16.1, np.pi / 2)]
+    for k, shelf in enumerate(shelves):
+        fleet.add_place(f"shelf{k}", *shelf)
+        delivery = {"at": [*docks][k % len(docks)], "service": 5}
+        fleet.add_order(f"o{k}", {"at": f"shelf{k}", "service": 5}, delivery)
     return fleet

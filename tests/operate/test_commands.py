@@ -19,7 +19,7 @@ def site_file(folder, robots=2):
 def test_a_day_is_simulated_and_reported(tmp_path, capsys):
     out = tmp_path / "out"
     words = ["day", str(site_file(tmp_path, 1)), "--hours", "0.03", "--orders-per-hour", "60"]
-    words += ["--noise", "0.02", "--delays", "0.2", "--stretch", "30", "--out", str(out)]
+    words += ["--noise", "0.02", "--delays", "0.2", "--out", str(out)]
     assert main(words) == 0
     told = capsys.readouterr().out
     assert "judged: 0 contacts, 0 orders lost, 0 done twice, 0 elsewhere" in told

@@ -129,13 +129,11 @@ def add_day(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--breakdowns", type=int, default=0, metavar="N")
     parser.add_argument("--speed", type=float, default=0.0, metavar="N", help="times real time")
     parser.add_argument("--seed", type=int, default=0, metavar="N")
-    parser.add_argument("--stretch", type=float, default=10.0, metavar="N", help="of budgets")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder for report and pictures")
     parser.set_defaults(run=_day)
 
 
 def _day(args: argparse.Namespace) -> int:
-    from up_samp.operate import Settings
     from up_samp.operate.day import DayPlan, simulate_day
     from up_samp.operate.report import report_text, write_report
 
@@ -148,13 +146,7 @@ def _day(args: argparse.Namespace) -> int:
         store.parent.mkdir(parents=True, exist_ok=True)
         if store.exists():
             raise ProblemError(f"'{store}' is there already: name another folder")
-        result = simulate_day(
-            Fleet.from_file(args.site),
-            plan,
-            store,
-            settings=Settings(stretch=args.stretch, seed=args.seed),
-            speed=args.speed,
-        )
+        result = simulate_day(Fleet.from_file(args.site), plan, store, speed=args.speed)
     print(report_text(result))
     if args.out is not None:
         print("\n".join(str(f) for f in write_report(result, args.out)))

@@ -143,7 +143,7 @@ def simulate_day(
         store=Store(store, durable=False),
         robots=robots,
         clock=clock,
-        settings=settings or Settings(stretch=10.0, seed=plan.seed),
+        settings=settings or Settings(seed=plan.seed),
     )
     try:
         steps = _run(day, robots, [*orders_of(site, plan)], plan)

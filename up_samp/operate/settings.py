@@ -15,8 +15,8 @@ class Settings:
     ``localisation``: how far (m) from the truth robots tell to be; ``latency``: by how many seconds
     longer than another one a message may take to come; ``ahead``: for how many seconds farther than
     they can stand robots are let drive: so much is told of a plan, and stays. ``stretch``: in
-    simulated time the planner has so many times its budget, for machines that are busy with other
-    things.
+    simulated time, where the planner's budget is what it computes (CPU s), it has so many times as
+    much.
     """
 
     budget: float = 2.0
