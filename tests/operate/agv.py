@@ -12,9 +12,11 @@ OVER = ("FINISHED", "FAILED")
 
 
 class Agv:
-    """``speed`` m/s; ``noise`` m."""
+    """``speed`` m/s; ``noise`` m; ``version`` of VDA 5050 that it speaks."""
 
-    def __init__(self, name, pose, *, speed=1.5, noise=0.0):
+    def __init__(self, name, pose, *, speed=1.5, noise=0.0, version="2.1.0"):
+        self.version = version
+        self.instants = {}  # status by id, of what was told at once
         self.name, self.pose, self.speed, self.noise = name, list(pose), speed, noise
         self.random = random.Random(name)
         self.order = {"orderId": "", "orderUpdateId": 0, "nodes": [], "edges": []}
@@ -35,7 +37,7 @@ class Agv:
         return {
             "headerId": next(self.header),
             "timestamp": stamp.strftime("%Y-%m-%dT%H:%M:%S.%f")[:-3] + "Z",
-            "version": "2.1.0", "manufacturer": "up_samp", "serialNumber": self.name,
+            "version": self.version, "manufacturer": "up_samp", "serialNumber": self.name,
         }  # fmt: skip
 
     # ------------------------------------------------------------------ what it is told
@@ -51,7 +53,8 @@ class Agv:
             for _, work in self.work:
                 self.actions[work["actionId"]] = "FAILED"
             self.work = []
-        self.actions[action["actionId"]] = "FINISHED"
+        known = self.instants if self.version.startswith("3") else self.actions
+        known[action["actionId"]] = "FINISHED"
 
     def take(self, order):
         self.orders.append(order)
@@ -105,7 +108,7 @@ class Agv:
             for end, action in [w for w in self.work if w[0] <= now]:
                 self.work.remove((end, action))
                 self.actions[action["actionId"]] = "FINISHED"
-                what = action.get("actionDescription", "")
+                what = action.get("actionDescription", action.get("actionDescriptor", ""))
                 self.handled.append((action["actionType"], what, action["since"], now))
         self.trace.append((now, *self.pose))
 
@@ -149,6 +152,24 @@ class Agv:
         return [*found, (goal["x"], goal["y"], goal["theta"])]
 
     def state(self):
+        """Return its state in the words of its version."""
+        state = self.state_of_2()
+        if not self.version.startswith("3"):
+            return state
+        position, battery = state.pop("agvPosition"), state.pop("batteryState")
+        position["localized"] = position.pop("positionInitialized")
+        del state["safetyState"]["eStop"]
+        return {
+            **state, "mobileRobotPosition": position,
+            "powerSupply": {"stateOfCharge": battery["batteryCharge"], "charging": False},
+            "safetyState": {**state["safetyState"], "activeEmergencyStop": "NONE"},
+            "instantActionStates": [
+                {"actionId": k, "actionType": "any", "actionStatus": v}
+                for k, v in self.instants.items()
+            ],
+        }  # fmt: skip
+
+    def state_of_2(self):
         wrong = [self.random.uniform(-self.noise, self.noise) for _ in range(2)]
         nodes = [n for _, n in self.ahead] + self.horizon
         return {

@@ -1,27 +1,34 @@
 """Orders over a real broker (Debian's mosquitto) to simulated AGVs of VDA 5050."""
 
+import json
 import os
 import shutil
 import subprocess
 import time
+from datetime import datetime
 from pathlib import Path
 
 import pytest
 
 pytest.importorskip("paho.mqtt", reason="needs the extra [mqtt]: paho-mqtt")
+import paho.mqtt.client as mqtt
+from paho.mqtt.enums import CallbackAPIVersion
+
 BROKER = shutil.which("mosquitto") or shutil.which("/usr/sbin/mosquitto")
 if BROKER is None:
     pytest.skip("needs the broker mosquitto", allow_module_level=True)
 
 from tests.operate.sites import hall  # noqa: E402
+from tests.operate.test_doors import two_rooms  # noqa: E402
 from tests.operate.wire import OverBroker as Agv  # noqa: E402
 from tests.operate.wire import unwound  # noqa: E402
 from tests.server.soak_server import free_port  # noqa: E402
+from up_samp.model import ProblemError  # noqa: E402
 from up_samp.operate.clock import RealClock  # noqa: E402
-from up_samp.operate.judge import contacts  # noqa: E402
+from up_samp.operate.judge import contacts, judge_day  # noqa: E402
 from up_samp.operate.loop import Operation  # noqa: E402
 from up_samp.operate.settings import Settings  # noqa: E402
-from up_samp.operate.simulated import Drive  # noqa: E402
+from up_samp.operate.simulated import Drive, Handled  # noqa: E402
 from up_samp.operate.store import Store  # noqa: E402
 from up_samp.operate.vda5050 import MasterControl  # noqa: E402
 
@@ -133,6 +140,107 @@ def test_who_comes_back_does_not_go_on_with_what_it_was_told_before(tmp_path, br
     assert moves() == ["startPause", "cancelOrder", "stopPause"]
 
 
+OPENSSL, PASSWD = shutil.which("openssl"), shutil.which("mosquitto_passwd")
+
+
+def certificates(folder):
+    """Return a certificate of an authority of our own, and of a broker that it vouches for."""
+
+    def call(*words):
+        subprocess.run([OPENSSL, *words], cwd=folder, check=True, capture_output=True)
+
+    new = ("req", "-newkey", "rsa:2048", "-nodes")
+    call(*new, "-x509", "-keyout", "ca.key", "-out", "ca.crt", "-subj", "/CN=ours", "-days", "9")
+    call(*new, "-keyout", "broker.key", "-out", "broker.csr", "-subj", "/CN=broker")
+    (folder / "names").write_text("subjectAltName=DNS:localhost,IP:127.0.0.1\n")
+    call(
+        "x509", "-req", "-in", "broker.csr", "-CA", "ca.crt", "-CAkey", "ca.key", "-CAcreateserial",
+        "-out", "broker.crt", "-days", "9", "-extfile", "names",
+    )  # fmt: skip
+    return folder / "ca.crt", folder / "broker.crt", folder / "broker.key"
+
+
+@pytest.fixture
+def guarded(tmp_path):
+    """A broker with two doors: a plain one for the robots here, and one of TLS with a password."""
+    if OPENSSL is None or PASSWD is None:
+        pytest.skip("needs openssl, and mosquitto_passwd beside mosquitto")
+    folder = tmp_path / "broker"
+    folder.mkdir()
+    authority, own, key = certificates(folder)
+    words = folder / "passwords"
+    subprocess.run([PASSWD, "-b", "-c", str(words), "planner", "secret"], check=True)
+    plain, safe = free_port(), free_port()
+    file = folder / "broker.conf"
+    file.write_text(
+        "per_listener_settings true\n"
+        f"listener {plain} 127.0.0.1\nallow_anonymous true\n"
+        f"listener {safe} 127.0.0.1\nallow_anonymous false\npassword_file {words}\n"
+        f"certfile {own}\nkeyfile {key}\n"
+    )
+    for secret in (words, own, key):
+        secret.chmod(0o644)  # the broker may run as somebody else
+    for above in (folder, *folder.parents):
+        if os.access(above, os.W_OK) and above != Path("/tmp"):
+            above.chmod(above.stat().st_mode | 0o011)
+    process = subprocess.Popen([BROKER, "-c", str(file)], stderr=subprocess.DEVNULL)
+    time.sleep(0.5)
+    yield plain, safe, str(authority)
+    process.terminate()
+    process.wait()
+
+
+def heard(control, good, seconds=20):
+    stop = time.monotonic() + seconds
+    while not good():
+        assert time.monotonic() < stop
+        control.reports(0.0)
+        time.sleep(0.05)
+
+
+# paho leaves sockets open whose other end is refused
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_a_broker_is_spoken_to_over_tls_with_a_password(tmp_path, guarded):
+    plain, safe, authority = guarded
+    site = hall(tmp_path, 1).records
+    planner = {"user": "planner", "password": "secret"}
+    with pytest.raises(ProblemError, match=r"no broker at localhost:\d+: .*certificate verify"):
+        MasterControl(site, "localhost", safe, tls=True, **planner)
+    for wrong in ({}, {"user": "planner", "password": "guess"}):
+        with pytest.raises(ProblemError, match="refuses: Not authorized"):
+            MasterControl(site, "localhost", safe, tls=authority, **wrong)
+    agv = Agv(plain, "r0", site.places["home0"].pose)
+    control = MasterControl(site, "localhost", safe, tls=authority, **planner)
+    try:
+        heard(control, lambda: control.agvs["r0"].state)
+        assert control.agvs["r0"].online
+        until = time.monotonic() + 10
+        while "stateRequest" not in agv.told and time.monotonic() < until:
+            time.sleep(0.05)
+        assert {"factsheetRequest", "stateRequest"} <= {*agv.told}
+    finally:
+        control.close()
+        agv.close()
+
+
+def test_the_last_will_of_a_robot_is_heard(tmp_path, broker):
+    site = hall(tmp_path, 1).records
+    agv = Agv(broker, "r0", site.places["home0"].pose)
+    control = MasterControl(site, "127.0.0.1", broker)
+    try:
+        heard(control, lambda: control.agvs["r0"].state)
+        agv.stop = True
+        agv.thread.join()
+        agv.client.loop_stop()
+        agv.client.socket().close()
+        heard(control, lambda: not control.agvs["r0"].online)
+        ((robot, why),) = control.faults
+        assert robot == "r0"
+        assert why.startswith("its connection is broken")
+    finally:
+        control.close()
+
+
 NODE = shutil.which("node")
 LIBRARY = os.environ.get("VDA_5050_LIB", "")
 """The folder node_modules that holds vda-5050-lib."""
@@ -142,8 +250,9 @@ LIBRARY = os.environ.get("VDA_5050_LIB", "")
     NODE is None or not (Path(LIBRARY) / "vda-5050-lib").is_dir(),
     reason="needs node, and vda-5050-lib of npm in the folder that VDA_5050_LIB names",
 )
-def test_virtual_agvs_of_vda_5050_lib_do_their_orders(tmp_path, broker):
-    fleet = hall(tmp_path, 4)
+def test_virtual_agvs_of_vda_5050_lib_drive_through_a_door_and_a_zone(tmp_path, broker):
+    fleet = two_rooms(tmp_path, robots=4)
+    fleet.add_zone("gateway", [(7.5, 3), (12.5, 3), (12.5, 6), (7.5, 6)], max_robots=1)
     script = Path(__file__).parent / "virtual_agv.js"
     agvs = []
     for k in range(4):
@@ -154,31 +263,60 @@ def test_virtual_agvs_of_vda_5050_lib_do_their_orders(tmp_path, broker):
                 env={**os.environ, "NODE_PATH": LIBRARY},
             )
         )
-    traces = {f"r{k}": [] for k in range(4)}
+    told, begun = {f"r{k}": [] for k in range(4)}, time.time()
 
-    def watch(day):
-        for name, agv in day.robots.agvs.items():
-            at = agv.state.get("agvPosition")
-            if at is not None:
-                traces[name].append([time.time(), at["x"], at["y"], at["theta"]])
+    def heard(_client, _data, message):
+        state = json.loads(message.payload)
+        if state.get("agvPosition") is not None:
+            at = datetime.fromisoformat(state["timestamp"].replace("Z", "+00:00")).timestamp()
+            told[state["serialNumber"]].append({**state, "at": at - begun})
 
+    listener = mqtt.Client(CallbackAPIVersion.VERSION2, "listener")
+    listener.on_message = heard
+    listener.connect("127.0.0.1", broker)
+    listener.subscribe("uagv/v2/up_samp/+/state")
+    listener.loop_start()
     orders = [
-        {"id": f"o{k}", "pickup": f"rack{k % 3}", "delivery": f"dock{k % 3}"} for k in range(4)
+        {"id": f"o{k}", "pickup": f"rack{k % 2}", "delivery": "dock0", "robots": [f"r{k}"]}
+        for k in range(4)
     ]
     try:
         jobs = operated(
-            tmp_path, broker, [], fleet, orders, 240, watch, version="2.0.0", spacing=0.25,
+            tmp_path, broker, [], fleet, orders, 400, version="2.0.0", spacing=0.25,
             types=dict.fromkeys(("pick", "deliver", "task", "open"), "noop"),
         )  # fmt: skip
     finally:
+        listener.loop_stop()
         for agv in agvs:
             agv.terminate()
             agv.wait()
-    assert {j.state.value for j in jobs.values()} == {"done"}
-    begin = min(rows[0][0] for rows in traces.values())
-    drives = [
-        Drive(name, "all", unwound([[t - begin, *p] for t, *p in rows]))
-        for name, rows in traces.items()
-    ]
-    initial = {name: rows[0][1:] for name, rows in traces.items()}
-    assert contacts(fleet.records, initial, drives) == []
+    initial, drives, handled = reported(told)
+    verdict = judge_day(fleet.records, jobs, initial, drives, handled)
+    assert verdict.good, (verdict, handled)
+    kinds = [h.kind for h in handled]
+    assert (len(kinds), kinds.count("open"), kinds.count("pick")) == (9, 1, 4)
+    inside = [d for d in drives if max(row[1] for row in d.rows) > 12.5]
+    assert len(inside) == 4
+
+
+def reported(told):
+    """Return where robots were first, what they drove and did, by the states that they told."""
+    initial, drives, handled = {}, [], []
+    for name, states in told.items():
+        rows, since, over = [], {}, {}
+        for state in states:
+            at = state["agvPosition"]
+            rows.append([state["at"], at["x"], at["y"], at["theta"]])
+            for action in state["actionStates"]:
+                key = action["actionId"], action.get("actionDescription")
+                since.setdefault(key, state["at"])
+                if action["actionStatus"] == "FINISHED":
+                    over.setdefault(key, state["at"])
+        initial[name] = tuple(rows[0][1:])
+        drives.append(Drive(name, "all", unwound(rows)))
+        for (activity, what), until in over.items():
+            kind, since_ = activity.partition("_")[0], since[activity, what]
+            kind = kind if kind in ("open", "pick", "deliver") else "task"
+            if what:  # told in an order, not at once
+                handled.append(Handled(kind, what, name, since_, until))
+    return initial, drives, handled

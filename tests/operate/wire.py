@@ -181,9 +181,10 @@ class AgvFloor:
     def __init__(self, site, mishaps, seed, **options):
         self.site, self.mishaps, self.seed = site, mishaps, seed
         self.initial = {n: site.places[r.start].pose for n, r in site.robots.items()}
-        noise = mishaps.delays.noise
+        self.version = options.pop("version", "2.1.0")
+        told = {"noise": mishaps.delays.noise, "version": self.version}
         self.agvs = {
-            n: Agv(n, self.initial[n], speed=0.8 * site.robot_types[r.type].v_max, noise=noise)
+            n: Agv(n, self.initial[n], speed=0.8 * site.robot_types[r.type].v_max, **told)
             for n, r in site.robots.items()
         }
         self.wire = Wire(self.agvs, seed, **options)
@@ -191,7 +192,7 @@ class AgvFloor:
         self._begin()
 
     def _begin(self):
-        self.control = MasterControl(self.site, "simulated", client=self.wire)
+        self.control = MasterControl(self.site, "simulated", client=self.wire, version=self.version)
 
     def restart(self):
         """Let another process speak to the AGVs."""

@@ -40,6 +40,21 @@ def add_operate(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--user", help="of the broker; its password is in UP_SAMP_MQTT_PASSWORD")
     parser.add_argument("--tls", action="store_true", help="speak to the broker over TLS")
     parser.add_argument(
+        "--ca", metavar="FILE", help="certificates that TLS trusts (none: this machine's)"
+    )
+    parser.add_argument(
+        "--localisation",
+        type=float,
+        default=0.05,
+        metavar="M",
+        help="how far from the truth robots may tell to be: the worst of them counts "
+        "(default: %(default)s)",
+    )
+    parser.add_argument(
+        "--spacing", type=float, default=0.0, metavar="M",
+        help="of nodes, for robots that drive straight from node to node",
+    )  # fmt: skip
+    parser.add_argument(
         "--http", type=int, metavar="PORT", help="the floor's page, on this machine"
     )
     parser.add_argument("--host", default="127.0.0.1", help="(default: %(default)s)")
@@ -68,7 +83,7 @@ def _operate(args: argparse.Namespace) -> int:
     site = with_places(fleet.records)
     epoch = store.day("epoch", time.time())
     clock = RealClock(epoch)
-    settings = Settings(budget=args.budget)
+    settings = Settings(budget=args.budget, localisation=args.localisation)
     if args.mqtt is None and args.robots == "simulated":
         floor = SimulatedRobots({n: site.places[r.start].pose for n, r in site.robots.items()})
         stepped = SteppedClock(clock, floor)
@@ -94,7 +109,8 @@ def _behind_broker(args: argparse.Namespace, fleet: Fleet):  # type: ignore[no-u
         version=args.vda,
         user=args.user,
         password=os.environ.get("UP_SAMP_MQTT_PASSWORD"),
-        tls=args.tls,
+        tls=args.ca or args.tls,
+        spacing=args.spacing,
     )
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -87,16 +87,44 @@ def export_later(plan: PlanDict, folder: Path) -> list[Path]:
 
 def later(message: Message) -> Message:
     """Return a message in the words of version 3.0: other names, and no ends of edges."""
-    edges = []
-    for edge in message["edges"]:
-        kept = {k: v for k, v in edge.items() if k not in _GONE}
-        if "maxSpeed" in edge:
-            kept["maximumSpeed"] = edge["maxSpeed"]
-        edges.append(kept)
-    return {**message, "version": LATER, "timestamp": "1970-01-01T00:00:00.000Z", "edges": edges}
+    found: Message = {**_renamed(message, LATER_WORDS), "version": LATER}
+    found["timestamp"] = message["timestamp"].replace(".00Z", ".000Z")
+    for edge in found.get("edges", ()):
+        for key in _GONE:
+            edge.pop(key, None)
+    return found
 
 
-_GONE = ("startNodeId", "endNodeId", "rotationAllowed", "maxSpeed")
+def earlier(message: Message) -> Message:
+    """Return a message of version 3.0 in the words of 2.1."""
+    found: Message = _renamed(message, {later: known for known, later in LATER_WORDS.items()})
+    return found
+
+
+def _renamed(value: Any, words: Mapping[str, str]) -> Any:
+    """Return values as JSON holds them with other keys, however deep."""
+    if isinstance(value, list):
+        return [_renamed(v, words) for v in value]
+    if not isinstance(value, dict):
+        return value
+    return {words.get(key, key): _renamed(v, words) for key, v in value.items()}
+
+
+LATER_WORDS = {
+    "actionDescription": "actionDescriptor",
+    "accelerationMax": "maximumAcceleration",
+    "agvPosition": "mobileRobotPosition",
+    "batteryCharge": "stateOfCharge",
+    "batteryState": "powerSupply",
+    "maxSpeed": "maximumSpeed",
+    "nodeDescription": "nodeDescriptor",
+    "positionInitialized": "localized",
+    "speedMax": "maximumSpeed",
+}
+"""What is called otherwise in 3.0, of what is told or heard here; of two words that are one in 3.0
+the last is what is heard.
+"""
+_GONE = ("startNodeId", "endNodeId", "rotationAllowed")
 
 
 def file_names(robots: Iterable[str]) -> dict[str, str]:

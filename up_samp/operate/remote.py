@@ -11,20 +11,37 @@ import math
 import queue
 import time
 from collections.abc import Mapping
-from typing import Any
+from dataclasses import dataclass
+from typing import Annotated, Any
 
 import numpy as np
+from annotated_types import Ge, Le
 
 from up_samp.execution.executor import Executor
-from up_samp.execution.reports import Command, Do, Go, unreadable
+from up_samp.execution.reports import Command, Do, Go
 from up_samp.execution.state import MotionUnderWay
 from up_samp.export.steps import stretches_of
-from up_samp.fleet.records import FleetRecords
+from up_samp.fleet.files import read_record
+from up_samp.fleet.records import NUMBER, STRICT, FleetRecords, Pose
 from up_samp.model import ProblemError
 from up_samp.operate.records import Report
 from up_samp.operate.stitch import whole_motion
 
 Message = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class RobotTold:
+    """What a robot tells: its ``pose`` (x, y, theta) or its ``progress`` (m) along ``motion``, that
+    an activity or a motion is ``done``, the level of its ``battery`` (percent of a full one).
+    """
+
+    __pydantic_config__ = STRICT
+    motion: str = ""
+    progress: Annotated[float, NUMBER] | None = None
+    pose: Pose | None = None
+    done: str = ""
+    battery: Annotated[float, Ge(0), Le(100), NUMBER] | None = None
 
 
 class RemoteRobots:
@@ -40,7 +57,7 @@ class RemoteRobots:
         first = time.time_ns() // 1000
         nothing = {"number": first, "kind": "hold", "why": "nothing is known yet"}
         self._commands: dict[str, Message] = dict.fromkeys(site.robots, nothing)
-        self._inbox: queue.SimpleQueue[tuple[str, Message]] = queue.SimpleQueue()
+        self._inbox: queue.SimpleQueue[tuple[str, RobotTold]] = queue.SimpleQueue()
         self._heard: dict[str, float] = {}
         self._motions: dict[str, Message] = {}
         self._ways: Mapping[tuple[str, str], MotionUnderWay] = {}
@@ -80,15 +97,12 @@ class RemoteRobots:
         for _ in range(self._inbox.qsize()):
             robot, told = self._inbox.get()
             self._heard[robot] = now
-            pose = told.get("pose")
-            done, motion = told.get("done"), told.get("motion") or ""
-            where = None if pose is None else (float(pose[0]), float(pose[1]), float(pose[2]))
-            if "battery" in told:
-                self.levels[robot] = float(told["battery"]) / 100.0
-            if where or "progress" in told:
-                found.append(Report(robot, now, motion, told.get("progress"), where))
-            if done:
-                found.append(Report(robot, now, done, done=True))
+            if told.battery is not None:
+                self.levels[robot] = told.battery / 100.0
+            if told.pose or told.progress is not None:
+                found.append(Report(robot, now, told.motion, told.progress, told.pose))
+            if told.done:
+                found.append(Report(robot, now, told.done, done=True))
         for robot in self._commands:
             if now > self._heard.setdefault(robot, now) + self.silent:
                 self._heard[robot] = math.inf
@@ -124,27 +138,15 @@ class RemoteRobots:
         return {"motion": name, "progress": round(begun, 4), "pieces": pieces_told(motion)}
 
     def take(self, robot: str, told: Message) -> None:
-        """Take in what a robot tells: its ``pose`` [x, y, theta] or its ``progress`` (m) along
-        ``motion``, that an activity or a motion is ``done``, the level of its ``battery`` (percent
-        of a full one).
+        """Take in what a robot tells, see :class:`RobotTold`.
 
         :raises ProblemError: where something in it cannot be read.
         """
         self.command(robot)
-        unknown = told.keys() - {"motion", "pose", "progress", "done", "battery"}
-        if unknown:
-            raise ProblemError(f"'{min(unknown)}' is nothing that robots tell")
-        if told.keys() & {"pose", "progress"}:
-            why = unreadable(told.get("progress"), told.get("pose"))
-            if why:
-                raise ProblemError(why)
-        if told.keys() & {"battery"} and unreadable(told["battery"], None):
-            raise ProblemError(f"a battery cannot be {told['battery']!r}: percent of a full one")
-        if not all(isinstance(told.get(key, ""), str) for key in ("motion", "done")):
-            raise ProblemError("'motion' and 'done' are the names of activities")
-        if "progress" in told and not told.get("motion"):
+        found: RobotTold = read_record(RobotTold, told)
+        if found.progress is not None and not found.motion:
             raise ProblemError("progress is along a 'motion': name it")
-        self._inbox.put((robot, told))
+        self._inbox.put((robot, found))
 
     def close(self) -> None:
         """Nothing is open."""

@@ -35,7 +35,7 @@ from up_samp.execution.executor import Executor
 from up_samp.execution.reports import Command, Go, Hold
 from up_samp.export.legs import pieces_of
 from up_samp.export.steps import stretches_of
-from up_samp.export.vda5050 import edge_of, later, node_of
+from up_samp.export.vda5050 import LATER, earlier, edge_of, later, node_of
 from up_samp.fleet.records import FleetRecords, corners_of
 from up_samp.model import ProblemError
 from up_samp.operate.records import Pose, Report
@@ -48,9 +48,10 @@ NEAR = 0.01
 """m of progress that are the same place."""
 AGAIN = 1.0
 """Seconds after which what is over is told again, until it is believed."""
+BROKEN = "its connection is broken: nothing is told to it until it is back"
 SHAPE = ("trajectory", "orientation", "orientationType", "rotationAllowed", "length")
 """What edges do not say to robots that drive straight from node to node."""
-VERSIONS = ("2.0.0", "2.1.0", "3.0.0")
+VERSIONS = ("2.0.0", "2.1.0", LATER)
 
 
 @dataclass
@@ -60,6 +61,8 @@ class Agv:
     name: str
     online: bool = False
     state: Message = field(default_factory=dict)
+    seen: Message = field(default_factory=dict)
+    """The last message of what there is to be seen of it, which may come more often than states."""
     new: bool = False
     order: str = ""
     activity: str = ""
@@ -92,6 +95,13 @@ class Agv:
         self.order = f"{activity}{BEGUN_ANEW}{again}" if again else activity
         self.nodes, self.update, self.over = [], -1, -math.inf
         self.sent, self.known, self.cancel = [], False, None
+
+    @property
+    def position(self) -> Message:
+        """Where it told last to be."""
+        newest = self.state if _older(self.seen, self.state) else self.seen
+        found: Message = newest.get("agvPosition") or self.state.get("agvPosition") or {}
+        return found
 
     @property
     def shown(self) -> bool:
@@ -140,9 +150,11 @@ class Instant:
 class MasterControl:
     """The robots behind a broker. ``types``: what an action is called for what is done at places
     (``pick``, ``deliver``, ``task``, ``open``); ``spacing`` (m): for robots that
-    know no trajectories and drive straight from node to node, which are at most so far apart then.
+    know no trajectories and drive straight from node to node, which are at most so far apart then;
+    ``tls``: speak to the broker over TLS, by the certificates that this machine trusts, or by those
+    of a file.
 
-    :raises ProblemError: where the broker cannot be reached, or the version is not known.
+    :raises ProblemError: where the broker cannot be reached or refuses, or the version is none.
     """
 
     def __init__(
@@ -156,7 +168,7 @@ class MasterControl:
         version: str = "2.1.0",
         user: str | None = None,
         password: str | None = None,
-        tls: bool = False,
+        tls: bool | str = False,
         types: Mapping[str, str] | None = None,
         spacing: float = 0.0,
         map_id: str = "map",
@@ -171,6 +183,7 @@ class MasterControl:
         self.faults: list[tuple[str, str]] = []
         """(robot, in words) what does not fit the site file, or what was told."""
         self._inbox: queue.SimpleQueue[tuple[str, str, bytes]] = queue.SimpleQueue()
+        self._answers: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._headers: dict[tuple[str, str], itertools.count[int]] = {}
         self._motions: dict[str, Message] = {}
         self._meanings: Mapping[str, Any] = {}
@@ -181,7 +194,8 @@ class MasterControl:
         if user is not None:
             self.client.username_pw_set(user, password)
         if tls:
-            self.client.tls_set_context(ssl.create_default_context())
+            own = tls if isinstance(tls, str) else None
+            self.client.tls_set_context(ssl.create_default_context(cafile=own))
         self.client.on_connect = self._connected
         self.client.on_message = self._arrived
         try:
@@ -189,19 +203,28 @@ class MasterControl:
         except OSError as error:
             raise ProblemError(f"no broker at {host}:{port}: {error}") from error
         self.client.loop_start()
+        try:
+            refused = self._answers.get(timeout=10.0)
+        except queue.Empty:
+            refused = "it does not answer"
+        if refused:
+            self.close()
+            raise ProblemError(f"the broker at {host}:{port} refuses: {refused}")
 
     def close(self) -> None:
         """Leave the broker."""
         self.client.disconnect()
         self.client.loop_stop()
 
-    def _connected(self, client: mqtt.Client, *_: Any) -> None:
-        for name in self.agvs:
-            for topic in ("state", "connection", "factsheet"):
+    def _connected(self, client: mqtt.Client, *told: Any) -> None:
+        reason = told[2] if len(told) > 2 else None
+        failed = reason is not None and reason.is_failure
+        self._answers.put(str(reason) if failed else "")
+        for name in () if failed else self.agvs:
+            for topic in ("state", "connection", "factsheet", "visualization"):
                 client.subscribe(
                     f"{self.root}/{name}/{topic}", qos=1 if topic == "connection" else 0
                 )
-        for name in self.agvs:
             self._instant(name, "factsheetRequest")
             self._instant(name, "stateRequest")
 
@@ -229,10 +252,17 @@ class MasterControl:
             return
         if agv is None or not isinstance(data, dict):
             return
+        if self.version == LATER:
+            data = earlier(data)
         if topic == "connection":
-            agv.online = data.get("connectionState") == "ONLINE"
+            told = data.get("connectionState")
+            agv.online = told == "ONLINE"
             if agv.online:
                 self._instant(name, "stateRequest")
+            elif str(told).startswith("CONNECTION"):
+                self._fault(name, BROKEN)
+        elif topic == "visualization" and not _older(data, agv.seen):
+            agv.seen, agv.new = data, True
         elif topic == "factsheet":
             self._check(name, data)
         elif topic == "state" and not _older(data, agv.state):
@@ -278,9 +308,8 @@ class MasterControl:
         return max(x) - min(x), max(y) - min(y)
 
     def _reported(self, agv: Agv, now: float) -> list[Report]:
-        state = agv.state
         fresh, agv.new = agv.new, False
-        pose = _pose_in(state)
+        pose = _pose_in(agv.position)
         if not agv.activity or not agv.shown:
             return [Report(agv.name, now, pose=pose)] if fresh and pose else []
         moves = agv.activity in self._motions
@@ -295,7 +324,7 @@ class MasterControl:
         return found
 
     def _where(self, agv: Agv, now: float) -> Report:
-        pose, passed = _pose_in(agv.state), agv.state.get("lastNodeSequenceId", 0)
+        pose, passed = _pose_in(agv.position), agv.state.get("lastNodeSequenceId", 0)
         if pose is not None:
             return Report(agv.name, now, agv.activity, pose=pose)
         progress = max((s for q, s in agv.nodes if q <= passed), default=0.0)
@@ -494,7 +523,7 @@ class MasterControl:
             agv.known = True
             return  # it has it from before a restart
         kind, what, _ = self._meanings[activity]
-        position = agv.state.get("agvPosition") or {}
+        position = agv.position
         pose = tuple(float(position.get(k, 0.0)) for k in ("x", "y", "theta"))
         node = self._node(agv, 0, pose, True)
         node["actions"] = [
@@ -530,10 +559,7 @@ class MasterControl:
         """Send an order and its updates; who has one already ignores it."""
         agv.sent_at = now
         for order in orders:
-            message = {**self._head(agv.name, "order"), **order}
-            if self.version.startswith("3"):
-                message = {**later(message), "timestamp": message["timestamp"]}
-            self._send(agv.name, "order", message)
+            self._send(agv.name, "order", {**self._head(agv.name, "order"), **order})
 
     def _instant(self, robot: str, kind: str, now: float = 0.0, known: str = "") -> Instant:
         """Send an instant action: ``startPause``, ``stopPause``, ``cancelOrder``, ``stateRequest``,
@@ -542,7 +568,7 @@ class MasterControl:
         action: Message = {
             "actionType": kind,
             "actionId": known or f"{kind}-{time.time_ns()}",
-            "blockingType": "NONE" if kind.endswith("Request") else "HARD",
+            "blockingType": "NONE" if kind.endswith("Request") or self.version == LATER else "HARD",
             "actionParameters": [],
         }
         message = {**self._head(robot, "instantActions"), "actions": [action]}
@@ -562,13 +588,13 @@ class MasterControl:
         }
 
     def _send(self, robot: str, topic: str, message: Message) -> None:
-        self.client.publish(f"{self.root}/{robot}/{topic}", json.dumps(message), qos=0)
+        told = later(message) if self.version == LATER else message
+        self.client.publish(f"{self.root}/{robot}/{topic}", json.dumps(told), qos=0)
 
 
-def _pose_in(state: Message) -> Pose | None:
+def _pose_in(position: Message) -> Pose | None:
     """Return where a robot tells to be (None: it does not, or does not know)."""
-    position = state.get("agvPosition") or {}
-    if not position.get("positionInitialized", position.get("localized", True)):
+    if not position.get("positionInitialized", True):
         return None
     try:
         return float(position["x"]), float(position["y"]), float(position["theta"])

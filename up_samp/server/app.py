@@ -53,6 +53,12 @@ def create_app(jobs: JobQueue, hosts: Collection[str] = ()) -> FastAPI:
         """Return the page that shows maps, progress and plans."""
         return resources.files("up_samp.server").joinpath("page.html").read_text("utf-8")
 
+    @app.get("/editor.js", include_in_schema=False)
+    def editor() -> Response:
+        """Return the page's editor of sites."""
+        script = resources.files("up_samp.server").joinpath("editor.js").read_bytes()
+        return Response(script, media_type="text/javascript")
+
     _add_jobs(app, doors)
     _add_results(app, doors)
     _describe(app, jobs)

@@ -1,0 +1,153 @@
+"""What is told and heard by the words of each version of VDA 5050: orders are driven to their end,
+and every message keeps the schemas of the standard, where these are here.
+"""
+
+import json
+from functools import partial
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+pytest.importorskip("paho.mqtt", reason="needs the extra [mqtt]: paho-mqtt")
+
+from tests.operate.days import Day
+from tests.operate.sites import hall
+from tests.operate.wire import AgvFloor
+from up_samp.operate.vda5050 import MasterControl
+
+SCHEMAS = Path(__file__).parents[3] / "shared" / "data" / "vda5050"
+FOLDERS = {"2.1.0": "2.1.0", "3.0.0": "main"}
+
+
+def validators(version):
+    """Return what says by topic what is wrong with a message of a version."""
+    jsonschema = pytest.importorskip("jsonschema")
+    folder = SCHEMAS / FOLDERS.get(version, "none")
+    if not folder.is_dir():
+        pytest.skip(f"needs the schemas of VDA 5050 {version} in {folder}")
+    read = {f.stem: json.loads(f.read_text(encoding="utf-8")) for f in folder.glob("*.schema")}
+    return {topic: jsonschema.Draft202012Validator(s).iter_errors for topic, s in read.items()}
+
+
+def driven(tmp_path, version, watch=None):
+    """Let a robot of a version do an order, be held and released; return the day."""
+    quiet = {"lost": 0.0, "twice": 0.0, "late": 0.0}
+    day = Day(tmp_path, robots=1, floor=partial(AgvFloor, version=version, **quiet))
+    agv, wire = day.robots.agvs["r0"], day.robots.wire
+    if watch is not None:
+        plain = wire.publish
+
+        def publish(topic, payload, qos=0):
+            watch(topic.rpartition("/")[2], json.loads(payload))
+            plain(topic, payload, qos)
+
+        wire.publish = publish
+    try:
+        day.order("o0", "rack0", "dock2")
+        day.until(lambda: agv.pose[0] > 4.0)
+        if watch is not None:
+            watch("state", agv.state())
+        day.operation.hold("r0")
+        day.until(lambda: agv.paused)
+        day.operation.release("r0")
+        day.run()
+        assert day.verdict().good, day.story()
+        assert agv.refused == []
+        return day
+    finally:
+        day.operation.close()
+
+
+@pytest.mark.parametrize("version", ["2.0.0", "3.0.0"])
+@pytest.mark.long
+def test_orders_are_driven_in_the_words_of_a_version(tmp_path, version):
+    day = driven(tmp_path, version)
+    assert [h.kind for h in day.robots.handled] == ["pick", "deliver"]
+    order = day.robots.agvs["r0"].orders[0]
+    assert order["version"] == version
+    assert ("startNodeId" in order["edges"][0]) == (version == "2.0.0")
+
+
+@pytest.mark.parametrize("version", ["2.1.0", "3.0.0"])
+def test_messages_keep_the_schemas(tmp_path, version):
+    wrong, seen = [], set()
+    judges = validators(version)
+
+    def watch(topic, message):
+        seen.add(topic)
+        wrong.extend(f"{topic}: {e.json_path} {e.message}" for e in judges[topic](message))
+
+    driven(tmp_path, version, watch)
+    assert seen == {"order", "instantActions", "state"}
+    assert wrong == []
+
+
+class Client:
+    """A broker's client that is told what to say."""
+
+    def __init__(self):
+        self.sent = []
+
+    def connect(self, *_args, **_options):
+        self.on_connect(self)
+
+    def loop_start(self):
+        pass
+
+    loop_stop = disconnect = subscribe = lambda *_args, **_options: None
+
+    def publish(self, topic, payload, qos=0):
+        self.sent.append((topic, json.loads(payload)))
+
+    def say(self, topic, **message):
+        path = f"uagv/v3/up_samp/r0/{topic}"
+        self.on_message(self, None, SimpleNamespace(topic=path, payload=json.dumps(message)))
+
+
+@pytest.fixture
+def control(tmp_path):
+    client = Client()
+    return client, MasterControl(hall(tmp_path, 1).records, "h", client=client, version="3.0.0")
+
+
+def test_what_is_seen_of_a_robot_counts_where_it_is_newer_than_its_state(control):
+    client, master = control
+    position = {"x": 1.0, "y": 2.0, "theta": 0.5, "mapId": "map", "localized": True}
+    client.say("state", timestamp="2026-01-01T10:00:01.000Z", mobileRobotPosition=position)
+    (first,) = master.reports(1.0)
+    client.say(
+        "visualization", timestamp="2026-01-01T10:00:01.500Z",
+        mobileRobotPosition={**position, "x": 1.5},
+    )  # fmt: skip
+    (second,) = master.reports(1.5)
+    client.say("visualization", timestamp="2026-01-01T10:00:00.500Z", mobileRobotPosition=position)
+    client.say(
+        "state", timestamp="2026-01-01T10:00:02.000Z", mobileRobotPosition={**position, "x": 2.0}
+    )
+    (third,) = master.reports(2.0)
+    assert [r.pose for r in (first, second, third)] == [
+        (1.0, 2.0, 0.5), (1.5, 2.0, 0.5), (2.0, 2.0, 0.5),
+    ]  # fmt: skip
+
+
+def test_a_factsheet_that_promises_less_is_a_fault(control):
+    client, master = control
+    sheet = {"maximumSpeed": 1.0, "maximumAcceleration": 0.7, "length": 0.8, "width": 0.75}
+    client.say("factsheet", physicalParameters=sheet)
+    master.reports(0.0)
+    assert master.faults == [
+        ("r0", "its speedMax is 1, in the site file 1.5"),
+        ("r0", "its width is 0.75 m, in the site file 0.6"),
+    ]
+
+
+def test_a_robot_that_is_gone_is_told_nothing(control):
+    client, master = control
+    client.say("connection", connectionState="ONLINE")
+    master.reports(0.0)
+    assert master.agvs["r0"].online
+    client.say("connection", connectionState="CONNECTION_BROKEN")
+    master.reports(1.0)
+    assert not master.agvs["r0"].online
+    assert master.faults[0][1].startswith("its connection is broken")
