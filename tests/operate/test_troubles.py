@@ -30,8 +30,9 @@ class TroubledDay:
         self.rng, self.seed, self.end = random.Random(f"trouble {seed}"), seed, 60.0 * minutes
         fleet = site(folder, random.Random(f"site {seed}"), robots)
         self.names = [*fleet.records.robots]
-        self.events = sorted(self.drawn(), key=lambda e: e[0])
-        broken = tuple((e[0], e[2], e[3]) for e in self.events if e[1] == "broken")
+        drawn = sorted(self.drawn(), key=lambda e: e[0])
+        self.events = [e for e in drawn if e[1] != "broken"]
+        broken = tuple((when, who, lasts) for when, what, who, lasts in drawn if what == "broken")
         delays = Delays.of_share(0.3)
         mishaps = Mishaps(delays, lost=0.05, twice=0.05, breakdowns=broken)
         self.day = Day(
@@ -140,9 +141,6 @@ class TroubledDay:
         if self.rng.random() < 0.3:
             options["due"] = self.day.clock.now() + self.rng.uniform(30, 300)
         self.day.order(name, pickup, delivery, **options)
-
-    def broken(self, who, now, lasts):
-        """It breaks down by itself, see :class:`Mishaps`."""
 
     def held(self, who, now, lasts):
         self.holds[who] = now + lasts

@@ -1,6 +1,7 @@
 """How long a search goes on where nothing is said: until a bound is met, or patience ends."""
 
 import math
+import time
 
 import pytest
 from unified_planning.shortcuts import OneshotPlanner, get_environment
@@ -8,6 +9,7 @@ from unified_planning.shortcuts import OneshotPlanner, get_environment
 from tests.metamorphic.motions import ALIKE, write
 from tests.metamorphic.sites import store
 from up_samp.model import Deadline, ProblemError
+from up_samp.model.deadline import computing_time
 from up_samp.search.budget import Budget, SchedulerPace
 from up_samp.search.params import Parameters
 from up_samp.validation import validate_plan
@@ -42,6 +44,17 @@ def test_patience_is_a_second_at_least_and_never_more_than_there_is_time():
     late = Budget(Deadline.after(0.5), 10.0, patience=9.0)
     late.planned()
     assert late.deadline.remaining() <= 0.5
+
+
+def test_computing_time_does_not_pass_while_this_process_waits():
+    with computing_time():
+        soon = Deadline.after(0.2)
+        time.sleep(0.3)
+        assert not soon.expired()
+        assert soon.moment > time.monotonic()
+        while not soon.expired():
+            pass
+    assert Deadline.after(100.0).remaining() > 99.0
 
 
 def test_endless_patience_changes_nothing():
