@@ -15,7 +15,7 @@ from up_samp.execution.reorder import Goal
 from up_samp.execution.state import TaskPhase
 from up_samp.model import ProblemError
 from up_samp.operate.clock import SimulatedClock
-from up_samp.operate.horizon import Cut, cut_of
+from up_samp.operate.horizon import Cut, Opened, cut_of
 from up_samp.operate.loop import Operation
 from up_samp.operate.order import ordered
 from up_samp.operate.settings import Settings
@@ -91,8 +91,9 @@ def test_no_plan_is_taken_over_in_which_somebody_is_beyond_where_it_waits(crosse
             Operation._joined(day, data, ask, 0.0)
 
 
+@pytest.mark.parametrize("opened", [{}, {"r0": Opened.ALL}])
 @pytest.mark.parametrize("driven", [0.3, 1.0, 1.37, 2.5, 4.21])
-def test_what_is_left_of_a_motion_has_the_cells_that_it_had(crossed, driven):
+def test_what_is_left_of_a_motion_has_the_cells_that_it_had(crossed, driven, opened):
     """Else robots would have to wait elsewhere than they were told: such plans are dropped."""
     plan, told = crossed
     names = {m["object"]: m["activity"] for m in plan["motions"]}
@@ -101,10 +102,13 @@ def test_what_is_left_of_a_motion_has_the_cells_that_it_had(crossed, driven):
     old = Executor(plan, dependencies=told)
     old.commands(1.0)
     old.update("r0", progress=driven, now=8.0)
-    cut = cut_of(old, 1.0, opened={})
+    cut = cut_of(old, 0.1, opened=opened)
     gone = cut.starts[names["r0"]]
     assert driven - 0.4 < gone <= driven - old.state.localisation
     (left,) = (m for m in kept_of(old, cut).motions if m["object"] == "r0")
     edges = old.drives[names["r0"], "r0"].path.edges
+    stop = cut.stops.get(names["r0"], edges[-1])
+    assert stop < edges[-1] or not opened or driven > 4.0
     fresh = drives_of(lives_of({**plan, "motions": [left]}))[names["r0"], "r0"].path.edges
-    assert fresh == pytest.approx(edges[edges >= gone - 2e-5] - gone, abs=2e-5)
+    mine = edges[(edges >= gone - 2e-5) & (edges <= stop + 2e-5)]
+    assert fresh == pytest.approx(mine - gone, abs=3e-5)

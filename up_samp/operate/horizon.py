@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import enum
 import itertools
+import math
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 
@@ -25,6 +26,7 @@ from up_samp.execution.meetings import moving
 from up_samp.execution.state import REACTION, TaskPhase, braked, reach
 from up_samp.fleet.statements import Kind, Meaning
 from up_samp.io.plan_dict import PlanDict
+from up_samp.model.arrays import FloatArray
 from up_samp.motion.fleet.conflicts import conflicting_cells
 from up_samp.motion.fleet.paths import Path, resting_path
 from up_samp.operate.records import Pose
@@ -211,9 +213,6 @@ class _Cutter:
     def _starts(self, names: Iterable[str]) -> dict[str, float]:
         """Return from where on (m) motions under way count: what is driven is over, and others may
         stand there by now.
-
-        They are cut at every second edge of their cells: so what is left has the same cells, and
-        robots wait for the same others at the same places as before.
         """
         found = {}
         for name in names:
@@ -221,7 +220,7 @@ class _Cutter:
                 if self.state.phase[name] is TaskPhase.RUNNING:
                     most = self.stops.get(name, way.length) - LEAST
                     most = min(way.progress - self.state.localisation, most)
-                    edges = self.executor.drives[name, way.object].path.edges[2::2] + ROUNDED
+                    edges = self._edges(name, way.object) + ROUNDED
                     found[name] = float(edges[edges <= most].max(initial=0.0))
         return found
 
@@ -288,9 +287,17 @@ class _Cutter:
         way = ways[0]
         gates = [place for place, number in way.gates if number in self.dead]
         most = min([way.length, self.limits.get(name, way.length), *gates])
-        if self.state.phase[name] is TaskPhase.WAITING:
-            return most
-        return min(way.length, max(most, self.state.braking(way)))
+        waits = self.state.phase[name] is TaskPhase.WAITING
+        least = 0.0 if waits else self.state.braking(way)
+        edges = self._edges(name, way.object) - ROUNDED
+        found = float(edges[edges <= most].max(initial=0.0))
+        return found if found >= least else min(way.length, max(most, least))
+
+    def _edges(self, name: str, robot: str) -> FloatArray:
+        """Return where on its way (m) a motion can be cut so that what is kept has the same cells,
+        and robots wait for the same others at the same places as before: every second edge of them.
+        """
+        return np.asarray(self.executor.drives[name, robot].path.edges[2::2])
 
     def _last(self, name: str, stop: float) -> int:
         """Return the last event of a motion that ends early (m)."""
@@ -340,7 +347,12 @@ class _Cutter:
             if w.object != way.object and (n, w.object) in drives
         ]
         apart = self.state.graph.margin + 2 * self.state.localisation
-        for at in np.arange(least, way.length - path.radius, path.radius):
+        edges = self._edges(name, way.object) - ROUNDED
+        tried = -math.inf
+        for at in edges[(edges >= least) & (edges < way.length - path.radius)]:
+            if at < tried + path.radius:
+                continue
+            tried = at
             rest = resting_path(path.body, pose_of(path.poses_at(np.array([at]))[0]))
             if not any(_meets(other, gone, rest, apart) for other, gone in others):
                 return float(at)
