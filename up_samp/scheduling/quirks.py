@@ -25,7 +25,8 @@ class Quirks:
         resources_with_variable_durations: counts resources rightly then.
         intervals_of_numbers: takes conditions on numbers over intervals.
         empty_intervals: takes a condition over an empty interval as none.
-        times_of_others: conditions and effects may be at times of other activities.
+        times_of_others: conditions and effects may be at times of other activities, and conditions
+            before the plan's end.
         products: multiplies by constants.
         reports_variables: returns values of variables that belong to no activity.
         proves_unsolvable: its ``UNSOLVABLE_PROVEN`` is a proof.

@@ -12,15 +12,15 @@ from up_samp.scheduling.compilers.constraints import (
     compile_rules,
 )
 from up_samp.scheduling.compilers.exclusion import compile_resources
-from up_samp.scheduling.compilers.fluents import compile_ground, compile_instances, compile_numbers
+from up_samp.scheduling.compilers.fluents import compile_ground, compile_instances
 from up_samp.scheduling.compilers.intervals import (
     compile_apart,
     compile_dense,
-    compile_ends,
     compile_intervals,
     compile_stillness,
     compile_support,
-    refuse_times_of_others,
+    refuse_numbers,
+    refuse_times,
 )
 from up_samp.scheduling.compilers.optional import (
     compile_anchor,
@@ -42,9 +42,7 @@ def compilers_for(quirks: Quirks, *, apart: bool = False) -> list[Compiler]:
     """
     passes: list[Compiler] = [compile_rules, compile_ground]
     if not quirks.times_of_others:
-        passes.append(refuse_times_of_others)
-    if quirks.assignments:  # the precedences below say it themselves
-        passes.append(compile_ends)
+        passes.append(refuse_times)
     passes += [compile_dense, compile_stillness, compile_support]
     if apart:
         passes.append(compile_apart)
@@ -53,7 +51,7 @@ def compilers_for(quirks: Quirks, *, apart: bool = False) -> list[Compiler]:
     if not quirks.assignments:
         passes += [compile_instances, compile_precedences]
     if not quirks.intervals_of_numbers:
-        passes.append(compile_numbers)
+        passes.append(refuse_numbers)
     if not quirks.resources_with_variable_durations:
         passes.append(compile_resources)
     if not quirks.empty_intervals:

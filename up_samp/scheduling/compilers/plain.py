@@ -15,8 +15,6 @@ from up_samp.model import UnsupportedError, check_time
 class CompilerLimits:
     """What needs more is said in another way, or refused by name."""
 
-    values: int = 100
-    """Largest domain whose values become objects."""
     forbidden_sets: int = 5000
     """Most sets of activities that are forbidden one by one, per resource."""
     factor: int = 100
