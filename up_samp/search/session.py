@@ -210,7 +210,7 @@ def problem_of(
     given = {**({} if tuning is None else {"tuning": tuning}), **wrapped.params}
 
     def relax_anew() -> Relaxation:
-        return relax(problem, snapshot, hold_static=wrapped.native)
+        return relax(problem, snapshot)
 
     def scheduler_for(relaxation: Relaxation, attempt: int) -> Scheduler:
         return open_scheduler(

@@ -12,7 +12,6 @@ from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.model.scheduling.chronicle import Chronicle
 
 from up_samp.model import CandidateSchedule
-from up_samp.model.snapshot import Snapshot
 from up_samp.upio.expressions import Decided, walk
 from up_samp.upio.objective import objective_of, only_makespan
 from up_samp.upio.relaxation import Relaxation
@@ -22,17 +21,15 @@ Problem = TypeVar("Problem", bound=SchedulingProblem)
 
 def restrict(
     relaxation: Relaxation,
-    snapshot: Snapshot,
     schedule: CandidateSchedule,
     *,
     free: frozenset[str] = frozenset(),
 ) -> SchedulingProblem:
     """Return the relaxation with all that was learned, with presence decided as in ``schedule``:
-    present activities mandatory, others gone, static obstacles put, motions between the same
-    configurations. Those that are ``free`` may be left out.
+    present activities mandatory, others gone, motions between the same configurations. Those that
+    are ``free`` may be left out.
     """
     problem = restricted(relaxation, schedule, free)
-    _hold_static(snapshot, problem)
     _keep_decisions(relaxation, problem, schedule)
     return problem
 
@@ -50,24 +47,6 @@ def _keep_decisions(
             problem.add_constraint(
                 manager.Equals(variable, manager.ObjectExp(problem.object(value)))
             )
-
-
-def _hold_static(snapshot: Snapshot, problem: SchedulingProblem) -> None:
-    """State for the present activities that static obstacles stay put."""
-    activities = {a.name: a for a in problem.activities}
-    manager = problem.environment.expression_manager
-    tasks = [t for t in snapshot.tasks if t.activity in activities]
-    # who changes what, from when on
-    changes = [(frozenset((c.object,)), activities[c.activity], False)
-               for c in snapshot.changes if c.activity in activities]  # fmt: skip
-    changes += [(t.moved, activities[t.activity], True) for t in tasks]
-    for task in tasks:
-        one = activities[task.activity]
-        for moved, other, drives in changes:
-            if moved & (task.static or frozenset()):
-                begins = other.start if drives else other.end
-                apart = manager.Or(manager.LE(other.end, one.start), manager.LE(one.end, begins))
-                problem.add_constraint(apart, [a.present for a in (one, other) if a.optional])
 
 
 def restricted(
