@@ -32,8 +32,8 @@ class Quirks:
         proves_unsolvable: its ``UNSOLVABLE_PROVEN`` is a proof.
         message_limit: largest problem in bytes of protobuf, if it is sent to a server.
         environment: environment variables to set for its process.
-        satisficing: class of the same module to ask instead where no optimum is wanted.
-        fallback: environment variables for another try after a crash (``None``: no other try).
+        satisficing: class of the same module to ask instead where no optimum is wanted, or this
+            one breaks down.
     """
 
     optional: bool
@@ -48,7 +48,6 @@ class Quirks:
     proves_unsolvable: bool = True
     message_limit: int | None = None
     environment: tuple[tuple[str, str], ...] = ()
-    fallback: tuple[tuple[str, str], ...] | None = None
     satisficing: str | None = None
 
 
@@ -66,12 +65,10 @@ _ARIES = Quirks(
     reports_variables=False,
     proves_unsolvable=False,
     message_limit=4 * 2**20,
-    # some small problems crash its server ("No such key", "index out of bounds"), depending on the
-    # order of the activities and the search strategy
-    fallback=(_HORIZON, ("ARIES_STRATEGIES", "forward,activity-bool-light")),
 )
 # Of its search strategies, "causal" finds first plans of SAMP relaxations far sooner than the
-# others, with which it would have to share the processor; for proofs it needs a companion.
+# others, with which it would have to share the processor; for proofs it needs a companion. Some
+# small problems crash the prover's server ("No such key", "index out of bounds").
 _ARIES_FIRST = replace(_ARIES, environment=(_HORIZON, ("ARIES_STRATEGIES", "causal")))
 _ARIES_PROOF = replace(
     _ARIES, environment=(_HORIZON, ("ARIES_STRATEGIES", "causal,activity")), satisficing="Aries"
