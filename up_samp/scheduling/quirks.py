@@ -28,7 +28,6 @@ class Quirks:
         times_of_others: conditions and effects may be at times of other activities, and conditions
             before the plan's end.
         products: multiplies by constants.
-        reports_variables: returns values of variables that belong to no activity.
         proves_unsolvable: its ``UNSOLVABLE_PROVEN`` is a proof.
         message_limit: largest problem in bytes of protobuf, if it is sent to a server.
         environment: environment variables to set for its process.
@@ -44,7 +43,6 @@ class Quirks:
     empty_intervals: bool = True
     times_of_others: bool = True
     products: bool = True
-    reports_variables: bool = True
     proves_unsolvable: bool = True
     message_limit: int | None = None
     environment: tuple[tuple[str, str], ...] = ()
@@ -62,7 +60,6 @@ _ARIES = Quirks(
     empty_intervals=False,
     times_of_others=False,  # takes them for its own, or never: calls the wrong plan optimal
     products=False,  # "Unsupported operator up:times"
-    reports_variables=False,
     proves_unsolvable=False,
     message_limit=4 * 2**20,
 )
@@ -114,7 +111,6 @@ def quirks_of(engine: Any) -> Quirks:
         optional=kind.has_optional_activities() and kind.has_scoped_constraints(),
         assignments=kind.has_object_fluents(),
         hierarchical_types=kind.has_hierarchical_typing(),
-        reports_variables=False,
         resources_with_variable_durations=kind.has_increase_effects()
         and kind.has_decrease_effects(),
     )

@@ -25,7 +25,6 @@ from up_samp.scheduling.compilers.intervals import (
 from up_samp.scheduling.compilers.optional import (
     compile_anchor,
     compile_optional,
-    compile_variables,
 )
 from up_samp.scheduling.compilers.plain import Compiled, PlainProblem, some_value
 from up_samp.scheduling.compilers.precedences import compile_precedences
@@ -61,8 +60,6 @@ def compilers_for(quirks: Quirks, *, apart: bool = False) -> list[Compiler]:
         passes.append(compile_products)
     if not quirks.optional:
         passes.append(compile_optional)
-    if not quirks.reports_variables:
-        passes.append(compile_variables)
     passes += [compile_anchor, compile_unused]
     return passes
 
