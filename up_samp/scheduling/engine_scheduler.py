@@ -42,10 +42,6 @@ _STATUSES = {
 }
 
 
-class _WrongScheduleError(Exception):
-    """The engine's schedule breaks the problem's rules; told otherwise, it may find a right one."""
-
-
 class EngineScheduler:
     """Runs a UP engine on the compiled problem, in a worker process.
 
@@ -88,28 +84,9 @@ class EngineScheduler:
         """
         started = time.monotonic()
         runner = self._engine if optimal else _satisficing(self._engine)
-        message = ""
-        for apart in (False, True):
-            try:
-                return self._attempt(runner, deadline, lower_bound, started, apart=apart)
-            except _WrongScheduleError as error:
-                message = str(error)
-        return _report(ScheduleStatus.ERROR, lower_bound, started, message)
-
-    def _attempt(
-        self,
-        runner: Any,
-        deadline: Deadline,
-        lower_bound: int | Fraction | None,
-        started: float,
-        *,
-        apart: bool,
-    ) -> ScheduleReport:
-
         try:
-            passes = compilers_for(self._quirks, apart=apart)
             original = read_problem(self._problem)
-            compiled = chain(original, passes)
+            compiled = chain(original, compilers_for(self._quirks))
         except UnsupportedError as error:
             raise UnsupportedError(f"engine {self.name}: {error}") from error
         if deadline.expired():
@@ -188,8 +165,8 @@ class EngineScheduler:
         except LookupError as error:
             wrong = [f"{error} is missing in it, or not in the problem"]
         if wrong:
-            told = "; ".join(wrong)
-            raise _WrongScheduleError(f"engine {self.name} returned a wrong schedule: {told}")
+            message = f"engine {self.name} returned a wrong schedule: {'; '.join(wrong)}"
+            return _report(ScheduleStatus.ERROR, lower_bound, started, message)
         if status is ScheduleStatus.OPTIMAL:
             if self._proven(schedule, compiled):
                 lower_bound = max(lower_bound or 0, schedule.makespan)

@@ -39,7 +39,6 @@ from up_samp.scheduling.compilers.plain import (
     rewrite,
     show,
     start,
-    subexpressions,
 )
 
 
@@ -242,19 +241,6 @@ def compile_stillness(problem: PlainProblem) -> Compiled:
             constraints=(*problem.constraints, *constraints),
         )
     )
-
-
-def compile_apart(problem: PlainProblem) -> Compiled:
-    """Say by differences, for every condition, that effects of other activities stay out of its
-    interval: for engines that sometimes let one coincide with an end of it (quadratic).
-    """
-    constraints = [
-        outside(problem, condition, effect)
-        for condition in problem.conditions
-        for effect in problem.effects
-        if not condition.lets(effect) and effect.fluent in set(subexpressions(condition.expression))
-    ]
-    return Compiled(replace(problem, constraints=(*problem.constraints, *constraints)))
 
 
 def _still(condition: Condition) -> Expr | None:

@@ -14,7 +14,6 @@ from up_samp.scheduling.compilers.constraints import (
 from up_samp.scheduling.compilers.exclusion import compile_resources
 from up_samp.scheduling.compilers.fluents import compile_ground, compile_instances
 from up_samp.scheduling.compilers.intervals import (
-    compile_apart,
     compile_dense,
     compile_intervals,
     compile_stillness,
@@ -34,17 +33,12 @@ from up_samp.scheduling.quirks import Quirks
 Compiler = Callable[[PlainProblem], Compiled]
 
 
-def compilers_for(quirks: Quirks, *, apart: bool = False) -> list[Compiler]:
-    """Return the passes, in order, that make a problem fit an engine.
-
-    ``apart`` says once more, by differences, that effects keep out of others' conditions.
-    """
+def compilers_for(quirks: Quirks) -> list[Compiler]:
+    """Return the passes, in order, that make a problem fit an engine."""
     passes: list[Compiler] = [compile_rules, compile_ground]
     if not quirks.times_of_others:
         passes.append(refuse_times)
     passes += [compile_dense, compile_stillness, compile_support]
-    if apart:
-        passes.append(compile_apart)
     if not quirks.hierarchical_types:
         passes.append(compile_flat_types)
     if not quirks.assignments:
