@@ -425,10 +425,9 @@ def motions_of(relaxation: Relaxation, start: CandidateSchedule) -> list[Schedul
         if span is not None and all(t.kind is TermKind.CONSTANT for t in task.terms):
             names = tuple(t.name for t in task.terms)
             poses = tuple(relaxation.snapshot.configurations[n] for n in names)
-            static = task.static or frozenset()
             found.append(
                 ScheduledMotion(
-                    task.activity, task.index, task.object, names, poses, *span, task.avoid, static
+                    task.activity, task.index, task.object, names, poses, *span, task.avoid
                 )
             )
     return found
