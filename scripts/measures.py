@@ -484,7 +484,7 @@ STARTS = {
     "import up_samp": "import up_samp",
     "up-samp --version": COMMAND.format(["--version"]),
     f"up-samp solve {SMALLEST}": COMMAND.format(["solve", SMALLEST, "--first"]),
-    "up-samp demo": COMMAND.format(["demo", "--first", "--out", "out", "--no-gif"]),
+    "up-samp demo": COMMAND.format(["demo", "--first", "--out", "out"]),
 }
 
 

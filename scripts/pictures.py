@@ -39,7 +39,6 @@ def solved(problem: str, out: Path, *options: str) -> None:
         problem,
         "--out",
         str(out),
-        "--no-gif",
         "--timeout",
         "400",
         "--patience",
@@ -68,7 +67,7 @@ def draw(name: str, scratch: Path) -> Path:
         main(["simulate", str(scratch / "plan.json"), *runs, "--out", str(scratch)])
         shutil.copy(scratch / "executed-staircase.png", target)
     elif name == "demo":
-        main(["demo", "--out", str(scratch), "--no-gif"])
+        main(["demo", "--out", str(scratch)])
         for picture in ("map.png", "gantt.png"):
             shutil.copy(scratch / picture, IMAGES / picture)
         target = IMAGES / "map.png"

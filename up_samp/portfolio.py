@@ -8,20 +8,21 @@
 The members are independent. Whoever is back first has no say: the result is the shortest plan, the
 first of them where several are as short. It is optimal if it meets its own member's bound, or any
 absolute one: a relative bound speaks of the motions that its member's planner finds. A member whose
-worker is lost is run here, if there is time.
+worker is lost has no say: the log says so, and ``lost`` of the metrics how many there were.
 """
 
 from __future__ import annotations
 
 import logging
+import math
 import os
 import pickle
 import time
 from collections.abc import Mapping, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor
+from concurrent.futures import TimeoutError as NotYet
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from functools import partial
 from multiprocessing import get_context
 from typing import Any
 
@@ -32,9 +33,8 @@ from unified_planning.model.motion import SchedulingMotionProblem
 
 from up_samp.io.plan_dict import PlanDict, plan_to_dict
 from up_samp.io.restore import plan_from_dict
-from up_samp.model import Deadline, ProblemError, UnsupportedError
+from up_samp.model import Deadline, ProblemError, SampError, UnsupportedError
 from up_samp.search.params import Parameters
-from up_samp.system.workers import Workers, WorkItem
 from up_samp.upio.plan import SampSchedule
 from up_samp.validation import validate_plan
 
@@ -42,6 +42,11 @@ log = logging.getLogger(__name__)
 
 SAME = ("seconds_per_unit", "margin")
 """What is part of the question: members that differ in it answer different ones."""
+
+LOST = "LOST"
+"""The status of a member whose worker did not come back."""
+LEAVE = 0.05
+"""Seconds that an answer is waited for at least."""
 
 
 @dataclass(frozen=True)
@@ -105,40 +110,43 @@ def solve_portfolio(
             turns = -(-len(members) // count)
             pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"))
             executor = stack.enter_context(pool)
-        workers = Workers(executor)
         # what a worker found has to come back, too
-        each = None if timeout is None else 0.95 * timeout / turns
-        ends = None if each is None or turns > 1 else time.time() + each
-        tasks: list[WorkItem[Said]] = [
-            WorkItem(
-                run_member,
-                (data, number, each, ends),
-                partial(_run_here, problem, member, each),
-                deadline.remaining,
-            )
-            for number, member in enumerate(members)
-        ]
-        answers = workers.answers(tasks, deadline.remaining)
-    said = [Said(Status.TIMEOUT.name) if a is None else a for a in answers]
-    return _result(problem, said, workers.lost)
+        each = math.inf if timeout is None else 0.95 * timeout / turns
+        ends = math.inf if turns > 1 else time.time() + each
+        asked = [_submit(executor, data, number, each, ends) for number in range(len(members))]
+        said = [_answer(future, deadline.remaining()) for future in asked]
+    return _result(problem, said)
 
 
-def run_member(
-    data: bytes, number: int, each: float | None, ends: float | None, seconds: float
-) -> Said:
-    """Run a member of a portfolio that was sent: a worker's task. Until ``ends`` (of ``time.time``:
-    a cluster's clocks are in step), where it is given.
+def run_member(data: bytes, number: int, each: float, ends: float) -> Said:
+    """Run a member of a portfolio that was sent: a worker's task, for ``each`` s at most, until
+    ``ends`` (of ``time.time``: a cluster's clocks are in step).
     """
     problem, members = pickle.loads(data)
-    left = seconds if each is None else min(seconds, each)
-    left = left if ends is None else min(left, max(0.0, ends - time.time()))
-    return _run(problem, members[number], left)
+    return _run(problem, members[number], min(each, max(0.0, ends - time.time())))
 
 
-def _run_here(
-    problem: SchedulingMotionProblem, member: Member, each: float | None, seconds: float
-) -> Said:
-    return _run(problem, member, seconds if each is None else min(seconds, each))
+def _submit(executor: Executor, *given: Any) -> Future[Said]:
+    try:
+        return executor.submit(run_member, *given)
+    except Exception as error:  # a broken pool refuses tasks
+        future: Future[Said] = Future()
+        future.set_exception(error)
+        return future
+
+
+def _answer(future: Future[Said], seconds: float) -> Said:
+    """Return what a member says within some seconds; one that is there already is taken anyhow."""
+    try:
+        return future.result(None if math.isinf(seconds) else max(LEAVE, seconds))
+    except SampError:
+        raise  # it is the problem, or a parameter
+    except NotYet:
+        future.cancel()
+        return Said(Status.TIMEOUT.name)
+    except (Exception, CancelledError) as error:
+        log.warning("a worker is lost: %r", error)
+        return Said(LOST, message=f"a worker is lost: {error!r}")
 
 
 def _run(problem: SchedulingMotionProblem, member: Member, seconds: float) -> Said:
@@ -162,10 +170,9 @@ def _run(problem: SchedulingMotionProblem, member: Member, seconds: float) -> Sa
     return Said(result.status.name, plan, makespan, bound, kind, told)
 
 
-def _result(
-    problem: SchedulingMotionProblem, said: Sequence[Said], lost: int
-) -> PlanGenerationResult:
+def _result(problem: SchedulingMotionProblem, said: Sequence[Said]) -> PlanGenerationResult:
     """Return the best plan that stands before the validator, with the best bound."""
+    lost = sum(s.status == LOST for s in said)
     metrics = {"members": str(len(said)), "lost": str(lost)}
     metrics["statuses"] = ", ".join(s.status for s in said)
     ranked = [(s.makespan, number) for number, s in enumerate(said) if s.makespan is not None]
@@ -186,7 +193,8 @@ def _result(
     bound = _bound(said, first)
     metrics |= {"lower_bound": str(bound.lower_bound), "bound_kind": bound.bound_kind}
     metrics["why"] = "no member's plan is valid here" if ranked else first.message
-    status = Status.INTERNAL_ERROR if ranked else Status[first.status]
+    broken = ranked or first.status == LOST
+    status = Status.INTERNAL_ERROR if broken else Status[first.status]
     return PlanGenerationResult(status, None, "portfolio", metrics)
 
 

@@ -89,7 +89,7 @@ def answer(monkeypatch):
 def test_solve_prints_schedule_and_verdict_and_writes_files(made, script, answer, capsys, tmp_path):
     seen = answer(made.plan)
     out = tmp_path / "out"
-    code = main(["solve", script(), "--out", str(out), "--gif", "--timeout", "9", "--seed", "3"])
+    code = main(["solve", script(), "--out", str(out), "--timeout", "9", "--seed", "3"])
     printed = capsys.readouterr()
     assert code == 0
     assert "move_r0_depot0_to_button" in printed.out
@@ -97,7 +97,7 @@ def test_solve_prints_schedule_and_verdict_and_writes_files(made, script, answer
     assert "valid: the independent validator found nothing wrong" in printed.out
     assert "round 1: schedule - 7 activities (makespan >= 20)" in printed.err
     assert sorted(p.name for p in out.iterdir()) == [
-        "animation.gif", "animation.html", "gantt.png", "map.png", "plan.json",
+        "animation.html", "gantt.png", "map.png", "plan.json",
     ]  # fmt: skip
     assert read_plan(out / "plan.json")["makespan"] == 26
     name = f"samp-refine[{solving.DEFAULT_ENGINE}]"

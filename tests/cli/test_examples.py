@@ -19,7 +19,7 @@ def example_of(path):
 
 
 def has_a_valid_plan(example, folder, capsys):
-    assert main(["solve", str(example), "--first", "--out", str(folder), "--no-gif"]) == 0
+    assert main(["solve", str(example), "--first", "--out", str(folder)]) == 0
     assert "valid: the independent validator found nothing wrong" in capsys.readouterr().out
     plan = json.loads((folder / "plan.json").read_text(encoding="utf-8"))
     assert plan["makespan"] >= 1

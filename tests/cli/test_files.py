@@ -178,7 +178,7 @@ def test_a_browser_shows_the_page(data, name, tmp_path):
 
 def test_long_names_are_drawn_short(data, tmp_path):
     plan = named(data, "n" * 900)
-    files = write_outputs(plan, tmp_path, gif=False)
+    files = write_outputs(plan, tmp_path)
     assert {f.name for f in files} == {"plan.json", "gantt.png", "map.png", "animation.html"}
     assert "n" * 100 not in (tmp_path / "animation.html").read_text()
     assert sys.getsizeof((tmp_path / "gantt.png").read_bytes()) > 1000

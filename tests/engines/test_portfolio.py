@@ -44,6 +44,25 @@ def test_the_best_plan_wins(small, lost):
     assert {a.name for a in result.plan.activities} <= {a.name for a in small.activities}
 
 
+def test_where_all_are_lost_it_is_said(small, caplog):
+    result = solve_portfolio(small, seeds(2), executor=Backwards((0, 1)), timeout=120)
+    assert (result.plan, result.status) == (None, Status.INTERNAL_ERROR)
+    assert result.metrics["lost"] == "2"
+    assert "worker is lost" in result.metrics["why"]
+    assert "worker is lost" in caplog.text
+
+
+class Closed(Backwards):
+    def submit(self, do, *given):
+        raise RuntimeError("cannot schedule new futures")
+
+
+def test_a_pool_that_takes_nothing_is_lost_and_a_wrong_parameter_is_said(small):
+    assert solve_portfolio(small, seeds(1), executor=Closed()).metrics["lost"] == "1"
+    with pytest.raises(ProblemError, match="margin"):
+        solve_portfolio(small, [Member(params={"margin": -1.0})], executor=Backwards())
+
+
 @pytest.fixture
 def told(monkeypatch):
     """Let members say what they are told to; a plan is the number of its member."""

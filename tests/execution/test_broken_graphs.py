@@ -149,14 +149,20 @@ BROKEN = {
         "start of in_r1 does not wait for|cycle",
     ),
     "a meeting turned round": (turn("meeting"), "would meet|cycle"),
-    "a lag of -100": (put("duration", lag=-100), "'lag' must be a number from 0, not -100"),
+    "a lag of -100": (
+        put("duration", lag=-100),
+        r"'lag' of entry \d+ of 'edges' of .* cannot be -100: it must be a number from 0",
+    ),
     "a lag too small": (put("duration", lag=0.0), r"does not wait for \d+ s after"),
-    "no lag": (lambda p: edges(p)[0].pop("lag"), "'lag' must be a number"),
+    "no lag": (lambda p: edges(p)[0].pop("lag"), "entry 0 of 'edges' .*lacks 'lag'"),
     "an edge of nobody": (
         put("fluent", first=["end", "nobody"]),
         "nobody, which is not in",
     ),
-    "an edge of no event": (put("fluent", first=["stop", "in_r0"]), "'first' must be an event"),
+    "an edge of no event": (
+        put("fluent", first=["stop", "in_r0"]),
+        "'first' of .*must be an event",
+    ),
     "a motion that is none": (
         put("fluent", first=["reach", "wash_r0", "r0", 1.0]),
         "r0 reaches 1.00 m in wash_r0, which is not driven",
@@ -170,7 +176,7 @@ BROKEN = {
         put("fluent", kind="meeting"),
         "start of in_r1 does not wait",
     ),
-    "an unknown kind": (put("fluent", kind="habit"), "'kind' must be one of meeting"),
+    "an unknown kind": (put("fluent", kind="habit"), "'kind' of .*must be one of meeting"),
     "a cycle": (ring, "cycle: nobody could go first of"),
     "an edge that the plan breaks": (
         more,

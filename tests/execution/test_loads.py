@@ -6,7 +6,7 @@ import json
 import math
 
 import pytest
-from jsonschema import Draft202012Validator
+from jsonschema import Draft7Validator
 
 from tests.execution import floors
 from tests.search.test_rides import carrying, solve
@@ -78,7 +78,7 @@ def test_a_plan_file_is_followed_without_its_problem(world, tmp_path):
     problem, plan, found = world
     file = write_plan(tmp_path / "plan.json", with_dependencies(problem, plan))
     schema = importlib.resources.files("up_samp.io").joinpath("plan.schema.json").read_text()
-    Draft202012Validator(json.loads(schema)).validate(json.loads(file.read_text()))
+    Draft7Validator(json.loads(schema)).validate(json.loads(file.read_text()))
     again = dependencies_from_plan(read_plan(file))
     assert set(map(str, again.graph.events)) == set(map(str, found.graph.events))
     assert len(again.meetings) == len(found.meetings)

@@ -5,7 +5,7 @@ import json
 from importlib.resources import files
 
 import pytest
-from jsonschema import Draft202012Validator
+from jsonschema import Draft7Validator
 from unified_planning.shortcuts import OneshotPlanner, get_environment
 
 import up_samp  # noqa: F401
@@ -67,7 +67,7 @@ def test_dependencies_keep_the_margin_of_their_plan(solved):
     assert full["minor"] == 5
     assert full["dependencies"]["margin"] == 0.2
     schema = json.loads((files("up_samp.io") / "plan.schema.json").read_text())
-    assert list(Draft202012Validator(schema).iter_errors(full)) == []
+    assert list(Draft7Validator(schema).iter_errors(full)) == []
     del data["margin"]
     assert dependencies_of(problem, data).graph.margin == 0.01
 

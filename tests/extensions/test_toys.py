@@ -26,7 +26,6 @@ from up_samp.model.refinement import Strength
 from up_samp.motion import Leg
 from up_samp.refinement import rules
 from up_samp.scheduling.cpsat.encode.forms import constant
-from up_samp.search import FirstPlan, MaxRounds
 from up_samp.search.attempt import keep_if_better
 from up_samp.search.resolve import Subproblem
 from up_samp.upio import read_itinerary
@@ -72,7 +71,7 @@ def test_an_importer(tmp_path, capsys):
         import_file(source, tmp_path / "a")
     with extended("importers", "room", Importer(read_rooms, "a room", (".room",))):
         assert main(["import", str(source), "--out", str(tmp_path / "b")]) == 0
-        result = Fleet.from_file(tmp_path / "b" / "problem.yaml").solve(stop=FirstPlan())
+        result = Fleet.from_file(tmp_path / "b" / "problem.yaml").solve(first_plan=True)
         assert result.plan is not None, result.explain()
         source.write_text("8 doors")
         with pytest.raises(ProblemError, match="not readable as a room"):
@@ -97,7 +96,9 @@ def test_a_rule_of_the_validator(tmp_path):
         assert [v.kind for v in validate_plan(hall.problem, early.plan).violations] == ["early"]
         with PlanValidator(name="samp-validator") as judge:
             assert not judge.validate(hall.problem, early.plan)
-        late = solve(hall.problem, stop=MaxRounds(3))  # what is refused becomes a cut
+        late = solve(
+            hall.problem, stop=lambda state: state.rounds >= 3
+        )  # what is refused becomes a cut
         assert late.status is not Status.SOLVED_OPTIMALLY
         if late.plan is not None:
             assert not list(not_before_noon(hall.problem, late.plan))
@@ -198,7 +199,7 @@ def test_a_cut_is_asked_where_a_group_fails(tmp_path):
         return []
 
     with extended("cuts", "toy", nothing_more):
-        solve(crossing(tmp_path), stop=FirstPlan())
+        solve(crossing(tmp_path), first_plan=True)
     assert asked
     assert all(late in group for late, group in asked)
 
@@ -219,7 +220,7 @@ def test_a_statement(tmp_path):
 def as_short_as_can_be(search, stuck):
     """Have the best plan's activities scheduled again, to end sooner."""
     best = search.bounds.incumbent
-    problem = restrict(search.own_relaxation(), search.facts.snapshot, best.schedule)
+    problem = restrict(search.own_relaxation(), best.schedule)
     found = Subproblem(search, problem, 0.1).schedule(best.schedule)
     if found is not None and search.bounds.improves(found):
         itinerary = read_itinerary(search.knowledge.relaxation, found)
@@ -237,7 +238,7 @@ def test_an_improver(tmp_path):
         yield from as_short_as_can_be(search, stuck)
 
     with extended("improvers", "shorter", counted):
-        result = solve(crossing(tmp_path), stop=MaxRounds(4), optimal=True)
+        result = solve(crossing(tmp_path), stop=lambda state: state.rounds >= 4, optimal=True)
     assert validate_plan(crossing(tmp_path), result.plan).valid
     assert asked
 

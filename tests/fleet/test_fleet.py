@@ -232,7 +232,7 @@ def test_new_check_and_solve(tmp_path, capsys):
     assert "only once door 'gate' is open" in out
     assert "2 robots, 3 orders, 0 tasks: 0 errors, 0 warnings" in out
     assert (folder / "problem.check.png").stat().st_size > 5000
-    command = ["solve", str(file), "--first", "--out", str(tmp_path / "plan"), "--no-gif"]
+    command = ["solve", str(file), "--first", "--out", str(tmp_path / "plan")]
     assert main(command) == 0
     assert "valid: the independent validator found nothing wrong" in capsys.readouterr().out
     assert json.loads((tmp_path / "plan" / "plan.json").read_text())["makespan"] > 60

@@ -21,16 +21,18 @@ def storey(folder, name, width=14.0, height=8.0):
     return write_map(folder, name, cells, 0.1)
 
 
-def house(folder, robots=1, home=True, **lift):
+ALONE = {"ground": [12.5, 4, 0], "first": [14.5, 4, 0]}
+
+
+def house(folder, robots=1, home=True, stops=ALONE, **lift):
     """A pharmacy on the ground and a ward above it; the lift stands at the right of both. Robots
     have to come ``home`` in the end.
     """
     storey(folder, "low"), storey(folder, "high", width=16.0)
     fleet = Fleet(folder / "low.yaml")
     fleet.add_floor("first", folder / "high.yaml", 4.0)
-    fleet.add_lift(
-        "lift", {"ground": [12.5, 4, 0], "first": [14.5, 4, 0]}, **{"seconds": 20, **lift}
-    )
+    if stops is not None:
+        fleet.add_lift("lift", stops, **{"seconds": 20, **lift})
     fleet.add_robot_type("agv", FOOTPRINT, model="omni", v_max=2.0, a_max=1.0, omega_max=2.0)
     for i in range(robots):
         fleet.add_place(f"home{i}", 2, 2 + 2 * i)
@@ -151,3 +153,67 @@ def test_in_any_listing_floors_lie_in_one_row(tmp_path):
         snapshot, grid = lay_out(read_problem(other.problem, 1.0))
         seen.add((tuple(sorted(snapshot.configurations.values())), grid.blocked.tobytes()))
     assert len(seen) == 1
+
+
+BIG = {"ground": [[12.5, 3, 0], [12.5, 4.5, 0]], "first": [[14.5, 3, 0], [14.5, 4.5, 0]]}
+
+
+def rides_of(result):
+    """(start, end, from, to) of each ride in a plan, sorted."""
+    found = []
+    for a in result.data["activities"]:
+        if a["name"].startswith("ride_"):
+            floors = [part.split(".")[1] for part in a["name"].split("_", 2)[2].split("_to_")]
+            found.append((a["start"], a["end"], *floors))
+    return sorted(found)
+
+
+def test_a_lift_for_two_takes_them_together(tmp_path):
+    """Who goes the same way at the same time rides along; others have to wait."""
+    spans = {}
+    for stops in (BIG, {floor: poses[:1] for floor, poses in BIG.items()}):
+        fleet = house(tmp_path, robots=2, home=False, stops=stops)
+        for i, y in enumerate((3, 5.5)):
+            fleet.add_place(f"bed{i}", 4, y, floor="first")
+            fleet.add_task(f"visit{i}", f"bed{i}", duration=2, robots=f"r{i}")
+        result, _ = solved(fleet)
+        spans[len(stops["ground"])] = rides_of(result)
+        again = Fleet.from_file(fleet.save(tmp_path / "problem.yaml"))
+        assert again.records.lifts == fleet.records.lifts
+    (one, two), (alone, later) = spans[2][:2], spans[1][:2]
+    assert one[:2] == two[:2]
+    assert alone[1] <= later[0]
+
+
+def test_one_cabin_never_goes_two_ways(tmp_path):
+    fleet = house(tmp_path, robots=2, home=False, stops=BIG, seconds=40)
+    fleet.add_place("bed", 4, 6, floor="first")
+    fleet.add_robot("r2", "agv", "bed")
+    fleet.add_task("up", "ward", duration=2, robots="r0")
+    fleet.add_task("down", "pharmacy", duration=2, robots="r2")
+    result, _ = solved(fleet)
+    rides = rides_of(result)
+    assert {ride[2:] for ride in rides} == {("ground", "first"), ("first", "ground")}
+    for one, other in itertools.pairwise(rides):
+        assert one[1] <= other[0] or (one[0], *one[2:]) == (other[0], *other[2:])
+
+
+def test_a_ride_takes_longer_the_more_floors_it_passes(tmp_path):
+    stops = {"ground": [12.5, 4, 0], "first": [14.5, 4, 0], "attic": [12.5, 4, 0]}
+    fleet = house(tmp_path, stops=None)
+    storey(tmp_path, "top")
+    fleet.add_floor("attic", tmp_path / "top.yaml", 8.0)
+    fleet.add_lift("lift", stops, seconds=10, per_floor=4)
+    fleet.add_place("loft", 4, 4, floor="attic")
+    fleet.add_task("look", "loft", duration=1)
+    fleet.add_task("visit", "ward", duration=1, after="look")
+    _, times = solved(fleet)
+    lasted = {name: end - start for name, (start, end) in times.items() if "ride" in name}
+    assert lasted["ride_r0_lift.ground_to_lift.attic"] == 18
+    assert lasted["ride_r0_lift.attic_to_lift.first"] == 14
+
+
+def test_a_lift_has_as_many_poses_on_each_floor(tmp_path):
+    fleet = house(tmp_path)
+    with pytest.raises(FleetError, match=r"freight\.stops: a pose for each robot .* on each floor"):
+        fleet.add_lift("freight", {"ground": BIG["ground"], "first": BIG["first"][:1]})

@@ -138,7 +138,7 @@ def test_a_file_weighs_terms(tmp_path, capsys):
     again = Fleet.from_file(fleet.save(tmp_path / "again.yaml"))
     assert again.records == fleet.records
     file = str(tmp_path / "problem.yaml")
-    assert main(["solve", file, "--first", "--out", str(tmp_path / "plan"), "--no-gif"]) == 0
+    assert main(["solve", file, "--first", "--out", str(tmp_path / "plan")]) == 0
     told = capsys.readouterr()
     assert re.search(r"cost [0-9.]+ \(proven bound", told.out)
     assert re.search(r"ends [0-9]+ s after it is due", told.out)

@@ -78,7 +78,7 @@ def test_commands_take_settings(tmp_path, capsys):
     """A plan in another unit than the file's is judged and carried out in its own."""
     file, out = tmp_path / "problem.yaml", tmp_path / "out"
     floor().save(file)
-    more = ["--seconds-per-unit", "0.5", "--margin", "0.2", "--no-gif", "--out", str(out)]
+    more = ["--seconds-per-unit", "0.5", "--margin", "0.2", "--out", str(out)]
     assert main(["solve", str(file), *more]) == 0
     data = json.loads((out / "plan.json").read_text())
     assert (data["margin"], data["seconds_per_unit"]) == (0.2, 0.5)
@@ -92,5 +92,5 @@ def test_commands_take_settings(tmp_path, capsys):
     assert main(["validate", str(file), str(out / "plan.json")]) != 0
     assert "INVALID" in capsys.readouterr().out
     assert yaml.safe_load(file.read_text()).get("margin", 0.01) == 0.01
-    assert main(["solve", str(file), "--margin", "-1", "--no-gif"]) != 0
+    assert main(["solve", str(file), "--margin", "-1"]) != 0
     assert "margin" in capsys.readouterr().err

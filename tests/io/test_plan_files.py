@@ -267,6 +267,10 @@ def test_paths_with_controls_are_arcs(heading, pieces):
         (lambda p: p["motions"][0].update(samples=[]), r"must be rows \[t, x, y, theta\]"),
         (lambda p: p["motions"][0].update(samples=[[0, 1]]), r"must be rows \[t, x, y, theta\]"),
         (lambda p: p["motions"][0].update(samples=[[0, 1, 2, None]]), "finite numbers"),
+        (lambda p: p["motions"][0]["samples"][0].append(1.0), "must be rows"),
+        (lambda p: p.update(makespan=float("nan")), "'makespan' cannot be nan: .* finite number"),
+        (lambda p: p.update(makespan=1e8), "a number between"),
+        (lambda p: p["objects"][0].update(name="r" * 1001), "a text of at most 1000"),
         (lambda p: p["motions"][0]["samples"].reverse(), "increasing times"),
     ],
 )

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from jsonschema import Draft202012Validator
+from jsonschema import Draft7Validator
 from unified_planning.model.motion import SE3
 from unified_planning.shortcuts import LE, OneshotPlanner
 
@@ -76,7 +76,7 @@ def test_a_plan_fits_its_schema(solved):
     from importlib.resources import files
 
     schema = json.loads(files("up_samp.io").joinpath("plan.schema.json").read_text())
-    assert list(Draft202012Validator(schema).iter_errors(solved)) == []
+    assert list(Draft7Validator(schema).iter_errors(solved)) == []
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,6 @@ from up_samp.plotting import (
     places_of,
     plot_gantt,
     plot_map,
-    write_gif,
     write_html,
 )
 from up_samp.plotting.animation import key_frames, scene_of
@@ -294,17 +293,6 @@ def test_the_page_runs_in_a_browser(plan, tmp_path):
     )  # fmt: skip
     assert "0.0 / 26 s" in done.stdout
     assert "CONSOLE" not in done.stderr
-
-
-def test_the_gif_moves(plan, tmp_path):
-    path = write_gif(plan, tmp_path / "a.gif", width=300, seconds=3.0)
-    with Image.open(path) as gif:
-        assert gif.n_frames == 30
-        assert gif.width == 300
-        first = np.asarray(gif.convert("RGB"), dtype=int)
-        gif.seek(20)
-        later = np.asarray(gif.convert("RGB"), dtype=int)
-    assert np.abs(first - later).max() > 50
 
 
 def test_scenes_are_small(plan):

@@ -163,7 +163,7 @@ def errand(site, at="B", units=5, name="", gap=0, **more):
 def known(problem):
     """Return what of a problem recognisers are told."""
     snapshot, grid = lay_out(read_problem(problem))
-    relaxation = relax(problem, snapshot, hold_static=True)
+    relaxation = relax(problem, snapshot)
     service = open_service(snapshot, grid, Parameters())
     return relaxation, Facts(relaxation.snapshot, relaxation.choices), service
 

@@ -12,11 +12,6 @@ from tests.upio.hall import Hall
 from up_samp.model import ProblemError
 from up_samp.model.refinement import Strength
 from up_samp.search import (
-    FirstPlan,
-    Gap,
-    MaxRounds,
-    MaxRuntime,
-    NoImprovement,
     Observer,
     Parameters,
     State,
@@ -122,62 +117,32 @@ def state(**changes):
     return replace(State(3, 0, 80, 100, 12.0, 2.0, 1), **changes)
 
 
-@pytest.mark.parametrize(
-    ("stop", "yes", "no"),
-    [
-        (MaxRuntime(12), {}, {"elapsed": 11.9}),
-        (MaxRounds(3), {}, {"rounds": 2}),
-        (Gap(0.2), {}, {"lower_bound": 79}),
-        (Gap(0.5), {}, {"upper_bound": None}),
-        (NoImprovement(rounds=2), {}, {"last_plan_round": 2}),
-        (NoImprovement(seconds=10), {}, {"last_plan_at": 3.0}),
-        (NoImprovement(rounds=1), {}, {"last_plan_round": None, "last_plan_at": None}),
-        (FirstPlan(), {}, {"upper_bound": None}),
-        (FirstPlan() | MaxRounds(9), {}, {"upper_bound": None}),
-        (MaxRounds(9) | FirstPlan() | Gap(0), {}, {"upper_bound": None}),
-        (MaxRounds(9) | (lambda s: s.restarts > 1), {"restarts": 2}, {}),
-    ],
-)
-def test_criteria_say_when_to_stop(stop, yes, no):
-    assert stop(state(**yes))
-    assert not stop(state(**no))
+def test_the_gap_is_a_share_of_the_plans_cost():
+    assert state(lower_bound=80, upper_bound=100).gap == pytest.approx(0.2)
+    assert state(lower_bound=-60, upper_bound=-50).gap == pytest.approx(0.2)
+    assert state(lower_bound=0, upper_bound=0).gap == 0.0
+    assert state(upper_bound=None).gap == state(lower_bound=None).gap == math.inf
 
 
-@pytest.mark.parametrize(
-    "make",
-    [
-        lambda: MaxRuntime(-1),
-        lambda: MaxRuntime(math.nan),
-        lambda: MaxRounds(0),
-        lambda: MaxRounds(1.5),
-        lambda: MaxRounds(True),
-        lambda: Gap("0.1"),
-        lambda: NoImprovement(rounds=0),
-    ],
-)
-def test_criteria_that_make_no_sense_are_refused(make):
+@pytest.mark.parametrize("wrong", [{"runtime": -1}, {"runtime": math.nan}, {"stop": 3}])
+def test_ends_that_make_no_sense_are_refused(wrong):
     with pytest.raises(ProblemError):
-        make()
-
-
-def test_the_shortest_runtime_of_several_criteria_counts():
-    assert (FirstPlan() | MaxRuntime(3) | MaxRuntime(2)).runtime == 2
-    assert FirstPlan().runtime == math.inf
+        split_parameters(wrong)
 
 
 def test_a_search_stops_as_it_was_told(tmp_path):
     problem = crossing(tmp_path)
     best = solve(problem, optimal=True)
     assert best.status is Status.SOLVED_OPTIMALLY
-    result = solve(door_in_the_way(tmp_path), preset="paper", stop=MaxRounds(1))
+    result = solve(door_in_the_way(tmp_path), preset="paper", stop=lambda state: state.rounds >= 1)
     assert result.status is Status.TIMEOUT
     assert result.plan is None
     assert "before there was a plan" in result.log_messages[0].message
     assert len(result.history.rounds) == 1
-    result = solve(problem, optimal=True, stop=FirstPlan())
+    result = solve(problem, optimal=True, stop=lambda state: state.gap < math.inf)
     assert result.plan is not None
     assert int(result.metrics["makespan"]) >= int(best.metrics["makespan"])
-    assert solve(problem, stop=MaxRuntime(0)).status is Status.TIMEOUT
+    assert solve(problem, runtime=0).status is Status.TIMEOUT
 
 
 def test_a_preset_is_a_list_of_components():

@@ -202,7 +202,7 @@ def add_demo(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--door", choices=("closed", "open"), default="closed")
     parser.add_argument("--sides", choices=("all", "corridor"), default="corridor")
     parser.add_argument("--encoding", choices=ENCODINGS, default="fluents")
-    add_solver_arguments(parser, out="demo-out", gif=True)
+    add_solver_arguments(parser, out="demo-out")
     parser.set_defaults(run=_demo)
 
 
@@ -221,7 +221,7 @@ def _demo(args: argparse.Namespace) -> int:
 def add_solve(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``solve``."""
     add_problem_arguments(parser)
-    add_solver_arguments(parser, out=None, gif=False)
+    add_solver_arguments(parser, out=None)
     rest = parser.add_argument_group("going on from a plan of the problem")
     rest.add_argument(
         "--from",
@@ -330,9 +330,6 @@ def add_draw(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``draw``."""
     parser.add_argument("plan", type=Path, metavar="PLAN.json")
     parser.add_argument("--out", type=Path, default=Path("."), metavar="DIR")
-    parser.add_argument(
-        "--gif", action=argparse.BooleanOptionalAction, default=False, help="an animated GIF too"
-    )
     parser.set_defaults(run=_draw)
 
 
@@ -340,7 +337,7 @@ def _draw(args: argparse.Namespace) -> int:
     from up_samp.plotting import write_outputs  # matplotlib is slow
 
     check_folder(args.out, "--out")
-    files = write_outputs(read_plan(args.plan), args.out, gif=args.gif, plan_file=False)
+    files = write_outputs(read_plan(args.plan), args.out, plan_file=False)
     print("\n".join(str(f) for f in files))
     return 0
 

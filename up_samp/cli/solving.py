@@ -35,7 +35,7 @@ DEFAULT_ENGINE = "cpsat"
 """The scheduler that the commands wrap unless told otherwise."""
 
 
-def add_solver_arguments(parser: argparse.ArgumentParser, *, out: str | None, gif: bool) -> None:
+def add_solver_arguments(parser: argparse.ArgumentParser, *, out: str | None) -> None:
     """Add the options that say how to solve and what to write."""
     parser.add_argument(
         "--engine",
@@ -71,7 +71,7 @@ def add_solver_arguments(parser: argparse.ArgumentParser, *, out: str | None, gi
         help="clearance in m that motions keep from walls and from each other (default: 0.01, or "
         "what the problem file says)",
     )
-    _add_output_arguments(parser, out=out, gif=gif)
+    _add_output_arguments(parser, out=out)
 
 
 def _add_ends(parser: argparse.ArgumentParser) -> None:
@@ -98,7 +98,7 @@ def _add_ends(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _add_output_arguments(parser: argparse.ArgumentParser, *, out: str | None, gif: bool) -> None:
+def _add_output_arguments(parser: argparse.ArgumentParser, *, out: str | None) -> None:
     parser.add_argument(
         "--out",
         type=Path,
@@ -113,12 +113,6 @@ def _add_output_arguments(parser: argparse.ArgumentParser, *, out: str | None, g
         default=None,
         metavar="DIR",
         help="folder for every candidate schedule and what was learned from it, as text",
-    )
-    parser.add_argument(
-        "--gif",
-        action=argparse.BooleanOptionalAction,
-        default=gif,
-        help="write an animated GIF too",
     )
 
 
@@ -182,7 +176,7 @@ def _show(
     if args.out is not None:
         from up_samp.plotting import places_of, write_outputs  # matplotlib is slow
 
-        files = write_outputs(plan, args.out, places=places_of(problem), gif=args.gif)
+        files = write_outputs(plan, args.out, places=places_of(problem))
         print(f"written to {args.out}{_slash(args.out)}: {', '.join(f.name for f in files)}")
     return 0 if verdict.valid else 1
 

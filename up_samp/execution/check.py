@@ -15,28 +15,14 @@ from typing import Any
 
 import numpy as np
 
-from up_samp.execution.graph import (
-    MEETING,
-    ORIGIN,
-    ZONE,
-    At,
-    Edge,
-    Event,
-    Graph,
-    PlannedTask,
-    Precedence,
-)
+from up_samp.execution.graph import ORIGIN, At, Edge, Event, Graph, PlannedTask, Precedence
 from up_samp.execution.lives import DriveCells, Life, drives_of, in_turn
 from up_samp.execution.meetings import Meeting, steps_of
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.io.plan_dict import PlanDict
-from up_samp.io.shape import Check, distance, number, text
+from up_samp.io.shape import is_number, shape_fault
 from up_samp.model import MotionModel, ProblemError
 from up_samp.model.errors import short
-
-KINDS = (MEETING, ZONE, "constraint", "duration", "fluent", "resource", "object", "static obstacle")
-"""What an edge may come from: an executive that re-orders changes meetings only."""
-
 
 # ------------------------------------------------------------------ the file by itself
 
@@ -91,17 +77,20 @@ def shape_faults(plan: PlanDict) -> list[str]:
     types, ranges, names of activities.
     """
     data = plan["dependencies"]
+    fault = shape_fault(data, "dependencies")
+    if fault:
+        return [fault]
     names = Counter(a["name"] for a in plan["activities"])
-    found = [*_entries(data, names)]
-    if not found:
-        told = Counter(task["activity"] for task in data["tasks"])
-        found += [f"task '{n}' is no activity of the plan" for n in told if n not in names]
-        found += [
-            f"activity '{n}' is {told[n]} times among the tasks" for n in names if told[n] != 1
-        ]
+    told = Counter(task["activity"] for task in data["tasks"])
+    found = [f"task '{n}' is no activity of the plan" for n in told if n not in names]
+    found += [f"activity '{n}' is {told[n]} times among the tasks" for n in names if told[n] != 1]
+    ways = [way for choice in data.get("choices", ()) for way in choice["ways"]]
+    events = (e[side] for e in (*data["edges"], *data["bounds"], *ways) for side in _SIDES)
+    unknown = dict.fromkeys(e[1] for e in events if e[1:] and e[1] not in names)
+    found += [f"the dependencies speak of {short(n)}, which is not in the plan" for n in unknown]
     for motion in plan["motions"]:
         progress = motion.get("progress")
-        if not isinstance(progress, list) or any(distance(p) for p in progress):
+        if not isinstance(progress, list) or not all(is_number(p, 0.0) for p in progress):
             found.append(f"{_named(motion)} has no progress: a list of numbers from 0")
         elif len(progress) != len(motion["samples"]):
             count = f"{len(progress)} values of progress for {len(motion['samples'])} samples"
@@ -111,76 +100,7 @@ def shape_faults(plan: PlanDict) -> list[str]:
     return found
 
 
-def _entries(data: Mapping[str, Any], names: Mapping[str, int]) -> Iterator[str]:
-    for key, check in (("margin", distance), ("edges_before_reduction", distance)):
-        wanted = check(data.get(key))
-        if wanted:
-            yield f"the dependencies' '{key}' must be {wanted}, not {short(data.get(key))}"
-    for key, checks in _ENTRIES.items():
-        entries = data.get(key, [] if key == "choices" else None)
-        if not isinstance(entries, list):
-            yield f"the dependencies' '{key}' must be a list"
-            continue
-        for i, entry in enumerate(entries):
-            where = f"entry {i} of the dependencies' '{key}'"
-            if not isinstance(entry, dict):
-                yield f"{where} must be an object"
-                continue
-            for field, check in checks.items():
-                wanted = check(entry.get(field))
-                if wanted:
-                    yield f"{where}: '{field}' must be {wanted}, not {short(entry.get(field))}"
-            for event in _events(key, entry):
-                if isinstance(event, list) and event[1:] and event[1] not in names:
-                    yield f"{where} speaks of {short(event[1])}, which is not in the plan"
-
-
-def _events(key: str, entry: Mapping[str, Any]) -> list[Any]:
-    if key != "choices":
-        return [entry.get("first"), entry.get("then")]
-    ways = entry.get("ways")
-    good = _ways(ways) is None and isinstance(ways, list)
-    return [w[side] for w in ways for side in ("first", "then")] if good and ways else []
-
-
-def _event(value: Any) -> str | None:
-    wanted = "an event, such as ['end', activity] or ['reach', activity, object, progress]"
-    if not isinstance(value, list) or not value or any(text(v) for v in value[:3]):
-        return wanted
-    count = {"origin": 1, "start": 2, "end": 2, "reach": 4, "leave": 4}.get(value[0])
-    if len(value) != count or (count == 4 and distance(value[3])):
-        return wanted
-    return None
-
-
-def _who(value: Any) -> str | None:
-    good = isinstance(value, list) and not any(text(v) for v in value)
-    return None if good else "a list of names"
-
-
-def _words(value: Any) -> str | None:
-    return None if isinstance(value, str) else "a text"
-
-
-def _kind(value: Any) -> str | None:
-    return None if value in KINDS else f"one of {', '.join(KINDS)}"
-
-
-def _ways(value: Any) -> str | None:
-    good = isinstance(value, list) and len(value) == 2 and all(isinstance(w, dict) for w in value)
-    if good and not any(
-        _event(w.get("first")) or _event(w.get("then")) or distance(w.get("lag")) for w in value
-    ):
-        return None
-    return "two precedences"
-
-
-_ENTRIES: Mapping[str, Mapping[str, Check]] = {
-    "tasks": {"activity": text, "expected": distance, "who": _who},
-    "edges": {"first": _event, "then": _event, "lag": distance, "kind": _kind, "why": _words},
-    "bounds": {"first": _event, "then": _event, "most": number, "why": _words},
-    "choices": {"ways": _ways, "kind": _kind, "why": _words},
-}
+_SIDES = ("first", "then")
 
 
 # ------------------------------------------------------------------ the file and its motions

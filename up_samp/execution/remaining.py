@@ -28,13 +28,14 @@ from up_samp.execution.build import planned_of
 from up_samp.execution.graph import At, Event
 from up_samp.execution.lives import DriveCells, Life
 from up_samp.execution.state import FloorState, TaskPhase
-from up_samp.execution.substitute import Substitution, ValuesNow, later_by, whole_units
+from up_samp.execution.substitute import ValuesNow, later_by
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import Configuration, ProblemError, UnsupportedError
 from up_samp.model.frames import Frame
 from up_samp.model.objective import MinimizeCosts
 from up_samp.scheduling.partial_order.differences import Planned
+from up_samp.upio.decided import Decided, whole_units
 from up_samp.upio.expressions import activities_in, walk
 from up_samp.upio.movers import named_as_planned
 from up_samp.upio.relaxing import told_by
@@ -467,16 +468,16 @@ class _Builder:
             {k: float(self.plan[k]) for k in ("seconds_per_unit", "margin") if k in self.plan},
         )
 
-    def _substitution(self, exact: Mapping[str, tuple[float, float]]) -> Substitution:
+    def _substitution(self, exact: Mapping[str, tuple[float, float]]) -> Decided:
         """Return what puts in what is known, with these times (units, old clock)."""
-        return Substitution(
+        return Decided(
             self.source.environment,
-            self.since,
-            exact,
-            self.gone,
-            self._known_values(),
-            frozenset(self._running()),
-            frozenset(p.name for p in self._parameters(self.gone)),
+            absent=self.gone,
+            lost={p.name for p in self._parameters(self.gone)},
+            present=set(self._running()),
+            values=self._known_values(),
+            exact=exact,
+            shift=self.since,
         )
 
     def _sure_times(self) -> dict[str, tuple[float, float]]:
@@ -490,7 +491,7 @@ class _Builder:
                 found[name] = start, self.since + units_left(name, self.values)
         return found
 
-    def _costs(self, fix: Substitution, target: SchedulingMotionProblem) -> None:
+    def _costs(self, fix: Decided, target: SchedulingMotionProblem) -> None:
         """Let what is to be best count from where the old clock began."""
         target.clear_quality_metrics()
         for metric in self.source.quality_metrics:
@@ -530,7 +531,7 @@ class _Builder:
             return self.m.Int(value)
         return self.m.ObjectExp(self.source.object(str(value)))
 
-    def _constraints(self, fix: Substitution, chronicle: Any) -> list[tuple[FNode, list[FNode]]]:
+    def _constraints(self, fix: Decided, chronicle: Any) -> list[tuple[FNode, list[FNode]]]:
         found: list[tuple[FNode, list[FNode]]] = []
         for constraint, scope in chronicle._constraints:
             scopes = [fix(s, False) for s in scope]

@@ -16,7 +16,7 @@ from shapely.geometry import Polygon
 
 from up_samp.fleet.doorways import in_doorways
 from up_samp.fleet.faults import NO_ROBOT
-from up_samp.fleet.floors import FloorMaps, floor_of, legs_between, lift_between
+from up_samp.fleet.floors import FloorMaps, floor_of, legs_between, lift_between, ride_seconds
 from up_samp.fleet.loads import ends_of, load_of, load_pose, loads_of, place_of, with_load
 from up_samp.fleet.outlines import body_of, kept_out, placed, still
 from up_samp.fleet.records import (
@@ -315,7 +315,7 @@ class _Checker:
         """Return how long a robot drives or rides at least (s)."""
         lift = lift_between(self.records, origin, to)
         if lift is not None:
-            return self.records.lifts[lift].seconds
+            return ride_seconds(self.records, lift, self.floor(origin), self.floor(to))
         ends = self.places[origin], self.places[to]
         return self.floors.at(origin).lower_bound(self.bodies[kind], *ends)
 

@@ -3,22 +3,34 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
+from unified_planning.model import Fluent
 from unified_planning.model.motion import ActivityWaypoints, MovableObject
 from unified_planning.model.scheduling import Activity
-from unified_planning.shortcuts import Equals
+from unified_planning.shortcuts import LE, Equals, Or
 
 from up_samp.fleet.batteries import Meter
 from up_samp.fleet.doorways import Doorways, check_visits
-from up_samp.fleet.floors import floor_of, lift_between
+from up_samp.fleet.floors import floor_of, lift_between, ride_seconds
 from up_samp.fleet.loads import is_stand_of, is_under, load_name, loads_of, place_of, ridden
 from up_samp.fleet.outlines import area_of
 from up_samp.fleet.records import GROUND, RobotType
 from up_samp.fleet.site import Site
-from up_samp.fleet.statements import Kind, Meaning, at_start
+from up_samp.fleet.statements import Kind, Meaning, at_start, present
 from up_samp.fleet.visits import Successions, moves_needed
 from up_samp.fleet.work import Work
 from up_samp.model import Placed
+
+
+@dataclass(frozen=True, eq=False)
+class _Ride:
+    """A ride of ``robot``, on a ``spot`` of a lift (what it takes), between two floors."""
+
+    activity: Activity
+    robot: str
+    spot: Fluent
+    floors: tuple[str, str]
 
 
 class Drives:
@@ -29,6 +41,7 @@ class Drives:
         self._work = work
         self._meter = Meter(site.records, site.folder)
         self._doorways = Doorways(site, self._meter)
+        self._rides: dict[str, list[_Ride]] = {}
 
     def add(self, robot: str) -> None:
         """Add the drives that a robot may need, as many of each as any schedule could."""
@@ -56,15 +69,30 @@ class Drives:
         """Add a ride: the robot stands at the stop where it entered until it is at the other."""
         site = self._site
         name = site.fresh(f"ride_{robot}_{origin}_to_{to}", Meaning(Kind.RIDE, lift, robot))
-        seconds = site.records.lifts[lift].seconds
+        floors = floor_of(site.records, origin), floor_of(site.records, to)
+        seconds = ride_seconds(site.records, lift, *floors)
         a = site.problem.add_motion_activity(name, site.up(seconds), optional=True)
         a.add_motion_effect(site.robots[robot], site.places[to])
-        a.uses(site.lifts[lift])
+        a.uses(site.lifts[origin])
         a.add_decrease_effect(a.start, site.stops[to], 1)
         a.add_increase_effect(a.end, site.stops[origin], 1)
         a.add_condition(at_start(a), Equals(site.at[robot], site.spots[origin]))
         a.add_effect(a.end, site.at[robot], site.spots[to])
+        self._share(_Ride(a, robot, site.lifts[origin], floors), self._rides.setdefault(lift, []))
         return a
+
+    def _share(self, mine: _Ride, others: list[_Ride]) -> None:
+        """State that a lift's rides from different spots in it begin together, or are one after
+        another. (From one spot they are, as they take it.)
+        """
+        for other in others:
+            if other.spot != mine.spot and other.robot != mine.robot:
+                a, b = mine.activity, other.activity
+                ways = [LE(a.end, b.start), LE(b.end, a.start)]
+                if other.floors == mine.floors:
+                    ways.append(Equals(a.start, b.start))
+                self._site.problem.add_constraint(Or(ways), present(a, b))
+        others.append(mine)
 
     def _drive(self, robot: str, origin: str, to: str, name: str, longest: int) -> Activity:
         site = self._site

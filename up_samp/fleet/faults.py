@@ -186,7 +186,12 @@ def _floors(records: FleetRecords) -> Iterator[Fault]:
     known = (GROUND, *records.floors)
     if GROUND in records.floors:
         yield Fault(("floors", GROUND), "is the floor of the problem's own map; call this another")
-    stops = {stop_of(n, floor) for n, lift in records.lifts.items() for floor in lift.stops}
+    stops = {
+        stop_of(name, floor, spot)
+        for name, lift in records.lifts.items()
+        for floor, cabin in lift.stops.items()
+        for spot in range(len(cabin))
+    }
     named: list[tuple[Path, str]] = [
         ((kind, name, "floor"), item.floor)
         for kind in ("places", "doors", "automatic_doors", "zones")
@@ -195,6 +200,10 @@ def _floors(records: FleetRecords) -> Iterator[Fault]:
     ]
     for name, lift in records.lifts.items():
         named += [(("lifts", name, "stops", floor), floor) for floor in lift.stops]
+        sizes = {floor: len(cabin) for floor, cabin in lift.stops.items()}
+        if len({*sizes.values()}) > 1:
+            text = f"a pose for each robot that it takes, as many on each floor, not {sizes}"
+            yield Fault(("lifts", name, "stops"), text)
         if records.robots and not with_skills(records, lift.skills, ()):
             yield Fault(("lifts", name, "skills"), f"no robot has {_and(lift.skills)}")
     for path, floor in named:

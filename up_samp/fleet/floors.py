@@ -11,7 +11,7 @@ from functools import cache
 from pathlib import Path
 
 from up_samp.fleet.loads import place_of
-from up_samp.fleet.records import GROUND, FleetRecords
+from up_samp.fleet.records import GROUND, FleetRecords, Lift
 from up_samp.fleet.spelled_out import stop_of
 from up_samp.geometry import load_map
 from up_samp.geometry.maps import OccupancyGrid
@@ -37,7 +37,7 @@ def legs_between(
     records: FleetRecords, origin: str, to: str
 ) -> Iterator[tuple[tuple[str, str], ...]]:
     """Yield the ways from one pose to another: one drive, or, between floors, a drive to a lift, a
-    ride, and a drive from there on, for each lift that stops at both.
+    ride, and a drive from there on, for each spot of each lift that stops at both.
     """
     here, there = floor_of(records, origin), floor_of(records, to)
     if here == there:
@@ -45,9 +45,10 @@ def legs_between(
         return
     for name, lift in records.lifts.items():
         if here in lift.stops and there in lift.stops:
-            enter, leave = stop_of(name, here), stop_of(name, there)
-            legs = ((origin, enter), (enter, leave), (leave, to))
-            yield tuple((p, q) for p, q in legs if p != q)
+            for spot in range(spots_of(lift)):
+                enter, leave = stop_of(name, here, spot), stop_of(name, there, spot)
+                legs = ((origin, enter), (enter, leave), (leave, to))
+                yield tuple((p, q) for p, q in legs if p != q)
 
 
 def lift_between(records: FleetRecords, origin: str, to: str) -> str | None:
@@ -55,7 +56,21 @@ def lift_between(records: FleetRecords, origin: str, to: str) -> str | None:
     here, there = floor_of(records, origin), floor_of(records, to)
     if here == there:
         return None
-    return next(name for name in records.lifts if origin == stop_of(name, here))
+    spots = ((n, s) for n, lift in records.lifts.items() for s in range(spots_of(lift)))
+    return next(name for name, spot in spots if origin == stop_of(name, here, spot))
+
+
+def spots_of(lift: Lift) -> int:
+    """Return how many robots a lift takes at a time."""
+    return min(map(len, lift.stops.values()))
+
+
+def ride_seconds(records: FleetRecords, name: str, here: str, there: str) -> float:
+    """Return how long a lift rides from one floor to another."""
+    lift, heights = records.lifts[name], [height_of(records, f) for f in (here, there)]
+    every = (height_of(records, floor) for floor in (GROUND, *records.floors))
+    passed = sum(min(heights) < height <= max(heights) for height in every)
+    return lift.seconds + lift.per_floor * passed
 
 
 class FloorMaps:

@@ -262,15 +262,30 @@ class Storey:
     height: Coordinate
 
 
+def _cabin(value: Any) -> Any:
+    """Take one pose for a list of one."""
+    several = isinstance(value, list | tuple) and any(isinstance(v, list | tuple) for v in value)
+    return value if several else [value]
+
+
+Cabin = Annotated[
+    tuple[Pose, ...], MinLen(1), BeforeValidator(_cabin, json_schema_input_type=Pose | list[Pose])
+]
+"""Where robots stand in a lift: a pose for each that it takes at a time."""
+
+
 @dataclass(frozen=True)
 class Lift:
-    """Takes one robot at a time between the floors of ``stops``, by the pose at which a robot
-    stands in it on each. A ride lasts ``seconds``: doors, waiting for the cabin, and all.
+    """Takes robots between the floors of ``stops``, by the pose at which a robot stands in it on
+    each; of several poses, listed in one order on all floors, it takes as many robots at a time,
+    which ride together or one after the other. A ride lasts ``seconds`` (doors, waiting for the
+    cabin, and all), and ``per_floor`` s for each floor that it goes up or down.
     """
 
     __pydantic_config__ = STRICT
-    stops: Annotated[Mapping[Name, Pose], MinLen(2)]
+    stops: Annotated[Mapping[Name, Cabin], MinLen(2)]
     seconds: Seconds = 30.0
+    per_floor: Moment = 0.0
     skills: Names = ()
 
 

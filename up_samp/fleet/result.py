@@ -101,7 +101,7 @@ class FleetResult:
     def save(self, folder: str | PathLike[str]) -> list[Path]:
         """Write ``plan.json``, ``gantt.png``, ``map.png`` and ``animation.html``."""
         places = plotting.places_of(self.problem)
-        return plotting.write_outputs(self.data, Path(folder), places=places, gif=False)
+        return plotting.write_outputs(self.data, Path(folder), places=places)
 
     def show(self, folder: str | PathLike[str] | None = None, *, browser: bool = True) -> Path:
         """Write the animated page (to ``folder``, or a temporary one) and open it in a browser;

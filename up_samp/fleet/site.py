@@ -36,7 +36,7 @@ from unified_planning.shortcuts import (
 
 from up_samp.fleet.batteries import above_reserve, first_level, usable
 from up_samp.fleet.faults import Fault, FleetError
-from up_samp.fleet.floors import FloorMaps, floor_of, height_of, map_of
+from up_samp.fleet.floors import FloorMaps, floor_of, height_of, map_of, spots_of
 from up_samp.fleet.loads import (
     MARK,
     ends_of,
@@ -88,7 +88,9 @@ class Crowd:
     def lift_inside(self) -> str | None:
         """Return a stop of a lift at which robots would touch the zone."""
         stops = (
-            stop_of(n, self.floor) for n, x in self._records.lifts.items() if self.floor in x.stops
+            stop_of(name, self.floor, spot)
+            for name, lift in self._records.lifts.items()
+            for spot in range(len(lift.stops.get(self.floor, ())))
         )
         kinds = self._records.robot_types
         return next((stop for stop in stops if any(self._inside(k, stop) for k in kinds)), None)
@@ -131,10 +133,11 @@ class Site:
 
     ``at`` holds the fluents that tell where robots and doors are, ``spots`` their values by place
     (the poses themselves, unless they are on several floors: UP has a type of poses for each, and
-    one type of values for a fluent), ``lifts`` what a ride takes, ``stops`` by a lift's place how
-    many more robots may be there or on the way, ``stands`` where a load is while its robot is at a
-    stand, ``pallets`` the loads by the first order that carries each, ``rooms`` how many more
-    robots fit into a zone. ``meanings`` fills as activities get names.
+    one type of values for a fluent), ``lifts`` what a ride takes, by the place where it begins,
+    ``stops`` by a lift's place how many more robots may be there or on the way, ``stands`` where a
+    load is while its robot is at a stand, ``pallets`` the loads by the first order that carries
+    each, ``rooms`` how many more robots fit into a zone. ``meanings`` fills as activities get
+    names.
     """
 
     def __init__(self, records: FleetRecords, folder: Path) -> None:
@@ -251,11 +254,16 @@ class Site:
                 self.problem.add_condition(TimePointInterval(GlobalEndTiming()), Or(ends))
 
     def _lifts(self) -> None:
-        """A lift takes one robot at a time, and nobody is brought to where another one stands."""
+        """A spot in a lift takes one robot at a time, and nobody is brought to where another one
+        stands.
+        """
         starts = {robot.start for robot in self.records.robots.values()}
         for name, lift in self.records.lifts.items():
-            self.lifts[name] = self.problem.add_resource(f"busy{MARK}{name}", 1)
-            for stop in (stop_of(name, floor) for floor in lift.stops):
+            for spot in range(spots_of(lift)):
+                number = f".{spot + 1}" if spot else ""
+                busy = self.problem.add_resource(f"busy{MARK}{name}{number}", 1)
+                self.lifts |= {stop_of(name, floor, spot): busy for floor in lift.stops}
+            for stop in (stop_of(name, f, n) for f, c in lift.stops.items() for n in range(len(c))):
                 room = Fluent(f"{stop}_room", IntType(0, 1))
                 self.problem.add_fluent(room, default_initial_value=int(stop not in starts))
                 self.stops[stop] = room()

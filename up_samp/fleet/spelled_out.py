@@ -35,7 +35,8 @@ def with_places(records: FleetRecords) -> FleetRecords:
     """
     robots, places = dict(records.robots), dict(records.places)
     for name, lift in records.lifts.items():
-        places |= {stop_of(name, f): Place(pose, f) for f, pose in lift.stops.items()}
+        for floor, cabin in lift.stops.items():
+            places |= {stop_of(name, floor, n): Place(pose, floor) for n, pose in enumerate(cabin)}
     for name, robot in records.robots.items():
         pose: Any = robot.start
         if not isinstance(pose, str):
@@ -49,9 +50,9 @@ def with_places(records: FleetRecords) -> FleetRecords:
     return dataclasses.replace(records, robots=robots, places=places)
 
 
-def stop_of(lift: str, floor: str) -> str:
-    """Return the place at which robots take a lift on a floor."""
-    return f"{lift}.{floor}"
+def stop_of(lift: str, floor: str, spot: int = 0) -> str:
+    """Return the place at which robots take a lift on a floor: one for each ``spot`` in it."""
+    return f"{lift}.{floor}" + (f".{spot + 1}" if spot else "")
 
 
 def without_repeats(records: FleetRecords) -> FleetRecords:

@@ -76,7 +76,6 @@ class ScheduledMotion:
     start: int
     end: int
     avoid: frozenset[str] | None = None
-    static: frozenset[str] = frozenset()
     given: tuple[tuple[str, str], ...] = ()
     loads: tuple[tuple[str, str], ...] = ()
 

@@ -9,7 +9,6 @@ if TYPE_CHECKING:
     from up_samp.plotting.animation import animation_html, write_html
     from up_samp.plotting.executed import plot_executed, plot_makespans
     from up_samp.plotting.gantt import plot_gantt
-    from up_samp.plotting.gif import write_gif
     from up_samp.plotting.map_picture import places_of, plot_map
     from up_samp.plotting.outputs import write_outputs
 
@@ -20,7 +19,6 @@ _HOMES = {
     "plot_gantt": "gantt",
     "plot_makespans": "executed",
     "plot_map": "map_picture",
-    "write_gif": "gif",
     "write_html": "animation",
     "write_outputs": "outputs",
 }
@@ -32,7 +30,6 @@ __all__ = [
     "plot_gantt",
     "plot_makespans",
     "plot_map",
-    "write_gif",
     "write_html",
     "write_outputs",
 ]

@@ -8,7 +8,6 @@ from pathlib import Path
 from up_samp.io import PlanDict, write_plan
 from up_samp.plotting.animation import write_html
 from up_samp.plotting.gantt import plot_gantt
-from up_samp.plotting.gif import write_gif
 from up_samp.plotting.map_picture import plot_map
 from up_samp.plotting.style import saved
 
@@ -18,7 +17,6 @@ def write_outputs(
     folder: Path,
     *,
     places: Mapping[str, tuple[float, ...]] | None = None,
-    gif: bool = True,
     plan_file: bool = True,
 ) -> list[Path]:
     """Write ``plan.json`` and the pictures; return the files. Pictures of the map are left out
@@ -33,6 +31,4 @@ def write_outputs(
         return written
     written.append(saved(plot_map(plan, places=places), folder / "map.png"))
     written.append(write_html(plan, folder / "animation.html", places=places))
-    if gif:
-        written.append(write_gif(plan, folder / "animation.gif"))
     return written

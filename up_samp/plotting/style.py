@@ -24,8 +24,6 @@ class PictureSizes:
 
     map_width: int = 1600
     """Widest picture of a map in an animation, pixels."""
-    strip: int = 26
-    """Height of the line of text below a frame, pixels."""
     wait: float = 0.5
     """Waits shorter than this (s) are not drawn."""
     name: int = 60

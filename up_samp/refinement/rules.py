@@ -93,30 +93,6 @@ def needs_away(activity: str, obstacle: str, configuration: str, why: str) -> Re
     return Refinement(statement, Layer.GEOMETRIC, Strength.PROVEN, why)
 
 
-def stays_put(activity: str, change: str, obstacle: str) -> Refinement:
-    """State that a static obstacle is not set elsewhere (at the end of ``change``) meanwhile."""
-    return _not_during(activity, change, end_of(change), obstacle)
-
-
-def not_while_driving(activity: str, drive: str, obstacle: str) -> Refinement:
-    """State that a static obstacle does not drive (``drive``) meanwhile."""
-    return _not_during(activity, drive, start_of(drive), obstacle)
-
-
-def _not_during(activity: str, other: str, begins: TimeRef, obstacle: str) -> Refinement:
-    """State that what ``other`` does to an obstacle, from ``begins`` to its end, comes before or
-    after ``activity``.
-    """
-    literals = (
-        Absent(activity),
-        Absent(other),
-        Apart(end_of(other), start_of(activity), 0),
-        Apart(end_of(activity), begins, 0),
-    )
-    why = f"{obstacle} is a static obstacle of {activity}"
-    return Refinement(Clause(literals), Layer.GEOMETRIC, Strength.PROVEN, why)
-
-
 def gone_before(point: TimeRef, changes: Iterable[str], units: int, why: str) -> Refinement:
     """State that an obstacle has gone ``units`` before an activity's start or end.
 

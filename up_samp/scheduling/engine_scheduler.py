@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
@@ -18,7 +18,7 @@ from up_samp.model import (
     UnsupportedError,
 )
 from up_samp.scheduling.compilers.pipeline import chain, compilers_for, restored
-from up_samp.scheduling.compilers.plain import Compiled, PlainProblem, end, integer
+from up_samp.scheduling.compilers.plain import Compiled, PlainProblem
 from up_samp.scheduling.compilers.read import read_problem
 from up_samp.scheduling.process import OverrunError, WorkerProcess
 from up_samp.scheduling.quirks import quirks_of
@@ -40,10 +40,6 @@ _STATUSES = {
     "UNSOLVABLE_INCOMPLETELY": ScheduleStatus.NOT_FOUND,
     "TIMEOUT": ScheduleStatus.OUT_OF_TIME,
 }
-
-
-class _WrongScheduleError(Exception):
-    """The engine's schedule breaks the problem's rules; told otherwise, it may find a right one."""
 
 
 class EngineScheduler:
@@ -88,34 +84,16 @@ class EngineScheduler:
         """
         started = time.monotonic()
         runner = self._engine if optimal else _satisficing(self._engine)
-        message = ""
-        for apart in (False, True):
-            try:
-                return self._attempt(runner, deadline, lower_bound, started, apart=apart)
-            except _WrongScheduleError as error:
-                message = str(error)
-        return _report(ScheduleStatus.ERROR, lower_bound, started, message)
-
-    def _attempt(
-        self,
-        runner: Any,
-        deadline: Deadline,
-        lower_bound: int | Fraction | None,
-        started: float,
-        *,
-        apart: bool,
-    ) -> ScheduleReport:
-
         try:
-            passes = compilers_for(self._quirks, apart=apart)
             original = read_problem(self._problem)
-            compiled = chain(original, passes)
+            compiled = chain(original, compilers_for(self._quirks))
         except UnsupportedError as error:
             raise UnsupportedError(f"engine {self.name}: {error}") from error
         if deadline.expired():
             return _report(ScheduleStatus.OUT_OF_TIME, lower_bound, started)
-        answer: WorkerAnswer | None = None
-        for task in self._tasks(runner, compiled, deadline):
+        # a prover that breaks down has a class beside it that seeks no proof
+        for engine in dict.fromkeys((runner, _satisficing(runner))):
+            task = self._task(engine, compiled.problem, deadline)
             try:
                 answer = self._ready_worker().ask(task, deadline)
             except OverrunError:
@@ -126,9 +104,6 @@ class EngineScheduler:
                 return _report(ScheduleStatus.ERROR, lower_bound, started, message)
             if answer.status != "exception":
                 break
-        assert answer is not None
-        if answer.status == "exception":
-            answer = self._without_proof(runner, compiled, deadline) or answer
         report = self._judge(answer, original, compiled, lower_bound, started)
         late = task.until is not None and time.monotonic() > task.until
         if report.status is ScheduleStatus.NOT_FOUND and late:  # cpse calls a timeout so
@@ -137,23 +112,7 @@ class EngineScheduler:
             return replace(report, late=True)  # aries-opt calls it satisficing
         return report
 
-    def _tasks(self, runner: Any, compiled: Compiled, deadline: Deadline) -> Iterator[WorkerTask]:
-        """Yield the call of the engine, then (for engines that may crash on a problem and solve
-        the same one told otherwise) further tries.
-        """
-        problem, quirks = compiled.problem, quirks_of(runner)
-        first = self._first_task(runner, problem, deadline)
-        yield first
-        if quirks.fallback is None:
-            return
-        turned = replace(problem, activities=problem.activities[::-1])
-        for environment in (quirks.environment, quirks.fallback):
-            if deadline.expired():
-                return
-            until = _engine_stops(deadline)
-            yield replace(first, problem=turned, until=until, environment=dict(environment))
-
-    def _first_task(self, runner: Any, problem: PlainProblem, deadline: Deadline) -> WorkerTask:
+    def _task(self, runner: Any, problem: PlainProblem, deadline: Deadline) -> WorkerTask:
 
         quirks = quirks_of(runner)
         return WorkerTask(
@@ -165,32 +124,6 @@ class EngineScheduler:
             quirks.message_limit,
             dict(quirks.environment),
         )
-
-    def _without_proof(
-        self, runner: Any, compiled: Compiled, deadline: Deadline
-    ) -> WorkerAnswer | None:
-        """Return the best schedule of the class that seeks no proof, asked for shorter and shorter
-        ones: some problems crash the prover in whatever way they are told.
-        """
-        engine, problem = _satisficing(runner), compiled.problem
-        best: WorkerAnswer | None = None
-        while engine is not runner and not deadline.expired():
-            step = deadline if best is None else deadline.within(0.2 * deadline.remaining())
-            try:
-                answer = self._ready_worker().ask(self._first_task(engine, problem, step), step)
-            except (OverrunError, EngineError):
-                break
-            solved = _STATUSES.get(answer.status) in (ScheduleStatus.OPTIMAL, ScheduleStatus.FOUND)
-            if answer.times is None or not solved:
-                break
-            best = replace(answer, status="SOLVED_SATISFICING")
-            makespan = max((last for _, last in answer.times.values()), default=0)
-            if not problem.minimize_makespan or makespan <= compiled.floor:
-                break
-            sooner = (("le", end(a.name), integer(makespan - 1)) for a in problem.activities)
-            constraints = (*compiled.problem.constraints, *sooner)
-            problem = replace(compiled.problem, constraints=constraints)
-        return best
 
     def _ready_worker(self) -> WorkerProcess:
 
@@ -232,8 +165,8 @@ class EngineScheduler:
         except LookupError as error:
             wrong = [f"{error} is missing in it, or not in the problem"]
         if wrong:
-            told = "; ".join(wrong)
-            raise _WrongScheduleError(f"engine {self.name} returned a wrong schedule: {told}")
+            message = f"engine {self.name} returned a wrong schedule: {'; '.join(wrong)}"
+            return _report(ScheduleStatus.ERROR, lower_bound, started, message)
         if status is ScheduleStatus.OPTIMAL:
             if self._proven(schedule, compiled):
                 lower_bound = max(lower_bound or 0, schedule.makespan)
@@ -283,7 +216,7 @@ def _broke_down(engine: str, told: str) -> str:
     what, _, where = told.partition("\n")
     place = where.strip().rpartition("File ")[2].replace("\n", " ")
     return (
-        f"engine {engine} broke down on this problem, in whatever way it was told ({what}; "
+        f"engine {engine} broke down on this problem ({what}; "
         f"{place.strip()}); another engine may solve it, such as cpsat"
     )
 

@@ -25,14 +25,14 @@ class Quirks:
         resources_with_variable_durations: counts resources rightly then.
         intervals_of_numbers: takes conditions on numbers over intervals.
         empty_intervals: takes a condition over an empty interval as none.
-        times_of_others: conditions and effects may be at times of other activities.
+        times_of_others: conditions and effects may be at times of other activities, and conditions
+            before the plan's end.
         products: multiplies by constants.
-        reports_variables: returns values of variables that belong to no activity.
         proves_unsolvable: its ``UNSOLVABLE_PROVEN`` is a proof.
         message_limit: largest problem in bytes of protobuf, if it is sent to a server.
         environment: environment variables to set for its process.
-        satisficing: class of the same module to ask instead where no optimum is wanted.
-        fallback: environment variables for another try after a crash (``None``: no other try).
+        satisficing: class of the same module to ask instead where no optimum is wanted, or this
+            one breaks down.
     """
 
     optional: bool
@@ -43,11 +43,9 @@ class Quirks:
     empty_intervals: bool = True
     times_of_others: bool = True
     products: bool = True
-    reports_variables: bool = True
     proves_unsolvable: bool = True
     message_limit: int | None = None
     environment: tuple[tuple[str, str], ...] = ()
-    fallback: tuple[tuple[str, str], ...] | None = None
     satisficing: str | None = None
 
 
@@ -62,15 +60,12 @@ _ARIES = Quirks(
     empty_intervals=False,
     times_of_others=False,  # takes them for its own, or never: calls the wrong plan optimal
     products=False,  # "Unsupported operator up:times"
-    reports_variables=False,
     proves_unsolvable=False,
     message_limit=4 * 2**20,
-    # some small problems crash its server ("No such key", "index out of bounds"), depending on the
-    # order of the activities and the search strategy
-    fallback=(_HORIZON, ("ARIES_STRATEGIES", "forward,activity-bool-light")),
 )
 # Of its search strategies, "causal" finds first plans of SAMP relaxations far sooner than the
-# others, with which it would have to share the processor; for proofs it needs a companion.
+# others, with which it would have to share the processor; for proofs it needs a companion. Some
+# small problems crash the prover's server ("No such key", "index out of bounds").
 _ARIES_FIRST = replace(_ARIES, environment=(_HORIZON, ("ARIES_STRATEGIES", "causal")))
 _ARIES_PROOF = replace(
     _ARIES, environment=(_HORIZON, ("ARIES_STRATEGIES", "causal,activity")), satisficing="Aries"
@@ -116,7 +111,6 @@ def quirks_of(engine: Any) -> Quirks:
         optional=kind.has_optional_activities() and kind.has_scoped_constraints(),
         assignments=kind.has_object_fluents(),
         hierarchical_types=kind.has_hierarchical_typing(),
-        reports_variables=False,
         resources_with_variable_durations=kind.has_increase_effects()
         and kind.has_decrease_effects(),
     )

@@ -84,7 +84,6 @@ class Checker:
         check = Check()
         deadline = self.motions.budget.deadline
         with self.motions.budget.motion_time():
-            check.refinements += check_static(itinerary)
             for group in groups_of(itinerary.motions):
                 self._check_group(itinerary, group, check, learn=learn, first_only=first_only)
                 if deadline.expired():
@@ -173,24 +172,6 @@ class Checker:
     def rejected(self, itinerary: Itinerary, found: Sequence[Refinement]) -> bool:
         """Return whether one of the refinements forbids the candidate."""
         return any(rejects(itinerary, self.knowledge.relaxation.snapshot, r) for r in found)
-
-
-def check_static(itinerary: Itinerary) -> list[Refinement]:
-    """Return which static obstacles would have to stay put (none, if the relaxation holds them)."""
-    found = []
-    for motion in itinerary.motions:
-        found += [
-            rules.stays_put(motion.activity, change.activity, change.object)
-            for change in itinerary.changes
-            if change.object in motion.static and motion.start < change.time < motion.end
-        ]
-        found += [
-            rules.not_while_driving(motion.activity, drive.activity, name)
-            for drive in itinerary.motions
-            if drive.start < motion.end and motion.start < drive.end
-            for name in sorted(drive.moved & motion.static)
-        ]
-    return found
 
 
 def check_path(

@@ -5,6 +5,7 @@ observers that write it: a line of text each time, or one readable file a round.
 from __future__ import annotations
 
 import enum
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -36,6 +37,16 @@ class State:
     last_plan_at: float | None = None
     last_plan_round: int | None = None
     measure: Measure = field(default_factory=lambda: Measure(lambda s: s.makespan))
+
+    @property
+    def gap(self) -> float:
+        """The share by which the best plan is worse than what is proven (inf: there is no plan, or
+        no bound): 0.1 of a makespan of 100 where 90 is a lower bound.
+        """
+        upper, lower = self.upper_bound, self.lower_bound
+        if upper is None or lower is None:
+            return math.inf
+        return float(upper - lower) / abs(float(upper)) if upper != lower else 0.0
 
 
 class Phase(enum.Enum):

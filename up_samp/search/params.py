@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from up_samp.model.errors import ProblemError, short
-from up_samp.search.events import Observer
+from up_samp.search.events import Observer, State
 from up_samp.search.history import ProgressEvent
-from up_samp.search.stopping import StopCriterion
 
 if TYPE_CHECKING:
     from up_samp.search.search import Components
@@ -57,8 +56,10 @@ class Parameters:
     progress: Callable[[ProgressEvent], None] | None = None
     observers: Sequence[Observer] = ()
     """Told of every event (:class:`up_samp.search.events.Observer`)."""
-    stop: StopCriterion | None = None
-    """Stops the search after a round (:mod:`up_samp.search.stopping`); by time: ``timeout``."""
+    stop: Callable[[State], bool] | None = None
+    """Asked before every round whether to stop there."""
+    runtime: float = math.inf
+    """Longest search (s), as ``timeout`` says it where UP takes one; it ends what is under way."""
     components: Components | None = None
     """What the search is made of, instead of what the preset and its switches say."""
     tuning: Tuning | Mapping[str, Any] | str | os.PathLike[str] | None = None
@@ -97,6 +98,7 @@ class Parameters:
             ("'optimal' and 'first_plan' ask for different things", self.optimal & self.first_plan),
             ("parameter 'margin' must not be negative", self.margin < 0),
             ("parameter 'patience' must not be negative", not self.patience >= 0),
+            ("parameter 'runtime' must be 0 s or more", not self.runtime >= 0),
             ("parameter 'max_restarts' must not be negative", (self.max_restarts or 0) < 0),
         ):
             if wrong:
@@ -129,7 +131,7 @@ def _observe(value: Any) -> bool:
 
 _KINDS: Mapping[str, tuple[Callable[[Any], bool], str]] = {
     **dict.fromkeys(("seconds_per_unit", "query_seconds", "margin"), (_finite, "a finite number")),
-    "patience": (_of(int, float), "a number"),
+    **dict.fromkeys(("patience", "runtime"), (_of(int, float), "a number")),
     **dict.fromkeys(("seed", "max_restarts"), (_of(int), "a whole number")),
     **dict.fromkeys(
         ("preset", "path_planner", "cache", "trace"),

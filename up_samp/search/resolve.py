@@ -134,7 +134,7 @@ def repair_durations(
     if check.failed:
         return None
     search.tell.stage(Phase.REPAIR)
-    problem = restrict(search.own_relaxation(), search.facts.snapshot, schedule)
+    problem = restrict(search.own_relaxation(), schedule)
     small = Subproblem(search, problem, _REPAIR_EFFORT)
 
     def again(near: CandidateSchedule) -> CandidateSchedule | None:
@@ -191,7 +191,7 @@ def _in_turn(
         if deadline.expired():
             return None
         # made anew: the relaxation holds what was learned by then
-        problem = restrict(search.own_relaxation(), search.facts.snapshot, schedule)
+        problem = restrict(search.own_relaxation(), schedule)
         _take_turns(problem, some)
         small = Subproblem(search, problem, STEP_EFFORT)
         return small.schedule(near, optimal=False, deadline=deadline)
@@ -271,7 +271,7 @@ def slack(search: Search, schedule: CandidateSchedule) -> CandidateSchedule:
     relaxation = search.knowledge.relaxation
     if not only_makespan(relaxation.problem):
         return schedule
-    return spread(search, restrict(relaxation, search.facts.snapshot, schedule), schedule)
+    return spread(search, restrict(relaxation, schedule), schedule)
 
 
 def spread(
@@ -356,7 +356,7 @@ def prune_candidate(search: Search, schedule: CandidateSchedule) -> CandidateSch
         problem = _with_motions_optional(relaxation, schedule, weights, factor * schedule.makespan)
         few = Subproblem(search, problem, _LEAN_EFFORT).schedule(schedule)
         if few is not None:
-            soon = restrict(relaxation, relaxation.snapshot, few)
+            soon = restrict(relaxation, few)
             return Subproblem(search, soon, _LEAN_EFFORT).schedule(few) or few
     return schedule
 
@@ -383,7 +383,7 @@ def _with_motions_optional(
     """
     twins = {twin.name for twin in relaxation.elsewhere.values()}
     free = frozenset(weights) | (twins & set(schedule.times))
-    problem = restrict(relaxation, relaxation.snapshot, schedule, free=free)
+    problem = restrict(relaxation, schedule, free=free)
     manager = problem.environment.expression_manager
     present = {a.name: a.present for a in problem.activities if a.name in weights}
     _prefer(problem, {manager.Not(p): weights[n] for n, p in present.items()}, until)
@@ -425,10 +425,9 @@ def motions_of(relaxation: Relaxation, start: CandidateSchedule) -> list[Schedul
         if span is not None and all(t.kind is TermKind.CONSTANT for t in task.terms):
             names = tuple(t.name for t in task.terms)
             poses = tuple(relaxation.snapshot.configurations[n] for n in names)
-            static = task.static or frozenset()
             found.append(
                 ScheduledMotion(
-                    task.activity, task.index, task.object, names, poses, *span, task.avoid, static
+                    task.activity, task.index, task.object, names, poses, *span, task.avoid
                 )
             )
     return found
@@ -443,5 +442,5 @@ def begin_near(search: Search, start: CandidateSchedule) -> CandidateSchedule | 
     """
     search.tell.stage(Phase.SCHEDULE)
     # nothing decides the places of motions but the plan itself
-    problem = restrict(search.knowledge.relaxation, search.facts.snapshot, start)
+    problem = restrict(search.knowledge.relaxation, start)
     return Subproblem(search, problem, _NEAR_EFFORT).schedule(start, optimal=False)

@@ -16,13 +16,12 @@ from up_samp.scheduling.cpsat.tuning import CpsatTuning
 from up_samp.search.budget import Budget, Restarts, SchedulerPace
 from up_samp.search.check import Check, CheckAlone, Checker
 from up_samp.search.cuts.small import SmallCuts
-from up_samp.search.events import Telling
+from up_samp.search.events import State, Telling
 from up_samp.search.facts import Facts
 from up_samp.search.history import VALIDATING, History
 from up_samp.search.knowledge import Bounds, Incumbent, Knowledge
 from up_samp.search.motions import Motions
 from up_samp.search.proof import Prover
-from up_samp.search.stopping import StopCriterion
 from up_samp.search.tuning import SearchTuning
 from up_samp.upio import Itinerary, Relaxation, SampSchedule, write_refinement
 from up_samp.upio.objective import Measure
@@ -109,7 +108,7 @@ class Search:
     components: Components
     restarts: Restarts
     tell: Telling
-    stop: StopCriterion | None = None
+    stop: Callable[[State], bool] | None = None
     seed: int = 0
     tuning: SearchTuning = field(default_factory=SearchTuning)
     cpsat: CpsatTuning = field(default_factory=CpsatTuning)

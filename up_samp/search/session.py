@@ -45,7 +45,6 @@ from up_samp.search.presets import components_of
 from up_samp.search.proof import Prover
 from up_samp.search.resolve import start_of
 from up_samp.search.search import Problem, Search, Statement
-from up_samp.search.stopping import runtime_of
 from up_samp.tuning import tuning_of
 from up_samp.upio import Relaxation, SampSchedule, build_plan, read_problem, relax, trajectory_key
 from up_samp.upio.objective import Number, measure_of, only_makespan
@@ -185,7 +184,7 @@ def easier_of(
     soon = problem.clone()
     soon.clear_quality_metrics()
     soon.add_quality_metric(MinimizeMakespan())
-    mine = replace(params, progress=None, trace=None, observers=(), stop=None)
+    mine = replace(params, progress=None, trace=None, observers=(), stop=None, runtime=math.inf)
 
     def plans(search: Search) -> Generator[Incumbent, None, Any]:
         deadline, service = (
@@ -211,7 +210,7 @@ def problem_of(
     given = {**({} if tuning is None else {"tuning": tuning}), **wrapped.params}
 
     def relax_anew() -> Relaxation:
-        return relax(problem, snapshot, hold_static=wrapped.native)
+        return relax(problem, snapshot)
 
     def scheduler_for(relaxation: Relaxation, attempt: int) -> Scheduler:
         return open_scheduler(
@@ -262,7 +261,7 @@ def assemble(
     deadline: Deadline,
 ) -> Search:
     """Return a search of the components that the parameters ask for."""
-    deadline = replace(deadline, at=min(deadline.at, deadline.started + runtime_of(params.stop)))
+    deadline = replace(deadline, at=min(deadline.at, deadline.started + params.runtime))
     relaxation = problem.relax()
     components = components_of(params, native=problem.native)
     tuning = tuning_of(params.tuning)

@@ -55,7 +55,6 @@ def read_itinerary(relaxation: Relaxation, schedule: CandidateSchedule) -> Itine
                 start=start,
                 end=end,
                 avoid=task.avoid,
-                static=task.static or frozenset(),
                 given=given,
                 loads=tuple((r.load, p) for r, p in zip(task.rides, put, strict=True)),
             )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from weakref import WeakKeyDictionary
 
@@ -86,59 +85,6 @@ def _before_start(node: FNode, kind: TimepointKind) -> tuple[str, str, int] | No
     if first.container is None or then.container is None or not isinstance(units, int):
         return None
     return first.container, then.container, units
-
-
-class Decided(ABC):
-    """Puts what is decided into expressions: :meth:`leaf` says what of comparisons and the like.
-
-    What has no value (times of what is absent, say) is neither true nor false, and a constraint
-    that is not false holds (Kleene's logic, as the validator reads it). So a relation without a
-    value counts as true where it stands, and as false under a negation.
-    """
-
-    def __init__(self, environment: Environment) -> None:
-        self.manager = environment.expression_manager
-        self._memo: dict[tuple[FNode, bool], FNode] = {}
-
-    def __call__(self, node: FNode, positive: bool = True) -> FNode:
-        """Return an expression with what is decided; what has no value counts as ``positive``."""
-        done = self._memo.get((node, positive))
-        if done is None:
-            done = self._memo[node, positive] = self._fix(node, positive)
-        return done
-
-    @abstractmethod
-    def leaf(self, node: FNode, positive: bool) -> FNode:
-        """Return what is left of an expression that joins no truth values."""
-
-    def iff(self, node: FNode, positive: bool) -> FNode:
-        """Return what is left of an equivalence."""
-        m, (a, b) = self.manager, node.args
-        return self(m.And(m.Implies(a, b), m.Implies(b, a)), positive)
-
-    def _fix(self, node: FNode, positive: bool) -> FNode:
-        m = self.manager
-        if node.is_and() or node.is_or():
-            return self._join(node, positive)
-        if node.is_not():
-            inner = self(node.arg(0), not positive)
-            return m.Bool(not inner.constant_value()) if inner.is_bool_constant() else m.Not(inner)
-        if node.is_implies():
-            return self(m.Or(m.Not(node.arg(0)), node.arg(1)), positive)
-        return self.iff(node, positive) if node.is_iff() else self.leaf(node, positive)
-
-    def _join(self, node: FNode, positive: bool) -> FNode:
-        m, decided = self.manager, node.is_or()
-        kept = []
-        for argument in node.args:
-            fixed = self(argument, positive)
-            if not fixed.is_bool_constant():
-                kept.append(fixed)
-            elif fixed.constant_value() == decided:
-                return m.Bool(decided)
-        if not kept:
-            return m.Bool(not decided)
-        return m.Or(kept) if decided else m.And(kept)
 
 
 class QuantifierRemover:

@@ -98,14 +98,8 @@ _ANYWHERE = "samp_anywhere"
 """Plain type of all configurations, on whatever map."""
 
 
-def relax(
-    problem: SchedulingMotionProblem, snapshot: Snapshot, *, hold_static: bool = True
-) -> Relaxation:
-    """Return the relaxation of ``problem``; neither it nor its parts are shared with it.
-
-    ``hold_static=False`` leaves out that static obstacles stay put (many engines are slow with
-    it); the search then states it where a candidate schedule breaks it.
-    """
+def relax(problem: SchedulingMotionProblem, snapshot: Snapshot) -> Relaxation:
+    """Return the relaxation of ``problem``; neither it nor its parts are shared with it."""
     lifts = _lifted(snapshot)
     types = problem.environment.type_manager
     rewriter = Rewriter(problem.environment, types.UserType(_ANYWHERE) if lifts else None)
@@ -129,7 +123,7 @@ def relax(
         _add_state(relaxation, name, lasting)
     _agree_at_end(problem, relaxation)
     drives = _drives_of(snapshot)
-    for task in snapshot.tasks if hold_static else ():
+    for task in snapshot.tasks:
         _hold_static(relaxation, task, drives)
     for activity in problem.activities:
         if isinstance(activity, MotionActivity):

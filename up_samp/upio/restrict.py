@@ -6,14 +6,12 @@ import copy
 from collections.abc import Collection
 from typing import TypeVar
 
-from unified_planning.model import FNode
 from unified_planning.model.motion import MotionActivity, SchedulingMotionProblem
 from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.model.scheduling.chronicle import Chronicle
 
 from up_samp.model import CandidateSchedule
-from up_samp.model.snapshot import Snapshot
-from up_samp.upio.expressions import Decided, walk
+from up_samp.upio.decided import Decided
 from up_samp.upio.objective import objective_of, only_makespan
 from up_samp.upio.relaxation import Relaxation
 
@@ -22,17 +20,15 @@ Problem = TypeVar("Problem", bound=SchedulingProblem)
 
 def restrict(
     relaxation: Relaxation,
-    snapshot: Snapshot,
     schedule: CandidateSchedule,
     *,
     free: frozenset[str] = frozenset(),
 ) -> SchedulingProblem:
     """Return the relaxation with all that was learned, with presence decided as in ``schedule``:
-    present activities mandatory, others gone, static obstacles put, motions between the same
-    configurations. Those that are ``free`` may be left out.
+    present activities mandatory, others gone, motions between the same configurations. Those that
+    are ``free`` may be left out.
     """
     problem = restricted(relaxation, schedule, free)
-    _hold_static(snapshot, problem)
     _keep_decisions(relaxation, problem, schedule)
     return problem
 
@@ -50,24 +46,6 @@ def _keep_decisions(
             problem.add_constraint(
                 manager.Equals(variable, manager.ObjectExp(problem.object(value)))
             )
-
-
-def _hold_static(snapshot: Snapshot, problem: SchedulingProblem) -> None:
-    """State for the present activities that static obstacles stay put."""
-    activities = {a.name: a for a in problem.activities}
-    manager = problem.environment.expression_manager
-    tasks = [t for t in snapshot.tasks if t.activity in activities]
-    # who changes what, from when on
-    changes = [(frozenset((c.object,)), activities[c.activity], False)
-               for c in snapshot.changes if c.activity in activities]  # fmt: skip
-    changes += [(t.moved, activities[t.activity], True) for t in tasks]
-    for task in tasks:
-        one = activities[task.activity]
-        for moved, other, drives in changes:
-            if moved & (task.static or frozenset()):
-                begins = other.start if drives else other.end
-                apart = manager.Or(manager.LE(other.end, one.start), manager.LE(one.end, begins))
-                problem.add_constraint(apart, [a.present for a in (one, other) if a.optional])
 
 
 def restricted(
@@ -98,7 +76,7 @@ def thinned(problem: SchedulingMotionProblem, keep: Collection[str]) -> Scheduli
 
 def _left_of(
     problem: Problem, present: Collection[str], free: Collection[str]
-) -> tuple[Problem, PresenceFixer]:
+) -> tuple[Problem, Decided]:
     """Return a problem without the activities that are not ``present``, of which the ``free`` ones
     stay optional, and what tells what is left of expressions. It takes time in proportion to what
     is left, and to the number of activities.
@@ -108,70 +86,36 @@ def _left_of(
     if isinstance(hollow, SchedulingMotionProblem):
         hollow._motion_activities = []
     target = hollow.clone()
-    fix = PresenceFixer(problem, present, free)
+    gone = [a for a in problem.activities if a.name not in present]
+    fix = Decided(
+        problem.environment,
+        absent={a.name for a in gone},
+        lost={p.name for a in gone for p in a.parameters},
+        present={n for n in present if n not in free}
+        | {a.name for a in problem.activities if not a.optional and a.name in present},
+    )
     for activity in problem.activities:
         if activity.name not in present:
             continue
         kept = activity.clone()
         if kept.optional and kept.name not in free:
             kept._optional, kept._present = False, fix.manager.TRUE()
-        fix.constraints(activity, kept)
+        _keep_constraints(fix, activity, kept)
         target._activities.append(kept)
         if isinstance(kept, MotionActivity):
             target._motion_activities.append(kept)
-    fix.constraints(problem._base, target._base)
+    _keep_constraints(fix, problem._base, target._base)
     return target, fix
 
 
-class PresenceFixer(Decided):
-    """Replaces presence by constants and drops what speaks of absent activities: their starts,
-    ends and parameters have no value.
-    """
-
-    def __init__(self, problem: SchedulingProblem, present: Collection[str], free: Collection[str]):
-        super().__init__(problem.environment)
-        self.free = {a.name for a in problem.activities if a.optional and a.name in free}
-        self.present = set(present)
-        gone = [a for a in problem.activities if a.name not in self.present]
-        self.gone = {a.name for a in gone}
-        self.gone_parameters = {p.name for a in gone for p in a.parameters}
-
-    def constraints(self, source: Chronicle, target: Chronicle) -> None:
-        """Copy constraints with presence decided."""
-        target._constraints = []
-        for constraint, scope in source._constraints:
-            # a scope that is not known to be true does not bind
-            if any(self(s, positive=False).is_false() for s in scope):
-                continue
-            fixed = self(constraint)
-            if not fixed.is_true():
-                kept = [self(s, positive=False) for s in scope]
-                target._constraints.append((fixed, [s for s in kept if not s.is_true()]))
-
-    def leaf(self, node: FNode, positive: bool) -> FNode:
-        """See :class:`Decided`."""
-        if node.is_present_exp():
-            name = node.presence().container
-            return node if name in self.free else self.manager.Bool(name in self.present)
-        return self.manager.Bool(positive) if self._unknown(node) else node
-
-    def iff(self, node: FNode, positive: bool) -> FNode:
-        """See :class:`Decided`: with a constant on one side where the other one is known."""
-        m = self.manager
-        if any(map(self._unknown, node.args)):
-            return super().iff(node, positive)
-        one, two = map(self, node.args)
-        for constant, other in ((one, two), (two, one)):
-            if constant.is_true():
-                return other
-            if constant.is_false():
-                return m.FALSE() if other.is_true() else m.Not(other)
-        return m.Iff(one, two)
-
-    def _unknown(self, expression: FNode) -> bool:
-        """Return whether something in it belongs to an absent activity."""
-        return any(
-            (node.is_timing_exp() and node.timing().timepoint.container in self.gone)
-            or (node.is_parameter_exp() and node.parameter().name in self.gone_parameters)
-            for node in walk(expression)
-        )
+def _keep_constraints(fix: Decided, source: Chronicle, target: Chronicle) -> None:
+    """Copy constraints with presence decided."""
+    target._constraints = []
+    for constraint, scope in source._constraints:
+        # a scope that is not known to be true does not bind
+        kept = [fix(s, positive=False) for s in scope]
+        if any(s.is_false() for s in kept):
+            continue
+        fixed = fix(constraint)
+        if not fixed.is_true():
+            target._constraints.append((fixed, [s for s in kept if not s.is_true()]))

@@ -25,7 +25,12 @@ from up_samp.scheduling.adapters import _engine_class
 from up_samp.scheduling.compilers.constraints import compile_differences
 from up_samp.scheduling.compilers.exclusion import compile_resources
 from up_samp.scheduling.compilers.fluents import compile_ground
-from up_samp.scheduling.compilers.intervals import compile_dense, compile_stillness, compile_support
+from up_samp.scheduling.compilers.intervals import (
+    compile_dense,
+    compile_stillness,
+    compile_support,
+    refuse_numbers,
+)
 from up_samp.scheduling.compilers.optional import compile_optional
 from up_samp.scheduling.compilers.pipeline import restored
 from up_samp.scheduling.compilers.plain import (
@@ -335,3 +340,31 @@ def test_negated_conjunctions_are_told_to_engines_that_do_not_know_them(where):
         result = planner.solve(problem, timeout=30)
     assert result.plan is not None, result.log_messages
     assert validate_schedule(problem, result.plan).valid
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "kind", "why"),
+    [
+        (start("a"), end("a"), "assign", "over an interval on the number n"),
+        (start("a"), start("a"), "assign", None),
+        (start("a"), start("a"), "increase", "both assigned and counted"),
+    ],
+)
+def test_what_breaks_an_engine_on_numbers_is_refused_by_name(low, high, kind, why):
+    number = ("flu", "n")
+    effects = (
+        Effect(end("b"), "assign", number, integer(1), owner="b"),
+        Effect(end("b"), kind, number, integer(2), owner="b"),
+    )
+    problem = of(
+        activity("a"),
+        activity("b"),
+        conditions=(Condition(low, high, ("le", integer(1), number), "a"),),
+        effects=effects,
+        fluents={"n": Fluent(("int", 0, 3), (), integer(0))},
+    )
+    if why is None:
+        assert refuse_numbers(problem).problem is problem
+        return
+    with pytest.raises(UnsupportedError, match=why):
+        refuse_numbers(problem)

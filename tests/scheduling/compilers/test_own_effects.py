@@ -25,7 +25,7 @@ from unified_planning.shortcuts import (
 )
 
 from tests.oracles.brute_force_schedule import solve as brute_force
-from up_samp.model import Deadline, ScheduleStatus
+from up_samp.model import Deadline, ScheduleStatus, UnsupportedError
 from up_samp.scheduling import known_engines
 from up_samp.scheduling.adapters import _engine_class, open_scheduler
 from up_samp.scheduling.compilers.pipeline import chain, compilers_for
@@ -193,13 +193,21 @@ plan's end; an optional activity's condition from its end to a time counted from
 
 
 def compare(engine, problems, seconds=20.0):
-    """Return by name what is wrong, and which of the problems were solved."""
+    """Return by name what is wrong, and which of the problems were solved (None: refused as one
+    about times before the plan's end, which not every engine knows).
+    """
     wrong, solved = {}, []
     quirks = quirks_of(_engine_class(engine, problems[0].environment))
     with open_scheduler(engine, problems[0], check=check) as scheduler:
         for problem in problems:
             scheduler._problem, best = problem, brute_force(problem, HORIZON)
-            report = scheduler.solve(Deadline.after(seconds))
+            try:
+                report = scheduler.solve(Deadline.after(seconds))
+            except UnsupportedError as error:
+                if quirks.times_of_others or " at horizon - " not in str(error):
+                    wrong[problem.name] = str(error)
+                solved.append(None)
+                continue
             exact = chain(read_problem(problem), compilers_for(quirks)).exact
             why = _wrong(report, best, exact)
             if why is not None:
@@ -227,7 +235,7 @@ def _wrong(report, best, exact):
 def test_what_effects_renew_is_not_lost(engine):
     wrong, solved = compare(engine, [*CLASSES, *map(drawn, (*range(12), *FOUND))], 6.0)
     assert wrong == {}
-    assert all(solved[: len(CLASSES)])
+    assert False not in solved[: len(CLASSES)]
 
 
 @pytest.mark.long
@@ -235,4 +243,5 @@ def test_what_effects_renew_is_not_lost(engine):
 def test_what_effects_renew_is_not_lost_in_many(engine):
     wrong, solved = compare(engine, [*CLASSES, *map(drawn, range(1000, 2000))])
     assert wrong == {}
-    assert all(solved[: len(CLASSES)])
+    assert False not in solved[: len(CLASSES)]
+    assert solved.count(None) < len(solved) / 4

@@ -12,7 +12,6 @@ from up_samp.benchmarks.warehouse import warehouse
 from up_samp.search.fleet import assignment, tours
 from up_samp.search.fleet.assignment import decided_by
 from up_samp.search.fleet.jobs import find_jobs
-from up_samp.search.stopping import FirstPlan
 from up_samp.upio import read_problem
 from up_samp.upio.restrict import thinned
 from up_samp.validation import validate_plan
@@ -116,7 +115,7 @@ def test_plans_of_large_fleets_get_better(monkeypatch):
 def test_a_criterion_ends_the_search_after_the_first_plan(problem):
     """Tours are not made better for as long as there is time."""
     plans = []
-    stop = {"stop": FirstPlan(), "tuning": SOON}
+    stop = {"stop": lambda state: state.upper_bound is not None, "tuning": SOON}
     with AnytimePlanner(name="samp-refine[cpsat]", params=stop) as planner:
         plans += [r for r in planner.get_solutions(problem, timeout=120) if r.plan is not None]
     assert plans

@@ -228,7 +228,7 @@ def soonest(problem):
     """Return the least makespan of all schedules whose drives last as long as their bounds say."""
     told_apart(problem)
     snapshot, grid = lay_out(read_problem(problem))
-    relaxation = relax(problem, snapshot, hold_static=True)
+    relaxation = relax(problem, snapshot)
     facts = Facts(relaxation.snapshot, relaxation.choices)
     service = open_service(snapshot, grid, Parameters())
     deadline = Deadline.after(60.0)

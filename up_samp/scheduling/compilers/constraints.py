@@ -25,9 +25,11 @@ from up_samp.scheduling.compilers.plain import (
     disjunction,
     end,
     fluents_in,
+    folded,
     integer,
     later,
     negation,
+    parts_of,
     rewrite,
     show,
     start,
@@ -105,23 +107,14 @@ def compile_negations(problem: PlainProblem) -> Compiled:
     """Rewrite every condition so that only atoms are negated: aries knows no negated conjunction
     in conditions.
     """
-    conditions = (replace(c, expression=_negated_atoms(c.expression)) for c in problem.conditions)
+    conditions = (
+        replace(c, expression=folded(c.expression, _literal, conjunction, disjunction))
+        for c in problem.conditions
+    )
     return Compiled(replace(problem, conditions=tuple(conditions)))
 
 
-def _negated_atoms(expression: Expr, positive: bool = True) -> Expr:
-    """Return an expression (or its negation) in negation normal form."""
-    operator = expression[0]
-    if operator == "not":
-        return _negated_atoms(expression[1], not positive)
-    if operator == "implies":
-        return _negated_atoms(("or", negation(expression[1]), expression[2]), positive)
-    if operator in ("and", "or"):
-        join = (disjunction, conjunction)[(operator == "and") == positive]
-        return join(_negated_atoms(e, positive) for e in expression[1:])
-    if operator == "iff":
-        left, right = expression[1:]
-        return ("iff", _negated_atoms(left), _negated_atoms(right, positive))
+def _literal(expression: Expr, positive: bool) -> Expr:
     return expression if positive else negation(expression)
 
 
@@ -248,16 +241,10 @@ class DifferenceForm:
         operator = expression[0]
         if operator == "bool":
             return ("bool", expression[1] == positive)
-        if operator in ("and", "or"):
-            join = conjunction if (operator == "and") == positive else disjunction
-            return join([self(e, positive) for e in expression[1:]])
-        if operator == "not":
-            return self(expression[1], not positive)
-        if operator == "implies":
-            join = disjunction if positive else conjunction
-            return join([self(expression[1], not positive), self(expression[2], positive)])
-        if operator == "iff":
-            return self._same(expression[1], expression[2], positive)
+        joined = parts_of(expression, positive)
+        if joined is not None:
+            join = conjunction if joined[0] else disjunction
+            return join([self(e, sign) for e, sign in joined[1]])
         if operator in ("le", "lt"):
             a, b = expression[1:]
             if positive:
@@ -315,19 +302,11 @@ class DifferenceForm:
                 absent.append(("not", ("pres", owner)))
         return disjunction([*absent, atom])
 
-    def _same(self, a: Expr, b: Expr, positive: bool) -> Expr:
-        return conjunction(
-            [
-                disjunction([self(a, False), self(b, positive)]),
-                disjunction([self(a), self(b, not positive)]),
-            ]
-        )
-
     def _equal(self, expression: Expr, positive: bool) -> Expr:
         _, a, b = expression
         kind = self._kind(a)
         if kind == "bool":
-            return self._same(a, b, positive)
+            return self(("iff", a, b), positive)
         if kind == "int":
             if positive:
                 return conjunction(

@@ -1,6 +1,5 @@
 """Conditions over intervals, said so that engines read them as they are meant: half-open ones where
-time is dense, empty ones, those that only keep others away, those that need one supporter, and
-those before the plan's end.
+time is dense, empty ones, those that only keep others away, and those that need one supporter.
 """
 
 from __future__ import annotations
@@ -40,7 +39,6 @@ from up_samp.scheduling.compilers.plain import (
     rewrite,
     show,
     start,
-    subexpressions,
 )
 
 
@@ -245,19 +243,6 @@ def compile_stillness(problem: PlainProblem) -> Compiled:
     )
 
 
-def compile_apart(problem: PlainProblem) -> Compiled:
-    """Say by differences, for every condition, that effects of other activities stay out of its
-    interval: for engines that sometimes let one coincide with an end of it (quadratic).
-    """
-    constraints = [
-        outside(problem, condition, effect)
-        for condition in problem.conditions
-        for effect in problem.effects
-        if not condition.lets(effect) and effect.fluent in set(subexpressions(condition.expression))
-    ]
-    return Compiled(replace(problem, constraints=(*problem.constraints, *constraints)))
-
-
 def _still(condition: Condition) -> Expr | None:
     """Return the fluent if the condition says ``f = f`` (or ``f or not f``), else ``None``."""
     expression = condition.expression
@@ -318,170 +303,103 @@ def compile_intervals(problem: PlainProblem) -> Compiled:
     fluent itself: there the interval is just demanded not to be empty. Nor is it where an
     interval may begin before time 0, or be empty towards the plan's end.
     """
-    compiler = _IntervalCompiler(problem)
+    taken = names_in_use(problem)
+    hosts: list[Activity] = []
+    conditions: list[Condition] = []
+    constraints = list(problem.constraints)
+    exact = True
     for condition in problem.conditions:
-        compiler.add(condition)
-    return compiler.result()
-
-
-class _IntervalCompiler:
-    def __init__(self, problem: PlainProblem):
-        self.problem = problem
-        self.taken = names_in_use(problem)
-        self.activities = list(problem.activities)
-        self.conditions: list[Condition] = []
-        self.constraints = list(problem.constraints)
-        self.exact = True
-
-    def add(self, condition: Condition) -> None:
-        """Add a condition, moved to a host where it has to be."""
         if condition.low[3] < 0 and condition.low[1] in ("start", "end"):
-            self.exact = False  # before 0 the initial value counts; engines refuse such times
-        if never_empty(self.problem, condition):
-            self.conditions.append(condition)
+            exact = False  # before 0 the initial value counts; engines refuse such times
+        if never_empty(problem, condition):
+            conditions.append(condition)
         elif "horizon" in (condition.low[1], condition.high[1]):
-            self.exact = False  # there engines look at an end of an empty interval
-            self.conditions.append(condition)
-        elif not self._always_empty(condition):
-            if self._changes_itself(condition):
-                self.exact = False
-                here = self.problem.presence(condition.owner)
-                self.constraints.append(implies(here, ("le", condition.low, condition.high)))
-                self.conditions.append(condition)
-            else:
-                self.host(condition)
-
-    def result(self) -> Compiled:
-        """Return the compiled problem."""
-        problem = replace(
-            self.problem,
-            activities=tuple(self.activities),
-            conditions=tuple(self.conditions),
-            constraints=tuple(self.constraints),
-        )
-        return Compiled(problem, exact=self.exact)
-
-    def _always_empty(self, condition: Condition) -> bool:
-        gap = least(self.problem, condition.high, condition.low)
-        return gap is not None and gap >= 1
-
-    def _changes_itself(self, condition: Condition) -> bool:
-        read = {f[1] for f in fluents_in(condition.expression)}
-        return any(e.owner == condition.owner and e.fluent[1] in read for e in self.problem.effects)
-
-    def host(self, condition: Condition) -> None:
-        """Move a condition to an activity that spans its interval, if that is not empty."""
-        name = fresh(f"span_{condition.owner or 'base'}", self.taken)
-        upper = self.problem.activity(condition.owner).upper if condition.owner else None
-        # an open end: no longer than the owner plus what the delays add
-        most = abs(condition.low[3]) + abs(condition.high[3])
-        length = upper[1] + most if upper is not None and upper[0] == "int" else LIMITS.span
-        self.activities.append(Activity(name, True, integer(0), integer(length)))
-        here, owner = ("pres", name), self.problem.presence(condition.owner)
-        empty = ("lt", condition.high, condition.low)
-        self.constraints += [
-            disjunction([here, negation(owner), empty]),
-            implies(here, conjunction([owner, ("le", condition.low, condition.high)])),
-            implies(
-                here,
-                conjunction(
-                    [
-                        ("le", start(name), condition.low),
-                        ("le", condition.low, start(name)),
-                        ("le", end(name), condition.high),
-                        ("le", condition.high, end(name)),
-                    ]
-                ),
-            ),
-        ]
-        self.conditions.append(replace(condition, low=start(name), high=end(name), owner=name))
+            exact = False  # there engines look at an end of an empty interval
+            conditions.append(condition)
+        elif _changes_itself(problem, condition):
+            exact = False
+            here = problem.presence(condition.owner)
+            constraints.append(implies(here, ("le", condition.low, condition.high)))
+            conditions.append(condition)
+        else:
+            name = fresh(f"span_{condition.owner or 'base'}", taken)
+            hosts.append(_host(problem, condition, name))
+            constraints += _spans(problem, condition, name)
+            conditions.append(replace(condition, low=start(name), high=end(name), owner=name))
+    found = replace(
+        problem,
+        activities=(*problem.activities, *hosts),
+        conditions=tuple(conditions),
+        constraints=tuple(constraints),
+    )
+    return Compiled(found, exact=exact)
 
 
-# ------------------ Conditions before the plan's end, for engines that read them at another time.
-#
-# An auxiliary activity of no duration comes with the latest of all ends and effects. The condition
-# moves to another one, as above, that spans its interval up to there.
+def _changes_itself(problem: PlainProblem, condition: Condition) -> bool:
+    read = {f[1] for f in fluents_in(condition.expression)}
+    return any(e.owner == condition.owner and e.fluent[1] in read for e in problem.effects)
 
 
-def refuse_times_of_others(problem: PlainProblem) -> Compiled:
-    """Return the problem if all conditions and effects are at times of who has them, or the plan's.
+def _host(problem: PlainProblem, condition: Condition, name: str) -> Activity:
+    """Return an activity that is as long as a condition's interval may be."""
+    upper = problem.activity(condition.owner).upper if condition.owner else None
+    # an open end: no longer than the owner plus what the delays add
+    most = abs(condition.low[3]) + abs(condition.high[3])
+    length = upper[1] + most if upper is not None and upper[0] == "int" else LIMITS.span
+    return Activity(name, True, integer(0), integer(length))
+
+
+def _spans(problem: PlainProblem, condition: Condition, name: str) -> list[Expr]:
+    """State that an activity spans a condition's interval, and is there if that is not empty."""
+    here, owner = ("pres", name), problem.presence(condition.owner)
+    low, high = condition.low, condition.high
+    same = [(start(name), low), (low, start(name)), (end(name), high), (high, end(name))]
+    return [
+        disjunction([here, negation(owner), ("lt", high, low)]),
+        implies(here, conjunction([owner, ("le", low, high)])),
+        implies(here, conjunction(("le", a, b) for a, b in same)),
+    ]
+
+
+# ------------------ What engines take for something else, or break down on, and nothing else says
+
+
+def refuse_times(problem: PlainProblem) -> Compiled:
+    """Return the problem if all conditions and effects are at times of who has them, or the plan's,
+    and none before its end.
 
     Raises:
-        UnsupportedError: others' times, by name.
+        UnsupportedError: others' times, or times before the plan's end, by name.
     """
     some: list[tuple[str, str | None, Expr]] = [
         *(("condition", c.owner, time) for c in problem.conditions for time in (c.low, c.high)),
         *(("effect", e.owner, e.time) for e in problem.effects),
     ]
     for what, owner, time in some:
-        if time[2] not in (None, owner):
+        before_end = time[1] == "horizon" and time[3] < 0
+        if time[2] not in (None, owner) or (before_end and what == "condition"):
             raise UnsupportedError(f"the {what} of {owner or 'the problem'} at {show(time)}")
     return Compiled(problem)
 
 
-def compile_ends(problem: PlainProblem) -> Compiled:
-    """Say conditions before the plan's end from an activity that comes with it.
-
-    The result is not exact: effects of others keep out of the intervals, even those that keep the
-    condition true; nothing is asked before time 0; and where an effect may come after all ends, it
-    would be the makespan.
+def refuse_numbers(problem: PlainProblem) -> Compiled:
+    """Return the problem if it asks of numbers at instants only.
 
     Raises:
-        UnsupportedError: where such an effect hangs on fluents or comes after the plan's end, or
-            constraints speak of the plan's end, too.
+        UnsupportedError: a condition on a number over an interval, or a number that is both
+            assigned and increased or decreased, by name.
     """
-    if not any(_before_end(t) for c in problem.conditions for t in (c.low, c.high)):
-        return Compiled(problem)
-    compiler = _IntervalCompiler(problem)
-    name = fresh("finish", compiler.taken)
-    compiler.activities.append(Activity(name, False, integer(0), integer(0)))
-    compiler.constraints += _is_last(problem, start(name))
-    compiler.exact = False
-
-    def moved(time: Expr) -> Expr:
-        # in conditions the plan's end comes a unit after all ends and effects
-        return start(name, time[3] + 1) if _before_end(time) else time
-
-    for condition in problem.conditions:
-        low, high = condition.low, condition.high
-        if not (_before_end(low) or _before_end(high)):
-            compiler.conditions.append(condition)
-            continue
-        if high[1] == "horizon" and not _before_end(high):
-            final = replace(condition, low=("time", "horizon", None, 0))
-            compiler.conditions.append(final)
-            condition, high = replace(condition, dense=False), start(name)
-        compiler.host(replace(condition, low=moved(low), high=moved(high)))
-    return compiler.result()
-
-
-def _is_last(problem: PlainProblem, time: Expr) -> list[Expr]:
-    """State that ``time`` is the latest of all ends and effects."""
-    spoken = any(
-        e[:2] == ("time", "horizon") for c in problem.constraints for e in subexpressions(c)
-    )
-    known = [(end(a.name), problem.presence(a.name)) for a in problem.activities]
+    counted = {e.fluent[1]: e.kind != "assign" for e in problem.effects}
     for effect in problem.effects:
-        if not _may_be_last(problem, effect):
-            continue
-        if spoken or fluents_in(effect.condition) or effect.time[1] == "horizon":
-            raise UnsupportedError(
-                f"a condition before the plan's end, where the effect on {show(effect.fluent)} may "
-                "come after all activities"
-            )
-        known.append((effect.time, problem.happens(effect)))
-    none_later = [disjunction([negation(there), ("le", last, time)]) for last, there in known]
-    some = [conjunction([there, ("le", time, last)]) for last, there in known]
-    return [*none_later, disjunction([*some, ("le", time, integer(0))])]
-
-
-def _before_end(time: Expr) -> bool:
-    return bool(time[1] == "horizon" and time[3] < 0)
-
-
-def _may_be_last(problem: PlainProblem, effect: Effect) -> bool:
-    """Return whether an effect may come after the end of its activity, or of all."""
-    if effect.owner is None:
-        return not (effect.time[1] == "horizon" and effect.time[3] <= 0)
-    room = least(problem, effect.time, end(effect.owner))
-    return room is None or room < 0
+        if counted[effect.fluent[1]] != (effect.kind != "assign"):
+            raise UnsupportedError(f"fluent {effect.fluent[1]}, both assigned and counted")
+    for condition in problem.conditions:
+        for fluent in fluents_in(condition.expression):
+            number = problem.fluents[fluent[1]].type[0] == "int"
+            if number and condition.low != condition.high:
+                raise UnsupportedError(
+                    f"the condition {show(condition.expression)} of "
+                    f"{condition.owner or 'the problem'} over an interval on the number "
+                    f"{show(fluent)}"
+                )
+    return Compiled(problem)

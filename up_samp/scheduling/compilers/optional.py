@@ -106,34 +106,24 @@ def _candidates(problem: PlainProblem, expression: Expr, atom: Expr) -> list[Exp
     return [integer(n) for n in inside]
 
 
-# ------------------ Global decision variables to parameters of an auxiliary activity
-# For engines that do not report values of variables that belong to no activity (aries 0.5.0).
-
-
-def compile_variables(problem: PlainProblem) -> Compiled:
-    """Give all global variables to one activity of no duration at time 0."""
-    if not problem.variables:
-        return Compiled(problem)
-    name = fresh("variables", names_in_use(problem))
-    owner = Activity(name, False, integer(0), integer(0), tuple(problem.variables.items()))
-    compiled = replace(
-        problem,
-        activities=(*problem.activities, owner),
-        constraints=(*problem.constraints, ("le", start(name), integer(0))),
-        variables={},
-    )
-    return Compiled(compiled)
+# ------------------ An activity of no duration at time 0, that is surely there
 
 
 def compile_anchor(problem: PlainProblem) -> Compiled:
-    """Add an activity of no duration where none has to be present: cpse 0.1.0 finds no makespan
-    in a problem without activities, and calls it unsolvable.
+    """Give all global variables to one activity of no duration at time 0: aries 0.5.0 does not
+    report those that belong to none. It comes where no activity has to be there, too: cpse 0.1.0
+    finds no makespan then, and calls the problem unsolvable.
     """
-    if any(not a.optional for a in problem.activities):
+    if not problem.variables and any(not a.optional for a in problem.activities):
         return Compiled(problem)
     name = fresh("anchor", names_in_use(problem))
-    anchor = Activity(name, False, integer(0), integer(0))
-    compiled = replace(problem, activities=(*problem.activities, anchor))
+    anchor = Activity(name, False, integer(0), integer(0), tuple(problem.variables.items()))
+    compiled = replace(
+        problem,
+        activities=(*problem.activities, anchor),
+        constraints=(*problem.constraints, ("le", start(name), integer(0))),
+        variables={},
+    )
     return Compiled(compiled)
 
 

@@ -12,20 +12,18 @@ from up_samp.scheduling.compilers.constraints import (
     compile_rules,
 )
 from up_samp.scheduling.compilers.exclusion import compile_resources
-from up_samp.scheduling.compilers.fluents import compile_ground, compile_instances, compile_numbers
+from up_samp.scheduling.compilers.fluents import compile_ground, compile_instances
 from up_samp.scheduling.compilers.intervals import (
-    compile_apart,
     compile_dense,
-    compile_ends,
     compile_intervals,
     compile_stillness,
     compile_support,
-    refuse_times_of_others,
+    refuse_numbers,
+    refuse_times,
 )
 from up_samp.scheduling.compilers.optional import (
     compile_anchor,
     compile_optional,
-    compile_variables,
 )
 from up_samp.scheduling.compilers.plain import Compiled, PlainProblem, some_value
 from up_samp.scheduling.compilers.precedences import compile_precedences
@@ -35,25 +33,18 @@ from up_samp.scheduling.quirks import Quirks
 Compiler = Callable[[PlainProblem], Compiled]
 
 
-def compilers_for(quirks: Quirks, *, apart: bool = False) -> list[Compiler]:
-    """Return the passes, in order, that make a problem fit an engine.
-
-    ``apart`` says once more, by differences, that effects keep out of others' conditions.
-    """
+def compilers_for(quirks: Quirks) -> list[Compiler]:
+    """Return the passes, in order, that make a problem fit an engine."""
     passes: list[Compiler] = [compile_rules, compile_ground]
     if not quirks.times_of_others:
-        passes.append(refuse_times_of_others)
-    if quirks.assignments:  # the precedences below say it themselves
-        passes.append(compile_ends)
+        passes.append(refuse_times)
     passes += [compile_dense, compile_stillness, compile_support]
-    if apart:
-        passes.append(compile_apart)
     if not quirks.hierarchical_types:
         passes.append(compile_flat_types)
     if not quirks.assignments:
         passes += [compile_instances, compile_precedences]
     if not quirks.intervals_of_numbers:
-        passes.append(compile_numbers)
+        passes.append(refuse_numbers)
     if not quirks.resources_with_variable_durations:
         passes.append(compile_resources)
     if not quirks.empty_intervals:
@@ -63,8 +54,6 @@ def compilers_for(quirks: Quirks, *, apart: bool = False) -> list[Compiler]:
         passes.append(compile_products)
     if not quirks.optional:
         passes.append(compile_optional)
-    if not quirks.reports_variables:
-        passes.append(compile_variables)
     passes += [compile_anchor, compile_unused]
     return passes
 

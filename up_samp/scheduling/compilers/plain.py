@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 from up_samp.model import UnsupportedError, check_time
 
@@ -15,8 +15,6 @@ from up_samp.model import UnsupportedError, check_time
 class CompilerLimits:
     """What needs more is said in another way, or refused by name."""
 
-    values: int = 100
-    """Largest domain whose values become objects."""
     forbidden_sets: int = 5000
     """Most sets of activities that are forbidden one by one, per resource."""
     factor: int = 100
@@ -135,6 +133,46 @@ def rewrite(expression: Expr, leaf: Callable[[Expr], Expr | None]) -> Expr:
         return expression
     keep = 2 if operator == "flu" else 1
     return (*expression[:keep], *(rewrite(e, leaf) for e in expression[keep:]))
+
+
+def parts_of(
+    expression: Expr, positive: bool = True
+) -> tuple[bool, list[tuple[Expr, bool]]] | None:
+    """Return a formula (or its negation) as formulas that all hold (else: some of which do), each
+    with whether it is to hold; ``None`` where nothing joins truth values.
+    """
+    operator, operands = expression[0], expression[1:]
+    if operator == "not":
+        return True, [(operands[0], not positive)]
+    if operator in ("and", "or"):
+        return (operator == "and") == positive, [(e, positive) for e in operands]
+    if operator == "implies":
+        return not positive, [(operands[0], not positive), (operands[1], positive)]
+    if operator == "iff" and positive:
+        return True, [(("implies", *operands), True), (("implies", *operands[::-1]), True)]
+    if operator == "iff":
+        return True, [(("or", *operands), True), (("and", *operands), False)]
+    return None
+
+
+T = TypeVar("T")
+
+
+def folded(
+    expression: Expr,
+    leaf: Callable[[Expr, bool], T],
+    every: Callable[[Iterable[T]], T],
+    some: Callable[[Iterable[T]], T],
+    positive: bool = True,
+) -> T:
+    """Return what ``every`` and ``some`` make of a formula's parts, and ``leaf`` of what joins no
+    truth values; of its negation, if not ``positive``.
+    """
+    joined = parts_of(expression, positive)
+    if joined is None:
+        return leaf(expression, positive)
+    both, parts = joined
+    return (every if both else some)(folded(e, leaf, every, some, sign) for e, sign in parts)
 
 
 def show(expression: Expr) -> str:

@@ -9,15 +9,17 @@ is broken only where it is false.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from functools import partial
+from typing import Any
 
 from up_samp.model import UnsupportedError
 from up_samp.scheduling.compilers.constraints import Linear, linear
 from up_samp.scheduling.compilers.plain import (
     Expr,
     PlainProblem,
+    folded,
     rewrite,
     show,
     subexpressions,
@@ -135,35 +137,6 @@ def constant(value: Any) -> Expr:
     return ("int", value) if isinstance(value, int) else ("obj", value)
 
 
-T = TypeVar("T")
-
-
-def _folded(
-    planned: Planned,
-    e: Expr,
-    positive: bool,
-    leaf: Callable[[Planned, Expr, bool], T],
-    every: Callable[[Iterable[T]], T],
-    some: Callable[[Iterable[T]], T],
-) -> T:
-    """Return what ``every`` and ``some`` make of a formula's parts, and ``leaf`` of comparisons and
-    truth values; of its negation, if not ``positive``.
-    """
-    kind = e[0]
-    if kind == "not":
-        return _folded(planned, e[1], not positive, leaf, every, some)
-    if kind == "implies":
-        e = ("or", ("not", e[1]), e[2])
-    elif kind == "iff":
-        e = ("and", ("implies", e[1], e[2]), ("implies", e[2], e[1]))
-    elif kind == "eq" and any(_is_numeric(planned, x) for x in e[1:]):
-        e = ("and", ("le", e[1], e[2]), ("le", e[2], e[1]))
-    if e[0] not in ("and", "or"):
-        return leaf(planned, e, positive)
-    parts = (_folded(planned, part, positive, leaf, every, some) for part in e[1:])
-    return (every if (e[0] == "and") == positive else some)(parts)
-
-
 def kept(planned: Planned, e: Expr, positive: bool = True) -> list[Difference] | None:
     """Return differences that the plan keeps and that keep ``e`` from being false (from being true
     if not ``positive``); ``None`` where the plan itself breaks it.
@@ -181,7 +154,21 @@ def kept(planned: Planned, e: Expr, positive: bool = True) -> list[Difference] |
         known = (p for p in parts if p is not None)
         return min(known, key=lambda p: _cost(planned, p), default=None)
 
-    return _folded(planned, e, positive, _kept_leaf, every, some)
+    def leaf(part: Expr, sign: bool) -> list[Difference] | None:
+        pair = _two_ways(planned, part)
+        return _kept_leaf(planned, part, sign) if pair is None else fold(pair, sign)
+
+    def fold(part: Expr, sign: bool) -> list[Difference] | None:
+        return folded(part, leaf, every, some, sign)
+
+    return fold(e, positive)
+
+
+def _two_ways(planned: Planned, e: Expr) -> Expr | None:
+    """Return an equality of numbers as two comparisons (``None``: it is none)."""
+    if e[0] != "eq" or not any(_is_numeric(planned, x) for x in e[1:]):
+        return None
+    return ("and", ("le", e[1], e[2]), ("le", e[2], e[1]))
 
 
 def _kept_leaf(planned: Planned, e: Expr, positive: bool) -> list[Difference] | None:
@@ -255,7 +242,7 @@ def other_way(planned: Planned, e: Expr, needs: list[Difference]) -> Difference 
     """
     if len(needs) != 1 or any(part[0] in ("iff", "eq") for part in subexpressions(e)):
         return None
-    found = _folded(planned, e, True, _ways_of_leaf, _products, _unions)
+    found = folded(e, partial(_ways_of_leaf, planned), _products, _unions)
     if found is None or len(found) != 2 or needs not in found:
         return None
     others = [way for way in found if way != needs]
