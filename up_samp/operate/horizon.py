@@ -286,12 +286,13 @@ class _Cutter:
             return None
         way = ways[0]
         gates = [place for place, number in way.gates if number in self.dead]
-        most = min([way.length, self.limits.get(name, way.length), *gates])
-        waits = self.state.phase[name] is TaskPhase.WAITING
-        least = 0.0 if waits else self.state.braking(way)
+        limit = self.limits.get(name, way.length)
+        most, waits = min([limit, *gates]), self.state.phase[name] is TaskPhase.WAITING
+        # it goes to where it was told that it may, but stops at a limit, if it began before that
+        least = 0.0 if waits else min(self.state.committed(way), limit)
         edges = self._edges(name, way.object) - ROUNDED
         found = float(edges[edges <= most].max(initial=0.0))
-        return found if found >= least else min(way.length, max(most, least))
+        return found if found >= least else max(most, least)
 
     def _edges(self, name: str, robot: str) -> FloatArray:
         """Return where on its way (m) a motion can be cut so that what is kept has the same cells,
