@@ -127,12 +127,7 @@ def _refuse_fluents(activity: Activity, changed: set[str]) -> None:
 
 def _fluent_expressions(problem: PlainProblem) -> list[Expr]:
     """Return every fluent expression of the problem once, in order of appearance."""
-    places = [*problem.constraints]
-    for activity in problem.activities:
-        places += [activity.lower, activity.upper]
-    places += [c.expression for c in problem.conditions]
-    for effect in problem.effects:
-        places += [effect.fluent, effect.value, effect.condition]
+    places = (*problem.read(), *(e.fluent for e in problem.effects))
     return list(dict.fromkeys(f for place in places for f in fluents_in(place)))
 
 

@@ -319,6 +319,15 @@ class PlainProblem:
             ),
         )
 
+    def read(self) -> Iterator[Expr]:
+        """Yield every expression that reads fluents: all but what effects change."""
+        yield from self.constraints
+        for activity in self.activities:
+            yield from (activity.lower, activity.upper)
+        yield from (c.expression for c in self.conditions)
+        for effect in self.effects:
+            yield from (effect.value, effect.condition, *effect.fluent[2:])
+
     @cached_property
     def optional_names(self) -> frozenset[str]:
         """The names of the optional activities."""
