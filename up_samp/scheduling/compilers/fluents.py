@@ -59,7 +59,7 @@ def _choices(
     """Yield each choice of values for the parameters in arguments of fluents: a guard that says
     it is taken, and these values.
     """
-    types = problem.parameter_types()
+    types = problem.parameter_types
     open_parameters: dict[Expr, None] = {}
     for expression in expressions:
         for fluent in fluents_in(expression):
