@@ -21,6 +21,7 @@ SOLVED = {
     "passing": ("examples/passing_place.py", "map.png"),
     "mixed": ("examples/mixed_fleet.py", "map.png"),
     "pallets": ("examples/pallets.py", "map.png"),
+    "factory": ("examples/factory.py", "map.png"),
     "charging": ("examples/charging.py", "gantt.png"),
     "hospital": ("examples/hospital.py", "map.png"),
     "shop": ("examples/shop.py", "gantt.png"),

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from tests.faults.dying import bad_engines, broken, kept_after_a_plan, killed_server, raising_law
 from tests.faults.engines import FAULTS
-from tests.faults.harmed import cold_cache, harmed_kernels, harmed_motions
+from tests.faults.harmed import cold_cache, harmed_kernels
 from tests.faults.scarce import full_disk, little_memory, read_only_cache, small_files
 from tests.faults.shared import forks, streams, two_threads
 from tests.faults.signalled import signalled, signalled_command
@@ -114,9 +114,8 @@ def table() -> list[Fault]:
         Fault("memory limit", "a plan, `INTERNAL_ERROR` or `MemoryError`", little_memory, 12),
         Fault("full disk", "a plan, or the error told", full_disk, 8),
         Fault("files of limited size", "a plan, or the error told", small_files, 5),
-        Fault("read-only caches", "a plan", read_only_cache, 1),
+        Fault("read-only cache", "a plan", read_only_cache, 1),
         Fault("harmed kernel cache", "a plan, compiled anew", harmed_kernels, 6),
-        Fault("harmed motion cache", "the same plan", harmed_motions, 10),
         Fault("two processes on a cold cache", "two plans", cold_cache, 1),
         Fault("two threads", "two plans", two_threads, 4),
         Fault("fork after import", "two plans", forks(warm=False), 3),

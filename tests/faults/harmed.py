@@ -6,7 +6,7 @@ import random
 import shutil
 from pathlib import Path
 
-from tests.faults.expected import BEST, ended
+from tests.faults.expected import ended
 from tests.faults.stage import run
 from up_samp.system.folders import VARIABLE, cache_folder
 
@@ -49,25 +49,6 @@ def harmed_kernels(folder: Path, rng: random.Random) -> list[str]:
     wrong = ended(outcome, "SOLVED_OPTIMALLY")
     litter = [p.name for p in (own / "kernels").iterdir() if p.suffix in (".part", ".lock")]
     return wrong + [f"left in the cache: {litter}"] * bool(litter)
-
-
-def harmed_motions(folder: Path, rng: random.Random) -> list[str]:
-    """Some files of the cache of motions are harmed: the motions are planned again."""
-    motions = folder / "motions"
-    spec = {"params": {"cache": str(motions)}}
-    wrong = []
-    if not motions.exists():
-        wrong += ended(run(folder, spec), "SOLVED_OPTIMALLY")
-    files = sorted(p for p in motions.rglob("*") if p.is_file())
-    if not files:
-        return [*wrong, "no motions were kept"]
-    for file in rng.sample(files, min(4, len(files))):
-        harm(rng, file)
-    outcome = run(folder, spec)
-    wrong += ended(outcome, "SOLVED_OPTIMALLY")
-    if (outcome.told or {}).get("makespan") != BEST:
-        wrong.append(f"another makespan: {outcome.told}")
-    return wrong
 
 
 def cold_cache(folder: Path, _rng: random.Random) -> list[str]:

@@ -43,7 +43,7 @@ def small_disk(folder: Path, kilobytes: int) -> Iterator[Path | None]:
 
 
 def full_disk(folder: Path, rng: random.Random) -> list[str]:
-    """Temporary files, motions and the plan go to a disk that is full or soon will be."""
+    """Temporary files and the plan go to a disk that is full or soon will be."""
     with small_disk(folder, rng.choice((0, 0, 16, 64))) as disk:
         if disk is None:
             return ["no disk can be mounted here: run it as root"]
@@ -55,7 +55,6 @@ def full_disk(folder: Path, rng: random.Random) -> list[str]:
             pass
         spec = {
             "engine": rng.choice(("cpsat", "aries")),
-            "params": {"cache": str(disk / "motions")},
             "timeout": 30,
         }
         where = {"TMPDIR": str(disk)} if rng.random() < 0.5 else {}
@@ -69,37 +68,35 @@ def full_disk(folder: Path, rng: random.Random) -> list[str]:
         if not solved and not honest:
             wrong.append(f"{spec}, {where}: exit {outcome.code}, {told}, {outcome.err[-700:]}")
         if not solved and not where:
-            wrong.append(f"a full cache folder ended the solve: {told}")
-        return wrong + [f"left: {p}" for p in disk.iterdir() if p.name not in ("filler", "motions")]
+            wrong.append(f"a full disk ended the solve: {told}")
+        return wrong + [f"left: {p}" for p in disk.iterdir() if p.name != "filler"]
 
 
 def small_files(folder: Path, rng: random.Random) -> list[str]:
     """No file may grow beyond some bytes (what a full disk is to a program)."""
     largest = rng.choice((0, 100, 1000, 5000, 20_000))
-    spec = {"params": {"cache": str(folder / "motions")}, "largest_file": largest, "timeout": 30}
+    spec: dict[str, object] = {"largest_file": largest, "timeout": 30}
     spec["engine"] = "cpsat"
     ready = folder / "ready"
     outcome = run(folder, spec | {"ready": str(ready)})
     told = outcome.told or {}
     wrong = sane(outcome)
-    # the note itself cannot be written then: what counts is that the motions do not end the solve
+    # the note itself cannot be written then
     if told.get("status") is None and "File too large" not in outcome.err:
         wrong.append(f"exit {outcome.code}: {told}, {outcome.err[-600:]}")
     return wrong
 
 
 def read_only_cache(folder: Path, _rng: random.Random) -> list[str]:
-    """Both caches are on a disk that is read-only."""
+    """The cache of kernels is on a disk that is read-only."""
     with small_disk(folder, 4096) as disk:
         if disk is None:
             return ["no disk can be mounted here: run it as root"]
-        for name in ("kernels", "motions"):
-            (disk / name).mkdir()
+        (disk / "kernels").mkdir()
         kernels = cache_folder()
         if kernels is not None and (kernels / "kernels").exists():
             (disk / "kernels").rmdir()
             (disk / "kernels").symlink_to(kernels / "kernels")
         subprocess.run(["mount", "-o", "remount,ro", str(disk)], check=True)
-        spec = {"params": {"cache": str(disk / "motions")}}
-        outcome = run(folder, spec, environment={VARIABLE: str(disk)})
+        outcome = run(folder, {}, environment={VARIABLE: str(disk)})
         return ended(outcome, "SOLVED_OPTIMALLY")

@@ -1,5 +1,5 @@
 """Whole solves on a clock that jumps: less is proven then, and nothing that is not so; what such a
-solve leaves in the cache on disk misleads no other.
+solve leaves in the cache misleads no other.
 """
 
 import random
@@ -15,6 +15,7 @@ from tests.fuzz.problems import SECONDS, build
 from tests.fuzz.small import small_case
 from tests.oracles.clocks import JumpingClock
 from up_samp.model import deadline
+from up_samp.motion import MotionCache
 
 JUMPS = (0.1, 0.5, 1.0, 2.0)
 
@@ -32,7 +33,7 @@ def false_claims(seed, folder, monkeypatch, every):
     """Return what is claimed on a jumping clock, or with what it has left in the cache, that a
     solve without cache on a good clock refutes; None where that one proves nothing.
     """
-    case, cache = small_case(seed), str(folder / "legs")
+    case, cache = small_case(seed), MotionCache()
     honest = solved(case, folder, 20.0)
     if honest.status not in (Status.SOLVED_OPTIMALLY, Status.UNSOLVABLE_PROVEN):
         return None

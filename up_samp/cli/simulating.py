@@ -123,7 +123,7 @@ def _table(policies: Sequence[str], runs: Sequence[Simulation]) -> str:
 
 def write_runs(plan: PlanDict, runs: Sequence[Simulation], folder: Path) -> list[Path]:
     """Write ``runs.csv``, the median run's record and pictures; return the files."""
-    from up_samp.plotting import plot_executed, plot_makespans
+    from up_samp.plotting import plot_executed
     from up_samp.plotting.style import saved
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -145,6 +145,4 @@ def write_runs(plan: PlanDict, runs: Sequence[Simulation], folder: Path) -> list
         files.append(write_plan(folder / f"executed-{policy}.json", middle.record))
         picture = plot_executed(plan, middle.record)
         files.append(saved(picture, folder / f"executed-{policy}.png"))
-    spans = {p: [r.makespan for r in runs if r.policy == p] for p in _policies(runs)}
-    files.append(saved(plot_makespans(spans, runs[0].planned), folder / "makespans.png"))
     return files

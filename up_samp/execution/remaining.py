@@ -28,7 +28,7 @@ from up_samp.execution.build import planned_of
 from up_samp.execution.graph import At, Event
 from up_samp.execution.lives import DriveCells, Life
 from up_samp.execution.state import FloorState, TaskPhase
-from up_samp.execution.substitute import ValuesNow, later_by
+from up_samp.execution.substitute import ValuesNow
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import Configuration, ProblemError, UnsupportedError
@@ -583,10 +583,11 @@ class _Builder:
         """Move the problem's own timed conditions and effects to the new clock."""
         effects: dict[Any, Any] = {}
         for timing, items in base.effects.items():
-            later = later_by(timing, self.since)
-            if timing.timepoint.kind == TimepointKind.GLOBAL_START and later.delay < 0:
-                continue  # it has happened
-            effects[later] = items
+            if timing.timepoint.kind == TimepointKind.GLOBAL_START:
+                timing = Timing(timing.delay - self.since, timing.timepoint)
+                if timing.delay < 0:
+                    continue  # it has happened
+            effects[timing] = items
         base._effects = effects
         conditions: dict[Any, Any] = {}
         for span, items in conditions_of(base).items():

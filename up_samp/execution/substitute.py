@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
-from unified_planning.model import FNode, TimepointKind, Timing
+from unified_planning.model import FNode
 from unified_planning.model.scheduling import SchedulingProblem
 
 from up_samp.execution.graph import At, Event
 from up_samp.execution.state import FloorState, TaskPhase
 from up_samp.model import ProblemError, UnsupportedError
-from up_samp.scheduling.compilers.plain import Expr, show, subexpressions
+from up_samp.scheduling.compilers.plain import Expr, fluents_in, show
 from up_samp.scheduling.compilers.read import read_expression
 from up_samp.scheduling.partial_order.differences import Planned, constant, kept
 
@@ -75,10 +75,7 @@ class ValuesNow:
     def uses(self) -> frozenset[str]:
         """Fluents that are only taken from and given back to: nothing reads their values."""
         problem = self.planned.problem
-        read = [c.expression for c in problem.conditions]
-        read += [part for e in problem.effects for part in (e.value, e.condition)]
-        read += [bound for a in problem.activities for bound in (a.lower, a.upper)]
-        told = {e[1] for whole in read for e in subexpressions(whole) if e[0] == "flu"}
+        told = {e[1] for whole in problem.read() for e in fluents_in(whole)}
         told |= {e.fluent[1] for e in problem.effects if e.kind == "assign"}
         return frozenset(problem.fluents.keys() - told)
 
@@ -128,9 +125,3 @@ class ValuesNow:
             return None
         time = fired + delay * self.unit
         return time if at is At.END or time <= (self.since + 1e-9) * self.unit else None
-
-
-def later_by(timing: Timing, shift: int) -> Timing:
-    """Return an absolute time on a clock that starts ``shift`` units later."""
-    absolute = timing.timepoint.kind == TimepointKind.GLOBAL_START
-    return Timing(timing.delay - shift, timing.timepoint) if absolute else timing

@@ -1,33 +1,18 @@
-"""A memory of planned legs, across calls and restarts, optionally on disk."""
+"""A memory of planned legs, of one search or of several."""
 
 from __future__ import annotations
 
-import ast
 import hashlib
-import io
-import logging
 import math
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-
-import numpy as np
 
 from up_samp.geometry.memory import Memory
 from up_samp.model import Body, Configuration, Placed, ProblemError, Trajectory
 from up_samp.motion.protocol import Leg
-from up_samp.system.files import whole
-
-log = logging.getLogger(__name__)
-
-FORMAT = 5
-"""Part of every key: files of other versions are never read."""
-
-SUFFIX = ".legs"
-LARGEST = 64 * 2**20
-"""Files larger than this (bytes) are not ours."""
 
 ObstacleKey = frozenset[tuple[object, ...]]
 PairKey = tuple[object, ...]
@@ -51,7 +36,7 @@ def obstacle_key(obstacles: Sequence[Placed]) -> ObstacleKey:
 
 
 def shape_key(body: Body) -> tuple[object, ...]:
-    """Return what a body is to others, in values that can be written and read again."""
+    """Return what a body is to others."""
     height = float(body.height) if math.isfinite(body.height) else None
     return (body.footprint, mesh_key(body.mesh), height)
 
@@ -74,16 +59,13 @@ def _digest(path: str, _modified: int, _size: int) -> str:
 
 @dataclass(frozen=True)
 class CachedLeg:
-    """A ``leg`` that was planned among the ``among`` obstacles (and keeps clear of them).
-
-    Where it is not complete, its planner had ``limit`` seconds. ``checked`` says whether this
-    process has planned it or found it to be sound: what comes from a file may be anything.
+    """A ``leg`` that was planned among the ``among`` obstacles (and keeps clear of them); where it
+    is not complete, its planner had ``limit`` seconds.
     """
 
     among: ObstacleKey
     leg: Leg
     limit: float = 0.0
-    checked: bool = True
 
     @property
     def trajectory(self) -> Trajectory:
@@ -99,18 +81,12 @@ class CachedLeg:
 
 class MotionCache:
     """Legs by (map, planner, margin, body, start, goal), each with the obstacles it was planned
-    among.
-
-    A leg and its reverse share an entry (for reversible planners). With a ``folder``, entries are
-    kept there, too, one small file each, whole or not at all. Nothing that is wrong with the
-    folder or a file in it is fatal: damaged files are ignored, and where it cannot be written to,
-    the log says so once. Least recently used pairs are forgotten beyond ``size``.
+    among; a leg and its reverse share an entry (for reversible planners). The pairs that were used
+    longest ago are forgotten beyond ``size``.
     """
 
-    def __init__(self, folder: str | Path | None = None, size: int = 20_000) -> None:
-        self.folder = None if folder is None else Path(folder)
+    def __init__(self, size: int = 20_000) -> None:
         self._entries: Memory[list[CachedLeg]] = Memory(size)
-        self._writes = True
         self.hits = 0
 
     def __len__(self) -> int:
@@ -127,93 +103,15 @@ class MotionCache:
         """Return the key of a leg, and whether it is stored the other way round."""
         a, b = tuple(map(float, start)), tuple(map(float, goal))
         swap = reversible and b < a
-        return (FORMAT, *scope, body_key(body), *((b, a) if swap else (a, b))), swap
+        return (*scope, body_key(body), *((b, a) if swap else (a, b))), swap
 
     def get(self, key: PairKey) -> list[CachedLeg]:
         """Return all entries of a pair, those with fewest obstacles first."""
-        known = self._entries.get(key)
-        if known is None and self.folder is not None and _stable(key):
-            known = self._entries.put(key, _read(self._path(key)))
-        return known or []
+        return self._entries.get(key) or []
 
     def put(self, key: PairKey, entry: CachedLeg) -> None:
         """Remember an entry (the better one if there are two for the same obstacles)."""
         known = self.get(key)
-        same = [e for e in known if e.among == entry.among]
-        best = min([entry, *same], key=lambda e: e.rank)
-        self._set(key, [*(e for e in known if e.among != entry.among), best])
-
-    def accept(self, key: PairKey, entry: CachedLeg) -> CachedLeg:
-        """Take an entry from a file for sound from now on."""
-        sound = replace(entry, checked=True)
-        self._entries.put(key, [sound if e is entry else e for e in self.get(key)])
-        return sound
-
-    def drop(self, key: PairKey, entry: CachedLeg) -> None:
-        """Forget an entry that turned out to be wrong, on disk, too."""
-        self._set(key, [e for e in self.get(key) if e is not entry])
-
-    def _set(self, key: PairKey, entries: list[CachedLeg]) -> None:
-        entries = sorted(entries, key=lambda e: (len(e.among), e.rank))
-        self._entries.put(key, entries)
-        if self.folder is None or not self._writes or not _stable(key):
-            return
-        try:
-            _write(self._path(key), entries)
-        except OSError as error:
-            self._writes = False
-            log.warning("motions are not kept in '%s' any more: %s", self.folder, error)
-
-    def _path(self, key: PairKey) -> Path:
-        assert self.folder is not None
-        return self.folder / f"{hashlib.sha256(repr(key).encode()).hexdigest()[:40]}{SUFFIX}"
-
-
-def _stable(key: PairKey) -> bool:
-    """Return whether a key means the same in another process (a control law's does not)."""
-    body = key[-3]
-    return isinstance(body, tuple) and body[-1] is None
-
-
-def _read(path: Path) -> list[CachedLeg]:
-    """Return the entries of a file; none if it is missing, damaged, or holds no motions."""
-    try:
-        if not path.is_file() or path.stat().st_size > LARGEST:
-            return []
-        stated, _, data = path.read_bytes().partition(b"\n")
-        if hashlib.sha256(data).hexdigest().encode() != stated:
-            log.warning("the motion cache's file '%s' is damaged and not used", path)
-            return []
-        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-            return [_entry(arrays, i) for i in range(int(arrays["count"]))]
-    except Exception as error:  # a file may hold anything: nothing in it may end a solve
-        log.warning("the motion cache's file '%s' cannot be used: %s", path, error)
-        return []
-
-
-def _entry(arrays: np.lib.npyio.NpzFile, i: int) -> CachedLeg:
-    rows = np.asarray(arrays[f"samples{i}"], dtype=np.float64)
-    if rows.ndim != 2 or rows.shape[1] not in (4, 8) or not np.isfinite(rows).all():
-        raise ValueError(f"motion {i} has no samples of a pose")
-    corners = np.asarray(arrays[f"corners{i}"], dtype=np.float64).reshape(-1, 3)
-    complete, limit = (float(x) for x in arrays[f"search{i}"])
-    motion = Trajectory(rows[:, 0].copy(), rows[:, 1:].copy())
-    leg = Leg(motion, complete=complete == 1.0, corners=corners if len(corners) else None)
-    among = frozenset(ast.literal_eval(str(arrays[f"among{i}"])))
-    return CachedLeg(among, leg, limit, checked=False)
-
-
-def _write(path: Path, entries: list[CachedLeg]) -> None:
-    arrays: dict[str, object] = {"count": len(entries)}
-    for i, entry in enumerate(entries):
-        arrays[f"samples{i}"] = np.column_stack([entry.trajectory.times, entry.trajectory.poses])
-        arrays[f"among{i}"] = repr(sorted(entry.among, key=repr))
-        arrays[f"search{i}"] = np.array([float(entry.leg.complete), entry.limit])
-        corners = entry.leg.corners
-        arrays[f"corners{i}"] = np.zeros((0, 3)) if corners is None else corners
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, **arrays)  # type: ignore[arg-type]
-    data = buffer.getvalue()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with whole(path, 0o600) as file:  # parallel readers never see half of it
-        file.write(hashlib.sha256(data).hexdigest().encode() + b"\n" + data)
+        best = min([entry, *(e for e in known if e.among == entry.among)], key=lambda e: e.rank)
+        kept = [*(e for e in known if e.among != entry.among), best]
+        self._entries.put(key, sorted(kept, key=lambda e: (len(e.among), e.rank)))

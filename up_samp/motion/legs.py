@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -27,7 +25,7 @@ from up_samp.model import (
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.cache import CachedLeg, MotionCache, obstacle_key
 from up_samp.motion.curves.blending import TINY
-from up_samp.motion.curves.passing import driven_through, flown_through, pivoted_through, rotations
+from up_samp.motion.curves.passing import driven_through, flown_through, pivoted_through
 from up_samp.motion.curves.trajectories import at_rest, joined
 from up_samp.motion.curves.twists import twists
 from up_samp.motion.proofs.certificates import Certifier
@@ -38,28 +36,8 @@ from up_samp.motion.registry import (
     planner_names,
 )
 
-EXCESS = 0.005
-"""Share by which limits may be exceeded: less than the validator allows."""
-
-NOISE, AT_ENDS = 1e-6, 1e-9
-"""By how much positions (m) and angles (rad) may be off, and those at the ends."""
-
-
-def is_sound(scene: Scene, query: LegQuery, trajectory: Trajectory) -> bool:
-    """Return whether a trajectory answers a query: its ends, its limits, swept clearance."""
-    ends = trajectory.poses[0], trajectory.poses[-1]
-    if trajectory.times[0] != 0.0 or len(ends[0]) != len(query.start):
-        return False
-    if not all(itertools.starmap(_same, zip(ends, (query.start, query.goal), strict=True))):
-        return False
-    return keeps_limits(trajectory, query.body.kinematics) and _is_clear(scene, query, trajectory)
-
-
-def _same(pose: FloatArray, wanted: Configuration) -> bool:
-    off = pose - np.array(wanted)
-    if len(pose) == 3:
-        off[2] = math.remainder(float(off[2]), 2 * math.pi)
-    return float(np.abs(off).max()) < AT_ENDS
+NOISE = 1e-6
+"""By how much positions (m) may be off."""
 
 
 def _in_plane(body: Body) -> bool:
@@ -67,73 +45,9 @@ def _in_plane(body: Body) -> bool:
     return not (body.flies or body.mobility.own_law)
 
 
-def _is_clear(scene: Scene, query: LegQuery, trajectory: Trajectory) -> bool:
-    poses = trajectory.poses.copy()  # numba compiles anew for arrays that cannot be written
-    if query.body.flies:
-        from up_samp.motion.planners.flyer import FlyerWorld
-
-        air = FlyerWorld(scene, query.body, (query.start, query.goal), query.obstacles)
-        if not air.fit_margin() or any(air.swallowed(p) for p in (query.start, query.goal)):
-            return False
-        return all(itertools.starmap(air.edge_free, itertools.pairwise(poses)))
-    world = scene.world(shape_of(query.body, 0.0), query.obstacles)
-    return bool(sweeps.samples_free(world, poses, NOISE) < 0)
-
-
-def keeps_limits(trajectory: Trajectory, kinematics: Kinematics) -> bool:
-    """Return whether a motion from rest to rest keeps the speeds and the acceleration of its model.
-
-    By mean speeds between samples, which a motion within its limits never exceeds.
-    """
-    if len(trajectory.times) == 1:
-        return True
-    dt = np.diff(trajectory.times)
-    d = np.diff(trajectory.poses, axis=0)
-    if kinematics.mobility.steers or kinematics.mobility.rolls:
-        speed, bends = _speeds_ahead(trajectory.poses, dt, kinematics)
-        bends |= _goes_back(trajectory.poses, kinematics)
-    else:
-        size = 2 if d.shape[1] == 3 else 3
-        speed = d[:, :size] / dt[:, None]
-        turned = d[:, 2:] if size == 2 else rotations(trajectory.poses)
-        turn = np.linalg.norm(turned, axis=1)
-        bends = bool(np.any(turn > kinematics.omega_max * (1 + EXCESS) * dt + NOISE))
-    if bends:
-        return False
-    size = np.linalg.norm(speed, axis=1)
-    if np.any(size * dt > kinematics.v_max * (1 + EXCESS) * dt + NOISE):
-        return False
-    moving = np.where(size * dt > NOISE, Trajectory.MAX_STEP, math.inf)
-    if np.any(dt > 1.01 * moving):
-        return False
-    fuzz = 2 * NOISE / dt
-    half = dt / 2
-    change = np.linalg.norm(np.diff(speed, axis=0), axis=1)
-    allowed = kinematics.a_max * (1 + EXCESS)
-    inner = change <= allowed * (half[1:] + half[:-1]) + fuzz[1:] + fuzz[:-1]
-    ends = size[[0, -1]] <= allowed * half[[0, -1]] + fuzz[[0, -1]]
-    return bool(inner.all() and ends.all())
-
-
 def _goes_back(poses: FloatArray, kinematics: Kinematics) -> bool:
     """Return whether poses (n, 3) lead against the heading anywhere, where that is forbidden."""
     return not kinematics.reverse and bool(np.any(twists(poses)[:, 0] < -NOISE))
-
-
-def _speeds_ahead(
-    poses: FloatArray, dt: FloatArray, kinematics: Kinematics
-) -> tuple[FloatArray, bool]:
-    """Return the signed speeds (n - 1, 1) of what drives along its heading, and whether it slips
-    sideways or turns too much: a car for its way, what turns on the spot for its time.
-    """
-    along, across, turn = twists(poses).T
-    most = kinematics.omega_max * dt
-    if kinematics.mobility.steers:
-        along = np.copysign(np.hypot(along, across), along)
-        most = np.abs(along) / kinematics.turning_radius
-    tight = np.abs(turn) > most * (1 + EXCESS) + NOISE
-    slips = np.abs(across) > 10 * NOISE
-    return along[:, None] / dt[:, None], bool(np.any(tight | slips))
 
 
 # ------------------ Legs strung together to one motion
@@ -349,14 +263,6 @@ class Legs:
             rest = [p for p in obstacles if not obstacle_key([p]) <= entry.among]
             if rest and not _in_plane(body):
                 continue
-            if not entry.checked:
-                ends = (query.goal, query.start) if swap else (query.start, query.goal)
-                among = tuple(p for p in obstacles if p not in rest)
-                stored = LegQuery(body, *ends, among)
-                if not is_sound(self.scene, stored, entry.trajectory):
-                    self.cache.drop(key, entry)
-                    continue
-                entry = self.cache.accept(key, entry)
             if all(self.clears(entry.trajectory, body, p) for p in rest):
                 return replace(entry, leg=entry.leg.turned()) if swap else entry
         return None

@@ -5,19 +5,17 @@ budget, and put behind what is kept of the plan that is driven.
 from __future__ import annotations
 
 import contextlib
-import gc
 import math
 import os
 import pickle
 import sys
-import tempfile
 import threading
 import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from up_samp.execution.build import Dependencies
 from up_samp.execution.reorder import Goal
@@ -42,6 +40,9 @@ from up_samp.operate.records import Pose, Shape
 from up_samp.operate.stitch import BUSY, CommonNeeds, Kept, stitched
 from up_samp.operate.zones import still_counted
 from up_samp.system.child import ProcessGroup, close_pipes, command, environment
+
+if TYPE_CHECKING:
+    from up_samp.motion.cache import MotionCache
 
 LATE = 10.0
 """What a second of lateness costs beside one until an order is done."""
@@ -236,8 +237,8 @@ def _resources(job: Order | Task) -> set[str]:
     return {r for stop in stops for r in stop.resources}
 
 
-def answer(ask: Question, cache: str | None = None) -> Answer:
-    """Plan; what goes wrong is the answer's ``why``. ``cache``: a folder for motions."""
+def answer(ask: Question, cache: MotionCache | None = None) -> Answer:
+    """Plan; what goes wrong is the answer's ``why``. ``cache``: what keeps motions."""
     begun, cpu = time.monotonic(), time.process_time()
 
     def said(plan: PlanDict | None, why: str = "") -> Answer:
@@ -252,7 +253,7 @@ def answer(ask: Question, cache: str | None = None) -> Answer:
         return said(None, " ".join(str(error).split())[:500])
 
 
-def _plan(ask: Question, cache: str | None) -> PlanDict:
+def _plan(ask: Question, cache: MotionCache | None) -> PlanDict:
     from up_samp.execution.files import with_dependencies
     from up_samp.fleet.build import write_problem
     from up_samp.fleet.result import solve_problem
@@ -300,16 +301,16 @@ def _ordered(
 
 def serve(source: BinaryIO, sink: BinaryIO) -> None:
     """Answer questions until nobody asks any more; motions between places are kept so long."""
-    with tempfile.TemporaryDirectory(prefix="up-samp-") as cache:
-        while True:
-            try:
-                ask = pickle.load(source)
-            except EOFError:
-                return
-            gc.disable()  # what one answer leaves behind is less than looking for it costs
-            pickle.dump(answer(ask, cache), sink)
-            sink.flush()
-            gc.collect()
+    from up_samp.motion.cache import MotionCache
+
+    cache = MotionCache()
+    while True:
+        try:
+            ask = pickle.load(source)
+        except EOFError:
+            return
+        pickle.dump(answer(ask, cache), sink)
+        sink.flush()
 
 
 def main() -> None:

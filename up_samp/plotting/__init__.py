@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from up_samp.plotting.animation import animation_html, write_html
-    from up_samp.plotting.executed import plot_executed, plot_makespans
+    from up_samp.plotting.executed import plot_executed
     from up_samp.plotting.gantt import plot_gantt
     from up_samp.plotting.map_picture import places_of, plot_map
     from up_samp.plotting.outputs import write_outputs
@@ -17,7 +17,6 @@ _HOMES = {
     "places_of": "map_picture",
     "plot_executed": "executed",
     "plot_gantt": "gantt",
-    "plot_makespans": "executed",
     "plot_map": "map_picture",
     "write_html": "animation",
     "write_outputs": "outputs",
@@ -28,7 +27,6 @@ __all__ = [
     "places_of",
     "plot_executed",
     "plot_gantt",
-    "plot_makespans",
     "plot_map",
     "write_html",
     "write_outputs",

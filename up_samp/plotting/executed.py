@@ -1,18 +1,16 @@
-"""What was planned beside what happened: a Gantt chart of both, and how long many runs took."""
+"""What was planned beside what happened: a Gantt chart of both."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch, Rectangle
-from matplotlib.ticker import MaxNLocator
 
 from up_samp.plotting.gantt import timed_rows
 from up_samp.plotting.rows import Row, rows_of
-from up_samp.plotting.style import INK, OTHER, SIZES, color_of, figure_axes, mixed
+from up_samp.plotting.style import INK, OTHER, SIZES, figure_axes, mixed
 from up_samp.plotting.tracks import horizon
 
 WAIT = "#C1121F"
@@ -104,33 +102,3 @@ def _dress(ax: Axes, plan: dict[str, Any], record: dict[str, Any], rows: list[Ro
         Patch(fc=WAIT, label="waiting, and for whom"),
     ]
     timed_rows(ax, [i + 0.45 for i in range(len(rows))], rows, title, keys)
-
-
-def plot_makespans(
-    makespans: Mapping[str, Sequence[float]], planned: float, ax: Axes | None = None
-) -> Axes:
-    """Draw a histogram of realised makespans (s) for each way of execution, with the planned
-    one.
-    """
-    if ax is None:
-        ax = figure_axes(8.0, 4.0)
-    everything = [m for values in makespans.values() for m in values]
-    bins = np.histogram_bin_edges([planned, *everything], bins=24)
-    if bins[-1] - bins[0] < 1e-6:
-        bins = np.linspace(planned - 1, planned + 1, 25)
-    edges = [float(x) for x in bins]
-    for i, (name, values) in enumerate(makespans.items()):
-        color = color_of(i)
-        ax.hist(values, bins=edges, histtype="stepfilled", alpha=0.25, color=color)
-        ax.hist(values, bins=edges, histtype="step", lw=1.6, color=color, label=name)
-    ax.axvline(planned, color=INK, lw=1.2, ls=":")
-    ax.set_title(
-        f"realised makespans; planned: {planned:g} s (dotted)", loc="left", fontsize=11, color=INK
-    )
-    ax.set_xlabel("makespan [s]")
-    ax.set_ylabel("runs")
-    ax.yaxis.set_major_locator(MaxNLocator(integer=True))
-    for side in ("top", "right"):
-        ax.spines[side].set_visible(False)
-    ax.legend(frameon=False, fontsize=9)
-    return ax

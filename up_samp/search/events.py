@@ -189,7 +189,6 @@ class TraceObserver(Observer):
         lines += _listed(kept, "stated before the first schedule" if report is None else "more")
         write_whole(self.folder / f"round-{number:03d}.txt", "\n".join(lines) + "\n")
         history.write_json(self.folder / "history.json")
-        history.write_csv(self.folder / "rounds.csv")
 
 
 def _candidate(state: State, report: ScheduleReport | None, number: int) -> list[str]:

@@ -4,7 +4,6 @@ what each of its stages took.
 
 from __future__ import annotations
 
-import csv
 import json
 import time
 from collections import Counter
@@ -184,11 +183,3 @@ class History:
     def write_json(self, path: str | Path) -> None:
         """Write the history as JSON."""
         write_whole(Path(path), json.dumps(self.to_dict(), indent=1, default=float) + "\n")
-
-    def write_csv(self, path: str | Path) -> None:
-        """Write one line a round."""
-        names = list(Round.__dataclass_fields__)
-        with Path(path).open("w", newline="", encoding="utf-8") as stream:
-            writer = csv.DictWriter(stream, fieldnames=names)
-            writer.writeheader()
-            writer.writerows(asdict(r) for r in self.rounds)

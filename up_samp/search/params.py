@@ -14,6 +14,7 @@ from up_samp.search.events import Observer, State
 from up_samp.search.history import ProgressEvent
 
 if TYPE_CHECKING:
+    from up_samp.motion.cache import MotionCache
     from up_samp.search.search import Components
     from up_samp.tuning import Tuning
 
@@ -49,8 +50,8 @@ class Parameters:
     """Restarts without what was only guessed (``None``: without a plan as long as there is time,
     with one as long as they bring anything new; 3 where there is no time limit).
     """
-    cache: str | None = None
-    """Folder that keeps motions across runs (``None``: in memory only)."""
+    cache: MotionCache | None = None
+    """What keeps motions, to be shared by searches one after the other (``None``: one's own)."""
     trace: str | None = None
     """Folder for a readable trace of every candidate schedule and refinement."""
     progress: Callable[[ProgressEvent], None] | None = None
@@ -134,7 +135,7 @@ _KINDS: Mapping[str, tuple[Callable[[Any], bool], str]] = {
     **dict.fromkeys(("patience", "runtime"), (_of(int, float), "a number")),
     **dict.fromkeys(("seed", "max_restarts"), (_of(int), "a whole number")),
     **dict.fromkeys(
-        ("preset", "path_planner", "cache", "trace"),
+        ("preset", "path_planner", "trace"),
         (_of(str, os.PathLike), "a text"),
     ),
     **dict.fromkeys(("progress", "stop"), (callable, "a function")),
@@ -142,6 +143,7 @@ _KINDS: Mapping[str, tuple[Callable[[Any], bool], str]] = {
     # it is checked where it is read: that imports what is not needed here
     "tuning": (lambda value: True, ""),
     "components": (dataclasses.is_dataclass, "components of a search"),
+    "cache": (lambda value: hasattr(value, "hits"), "an up_samp.motion.MotionCache"),
 }
 """What parameters may be, by name; the others are switches."""
 

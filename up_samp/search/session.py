@@ -25,7 +25,7 @@ from up_samp.model import (
     Trajectory,
 )
 from up_samp.model.snapshot import Snapshot
-from up_samp.motion import MotionCache, MotionService
+from up_samp.motion import MotionService
 from up_samp.scheduling import Scheduler, open_scheduler
 from up_samp.scheduling.cpsat.tuning import CpsatTuning
 from up_samp.search.budget import Budget, Restarts
@@ -334,7 +334,7 @@ def open_service(
         planner=params.path_planner,
         margin=params.margin,
         seed=params.seed,
-        cache=MotionCache(params.cache),
+        cache=params.cache,
         tuning=tuning_of(params.tuning).motion,
         proofs=params.certificates,
     )

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from tests.motion.oracle import smallest_clearance
 from up_samp.benchmarks import warehouse
 from up_samp.execution.travel import travel_of
 from up_samp.geometry import OccupancyGrid, lay_out
@@ -24,7 +25,7 @@ from up_samp.motion.curves.rolling import rolled, rolling_time, rows_of, thinned
 from up_samp.motion.curves.straight import timed_chain
 from up_samp.motion.fleet.paths import path_of, safe_intervals
 from up_samp.motion.fleet.speed import tune
-from up_samp.motion.legs import is_sound, parking_clears
+from up_samp.motion.legs import parking_clears
 from up_samp.motion.planners.pivoting import PivotPlanner, PivotSettings
 from up_samp.motion.protocol import LegQuery
 from up_samp.upio import read_problem
@@ -126,7 +127,7 @@ def test_plans_in_rooms_are_valid_no_later_than_with_stops_and_not_below_the_bou
             continue
         found += 1
         assert not refused(motion, body.kinematics)
-        assert is_sound(service.scene, query, motion)
+        assert smallest_clearance(motion, body, service.grid, (parked,)) > -1e-6
         assert parking_clears(service.scene, motion, body, parked, 0.0)
         assert motion.poses[0].tolist() == list(ends[0])
         assert motion.poses[-1, :2].tolist() == list(ends[1][:2])

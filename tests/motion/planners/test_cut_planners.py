@@ -74,7 +74,7 @@ def asked(alone, group, cache):
     return path, service.coordinate(group, Deadline.after(LIMIT))
 
 
-def differing(seed, folder, monkeypatch, every):
+def differing(seed, monkeypatch, every):
     """Return what is called finished and is not what is found with all the time, and how much was
     cut, and finished.
     """
@@ -85,8 +85,9 @@ def differing(seed, folder, monkeypatch, every):
     assert path.complete or path.outcome is Outcome.IMPOSSIBLE
     time.monotonic = JumpingClock(random.Random(seed), every, JUMPS).monotonic
     wrong, counts = [], [0, 0]
-    for again in (False, True):  # the second finds what the first has left on disk
-        cut, cut_together = asked(alone, group, MotionCache(folder))
+    left = MotionCache()
+    for again in (False, True):  # the second finds what the first has left
+        cut, cut_together = asked(alone, group, left)
         counts[cut.complete and cut_together.complete] += 1
         if cut.outcome is Outcome.IMPOSSIBLE and path.outcome is Outcome.FOUND:
             wrong.append((seed, again, "false proof"))
@@ -108,10 +109,10 @@ def same_group(cut, whole):
     return cut.outcome is whole.outcome and arrivals[0] == arrivals[1]
 
 
-def told(seeds, folder, monkeypatch, every):
+def told(seeds, monkeypatch, every):
     wrong, total = [], [0, 0]
     for seed in seeds:
-        found, counts = differing(seed, folder / str(seed), monkeypatch, every)
+        found, counts = differing(seed, monkeypatch, every)
         wrong += found
         total = [x + y for x, y in zip(total, counts, strict=True)]
     assert min(total) > 0, "some are cut, some are not"
@@ -119,11 +120,11 @@ def told(seeds, folder, monkeypatch, every):
 
 
 @pytest.mark.parametrize("every", [30, 300])
-def test_what_is_called_finished_is_what_is_found_with_all_the_time(every, tmp_path, monkeypatch):
-    assert told((1, 3, 6, 10, 15), tmp_path, monkeypatch, every) == []
+def test_what_is_called_finished_is_what_is_found_with_all_the_time(every, monkeypatch):
+    assert told((1, 3, 6, 10, 15), monkeypatch, every) == []
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("every", [10, 30, 300, 3000])
-def test_the_same_of_many(every, tmp_path, monkeypatch):
-    assert told(range(100, 160), tmp_path, monkeypatch, every) == []
+def test_the_same_of_many(every, monkeypatch):
+    assert told(range(100, 160), monkeypatch, every) == []

@@ -202,7 +202,7 @@ def test_optional_activities_go_and_come_back():
     compiled = compile_optional(compile_differences(plain).problem)
     assert not compiled.problem.optional_names
     assert ProblemWriter(compiled.problem).up.kind.has_optional_activities() is False
-    parameters = {n: False for n, t in compiled.problem.parameter_types().items()}
+    parameters = {n: False for n, t in compiled.problem.parameter_types.items()}
     parameters["pick.present"] = True
     times = {a.name: (0, 2) for a in compiled.problem.activities}
     back = restored(plain, compiled, CandidateSchedule(times, parameters))

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import itertools
 from collections import defaultdict
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from up_samp.model import UnsupportedError, check_time
@@ -18,9 +17,7 @@ from up_samp.scheduling.compilers.plain import (
     Compiled,
     Effect,
     Expr,
-    Fluent,
     PlainProblem,
-    Type,
     conjunction,
     disjunction,
     end,
@@ -217,8 +214,7 @@ class DifferenceForm:
     """Negation normal form over differences (memoised per polarity)."""
 
     def __init__(self, problem: PlainProblem):
-        self._parameters: Mapping[str, Type] = problem.parameter_types()
-        self._fluents: Mapping[str, Fluent] = problem.fluents
+        self._kind = problem.kind
         self._optional = problem.optional_names
         self._activities = [a.name for a in problem.activities]
         self._fixed = {
@@ -319,15 +315,3 @@ class DifferenceForm:
             return ("bool", (a == b) == positive)
         equal = ("eq", b, a) if a[0] == "obj" else expression
         return self._guarded(expression, equal if positive else ("not", equal))
-
-    def _kind(self, expression: Expr) -> str:
-        operator = expression[0]
-        if operator == "par":
-            return str(self._parameters[expression[1]][0])
-        if operator == "flu":
-            return str(self._fluents[expression[1]].type[0])
-        if operator == "obj":
-            return "user"
-        if operator in ("int", "time", "plus", "minus", "times", "div"):
-            return "int"
-        return "bool"

@@ -12,7 +12,7 @@ from __future__ import annotations
 import itertools
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from up_samp.model import UnsupportedError
 from up_samp.scheduling.compilers.plain import (
@@ -32,15 +32,6 @@ from up_samp.scheduling.compilers.plain import (
 )
 
 
-@dataclass(frozen=True)
-class PlainResource:
-    """A renewable resource: how much each activity takes of how much there is."""
-
-    fluent: Expr
-    capacity: int
-    amounts: dict[str, int]
-
-
 def compile_resources(problem: PlainProblem) -> Compiled:
     """Replace resources by constraints on the order of their users.
 
@@ -53,15 +44,15 @@ def compile_resources(problem: PlainProblem) -> Compiled:
     """
     constraints: list[Expr] = []
     gone: set[Expr] = set()
-    for resource in find_resources(problem):
-        sets = list(itertools.islice(_minimal_sets(resource), LIMITS.forbidden_sets + 1))
+    for fluent, capacity, amounts in _resources(problem):
+        sets = list(itertools.islice(_minimal_sets(amounts, capacity), LIMITS.forbidden_sets + 1))
         if len(sets) <= LIMITS.forbidden_sets:
-            gone.add(resource.fluent)
+            gone.add(fluent)
             constraints += [_not_all_at_once(problem, users) for users in sets]
-        elif not all(_fixed(problem.activity(name)) for name in resource.amounts):
+        elif not all(_fixed(problem.activity(name)) for name in amounts):
             raise UnsupportedError(
-                f"resource {show(resource.fluent)}: too many sets of activities take more "
-                f"than {resource.capacity} together"
+                f"resource {show(fluent)}: too many sets of activities take more "
+                f"than {capacity} together"
             )
     if not gone:
         return Compiled(problem)
@@ -83,13 +74,14 @@ def _fixed(activity: Activity) -> bool:
     return not activity.optional and lower == activity.upper and lower[0] == "int" and lower[1] > 0
 
 
-def find_resources(problem: PlainProblem) -> list[PlainResource]:
-    """Return the fluents (without arguments) that are resources."""
+def _resources(problem: PlainProblem) -> Iterator[tuple[Expr, int, dict[str, int]]]:
+    """Yield the fluents (without arguments) that are resources: how much there is, and how much
+    each activity takes.
+    """
     effects: dict[Expr, list[Effect]] = defaultdict(list)
     for effect in problem.effects:
         effects[effect.fluent].append(effect)
-    read = {f for expression in _read_expressions(problem) for f in fluents_in(expression)}
-    found = []
+    read = {f for expression in problem.read() for f in fluents_in(expression)}
     for fluent, changes in effects.items():
         if fluent in read or len(fluent) > 2:
             continue
@@ -97,23 +89,8 @@ def find_resources(problem: PlainProblem) -> list[PlainResource]:
         tpe, initial = problem.fluents[fluent[1]].type, problem.initial_value(fluent)
         if amounts is None or initial[0] != "int" or tpe[1] is None:
             continue
-        if tpe[2] is not None and initial[1] > tpe[2]:
-            continue
-        found.append(PlainResource(fluent, initial[1] - tpe[1], amounts))
-    return found
-
-
-def _read_expressions(problem: PlainProblem) -> Iterator[Expr]:
-    yield from problem.constraints
-    for condition in problem.conditions:
-        yield condition.expression
-    for activity in problem.activities:
-        yield activity.lower
-        yield activity.upper
-    for effect in problem.effects:
-        yield effect.value
-        yield effect.condition
-        yield from effect.fluent[2:]
+        if tpe[2] is None or initial[1] <= tpe[2]:
+            yield fluent, initial[1] - tpe[1], amounts
 
 
 def amounts_taken(effects: Iterable[Effect]) -> dict[str, int] | None:
@@ -133,15 +110,15 @@ def amounts_taken(effects: Iterable[Effect]) -> dict[str, int] | None:
     return dict(taken) if taken == given and all(a > 0 for a in taken.values()) else None
 
 
-def _minimal_sets(resource: PlainResource) -> Iterator[tuple[str, ...]]:
+def _minimal_sets(amounts: dict[str, int], capacity: int) -> Iterator[tuple[str, ...]]:
     """Yield the sets of users that take too much, of which no proper subset does."""
-    users = sorted(resource.amounts, key=lambda n: -resource.amounts[n])
+    users = sorted(amounts, key=lambda n: -amounts[n])
 
     def extend(chosen: tuple[str, ...], total: int, rest: int) -> Iterator[tuple[str, ...]]:
         for i in range(rest, len(users)):
-            amount = resource.amounts[users[i]]
+            amount = amounts[users[i]]
             # users come by falling amounts: the last one is the smallest of the set
-            if total + amount > resource.capacity:
+            if total + amount > capacity:
                 yield (*chosen, users[i])
             else:
                 yield from extend((*chosen, users[i]), total + amount, i + 1)

@@ -59,7 +59,7 @@ def _choices(
     """Yield each choice of values for the parameters in arguments of fluents: a guard that says
     it is taken, and these values.
     """
-    types = problem.parameter_types()
+    types = problem.parameter_types
     open_parameters: dict[Expr, None] = {}
     for expression in expressions:
         for fluent in fluents_in(expression):
@@ -127,12 +127,7 @@ def _refuse_fluents(activity: Activity, changed: set[str]) -> None:
 
 def _fluent_expressions(problem: PlainProblem) -> list[Expr]:
     """Return every fluent expression of the problem once, in order of appearance."""
-    places = [*problem.constraints]
-    for activity in problem.activities:
-        places += [activity.lower, activity.upper]
-    places += [c.expression for c in problem.conditions]
-    for effect in problem.effects:
-        places += [effect.fluent, effect.value, effect.condition]
+    places = (*problem.read(), *(e.fluent for e in problem.effects))
     return list(dict.fromkeys(f for place in places for f in fluents_in(place)))
 
 

@@ -62,7 +62,7 @@ def idle_values(problem: PlainProblem, owner: str) -> dict[Expr, Expr]:
     """
     conditions = [c for c in problem.conditions if c.owner == owner]
     used = {e: e for c in conditions for e in subexpressions(c.expression) if e[0] == "par"}
-    types = problem.parameter_types()
+    types = problem.parameter_types
     finite = [(p, types[p[1]]) for p in used]
     finite = [(p, t) for p, t in finite if t[0] != "int" or None not in t[1:]]
     domains = [values_of(problem, t) for _, t in finite]
@@ -311,7 +311,7 @@ class _OptionalCompiler:
         the problem's variables and others' parameters. A stand-in equals them if it is present.
         """
         own = {name for name, _ in self.problem.activity(owner).parameters}
-        types = self.problem.parameter_types()
+        types = self.problem.parameter_types
         stand_ins: dict[Expr, Expr] = {}
         for e in subexpressions(expression):
             if e[0] != "par" or e[1] in own or e in stand_ins:

@@ -319,17 +319,39 @@ class PlainProblem:
             ),
         )
 
+    def read(self) -> Iterator[Expr]:
+        """Yield every expression that reads fluents: all but what effects change."""
+        yield from self.constraints
+        for activity in self.activities:
+            yield from (activity.lower, activity.upper)
+        yield from (c.expression for c in self.conditions)
+        for effect in self.effects:
+            yield from (effect.value, effect.condition, *effect.fluent[2:])
+
     @cached_property
     def optional_names(self) -> frozenset[str]:
         """The names of the optional activities."""
         return frozenset(a.name for a in self.activities if a.optional)
 
+    @cached_property
     def parameter_types(self) -> dict[str, Type]:
-        """Return the type of every decision variable, by its full name."""
+        """The type of every decision variable, by its full name."""
         types = dict(self.variables)
         for activity in self.activities:
             types.update(activity.parameters)
         return types
+
+    def kind(self, expression: Expr) -> str:
+        """Return of which kind of type an expression is: ``bool``, ``int`` or ``user``."""
+        operator = expression[0]
+        if operator == "par":
+            return str(self.parameter_types[expression[1]][0])
+        if operator == "flu":
+            return str(self.fluents[expression[1]].type[0])
+        if operator == "obj":
+            return "user"
+        number = operator in ("int", "time", "plus", "minus", "times", "div")
+        return "int" if number else "bool"
 
     def objects_of(self, user_type: str) -> list[str]:
         """Return the objects of a user type and of the types below it."""
@@ -453,5 +475,5 @@ def names_in_use(problem: PlainProblem) -> set[str]:
     """Return every name of the problem."""
     names = {a.name for a in problem.activities}
     names.update(problem.variables, problem.types, problem.objects, problem.fluents)
-    names.update(problem.parameter_types())
+    names.update(problem.parameter_types)
     return names

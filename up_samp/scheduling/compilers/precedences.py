@@ -111,12 +111,9 @@ class _PrecedenceCompiler:
         return replace(effect, condition=self.problem.happens(effect))
 
     def _bounds(self, fluent: Expr, changes: list[Effect]) -> None:
-        """Values from parameters must be values of the fluent; no effect is before time 0."""
+        """Values from parameters must be values of the fluent."""
         tpe = self.problem.fluents[fluent[1]].type
         for change in changes:
-            if change.time[3] < 0:
-                in_time = ("le", integer(0), change.time)
-                self.constraints.append(disjunction([negation(change.condition), in_time]))
             if tpe[0] == "int" and change.value[0] != "bool":
                 low, high = tpe[1:]
                 inside = [] if low is None else [("le", integer(low), change.value)]

@@ -30,7 +30,7 @@ def compile_flat_types(problem: PlainProblem) -> Compiled:
         return tuple((name, flat(tpe)) for name, tpe in parameters)
 
     restricted: list[Expr] = []
-    for name, tpe in problem.parameter_types().items():
+    for name, tpe in problem.parameter_types.items():
         if tpe[0] == "user" and problem.types[tpe[1]] is not None:
             choices = problem.objects_of(tpe[1])
             restricted.append(disjunction(("eq", ("par", name), ("obj", o)) for o in choices))
@@ -54,7 +54,7 @@ def compile_flat_types(problem: PlainProblem) -> Compiled:
 
 def compile_unused(problem: PlainProblem) -> Compiled:
     """Drop types that no variable, fluent or fluent's parameter has, nor a relative of one."""
-    needed: set[Type] = set(problem.parameter_types().values())
+    needed: set[Type] = set(problem.parameter_types.values())
     for fluent in problem.fluents.values():
         needed |= {fluent.type, *(tpe for _, tpe in fluent.parameters)}
 

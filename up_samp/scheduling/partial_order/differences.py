@@ -166,7 +166,7 @@ def kept(planned: Planned, e: Expr, positive: bool = True) -> list[Difference] |
 
 def _two_ways(planned: Planned, e: Expr) -> Expr | None:
     """Return an equality of numbers as two comparisons (``None``: it is none)."""
-    if e[0] != "eq" or not any(_is_numeric(planned, x) for x in e[1:]):
+    if e[0] != "eq" or planned.problem.kind(e[1]) != "int":
         return None
     return ("and", ("le", e[1], e[2]), ("le", e[2], e[1]))
 
@@ -206,15 +206,6 @@ def _cost(planned: Planned, needs: list[Difference]) -> tuple[int, int, float]:
     loose = sum(planned.time(d.then) < planned.time(d.first) for d in needs)
     room = min((planned.time(d.then) - planned.time(d.first) - d.lag for d in needs), default=0)
     return loose, len(needs), -room
-
-
-def _is_numeric(planned: Planned, e: Expr) -> bool:
-    if e[0] in ("time", "int", "plus", "minus", "times"):
-        return True
-    if e[0] in ("obj", "bool", "pres"):
-        return False
-    value = planned.value(e)
-    return isinstance(value, int) and not isinstance(value, bool)
 
 
 def _compared(planned: Planned, e: Expr, positive: bool) -> tuple[Linear | None, bool]:
