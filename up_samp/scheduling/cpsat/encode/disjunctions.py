@@ -94,7 +94,8 @@ class _Members:
 
     def in_parallel(self, names: tuple[str, ...]) -> list[tuple[str, ...]]:
         """Return the tuples of activities of which one is there because one of ``names`` is: those
-        of one kind, the first ones of all, the second ones, and so on.
+        of one kind, the first ones of all, the second ones, and so on; of those that are left,
+        the only ones of one length.
         """
         lists = [self.of(name) for name in names]
         kinds = dict.fromkeys(self._kinds.get(name) for name in lists[0])
@@ -102,7 +103,18 @@ class _Members:
         for kind in kinds:
             alike = [[n for n in some if self._kinds.get(n) == kind] for some in lists]
             found += zip(*alike, strict=False)
+        lengths = dict.fromkeys(map(self._length, lists[0]))
+        done = {name for some in found for name in some}
+        for length in lengths.keys() - {None}:
+            alike = [[n for n in some if n not in done and self._length(n) == length]
+                     for some in lists]  # fmt: skip
+            if all(len(some) == 1 for some in alike):
+                found.append(tuple(name for (name,) in alike))
         return found
+
+    def _length(self, name: str) -> int | None:
+        kind = self._kinds.get(name)
+        return None if kind is None else kind[0]
 
     def products(self, pair: tuple[str, ...]) -> set[frozenset[str]]:
         """Return the pairs of activities that exclude each other because ``pair`` does."""
