@@ -6,7 +6,7 @@ import copy
 import itertools
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -26,11 +26,9 @@ from up_samp.scheduling.cpsat.encode.forms import (
     spoken_of,
 )
 from up_samp.scheduling.cpsat.encode.states import Key, Write
-from up_samp.scheduling.cpsat.encode.store import ModelStore
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.dispatch import RoutedTask, find_tasks
-from up_samp.scheduling.cpsat.routing.levels import RouteLevel, find_levels
 from up_samp.scheduling.cpsat.routing.route import (
     Entrance,
     Route,
@@ -38,6 +36,7 @@ from up_samp.scheduling.cpsat.routing.route import (
     expand,
     way_back,
 )
+from up_samp.scheduling.cpsat.routing.rules import cost
 
 
 def precedence_closure(forms: Iterable[Form]) -> Callable[[int, int], bool]:
@@ -156,75 +155,10 @@ def _changes_one(
     return not any(balance.values()) and sum(not write.add for _, write in changes) == 1
 
 
-# ------------------ The ways of travellers between stops
-
-
-@dataclass(frozen=True)
-class Arc:
-    """One way to come to a stop: from stop ``i`` (0: from the start, at ``since``) in ``distance``
-    or more, where ``lead`` is the rest between the activity before and the first move.
-
-    ``hop`` is the move's (from, to) on a direct way, ``rest`` the time from the end of the last
-    move to the stop.
-    """
-
-    i: int
-    literal: Literal
-    since: Lin
-    lead: int
-    distance: int
-    rest: int
-    hop: tuple[int, int] | None = None
-
-
-# As a traveller does one thing at a time, the level at a stop follows from the one at the stop
-# before, less what the way takes at least. So a schedule of the relaxation charges about where one
-# of the problem has to.
-
-
-class Course:
-    """A level along a route: what is left at most when its traveller comes to each stop."""
-
-    def __init__(
-        self,
-        store: ModelStore,
-        level: RouteLevel,
-        stops: Sequence[tuple[ActivityVars, frozenset[int]]],
-    ) -> None:
-        self._store = store
-        self._level = level
-        self._stops = stops
-        low, high = level.low, level.high
-        self._left = [Lin(((store.integer(low, high), 1),)) for _ in range(len(stops) + 1)]
-        store.enforce(self._left[0].le(constant(level.initial)))
-
-    def come(self, j: int, arcs: Iterable[Arc]) -> None:
-        """State that who comes to stop ``j`` (from 1 on) has no more than was left before, less
-        what the way takes.
-        """
-        for arc in arcs:
-            change = -self._level.taken(self._places(arc.i), self._places(j))
-            before = self._left[arc.i].shift(self._gain(arc.i) + change)
-            self._store.enforce(self._left[j].le(before), (arc.literal,))
-
-    def leave(self, j: int, literal: Literal, final: frozenset[int] | None) -> None:
-        """State that what is left after the last stop ``j`` is enough for the way to ``final``."""
-        back = 0 if final is None else self._level.taken(self._places(j), final)
-        least = constant(self._level.low + back - self._gain(j))
-        self._store.enforce(least.le(self._left[j]), (literal,))
-
-    def _places(self, j: int) -> frozenset[int]:
-        return self._stops[j - 1][1] if j else frozenset((self._level.start,))
-
-    def _gain(self, j: int) -> int:
-        return self._level.gains.get(self._stops[j - 1][0].name, 0) if j else 0
-
-
 # ------------------ The problem with its moves taken out
 # A relaxation that gives bounds, and a hint for the rest. Moves are replaced by the time that they
-# take at least between what happens at places, in a circuit per traveller. A move happens once at
-# most, so only one way can use it, and others pay for a detour. A door is opened once
-# (:func:`opened_once`), and before anybody passes, and what moves take from (``levels``) lasts.
+# take at least between what happens at places, in a circuit per traveller. A door is opened once
+# (:func:`opened_once`), and before anybody passes.
 # Constraints that speak of moves are dropped, so every schedule of the problem is one of the
 # collapsed problem: its optimum is a lower bound, and if it has no schedule, the problem has none.
 # A relaxed schedule, with shortest paths of moves put back in, is a hint for the full model, which
@@ -268,37 +202,22 @@ class RoutingRelaxation:
         stops = [(self.model.world.activities[name], places) for name, places in route.stops]
         circuit: list[tuple[int, int, Any]] = [(0, 0, store.raw(store.boolean()))]
         load: list[tuple[Literal, int]] = []
-        hops: dict[tuple[int, int], list[Literal]] = {}
-        # where no way takes anything, the stops' own constraints say the same
-        levels = [level for level in find_levels(self.full, route) if any(level.ways.values())]
-        courses = [Course(store, level, stops) for level in levels]
         for j, (stop, places) in enumerate(stops, 1):
             circuit.append((j, j, store.raw(~stop.present)))
             load.append((stop.present, stop.least))
-            arcs = self._arcs(route, stops, j)
-            for arc in arcs:
-                circuit.append((arc.i, j, store.raw(arc.literal)))
-                late = route.step - arc.rest if arc.distance else 0
-                load.append((arc.literal, arc.lead + arc.distance - late))
-                soonest = arc.since.shift(arc.lead + arc.distance - late)
-                self._when(soonest.le(stop.start), arc.literal)
-                if arc.hop is not None:
-                    hops.setdefault(arc.hop, []).append(arc.literal)
+            for i, since, least in self._arcs(route, stops, j):
+                literal = store.boolean()
+                circuit.append((i, j, store.raw(literal)))
+                load.append((literal, least))
+                self._when(since.shift(least).le(stop.start), literal)
             back = way_back(route, places, route.returns.get(stop.name, route.final))
             literal = store.boolean()
             circuit.append((j, 0, store.raw(literal)))
             load.append((literal, back))
             self._when(stop.end.shift(back).le(makespan), literal)
-            for course in courses:
-                course.come(j, arcs)
-                course.leave(j, literal, route.returns.get(stop.name, route.final))
             self._enter(route, stop, places)
         store.model.add_circuit(circuit)
         store.enforce(indicator_sum(load).le(makespan))
-        for hop, literals in hops.items():
-            most = len(route.hops[hop])
-            if len(literals) > most:
-                store.enforce(indicator_sum([(x, 1) for x in literals]).le(constant(most)))
 
     def _when(self, form: Form, literal: Literal) -> None:
         """Demand a comparison whatever it needs: ``literal`` says that those are present."""
@@ -307,22 +226,22 @@ class RoutingRelaxation:
 
     def _arcs(
         self, route: Route, stops: list[tuple[ActivityVars, frozenset[int]]], j: int
-    ) -> list[Arc]:
-        """Return the ways to come to stop ``j``."""
+    ) -> Iterator[tuple[int, Lin, int]]:
+        """Yield from which stops (0: the start) a traveller may come to stop ``j``, when it is done
+        there, and the least time from then on.
+        """
         stop, places = stops[j - 1]
-        before = [(0, constant(0), 0, frozenset((route.initial,)))]
+        before = [(0, constant(0), frozenset((route.initial,)))]
         before += [
-            (i, other.end, route.gap, origins)
+            (i, other.end, origins)
             for i, (other, origins) in enumerate(stops, 1)
             if i != j and not self._never_after(other, stop)
         ]
-        arcs = []
-        rest = route.rest(stop.name)
-        for i, since, lead, origins in before:
-            for distance, hop in self._ways(route, origins, places):
-                literal = self.model.store.boolean()
-                arcs.append(Arc(i, literal, since, lead, distance, rest, hop))
-        return arcs
+        for i, since, origins in before:
+            pairs = itertools.product(origins, places)
+            least = min(cost(route, a, b, stop.name, first=not i) for a, b in pairs)
+            if least < INFINITE:
+                yield i, since, least
 
     def _never_after(self, one: ActivityVars, other: ActivityVars) -> bool:
         """Return whether ``other`` cannot come after ``one``: it is an alternative, or earlier."""
@@ -330,28 +249,6 @@ class RoutingRelaxation:
         if pair in self.model.disjunctions.exclusive:
             return True
         return self._surely_before(other.start.terms[0][0], one.start.terms[0][0])
-
-    def _ways(
-        self, route: Route, origins: frozenset[int], places: frozenset[int]
-    ) -> list[tuple[int, tuple[int, int] | None]]:
-        """Return (travel time, move if it is direct): the best way, and a worse one where the best
-        cannot be had by everybody.
-        """
-        best = route.between(origins, places)
-        if best >= INFINITE:
-            return []
-        if len(origins) > 1 or len(places) > 1:
-            return [(best, None)]
-        (a,), (b,) = origins, places
-        if a == b or route.free or not route.is_direct(a, b):
-            return [(best, None)]
-        ways: list[tuple[int, tuple[int, int] | None]] = [(best, (a, b))]
-        arrivals = sum(p == places for _, p in route.stops)
-        if arrivals > len(route.hops[a, b]):
-            detour = route.way(a, places, {m.name for m in route.hops[a, b]})
-            if detour is not None:
-                ways.append((detour[0], None))
-        return ways
 
     # -- what moves need -----------------------------------------------------------------------
     def _enter(self, route: Route, stop: ActivityVars, places: frozenset[int]) -> None:

@@ -18,15 +18,11 @@ from up_samp.scheduling.cpsat.model import ScheduleModel
 Pair = tuple[int, int]
 
 
-def shorten(lengths: dict[Pair, int], places: Iterable[int]) -> dict[Pair, int]:
-    """Make ``lengths`` (0 or more) those of shortest ways; return, for each pair that is shorter
-    by way of another place, the last one that made it so (Floyd and Warshall).
-
-    Of ways of one length the first one found stays. Sparse lengths are few steps: places that
-    nothing leads from cost nothing. (``scipy.sparse.csgraph`` returns other ones among equals.)
+def shorten(lengths: dict[Pair, int], places: Iterable[int]) -> None:
+    """Make ``lengths`` (0 or more) those of shortest ways (Floyd and Warshall). Sparse lengths are
+    few steps: places that nothing leads from cost nothing.
     """
     order = list(places)
-    via: dict[Pair, int] = {}
     for middle in order:
         onward = [(b, lengths[middle, b]) for b in order if b != middle and (middle, b) in lengths]
         for a in order:
@@ -37,8 +33,6 @@ def shorten(lengths: dict[Pair, int], places: Iterable[int]) -> dict[Pair, int]:
                 known = lengths.get((a, b))
                 if known is None or first + second < known:
                     lengths[a, b] = first + second
-                    via[a, b] = middle
-    return via
 
 
 # ------------------ The route of one traveller
@@ -108,7 +102,6 @@ class Route:
     at ``end - 1``."""
     hops: dict[tuple[int, int], list[Move]] = field(default_factory=dict)
     travel: dict[tuple[int, int], int] = field(default_factory=dict)
-    _via: dict[tuple[int, int], int] = field(default_factory=dict)
     leaving: dict[int, list[tuple[int, list[Move]]]] = field(default_factory=dict)
     """Place -> (where one can go from there, with which moves, the quickest first)."""
     _ways: dict[tuple[int, frozenset[int]], tuple[int, list[Move]] | None] = field(
@@ -159,18 +152,14 @@ class Route:
             self.leaving.setdefault(a, []).append((b, choices))
         for a in order:
             for b in self.free - {a}:
-                self.travel[a, b], self._via[a, b] = 0, b
-        self._via.update(shorten(self.travel, order))
+                self.travel[a, b] = 0
+        shorten(self.travel, order)
 
     def between(self, some: Set[int], others: Set[int]) -> int:
         """Return the least travel time from a place in ``some`` to one in ``others``."""
         return min(
             (self.travel.get((a, b), INFINITE) for a in some for b in others), default=INFINITE
         )
-
-    def is_direct(self, a: int, b: int) -> bool:
-        """Return whether the shortest way is one move."""
-        return (a, b) in self.hops and (a, b) not in self._via
 
     def way(
         self, here: int, targets: frozenset[int], banned: Collection[str] = ()
