@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from up_samp.fleet import Fleet, FleetError
-from up_samp.fleet.batteries import Meter, levels
+from up_samp.fleet.batteries import Meter, levels, pieces_of
 from up_samp.fleet.build import write_problem
 from up_samp.fleet.statements import Kind, Meaning
 from up_samp.validation import validate_plan
@@ -157,3 +157,72 @@ def test_charges_count_for_who_charged_whatever_things_are_called():
         course = levels(fleet.records, written, plan)
         assert course.pop(robot) == [(0.0, 20), (10.0, 30), (20.0, 40), (30.0, 50)]
         assert [*course.values()] == [[(0.0, 20)]]
+
+
+def charges_of(result):
+    """(length, what the level becomes) of each charge in a plan, in their order."""
+    done = sorted(
+        (a["start"], a["end"]) for a in result.data["activities"] if a["name"].startswith("charge_")
+    )
+    return [end - start for start, end in done]
+
+
+def refill(level, need, per_metre=1.0, **charger):
+    """A robot at its plug with so much in its battery, which has to drive so far (m)."""
+    fleet = Fleet(MAPS / "two_rooms.yaml")
+    battery = {"capacity": 100, "per_metre": per_metre, "level": level}
+    battery["curve"] = [[50, 0.5], [80, 0.1]]
+    fleet.add_robot_type("agv", (1.2, 0.8), model="omni", v_max=2.0, battery=battery)
+    fleet.add_place("plug", 2, 3, charger=charger)
+    fleet.add_place("there", 2 + need, 3)
+    fleet.add_robot("r", "agv", "plug")
+    fleet.add_task("look", "there", duration=1)
+    return fleet
+
+
+def test_a_battery_is_swapped_for_a_full_one():
+    fleet = refill(3, 10, swap=25)
+    result = fleet.solve(optimal=True, timeout=120)
+    assert result.status == "SOLVED_OPTIMALLY", result.explain()
+    assert validate_plan(fleet.problem, result.plan).valid
+    assert charges_of(result) == [25]
+    course = [level for _, level in levels(fleet.records, result.written, result.data)["r"]]
+    assert max(course) == 100
+    assert course[-1] == pytest.approx(90, abs=0.5)
+
+
+def test_a_fuller_battery_charges_slower():
+    """A step of 5 s gives 10 below half, and half of that from there on."""
+    for level, need, steps in ((2, 10, 1), (2, 11.8, 1), (2, 12.1, 2)):
+        fleet = refill(level, need, per_second=2.0, step=5)
+        result = fleet.solve(optimal=True, timeout=120)
+        assert result.status == "SOLVED_OPTIMALLY", result.explain()
+        assert validate_plan(fleet.problem, result.plan).valid
+        assert charges_of(result) == [5] * steps
+    kind, place = fleet.records.robot_types["agv"], fleet.records.places["plug"]
+    told = [(p.gives, p.top, p.times) for p in pieces_of(kind.battery, place.charger)]
+    assert told == [(100, 500, 5), (50, 800, 6), (10, 1000, 20)]
+
+
+def test_a_battery_that_is_half_full_begins_slower():
+    """48 are there and 50 needed: a quick step, which gives 10 up to 50, is not to be had."""
+    fleet = refill(48, 12.5, per_metre=4.0, per_second=2.0, step=5)
+    result = fleet.solve(optimal=True, timeout=120)
+    assert result.status == "SOLVED_OPTIMALLY", result.explain()
+    assert validate_plan(fleet.problem, result.plan).valid
+    charges = [a for a in result.data["activities"] if a["name"].startswith("charge_")]
+    assert [a["name"] for a in charges] == ["charge_r_at_plug_1_6"]  # after five quick ones
+    course = [level for _, level in levels(fleet.records, result.written, result.data)["r"]]
+    assert course == pytest.approx([48, 53, 3], abs=0.5)
+
+
+def test_what_is_wrong_with_chargers_and_curves_is_told():
+    for charger in ({}, {"per_second": 2.0, "swap": 25}):
+        with pytest.raises(FleetError, match=r"places\.plug\.charger: say what it gives"):
+            refill(3, 10, **charger)
+    with pytest.raises(FleetError, match=r"a step gives 0.05, less than 1/1000 .* longer step"):
+        refill(3, 10, per_second=0.1, step=5)
+    with pytest.raises(FleetError, match=r"battery\.curve: has levels that rise"):
+        floor(60, curve=[[50, 0.5], [40, 0.1]])
+    with pytest.raises(FleetError, match=r"curve"):
+        floor(60, curve=[[50, 1.5]])

@@ -7,13 +7,17 @@ given down.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from unified_planning.model import Effect
+from unified_planning.model.scheduling import Activity
 
 from up_samp.fleet.floors import FloorMaps, floor_of
 from up_samp.fleet.loads import load_of, place_of, ridden, with_load
@@ -133,14 +137,32 @@ def _reserve(battery: Battery) -> int:
     return math.ceil(grains(battery, battery.reserve) - 1e-9)
 
 
-def step_of(battery: Battery, charger: Charger) -> int:
-    """Return what one step of charging gives, in grains."""
-    return math.floor(grains(battery, charger.per_second * charger.step) + 1e-9)
+@dataclass(frozen=True)
+class Piece:
+    """Steps of charging that give as much each: ``times`` of them at most, ``gives`` grains each,
+    to no more than ``top`` (grains above the reserve).
+    """
+
+    gives: int
+    top: int
+    times: int
 
 
-def steps_of(battery: Battery, charger: Charger) -> int:
-    """Return how many steps one visit may have: until an empty battery is full."""
-    return min(MOST_STEPS, max(1, usable(battery) // step_of(battery, charger)))
+def pieces_of(battery: Battery, charger: Charger) -> list[Piece]:
+    """Return how a charger fills an empty battery: quick steps first, until it is full."""
+    if charger.per_second is None:
+        return []
+    pieces: list[Piece] = []
+    bottom, left = 0, MOST_STEPS
+    tops = [*(level for level, _ in battery.curve), battery.capacity]
+    for top, share in zip(tops, (1.0, *(share for _, share in battery.curve)), strict=True):
+        gives = math.floor(grains(battery, charger.per_second * share * charger.step) + 1e-9)
+        high = above_reserve(battery, top)
+        times = min(left, max(0, high - bottom) // gives if gives else 0)
+        if times:
+            pieces.append(Piece(gives, high, times))
+        bottom, left = max(bottom, high), left - times
+    return pieces
 
 
 def levels(
@@ -151,7 +173,8 @@ def levels(
     """
     unit = float(plan["seconds_per_unit"])
     done = written.happening(plan["activities"])
-    charges = [(m.robot, m.what, a) for m, a in done if m.kind is Kind.CHARGE]
+    charges = [(m.robot, a) for m, a in done if m.kind is Kind.CHARGE]
+    by_name = {a.name: a for a in written.problem.activities} if charges else {}
     found = {}
     for robot, mine in records.robots.items():
         battery = records.robot_types[mine.type].battery
@@ -161,17 +184,29 @@ def levels(
             (row[-1][0], -taken(battery, rows_trajectory(row)))
             for row in (m["samples"] for m in plan["motions"] if m["object"] == robot)
         ]
-        for who, place, a in charges:
-            charger = records.places[place].charger
-            if who == robot and charger is not None:
-                given = step_of(battery, charger) * battery.capacity / battery.grains
+        for who, a in charges:
+            if who == robot:
+                effect = _on_battery(by_name[a["name"]], robot)
+                given = float(effect.value.constant_value()) * battery.capacity / battery.grains
+                given = math.inf if effect.is_assignment() else given
                 changes.append((float(a["end"]) * unit, given))
         level = first_level(records, robot)
         found[robot] = [(0.0, level)]
         for time, change in sorted(changes):
-            level += change
+            level = min(level + change, battery.capacity)
             found[robot].append((time, level))
     return found
+
+
+def battery_of(robot: str) -> str:
+    """Return the name of the fluent that tells a robot's level."""
+    return f"{robot}_battery"
+
+
+def _on_battery(charge: Activity, robot: str) -> Effect:
+    """Return what a charge does to a robot's battery."""
+    effects = itertools.chain(*charge.effects.values())
+    return next(e for e in effects if e.fluent.fluent().name == battery_of(robot))
 
 
 def tell_levels(records: FleetRecords, written: Written, plan: Mapping[str, Any]) -> list[str]:

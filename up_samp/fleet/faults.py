@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import itertools
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,6 +19,7 @@ from up_samp.fleet.records import (
     GROUND,
     Attached,
     Battery,
+    Charger,
     FleetRecords,
     Order,
     Outline,
@@ -230,6 +232,10 @@ def _batteries(records: FleetRecords) -> Iterator[Fault]:
             yield Fault((*path, "level"), "robots of its type have no battery")
         if battery is None:
             continue
+        levels = [battery.reserve, *(level for level, _ in battery.curve), battery.capacity]
+        if own is None and any(b <= a for a, b in itertools.pairwise(levels)) and battery.curve:
+            text = f"has levels that rise from the reserve to the capacity, not {levels}"
+            yield Fault((*path, "curve"), text)
         usual = battery.capacity if battery.level is None else battery.level
         first = usual if own is None else own
         if first > battery.capacity:
@@ -244,17 +250,26 @@ def _chargers(records: FleetRecords) -> Iterator[Fault]:
     batteries = [(n, kind.battery) for n, kind in records.robot_types.items() if kind.battery]
     for name, place in records.places.items():
         charger = place.charger
+        path: Path = ("places", name, "charger")
+        if charger is not None and (charger.per_second is None) == (charger.swap is None):
+            yield Fault(path, "say what it gives (per_second), or how long a swap takes (swap, s)")
+            continue
         for kind, battery in batteries if charger is not None else ():
             assert charger is not None
-            given, room = charger.per_second * charger.step, battery.capacity - battery.reserve
+            given, room = _step(charger), battery.capacity - battery.reserve
+            least = given * min((share for _, share in battery.curve), default=1.0)
             if given > room:
                 text = f"a step gives {given:g}; the battery of '{kind}' takes {room:g} from its "
-                text += "reserve on: say step, in s"
-                yield Fault(("places", name, "charger"), text)
-            elif given * battery.grains < battery.capacity:
-                text = f"a step gives {given:g}, less than 1/{battery.grains} of what the battery "
+                yield Fault(path, text + "reserve on: say step, in s")
+            elif charger.swap is None and least * battery.grains < battery.capacity:
+                text = f"a step gives {least:g}, less than 1/{battery.grains} of what the battery "
                 text += f"of '{kind}' holds ({battery.capacity:g}): say a longer step, in s"
-                yield Fault(("places", name, "charger"), text)
+                yield Fault(path, text)
+
+
+def _step(charger: Charger) -> float:
+    """Return what a step gives where it is quickest; nothing, where batteries are swapped."""
+    return (charger.per_second or 0.0) * charger.step
 
 
 def _doors(records: FleetRecords) -> Iterator[Fault]:

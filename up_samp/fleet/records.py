@@ -84,6 +84,7 @@ Positive = Annotated[float, Ge(FILE_LIMITS.least), Le(FILE_LIMITS.largest), NUMB
 Length = Annotated[float, Ge(FILE_LIMITS.least), Le(LIMITS.footprint), NUMBER]
 Clearance = Annotated[float, Ge(0), Le(LIMITS.footprint), NUMBER]
 Seconds = Positive
+Share = Annotated[float, Ge(FILE_LIMITS.least), Le(1), NUMBER]
 Moment = Annotated[float, Ge(0), Le(FILE_LIMITS.largest), NUMBER]
 Rate = Annotated[float, Ge(0), Le(FILE_LIMITS.largest), NUMBER]
 Coordinate = Annotated[float, Ge(-LIMITS.farthest), Le(LIMITS.farthest), NUMBER]
@@ -153,7 +154,8 @@ class Battery:
 
     A drive takes ``per_metre`` for each metre and ``per_second`` for each second of the drive
     that the robot makes when nobody is in its way; a level never falls below ``reserve``. ``level``
-    is that at first (full where none is given).
+    is that at first (full where none is given). ``curve``: from a level on, chargers give only so
+    much of what they give, as in ``[[80, 0.4], [95, 0.1]]``.
     """
 
     __pydantic_config__ = STRICT
@@ -162,18 +164,21 @@ class Battery:
     per_second: Rate = 0.0
     reserve: Rate = 0.0
     level: Positive | None = None
+    curve: tuple[tuple[Positive, Share], ...] = ()
     grains: ClassVar[int] = 1000
     """A full one holds so many of the whole numbers that levels are counted in."""
 
 
 @dataclass(frozen=True)
 class Charger:
-    """A place to charge at: ``per_second`` is what it gives, in steps of ``step`` s; each robot may
-    come to it ``times`` times.
+    """A place to charge at: ``per_second`` is what it gives, in steps of ``step`` s; or where a
+    battery is swapped for a full one, which takes ``swap`` s. Each robot may come to it ``times``
+    times.
     """
 
     __pydantic_config__ = STRICT
-    per_second: Positive
+    per_second: Positive | None = None
+    swap: Seconds | None = None
     step: Seconds = 30.0
     times: Visits = 1
 

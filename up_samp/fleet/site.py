@@ -34,7 +34,7 @@ from unified_planning.shortcuts import (
     UserType,
 )
 
-from up_samp.fleet.batteries import above_reserve, first_level, usable
+from up_samp.fleet.batteries import above_reserve, battery_of, first_level, usable
 from up_samp.fleet.faults import Fault, FleetError
 from up_samp.fleet.floors import FloorMaps, floor_of, height_of, map_of, spots_of
 from up_samp.fleet.loads import (
@@ -244,7 +244,7 @@ class Site:
             self.problem.set_initial_configuration(self.robots[name], self.places[robot.start])
             self._at_first(name, self.spots[robot.start])
             if kind.battery is not None:
-                level = Fluent(f"{name}_battery", IntType(0, usable(kind.battery)))
+                level = Fluent(battery_of(name), IntType(0, usable(kind.battery)))
                 at_first = above_reserve(kind.battery, first_level(self.records, name))
                 self.problem.add_fluent(level, default_initial_value=at_first)
                 self.batteries[name] = level()

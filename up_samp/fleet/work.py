@@ -8,7 +8,7 @@ from typing import Any
 from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import GE, LE, And, Equals, Or
 
-from up_samp.fleet.batteries import step_of, steps_of
+from up_samp.fleet.batteries import pieces_of, usable
 from up_samp.fleet.records import Break, Stop, Task, Windows, seats_of
 from up_samp.fleet.site import Site
 from up_samp.fleet.statements import (
@@ -136,26 +136,42 @@ class Work:
         self.closings.append((visit.what, opening, a, site.up(door.closes)))
 
     def _charge(self, visit: Visit) -> None:
-        """Add the steps of a visit to a charger: one after the other, as many as are wanted."""
+        """Add the steps of a visit to a charger: one after the other, as many as are wanted; or the
+        one in which the battery is swapped.
+        """
         site, problem = self._site, self._site.problem
         battery = site.kind_of(visit.robot).battery
         charger = self._records.places[visit.what].charger
         assert battery is not None
         assert charger is not None
         level, at = site.batteries[visit.robot], site.at[visit.robot]
-        before: Activity | None = None
-        for step in range(1, steps_of(battery, charger) + 1):
-            name = site.fresh(f"{visit.name}_{step}", meaning_of(visit))
-            a = problem.add_activity(name, site.up(charger.step), optional=True)
+
+        def step(number: int, seconds: float) -> Activity:
+            name = site.fresh(f"{visit.name}_{number}", meaning_of(visit))
+            a = problem.add_activity(name, site.up(seconds), optional=True)
             a.add_condition(while_there(a), Equals(at, site.spots[visit.what]))
-            # A unit early: with a drive that starts at its end, the two would add up, and a step
-            # too much for a full battery would still be driven with.
-            a.add_increase_effect(a.end - 1, level, step_of(battery, charger))
             self.busy[visit.robot].append(a)
-            if before is not None:
-                only_with(problem, a, before)
-                ends_before(problem, before, a)
-            before = a
+            return a
+
+        if charger.swap is not None:
+            a = step(1, charger.swap)
+            a.add_effect(a.end - 1, level, usable(battery))
+        before: Activity | None = None
+        number = 0
+        for piece in pieces_of(battery, charger):
+            for time in range(piece.times):
+                number += 1
+                a = step(number, charger.step)
+                if piece.top < usable(battery):  # above it this would be too quick
+                    a.add_condition(at_start(a), LE(level, piece.top - piece.gives))
+                # A unit early: with a drive that starts at its end, the two would add up, and a
+                # step too much for a full battery would still be driven with.
+                a.add_increase_effect(a.end - 1, level, piece.gives)
+                if before is not None:
+                    if time:  # a battery that is full enough begins with a slower piece
+                        only_with(problem, a, before)
+                    ends_before(problem, before, a)
+                before = a
 
     def _rest(self, robot: str, number: int, rest: Break) -> None:
         """Add a break: the robot stands wherever it is."""

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 from unified_planning.model.motion import MotionModels, MovableObject
 from unified_planning.shortcuts import MovableType
 
-from up_samp.geometry import OccupancyGrid
+from up_samp.geometry import OccupancyGrid, sweeps
 from up_samp.model import (
     Body,
     Deadline,
@@ -22,6 +23,8 @@ from up_samp.model import (
     ProblemError,
 )
 from up_samp.motion.legs import parking_clears
+from up_samp.motion.planners.pivoting import PivotPlanner, PivotSettings
+from up_samp.motion.protocol import LegQuery
 from up_samp.motion.service import MotionService
 from up_samp.upio.read_maps import read_movable
 from up_samp.validation.kinematics import motion_violations
@@ -120,3 +123,22 @@ def test_no_way_is_no_proof_unless_it_is_one():
     report = service.plan(PathQuery(BODY, (ends[0], ends[3])), Deadline.after(20))
     assert report.outcome in (Outcome.NOT_FOUND, Outcome.IMPOSSIBLE)
     assert planned(service, ends[0], ends[2]).duration > 0
+
+
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize("reverse", [True, False])
+def test_who_stands_along_a_wall_leaves_it_and_comes_to_it_on_arcs(side, reverse):
+    # no room to turn anywhere along the walls; the way leads round the one in the middle
+    body = Body(RING, replace(BODY.kinematics, reverse=reverse))
+    service = MotionService(hall())
+    planner = PivotPlanner(service.scene, 0, PivotSettings(arcs=0))
+    along = math.pi / 2
+    start, goal = (0.55, 4.0, side * along), (15.45, 3.0, -side * along)
+    for ends in ((start, goal), (goal, start)):
+        leg = planner.leg(LegQuery(body, *ends, ()), Deadline.never())
+        assert leg.trajectory is not None, leg.reason
+        assert leg.effort < 2_000
+        times, poses = leg.trajectory.times, leg.trajectory.poses
+        assert list(motion_violations("m", limits(), times, poses)) == []
+        world = service.scene.world(service.scene.shape(body), ())
+        assert sweeps.samples_free(world, np.ascontiguousarray(poses), 1e-6) < 0

@@ -7,7 +7,6 @@ from ortools.sat.python import cp_model
 from up_samp.model import Deadline, ScheduleStatus
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.model import ScheduleModel
-from up_samp.scheduling.cpsat.problem import Watcher
 from up_samp.scheduling.cpsat.routing.detection import find_routes
 from up_samp.scheduling.cpsat.routing.dispatch import find_work
 from up_samp.scheduling.cpsat.routing.relaxation import RoutingRelaxation
@@ -61,7 +60,7 @@ def collapsed_optimum(problem):
     routes = find_routes(full)
     if not routes:
         return None
-    collapsed = RoutingRelaxation(full, Watcher(problem).look(), routes, Deadline.never())
+    collapsed = RoutingRelaxation(full, routes)
     Attempts(collapsed.model, ORDERS, Deadline.never(), 0)
     solver = cp_model.CpSolver()
     solver.parameters.num_workers = 1

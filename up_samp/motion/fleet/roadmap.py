@@ -9,7 +9,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from up_samp.model import Body, Configuration, Kinematics, Placed, check_time
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.curves.arcs import length_of, nodes_of
 from up_samp.motion.curves.reeds_shepp import fastest
+from up_samp.motion.curves.rolling import rolling_time
 from up_samp.motion.curves.trapezoid import limits_of, runs_of
 from up_samp.motion.fleet.conflicts import Hull, Swept, sweep_table
 from up_samp.motion.fleet.paths import hull_of
@@ -28,6 +29,10 @@ from up_samp.motion.moves import ShortMove, steer, straight_move
 
 Key = tuple[int, int, int]
 Box = tuple[float, float, float, float]
+LatticeMove = tuple[Key, float, float, Callable[[], ShortMove]]
+"""The place that a move leads to, how far the body goes (m) and turns (rad), and what makes it: of
+most moves that a search looks at no more has to be known.
+"""
 
 NODES = 30_000
 """Places of a roadmap at most."""
@@ -35,6 +40,8 @@ LINKS, LOCAL = 6, 3.0
 """Places of the lattice that a place off it is joined to, at most, by links that are at most so
 many cells longer than the straight line.
 """
+LEAVING = 8
+"""Half radii of the body that a place which has no room to turn is left by, at most."""
 EACH = 0.05
 """Seconds that a move costs besides its length: fewer are better."""
 ROOMY = 2.1
@@ -46,6 +53,7 @@ OFFSETS, STRAIGHTER = 5, 1.25
 be long.
 """
 QUARTERS = (0.0, math.pi / 2, math.pi, -math.pi / 2)
+AXES = ((-1, 0), (1, 0), (0, -1), (0, 1))
 
 
 def box_around(ends: Iterable[Configuration], radius: float, turning: float) -> Box:
@@ -102,6 +110,7 @@ class Tensor:
         self.xs, self.ys = xs, ys
         self.headings = np.array(headings)
         self.sideways = body.mobility.sideways
+        self._along = {way: self._headings_along(*way) for way in AXES}
 
     def pose(self, key: Key) -> Configuration:
         """Return the pose of a place."""
@@ -118,24 +127,28 @@ class Tensor:
         )
         return [(i, j, k) for i in cols for j in rows for k in range(len(self.headings))]
 
-    def moves(self, key: Key) -> list[tuple[Key, ShortMove]]:
+    def moves(self, key: Key) -> list[LatticeMove]:
         """Return the moves from a place, map or no map."""
         i, j, k = key
         count = len(self.headings)
         turns = [(i, j, n) for n in {(k + 1) % count, (k - 1) % count} - {k}]
-        ways = [(i + d, j) for d in (-1, 1) if 0 <= i + d < len(self.xs)]
-        ways += [(i, j + d) for d in (-1, 1) if 0 <= j + d < len(self.ys)]
-        if self.sideways:
-            return [(n, self._straight(key, n)) for n in (*turns, *((*way, k) for way in ways))]
-        found = [(n, self._straight(key, n)) for n in turns]
-        # turning and driving off is one move: who is pushed has to get away at once
-        for way in ways:
-            for n in self._along(way[0] - i, way[1] - j):
-                drive = self._straight((i, j, n), (*way, n))
-                found.append(((*way, n), drive if n == k else self._turned(key, n, drive)))
+        found: list[LatticeMove] = [
+            (n, 0.0, self._turn(k, n[2]), partial(self._straight, key, n)) for n in turns
+        ]
+        for dx, dy in AXES:
+            if not (0 <= i + dx < len(self.xs) and 0 <= j + dy < len(self.ys)):
+                continue
+            way = abs(self.xs[i + dx] - self.xs[i]) + abs(self.ys[j + dy] - self.ys[j])
+            # turning and driving off is one move: who is pushed has to get away at once
+            for n in (k,) if self.sideways else self._along[dx, dy]:
+                there, make = (i + dx, j + dy, n), self._straight if n == k else self._turned
+                found.append((there, float(way), self._turn(k, n), partial(make, key, there)))
         return found
 
-    def _along(self, dx: int, dy: int) -> list[int]:
+    def _turn(self, k: int, n: int) -> float:
+        return abs(math.remainder(float(self.headings[n] - self.headings[k]), 2 * math.pi))
+
+    def _headings_along(self, dx: int, dy: int) -> list[int]:
         """Return the headings at which the body may drive along an axis, one way."""
         c, s = np.cos(self.headings), np.sin(self.headings)
         along = np.abs(dx * s - dy * c) < 1e-9
@@ -147,8 +160,9 @@ class Tensor:
         start, goal = np.array(self.pose(key)), np.array(self.pose(there))
         return straight_move(start, goal, self.body.kinematics)
 
-    def _turned(self, key: Key, heading: int, drive: ShortMove) -> ShortMove:
-        turn = self._straight(key, (key[0], key[1], heading))
+    def _turned(self, key: Key, there: Key) -> ShortMove:
+        here = (*key[:2], there[2])
+        turn, drive = self._straight(key, here), self._straight(here, there)
         rows = drive.rows.copy()
         rows[:, 2] += turn.rows[-1, 2] - rows[0, 2]
         return ShortMove(np.concatenate([turn.rows[:1], rows]), turn.seconds + drive.seconds)
@@ -178,15 +192,18 @@ class LatticeState:
     def _primitives(self) -> tuple[tuple[Primitive, ...], ...]:
         return _primitives(self.body.kinematics, self.cell)
 
-    def moves(self, key: Key) -> list[tuple[Key, ShortMove]]:
+    def moves(self, key: Key) -> list[LatticeMove]:
         """Return the moves from a place, map or no map."""
         i, j, k = key
         here = np.array(self.pose(key))
-        found = []
-        for (di, dj, n), arcs, seconds in self._primitives[k]:
-            there = (i + di, j + dj, n)
-            found.append((there, ShortMove(nodes_of(here, arcs), seconds, arcs)))
-        return found
+
+        def made(arcs: FloatArray, seconds: float) -> ShortMove:
+            return ShortMove(nodes_of(here, arcs), seconds, arcs)
+
+        return [
+            ((i + di, j + dj, n), length_of(arcs), 0.0, partial(made, arcs, seconds))
+            for (di, dj, n), arcs, seconds in self._primitives[k]
+        ]
 
 
 Primitive = tuple[Key, FloatArray, float]
@@ -235,10 +252,15 @@ class RoadmapEdge:
     number: int
     source: int
     target: int
-    move: ShortMove
+    make: Callable[[], ShortMove]
     hull: Hull
     cost: float
     """Seconds at top speed, and a little for each move."""
+
+    @cached_property
+    def move(self) -> ShortMove:
+        """How it is driven."""
+        return self.make()
 
     @cached_property
     def swept(self) -> Swept:
@@ -319,39 +341,57 @@ class Roadmap:
         self.edges: list[RoadmapEdge] = []
         self._keys: dict[int, Key] = {}
         self._nodes: dict[Key, int] = {}
-        self._extra: dict[int, list[int]] = {}
+        self._extra: dict[int, list[RoadmapEdge]] = {}
+        self._moves: dict[int, list[RoadmapEdge]] = {}
         self._known: dict[int, list[RoadmapEdge]] = {}
-        self._free: dict[Key, bool] = {}
+        self._places: dict[Key, bool] = {}
+        self._free: dict[int, bool] = {}
         self.cell = cell
         self._box = box or box_around(ends, self.hull.radius, body.kinematics.bend_radius)
         self.lattice = lattice_of(body, ends, self._box, self.cell)
         self.places: dict[Configuration, int] = {}
         self._rests: dict[int, RoadmapEdge] = {}
-        for pose in ends:
-            self.place(pose)
+        # what is on the lattice is known before anything is joined to it
+        for node in [self._placed(pose) for pose in dict.fromkeys(ends)]:
+            self._join(node)
 
     def place(self, pose: Configuration) -> int:
         """Return the place at a pose, joined to the places of the lattice near it."""
         if pose not in self.places:
-            node = self.places[pose] = self._new(pose)
-            self._join(node)
+            self._join(self._placed(pose))
         return self.places[pose]
 
     def rest(self, node: int) -> RoadmapEdge:
         """Return the rest at a place."""
         if node not in self._rests:
-            self._rests[node] = self._edge(node, node, ShortMove(np.array([self.poses[node]]), 0.0))
+            rest = ShortMove(np.array([self.poses[node]]), 0.0)
+            self._rests[node] = self._edge(node, node, 0.0, 0.0, partial(_itself, rest))
         return self._rests[node]
 
     def out(self, node: int) -> list[RoadmapEdge]:
         """Return the free moves from a place."""
         if node not in self._known:
-            check_time()
-            found = [self.edges[k] for k in self._extra.get(node, ())]
-            if node in self._keys and len(self.poses) < NODES:
-                found += self._lattice_moves(node)
-            self._known[node] = found
+            self._known[node] = [edge for edge in self.moves(node) if self.is_free(edge)]
         return self._known[node]
+
+    def moves(self, node: int) -> list[RoadmapEdge]:
+        """Return the moves from a place to free places, those too on which something is in the way
+        (:meth:`is_free`).
+        """
+        if node not in self._moves:
+            check_time()
+            found = self._moves[node] = list(self._extra.get(node, ()))
+            if node in self._keys and len(self.poses) < NODES:
+                for key, way, turn, make in self.lattice.moves(self._keys[node]):
+                    if self._is_place(key):
+                        found.append(self._edge(node, self._lattice_place(key), way, turn, make))
+        return self._moves[node]
+
+    def is_free(self, edge: RoadmapEdge) -> bool:
+        """Return whether nothing is in the way of a move."""
+        if edge.number not in self._free:
+            self._free[edge.number] = self._sweeps_free(edge.move.rows)
+        return self._free[edge.number]
 
     def to_go(self, goal: int) -> dict[int, float]:
         """Return the cost from each place to a goal, over free moves: back along the moves from it,
@@ -410,12 +450,15 @@ class Roadmap:
             closed.add(node)
             if most is not None and len(closed) > most:
                 return None, len(closed)
-            for edge in self.out(node):
+            for edge in self.moves(node):
                 after = best[node][0] + edge.cost
                 if edge.target in best and best[edge.target][0] <= after:
                     continue
                 ahead = after + estimate(edge.target)
-                if ahead > limit or not (allowed is None or allowed(edge)):
+                # to look what is in the way is dearer than all else
+                if ahead > limit or not self.is_free(edge):
+                    continue
+                if allowed is not None and not allowed(edge):
                     continue
                 best[edge.target] = after, edge
                 heapq.heappush(queue, (ahead, edge.target))
@@ -428,29 +471,19 @@ class Roadmap:
             at = last.source
         return tuple(way[::-1]), len(closed)
 
-    def _lattice_moves(self, node: int) -> list[RoadmapEdge]:
-        return [
-            self._edge(node, self._lattice_place(key), move)
-            for key, move in self.lattice.moves(self._keys[node])
-            if self._is_place(key) and self._sweeps_free(move.rows)
-        ]
-
     def _lattice_place(self, key: Key) -> int:
         if key not in self._nodes:
-            pose = self.lattice.pose(key)
-            # an end on the lattice is the lattice's own place
-            node = next((n for p, n in self.places.items() if _same(p, pose)), None)
-            self._nodes[key] = self._new(pose) if node is None else node
+            self._nodes[key] = self._new(self.lattice.pose(key))
             self._keys[self._nodes[key]] = key
         return self._nodes[key]
 
     def _is_place(self, key: Key) -> bool:
-        if key not in self._free:
+        if key not in self._places:
             x, y, _ = pose = self.lattice.pose(key)
             low_x, low_y, high_x, high_y = self._box
             inside = low_x <= x <= high_x and low_y <= y <= high_y
-            self._free[key] = inside and self._sweeps_free(np.array([pose]))
-        return self._free[key]
+            self._places[key] = inside and self._sweeps_free(np.array([pose]))
+        return self._places[key]
 
     def _sweeps_free(self, rows: FloatArray) -> bool:
         least = 1e-3 * float(self.shape.data.slack[2])
@@ -460,52 +493,104 @@ class Roadmap:
         self.poses.append(pose)
         return len(self.poses) - 1
 
-    def _edge(self, source: int, target: int, move: ShortMove) -> RoadmapEdge:
+    def _edge(
+        self, source: int, target: int, way: float, turn: float, make: Callable[[], ShortMove]
+    ) -> RoadmapEdge:
+        """Return a move that goes so far (m) and turns so much (rad)."""
         kin = self.body.kinematics
-        way = float(steps_of(move.rows, 0.0).sum()) if len(move.rows) > 1 else 0.0
-        turn = float(np.abs(np.diff(move.rows[:, 2])).sum()) if self._pivots else 0.0
-        cost = max(way / kin.v_max, turn / kin.omega_max) + EACH
-        edge = RoadmapEdge(len(self.edges), source, target, move, self.hull, cost)
+        turning = turn / kin.omega_max if self._pivots else 0.0
+        cost = max(way / kin.v_max, turning) + EACH
+        edge = RoadmapEdge(len(self.edges), source, target, make, self.hull, cost)
         self.edges.append(edge)
         return edge
 
     def _link(self, ends: tuple[int, ...], moves: Sequence[ShortMove]) -> None:
-        """Add moves between two places, and back where the body may drive both ways, with places
-        where one move ends.
+        """Add free moves between two places, and back where the body may drive both ways, with
+        places where one move ends.
         """
         inner = (self._new(tuple(m.rows[-1].tolist())) for m in moves[:-1])
         nodes = [ends[0], *inner, ends[1]]
         for (a, b), move in zip(itertools.pairwise(nodes), moves, strict=True):
-            self._extra.setdefault(a, []).append(self._edge(a, b, move).number)
-            if self._both_ways:
-                self._extra.setdefault(b, []).append(self._edge(b, a, move.back()).number)
+            way = float(steps_of(move.rows, 0.0).sum())
+            turn = float(np.abs(np.diff(move.rows[:, 2])).sum())
+            for driven, source, target in ((move, a, b), (move.back(), b, a)):
+                if driven is move or self._both_ways:
+                    edge = self._edge(source, target, way, turn, partial(_itself, driven))
+                    self._free[edge.number] = True
+                    self._extra.setdefault(source, []).append(edge)
+
+    def _placed(self, pose: Configuration) -> int:
+        """Return a new place at a pose; where the lattice has one, it is the lattice's, too."""
+        node = self.places[pose] = self._new(pose)
+        for key in self.lattice.near(pose[0], pose[1]):
+            if _same(pose, self.lattice.pose(key)):
+                self._nodes[key], self._keys[node] = node, key
+        return node
 
     def _join(self, node: int) -> None:
-        """Join a place off the lattice to free places near it, and these to it."""
+        """Join a place to free places of the lattice near it, and these to it; where there is no
+        room to turn, by way of others nearby.
+        """
+        known = node in self._keys
+        for order in self._orders:
+            joined = self._turns(self.poses[node]) if known else self._linked(node, order)
+            if not joined and self.body.mobility.rolls:
+                self._leave(node, order)
+
+    def _turns(self, pose: Configuration) -> bool:
+        """Return whether there is room to turn all round at a pose."""
+        quarters = np.linspace(0.0, 2.0 * math.pi, 5)
+        return self._sweeps_free(np.array([(*pose[:2], pose[2] + turn) for turn in quarters]))
+
+    def _linked(self, node: int, order: int) -> bool:
+        """Link a place with free places of the lattice near it, there (``order`` 1) or from there;
+        return whether there are any.
+        """
         pose = self.poses[node]
         options = []
         for key in self.lattice.near(pose[0], pose[1]):
             target = self.lattice.pose(key)
-            if _same(pose, target):
-                self._nodes[key], self._keys[node] = node, key
-                return
-            away = math.dist(pose[:2], target[:2])
             bend = abs(math.remainder(target[2] - pose[2], 2 * math.pi))
-            options.append((away + self.hull.radius * bend, key))
-        options.sort()
+            options.append((math.dist(pose[:2], target[:2]) + self.hull.radius * bend, key))
         limit = LOCAL * max(self.cell, self.body.kinematics.bend_radius)
-        for order in self._orders:
-            joined = 0
-            for _, key in options[: 8 * LINKS]:
-                if joined >= LINKS:
-                    break
-                if not self._is_place(key):
-                    continue
-                moves = steer(self.body, *(pose, self.lattice.pose(key))[::order])
-                way = sum(float(steps_of(m.rows, 0.0).sum()) for m in moves)
-                if way <= limit and all(self._sweeps_free(m.rows) for m in moves):
-                    self._link((node, self._lattice_place(key))[::order], moves)
-                    joined += 1
+        joined = 0
+        for _, key in sorted(options)[: 8 * LINKS]:
+            if joined >= LINKS:
+                break
+            if not self._is_place(key):
+                continue
+            moves = steer(self.body, *(pose, self.lattice.pose(key))[::order])
+            way = sum(float(steps_of(m.rows, 0.0).sum()) for m in moves)
+            if way <= limit and all(self._sweeps_free(m.rows) for m in moves):
+                self._link((node, self._lattice_place(key))[::order], moves)
+                joined += 1
+        return joined > 0
+
+    def _leave(self, node: int, order: int) -> None:
+        """Link a place with those on lines and arcs ahead of it and behind it that have room to
+        turn: who stands along a wall has none.
+        """
+        start = np.array(self.poses[node])
+        wide = 2.0 * self.hull.radius
+        for sign in (1, -1) if self._both_ways else (order,):
+            for kappa in (0.0, 1.0 / wide, -1.0 / wide, 0.5 / wide, -0.5 / wide):
+                for k in range(1, LEAVING + 1):
+                    arc = np.array([[kappa, 0.25 * sign * k * wide]])
+                    rows = np.ascontiguousarray(nodes_of(start, arc)[::order])
+                    if not self._sweeps_free(rows):
+                        break
+                    pose = tuple(rows[::order][-1].tolist())
+                    if not self._turns(pose):
+                        continue
+                    beside = self._new(pose)
+                    if self._linked(beside, order):
+                        move = ShortMove(rows, rolling_time(rows, self.body.kinematics))
+                        self._link((node, beside)[::order], [move])
+                        break
+
+
+def _itself(move: ShortMove) -> ShortMove:
+    return move
 
 
 def _same(p: Configuration, q: Configuration) -> bool:

@@ -69,8 +69,6 @@ class ScheduleModel:
     """Variables and constraints for one problem, whole from the start.
 
     :param problem: watched by others, never changed.
-    :param parts: all of it, or of a part of it (``None``: as it is now).
-    :param limit_at_least: latest time that is at least allowed for.
     :param plain: recognise nothing: state what is written, as it is written.
     :raises OutOfTimeError: when ``deadline`` comes before the model is built.
     """
@@ -78,20 +76,19 @@ class ScheduleModel:
     def __init__(
         self,
         problem: SchedulingProblem,
-        parts: Additions | None = None,
         deadline: Deadline = Deadline.never(),
         *,
-        limit_at_least: int = 0,
         plain: bool = False,
     ) -> None:
         self.problem = problem
         self.plain = plain
         self.limit = 0
-        self.limit_at_least = limit_at_least
         self.store = ModelStore()
         self.world = World(self.store)
         self.horizon = Horizon(self.store)
         self.timelines: dict[Any, Timeline | NumericTimeline] = {}
+        self.orders: dict[Any, range] = {}
+        """The variables that timelines are made of beside those of activities."""
         self.unread: list[Precondition] = []
         """What is said with precedences and is no state variable."""
         self.read_counts: dict[Any, int] = {}
@@ -107,17 +104,19 @@ class ScheduleModel:
         self.disjunctions = Disjunctions()
         self.stated: list[Form] = []
         """What was stated at first, but for disjunctions of pairs."""
+        self.appended: list[Form] = []
+        """What was stated later."""
         self._deadline = deadline
         self._is_exact = False
         """Whether the makespan variable is the latest end, not only at least that."""
         # without a deadline of its own, the one that is in force goes on to be
         with in_force(deadline) if deadline is not None else contextlib.nullcontext():
-            self._build(parts)
+            self._build()
         self._deadline = Deadline.never()
 
-    def _build(self, parts: Additions | None) -> None:
+    def _build(self) -> None:
         problem = self.problem
-        parts = Watcher(problem).look() if parts is None else parts
+        parts = Watcher(problem).look()
         form = NormalForm(parts, {}) if self.plain else normal_form(parts)
         self.follow_ups: list[FollowUp] = form.follow_ups
         for code, obj in enumerate(problem.all_objects):
@@ -175,7 +174,7 @@ class ScheduleModel:
 
     def _durations(self, draft: ModelDraft) -> None:
         for activity in draft.parts.activities:
-            self.variables.link_times(activity, vague=activity.name in draft.parts.vague)
+            self.variables.link_times(activity)
 
     def _effects(self, draft: ModelDraft) -> None:
         for timing, effect, owner in self._in_time(draft.parts.effects):
@@ -225,7 +224,7 @@ class ScheduleModel:
             self.store.enforce(form)
 
     def _makespan(self, draft: ModelDraft) -> None:
-        if self.world.makespan_used and draft.parts.whole:
+        if self.world.makespan_used:
             self._exact_makespan()
 
     def _decisions(self, draft: ModelDraft) -> None:
@@ -283,7 +282,9 @@ class ScheduleModel:
             self.variables.narrow(activity)
         if parts.durations:
             self.disjunctions.emit_loads(self.store, Lin(((self.world.makespan, 1),)))
-        for form in self._forms(parts):
+        forms = self._forms(parts)
+        self.appended += forms
+        for form in forms:
             self.store.enforce(form)
         for span, condition, owner in parts.conditions:
             self.states.add_condition(span, condition, self.variables.of(owner))
@@ -323,7 +324,7 @@ class ScheduleModel:
         horizon = self.horizon
         horizon.forms(forms)
         for activity in parts.activities:
-            if None in constant_bounds(activity.duration) and activity.name not in parts.vague:
+            if None in constant_bounds(activity.duration):
                 horizon.lasting(activity.duration.lower, self.world)
         widest = max(self.disjunctions.gaps.values(), default=0)
         horizon.gap(widest)
@@ -337,7 +338,7 @@ class ScheduleModel:
         horizon.total += sum(constants(p.node) for p in asked)
         horizon.spread = any(lasts(n) for p in asked for n in walk(p.node))
         # room for what may be appended later, so that growing seldom means rebuilding
-        self.limit = max(2 * horizon.bound() + 100, self.limit_at_least)
+        self.limit = 2 * horizon.bound() + 100
         if self.limit > LIMITS.latest:
             raise UnsupportedError(
                 f"cpsat counts times to {LIMITS.latest}, and a schedule of this problem may last "
@@ -397,7 +398,9 @@ class ScheduleModel:
                     else Timeline(self.states, state, apart, circuits=not self.plain)
                 )
                 self.timelines[key] = timeline
+                before = len(self.store.bounds)
                 timeline.build()
+                self.orders[key] = range(before, len(self.store.bounds))
             else:
                 for read in state.reads[self.read_counts[key] :]:
                     timeline.add_read(read)

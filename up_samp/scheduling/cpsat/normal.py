@@ -208,6 +208,49 @@ def decided(node: FNode) -> str | None:
     return None
 
 
+Decisions = tuple[tuple[str, bool], ...]
+"""A clause over presences and bool variables: one of them is true, or false."""
+
+
+def decisions(constraint: FNode, scope: Iterable[FNode]) -> list[Decisions]:
+    """Return clauses over presences and bool variables that follow from a constraint, where all of
+    its scope holds.
+    """
+    return _either([(constraint, True), *((s, False) for s in scope)])
+
+
+def _clauses(node: FNode, positive: bool = True) -> list[Decisions]:
+    """Return clauses over presences and bool variables that follow from a formula (its negation, if
+    not ``positive``): parts that speak of anything else say none.
+    """
+    kind, name = node.node_type, decided(node)
+    if name is not None:
+        return [((name, positive),)]
+    if kind is Op.NOT:
+        return _clauses(node.arg(0), not positive)
+    parts = [(arg, positive) for arg in node.args]
+    if kind is Op.IMPLIES:
+        parts[0] = (node.arg(0), not positive)
+    elif kind not in (Op.AND, Op.OR):
+        return [()] if kind is Op.BOOL_CONSTANT and node.is_true() != positive else []
+    if (kind is Op.AND) == positive:
+        return [clause for part in parts for clause in _clauses(*part)]
+    return _either(parts)
+
+
+def _either(parts: Iterable[tuple[FNode, bool]]) -> list[Decisions]:
+    """Return the same of a disjunction; nothing if two of its parts are conjunctions."""
+    found: list[Decisions] = [()]
+    for part in parts:
+        more = _clauses(*part)
+        if len(found) > 1 and len(more) > 1:
+            return []
+        found = [(*one, *(d for d in other if d not in one)) for one in found for other in more]
+        if not found:
+            return []
+    return [clause for clause in found if len({name for name, _ in clause}) == len(clause)]
+
+
 def told_together(constraints: Iterable[Constraint]) -> Iterator[tuple[str, str]]:
     """Yield the two of each unconditional ``Iff(a, b)`` between presences and bool variables."""
     for constraint, scope, _ in constraints:

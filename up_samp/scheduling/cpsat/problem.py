@@ -27,10 +27,6 @@ class Additions:
     new_objects: bool = False
     rewritten: bool = False
     """Something was taken back or exchanged, not only appended."""
-    whole: bool = True
-    """Whether nothing was left out (see :func:`.routing.relaxation.without`)."""
-    vague: frozenset[str] = frozenset()
-    """Activities of whose durations nothing is known but their constant bounds."""
 
 
 class Watcher:

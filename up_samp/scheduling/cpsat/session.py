@@ -137,12 +137,7 @@ class CpsatSession:
         start = None if math.isinf(self.bound) else math.ceil(self.bound * model.scale)
         whole = Attempts(model, orders, deadline, start, left=self.effort)
         guess = hint if hint is not None else self._last
-        search = Solve(
-            whole,
-            lambda: Watcher(self.problem).look(),
-            guess,
-            again=self._bounded,
-        )
+        search = Solve(whole, guess, again=self._bounded)
         if not deadline.expired():
             solve(search)
         self._bounded |= search.bounded

@@ -23,6 +23,7 @@ from unified_planning.model.scheduling import Activity
 from up_samp.model import Configuration
 from up_samp.model.snapshot import MotionTask, Snapshot, TermKind
 from up_samp.scheduling.cpsat.encode.durations import least
+from up_samp.scheduling.cpsat.normal import decisions
 from up_samp.upio.expressions import end_before_start, fluent_told, start_before_start
 from up_samp.upio.spans import own_end
 from up_samp.upio.whereabouts import whereabouts
@@ -318,35 +319,13 @@ def _clauses(
     problem: SchedulingMotionProblem,
 ) -> Iterator[tuple[tuple[str, ...], tuple[str, ...]]]:
     """Yield (names, conditions): one of the names is present if all conditions are."""
+    known = {activity.name for activity in problem.activities}
     for owner in (problem._base, *problem.activities):
         for constraint, scope in owner._constraints:
-            implied = _implied(constraint) if not scope else None
-            if implied is not None:
-                yield implied
-                continue
-            names = _present(constraint.args if constraint.node_type is Op.OR else [constraint])
-            conditions = _present([s for s in scope if not s.is_true()])
-            if names is not None and conditions is not None:
-                yield names, conditions
-
-
-def _present(nodes: Sequence[FNode]) -> tuple[str, ...] | None:
-    """Return whose presences some expressions are; None if one is something else."""
-    if any(node.node_type is not Op.PRESENT_EXP for node in nodes):
-        return None
-    return tuple(node.presence().container for node in nodes)
-
-
-def _implied(constraint: FNode) -> tuple[tuple[str, ...], tuple[str, ...]] | None:
-    """Return what "not a, or b" says of the presence of two activities."""
-    if constraint.node_type is not Op.OR or len(constraint.args) != 2:
-        return None
-    negated = [a.arg(0) for a in constraint.args if a.node_type is Op.NOT]
-    names = _present([a for a in constraint.args if a.node_type is not Op.NOT])
-    conditions = _present(negated)
-    if len(negated) != 1 or names is None or conditions is None:
-        return None
-    return names, conditions
+            for clause in decisions(constraint, scope):
+                if known.issuperset(name for name, _ in clause):
+                    names = tuple(name for name, positive in clause if positive)
+                    yield names, tuple(name for name, positive in clause if not positive)
 
 
 def earlier_jobs(problem: SchedulingMotionProblem, jobs: Jobs) -> dict[int, set[int]]:

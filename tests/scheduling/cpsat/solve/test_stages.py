@@ -13,7 +13,6 @@ from up_samp.model import Deadline, OutOfTimeError, ScheduleStatus
 from up_samp.scheduling.cpsat import CpsatSession, model, normal
 from up_samp.scheduling.cpsat.encode import timeline
 from up_samp.scheduling.cpsat.model import FAMILIES, ScheduleModel
-from up_samp.scheduling.cpsat.problem import Watcher
 from up_samp.scheduling.cpsat.solve.attempts import Attempts, Orders
 from up_samp.scheduling.cpsat.solve.runner import run
 from up_samp.scheduling.cpsat.solve.strategy import STAGES, Solve, solve
@@ -23,7 +22,7 @@ from up_samp.scheduling.cpsat.tuning import CpsatTuning
 def solved(problem, *, guess=None, optimal=True, **tuning):
     orders = Orders(0, 1, optimal, CpsatTuning(**tuning), threading.Event())
     whole = Attempts(ScheduleModel(problem), orders, Deadline.after(60), 0)
-    search = Solve(whole, Watcher(problem).look, guess)
+    search = Solve(whole, guess)
     solve(search)
     return search
 

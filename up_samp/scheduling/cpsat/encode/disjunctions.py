@@ -28,7 +28,7 @@ from up_samp.scheduling.cpsat.encode.forms import (
 from up_samp.scheduling.cpsat.encode.recognition import Unary
 from up_samp.scheduling.cpsat.encode.store import ModelStore
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
-from up_samp.scheduling.cpsat.normal import Presences, decided, told_together
+from up_samp.scheduling.cpsat.normal import Presences, decisions, told_together
 from up_samp.scheduling.cpsat.problem import Additions
 from up_samp.upio.expressions import end_before_start, walk
 
@@ -51,7 +51,7 @@ def find_groups(parts: Additions, presences: Presences | None = None) -> list[Al
     named: dict[tuple[str, ...], None] = {}
     wanted: dict[tuple[str, ...], None] = {}
     for constraint, scope, _ in parts.constraints:
-        for clause in _either([(constraint, True), *((s, False) for s in scope)]):
+        for clause in decisions(constraint, scope):
             names, signs = tuple(name for name, _ in clause), {sign for _, sign in clause}
             if signs == {True}:
                 named.update(dict.fromkeys(members.named(names)))
@@ -94,7 +94,8 @@ class _Members:
 
     def in_parallel(self, names: tuple[str, ...]) -> list[tuple[str, ...]]:
         """Return the tuples of activities of which one is there because one of ``names`` is: those
-        of one kind, the first ones of all, the second ones, and so on.
+        of one kind, the first ones of all, the second ones, and so on; of those that are left,
+        the only ones of one length.
         """
         lists = [self.of(name) for name in names]
         kinds = dict.fromkeys(self._kinds.get(name) for name in lists[0])
@@ -102,7 +103,18 @@ class _Members:
         for kind in kinds:
             alike = [[n for n in some if self._kinds.get(n) == kind] for some in lists]
             found += zip(*alike, strict=False)
+        lengths = dict.fromkeys(map(self._length, lists[0]))
+        done = {name for some in found for name in some}
+        for length in lengths.keys() - {None}:
+            alike = [[n for n in some if n not in done and self._length(n) == length]
+                     for some in lists]  # fmt: skip
+            if all(len(some) == 1 for some in alike):
+                found.append(tuple(name for (name,) in alike))
         return found
+
+    def _length(self, name: str) -> int | None:
+        kind = self._kinds.get(name)
+        return None if kind is None else kind[0]
 
     def products(self, pair: tuple[str, ...]) -> set[frozenset[str]]:
         """Return the pairs of activities that exclude each other because ``pair`` does."""
@@ -133,42 +145,6 @@ def _own_decisions(parts: Additions, optional: set[str]) -> dict[str, str]:
             if other in optional and one not in optional:
                 found.setdefault(one, set()).add(other)
     return {name: next(iter(some)) for name, some in found.items() if len(some) == 1}
-
-
-Decisions = tuple[tuple[str, bool], ...]
-"""A clause over presences and bool variables: one of them is true, or false."""
-
-
-def _clauses(node: FNode, positive: bool = True) -> list[Decisions]:
-    """Return clauses over presences and bool variables that follow from a formula (its negation, if
-    not ``positive``): parts that speak of anything else say none.
-    """
-    kind, name = node.node_type, decided(node)
-    if name is not None:
-        return [((name, positive),)]
-    if kind is Op.NOT:
-        return _clauses(node.arg(0), not positive)
-    parts = [(arg, positive) for arg in node.args]
-    if kind is Op.IMPLIES:
-        parts[0] = (node.arg(0), not positive)
-    elif kind not in (Op.AND, Op.OR):
-        return [()] if kind is Op.BOOL_CONSTANT and node.is_true() != positive else []
-    if (kind is Op.AND) == positive:
-        return [clause for part in parts for clause in _clauses(*part)]
-    return _either(parts)
-
-
-def _either(parts: Iterable[tuple[FNode, bool]]) -> list[Decisions]:
-    """Return the same of a disjunction; nothing if two of its parts are conjunctions."""
-    found: list[Decisions] = [()]
-    for part in parts:
-        more = _clauses(*part)
-        if len(found) > 1 and len(more) > 1:
-            return []
-        found = [(*one, *(d for d in other if d not in one)) for one in found for other in more]
-        if not found:
-            return []
-    return [clause for clause in found if len({name for name, _ in clause}) == len(clause)]
 
 
 def _length(activity: Activity) -> int | None:

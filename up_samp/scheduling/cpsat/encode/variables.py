@@ -214,8 +214,8 @@ class Variables:
         self.world.parameters[parameter.name] = Lin(((var, 1),), 0, needs)
         self.parameters[parameter.name] = (var, tpe, None if activity is None else activity.name)
 
-    def link_times(self, activity: Activity, *, vague: bool = False) -> None:
-        """Tie an activity's times and duration (a ``vague`` one is said elsewhere) together."""
+    def link_times(self, activity: Activity) -> None:
+        """Tie an activity's times and duration together."""
         store = self.store
         made = self.world.activities[activity.name]
         if made.most is not None and made.most < made.least:
@@ -223,7 +223,7 @@ class Variables:
         if made.size.terms:
             total = made.start.plus(made.size).plus(made.end, -1)
             store.enforce(compare(total._replace(needs=()), "=="), (made.present,))
-            if None in constant_bounds(activity.duration) and not vague:
+            if None in constant_bounds(activity.duration):
                 self.told[activity.name] = activity.duration
                 self._duration_terms(activity, made)
         store.enforce(made.end.le(Lin(((self.world.makespan, 1),))))

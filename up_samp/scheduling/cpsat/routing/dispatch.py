@@ -228,43 +228,26 @@ def _openers(model: ScheduleModel, tasks: list[RoutedTask], entrance: Need) -> l
 def _merged(
     tasks: list[RoutedTask], groups: list[list[int]]
 ) -> tuple[list[RoutedTask], dict[int, int]]:
-    """Return the tasks with each group as one, and old -> new numbers. What is said of the one is
-    what is said of each.
+    """Return the tasks with each group as one, and old -> new numbers. What is said of one of
+    several is not said of the others: no relations of theirs are left.
     """
     leader = {i: some[0] for some in groups for i in some}
     kept = [i for i in range(len(tasks)) if leader.get(i, i) == i]
     number = {i: kept.index(leader.get(i, i)) for i in range(len(tasks))}
     members = {some[0]: some for some in groups}
+    several = {i for some in groups if len(some) > 1 for i in some}
+
+    def of_each(i: int, relations: list[tuple[int, int]]) -> list[tuple[int, int]]:
+        return [(number[t], gap) for t, gap in relations if several.isdisjoint((i, t))]
+
     found = []
     for i in kept:
-        some = [tasks[m] for m in members.get(i, [i])]
-        one = some[0]
-        merged = RoutedTask(one.length, one.wanted, changes=one.changes, visit=one.visit)
-        merged.ways = [way for task in some for way in task.ways]
-        merged.stirs = [s for s in one.stirs if all(s in task.stirs for task in some)]
-        merged.after = _of_each([t.after for t in some], members, number)
-        merged.apart = _of_each([t.apart for t in some], members, number)
-        found.append(merged)
+        one, some = tasks[i], [tasks[m] for m in members.get(i, [i])]
+        one.ways = [way for task in some for way in task.ways]
+        one.stirs = [s for s in one.stirs if all(s in task.stirs for task in some)]
+        one.after, one.apart = of_each(i, one.after), of_each(i, one.apart)
+        found.append(one)
     return found, number
-
-
-def _of_each(
-    lists: list[list[tuple[int, int]]], members: dict[int, list[int]], number: dict[int, int]
-) -> list[tuple[int, int]]:
-    """Return the relations (task, gap) of a merged task to others that each of them has to each
-    of theirs.
-    """
-    found = []
-    known = [_greatest(some) for some in lists]
-    for other in {task for some in known for task in some}:
-        group = next((g for g in members.values() if other in g), [other])
-        if other == group[0] and all(m in some for some in known for m in group):
-            found.append((number[other], min(some[m] for some in known for m in group)))
-    return sorted(found)
-
-
-def _greatest(some: list[tuple[int, int]]) -> dict[int, int]:
-    return dict(sorted(some))  # of several, the last one stays
 
 
 def _mark(routes: list[Route], tasks: list[RoutedTask], openers: dict[Need, int]) -> None:

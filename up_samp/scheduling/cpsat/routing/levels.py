@@ -20,10 +20,9 @@ Ways = dict[tuple[int, int], int]
 @dataclass(frozen=True)
 class RouteLevel:
     """A level within ``low`` and ``high``: ``gains`` are what stops add to it, ``ways`` what ways
-    take from it at least; ``start`` is the place at first.
+    take from it at least.
     """
 
-    start: int
     initial: int
     low: int
     high: int
@@ -68,7 +67,7 @@ def _level(model: ScheduleModel, route: Route, state: StateVar) -> RouteLevel | 
             return None
     if not (taken or gains) or state.initial is None:
         return None
-    return RouteLevel(route.initial, state.initial, *state.bounds, gains, _ways(route, taken))
+    return RouteLevel(state.initial, *state.bounds, gains, _ways(route, taken))
 
 
 def _owner(model: ScheduleModel, write: Write) -> str | None:

@@ -18,15 +18,11 @@ from up_samp.scheduling.cpsat.model import ScheduleModel
 Pair = tuple[int, int]
 
 
-def shorten(lengths: dict[Pair, int], places: Iterable[int]) -> dict[Pair, int]:
-    """Make ``lengths`` (0 or more) those of shortest ways; return, for each pair that is shorter
-    by way of another place, the last one that made it so (Floyd and Warshall).
-
-    Of ways of one length the first one found stays. Sparse lengths are few steps: places that
-    nothing leads from cost nothing. (``scipy.sparse.csgraph`` returns other ones among equals.)
+def shorten(lengths: dict[Pair, int], places: Iterable[int]) -> None:
+    """Make ``lengths`` (0 or more) those of shortest ways (Floyd and Warshall). Sparse lengths are
+    few steps: places that nothing leads from cost nothing.
     """
     order = list(places)
-    via: dict[Pair, int] = {}
     for middle in order:
         onward = [(b, lengths[middle, b]) for b in order if b != middle and (middle, b) in lengths]
         for a in order:
@@ -37,8 +33,6 @@ def shorten(lengths: dict[Pair, int], places: Iterable[int]) -> dict[Pair, int]:
                 known = lengths.get((a, b))
                 if known is None or first + second < known:
                     lengths[a, b] = first + second
-                    via[a, b] = middle
-    return via
 
 
 # ------------------ The route of one traveller
@@ -108,7 +102,6 @@ class Route:
     at ``end - 1``."""
     hops: dict[tuple[int, int], list[Move]] = field(default_factory=dict)
     travel: dict[tuple[int, int], int] = field(default_factory=dict)
-    _via: dict[tuple[int, int], int] = field(default_factory=dict)
     leaving: dict[int, list[tuple[int, list[Move]]]] = field(default_factory=dict)
     """Place -> (where one can go from there, with which moves, the quickest first)."""
     _ways: dict[tuple[int, frozenset[int]], tuple[int, list[Move]] | None] = field(
@@ -159,18 +152,14 @@ class Route:
             self.leaving.setdefault(a, []).append((b, choices))
         for a in order:
             for b in self.free - {a}:
-                self.travel[a, b], self._via[a, b] = 0, b
-        self._via.update(shorten(self.travel, order))
+                self.travel[a, b] = 0
+        shorten(self.travel, order)
 
     def between(self, some: Set[int], others: Set[int]) -> int:
         """Return the least travel time from a place in ``some`` to one in ``others``."""
         return min(
             (self.travel.get((a, b), INFINITE) for a in some for b in others), default=INFINITE
         )
-
-    def is_direct(self, a: int, b: int) -> bool:
-        """Return whether the shortest way is one move."""
-        return (a, b) in self.hops and (a, b) not in self._via
 
     def way(
         self, here: int, targets: frozenset[int], banned: Collection[str] = ()
@@ -193,7 +182,7 @@ class Route:
         if timed is None:
             return None
         end = timed[-1][0] + timed[-1][1].least + self.step if timed else 0
-        return end, self._distinct(here, [move for _, move in timed], banned)
+        return end, [move for _, move in timed]
 
     def soonest(
         self,
@@ -204,8 +193,8 @@ class Route:
         wait: Callable[[int, int], int] = lambda start, length: start,
     ) -> Timed | None:
         """Return the moves to one of ``targets`` that arrive first, from ``free`` on (Dijkstra;
-        ``None``: there is no way). Each starts at the first time that ``wait`` gives for when it
-        might start, and its length: who waits is never earlier.
+        ``None``: there is no way), none of them made twice. Each starts at the first time that
+        ``wait`` gives for when it might start, and its length: who waits is never earlier.
         """
         ties = itertools.count()
         heap: list[tuple[int, int, int, Timed]] = [(free, here, next(ties), [])]
@@ -217,26 +206,15 @@ class Route:
             if place in done:
                 continue
             done.add(place)
+            made = {move.name for _, move in timed}.union(banned)
             for to, choices in self.leaving.get(place, ()):
                 if to not in done:
-                    move = next((m for m in choices if m.name not in banned), None)
+                    move = next((m for m in choices if m.name not in made), None)
                     if move is not None:
                         begin = wait(now, move.least)
                         ahead = begin + move.least + self.step
                         heapq.heappush(heap, (ahead, to, next(ties), [*timed, (begin, move)]))
         return None
-
-    def _distinct(self, here: int, moves: list[Move], banned: Collection[str]) -> list[Move]:
-        """Return a way without a move that it makes twice, where there are others for it."""
-        if len({m.name for m in moves}) == len(moves):
-            return moves
-        found: list[Move] = []
-        for move in moves:
-            used = {m.name for m in found}.union(banned)
-            same = (m for m in self.hops[here, move.to] if m.name not in used)
-            found.append(min(same, key=lambda m: m.least, default=move))
-            here = move.to
-        return found
 
 
 def way_back(route: Route, places: Set[int], final: Set[int] | None) -> int:
@@ -260,10 +238,8 @@ Events = list[tuple[Key, int]]
 def expand(
     routes: list[Route], schedule: CandidateSchedule, changes: Changes | None = None
 ) -> CandidateSchedule:
-    """Return ``schedule`` with moves put in, as early as they may happen.
-
-    Direct moves are given to legs first; who comes too late for one takes a detour, and so does who
-    would be on the way while something changes that moves keep as it is.
+    """Return ``schedule`` with moves put in, as early as they may happen, each made once if that is
+    possible.
     """
     times = dict(schedule.times)
     events = [
@@ -308,55 +284,18 @@ def calm(still: Still, events: Iterable[tuple[Key, int]], start: int, length: in
 def _expand(route: Route, times: dict[str, tuple[int, int]], events: Events) -> None:
     stops = sorted((times[n], n, places) for n, places in route.stops if n in times)
     goals = [(start, end, places) for (start, end), _, places in stops]
-    rests = [route.rest(name) for _, name, _ in stops]
     if route.home is not None:
         goals.append((0, 0, route.home))
-        rests.append(route.step)
-    ways: list[list[Move] | None] = []
-    here, used = route.initial, set[str]()
-    legs = []
-    for _, _, places in goals:
-        # direct moves first: detours must not take them away from other legs
-        found = None if here in places or not places else route.way(here, places)
-        direct = found is not None and len(found[1]) == 1 and found[1][0].name not in used
-        legs.append((here, places))
-        ways.append(found[1] if direct and found else None)
-        if direct and found:
-            used.add(found[1][0].name)
-        if found is not None:
-            here = found[1][-1].to
-    for i, (origin, places) in enumerate(legs):
-        if ways[i] is None and places and origin not in places:
-            found = route.way(origin, places, used) or route.way(origin, places)
-            ways[i] = found[1] if found else []
-            used.update(m.name for m in ways[i] or ())
-    free = 0
-    for (origin, places), (start, end, _), moves, rest in zip(
-        legs, goals, ways, rests, strict=True
-    ):
-        timed = _timed(route, moves or [], free, events)
-        if timed and end and timed[-1][0] + timed[-1][1].least + rest > start:
-            banned = used - {move.name for _, move in timed}
-            wait = partial(calm, route.still, events)
-            other = route.soonest(origin, places, banned, free, wait)
-            if other and _arrival(other) < _arrival(timed):
-                timed = other
-                used.update(move.name for _, move in timed)
+    wait = partial(calm, route.still, events)
+    here, free, used = route.initial, 0, set[str]()
+    for start, end, places in goals:
+        timed: Timed = []
+        if places and here not in places:
+            banned = (used, ())  # if there is no way but by a move that is made
+            ways = (route.soonest(here, places, some, free, wait) for some in banned)
+            timed = next((way for way in ways if way is not None), [])
         for begin, move in timed:
             times[move.name] = (begin, begin + move.least)
-            free = begin + move.least + route.step
+            used.add(move.name)
+            here, free = move.to, begin + move.least + route.step
         free = max(end + route.gap, start, free)
-
-
-def _arrival(timed: Timed) -> int:
-    return timed[-1][0] + timed[-1][1].least
-
-
-def _timed(route: Route, moves: list[Move], free: int, events: Events) -> Timed:
-    """Return moves as early as nothing changes during each."""
-    timed = []
-    for move in moves:
-        begin = calm(route.still, events, free, move.least)
-        timed.append((begin, move))
-        free = begin + move.least + route.step
-    return timed

@@ -11,8 +11,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
-from up_samp.model import CandidateSchedule, Deadline, OutOfTimeError
-from up_samp.scheduling.cpsat.problem import Additions
+from up_samp.model import CandidateSchedule, Deadline
 from up_samp.scheduling.cpsat.routing.detection import find_routes
 from up_samp.scheduling.cpsat.routing.dispatch import RoutedWork, find_work
 from up_samp.scheduling.cpsat.routing.list_scheduling import (
@@ -56,13 +55,12 @@ than the one at hand."""
 class Solve:
     """One solve: the attempts at the whole model, and what was recognised in it.
 
-    ``parts`` gives all of the problem, ``guess`` a schedule to start from (it may break what was
+    ``guess`` is a schedule to start from (it may break what was
     added since), ``expected`` the makespan to expect (0: not known). ``again``: bounds were sought
     before with all effort, when less was stated; ``bounded``: they were here.
     """
 
     whole: Attempts
-    parts: Callable[[], Additions]
     guess: CandidateSchedule | None = None
     routes: list[Route] | None = None
     work: RoutedWork | None = None
@@ -240,11 +238,7 @@ def _solve_relaxation(search: Solve) -> None:
     """
     whole = search.whole
     assert search.routes is not None
-    try:
-        relaxation = RoutingRelaxation(whole.model, search.parts(), search.routes, whole.deadline)
-    except OutOfTimeError:
-        search.expected = max(search.expected, whole.value)
-        return
+    relaxation = RoutingRelaxation(whole.model, search.routes)
     tuning = whole.orders.tuning
     inner = Attempts(
         relaxation.model,
@@ -253,7 +247,7 @@ def _solve_relaxation(search: Solve) -> None:
         whole.bound,
         left=whole.left,
         relaxed=True,
-        known=relaxation.hints(whole.known),
+        known=dict(whole.known),
     )
     effort = _RELAXED_PROOF if search.optimal else tuning.relaxed_content
     if whole.best is not None:
