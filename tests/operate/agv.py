@@ -26,7 +26,8 @@ class Agv:
         self.way = []  # points that are left of the edge under way
         self.actions = {}  # status by id
         self.work = []  # (when it ends, action)
-        self.paused = self.broken = False
+        self.paused = self.broken = self.charging = False
+        self.charge = 80.0
         self.now = 0.0
         self.trace, self.orders, self.refused, self.told = [], [], [], []
         self.handled = []  # (kind, what, from, until)
@@ -53,6 +54,8 @@ class Agv:
             for _, work in self.work:
                 self.actions[work["actionId"]] = "FAILED"
             self.work = []
+        if kind == "stopCharging":
+            self.charging = False
         known = self.instants if self.version.startswith("3") else self.actions
         known[action["actionId"]] = "FINISHED"
 
@@ -78,7 +81,8 @@ class Agv:
             self.last, self.actions = (released[0]["nodeId"], released[0]["sequenceId"]), {}
             for action in released[0]["actions"]:
                 self.actions[action["actionId"]] = "RUNNING"
-                seconds = action["actionParameters"][0]["value"]
+                self.charging = action["actionType"] == "startCharging"
+                seconds = 0.0 if self.charging else action["actionParameters"][0]["value"]
                 self.work.append((self.now + seconds, {**action, "since": self.now}))
         edges = {e["sequenceId"]: e for e in order["edges"] if e["released"]}
         self.ahead += [(edges[n["sequenceId"] - 1], n) for n in released[1:]]
@@ -110,6 +114,8 @@ class Agv:
                 self.actions[action["actionId"]] = "FINISHED"
                 what = action.get("actionDescription", action.get("actionDescriptor", ""))
                 self.handled.append((action["actionType"], what, action["since"], now))
+        if self.charging:
+            self.charge = min(100.0, self.charge + 2.0 * seconds)
         self.trace.append((now, *self.pose))
 
     def drive(self, tick):
@@ -161,7 +167,7 @@ class Agv:
         del state["safetyState"]["eStop"]
         return {
             **state, "mobileRobotPosition": position,
-            "powerSupply": {"stateOfCharge": battery["batteryCharge"], "charging": False},
+            "powerSupply": {"stateOfCharge": battery["batteryCharge"], "charging": self.charging},
             "safetyState": {**state["safetyState"], "activeEmergencyStop": "NONE"},
             "instantActionStates": [
                 {"actionId": k, "actionType": "any", "actionStatus": v}
@@ -193,7 +199,7 @@ class Agv:
                 {"actionId": k, "actionType": "any", "actionStatus": v}
                 for k, v in self.actions.items()
             ],
-            "batteryState": {"batteryCharge": 80.0, "charging": False},
+            "batteryState": {"batteryCharge": self.charge, "charging": self.charging},
             "operatingMode": "AUTOMATIC", "errors": [],
             "safetyState": {"eStop": "NONE", "fieldViolation": False},
         }  # fmt: skip

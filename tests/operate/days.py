@@ -54,7 +54,9 @@ class Day:
         site, self.folder, self.planner = self.fleet.records, Path(folder), planner
         self.settings = settings
         poses = {n: site.places[r.start].pose for n, r in site.robots.items()}
-        self.robots = floor(site, mishaps, seed) if floor else SimulatedRobots(poses, mishaps, seed)
+        self.robots = (
+            floor(site, mishaps, seed) if floor else SimulatedRobots(poses, mishaps, seed, site)
+        )
         self.clock = SteppedClock(SimulatedClock(), self.robots)
         self._operate()
         self.random = random.Random(f"day {seed}")

@@ -8,7 +8,7 @@ from up_samp import Fleet
 from up_samp.geometry.maps import write_map
 
 
-def hall(folder, robots=3, *, width=24.0, height=14.0, v_max=1.5, a_max=0.7, home=True):
+def hall(folder, robots=3, *, width=24.0, height=14.0, v_max=1.5, a_max=0.7, home=True, **kind):
     """A hall with two rows of shelves, docks, and a home for each robot, where it ends its day if
     ``home``.
     """
@@ -20,8 +20,9 @@ def hall(folder, robots=3, *, width=24.0, height=14.0, v_max=1.5, a_max=0.7, hom
     yaml = write_map(folder, "hall", cells, cell)
     fleet = Fleet(yaml, name="hall", margin=0.12)
     fleet.add_robot_type(
-        "agv", footprint=(0.8, 0.6), model="diff", v_max=v_max, a_max=a_max, omega_max=v_max
-    )
+        "agv", footprint=(0.8, 0.6), model="diff", v_max=v_max, a_max=a_max, omega_max=v_max,
+        **kind,
+    )  # fmt: skip
     for k in range(robots):
         fleet.add_place(f"home{k}", 1.5, 1.5 + 1.6 * k)
         fleet.add_robot(f"r{k}", "agv", start=f"home{k}", end=f"home{k}" if home else None)

@@ -1,5 +1,6 @@
 """A door that has to be opened first: by a robot, once, and everybody drives through afterwards."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,8 @@ import pytest
 from tests.operate.days import Day
 from up_samp import Fleet
 from up_samp.geometry.maps import write_map
+from up_samp.model import ProblemError
+from up_samp.operate.choice import BACK
 from up_samp.operate.judge import contacts
 
 pytest.importorskip("fastapi")
@@ -43,7 +46,9 @@ def test_a_door_is_opened_once_and_others_wait_before_it(tmp_path):
 
     try:
         assert site_data(day.operation)["doors"]["gate"][2] == [0.15, 1.4]
-        assert gate() == {"pose": [10.05, 4.5, 0], "open": False, "waiting": []}
+        assert gate() == {
+            "pose": [10.05, 4.5, 0], "open": False, "waiting": [], "shut": False,
+        }  # fmt: skip
         day.order("o0", "rack0", "dock0", robots=["r0"])
         day.order("o1", "rack1", "dock0", robots=["r1"])
         seen = []
@@ -67,5 +72,60 @@ def test_a_door_is_opened_once_and_others_wait_before_it(tmp_path):
         met = contacts(day.fleet.records, initial, drives, early)
         assert {(c.one, c.other) for c in met} <= {("r0", "gate"), ("r1", "gate")}
         assert met  # who drives through before it is open is seen
+    finally:
+        day.operation.close()
+
+
+def beyond(day):
+    """Return whether anybody is in the second room, or in the doorway."""
+    return any(day.robots.pose(r)[0] > 9.5 for r in day.robots.poses)
+
+
+def passed(day, seconds):
+    stop, found = day.clock.now() + seconds, []
+    day.until(lambda: found.append(beyond(day)) or day.clock.now() >= stop)
+    return any(found)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("opened", [False, True], ids=["closed", "open"])
+def test_nobody_drives_through_a_door_that_is_out_of_order(tmp_path, opened):
+    day = Day(tmp_path, fleet=two_rooms(tmp_path))
+    try:
+        day.order("o0", "rack0", "dock0", robots=["r0"])
+        if opened:
+            day.until(lambda: floor_data(day.operation)["doors"]["gate"]["open"])
+        else:
+            day.until(lambda: math.dist(day.robots.pose("r0"), (1.5, 1.5, 0)) > 1.0)
+        day.operation.close_door("gate")
+        day.order("o1", "dock0", "button", robots=["r1"])
+        assert not passed(day, 90.0)
+        assert floor_data(day.operation)["doors"]["gate"]["shut"]
+        assert day.state("o1") == "done"
+        assert day.state("o0") != "done"
+        day.operation.close_door("gate", BACK)
+        day.run(900)
+        assert day.state("o0") == "done"
+        opens = [h for h in day.robots.handled if h.kind == "open"]
+        assert len(opens) == 1 + opened
+        assert day.verdict().good, day.story()
+    finally:
+        day.operation.close()
+
+
+def test_an_opening_is_not_begun_at_a_door_that_is_out_of_order(tmp_path):
+    day = Day(tmp_path, fleet=two_rooms(tmp_path))
+    try:
+        with pytest.raises(ProblemError, match="no door 'gone'"):
+            day.operation.close_door("gone")
+        day.order("o0", "rack0", "dock0")
+        day.until(lambda: day.operation.executor is not None)
+        day.operation.close_door("gate")
+        told = day.operation.executor.withdrawn
+        assert list(told.values()) == ["door 'gate' is out of order"]
+        assert day.operation.limits  # those that lead through it end before
+        day.restart()
+        assert day.operation.shut == {"gate": "out of order"}
+        assert day.operation.executor.withdrawn == told
     finally:
         day.operation.close()

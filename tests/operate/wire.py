@@ -202,6 +202,10 @@ class AgvFloor:
     def faults(self):
         return self.control.faults
 
+    @property
+    def levels(self):
+        return self.control.levels
+
     def follow(self, executor):
         self.control.follow(executor)
 

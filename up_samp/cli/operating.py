@@ -85,7 +85,9 @@ def _operate(args: argparse.Namespace) -> int:
     clock = RealClock(epoch)
     settings = Settings(budget=args.budget, localisation=args.localisation)
     if args.mqtt is None and args.robots == "simulated":
-        floor = SimulatedRobots({n: site.places[r.start].pose for n, r in site.robots.items()})
+        floor = SimulatedRobots(
+            {n: site.places[r.start].pose for n, r in site.robots.items()}, site=site
+        )
         stepped = SteppedClock(clock, floor)
         day = Operation(fleet, store=store, robots=floor, clock=stepped, settings=settings)
         with contextlib.closing(day):

@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 import random
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from shapely.affinity import rotate, translate
@@ -30,6 +30,10 @@ ASIDE = 30.0
 """Seconds for which is put aside what no plan was found for, at first."""
 PATIENCE = 2.0
 """An order that could wait for so many times its own length is worth a third of a late one."""
+
+
+OUT, BACK = "out of order", "closed"
+"""What is said of doors."""
 
 
 class Day:
@@ -52,6 +56,10 @@ class Day:
     """Robots that stand where the plan does not have them, and why they stay until one does."""
     limits: dict[str, float]
     """How far (m) motions may go, where that is less than their whole length."""
+    shut: dict[str, str]
+    """Doors that are ``OUT`` of order, or were (``BACK``) and stand closed, by what nobody is to
+    drive through them of the plan.
+    """
     aside: dict[str, float]
     """Until when (s of the day) orders and robots are put aside that no plan was found for."""
     again: float = 0.0
@@ -120,11 +128,13 @@ class Day:
         found = {}
         reasons = {OrderState.CANCELLED: "is cancelled", OrderState.WAITING: "was changed"}
         for name, meaning in self.meanings.items():
-            job = self.jobs.get(meaning.what)
-            if self.executor is None or job is None or job.state not in reasons:
+            if self.executor is None or self.executor.phase(name) is not TaskPhase.WAITING:
                 continue
-            if self.executor.phase(name) is TaskPhase.WAITING:
+            job = self.jobs.get(meaning.what)
+            if job is not None and job.state in reasons:
                 found[name] = f"order '{job.id}' {reasons[job.state]}"
+            elif meaning.kind is Kind.OPEN and self.shut.get(meaning.what) == OUT:
+                found[name] = f"door '{meaning.what}' is {OUT}"
         return found
 
     def stale(self) -> list[str]:
@@ -161,7 +171,8 @@ class Day:
             limits=self._limits(self.executor),
             opened=opened or {},
         )
-        return replace(found, since=now - self.origin)
+        closed = {n: self.site.doors[n].closed for n in self.shut}
+        return replace(found, since=now - self.origin, poses={**found.poses, **closed})
 
     def on_board(self) -> dict[str, str]:
         """Return which orders are on board now, and of whom."""
@@ -210,11 +221,18 @@ def choose(day: Day) -> OpenWork | None:
     for until in day.turns():
         if robots := [r for r in stuck if day.aside.get(r, now) <= until][:2]:
             opened = dict.fromkeys(robots, Opened.ALL)
-            return OpenWork(opened, tuple(theirs(day, opened)))
+            # what was sought twice in vain is not to keep a robot where it stands
+            jobs = (j for j in theirs(day, opened) if _tries(day, j, robots) < 2)
+            return OpenWork(opened, tuple(jobs))
         some = [j for j in waiting if day.aside.get(j.id, now) <= until]
         if found := _dispatched(day, some):
             return found
     return None if waiting else _shared_anew(day)
+
+
+def _tries(day: Day, job: DayOrder, robots: Iterable[str]) -> int:
+    """Return how often no plan was found for an order that one of some robots was to do."""
+    return max((day.tried.get((job.id, r), 0) for r in robots), default=0)
 
 
 def _dispatched(day: Day, waiting: Sequence[DayOrder]) -> OpenWork | None:

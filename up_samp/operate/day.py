@@ -19,6 +19,7 @@ from up_samp.fleet.spelled_out import with_places
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import ProblemError
 from up_samp.operate.clock import SimulatedClock
+from up_samp.operate.energy import is_charge
 from up_samp.operate.judge import DayVerdict, judge_day, record_of_day
 from up_samp.operate.loop import Operation
 from up_samp.operate.records import DayOrder, OrderState
@@ -136,6 +137,7 @@ def simulate_day(
         {n: site.places[r.start].pose for n, r in site.robots.items()},
         mishaps_of(site, plan),
         plan.seed,
+        site,
     )
     clock = SteppedClock(SimulatedClock(speed=speed), robots)
     day = operation(
@@ -207,6 +209,7 @@ def figures_of(
     seconds: float,
 ) -> DayFigures:
     """Return the figures of a day."""
+    jobs = [j for j in jobs if not is_charge(j.id)]
     done = [j for j in jobs if j.state is OrderState.DONE and j.done is not None]
     driven = waited = metres = 0.0
     for drive in robots.drives:

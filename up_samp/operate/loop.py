@@ -22,20 +22,29 @@ from up_samp.execution.reorder import cost
 from up_samp.execution.reports import Command, Do, Go, Heard, Hold, Reply
 from up_samp.execution.state import TaskPhase
 from up_samp.fleet.fleet import Fleet
-from up_samp.fleet.records import FleetRecords, Order, Task, Weights, Windows
+from up_samp.fleet.records import FleetRecords, Order, Task, Weights
 from up_samp.fleet.spelled_out import with_places
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import ProblemError, SampError
-from up_samp.operate.choice import Day, OpenWork, body_at, choose
+from up_samp.operate.choice import OUT, Day, OpenWork, body_at, choose
 from up_samp.operate.clock import Clock
+from up_samp.operate.energy import CHARGE, charge_task, is_charge, low, start_levels
 from up_samp.operate.horizon import (
     DELIVERS,
     first_inside,
     meanings_of,
     pose_of,
 )
-from up_samp.operate.planner import Answer, Planner, Question, check_job, check_site, goals_of
-from up_samp.operate.records import DayOrder, OrderState, Pose, Report, Shape, job_record
+from up_samp.operate.planner import (
+    Answer,
+    Planner,
+    Question,
+    check_job,
+    check_site,
+    goals_of,
+    leaf_at,
+)
+from up_samp.operate.records import DayOrder, OrderState, Pose, Report, Shape, job_record, since_now
 from up_samp.operate.settings import Settings
 from up_samp.operate.stitch import Kept, kept_of
 from up_samp.operate.store import Store
@@ -46,6 +55,8 @@ class Robots(Protocol):
 
     faults: list[tuple[str, str]]
     """(robot, in words) what is wrong with robots, as it is found out."""
+    levels: dict[str, float]
+    """Of batteries (shares of a full one), of the robots that tell them."""
 
     def reports(self, now: float) -> Iterable[Report]:
         """Return what robots have told since the last call."""
@@ -101,7 +112,7 @@ class Operation(Day):
         """How much (m) of motions was driven when their plan began: robots count all of it."""
         self.poses = {n: self._home(r.start) for n, r in self.site.robots.items()}
         self.jobs, self.away, self.placed, self.limits, self.aside = {}, {}, {}, {}, {}
-        self.tried = {}
+        self.tried, self.shut = {}, {}
         self.held: dict[str, str] = {}
         """Robots that are held where they are, and why."""
         self.areas: dict[str, Shape] = {}
@@ -125,7 +136,7 @@ class Operation(Day):
 
     def _load(self, first: Iterable[Order | Task]) -> None:
         self.jobs = self.store.jobs()
-        for key in ("away", "placed", "held", "areas", "poses"):
+        for key in ("away", "placed", "held", "areas", "poses", "shut"):
             known = self.store.day(key) or {}
             pairs = {k: _tuples(v) for k, v in known.items()}
             setattr(self, key, {**getattr(self, key), **pairs})
@@ -327,12 +338,46 @@ class Operation(Day):
         self._limit()
         self._other_floor(f"area '{name}' is open again")
 
+    def close_door(self, door: str, state: str = OUT) -> None:
+        """Let nobody drive through a door, or open it, from now on: it is ``OUT`` of order; or let
+        it be opened again (``BACK``): it stands closed.
+        """
+        if door not in self.site.doors:
+            raise ProblemError(f"there is no door '{door}' that robots open")
+        with self.store:
+            self.shut[door] = state
+            self.store.keep("shut", self.shut)
+            self.store.note(self.clock.now(), "door", door, state)
+            self._withdraw()
+        self._limit()
+        self._other_floor(f"door '{door}' is {state}")
+
+    def charge(self, robot: str) -> DayOrder:
+        """Let a robot charge until it is full, once it has done what it is on the way to.
+
+        :raises ProblemError: where it has no battery, or is to charge already.
+        """
+        (name,) = self._some(robot)
+        if name in self.charging():
+            raise ProblemError(f"'{name}' is to charge already")
+        number = sum(is_charge(job) for job in self.jobs)
+        level = self.robots.levels.get(name, 0.0)
+        named = f"{CHARGE}{name}.{number}"
+        return self.add(charge_task(self.site, name, level, named, self.clock.now()))
+
+    def charging(self) -> set[str]:
+        """Return the robots that are to charge, or do so."""
+        some = (j for j in self.jobs.values() if is_charge(j.id) and j.state.open)
+        return {robot for job in some for robot in job.record.robots}
+
     def _limit(self) -> None:
         """Find out how far motions may go with the areas that are blocked."""
         self.limits = {}
-        if self.executor is None or not self.areas:
+        doors = {n: self.site.doors[n] for n in self.shut}
+        corners = [*self.areas.values(), *(leaf_at(d, d.closed) for d in doors.values())]
+        if self.executor is None or not corners:
             return
-        shapes = [Polygon(corners) for corners in self.areas.values()]
+        shapes = [Polygon(shape) for shape in corners]
 
         def touches(pose: Pose, robot: str) -> bool:
             here = body_at(self.site, robot, pose)
@@ -358,6 +403,8 @@ class Operation(Day):
     def step(self) -> None:
         """Do what is to be done now, and let a tick pass."""
         now = self.clock.now()
+        for robot in {*low(self.site, self.robots.levels, self.settings.low)} - self.charging():
+            self.charge(robot)
         with self.store:
             for report in self.robots.reports(now):
                 self.store.put_report(report)
@@ -561,12 +608,16 @@ class Operation(Day):
             folder=self.folder,
             cut=cut,
             kept=kept,
-            jobs=tuple(_since(j.record, now, j.came) for j in chosen),
+            jobs=tuple(since_now(j.record, now, j.came) for j in chosen),
             robots=tuple(choice.opened),
-            held=tuple((r, _since(o, now, now)) for r, o in carried if isinstance(o, Order)),
+            held=tuple((r, since_now(o, now, now)) for r, o in carried if isinstance(o, Order)),
             on_board=self.on_board(),
             areas=self.areas,
-            kept_jobs=tuple(_since(j.record, now, j.came) for j in staying),
+            shut=frozenset(n for n, state in self.shut.items() if state == OUT),
+            levels=start_levels(
+                self.site, self.robots.levels, self.executor, self.meanings, cut.kept
+            ),
+            kept_jobs=tuple(since_now(j.record, now, j.came) for j in staying),
             seconds=s.budget * (s.stretch if self.clock.waits else 1.0),
             computing=self.clock.waits,
             lead=s.budget + s.grace,
@@ -620,6 +671,8 @@ class Operation(Day):
         self.origin = since
         self.placed.clear()
         self._keep_fleet()
+        self.shut = {n: s for n, s in self.shut.items() if s == OUT or n in question.shut}
+        self.store.keep("shut", self.shut)
         self.store.put_plan(answer.number, self.clock.now(), self.origin, plan)
         self._follow(executor)
         self._forecast = self._end()
@@ -721,26 +774,6 @@ def _words(command: Command | None) -> tuple[str, str]:
     if isinstance(command, Hold):
         return "hold", "; ".join(command.waiting_for)
     return "", ""
-
-
-def _since(record: Any, now: float, came: float) -> Any:
-    """Return an order on the clock of a plan that begins now."""
-    changes: dict[str, Any] = {}
-    if record.due is not None:
-        changes["due"] = max(0.0, record.due - now)
-    if isinstance(record, Order):
-        for end in ("pickup", "delivery"):
-            stop = getattr(record, end)
-            changes[end] = replace(stop, window=_since_now(stop.window, came - now))
-    else:
-        changes["window"] = _since_now(record.window, came - now)
-    return replace(record, optional=False, penalty=None, **changes)
-
-
-def _since_now(windows: Windows, by: float) -> Windows:
-    """Return windows on a later clock: those that are over are gone, but for the last."""
-    later = [(max(0.0, opens + by), max(0.0, closes + by)) for opens, closes in windows]
-    return tuple([w for w in later if w[1] > 0.0] or later[-1:])
 
 
 def _fits(site: FleetRecords, record: Order | Task) -> None:

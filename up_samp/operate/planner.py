@@ -34,6 +34,7 @@ from up_samp.fleet.statements import Meaning, Written
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import ProblemError, SampError, UnsupportedError
 from up_samp.model.deadline import computing_time
+from up_samp.operate.energy import charger_of, is_charge, with_levels
 from up_samp.operate.horizon import DELIVERS, Cut
 from up_samp.operate.order import ordered
 from up_samp.operate.records import Pose, Shape
@@ -70,6 +71,10 @@ class Question:
     on_board: Mapping[str, str] = field(default_factory=dict)
     """The orders that are on board now, and of whom."""
     areas: Mapping[str, Shape] = field(default_factory=dict)
+    shut: frozenset[str] = frozenset()
+    """Doors through which nobody drives, and that nobody opens."""
+    levels: Mapping[str, float] = field(default_factory=dict)
+    """Of batteries from the cut on, in the user's units."""
     kept_jobs: tuple[Order | Task, ...] = ()
     seconds: float = 2.0
     computing: bool = False
@@ -107,8 +112,8 @@ def check_site(site: FleetRecords) -> None:
         if automatic.shut:
             raise UnsupportedError(f"automatic door '{name}' has a timetable: not operated yet")
     for name, kind in site.robot_types.items():
-        if kind.battery is not None:
-            raise UnsupportedError(f"robot type '{name}' has a battery: not operated yet")
+        if kind.battery is not None and not charger_of(site):
+            raise UnsupportedError(f"robot type '{name}' has a battery, and nobody can charge here")
         if kind.unloading != "any":
             raise UnsupportedError(f"robot type '{name}' unloads in an order: not operated yet")
     for job in site.jobs:
@@ -168,14 +173,25 @@ def problem_records(ask: Question) -> FleetRecords:
     zones = still_counted(site, ask.cut.poses, ask.robots)
     for name, corners in ask.areas.items():
         zones[name] = Zone(polygon=corners, keep_out=tuple(site.robot_types))
-    doors = {n: d for n, d in site.doors.items() if not is_open(d, ask.cut.poses.get(n))}
-    for name in site.doors.keys() - doors.keys():
-        # an open leaf is in the way where it stands, and nobody closes it
-        zones[f"leaf.{name}"] = Zone(_leaf(site.doors[name]), tuple(site.robot_types))
-    return replace(
+    doors = dict(site.doors)
+    for name, leaf in _still_leaves(ask).items():
+        zones[f"leaf.{name}"] = Zone(leaf, tuple(site.robot_types))
+        del doors[name]
+    left = replace(
         site, places=places, robots=robots, orders=tuple(orders), tasks=tuple(tasks), zones=zones,
         doors=doors,
     )  # fmt: skip
+    return with_levels(left, ask.levels, (r for t in tasks if is_charge(t.id) for r in t.robots))
+
+
+def _still_leaves(ask: Question) -> dict[str, Shape]:
+    """Return the leaves that nobody moves: they are in the way where they stand."""
+    found = {}
+    for name, door in ask.site.doors.items():
+        pose = door.closed if name in ask.shut else ask.cut.poses.get(name)
+        if name in ask.shut or is_open(door, pose):
+            found[name] = leaf_at(door, pose or door.closed)
+    return found
 
 
 def is_open(door: Door, pose: Pose | None) -> bool:
@@ -183,8 +199,9 @@ def is_open(door: Door, pose: Pose | None) -> bool:
     return pose is not None and math.dist(pose, door.open) <= SAME
 
 
-def _leaf(door: Door) -> Shape:
-    x, y, turn = door.open
+def leaf_at(door: Door, pose: Pose) -> Shape:
+    """Return the corners of a door's leaf at a pose."""
+    x, y, turn = pose
     c, s = math.cos(turn), math.sin(turn)
     return tuple((x + c * a - s * b, y + s * a + c * b) for a, b in corners_of(door.leaf))
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from up_samp.fleet.files import read_record
-from up_samp.fleet.records import Order, Task
+from up_samp.fleet.records import Order, Task, Windows
 
 Pose = tuple[float, float, float]
 Shape = tuple[tuple[float, float], ...]
@@ -72,6 +72,26 @@ def job_record(data: Mapping[str, Any]) -> Order | Task:
     kind = Order if "pickup" in data else Task
     found: Order | Task = read_record(kind, dict(data), ("orders",))
     return found
+
+
+def since_now(record: Any, now: float, came: float) -> Any:
+    """Return an order that came at some time (s) on the clock of a plan that begins ``now``."""
+    changes: dict[str, Any] = {}
+    if record.due is not None:
+        changes["due"] = max(0.0, record.due - now)
+    if isinstance(record, Order):
+        for end in ("pickup", "delivery"):
+            stop = getattr(record, end)
+            changes[end] = replace(stop, window=_windows(stop.window, came - now))
+    else:
+        changes["window"] = _windows(record.window, came - now)
+    return replace(record, optional=False, penalty=None, **changes)
+
+
+def _windows(windows: Windows, by: float) -> Windows:
+    """Return windows on a later clock: those that are over are gone, but for the last."""
+    later = [(max(0.0, opens + by), max(0.0, closes + by)) for opens, closes in windows]
+    return tuple([w for w in later if w[1] > 0.0] or later[-1:])
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,7 @@ from up_samp.export.steps import stretches_of
 from up_samp.fleet.files import read_record
 from up_samp.fleet.records import NUMBER, STRICT, FleetRecords, Pose
 from up_samp.model import ProblemError
+from up_samp.operate.energy import action_of
 from up_samp.operate.records import Report
 from up_samp.operate.stitch import whole_motion
 
@@ -87,6 +88,7 @@ class RemoteRobots:
         if isinstance(command, Do):
             name = command.activity
             kind, what, _ = self._meanings[name]
+            kind = action_of(kind, what)
             told = {"activity": name, "action": kind, "order": what, "may_end": command.may_end}
             return {"kind": "do", "seconds": self._expected[name], **told}
         return {"kind": "hold", "why": "; ".join(command.waiting_for)}

@@ -14,9 +14,10 @@ class Settings:
     orders of a robot are planned anew at a time. ``tick``: seconds between two steps.
     ``localisation``: how far (m) from the truth robots tell to be; ``latency``: by how many seconds
     longer than another one a message may take to come; ``ahead``: for how many seconds farther than
-    they can stand robots are let drive: so much is told of a plan, and stays. ``stretch``: in
-    simulated time, where the planner's budget is what it computes (CPU s), it has so many times as
-    much.
+    they can stand robots are let drive: so much is told of a plan, and stays. ``low``: robots
+    charge that have less than this share of what a full battery has above its reserve.
+    ``stretch``: in simulated time, where the planner's budget is what it computes (CPU s), it has
+    so many times as much.
     """
 
     budget: float = 2.0
@@ -30,4 +31,5 @@ class Settings:
     localisation: float = 0.05
     latency: float = 0.5
     ahead: float = 1.2
+    low: float = 0.3
     seed: int = 0

@@ -16,6 +16,8 @@ import numpy as np
 from up_samp.execution.executor import Executor
 from up_samp.execution.reports import Command, Do, Go, Hold
 from up_samp.execution.simulate import Delays, Luck, SimulatedRobot
+from up_samp.fleet.records import FleetRecords
+from up_samp.operate.energy import NOWHERE, Cells, is_charge
 from up_samp.operate.records import Pose, Report
 
 OFTEN, SELDOM = 0.4, 1.0
@@ -86,10 +88,16 @@ class SimulatedRobots:
     """All robots of a site on a simulated floor; times are those of the day."""
 
     def __init__(
-        self, poses: Mapping[str, Pose], mishaps: Mishaps = Mishaps(), seed: int = 0
+        self,
+        poses: Mapping[str, Pose],
+        mishaps: Mishaps = Mishaps(),
+        seed: int = 0,
+        site: FleetRecords = NOWHERE,
     ) -> None:
         self.mishaps, self.seed = mishaps, seed
         self.faults: list[tuple[str, str]] = []
+        self.cells = Cells(site)
+        self.levels = self.cells.levels
         self.poses: dict[str, Pose] = dict(poses)
         self.initial = dict(poses)
         self.robots = {name: SimulatedRobot(name, self._luck(name)) for name in poses}
@@ -200,6 +208,9 @@ class SimulatedRobots:
                 self.broken[name] = when + lasts
         self.broken = {n: end for n, end in self.broken.items() if end > now}
         self._now = round(now + seconds, 6)
+        for activity, (end, who, _) in self._ends.items():
+            if now < end and is_charge(self._meanings[activity][1]):
+                self.cells.charge(who, seconds)
         for name, robot in self.robots.items():
             if robot.motion is None:
                 continue
@@ -207,6 +218,7 @@ class SimulatedRobots:
                 robot.held_until = max(robot.held_until, now + seconds)
             was = robot.s
             robot.step(now, seconds)
+            self.cells.drive(name, robot.s - was, seconds)
             if robot.s <= was and robot.s < robot.length - 0.01 and name not in self.broken:
                 self._wait(name, now, self._now)
 

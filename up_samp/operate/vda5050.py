@@ -38,6 +38,7 @@ from up_samp.export.steps import stretches_of
 from up_samp.export.vda5050 import LATER, earlier, edge_of, later, node_of
 from up_samp.fleet.records import FleetRecords, corners_of
 from up_samp.model import ProblemError
+from up_samp.operate.energy import action_of
 from up_samp.operate.records import Pose, Report
 from up_samp.operate.stitch import whole_motion
 
@@ -51,6 +52,8 @@ AGAIN = 1.0
 BROKEN = "its connection is broken: nothing is told to it until it is back"
 SHAPE = ("trajectory", "orientation", "orientationType", "rotationAllowed", "length")
 """What edges do not say to robots that drive straight from node to node."""
+TYPES = {"charge": "startCharging"}
+"""What is called otherwise in the standard than here."""
 VERSIONS = ("2.0.0", "2.1.0", LATER)
 
 
@@ -149,7 +152,7 @@ class Instant:
 
 class MasterControl:
     """The robots behind a broker. ``types``: what an action is called for what is done at places
-    (``pick``, ``deliver``, ``task``, ``open``); ``spacing`` (m): for robots that
+    (``pick``, ``deliver``, ``task``, ``open``, ``charge``); ``spacing`` (m): for robots that
     know no trajectories and drive straight from node to node, which are at most so far apart then;
     ``tls``: speak to the broker over TLS, by the certificates that this machine trusts, or by those
     of a file.
@@ -180,6 +183,7 @@ class MasterControl:
         self.types, self.spacing, self.map_id = dict(types or {}), spacing, map_id
         self.root = f"{prefix}/v{version.partition('.')[0]}/{manufacturer}"
         self.agvs = {name: Agv(name) for name in site.robots}
+        self.levels: dict[str, float] = {}
         self.faults: list[tuple[str, str]] = []
         """(robot, in words) what does not fit the site file, or what was told."""
         self._inbox: queue.SimpleQueue[tuple[str, str, bytes]] = queue.SimpleQueue()
@@ -189,6 +193,8 @@ class MasterControl:
         self._meanings: Mapping[str, Any] = {}
         self._expected: Mapping[str, float] = {}
         self._lengths: dict[str, float] = {}
+        self._charging: dict[str, float] = {}
+        """Activities in which robots charge, and since when (s)."""
         name = f"up_samp-{site.name}-{time.time_ns()}"
         self.client = client or mqtt.Client(CallbackAPIVersion.VERSION2, name)
         if user is not None:
@@ -203,13 +209,17 @@ class MasterControl:
         except OSError as error:
             raise ProblemError(f"no broker at {host}:{port}: {error}") from error
         self.client.loop_start()
-        try:
-            refused = self._answers.get(timeout=10.0)
-        except queue.Empty:
-            refused = "it does not answer"
+        refused = self._answer()
         if refused:
             self.close()
             raise ProblemError(f"the broker at {host}:{port} refuses: {refused}")
+
+    def _answer(self) -> str:
+        """Return why the broker lets nobody in ("": it does)."""
+        try:
+            return self._answers.get(timeout=10.0)
+        except queue.Empty:
+            return "it does not answer"
 
     def close(self) -> None:
         """Leave the broker."""
@@ -220,7 +230,7 @@ class MasterControl:
         reason = told[2] if len(told) > 2 else None
         failed = reason is not None and reason.is_failure
         self._answers.put(str(reason) if failed else "")
-        for name in () if failed else self.agvs:
+        for name in self.agvs:
             for topic in ("state", "connection", "factsheet", "visualization"):
                 client.subscribe(
                     f"{self.root}/{name}/{topic}", qos=1 if topic == "connection" else 0
@@ -268,6 +278,9 @@ class MasterControl:
         elif topic == "state" and not _older(data, agv.state):
             agv.state, agv.new = data, True
             agv.online = True
+            level = (data.get("batteryState") or {}).get("batteryCharge")
+            if level is not None:
+                self.levels[name] = float(level) / 100.0
             if agv.shown:
                 agv.known = True
                 update = data.get("orderUpdateId", 0)
@@ -318,7 +331,7 @@ class MasterControl:
             found.append(self._where(agv, now))
         elif fresh and pose:
             found.append(Report(agv.name, now, pose=pose))
-        if self._finished(agv, moves) and (fresh or now >= agv.over + AGAIN):
+        if self._finished(agv, moves, now) and (fresh or now >= agv.over + AGAIN):
             agv.over = now
             found.append(Report(agv.name, now, agv.activity, done=True))
         return found
@@ -330,7 +343,7 @@ class MasterControl:
         progress = max((s for q, s in agv.nodes if q <= passed), default=0.0)
         return Report(agv.name, now, agv.activity, progress=progress)
 
-    def _finished(self, agv: Agv, moves: bool) -> bool:
+    def _finished(self, agv: Agv, moves: bool, now: float) -> bool:
         """Return whether a robot has done its order."""
         if moves:
             last, at = agv.nodes[-1] if agv.nodes else (0, 0.0)
@@ -339,7 +352,21 @@ class MasterControl:
             return (
                 whole and there and not agv.state.get("driving") and not agv.state.get("nodeStates")
             )
-        return agv.done == "FINISHED"
+        if agv.done != "FINISHED":
+            return False
+        return agv.activity not in self._charging or self._charged(agv, now)
+
+    def _charged(self, agv: Agv, now: float) -> bool:
+        """Return whether a robot that has begun to charge is full, or has charged as long as is
+        planned; then it is told to stop.
+        """
+        since = self._charging[agv.activity] = min(self._charging[agv.activity], now)
+        full = self.levels.get(agv.name, 0.0) >= 1.0
+        if not full and now < since + self._expected.get(agv.activity, 0.0):
+            return False
+        if now >= agv.over + AGAIN and (agv.state.get("batteryState") or {}).get("charging"):
+            self._instant(agv.name, "stopCharging", now)
+        return True
 
     # ------------------------------------------------------------------ what robots are told
 
@@ -519,16 +546,19 @@ class MasterControl:
     def _do(self, agv: Agv, activity: str, now: float) -> None:
         agv.begin(activity)
         agv.update = 0
+        kind, what, _ = self._meanings[activity]
+        kind = action_of(kind, what)
+        if kind == "charge":
+            self._charging.setdefault(activity, math.inf)
         if agv.shown:
             agv.known = True
             return  # it has it from before a restart
-        kind, what, _ = self._meanings[activity]
         position = agv.position
         pose = tuple(float(position.get(k, 0.0)) for k in ("x", "y", "theta"))
         node = self._node(agv, 0, pose, True)
         node["actions"] = [
             {
-                "actionType": self.types.get(kind, kind),
+                "actionType": self.types.get(kind, TYPES.get(kind, kind)),
                 "actionId": agv.order,
                 "actionDescription": what,
                 "blockingType": "HARD",

@@ -31,6 +31,7 @@ from up_samp.execution.reports import Do, Go, Hold
 from up_samp.fleet.records import corners_of
 from up_samp.fleet.statements import Kind
 from up_samp.model import ProblemError, SampError
+from up_samp.operate.choice import BACK, OUT
 from up_samp.operate.horizon import DELIVERS
 from up_samp.operate.loop import Operation
 from up_samp.operate.planner import is_open
@@ -217,6 +218,9 @@ def _add_deeds(app: FastAPI, page: FloorPage) -> None:
     deed("POST", "/v1/release", lambda body, _: day.release(robot(body)))
     deed("POST", "/v1/robots/{name}/leave", lambda body, name: day.leave(name))
     deed("POST", "/v1/robots/{name}/join", lambda body, name: day.join(name))
+    deed("POST", "/v1/robots/{name}/charge", lambda body, name: day.charge(name))
+    deed("POST", "/v1/doors/{name}/shut", lambda body, name: day.close_door(name))
+    deed("POST", "/v1/doors/{name}/mend", lambda body, name: day.close_door(name, BACK))
     deed("POST", "/v1/areas/{name}", lambda body, name: day.block(name, _corners(body)))
     deed("DELETE", "/v1/areas/{name}", lambda _, name: day.unblock(name))
 
@@ -309,6 +313,7 @@ def _doors(day: Operation) -> dict[str, dict[str, Any]]:
             "pose": list(day.pose(n)),
             "open": is_open(door, day.pose(n)),
             "waiting": sorted(r for what, r in awaited if what == n),
+            "shut": day.shut.get(n) == OUT,
         }
         for n, door in day.site.doors.items()
     }
@@ -334,4 +339,5 @@ def _robot(day: Operation, name: str) -> dict[str, Any]:
         "way": way,
         "held": day.held.get(name, ""),
         "away": day.away.get(name, ""),
+        "battery": None if (level := day.robots.levels.get(name)) is None else round(100 * level),
     }

@@ -1,0 +1,134 @@
+"""Batteries over a day: who is to charge, for how long, and with what level a plan begins.
+
+Charging is a task at a charger that only its robot may do, so it is planned, kept and killed like
+any other. Plans themselves charge nobody: they only keep levels above the reserve.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+
+from up_samp.execution.executor import Executor
+from up_samp.fleet.batteries import first_level
+from up_samp.fleet.records import Battery, Charger, FleetRecords, Task
+from up_samp.fleet.statements import Meaning
+from up_samp.model import ProblemError
+
+NOWHERE = FleetRecords(map="")
+"""A site without anybody."""
+CHARGE = "charge."
+"""What the names of tasks begin with in which a robot charges."""
+
+
+def is_charge(job: str) -> bool:
+    """Return whether an order, by its id, is that a robot charges."""
+    return job.startswith(CHARGE)
+
+
+def action_of(kind: str, what: str) -> str:
+    """Return what a robot does at a place, in a word: ``charge``, or what it is called in plans."""
+    return "charge" if is_charge(what) else kind
+
+
+def charger_of(site: FleetRecords) -> dict[str, Charger]:
+    """Return a site's chargers by their places."""
+    return {n: p.charger for n, p in site.places.items() if p.charger is not None}
+
+
+def battery_of(site: FleetRecords, robot: str) -> Battery:
+    """Return a robot's battery.
+
+    :raises ProblemError: where its type has none, or nobody can charge on this site.
+    """
+    battery = site.robot_types[site.robots[robot].type].battery
+    if battery is None or not charger_of(site):
+        raise ProblemError(f"'{robot}' has no battery, or no place has a charger")
+    return battery
+
+
+class Cells:
+    """Simulated batteries: ``levels`` are shares of full ones, by robot, from what a site says."""
+
+    def __init__(self, site: FleetRecords) -> None:
+        found = {n: site.robot_types[r.type].battery for n, r in site.robots.items()}
+        self.batteries = {n: battery for n, battery in found.items() if battery is not None}
+        rates = [charger.per_second for charger in charger_of(site).values()]
+        self.rate = min(rates, default=0.0)
+        self.levels = {n: first_level(site, n) / b.capacity for n, b in self.batteries.items()}
+
+    def drive(self, robot: str, metres: float, seconds: float) -> None:
+        """Take what a drive takes; who stands uses nothing."""
+        battery = self.batteries.get(robot)
+        if battery is not None and metres > 0.0:
+            used = battery.per_metre * metres + battery.per_second * seconds
+            self.levels[robot] = max(0.0, self.levels[robot] - used / battery.capacity)
+
+    def charge(self, robot: str, seconds: float) -> None:
+        """Give what a charger gives."""
+        more = self.rate * seconds / self.batteries[robot].capacity
+        self.levels[robot] = min(1.0, self.levels[robot] + more)
+
+
+def charge_task(site: FleetRecords, robot: str, level: float, name: str, now: float) -> Task:
+    """Return the task of charging a robot until it is full, from a ``level`` (share of a full
+    battery) on, at any charger, by the slowest of them: what it is to do next.
+    """
+    battery, chargers = battery_of(site, robot), charger_of(site)
+    slowest = min(charger.per_second for charger in chargers.values())
+    seconds = max(1.0, math.ceil((1.0 - level) * battery.capacity / slowest))
+    return Task(
+        id=name, at=tuple(chargers), duration=seconds, robots=(robot,), due=now, weight=50.0
+    )
+
+
+def low(site: FleetRecords, levels: Mapping[str, float], share: float) -> list[str]:
+    """Return the robots that have less than a ``share`` of what a full battery has above its
+    reserve, by the levels (shares of a full one) that they told.
+    """
+    batteries = Cells(site).batteries
+    return [
+        robot
+        for robot, battery in batteries.items()
+        if levels.get(robot, 1.0) * battery.capacity - battery.reserve
+        < share * (battery.capacity - battery.reserve)
+    ]
+
+
+def start_levels(
+    site: FleetRecords,
+    levels: Mapping[str, float],
+    executor: Executor | None,
+    meanings: Mapping[str, Meaning],
+    kept: Iterable[str],
+) -> dict[str, float]:
+    """Return with what level (the user's units) each robot begins a plan that follows what is
+    ``kept``: what it told last less what its drives until then take; full where it charges.
+    """
+    names = set(kept)
+    drives = {} if executor is None else executor.drives
+    ahead = [drive for (name, _), drive in drives.items() if name in names]
+    charged = {m.robot for n, m in meanings.items() if n in names and is_charge(m.what)}
+    found = {}
+    for robot, battery in Cells(site).batteries.items():
+        mine = [drive.path for drive in ahead if drive.object == robot]
+        level = levels.get(robot, 1.0) * battery.capacity
+        level -= battery.per_metre * sum(path.length for path in mine)
+        level -= battery.per_second * sum(float(path.natural.times[-1]) for path in mine)
+        least = battery.reserve + 1e-3 * battery.capacity
+        found[robot] = battery.capacity if robot in charged else max(least, level)
+    return found
+
+
+def with_levels(
+    site: FleetRecords, levels: Mapping[str, float], charging: Iterable[str]
+) -> FleetRecords:
+    """Return a site in which robots begin with some levels, those that are to charge first as if
+    they had, and nobody charges by itself.
+    """
+    full = {robot: battery_of(site, robot).capacity for robot in charging}
+    begins = {**levels, **full}
+    robots = {n: replace(r, level=begins.get(n)) for n, r in site.robots.items()}
+    places = {n: replace(p, charger=None) for n, p in site.places.items()}
+    return replace(site, robots=robots, places=places)
