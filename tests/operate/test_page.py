@@ -9,6 +9,9 @@ import urllib.request
 import pytest
 
 pytest.importorskip("fastapi")
+pytest.importorskip("selenium", reason="needs selenium")
+
+from selenium.webdriver.common.action_chains import ActionChains
 
 from tests.operate.days import Day
 from tests.server.soak_server import free_port
@@ -110,5 +113,20 @@ def test_an_operator_sees_robots_and_holds_them(floor, browser):  # noqa: F811
     until(seen(lambda: "held hold all" in find("id", "robots").text), "the page says so")
     find("id", "go").click()
     until(seen(lambda: not day.operation.held), "all are released")
+    browser.execute_script("window.scrollTo(0, 0)")
+    find("id", "draw").click()
+    corners = ((-100, -60), (-20, -60), (-20, 40), (-100, 40), (-98, -58))
+    for x, y in corners:  # the last closes it
+        ActionChains(browser).move_to_element_with_offset(
+            find("id", "floor"), x, y
+        ).click().perform()
+    until(seen(lambda: len(day.operation.areas) == 2), "an area drawn by hand")
+    (drawn,) = day.operation.areas.keys() - {"people"}
+    assert len(day.operation.areas[drawn]) == 4
+    until(seen(lambda: drawn in find("id", "areas").text), "the area drawn")
+    browser.get(page.told[0].partition(": ")[2])
+    until(seen(lambda: "r0" in find("id", "robots").text), "the page to look")
+    assert not find("id", "deeds").is_displayed()
+    assert not browser.find_elements("css selector", "td button")
     errors = [e for e in browser.get_log("browser") if e["level"] == "SEVERE"]
     assert errors == []

@@ -27,8 +27,8 @@ from fastapi import Depends, FastAPI, HTTPException, Request
 from fastapi.responses import HTMLResponse, Response, StreamingResponse
 from starlette.concurrency import run_in_threadpool
 
-from up_samp.execution.reports import Do, Go, Hold
-from up_samp.fleet.records import corners_of
+from up_samp.execution.reports import Command, Do, Go, Hold
+from up_samp.fleet.records import Zone, corners_of
 from up_samp.fleet.statements import Kind
 from up_samp.model import ProblemError, SampError
 from up_samp.operate.choice import BACK, OUT
@@ -46,6 +46,8 @@ WAIT = 10.0
 """Seconds that a request waits for the loop."""
 MOST = 1_000_000
 """Bytes of a request."""
+SOON = 0.3
+"""m before a point at which a robot has to wait that it is seen to wait."""
 TOKENS = ("read", "robots", "operator")
 """Who may more comes later."""
 SHOWN = 60
@@ -256,11 +258,22 @@ def site_data(day: Operation) -> dict[str, Any]:
         "walls": cells,
         "places": {n: list(p.pose) for n, p in day.site.places.items()},
         "doors": {n: [list(c) for c in corners_of(d.leaf)] for n, d in day.site.doors.items()},
+        "zones": [
+            {"name": n, "polygon": [list(c) for c in z.polygon], "says": _rule(z)}
+            for n, z in day.site.zones.items()
+        ],
         "robots": {
             n: [list(c) for c in corners_of(day.site.robot_types[r.type].footprint)]
             for n, r in day.site.robots.items()
         },
     }
+
+
+def _rule(zone: Zone) -> str:
+    """Return what a zone asks for, in words."""
+    if zone.max_robots is None:
+        return f"not for {', '.join(zone.keep_out)}"
+    return f"{zone.max_robots} at a time"
 
 
 def floor_data(day: Operation) -> dict[str, Any]:
@@ -270,6 +283,7 @@ def floor_data(day: Operation) -> dict[str, Any]:
     ends = _forecast(day)
     return {
         "time": clock_text(now, day.store.day("epoch")),
+        "now": round(now, 1),
         "plan": day.number,
         "why": day.wanted,
         "robots": {n: _robot(day, n) for n in day.site.robots},
@@ -319,15 +333,30 @@ def _doors(day: Operation) -> dict[str, dict[str, Any]]:
     }
 
 
+def _waits(day: Operation, name: str, command: Command | None) -> list[str]:
+    """Return the robots, and the doors, that a robot waits for which stands, or soon will."""
+    if day.executor is None or isinstance(command, Do) or name in day.off_plan():
+        return []
+    under = day.executor.state.of_object.get(name)
+    gone = 0.0 if under is None else under.progress + day.gone.get(under.activity, 0.0)
+    if isinstance(command, Go) and command.until > gone + SOON:
+        return []
+    awaited = {day.meanings.get(w, w) for w in day.executor.waits_for(name)}
+    found = {
+        w if isinstance(w, str) else w.what if w.kind is Kind.OPEN else w.robot for w in awaited
+    }
+    return sorted(found - {name, "time", ""})
+
+
 def _robot(day: Operation, name: str) -> dict[str, Any]:
     command = day.commands.get(name)
-    what, way = "idle", []
+    what, way, why = "idle", [], ""
     if isinstance(command, Go) and day.executor is not None:
-        what = f"drives: {command.motion.partition('#')[0]}"
+        what = f"drives to {command.motion.rpartition('_to_')[2].partition('#')[0]}"
     elif isinstance(command, Do):
         what = f"does: {command.activity.partition('#')[0]}"
     elif isinstance(command, Hold) and command.waiting_for:
-        what = f"waits: {command.waiting_for[0]}"
+        what, why = "stands", command.waiting_for[0].rpartition("(")[2].rstrip(")")
     under = None if day.executor is None else day.executor.state.of_object.get(name)
     if under is not None and day.executor is not None:
         path = day.executor.drives[under.activity, name].path
@@ -336,8 +365,11 @@ def _robot(day: Operation, name: str) -> dict[str, Any]:
     return {
         "pose": [round(v, 3) for v in day.pose(name)],
         "what": what,
+        "waits": _waits(day, name, command),
+        "why": why,
         "way": way,
         "held": day.held.get(name, ""),
         "away": day.away.get(name, ""),
+        "charges": day.site.robot_types[day.site.robots[name].type].battery is not None,
         "battery": None if (level := day.robots.levels.get(name)) is None else round(100 * level),
     }
