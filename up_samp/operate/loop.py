@@ -374,10 +374,12 @@ class Operation(Day):
         """Find out how far motions may go with the areas that are blocked."""
         self.limits = {}
         doors = {n: self.site.doors[n] for n in self.shut}
-        corners = [*self.areas.values(), *(leaf_at(d, d.closed) for d in doors.values())]
-        if self.executor is None or not corners:
+        # a leaf is a thing that plans keep clear of
+        clear = self.site.margin + 2 * self.settings.localisation
+        leaves = [Polygon(leaf_at(d, d.closed)).buffer(clear) for d in doors.values()]
+        shapes = [*map(Polygon, self.areas.values()), *leaves]
+        if self.executor is None or not shapes:
             return
-        shapes = [Polygon(shape) for shape in corners]
 
         def touches(pose: Pose, robot: str) -> bool:
             here = body_at(self.site, robot, pose)

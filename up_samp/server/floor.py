@@ -46,8 +46,6 @@ WAIT = 10.0
 """Seconds that a request waits for the loop."""
 MOST = 1_000_000
 """Bytes of a request."""
-SOON = 0.3
-"""m before a point at which a robot has to wait that it is seen to wait."""
 TOKENS = ("read", "robots", "operator")
 """Who may more comes later."""
 SHOWN = 60
@@ -339,7 +337,8 @@ def _waits(day: Operation, name: str, command: Command | None) -> list[str]:
         return []
     under = day.executor.state.of_object.get(name)
     gone = 0.0 if under is None else under.progress + day.gone.get(under.activity, 0.0)
-    if isinstance(command, Go) and command.until > gone + SOON:
+    near = 5 * day.settings.localisation
+    if isinstance(command, Go) and command.until > gone + near:
         return []
     awaited = {day.meanings.get(w, w) for w in day.executor.waits_for(name)}
     found = {
@@ -356,7 +355,8 @@ def _robot(day: Operation, name: str) -> dict[str, Any]:
     elif isinstance(command, Do):
         what = f"does: {command.activity.partition('#')[0]}"
     elif isinstance(command, Hold) and command.waiting_for:
-        what, why = "stands", command.waiting_for[0].rpartition("(")[2].rstrip(")")
+        event, _, told = command.waiting_for[0].partition(" (")
+        what, why = "stands", told.removesuffix(")") or event
     under = None if day.executor is None else day.executor.state.of_object.get(name)
     if under is not None and day.executor is not None:
         path = day.executor.drives[under.activity, name].path
