@@ -48,14 +48,27 @@ def battery_of(site: FleetRecords, robot: str) -> Battery:
     return battery
 
 
+def seconds_to_fill(site: FleetRecords, battery: Battery, amount: float) -> float:
+    """Return how long (s) it takes to give an amount at the slowest charger, as slowly as it gives
+    when the battery is fullest; at least 1 s.
+    """
+    slow = min((share for _, share in battery.curve), default=1.0)
+    found = [1.0]
+    for charger in charger_of(site).values():
+        given = (charger.per_second or battery.capacity) * slow
+        found.append(amount / given if charger.swap is None else charger.swap)
+    return max(found)
+
+
 class Cells:
     """Simulated batteries: ``levels`` are shares of full ones, by robot, from what a site says."""
 
     def __init__(self, site: FleetRecords) -> None:
         found = {n: site.robot_types[r.type].battery for n, r in site.robots.items()}
         self.batteries = {n: battery for n, battery in found.items() if battery is not None}
-        rates = [charger.per_second for charger in charger_of(site).values()]
-        self.rate = min(rates, default=0.0)
+        self.rates = {
+            n: b.capacity / seconds_to_fill(site, b, b.capacity) for n, b in self.batteries.items()
+        }
         self.levels = {n: first_level(site, n) / b.capacity for n, b in self.batteries.items()}
 
     def drive(self, robot: str, metres: float, seconds: float) -> None:
@@ -67,7 +80,7 @@ class Cells:
 
     def charge(self, robot: str, seconds: float) -> None:
         """Give what a charger gives."""
-        more = self.rate * seconds / self.batteries[robot].capacity
+        more = self.rates[robot] * seconds / self.batteries[robot].capacity
         self.levels[robot] = min(1.0, self.levels[robot] + more)
 
 
@@ -76,10 +89,14 @@ def charge_task(site: FleetRecords, robot: str, level: float, name: str, now: fl
     battery) on, at any charger, by the slowest of them: what it is to do next.
     """
     battery, chargers = battery_of(site, robot), charger_of(site)
-    slowest = min(charger.per_second for charger in chargers.values())
-    seconds = max(1.0, math.ceil((1.0 - level) * battery.capacity / slowest))
+    seconds = seconds_to_fill(site, battery, (1.0 - level) * battery.capacity)
     return Task(
-        id=name, at=tuple(chargers), duration=seconds, robots=(robot,), due=now, weight=50.0
+        id=name,
+        at=tuple(chargers),
+        duration=math.ceil(seconds),
+        robots=(robot,),
+        due=now,
+        weight=50.0,
     )
 
 
