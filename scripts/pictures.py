@@ -20,6 +20,7 @@ SOLVED = {
     "warehouse": ("examples/warehouse.py", "map.png"),
     "passing": ("examples/passing_place.py", "map.png"),
     "mixed": ("examples/mixed_fleet.py", "map.png"),
+    "rules": ("examples/traffic_rules.py", "map.png"),
     "pallets": ("examples/pallets.py", "map.png"),
     "factory": ("examples/factory.py", "map.png"),
     "charging": ("examples/charging.py", "gantt.png"),

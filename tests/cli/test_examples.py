@@ -61,5 +61,5 @@ def test_two_robots_pass_each_other_in_the_bay(tmp_path, capsys):
 def test_there_are_examples():
     assert {e.stem for e in EXAMPLES} >= {
         "charging", "delays", "door", "drones", "mixed_fleet", "pallets", "passing_place",
-        "nav2_warehouse", "ros_map", "shop", "swap", "warehouse",
+        "nav2_warehouse", "ros_map", "shop", "swap", "traffic_rules", "warehouse",
     }  # fmt: skip

@@ -21,7 +21,15 @@ from up_samp.execution.graph import At, Event
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.io.floors import map_number, side_by_side
 from up_samp.io.sampling import rows_trajectory
-from up_samp.model import Body, Configuration, Kinematics, MotionModel, UnsupportedError, avoids
+from up_samp.model import (
+    Body,
+    Configuration,
+    Kinematics,
+    MotionModel,
+    TrafficZone,
+    UnsupportedError,
+    avoids,
+)
 from up_samp.model.frames import Frame
 from up_samp.motion.fleet.conflicts import Hull
 from up_samp.motion.fleet.paths import Path, hull_of, path_of, resting_path
@@ -189,8 +197,21 @@ def body_of(entry: Mapping[str, Any]) -> Body:
         a_max=float(entry["a_max"]),
         omega_max=float(entry.get("omega_max", 1.0)),
         reverse=bool(entry.get("reverse", True)),
+        v_back=float(entry.get("reverse_v_max", math.inf)),
+        zones=tuple(_zone(zone) for zone in entry.get("zones", ())),
     )
     return Body(corners, limits, entry.get("mesh"), float(entry.get("height", math.inf)))
+
+
+def _zone(entry: Mapping[str, Any]) -> TrafficZone:
+    corners = tuple((float(x), float(y)) for x, y in entry["polygon"])
+    return TrafficZone(
+        corners,
+        float(entry.get("v_max", math.inf)),
+        float(entry.get("height", 0.0)),
+        entry.get("one_way"),
+        bool(entry.get("pivots", True)),
+    )
 
 
 def lives_of(plan: Mapping[str, Any]) -> dict[str, Life]:
@@ -286,7 +307,7 @@ def _drive(item: Mapping[str, Any], body: Body, frame: Frame) -> DriveCells:
     trajectory = rows_trajectory(item["samples"])
     listed = item.get("avoid")
     avoid = None if listed is None else frozenset(listed)
-    path = path_of(trajectory, body)
+    path = path_of(trajectory, body, decided=True)
     return DriveCells(item["activity"], item["object"], path, trajectory.start, avoid, frame)
 
 

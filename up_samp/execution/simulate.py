@@ -233,7 +233,8 @@ class SimulatedRobot:
             self._look()
             return
         else:
-            wish = self.luck.pace * self.travel.cap_at(self.s)
+            soon = self.travel.cap_at(self.s + self.v * dt)
+            wish = self.luck.pace * min(self.travel.cap_at(self.s), soon)
             wish = min(wish, 2 * (ceiling - self.s) / dt - self.v)
         # the largest speed at the step's end from which it stops before the goal:
         # (v + w) dt / 2 + w^2 / (2 a) = left

@@ -152,9 +152,11 @@ def travel_of(path: Path) -> TravelProfile:
     cap = path.tops_within(np.append(grid[:1], grid[:-1]), np.append(grid[1:], grid[-1:]))
     if not path.tunable:
         cap = np.minimum(cap, _planned_speed(path, grid))
+    gaps = np.diff(grid)
+    for i in range(len(gaps) - 1, -1, -1):  # who comes to where it has to be slow slows down before
+        cap[i] = min(cap[i], np.sqrt(cap[i + 1] ** 2 + 2 * kin.a_max * gaps[i]))
     speed = cap.copy()
     speed[np.isin(grid, [0.0, *stops])] = 0.0
-    gaps = np.diff(grid)
     for i in range(len(gaps)):
         speed[i + 1] = min(speed[i + 1], np.sqrt(speed[i] ** 2 + 2 * kin.a_max * gaps[i]))
     for i in range(len(gaps) - 1, -1, -1):

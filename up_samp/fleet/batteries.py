@@ -21,7 +21,7 @@ from unified_planning.model.scheduling import Activity
 
 from up_samp.fleet.floors import FloorMaps, floor_of
 from up_samp.fleet.loads import load_of, place_of, ridden, with_load
-from up_samp.fleet.outlines import kept_out
+from up_samp.fleet.outlines import kept_out, ruled
 from up_samp.fleet.records import Battery, Charger, FleetRecords, Pose
 from up_samp.fleet.statements import Kind, Written
 from up_samp.io.sampling import rows_trajectory
@@ -96,7 +96,8 @@ class Meter:
         """Return a robot with the load that rides with it."""
         order = ridden(self._records, origin, to)
         load = None if order is None else load_of(self._records, order)
-        return with_load(self._records.robot_types[kind], load)
+        body = with_load(self._records.robot_types[kind], load)
+        return ruled(self._records, kind, floor_of(self._records, origin), body)
 
 
 def metres_of(way: Trajectory) -> float:

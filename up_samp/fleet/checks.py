@@ -18,7 +18,7 @@ from up_samp.fleet.doorways import in_doorways
 from up_samp.fleet.faults import NO_ROBOT
 from up_samp.fleet.floors import FloorMaps, floor_of, legs_between, lift_between, ride_seconds
 from up_samp.fleet.loads import ends_of, load_of, load_pose, loads_of, place_of, with_load
-from up_samp.fleet.outlines import body_of, kept_out, placed, still
+from up_samp.fleet.outlines import body_of, kept_out, placed, ruled, still
 from up_samp.fleet.records import (
     Attached,
     FleetRecords,
@@ -402,8 +402,9 @@ class _Checker:
         if not self._drives(origin, to):
             return False
         ends = self.places[origin], self.places[to]
-        zones = kept_out(self.records, kind, self.floor(origin))
-        query = PathQuery(self.bodies[kind], ends, zones)
+        floor = self.floor(origin)
+        body = ruled(self.records, kind, floor, self.bodies[kind])
+        query = PathQuery(body, ends, kept_out(self.records, kind, floor))
         report = self.floors.at(origin).plan(query, Deadline.after(self.seconds))
         return report.outcome is Outcome.OUT_OF_TIME
 

@@ -164,6 +164,12 @@ def _robots(records: FleetRecords) -> Iterator[Fault]:
         if (kind.model, kind.reverse) == ("omni", "never"):
             what = "an omni drives in any direction; this is for car and diff"
             yield Fault(("robot_types", name, "reverse"), what)
+        if (kind.model, kind.reverse) == ("omni", "slow"):
+            what = "an omni drives in any direction; this is for car and diff"
+            yield Fault(("robot_types", name, "reverse"), what)
+        if (kind.reverse == "slow") != (kind.reverse_v_max is not None):
+            what = "reverse: slow goes with reverse_v_max, in m/s"
+            yield Fault(("robot_types", name, "reverse"), what)
     starts: dict[str, str] = {}
     for name, robot in records.robots.items():
         path: Path = ("robots", name)
@@ -301,11 +307,17 @@ def _automatic_doors(records: FleetRecords) -> Iterator[Fault]:
 def _zones(records: FleetRecords) -> Iterator[Fault]:
     for name, zone in records.zones.items():
         path: Path = ("zones", name)
-        if not zone.keep_out and zone.max_robots is None:
-            yield Fault(path, "say keep_out: [robot types], or max_robots: number")
-        if zone.keep_out and zone.max_robots is not None:
-            yield Fault(path, "keep_out and max_robots are two zones; write two")
-        yield from _known(records.robot_types, "robot type", zone.keep_out, (*path, "keep_out"))
+        told = (bool(zone.keep_out), zone.max_robots is not None, zone.has_rules)
+        if not any(told):
+            what = "say keep_out: [robot types], max_robots: number, v_max: m/s, one_way: heading, "
+            yield Fault(path, f"{what}or pivoting: never")
+        if sum(told) > 1:
+            yield Fault(path, "keep_out, max_robots and how to drive are several zones; write each")
+        if zone.robot_types and not zone.has_rules:
+            yield Fault((*path, "robot_types"), "is who heeds rules of driving; there are none")
+        for key in ("keep_out", "robot_types"):
+            named = getattr(zone, key)
+            yield from _known(records.robot_types, "robot type", named, (*path, key))
 
 
 def _orders(records: FleetRecords) -> Iterator[Fault]:

@@ -195,8 +195,9 @@ class Fleet:
         self._named("automatic_doors", AutomaticDoor, name, {"polygon": polygon, **options})
 
     def add_zone(self, name: str, polygon: Any, **options: Any) -> None:
-        """Add a part of the floor that robots of some types must ``keep_out`` of, or that takes
-        ``max_robots`` at a time.
+        """Add a part of the floor that robots of some types must ``keep_out`` of, that takes
+        ``max_robots`` at a time, or in which robots drive ``v_max`` m/s at most, only ``one_way``,
+        or without ``pivoting``. Options: see :class:`Zone`.
         """
         self._named("zones", Zone, name, {"polygon": polygon, **options})
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import cmath
 import math
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,8 +14,15 @@ from unified_planning.model import Type
 from unified_planning.model.motion import MotionModels, MovableObject
 from unified_planning.shortcuts import MovableType
 
-from up_samp.fleet.records import FleetRecords, Outline, Pose, RobotType, corners_of
-from up_samp.model import Body, Kinematics, MotionModel, Placed
+from up_samp.fleet.records import (
+    GROUND,
+    FleetRecords,
+    Outline,
+    Pose,
+    RobotType,
+    corners_of,
+)
+from up_samp.model import Body, Kinematics, MotionModel, Placed, TrafficZone
 from up_samp.model.frames import Frame
 from up_samp.upio.read_maps import read_movable
 
@@ -30,23 +39,28 @@ def placed(outline: Outline, pose: Pose) -> npt.NDArray[np.float64]:
 
 
 def body_of(kind: RobotType) -> Body:
-    """Return what robots of a type are to the motion planners."""
+    """Return what robots of a type are to the motion planners, without the rules of zones."""
     return read_movable(movable("robot", MovableType("robot"), kind)).body
 
 
-def movable(name: str, movable_type: Type, kind: RobotType) -> MovableObject:
-    """Return a robot of ``kind`` as UP's object."""
+def movable(
+    name: str, movable_type: Type, kind: RobotType, zones: tuple[TrafficZone, ...] = ()
+) -> MovableObject:
+    """Return a robot of ``kind`` as UP's object, which obeys the rules of ``zones``."""
+    told = {"zones": zones} if zones else {}
     return MovableObject(
         name,
         movable_type,
         footprint=corners_of(kind.footprint),
         motion_model=MODELS[kind.model],
-        motion_parameters=_limits(kind),
+        motion_parameters=_limits(kind) | told,
     )
 
 
-def _limits(kind: RobotType) -> dict[str, float | bool]:
-    limits = {"v_max": kind.v_max, "a_max": kind.a_max, "reverse": kind.reverse == "free"}
+def _limits(kind: RobotType) -> dict[str, Any]:
+    limits = {"v_max": kind.v_max, "a_max": kind.a_max, "reverse": kind.reverse != "never"}
+    if kind.reverse_v_max is not None:
+        limits["reverse_v_max"] = kind.reverse_v_max
     if kind.model == "car":
         return limits | {"turning_radius": kind.turning_radius}
     if kind.model == "diff":
@@ -93,6 +107,30 @@ def area_of(records: FleetRecords, zone: str) -> Placed:
 def doorway_of(records: FleetRecords, door: str) -> Placed:
     """Return the area of an automatic door as an obstacle."""
     return Placed(door, still(records.automatic_doors[door].polygon), (0.0, 0.0, 0.0))
+
+
+def rules_for(
+    records: FleetRecords, kind: str, floor: str | None = None
+) -> tuple[TrafficZone, ...]:
+    """Return the rules that zones have for robots of a type, on one floor or on all."""
+    return tuple(
+        TrafficZone(
+            zone.polygon,
+            math.inf if zone.v_max is None else zone.v_max,
+            0.0 if zone.floor == GROUND else records.floors[zone.floor].height,
+            zone.one_way,
+            zone.pivoting == "free",
+        )
+        for zone in records.zones.values()
+        if zone.has_rules
+        and floor in (None, zone.floor)
+        and (not zone.robot_types or kind in zone.robot_types)
+    )
+
+
+def ruled(records: FleetRecords, kind: str, floor: str, body: Body) -> Body:
+    """Return a body with the rules that a floor's zones have for robots of a type."""
+    return replace(body, kinematics=replace(body.kinematics, zones=rules_for(records, kind, floor)))
 
 
 def kept_out(records: FleetRecords, kind: str, floor: str) -> tuple[Placed, ...]:

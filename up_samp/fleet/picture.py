@@ -110,7 +110,12 @@ def _draw_fixtures(ax: Axes, records: FleetRecords) -> list[PlacedLabel]:
         here = np.asarray(zone.polygon, dtype=np.float64)
         draw_area(ax, here)
         x, y = (float(v) for v in here.mean(axis=0))
-        labels.append(PlacedLabel(name, x, y, WRONG, False, (0.3, 0.3)))
+        if zone.one_way is not None:
+            reach = 0.3 * float(np.ptp(here, axis=0).min())
+            dx, dy = reach * math.cos(zone.one_way), reach * math.sin(zone.one_way)
+            ax.annotate("", (x + dx, y + dy), (x - dx, y - dy), arrowprops={"arrowstyle": "->"})
+        told = name if zone.v_max is None else f"{name}: {zone.v_max:g} m/s"
+        labels.append(PlacedLabel(told, x, y, WRONG, False, (0.3, 0.3)))
     for name, doorway in records.automatic_doors.items():
         here = np.asarray(doorway.polygon, dtype=np.float64)
         ax.add_patch(Polygon(here, fc=mixed(FIXTURE, 0.7), ec=FIXTURE, ls=":"))

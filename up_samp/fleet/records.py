@@ -190,11 +190,12 @@ class RobotType:
     ``model``: ``car`` drives forwards and backwards on curves no tighter than ``turning_radius``;
     ``diff`` has two driven wheels (it drives along its heading and turns on the spot); ``omni``
     drives in any direction. ``turning_radius`` is for cars, ``omega_max`` for the others.
-    ``reverse``: ``free``, or ``never``: it drives ahead only, as what looks ahead only should (a
-    ``diff`` still turns on the spot). ``capacity``: how many loads of a kind fit on it at a time;
-    ``unloading``: in any order, or ``lifo``: what was picked up last is delivered first.
-    ``battery``: what drives take from; none: it never runs out. ``costs``: of each robot that
-    leaves where it starts (``used``), of a kilometre and of an hour of driving, in money.
+    ``reverse``: ``free``; ``slow``: at ``reverse_v_max`` (m/s) at most; or ``never``: it drives
+    ahead only, as what looks ahead only should (a ``diff`` still turns on the spot). ``capacity``:
+    how many loads of a kind fit on it at a time; ``unloading``: in any order, or ``lifo``: what was
+    picked up last is delivered first. ``battery``: what drives take from; none: it never runs out.
+    ``costs``: of each robot that leaves where it starts (``used``), of a kilometre and of an hour
+    of driving, in money.
     """
 
     __pydantic_config__ = STRICT
@@ -204,7 +205,8 @@ class RobotType:
     v_max: Positive = 1.0
     a_max: Positive = 1.0
     omega_max: Positive = 1.0
-    reverse: Literal["free", "never"] = "free"
+    reverse: Literal["free", "slow", "never"] = "free"
+    reverse_v_max: Positive | None = None
     capacity: Mapping[Name, Count] = field(default_factory=lambda: {"item": 1})
     unloading: Literal["any", "lifo"] = "any"
     battery: Battery | None = None
@@ -350,13 +352,27 @@ class AutomaticDoor:
 
 @dataclass(frozen=True)
 class Zone:
-    """A part of the floor: ``keep_out`` names the robot types that may not touch it."""
+    """A part of the floor: ``keep_out`` names the robot types that may not touch it; ``max_robots``
+    may be in it at a time; or it has rules for robots of ``robot_types`` (none named: of all): no
+    more than ``v_max`` (m/s), and no turning on the spot with ``pivoting: never``, while any part
+    of a robot, with its load, is in it; while its reference point is in it, it does not move
+    against the heading ``one_way`` (rad).
+    """
 
     __pydantic_config__ = STRICT
     polygon: Polygon
     keep_out: Names = ()
     max_robots: Count | None = None
+    v_max: Positive | None = None
+    one_way: Coordinate | None = None
+    pivoting: Literal["free", "never"] = "free"
+    robot_types: Names = ()
     floor: Name = GROUND
+
+    @property
+    def has_rules(self) -> bool:
+        """Whether it says how robots drive in it."""
+        return (self.v_max, self.one_way, self.pivoting) != (None, None, "free")
 
 
 @dataclass(frozen=True)

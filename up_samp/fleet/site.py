@@ -49,7 +49,7 @@ from up_samp.fleet.loads import (
     ridden,
     with_load,
 )
-from up_samp.fleet.outlines import area_of, movable, placed, still, swept
+from up_samp.fleet.outlines import area_of, movable, placed, rules_for, still, swept
 from up_samp.fleet.records import (
     GROUND,
     Attached,
@@ -239,7 +239,9 @@ class Site:
         types = {name: MovableType(name) for name in self.records.robot_types}
         for name, robot in self.records.robots.items():
             kind = self.kind_of(name)
-            self.robots[name] = movable(name, types[robot.type], kind)
+            self.robots[name] = movable(
+                name, types[robot.type], kind, rules_for(self.records, robot.type)
+            )
             self.problem.add_object(self.robots[name])
             self.problem.set_initial_configuration(self.robots[name], self.places[robot.start])
             self._at_first(name, self.spots[robot.start])

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 
@@ -17,7 +17,7 @@ import numpy as np
 import shapely
 
 from up_samp.geometry.maps import MOST_PIXELS, OccupancyGrid, load_map
-from up_samp.model import Configuration, UnsupportedError
+from up_samp.model import Body, Configuration, TrafficZone, UnsupportedError
 from up_samp.model.arrays import BoolArray
 from up_samp.model.frames import Frame, PlacedMap
 from up_samp.model.snapshot import Snapshot, TermKind
@@ -48,7 +48,8 @@ def lay_out(snapshot: Snapshot) -> tuple[Snapshot, OccupancyGrid | None]:
         (placed,) = snapshot.maps
         if placed.frame.is_identity or _in_space(snapshot):
             return snapshot, in_world(placed)
-        return _moved(snapshot, (placed.frame,)), load_map(placed.file)
+        moved = _moved(snapshot, (placed.frame,))
+        return _with_zones(moved, lambda _, area: area), load_map(placed.file)
     grids = [in_world(placed) for placed in snapshot.maps]
     _check_apart(snapshot, grids)
     radius = max((_radius(o.body.footprint) for o in snapshot.objects.values()), default=0.0)
@@ -59,7 +60,12 @@ def lay_out(snapshot: Snapshot) -> tuple[Snapshot, OccupancyGrid | None]:
     within = [
         (left - reach, left + g.size[0] + reach) for g, left in zip(grids, lefts, strict=True)
     ]
-    return _moved(snapshot, tuple(to_world), within), grid
+    moved = _moved(snapshot, tuple(to_world), within)
+    grounds = [
+        shapely.box(left, 0.0, left + g.size[0], g.size[1])
+        for g, left in zip(grids, lefts, strict=True)
+    ]
+    return _with_zones(moved, lambda k, area: area & grounds[k]), grid
 
 
 def _in_space(snapshot: Snapshot) -> bool:
@@ -82,6 +88,39 @@ def _moved(
         low, high = (x, x) if within is None else within[k]
         poses[name] = (min(max(x, low), high), y, yaw)
     return replace(snapshot, configurations=poses, to_world=to_world)
+
+
+def _with_zones(
+    snapshot: Snapshot, on: Callable[[int, shapely.Polygon], shapely.Geometry]
+) -> Snapshot:
+    """Return a problem with all zones where its maps were moved to: ``on`` map k, the part of each
+    that lies there (bodies are on their map, and so is what they do in a zone).
+    """
+    back = [frame.inverse for frame in snapshot.to_world]
+
+    def put(zone: TrafficZone) -> Iterator[TrafficZone]:
+        for k, placed in enumerate(snapshot.maps):
+            if abs(placed.height - zone.height) > _SAME_HEIGHT:
+                continue
+            part = on(k, shapely.Polygon(back[k].points(zone.polygon)))
+            for area in shapely.get_parts(part):
+                if area.geom_type == "Polygon" and area.area > 0.0:
+                    corners = [(round(x, _DIGITS), round(y, _DIGITS)) for x, y in _ring(area)]
+                    way = None if zone.one_way is None else zone.one_way + back[k].yaw
+                    yield replace(zone, polygon=tuple(corners), one_way=way)
+
+    def moved(body: Body) -> Body:
+        kin = body.kinematics
+        zones = tuple(part for zone in kin.zones for part in put(zone))
+        return replace(body, kinematics=replace(kin, zones=zones)) if kin.zones else body
+
+    objects = {n: replace(o, body=moved(o.body)) for n, o in snapshot.objects.items()}
+    laden = {task: moved(body) for task, body in snapshot.laden.items()}
+    return replace(snapshot, objects=objects, laden=laden)
+
+
+def _ring(area: shapely.Polygon) -> list[tuple[float, float]]:
+    return [(float(x), float(y)) for x, y in area.exterior.coords[:-1]]
 
 
 def in_world(placed: PlacedMap) -> OccupancyGrid:

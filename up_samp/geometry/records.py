@@ -85,6 +85,17 @@ class GridData(NamedTuple):
     frame: GridFrame
 
 
+class RuleData(NamedTuple):
+    """Rules of ways (:mod:`up_samp.geometry.ways`) by convex parts of the floor: ``verts`` (n,
+    corners, 2), counter-clockwise, ``counts`` (n,); ``rules`` (n, 3): the unit direction against
+    which nothing may move there (0, 0: any), and whether nothing turns on the spot (1).
+    """
+
+    verts: FloatArray
+    counts: IntArray
+    rules: FloatArray
+
+
 class ShapeData(NamedTuple):
     """A footprint for the kernels.
 
@@ -92,6 +103,7 @@ class ShapeData(NamedTuple):
     0 bare, level 1 inflated by the margin, level k by the margin and ``slack[k]`` (ascending).
     ``counts``: (levels, parts). ``discs``: (k, 3) x, y, r that cover it.
     ``radius``: of the circumscribed disc about the reference point; ``margin``; both in m.
+    ``ways``: rules that its motions keep.
     """
 
     verts: FloatArray
@@ -100,6 +112,7 @@ class ShapeData(NamedTuple):
     discs: FloatArray
     radius: float
     margin: float
+    ways: RuleData
 
 
 class PolyData(NamedTuple):

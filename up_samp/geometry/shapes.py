@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import starmap
@@ -11,8 +11,9 @@ from itertools import starmap
 import numpy as np
 import shapely
 
-from up_samp.geometry.records import ShapeData
-from up_samp.model import Body, ProblemError, check_time
+from up_samp.geometry.records import RuleData, ShapeData
+from up_samp.geometry.ways import WIDER
+from up_samp.model import Body, ProblemError, TrafficZone, check_time
 from up_samp.model.arrays import FloatArray
 
 Point = tuple[float, float]
@@ -35,7 +36,7 @@ class Shape:
     it, ``inscribed`` that of the largest disc about it inside (0 if the point is outside);
     ``inner`` = (x, y, r) is the largest disc inside it anywhere. ``margin`` is the clearance (m)
     that ``data`` asks for, ``grain`` the least extra inflation (m; 0: by the margin) that swept
-    checks of it use.
+    checks of it use. ``zones``: rules of ways that swept checks of its motions keep.
     """
 
     footprint: tuple[Point, ...]
@@ -46,6 +47,14 @@ class Shape:
     inner: tuple[float, float, float]
     discs: FloatArray
     grain: float = 0.0
+    zones: tuple[TrafficZone, ...] = ()
+
+    @cached_property
+    def turned(self) -> Shape:
+        """The same footprint for a search from the goal: every rule the other way round."""
+        if not self.zones:
+            return self
+        return replace(self, zones=tuple(zone.turned for zone in self.zones))
 
     @cached_property
     def finer(self) -> Shape:
@@ -76,7 +85,8 @@ class Shape:
                 verts[i, j, len(polygon) :] = polygon[-1]
                 counts[i, j] = len(polygon)
         discs, radius = np.ascontiguousarray(self.discs), float(self.circumscribed)
-        return ShapeData(verts, counts, slack, discs, radius, float(self.margin))
+        ways = rules_of(self.zones, radius)
+        return ShapeData(verts, counts, slack, discs, radius, float(self.margin), ways)
 
 
 def _slacks(margin: float, inner: float) -> list[float]:
@@ -91,7 +101,14 @@ def _slacks(margin: float, inner: float) -> list[float]:
 
 def shape_of(body: Body, margin: float = 0.0) -> Shape:
     """Return the (cached) shape of a planar body, asking for ``margin`` metres of clearance."""
-    return _shape(tuple((float(x), float(y)) for x, y in body.footprint), float(margin))
+    footprint = tuple((float(x), float(y)) for x, y in body.footprint)
+    ways = body.kinematics.ways
+    return _ruled(footprint, float(margin), ways) if ways else _shape(footprint, float(margin))
+
+
+@lru_cache(maxsize=1024)
+def _ruled(footprint: tuple[Point, ...], margin: float, zones: tuple[TrafficZone, ...]) -> Shape:
+    return replace(_shape(footprint, margin), zones=zones)
 
 
 @lru_cache(maxsize=1024)
@@ -281,3 +298,35 @@ def _covering_discs(part: tuple[Point, ...]) -> FloatArray:
     radius = 0.5 * math.hypot(size[along] / count, size[1 - along]) + 1e-12
     back = np.array([[math.cos(axis), -math.sin(axis)], [math.sin(axis), math.cos(axis)]])
     return np.column_stack([local @ back.T, np.full(count, radius)])
+
+
+ROUND = 1.02
+"""What a disc's polygon is wider than the disc."""
+
+
+def rules_of(zones: Sequence[TrafficZone], radius: float) -> RuleData:
+    """Return zones as the kernels take them, for a body of ``radius`` m: convex parts of where the
+    reference point is bound by each rule.
+    """
+    parts: list[tuple[tuple[float, float], ...]] = []
+    rules: list[tuple[float, float, float]] = []
+    for zone in zones:
+        area = shapely.Polygon(zone.polygon)
+        bound: list[tuple[shapely.Geometry, tuple[float, float, float]]] = []
+        if zone.one_way is not None:
+            way = (math.cos(zone.one_way), math.sin(zone.one_way), 0.0)
+            bound.append((area.buffer(WIDER, join_style="mitre"), way))
+        if not zone.pivots:
+            bound.append((area.buffer(ROUND * radius), (0.0, 0.0, 1.0)))
+        for where, rule in bound:
+            ring = _checked(tuple((float(x), float(y)) for x, y in where.exterior.coords[:-1]))
+            for part in convex_parts(ring):
+                parts.append(part)
+                rules.append(rule)
+    most = max(map(len, parts), default=3)
+    verts = np.zeros((len(parts), most, 2))
+    for i, part in enumerate(parts):
+        verts[i, : len(part)] = part
+        verts[i, len(part) :] = part[-1]
+    counts = np.array([len(part) for part in parts], dtype=np.int64)
+    return RuleData(verts, counts, np.array(rules, dtype=np.float64).reshape(-1, 3))

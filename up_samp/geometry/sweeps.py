@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 
 from up_samp.geometry.kernels import Pose, advance, clearance
-from up_samp.geometry.records import ShapeData, WorldData, inner, kernel
+from up_samp.geometry.records import RuleData, ShapeData, WorldData, inner, kernel
+from up_samp.geometry.ways import BEND, WIDER, piece_obeys
 from up_samp.model.arrays import FloatArray
 
 
@@ -28,8 +29,11 @@ def travel_ratio(shape: ShapeData, kappa: float) -> float:
 def arc_free(world: WorldData, x: float, y: float, th: float, kappa: float, s: float) -> bool:
     """Return whether driving ``s`` m along curvature ``kappa`` keeps the margin *all the way*.
 
-    Refuses motions that come closer than the margin plus the shape's smallest slack, too.
+    Refuses motions that come closer than the margin plus the shape's smallest slack, too, and those
+    that break a rule of ways.
     """
+    if not _arc_obeys(world.shape.ways, x, y, th, kappa, s):
+        return False
     ratio = travel_ratio(world.shape, kappa)
     least = 0.1 * world.shape.slack[2]
     total, done = abs(s), 0.0
@@ -42,6 +46,22 @@ def arc_free(world: WorldData, x: float, y: float, th: float, kappa: float, s: f
         done += c / ratio
         if done >= total:
             return True
+
+
+@inner
+def _arc_obeys(ways: RuleData, x: float, y: float, th: float, kappa: float, s: float) -> bool:
+    """Return whether driving ``s`` m along curvature ``kappa`` keeps the rules of ways."""
+    if ways.counts.shape[0] == 0:
+        return True
+    turn = abs(kappa * s)
+    # an arc leaves its chord by turn * length / 8
+    n = max(1, math.ceil(turn / BEND), math.ceil(math.sqrt(turn * abs(s) / (4.0 * WIDER))))
+    for _ in range(n):
+        ax, ay = x, y
+        x, y, th = advance(x, y, th, kappa, s / n)
+        if not piece_obeys(ways, ax, ay, x, y, kappa * s / n, 0.5 * turn / n):
+            return False
+    return True
 
 
 @kernel
@@ -93,7 +113,8 @@ def sweep_travel(poses: FloatArray, i: int, radius: float) -> float:
 @kernel
 def samples_free(world: WorldData, poses: FloatArray, least: float) -> int:
     """Return the index of the first sample after which the swept motion through ``poses`` (n, 3),
-    with a constant twist between samples, does not keep the margin; -1 if it keeps it all the way.
+    with a constant twist between samples, does not keep the margin, or the rules of ways; -1 if it
+    keeps them all the way.
 
     Clearance beyond the margin below ``least`` (> 0, m) counts as none.
     """
@@ -102,7 +123,13 @@ def samples_free(world: WorldData, poses: FloatArray, least: float) -> int:
     if n == 1:
         c = clearance(world, poses[0, 0], poses[0, 1], poses[0, 2])
         return -1 if c >= 0.0 else 0
+    ways = world.shape.ways
     for i in range(n - 1):
+        if ways.counts.shape[0] > 0:
+            turn = poses[i + 1, 2] - poses[i, 2]
+            (ax, ay), (bx, by) = (poses[i, 0], poses[i, 1]), (poses[i + 1, 0], poses[i + 1, 1])
+            if not piece_obeys(ways, ax, ay, bx, by, turn, 0.5 * abs(turn)):
+                return i
         travel = sweep_travel(poses, i, world.shape.radius)
         if travel <= credit:
             credit -= travel

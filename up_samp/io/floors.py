@@ -57,9 +57,21 @@ def moved(plan: Mapping[str, Any], frames: Sequence[Frame]) -> PlanDict:
             return list(pose)
         return [round(v, PRECISION.decimals) + 0.0 for v in frames[k].of(pose)]
 
+    heights = {m.height: k for k, m in enumerate(maps_of(plan))}
+
+    def lies(zone: Mapping[str, Any]) -> dict[str, Any]:
+        """Maps of one height are moved alike."""
+        frame = frames[heights.get(zone.get("height", 0.0), 0)]
+        way = {"one_way": zone["one_way"] + frame.yaw} if "one_way" in zone else {}
+        return {**zone, "polygon": frame.points(zone["polygon"]).tolist(), **way}
+
+    objects = [
+        {**o, "zones": [lies(zone) for zone in o["zones"]]} if "zones" in o else o
+        for o in plan["objects"]
+    ]
     objects = [
         o if o["initial"] is None else {**o, "initial": put(o["initial"], map_number(o))}
-        for o in plan["objects"]
+        for o in objects
     ]
     motions = [
         {**m, "samples": [[r[0], *put(r[1:], map_number(m))] for r in m["samples"]]}

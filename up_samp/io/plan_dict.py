@@ -16,7 +16,7 @@ from unified_planning.plans import Schedule
 from up_samp.io.floors import described_map
 from up_samp.io.precision import PRECISION
 from up_samp.io.sampling import path_trajectory, trajectory_rows
-from up_samp.model import Configuration, Movable, ProblemError, Trajectory
+from up_samp.model import Configuration, Movable, ProblemError, TrafficZone, Trajectory
 from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
 from up_samp.upio.movers import named_as_planned
 from up_samp.upio.plan import trajectory_key
@@ -204,10 +204,28 @@ def _object(movable: Movable, snapshot: Snapshot) -> dict[str, Any]:
         entry["omega_max"] = _plain(limits.omega_max)
     if not limits.reverse:
         entry["reverse"] = False
+    if math.isfinite(limits.v_back):
+        entry["reverse_v_max"] = _plain(limits.v_back)
+    if limits.zones:
+        entry["zones"] = [_zone(zone) for zone in limits.zones]
     if math.isfinite(movable.body.height):
         entry["height"] = _plain(movable.body.height)
     if movable.body.mesh is not None:
         entry["mesh"] = os.path.abspath(movable.body.mesh)
+    return entry
+
+
+def _zone(zone: TrafficZone) -> dict[str, Any]:
+    """Return the rules of a place: only what it says."""
+    entry: dict[str, Any] = {"polygon": [[_plain(x), _plain(y)] for x, y in zone.polygon]}
+    if zone.height:
+        entry["height"] = _plain(zone.height)
+    if math.isfinite(zone.v_max):
+        entry["v_max"] = _plain(zone.v_max)
+    if zone.one_way is not None:
+        entry["one_way"] = _plain(zone.one_way)
+    if not zone.pivots:
+        entry["pivots"] = False
     return entry
 
 

@@ -9,6 +9,7 @@ from up_samp.model.bodies import (
     MotionModel,
     Movable,
     Placed,
+    TrafficZone,
 )
 from up_samp.model.deadline import Deadline, check_time, in_force
 from up_samp.model.errors import (
@@ -70,6 +71,7 @@ __all__ = [
     "ScheduledChange",
     "ScheduledMotion",
     "TimedMotion",
+    "TrafficZone",
     "Trajectory",
     "UnsupportedError",
     "avoids",

@@ -5,7 +5,8 @@ from __future__ import annotations
 import enum
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 Configuration = tuple[float, ...]
@@ -82,11 +83,36 @@ class ControlLaw:
 
 
 @dataclass(frozen=True)
+class TrafficZone:
+    """Rules of a part of the floor, for the robots that it is given to: corners of its ``polygon``
+    (m, world frame) on maps ``height`` m up.
+
+    While any part of a robot's body is in it, its speed is at most ``v_max`` (m/s), and it does not
+    turn on the spot unless it may (``pivots``). While its reference point is in it, it does not
+    move against the heading ``one_way`` (rad; None: any way). Rules 22 and on of
+    ``docs/semantics.md``.
+    """
+
+    polygon: tuple[tuple[float, float], ...]
+    v_max: float = math.inf
+    height: float = 0.0
+    one_way: float | None = None
+    pivots: bool = True
+
+    @property
+    def turned(self) -> TrafficZone:
+        """The zone for motions that are told backwards in time."""
+        return self if self.one_way is None else replace(self, one_way=self.one_way + math.pi)
+
+
+@dataclass(frozen=True)
 class Kinematics:
     """Limits of motion. ``turning_radius`` in m, ``v_max`` in m/s, ``a_max`` in m/s^2,
     ``omega_max`` in rad/s; ``omega_max`` binds all but cars: a car's turn rate follows from its
-    speed and turning radius. ``reverse``: whether it may be driven against its heading; a body that
-    moves in any direction, or by equations of its own, has nothing to forbid.
+    speed and turning radius. ``reverse``: whether it may be driven against its heading, and
+    ``v_back`` the top speed (m/s) then; a body that moves in any direction, or by equations of its
+    own, has nothing to forbid. ``zones``: rules of places, for bodies in the plane that have no
+    equations of their own.
     """
 
     model: MotionModel
@@ -96,19 +122,37 @@ class Kinematics:
     omega_max: float = 1.0
     control: ControlLaw | None = None
     reverse: bool = True
+    v_back: float = math.inf
+    zones: tuple[TrafficZone, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("turning_radius", "v_max", "a_max", "omega_max"):
             value = getattr(self, name)
             if not (isinstance(value, (int, float)) and math.isfinite(value) and value > 0):
                 raise ValueError(f"{name} must be a positive finite number, not {value!r}")
-        if not (self.reverse or self.mobility.steers or self.mobility.rolls):
+        if not self.v_back > 0:
+            raise ValueError(f"the top speed backwards must be positive, not {self.v_back!r}")
+        along = self.mobility.steers or self.mobility.rolls
+        if not (along or (self.reverse and math.isinf(self.v_back))):
             raise ValueError("only who drives along its heading can be kept from reversing")
+        if self.zones and (self.mobility.flies or self.mobility.own_law):
+            raise ValueError("zones are for bodies in the plane without equations of their own")
 
     @property
     def mobility(self) -> Mobility:
         """What a body with these limits can do."""
         return self.model.mobility
+
+    @cached_property
+    def ways(self) -> tuple[TrafficZone, ...]:
+        """The zones that say which ways may be driven, whatever their speed."""
+        zones = [z for z in self.zones if z.one_way is not None or not z.pivots]
+        return tuple(replace(zone, v_max=math.inf) for zone in zones)
+
+    @property
+    def both_ways(self) -> bool:
+        """Whether every way may be driven from its end to its start, too."""
+        return self.reverse and all(zone.one_way is None for zone in self.zones)
 
     @property
     def bend_radius(self) -> float:

@@ -27,7 +27,8 @@ def body_key(body: Body) -> tuple[object, ...]:
     kin = body.kinematics
     limits = (kin.turning_radius, kin.v_max, kin.a_max, kin.omega_max, kin.reverse)
     law = None if kin.control is None else (kin.control.function, kin.control.bounds)
-    return (*shape_key(body), kin.model.name, *map(float, limits), law)
+    ways = tuple((zone.polygon, zone.one_way, zone.pivots) for zone in kin.ways)
+    return (*shape_key(body), kin.model.name, *map(float, limits), ways, law)
 
 
 def obstacle_key(obstacles: Sequence[Placed]) -> ObstacleKey:

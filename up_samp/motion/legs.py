@@ -26,6 +26,7 @@ from up_samp.model.arrays import FloatArray
 from up_samp.motion.cache import CachedLeg, MotionCache, obstacle_key
 from up_samp.motion.curves.blending import TINY
 from up_samp.motion.curves.passing import driven_through, flown_through, pivoted_through
+from up_samp.motion.curves.slowing import slowed
 from up_samp.motion.curves.trajectories import at_rest, joined
 from up_samp.motion.curves.twists import twists
 from up_samp.motion.proofs.certificates import Certifier
@@ -59,8 +60,28 @@ def strung(scene: Scene, query: PathQuery, legs: Sequence[Leg]) -> tuple[Traject
 
     A car stops where its direction changes, and what turns on the spot where it turns; bodies that
     can turn their velocity should stop only to turn back, and with their own law of motion nobody
-    knows. Raises :class:`UnsupportedError` where a planner drives back what must not.
+    knows; who is slowed by zones, or backwards, might take another way. Raises
+    :class:`UnsupportedError` where a planner drives back what must not.
     """
+    whole, smooth = strung_at_full_speed(scene, query, legs)
+    slow = slowed(whole, query.body)
+    return slow, smooth and slow is whole
+
+
+def check_ways(body: Body, motion: Trajectory, planner: str) -> None:
+    """Raise where a planner from outside breaks a rule of zones."""
+    world = WorldData(open_plane(), Scene(None).polys(()), shape_of(body, 0.0).data)
+    if sweeps.samples_free(world, motion.poses.copy(), 1e-4) >= 0:
+        raise UnsupportedError(
+            f"the motion planner '{planner}' drives against a zone's direction, or turns on the "
+            "spot in a zone: it has to look at 'kinematics.ways' of the bodies that it plans for"
+        )
+
+
+def strung_at_full_speed(
+    scene: Scene, query: PathQuery, legs: Sequence[Leg]
+) -> tuple[Trajectory, bool]:
+    """Return :func:`strung` without the limits of speed that hang on places and directions."""
     whole, smooth = _strung(scene, query, legs)
     if _goes_back(whole.poses, query.body.kinematics):
         raise UnsupportedError(
@@ -271,7 +292,7 @@ class Legs:
         scope = (self.scene.digest, name, self.scene.margin, self.seed)
         what = query.body, query.start, query.goal
         # OMPL's planners by their own names never are, and need not be loaded to tell
-        both_ways = query.body.kinematics.reverse
+        both_ways = query.body.kinematics.both_ways
         reversible = both_ways and name in PLANNERS and self._planner(name).reversible
         return MotionCache.key(scope, *what, reversible)
 

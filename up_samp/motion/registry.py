@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 from up_samp.extensions import parts
 from up_samp.geometry import Scene
-from up_samp.model import Body, ProblemError
+from up_samp.model import Body, ProblemError, UnsupportedError
 from up_samp.motion.models import MODELS, made_by
 from up_samp.motion.protocol import MotionPlanner
 
@@ -51,12 +51,19 @@ def make_planner(name: str, scene: Scene, seed: int) -> MotionPlanner:
 
 def planner_names(name: str, body: Body) -> tuple[str, ...]:
     """Return which planners to ask for ``body``, in order (``"default"``: by its motion model)."""
+    known = PLANNERS | parts("planners")
     if name != "default":
+        if body.kinematics.ways and name not in known:
+            raise UnsupportedError(
+                f"the motion planner '{name}' knows of no zones with a direction, or without turns"
+            )
         return (name,)
     model = body.kinematics.model
     added = parts("planners").items()
     replaced = {m: n for n, made in added for m in getattr(made, "default_for", ())}
     first, *others = MODELS[model].planners
+    if body.kinematics.ways:
+        others = [n for n in others if n in PLANNERS]
     if others and not has_ompl():
         others = [n for n in others if n in PLANNERS]
     return (replaced.get(model, first), *others)

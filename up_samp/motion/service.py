@@ -7,6 +7,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 
+from up_samp.extensions import parts
 from up_samp.geometry import OccupancyGrid, Scene
 from up_samp.geometry.memory import Memory
 from up_samp.geometry.shapes import core_of
@@ -20,13 +21,20 @@ from up_samp.model import (
     PathQuery,
     PathReport,
     Placed,
+    Trajectory,
 )
-from up_samp.motion.cache import MotionCache
+from up_samp.motion.cache import MotionCache, obstacle_key
 from up_samp.motion.compile import warm_up
-from up_samp.motion.legs import Legs, strung
+from up_samp.motion.curves.slowing import (
+    as_obstacle,
+    is_slowed_backwards,
+    slowed,
+    slowing_zones,
+)
+from up_samp.motion.legs import Legs, check_ways, strung, strung_at_full_speed
 from up_samp.motion.proofs.bounds import DurationBounds
 from up_samp.motion.proofs.certificates import Certifier
-from up_samp.motion.protocol import LegQuery
+from up_samp.motion.protocol import Leg, LegQuery
 from up_samp.motion.tuning import MotionTuning
 
 
@@ -60,6 +68,7 @@ class MotionService:
         self.seed = seed
         self.cache = MotionCache() if cache is None else cache
         self._flat: Memory[tuple[Placed, ...]] = Memory(1_000)
+        self._quickest: Memory[PathReport] = Memory(4_000)
         self.certifier = Certifier(self.scene)
         self.bounds = DurationBounds(self.scene, self.certifier)
         self.legs = Legs(self.scene, planner, seed, self.cache, self.certifier, self.certificate)
@@ -72,19 +81,66 @@ class MotionService:
         proof = self.certificate(query.body, query.poses, query.obstacles)
         if proof is not None:
             return _timed(proof, began)
+        found = self._find(query, deadline)
+        if isinstance(found, PathReport):
+            return _timed(found, began)
+        used, legs = found
+        whole, smooth = strung_at_full_speed(self.scene, query, legs)
+        if query.body.kinematics.ways and used in parts("planners"):
+            check_ways(query.body, whole, used)
+        motion = slowed(whole, query.body)
+        complete = smooth and motion is whole and all(leg.complete for leg in legs)
+        report = PathReport(Outcome.FOUND, motion, planner=used, complete=complete)
+        if motion is not whole:
+            report = self._quicker(query, whole, report, deadline)
+        return _timed(report, began)
+
+    def _find(self, query: PathQuery, deadline: Deadline) -> tuple[str, list[Leg]] | PathReport:
+        """Return the legs of a query, and who planned the last one, or why there are none."""
         legs, used = [], ""
         for start, goal in itertools.pairwise(query.poses):
             if tuple(start) == tuple(goal):
                 continue
             found = self.legs.find(LegQuery(query.body, start, goal, query.obstacles), deadline)
             if isinstance(found, PathReport):
-                return _timed(found, began)
+                return found
             used, leg = found
             legs.append(leg)
-        whole, smooth = strung(self.scene, query, legs)
-        complete = smooth and all(leg.complete for leg in legs)
-        report = PathReport(Outcome.FOUND, whole, planner=used, complete=complete)
-        return _timed(report, began)
+        return used, legs
+
+    def _quicker(
+        self, query: PathQuery, whole: Trajectory, slow: PathReport, deadline: Deadline
+    ) -> PathReport:
+        """Return the quickest of a way that zones, or a limit backwards, slow (``whole`` would be
+        its motion without them), one around these zones, and one without a stretch backwards.
+
+        It may not be the fastest that there is: what comes of it is never called complete.
+        """
+        key = (query.body, query.poses, obstacle_key(query.obstacles))
+        known = self._quickest.get(key)
+        if known is not None:
+            return known
+        zones = slowing_zones(whole, query.body)
+        others = []
+        if zones:
+            around = tuple(map(as_obstacle, zones))
+            others.append(replace(query, obstacles=(*query.obstacles, *around)))
+        if is_slowed_backwards(whole, query.body):
+            ahead = replace(query.body, kinematics=replace(query.body.kinematics, reverse=False))
+            others.append(replace(query, body=ahead))
+        best, final = slow, True
+        for other in others:
+            found = self._find(other, deadline)
+            if isinstance(found, PathReport):
+                final &= found.outcome is not Outcome.OUT_OF_TIME
+                continue
+            used, legs = found
+            final &= all(leg.complete for leg in legs)
+            motion, _ = strung(self.scene, query, legs)
+            assert best.trajectory is not None
+            if motion.duration < best.trajectory.duration:
+                best = replace(best, trajectory=motion, planner=used)
+        return self._quickest.put(key, best) if final else best
 
     def lower_bound(
         self,

@@ -167,7 +167,7 @@ def record_of_day(
             "name": name, "type": robot.type, "footprint": corners_of(kind.footprint),
             "model": model, "turning_radius": kind.turning_radius, "v_max": kind.v_max,
             "a_max": kind.a_max, "omega_max": kind.omega_max, "initial": list(initial[name]),
-            "reverse": kind.reverse == "free",
+            "reverse": kind.reverse != "never",
         })  # fmt: skip
     activities: list[dict[str, Any]] = []
     motions: list[dict[str, Any]] = []

@@ -25,6 +25,7 @@ from up_samp.fleet.records import (
     Order,
     Place,
     Robot,
+    RobotType,
     Stop,
     Task,
     Zone,
@@ -112,12 +113,21 @@ def check_site(site: FleetRecords) -> None:
         if automatic.shut:
             raise UnsupportedError(f"automatic door '{name}' has a timetable: not operated yet")
     for name, kind in site.robot_types.items():
-        if kind.battery is not None and not charger_of(site):
-            raise UnsupportedError(f"robot type '{name}' has a battery, and nobody can charge here")
-        if kind.unloading != "any":
-            raise UnsupportedError(f"robot type '{name}' unloads in an order: not operated yet")
+        _check_type(site, name, kind)
+    for name, zone in site.zones.items():
+        if zone.has_rules:
+            raise UnsupportedError(f"zone '{name}' has rules of driving: not operated yet")
     for job in site.jobs:
         check_job(job)
+
+
+def _check_type(site: FleetRecords, name: str, kind: RobotType) -> None:
+    if kind.battery is not None and not charger_of(site):
+        raise UnsupportedError(f"robot type '{name}' has a battery, and nobody can charge here")
+    if kind.unloading != "any":
+        raise UnsupportedError(f"robot type '{name}' unloads in an order: not operated yet")
+    if kind.reverse == "slow":
+        raise UnsupportedError(f"robot type '{name}' has a speed backwards: not operated yet")
 
 
 def check_job(job: Order | Task) -> None:

@@ -27,7 +27,14 @@ from up_samp.model import (
 from up_samp.model.errors import short
 from up_samp.model.frames import PlacedMap
 from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
-from up_samp.upio.read_maps import LIMITS, check_flat, map_driven, read_maps, read_movable
+from up_samp.upio.read_maps import (
+    LIMITS,
+    check_flat,
+    check_zones,
+    map_driven,
+    read_maps,
+    read_movable,
+)
 from up_samp.upio.relaxing import told_by
 from up_samp.upio.rides import RideFloor, find_rides, laden_bodies
 
@@ -54,6 +61,7 @@ def read_problem(problem: SchedulingMotionProblem, seconds_per_unit: float = 1.0
     _check_initial(floor, users)
     _check_dimensions(floor, users)
     check_flat(maps, objects)
+    check_zones(maps, objects)
     tasks, changes = find_rides(tasks, changes, floor)
     return Snapshot(
         name=problem.name or "problem",

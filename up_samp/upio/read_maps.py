@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import shapely
 from unified_planning.model.motion import MotionModels, MovableObject, SchedulingMotionProblem
 
 from up_samp.model import (
@@ -20,6 +21,7 @@ from up_samp.model import (
     MotionModel,
     Movable,
     ProblemError,
+    TrafficZone,
     UnsupportedError,
 )
 from up_samp.model.errors import short
@@ -120,6 +122,8 @@ def _frame(type_name: str, given: Any) -> tuple[Frame, float]:
 _PARAMETERS = ("turning_radius", "v_max", "a_max", "omega_max")
 _HEIGHT = "height"
 _REVERSE = "reverse"
+_V_BACK = "reverse_v_max"
+_ZONES = "zones"
 _BICYCLE = {"v_min", "v_max", "phi_min", "phi_max"}
 
 
@@ -177,7 +181,7 @@ def _corners(name: str, footprint: Any) -> tuple[tuple[float, float], ...]:
 
 
 def _read_kinematics(obj: MovableObject, model: MotionModel) -> Kinematics:
-    own = (_HEIGHT, _REVERSE)
+    own = (_HEIGHT, _REVERSE, _V_BACK, _ZONES)
     given = {k: v for k, v in (obj.motion_parameters or {}).items() if k not in own}
     if obj.control_model is None:
         # UP's own examples put the turning radius there
@@ -203,20 +207,60 @@ def _read_kinematics(obj: MovableObject, model: MotionModel) -> Kinematics:
         raise ProblemError(f"object '{obj.name}': {error}") from error
     if obj.control_model is not None:
         limits = _read_control(obj, limits)
-    return _forbid_reverse(obj, limits)
+    return _with_rules(obj, limits)
 
 
-def _forbid_reverse(obj: MovableObject, limits: Kinematics) -> Kinematics:
-    """Return the limits with what is said of driving backwards."""
-    reverse = (obj.motion_parameters or {}).get(_REVERSE, True)
+def _with_rules(obj: MovableObject, limits: Kinematics) -> Kinematics:
+    """Return the limits with what is said of driving backwards, and of places."""
+    own = obj.motion_parameters or {}
+    reverse, back = own.get(_REVERSE, True), own.get(_V_BACK, math.inf)
     if not isinstance(reverse, bool):
         raise ProblemError(
             f"object '{obj.name}': '{_REVERSE}' is True or False, not {short(reverse)}"
         )
+    if not isinstance(back, (int, float)) or isinstance(back, bool) or not back > 0:
+        raise ProblemError(
+            f"object '{obj.name}': '{_V_BACK}' is a positive number of m/s, not {short(back)}"
+        )
+    told = f"'{_REVERSE}' is False" if not reverse else f"it has '{_V_BACK}'"
     try:
-        return replace(limits, reverse=reverse)
+        limits = replace(limits, reverse=reverse, v_back=float(back))
     except ValueError as error:
-        raise UnsupportedError(f"object '{obj.name}': '{_REVERSE}' is False: {error}") from error
+        raise UnsupportedError(f"object '{obj.name}': {told}: {error}") from error
+    zones = _read_zones(obj.name, own.get(_ZONES, ()))
+    try:
+        return replace(limits, zones=zones)
+    except ValueError as error:
+        raise UnsupportedError(f"object '{obj.name}': it has '{_ZONES}': {error}") from error
+
+
+def _read_zones(name: str, given: Any) -> tuple[TrafficZone, ...]:
+    """Return the rules of places that an object is given, in an order that means nothing."""
+    zones = given if isinstance(given, Sequence) else (given,)
+    for zone in zones:
+        if not isinstance(zone, TrafficZone):
+            raise ProblemError(f"object '{name}': '{_ZONES}' holds TrafficZone, not {short(zone)}")
+        corners = _corners(name, zone.polygon)
+        if not shapely.Polygon(corners if len(corners) > 2 else ()).is_valid or len(corners) < 3:
+            raise ProblemError(f"object '{name}': the zone {short(corners)} is no simple polygon")
+        if zone.one_way is not None and not math.isfinite(zone.one_way):
+            raise ProblemError(
+                f"object '{name}': a zone's one_way is a heading, not {zone.one_way}"
+            )
+        if not zone.v_max > 0:
+            raise ProblemError(f"object '{name}': a zone's v_max is positive, not {zone.v_max}")
+    return tuple(sorted(set(zones), key=repr))
+
+
+def check_zones(maps: Sequence[PlacedMap], objects: Mapping[str, Movable]) -> None:
+    """Raise where a zone is at a height at which there is no map: it would mean nothing."""
+    heights = {placed.height for placed in maps}
+    for name, movable in objects.items():
+        for zone in movable.body.kinematics.zones:
+            if zone.height not in heights:
+                raise ProblemError(
+                    f"object '{name}': a zone is {zone.height:g} m up, and no map is"
+                )
 
 
 def _read_control(obj: MovableObject, limits: Kinematics) -> Kinematics:

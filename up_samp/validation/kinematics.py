@@ -98,9 +98,6 @@ def _car(what: str, limits: Limits, times: FloatArray, pieces: Pieces) -> Iterat
     yield from _worst(what, "curvature", "rad turned", times, curl, tightest, 10 * TOLERANCES.noise)
     speed = np.copysign(length, pieces.along) / dt
     yield from _worst(what, "speed", "m/s", times, speed, limits.v_max, TOLERANCES.noise / dt)
-    yield from _worst(
-        what, "speed", "m/s backwards", times, -speed, limits.v_back, TOLERANCES.noise / dt
-    )
     # an S-bend inside a piece makes its arc look shorter than its way by length^3 / (96 radius^2)
     fuzz = TOLERANCES.noise + length**3 / (96 * radius**2)
     yield from _acceleration(what, limits, times, dt, speed[:, None], fuzz, pieces.at_rest)
@@ -109,12 +106,18 @@ def _car(what: str, limits: Limits, times: FloatArray, pieces: Pieces) -> Iterat
 def driven_backwards(
     what: str, limits: Limits, times: FloatArray, poses: FloatArray
 ) -> Iterator[Violation]:
-    """A body that may not drive against its heading: never is it behind where it has been, however
-    slowly it got there (along its way; rounding is allowed for once, not for each piece).
+    """A body is no faster against its heading than it may be; where it may not drive so, never is
+    it behind where it has been, however slowly it got there (along its way; rounding is allowed for
+    once, not for each piece).
     """
+    pieces = pieces_of(times, poses)
     if limits.v_back > 0.0:
+        if limits.model in ("REEDSSHEPP", "PIVOT"):
+            back, slack = limits.v_back, TOLERANCES.noise / pieces.dt
+            speed = np.copysign(pieces.length, -pieces.along) / pieces.dt
+            yield from _worst(what, "speed", "m/s backwards", times, speed, back, slack)
         return
-    ahead = np.concatenate(([0.0], np.cumsum(pieces_of(times, poses).along)))
+    ahead = np.concatenate(([0.0], np.cumsum(pieces.along)))
     behind = np.maximum.accumulate(ahead) - ahead
     if behind.max() > 10 * TOLERANCES.noise:
         i = int(np.argmax(behind > 10 * TOLERANCES.noise))

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from up_samp.model import ProblemError
+import shapely
+
+from up_samp.model import ProblemError, TrafficZone, UnsupportedError
 
 _KNOWN = ("turning_radius", "v_max", "a_max", "omega_max")
 _HEIGHT = "height"
 _REVERSE = "reverse"
+_V_BACK = "reverse_v_max"
+_ZONES = "zones"
 
 
 @dataclass(frozen=True)
@@ -22,7 +26,7 @@ class Limits:
 
     ``v_back`` is the largest speed backwards: 0 where ``reverse`` is False. ``law`` with
     ``controls`` (low, high for each) is set for control models that are no bicycle: ``law(q, u,
-    qdot)`` fills ``qdot``.
+    qdot)`` fills ``qdot``. ``zones``: the rules of places that it is given.
     """
 
     name: str
@@ -34,6 +38,7 @@ class Limits:
     omega_max: float
     law: Callable[[Any, Any, Any], None] | None = None
     controls: tuple[tuple[float, float], ...] = ()
+    zones: tuple[TrafficZone, ...] = ()
 
 
 def limits_of(item: Any) -> Limits:
@@ -41,16 +46,39 @@ def limits_of(item: Any) -> Limits:
     ``reverse`` where it is no truth value, or False for what does not drive along its heading.
     """
     limits = _limits(item)
-    reverse = (item.motion_parameters or {}).get(_REVERSE, True)
-    allowed = (True, False) if limits.model in ("REEDSSHEPP", "PIVOT") else (True,)
+    own = item.motion_parameters or {}
+    reverse = own.get(_REVERSE, True)
+    along = limits.model in ("REEDSSHEPP", "PIVOT")
+    allowed = (True, False) if along else (True,)
     if reverse not in allowed:
         words = " or ".join(map(str, allowed))
         raise ProblemError(f"object {item.name}: its reverse must be {words}, not {reverse}")
-    return replace(limits, v_back=limits.v_back * reverse)
+    back = own.get(_V_BACK, math.inf)
+    if not (isinstance(back, (int, float)) and back > 0 and (along or back == math.inf)):
+        raise ProblemError(f"object {item.name}: its {_V_BACK} cannot be {back}")
+    return replace(
+        limits, v_back=min(limits.v_back, back) * reverse, zones=_zones(item.name, limits, own)
+    )
+
+
+def _zones(name: str, limits: Limits, own: Mapping[str, Any]) -> tuple[TrafficZone, ...]:
+    """Read the rules of places that an object is given."""
+    zones = tuple(own.get(_ZONES, ()))
+    for zone in zones:
+        if not isinstance(zone, TrafficZone):
+            raise ProblemError(f"object {name}: {zone!r} is no TrafficZone")
+        area = shapely.Polygon(zone.polygon)
+        if not (area.is_valid and area.area > 0 and zone.v_max > 0):
+            raise ProblemError(f"object {name}: a zone needs a simple polygon and a positive v_max")
+        if zone.one_way is not None and not math.isfinite(zone.one_way):
+            raise ProblemError(f"object {name}: a zone's one_way is a heading, not {zone.one_way}")
+    if zones and (limits.law is not None or limits.model == "SE3"):
+        raise UnsupportedError(f"object {name}: no zones for what moves in space or by its own law")
+    return zones
 
 
 def _limits(item: Any) -> Limits:
-    """Read all limits but ``reverse``.
+    """Read all limits but those of driving backwards and of places.
 
     A control model with ``v_max`` and ``phi_max`` (and optionally ``v_min``, ``phi_min``) that
     moves along its heading with speed u[0] is a bicycle: its speed is at most ``v_max``
@@ -58,7 +86,7 @@ def _limits(item: Any) -> Limits:
     as motions start and end at rest), and its curvature is at most what the model itself gives
     for the steering limits.
     """
-    own = (_HEIGHT, _REVERSE)
+    own = (_HEIGHT, _REVERSE, _V_BACK, _ZONES)
     given = {k: v for k, v in (item.motion_parameters or {}).items() if k not in own}
     if item.control_model is None:
         # parameters without a control model are motion parameters too (UP's examples do so)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,7 @@ from up_samp.validation.tolerances import TOLERANCES
 from up_samp.validation.tracks import Track
 from up_samp.validation.values import Decisions
 from up_samp.validation.verdict import JUDGING_GRACE, Verdict, Violation
+from up_samp.validation.zones import zone_violations
 
 
 def validate_plan(
@@ -85,7 +87,8 @@ def judge_executed(
     motion of an object comes after the other, from where it is, while static obstacles rest.
 
     ``samples`` are rows (t in s, pose) of each motion, by activity and object. Contacts are not
-    looked at, and of kinematics only whether somebody drives backwards who must not.
+    looked at, and of kinematics only whether somebody drives backwards who must not, or faster than
+    it may, or breaks the rules of a zone.
     """
     judged = judge_decisions(problem, decisions)
     found = list(judged.verdict.violations)
@@ -100,6 +103,7 @@ def judge_executed(
             limits = scene.limits[task.object]
             found.extend(driven_backwards(task.what, limits, times, poses))
     lives = build_lives(scene, motions, seconds, found)
+    found.extend(_zones(scene, lives, motions))
     for task in scene.tasks:
         found.extend(_obstacles(scene, task, lives, seconds))
     return found
@@ -145,12 +149,36 @@ def _motion_violations(
         found.extend(_places(scene, task, *motion))
         found.extend(motion_violations(task.what, scene.limits[task.object], *motion))
     lives = build_lives(scene, motions, seconds, found)
+    found.extend(_zones(scene, lives, motions))
     for task in scene.tasks:
         check_time(JUDGING_GRACE)
         found.extend(_obstacles(scene, task, lives, seconds))
     found.extend(_collisions(scene, lives))
     found.extend(_jumps(scene, lives, seconds))
     return found
+
+
+def _zones(
+    scene: JudgedScene,
+    lives: Mapping[str, list[Piece]],
+    motions: Mapping[str, tuple[FloatArray, FloatArray]],
+) -> Iterator[Violation]:
+    """Rules of places, for an object with what travels with it."""
+    for task in scene.tasks:
+        limits = scene.limits[task.object]
+        if not limits.zones or task.name not in motions:
+            continue
+        check_time(JUDGING_GRACE)
+        parts = []
+        for name, pieces in lives.items():
+            for piece in pieces:
+                shape = piece.shape or scene.shapes[name]
+                mine = piece.task is not None and piece.task.name == task.name
+                if mine and isinstance(shape, JudgedShape) and isinstance(piece.track, Track):
+                    parts.append((shape, piece.track.poses))
+        height = scene.height(task.places[0])
+        for found in zone_violations(task.what, limits, parts, height, *motions[task.name]):
+            yield replace(found, activities=(task.activity,), objects=(task.object,))
 
 
 def _window(task: JudgedMotion, times: FloatArray, seconds: float) -> Iterator[Violation]:

@@ -23,6 +23,10 @@ class Tolerances:
     """Samples are at most this far apart (s) while the body moves."""
     slip_window: float = 2.0
     """Side slip may not add up to more than ``limits`` of any such stretch of way (m)."""
+    wrong_way: float = 1e-3
+    """So far (m) a body may have gone against the direction of a zone."""
+    on_spot: float = 0.01
+    """Who turns about a point that is nearer than this (m) turns on the spot."""
     control_rate: float = 0.02
     """Rates may miss the model's by this share of the fastest one, plus 1e-3 (m/s, rad/s)."""
     pose: float = 1e-3

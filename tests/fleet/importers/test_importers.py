@@ -13,6 +13,7 @@ from shapely.geometry import Point, Polygon
 from up_samp.cli import main
 from up_samp.fleet import Fleet, read_problem_file
 from up_samp.fleet.importers import Options, import_file, map_from_polygons
+from up_samp.fleet.importers.lanes import LaneEdge, lane_zones
 from up_samp.geometry import load_map
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.validation import validate_plan
@@ -146,6 +147,48 @@ def test_doors_of_an_rmf_building_are_doors(tmp_path):
     fleet.add_task("t", "pantry", duration=1)
     said = [str(f) for f in fleet.check()]
     assert said == ["note: pantry: robot 'r' gets there only once door 'main_door' is open"]
+
+
+def test_edges_and_lanes_with_rules_are_zones(tmp_path):
+    records, found = imported("small.lif.json", tmp_path)
+    (zone,) = [z for z in records.zones.values() if z.one_way is not None]
+    assert zone.one_way == 0.0
+    assert sorted(zone.polygon) == [(0.5, -0.5), (0.5, 0.5), (7.5, -0.5), (7.5, 0.5)]
+    assert any("lanes with rules are zones" in note for note in found.notes)
+    text = (SAMPLES / "small.building.yaml").read_text()
+    both = "[6, 7, {bidirectional: [4, true]}]"
+    for lanes, ways in (
+        (both, []),
+        ("[6, 7, {bidirectional: [4, false]}]", [0.0]),
+        ("[7, 6, {}]", [math.pi]),
+        ("[6, 7, {}]\n      - [7, 6, {}]", []),
+        ("[6, 7, {bidirectional: [4, true], speed_limit: [3, 0.4]}]", [None]),
+    ):
+        source = tmp_path / "other.building.yaml"
+        source.write_text(text.replace(both, lanes))
+        records = read_problem_file(import_file(source, tmp_path / "out").problem)
+        found_ways = [z.one_way for z in records.zones.values()]
+        assert found_ways == pytest.approx(ways) if ways != [None] else found_ways == ways
+        speeds = [z.v_max for z in records.zones.values()]
+        assert speeds == ([0.4] if ways == [None] else [None] * len(ways))
+
+
+def test_lanes_against_each_other_and_short_ones_are_told():
+    edges = [
+        LaneEdge("a", (0.0, 0.0), (8.0, 0.0), True),
+        LaneEdge("b", (8.0, 0.5), (0.0, 0.5), True, 0.3),
+        LaneEdge("c", (8.0, 0.0), (9.0, 0.0), True),
+        LaneEdge("d", (0.0, 5.0), (0.0, 9.0), still=True),
+        LaneEdge("e", (2.0, -4.0), (2.0, 4.0), True),
+    ]
+    for order in (edges, edges[::-1]):
+        zones, notes = lane_zones(order)
+        assert set(zones) == {"b", "d", "e"}  # what is left of b is its speed
+        assert "one_way" not in zones["b"]
+        assert zones["e"]["one_way"] == pytest.approx(math.pi / 2)
+        assert zones["d"]["pivoting"] == "never"
+        assert sum("left out: c" in note for note in notes) == 1
+        assert any("a, b" in note or "b, a" in note for note in notes)
 
 
 @pytest.mark.parametrize(

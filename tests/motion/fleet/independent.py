@@ -13,14 +13,24 @@ from up_samp.validation.kinematics import motion_violations
 from up_samp.validation.limits import Limits
 from up_samp.validation.maps import BlockedMap
 from up_samp.validation.tracks import Track
+from up_samp.validation.zones import zone_violations
 
 
 def limits_of(name, body):
     kin = body.kinematics
-    back = kin.v_max if kin.reverse else 0.0
-    return Limits(
-        name, kin.model.name, kin.turning_radius, kin.v_max, back, kin.a_max, kin.omega_max
-    )
+    back = min(kin.v_back, kin.v_max) if kin.reverse else 0.0
+    numbers = kin.turning_radius, kin.v_max, back, kin.a_max, kin.omega_max
+    return Limits(name, kin.model.name, *numbers, zones=kin.zones)
+
+
+def broken_by(name, body, motion):
+    """What the validator has against a motion of a body: its limits, and the rules of zones."""
+    limits, shape = limits_of(name, body), JudgedShape(name, np.array(body.footprint))
+    parts = [(shape, motion.poses)]
+    return [
+        *motion_violations(name, limits, motion.times, motion.poses),
+        *zone_violations(name, limits, parts, 0.0, motion.times, motion.poses),
+    ]
 
 
 def judge(traffic, report, folder: Path):
@@ -39,10 +49,7 @@ def judge(traffic, report, folder: Path):
             assert trajectory.poses[row, :2].tolist() == list(pose[:2])
             turn = (trajectory.poses[row, 2] - pose[2]) / (2 * math.pi)
             assert abs(turn - round(turn)) < 1e-9
-        broken = motion_violations(
-            m.name, limits_of(m.object, m.body), trajectory.times, trajectory.poses
-        )
-        assert not list(broken)
+        assert not broken_by(m.name, m.body, trajectory)
         shapes[m.name] = JudgedShape(m.object, np.array(m.body.footprint))
         tracks[m.name] = Track(trajectory.times, trajectory.poses, shapes[m.name].radius)
         assert hits_map(shapes[m.name], tracks[m.name], blocked, low, high) is None, m.name

@@ -22,6 +22,7 @@ from up_samp.fleet.importers.common import (
     wrong,
 )
 from up_samp.fleet.importers.doors import doors_of
+from up_samp.fleet.importers.lanes import LaneEdge, lane_zones
 from up_samp.fleet.importers.outlines import map_from_polygons
 from up_samp.fleet.tables import text_of
 from up_samp.geometry.maps import load_map, write_map
@@ -35,7 +36,8 @@ battery of 100 is full in half an hour.
 
 
 def import_lif(source: Path, folder: Path, options: Options) -> Imported:
-    """Import a LIF layout: stations, and nodes that no station names, become places.
+    """Import a LIF layout: stations, and nodes that no station names, become places; edges with one
+    direction, a limit of speed or no rotation become zones.
 
     LIF has no walls: give a map, or the floor is what lies around the nodes.
     """
@@ -60,7 +62,7 @@ def import_lif(source: Path, folder: Path, options: Options) -> Imported:
             places[name_of(node.get("nodeName") or key, places, "node")] = [
                 *points[key], _theta(node),
             ]  # fmt: skip
-    notes = []
+    zones, notes = lane_zones(_lif_edges(source, layout, points, places))
     if options.map is not None:
         map_file = _copied(options.map, folder)
     else:
@@ -69,7 +71,34 @@ def import_lif(source: Path, folder: Path, options: Options) -> Imported:
         notes.append("LIF has no walls: the floor is free 3 m around the nodes (or give --map)")
     notes.append("robots' footprint and limits are assumed; add robots and orders")
     data = {"map": map_file, "robot_types": {"agv": AGV}, "places": places}
-    return finish(folder, data, notes)
+    return finish(folder, data | ({"zones": zones} if zones else {}), notes)
+
+
+def _lif_edges(
+    source: Path,
+    layout: Mapping[str, Any],
+    points: Mapping[str, tuple[float, float]],
+    places: Mapping[str, Any],
+) -> list[LaneEdge]:
+    """Return the edges of a LIF layout; vehicle types count together: the slowest one's speed."""
+    edges = layout.get("edges", [])
+    known = {(e["startNodeId"], e["endNodeId"]) for e in edges}
+    found: list[LaneEdge] = []
+    names = set(places)
+    for edge in edges:
+        a, b = edge["startNodeId"], edge["endNodeId"]
+        for node in (a, b):
+            if node not in points:
+                raise wrong(source, None, f"edge '{edge['edgeId']}': no node '{node}'")
+        kinds = edge.get("vehicleTypeEdgeProperties", ())
+        speeds = [number_of(k["maxSpeed"]) for k in kinds if k.get("maxSpeed") is not None]
+        speed = min((v for v in speeds if v > 0.0), default=None)
+        still = bool(kinds) and not any(k.get("rotationAllowed", True) for k in kinds)
+        name = name_of(edge["edgeId"], names, "edge")
+        names.add(name)
+        one_way = (b, a) not in known
+        found.append(LaneEdge(name, points[a], points[b], one_way, speed, still))
+    return found
 
 
 def _xy(position: Mapping[str, Any]) -> tuple[float, float]:
@@ -92,7 +121,8 @@ def import_rmf(source: Path, folder: Path, options: Options) -> Imported:
     """Import the first level of an Open-RMF building map: floor, walls, named vertices.
 
     Pixels become m by the level's measurements; y points up. Chargers and parking spots are places
-    to park, holding points are places, too. Doors are opened where lanes lead through them.
+    to park, holding points are places, too. Doors are opened where lanes lead through them; lanes
+    with one direction or a limit of speed become zones.
     """
     root = compose(source, text_of(source))
     levels = yaml.SafeLoader("").construct_document(root)["levels"]
@@ -123,6 +153,7 @@ def import_rmf(source: Path, folder: Path, options: Options) -> Imported:
             if _flag(traits, "is_charger"):
                 places[place]["charger"] = {"per_second": CHARGING}
                 chargers.append(place)
+    zones, told = lane_zones(_rmf_lanes(level, points, places))
     notes = [f"level '{name}': {scale:g} m a pixel; its lower left corner is at {_show(low)}"]
     if chargers:
         text = f"chargers give {CHARGING:g} a second, once robots have a battery: "
@@ -137,7 +168,26 @@ def import_rmf(source: Path, folder: Path, options: Options) -> Imported:
     notes.append("headings are 0; robots' footprint and limits are assumed; add robots and orders")
     map_file = map_from_polygons(free, folder).name
     data = {"map": map_file, "robot_types": {"agv": AGV}, "places": places, "doors": doors}
-    return finish(folder, data, notes)
+    return finish(folder, data | ({"zones": zones} if zones else {}), [*notes, *told])
+
+
+def _rmf_lanes(
+    level: Mapping[str, Any], points: Sequence[tuple[float, float]], places: Mapping[str, Any]
+) -> list[LaneEdge]:
+    """Return the lanes of a level: of those that are not ``bidirectional``, one goes one way."""
+    lanes = [(a, b, *rest) for a, b, *rest in level.get("lanes", ())]
+    known = {(a, b) for a, b, *_ in lanes}
+    found: list[LaneEdge] = []
+    names = set(places)
+    for number, (a, b, *rest) in enumerate(lanes):
+        traits = rest[0] if rest else {}
+        speed = number_of(traits["speed_limit"][1]) if "speed_limit" in traits else 0.0
+        both = _flag(traits, "bidirectional") or (b, a) in known
+        name = name_of(f"lane{number + 1}", names, "lane")
+        names.add(name)
+        limit = speed if speed > 0.0 else None
+        found.append(LaneEdge(name, points[a], points[b], not both, limit))
+    return found
 
 
 def _scale(source: Path, level: Mapping[str, Any]) -> float:

@@ -73,7 +73,7 @@ def rows_of(start: FloatArray, arcs: FloatArray) -> FloatArray:
 
 def rolling_time(rows: FloatArray, kinematics: Kinematics) -> float:
     """Return how long (s) the way through ``rows`` (n, 3) takes from rest to rest."""
-    rolls = rolls_of(rows[_moves_on(rows)], kinematics)
+    rolls = rolls_of(rows[moves_on(rows)], kinematics)
     return sum(p[0] for phases in _phases(rolls, kinematics.a_max) for p in phases)
 
 
@@ -82,11 +82,36 @@ def rolled(rows: FloatArray, kinematics: Kinematics) -> Trajectory:
 
     Samples are all of them, and at most ``Trajectory.MAX_STEP`` s and ``MOST_TURN`` rad apart.
     """
-    rows = rows[_moves_on(rows)]
-    rolls = rolls_of(rows, kinematics)
+    rows = rows[moves_on(rows)]
+    times, at, shares = sampled_rolls(rolls_of(rows, kinematics), kinematics.a_max)
+    return through_rows(rows, times, at, shares)
+
+
+def through_rows(
+    rows: FloatArray, times: FloatArray, at: IntArray, shares: FloatArray
+) -> Trajectory:
+    """Return the motion that is at ``times`` the ``shares`` of the way from rows ``at`` to the next
+    ones, along constant twists.
+    """
+    poses = rows[:1].copy()
+    if len(times) > 1:
+        poses = partway(rows[at], rows[at + 1], shares)
+        ends = shares == 1.0
+        poses[ends] = rows[at[ends] + 1]
+        poses[0], poses[-1] = rows[0], rows[-1]
+    return Trajectory(times, poses)
+
+
+def sampled_rolls(
+    rolls: Rolls, a: float, held: BoolArray | None = None
+) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Return the samples of a way's fastest motion from rest to rest: times (s), the pieces that
+    they are on and the shares of these; ``held`` pieces are driven at one speed, as their
+    neighbours are that are held, too.
+    """
     times, pieces, shares = [0.0], [0], [0.0]
     now = 0.0
-    for i, phases in enumerate(_phases(rolls, kinematics.a_max)):
+    for i, phases in enumerate(_phases(rolls, a, held)):
         size, turn = float(rolls.sizes[i]), abs(float(rolls.turns[i]))
         done = 0.0
         for seconds, speed, push in phases:
@@ -102,21 +127,14 @@ def rolled(rows: FloatArray, kinematics: Kinematics) -> Trajectory:
             done += driven
         if len(times) > 1 and pieces[-1] == i:
             shares[-1] = 1.0
-    poses = rows[:1].copy()
-    if len(times) > 1:
-        at = np.array(pieces)
-        poses = partway(rows[at], rows[at + 1], np.array(shares))
-        ends = np.array(shares) == 1.0
-        poses[ends] = rows[at[ends] + 1]
-        poses[0], poses[-1] = rows[0], rows[-1]
-    return Trajectory(np.array(times), poses)
+    return np.array(times), np.array(pieces), np.array(shares)
 
 
 def thinned(rows: FloatArray, kinematics: Kinematics, kept: BoolArray | None = None) -> FloatArray:
     """Return the poses (n, 3) at which the twist changes, those that are ``kept`` (n,), and as many
     more as it takes to tell how often the body turns round.
     """
-    distinct = _moves_on(rows)
+    distinct = moves_on(rows)
     rows, kept = rows[distinct], None if kept is None else kept[distinct]
     _, _, kinds, _ = rolls = rolls_of(rows, kinematics)
     bends = np.where(np.abs(kinds) == 2, 0.0, kinds * rolls.turns / rolls.sizes)
@@ -135,25 +153,33 @@ _Phase = tuple[float, float, float]
 rad, and s)."""
 
 
-def _moves_on(rows: FloatArray) -> BoolArray:
+def moves_on(rows: FloatArray) -> BoolArray:
     """Return which poses are not where the one before is."""
     return np.append(True, np.abs(np.diff(rows, axis=0)).max(axis=1) > NOWHERE)
 
 
-def _phases(rolls: Rolls, a: float) -> Iterator[tuple[_Phase, ...]]:
+def _phases(rolls: Rolls, a: float, held: BoolArray | None = None) -> Iterator[tuple[_Phase, ...]]:
     """Yield the phases of each piece of a way, driven at the acceleration ``a`` (m/s^2)."""
     sizes, kinds, tops = rolls.sizes.tolist(), rolls.kinds.tolist(), rolls.tops.tolist()
-    speeds = _speeds(sizes, kinds, tops, a)
+    steady = [False] * len(sizes) if held is None else held.tolist()
+    speeds = _speeds(sizes, kinds, tops, steady, a)
     for i, (size, kind, top) in enumerate(zip(sizes, kinds, tops, strict=True)):
         if abs(kind) == 2:
             yield ((size / top, top, 0.0),)
+        elif steady[i] and min(speeds[i : i + 2]) > 0.0:
+            speed = min(speeds[i : i + 2])
+            yield ((size / speed, speed, 0.0),)
         else:
             peak, rise, cruise, fall = profile(size, speeds[i], speeds[i + 1], top, a)
             yield (rise, speeds[i], a), (cruise, peak, 0.0), (fall, peak, -a)
 
 
 def _speeds(
-    sizes: Sequence[float], kinds: Sequence[int], tops: Sequence[float], a: float
+    sizes: Sequence[float],
+    kinds: Sequence[int],
+    tops: Sequence[float],
+    steady: Sequence[bool],
+    a: float,
 ) -> list[float]:
     """Return the largest speeds (m/s) at the ends of all pieces."""
     speeds = [0.0]
@@ -161,8 +187,13 @@ def _speeds(
         rolls_on = before == after and abs(before) == 1
         speeds.append(min(tops[i], tops[i + 1]) if rolls_on else 0.0)
     speeds.append(0.0)
-    for i in range(len(sizes)):
-        speeds[i + 1] = min(speeds[i + 1], math.sqrt(speeds[i] ** 2 + 2.0 * a * sizes[i]))
-    for i in reversed(range(len(sizes))):
-        speeds[i] = min(speeds[i], math.sqrt(speeds[i + 1] ** 2 + 2.0 * a * sizes[i]))
+    # no change of speed within a piece that is held, but from a rest or to one
+    gains = [
+        0.0 if h and min(speeds[i], speeds[i + 1]) > 0.0 else 2.0 * a * size
+        for i, (size, h) in enumerate(zip(sizes, steady, strict=True))
+    ]
+    for i, gain in enumerate(gains):
+        speeds[i + 1] = min(speeds[i + 1], math.sqrt(speeds[i] ** 2 + gain))
+    for i in reversed(range(len(gains))):
+        speeds[i] = min(speeds[i], math.sqrt(speeds[i + 1] ** 2 + gains[i]))
     return speeds

@@ -19,7 +19,9 @@ from up_samp.geometry.records import inner, kernel
 from up_samp.geometry.shapes import Shape, shape_of
 from up_samp.model import Body, Configuration, Trajectory
 from up_samp.model.arrays import BoolArray, FloatArray, IntArray
+from up_samp.motion.curves.bends import CUT, bends_of, between_bends, ways_at
 from up_samp.motion.curves.rolling import ON_SPOT, rolls_of
+from up_samp.motion.curves.slowing import allowed_speeds, slowed
 from up_samp.motion.curves.twists import partway, twists
 from up_samp.motion.fleet.conflicts import Hull, Swept, sweep_table
 from up_samp.motion.fleet.flyers import ROUND, SweptSolid
@@ -307,33 +309,6 @@ def first_gap(blocked: FloatArray, earliest: float, latest: float) -> float:
 # Their parameter, where they kink, where the body must rest or drive slowly.
 
 
-@dataclass(frozen=True)
-class PathCut:
-    """How paths are cut. Steps shorter than ``tiny`` (m) carry no shape of their own; a change of
-    the direction of the twist by ``kink`` ends a stretch of constant curvature; where the direction
-    of a body with its own equations changes by ``corner`` (rad) from sample to sample, it must
-    stop; ``levels``:
-    speed levels that the tuning aims at (see :mod:`up_samp.motion.fleet.speed`); ``least``: those
-    below the top speed of a tight arc, at least. An omnidirectional body bends where its direction
-    changes by ``straight`` from sample to sample; there it keeps to one speed, ``held`` of the one
-    that its planner chose. It rests where that would be less than ``slow`` of its top speed, and
-    where its direction changes by ``sharp``.
-    """
-
-    tiny: float = 1e-7
-    kink: float = 1e-6
-    corner: float = 0.1
-    straight: float = 1e-4
-    held: float = 0.95
-    sharp: float = 0.35
-    slow: float = 0.3
-    levels: int = 20
-    least: int = 2
-
-
-CUT = PathCut()
-
-
 def path_steps(poses: FloatArray, body: Body, radius: float) -> FloatArray:
     """Return the steps of ``s`` (m) between samples of a body of this ``radius`` (m)."""
     if body.flies:
@@ -358,13 +333,13 @@ def _flown(poses: FloatArray, radius: float) -> FloatArray:
     return np.asarray(np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1) + radius * turns)
 
 
-def top_speeds(poses: FloatArray, body: Body) -> FloatArray:
-    """Return the top speeds (m/s) between the poses of a path."""
+def top_speeds(poses: FloatArray, body: Body, most: FloatArray) -> FloatArray:
+    """Return the top speeds (m/s) between poses of a path, none above ``most`` where it drives."""
     tops = np.full(len(poses) - 1, body.kinematics.v_max)
     if body.mobility.rolls and len(poses) > 1:
         rolls = rolls_of(poses, body.kinematics)
-        tops = np.where(np.abs(rolls.kinds) == 2, tops, rolls.tops)
-    return tops
+        return np.where(np.abs(rolls.kinds) == 2, tops, np.minimum(rolls.tops, most))
+    return np.minimum(tops, most)
 
 
 def kept_samples(s: FloatArray) -> IntArray:
@@ -397,52 +372,6 @@ def kinks_and_stops(poses: FloatArray, s: FloatArray, body: Body) -> tuple[BoolA
             chord = np.diff(poses, axis=0) / np.diff(s)[:, None]
             stop[1:-1] = np.abs(np.diff(chord, axis=0)).max(axis=1) > CUT.corner
     return kink, stop
-
-
-def bends_of(
-    poses: FloatArray, s: FloatArray, times: FloatArray, body: Body
-) -> tuple[FloatArray, BoolArray, BoolArray]:
-    """Return how an omnidirectional body gets along a way that was driven at ``times`` (n,): top
-    speeds (m/s) between samples, whether it keeps to one speed there, and where it has to rest.
-
-    What was driven keeps to the limits, so a bend may be driven at one speed that is not more.
-    """
-    kin = body.kinematics
-    step, gone = np.diff(s), np.diff(poses[:, :2], axis=0)
-    turn, way = np.abs(np.diff(poses[:, 2])), np.hypot(*gone.T)
-    spot = way < ON_SPOT * turn
-    tops = np.where(spot, kin.v_max, np.minimum(kin.v_max, kin.omega_max * way / (turn + 1e-12)))
-    driven = np.minimum(step / np.diff(times), kin.v_max)
-    unit = np.where(spot[:, None], 0.0, gone / np.maximum(way, CUT.tiny)[:, None])
-    change = np.hypot(*np.diff(unit, axis=0).T)
-    bend = change > CUT.straight
-    speed = CUT.held * np.minimum(driven[1:], driven[:-1])
-    slow = bend & (speed < CUT.slow * kin.v_max)
-    rests = (spot[1:] != spot[:-1]) | slow | (change > CUT.sharp)
-    bend &= ~rests
-    steady = np.zeros(len(step), dtype=np.bool_)
-    for side in (slice(None, -1), slice(1, None)):
-        steady[side] |= bend
-        tops[side] = np.where(bend, np.minimum(tops[side], speed), tops[side])
-    return tops, steady, np.concatenate([[True], rests, [True]])
-
-
-def ways_at(poses: FloatArray, s: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the direction per metre (n, 2) in which an omnidirectional body comes to each sample
-    of its way, and that in which it leaves: where it does not rest, that of a straight piece
-    beside it, else the mean of both sides.
-    """
-    unit = np.diff(poses[:, :2], axis=0) / np.diff(s)[:, None]
-    change = np.concatenate([[0.0], np.hypot(*np.diff(unit, axis=0).T), [0.0]])
-    bend = change > CUT.straight
-    before, after = np.concatenate([unit[:1], unit]), np.concatenate([unit, unit[-1:]])
-    begins = bend & ~np.append(False, bend[:-1])
-    ends = bend & ~np.append(bend[1:], False)
-    mean = 0.5 * (before + after)
-    way = np.where((begins & ~ends)[:, None], before, mean)
-    way = np.where((ends & ~begins)[:, None], after, way)
-    sharp = (change > CUT.sharp)[:, None]
-    return np.where(sharp, before, way), np.where(sharp, after, way)
 
 
 # ------------------ Fixed paths
@@ -633,13 +562,7 @@ class Path:
         i = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2)
         share = np.clip((s - self.s[i]) / (self.s[i + 1] - self.s[i]), 0.0, 1.0)
         if self.body.mobility.sideways:
-            u, step = share[:, None], (self.s[i + 1] - self.s[i])[:, None]
-            a, b = self.poses[i], self.poses[i + 1]
-            out = a + u * (b - a)
-            d = b[:, :2] - a[:, :2]
-            comes, leaves = self._ways
-            p, q = leaves[i] * step - d, d - comes[i + 1] * step
-            out[:, :2] += u * (1 - u) * ((1 - u) * p + u * q)
+            out = between_bends(self.poses, self.s, self._ways, i, share)
         else:
             out = partway(self.poses[i], self.poses[i + 1], share)
         out[s <= self.s[0]] = self.poses[0]
@@ -647,12 +570,21 @@ class Path:
         return out
 
 
-def path_of(trajectory: Trajectory, body: Body, waypoints: Sequence[Configuration] = ()) -> Path:
-    """Cut a body's trajectory through ``waypoints`` into a :class:`Path`.
+def path_of(
+    trajectory: Trajectory,
+    body: Body,
+    waypoints: Sequence[Configuration] = (),
+    *,
+    decided: bool = False,
+) -> Path:
+    """Cut a body's trajectory through ``waypoints`` into a :class:`Path`, slowed to what zones and
+    a limit backwards allow, unless its times are ``decided``.
 
     It must rest where the trajectory pauses and where its direction jumps, and pass the waypoints
     between exactly, at any speed.
     """
+    if not decided:
+        trajectory = slowed(trajectory, body)
     poses = np.asarray(trajectory.poses, dtype=np.float64)
     natural_s = np.concatenate([[0.0], np.cumsum(path_steps(poses, body, radius_of(body)))])
     keep = kept_samples(natural_s)
@@ -662,11 +594,14 @@ def path_of(trajectory: Trajectory, body: Body, waypoints: Sequence[Configuratio
     if tunable:
         stop |= _pauses(trajectory, natural_s, s)
         kink |= stop | _waypoints(trajectory, natural_s, s, waypoints[1:-1])
-    tops, steady = top_speeds(kept, body), np.zeros(len(kept) - 1, dtype=np.bool_)
+    most = np.full(len(kept) - 1, math.inf)
+    if tunable and len(kept) > 1:
+        most = allowed_speeds(kept, body)
+    tops, steady = top_speeds(kept, body, most), np.zeros(len(kept) - 1, dtype=np.bool_)
     if body.mobility.sideways and len(kept) > 1:
-        tops, steady, rests = bends_of(kept, s, trajectory.times[keep], body)
+        tops, steady, rests = bends_of(kept, s, trajectory.times[keep], body, most)
         stop |= rests
-    edges, halt = _cells(s, stop, tops, body)
+    edges, halt = _cells(s, stop, tops, body, np.isfinite(most))
     return Path(
         body,
         kept,
@@ -733,9 +668,12 @@ def _cell_length(body: Body) -> float:
 
 
 def _cells(
-    s: FloatArray, stop: BoolArray, tops: FloatArray, body: Body
+    s: FloatArray, stop: BoolArray, tops: FloatArray, body: Body, ruled: BoolArray
 ) -> tuple[FloatArray, BoolArray]:
-    """Cut every stretch between two stops into an even number of equally long cells."""
+    """Cut every stretch between two stops into an even number of equally long cells.
+
+    Where speeds are ``ruled`` (n - 1,), the slowest is one of those that cells of this length have.
+    """
     if len(s) == 1:
         return np.zeros(1), np.ones(1, dtype=np.bool_)
     kin, wish = body.kinematics, _cell_length(body)
@@ -747,6 +685,9 @@ def _cells(
         if top < kin.v_max:  # cells so short that there are speeds below the slowest arc's
             least = 1 if body.mobility.sideways else CUT.least
             size = min(wish, top**2 / (2 * kin.a_max * least))
+        if ruled[low:high].any():
+            most = top**2 / (2 * kin.a_max) * (1.0 - TIMES.near)
+            size = most / math.ceil(most / size)
         count = 2 * max(1, math.ceil(length / size / 2))
         edges.append(np.linspace(s[low], s[high], count + 1)[:-1])
         halt += [True] + [False] * (count - 1)

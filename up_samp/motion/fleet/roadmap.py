@@ -333,7 +333,7 @@ class Roadmap:
         shape = widest_shape(scene, body, ends, static)
         self.scene, self.body, self.hull = scene, body, hull_of(body)
         self.usable = shape is not None
-        self._pivots, self._both_ways = body.mobility.pivots, body.kinematics.reverse
+        self._pivots, self._both_ways = body.mobility.pivots, body.kinematics.both_ways
         self._orders = (1,) if self._both_ways else (1, -1)
         self.shape: Shape = shape if shape is not None else scene.shape(body)
         self._world = scene.world(self.shape, static)

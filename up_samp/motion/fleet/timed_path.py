@@ -199,7 +199,7 @@ NOBODY: frozenset[str] = frozenset()
 
 def fixed_run(motion: FixedMotion) -> TimedPath:
     """Return an already decided motion as a run."""
-    path = path_of(motion.trajectory, motion.body)
+    path = path_of(motion.trajectory, motion.body, decided=True)
     timing = Timing(motion.trajectory, path.natural_s)
     return TimedPath(
         motion.name, motion.object, path, timing, motion.present_from, motion.present_until, None

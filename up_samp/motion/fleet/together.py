@@ -154,5 +154,5 @@ def _one_run(motion: TimedMotion, legs: Sequence[TimedPath]) -> TimedPath:
         poses.append(rows[skip:])
     whole = Trajectory(np.concatenate(times), np.concatenate(poses))
     stops = [pose_at(leg.path, -1) for leg in legs]
-    path = path_of(whole, motion.body, (motion.poses[0], *stops))
+    path = path_of(whole, motion.body, (motion.poses[0], *stops), decided=True)
     return run_of(motion, path, Timing(whole, path.natural_s))

@@ -122,13 +122,13 @@ class CarPlanner:
             for turned in tuple(sides):
                 if budget.spent():
                     break
-                asked, driver = query, car
+                asked, driver, form = query, car, shape
                 if turned:
-                    asked = replace(query, start=goal, goal=start)
+                    asked, form = replace(query, start=goal, goal=start), shape.turned
                     driver = car._replace(sense=-car.sense)
-                arcs, count, dry = self._search(asked, driver, shape, level, budget)
+                arcs, count, dry = self._search(asked, driver, form, level, budget)
                 if arcs is not None:
-                    arcs = self._smooth(world, asked, arcs, driver)
+                    arcs = self._smooth(self.scene.world(form, obstacles), asked, arcs, driver)
                     arcs = reversed_arcs(arcs) if turned else arcs
                     if best is None or path_time(arcs, car.v, car.a) < path_time(
                         best, car.v, car.a

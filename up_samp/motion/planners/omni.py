@@ -101,7 +101,8 @@ class PlanarPlanner:
             return leg
         if not self._is_roundabout(query, shape, leg.trajectory):
             return leg
-        back = self._one_way(replace(query, start=query.goal, goal=query.start), shape, budget)
+        turned = replace(query, start=query.goal, goal=query.start)
+        back = self._one_way(turned, shape.turned, budget)
         if back.trajectory is None or back.trajectory.duration > leg.trajectory.duration - GAIN:
             return replace(leg, effort=budget.used, complete=not budget.cut)
         return back.turned()

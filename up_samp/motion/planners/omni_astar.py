@@ -9,6 +9,7 @@ import numpy as np
 
 from up_samp.geometry.kernels import clearance
 from up_samp.geometry.records import WorldData, inner, kernel
+from up_samp.geometry.ways import piece_obeys
 from up_samp.model import Kinematics
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.curves.reeds_shepp import Pose, run_time, wrapped
@@ -79,8 +80,12 @@ def _free_share(world: WorldData, pose: Pose, move: Move, least: float) -> float
 def straight_free(world: WorldData, pose: Pose, move: Move) -> bool:
     """Return whether a straight move from a pose keeps the margin all the way.
 
-    Refuses what comes closer than a tenth of the shape's smallest slack, too.
+    Refuses what comes closer than a tenth of the shape's smallest slack, too, and what breaks a
+    rule of ways.
     """
+    (x, y, _), (dx, dy, turn) = pose, move
+    if not piece_obeys(world.shape.ways, x, y, x + dx, y + dy, turn, 0.0):
+        return False
     return _free_share(world, pose, move, 0.1 * world.shape.slack[2]) >= 1.0
 
 

@@ -1,0 +1,201 @@
+"""Zones with rules of driving and robots that are slow backwards: solved, judged, written, run."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from up_samp.execution import Delays, dependencies_of, simulate
+from up_samp.execution.judge import broken_rules
+from up_samp.execution.lives import lives_of
+from up_samp.fleet import Fleet, FleetError, read_problem_file
+from up_samp.geometry.maps import write_map
+from up_samp.io.files import read_plan
+from up_samp.model import UnsupportedError
+from up_samp.operate.planner import check_site
+from up_samp.validation import validate_plan
+from up_samp.validation.tracks import pieces_of
+
+RING = [(-0.6, -0.35), (0.6, -0.35), (0.6, 0.35), (-0.6, 0.35)]
+LIMITS = {"v_max": 1.5, "a_max": 0.7}
+SLOW = [(4.5, 0), (6.0, 0), (6.0, 9), (4.5, 9)]
+
+
+def hall(folder, **options):
+    fleet = Fleet(write_map(folder, "hall", np.zeros((90, 160), dtype=bool), 0.1))
+    fleet.add_robot_type("truck", RING, turning_radius=0.8, **LIMITS, **options)
+    fleet.add_robot_type("cart", RING, model="diff", omega_max=0.8, **LIMITS)
+    fleet.add_place("west", 2, 2.5)
+    fleet.add_place("north", 3, 6.5)
+    fleet.add_place("east", 12, 4.5)
+    fleet.add_robot("t", "truck", "west", end="west")
+    fleet.add_robot("c", "cart", "north", end="north")
+    fleet.add_order("o1", "north", "east")
+    fleet.add_order("o2", "east", "west")
+    return fleet
+
+
+def top_speeds(data, name, low, high):
+    """The fastest that a robot drives with its middle between two x, and anywhere else."""
+    inside, outside = [0.0], [0.0]
+    for motion in data["motions"]:
+        if motion["object"] == name:
+            rows = np.array(motion["samples"])
+            speed = np.hypot(*np.diff(rows[:, 1:3], axis=0).T) / np.diff(rows[:, 0])
+            here = (rows[:-1, 1] > low) & (rows[1:, 1] < high)
+            inside.extend(speed[here])
+            outside.extend(speed[~here])
+    return max(inside), max(outside)
+
+
+def test_robots_are_slow_where_a_zone_says_so_and_every_file_says_it(tmp_path):
+    fleet = hall(tmp_path)
+    fleet.add_zone("crossing", SLOW, v_max=0.5)
+    fleet.add_zone("ramp", [(8, 0), (9, 0), (9, 9), (8, 9)], v_max=0.3, robot_types="cart")
+    result = fleet.solve(timeout=300, first_plan=True, query_seconds=0.3)
+    assert result.status.startswith("SOLVED"), result.explain()
+    assert validate_plan(fleet.problem, result.plan).valid
+    for robot, ramp in (("t", 1.0), ("c", 0.3)):
+        slow, free = top_speeds(result.data, robot, 4.5, 6.0)
+        assert slow <= 0.5 * 1.001
+        assert free > 1.0 or robot == "c"
+        assert (top_speeds(result.data, robot, 8, 9)[0] <= 0.3 * 1.001) == (ramp < 1)
+    fleet.save(tmp_path / "problem.json")
+    written = json.loads((tmp_path / "problem.json").read_text())
+    assert written["zones"]["ramp"]["v_max"] == 0.3
+    assert read_problem_file(tmp_path / "problem.json").zones == fleet.records.zones
+    result.save(tmp_path / "out")
+    read = read_plan(tmp_path / "out" / "plan.json")
+    assert [len(o.get("zones", ())) for o in read["objects"][:2]] == [1, 2]
+    lives = lives_of(read)
+    assert {len(lives[n].body.kinematics.zones) for n in ("t", "c")} == {1, 2}
+
+    # the same without zones is quicker, and no plan of the problem with them
+    free = hall(tmp_path)
+    other = free.solve(timeout=300, first_plan=True, query_seconds=0.3)
+    assert other.data["lower_bound"] <= result.data["lower_bound"] + 1e-9
+    broken = validate_plan(fleet.problem, other.plan).violations
+    assert {v.kind for v in broken} >= {"zone-speed"}
+    assert any(v.activities and v.objects and v.time is not None for v in broken)
+
+
+def test_who_is_late_is_slow_in_zones_all_the_same(tmp_path):
+    fleet = hall(tmp_path)
+    fleet.add_zone("crossing", SLOW, v_max=0.5)
+    result = fleet.solve(timeout=300, first_plan=True, query_seconds=0.3)
+    dependencies = dependencies_of(fleet.problem, result.data)
+    for seed in range(3):
+        run = simulate(dependencies, result.data, Delays(slow=0.7, stops=2), seed)
+        assert run.finished
+        assert not run.contacts
+        assert not run.broken, run.broken
+    # the judge of what was driven sees who is not
+    record = json.loads(json.dumps(run.record))
+    for motion in record["motions"]:
+        for row in motion["samples"]:
+            row[0] = motion["samples"][0][0] + 0.5 * (row[0] - motion["samples"][0][0])
+    assert any("zone-speed" in text for text in broken_rules(dependencies, record)[0])
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_reverse_slow(tmp_path, order):
+    fleet = hall(tmp_path, reverse="slow", reverse_v_max=0.3)
+    for name, corners in [("a", SLOW), ("b", SLOW)][::order]:
+        fleet.add_zone(name, corners, v_max=0.5 if name == "a" else 0.6)
+    result = fleet.solve(timeout=300, first_plan=True, query_seconds=0.3)
+    assert validate_plan(fleet.problem, result.plan).valid
+    truck = next(o for o in result.data["objects"] if o["name"] == "t")
+    assert truck["reverse_v_max"] == 0.3
+    assert [zone["v_max"] for zone in truck["zones"]] == [0.5, 0.6]
+    for motion in result.data["motions"]:
+        if motion["object"] == "t":
+            rows = np.array(motion["samples"])
+            pieces = pieces_of(rows[:, 0], rows[:, 1:])
+            assert np.max(-pieces.along / pieces.dt) <= 0.3 * 1.001
+
+
+@pytest.mark.parametrize(
+    ("options", "what"),
+    [
+        ({}, "v_max"),
+        ({"v_max": 0.5, "keep_out": "truck"}, "several zones"),
+        ({"v_max": 0.5, "max_robots": 1}, "several zones"),
+        ({"max_robots": 1, "robot_types": "truck"}, "heeds"),
+        ({"v_max": 0.5, "robot_types": "lorry"}, "lorry"),
+        ({"v_max": 0.0}, "v_max"),
+    ],
+)
+def test_what_is_wrong_with_a_zone_is_said(tmp_path, options, what):
+    with pytest.raises(FleetError, match=what):
+        hall(tmp_path).add_zone("z", SLOW, **options)
+
+
+@pytest.mark.parametrize("options", [{"reverse": "slow"}, {"reverse_v_max": 0.3}])
+def test_a_speed_backwards_goes_with_slow(tmp_path, options):
+    with pytest.raises(FleetError, match="reverse_v_max"):
+        _ = hall(tmp_path, **options).problem
+
+
+def test_a_day_that_cannot_keep_them_says_so(tmp_path):
+    check_site(hall(tmp_path).records)
+    fleet = hall(tmp_path)
+    fleet.add_zone("crossing", SLOW, v_max=0.5)
+    with pytest.raises(UnsupportedError, match="crossing"):
+        check_site(fleet.records)
+    with pytest.raises(UnsupportedError, match="truck"):
+        check_site(hall(tmp_path, reverse="slow", reverse_v_max=0.3).records)
+
+
+def test_each_lane_is_driven_one_way(tmp_path):
+    fleet = hall(tmp_path)
+    fleet.add_zone("eastbound", [(5, 0), (8, 0), (8, 4.5), (5, 4.5)], one_way=0.0)
+    fleet.add_zone("westbound", [(5, 4.5), (8, 4.5), (8, 9), (5, 9)], one_way=math.pi)
+    fleet.add_zone("still", [(10, 2), (14, 2), (14, 7), (10, 7)], pivoting="never")
+    result = fleet.solve(timeout=300, first_plan=True)
+    assert result.status.startswith("SOLVED"), result.explain()
+    assert validate_plan(fleet.problem, result.plan).valid
+    seen = set()
+    for motion in result.data["motions"]:
+        rows = np.array(motion["samples"])
+        x, y = 0.5 * (rows[1:, 1:3] + rows[:-1, 1:3]).T
+        step = np.diff(rows[:, 1])
+        inside = (x > 5.1) & (x < 7.9)
+        assert np.all(step[inside & (y < 4.4)] >= -1e-9)
+        assert np.all(step[inside & (y > 4.6)] <= 1e-9)
+        seen |= set(np.sign(step[inside]).tolist())
+    assert seen >= {-1.0, 1.0}
+    zones = next(o for o in result.data["objects"] if o["name"] == "t")["zones"]
+    assert sorted(z.get("one_way", -1.0) for z in zones) == pytest.approx([-1.0, 0.0, math.pi])
+    assert [z["pivots"] for z in zones if "pivots" in z] == [False]
+    run = simulate(dependencies_of(fleet.problem, result.data), result.data, Delays(slow=0.8), 1)
+    assert not run.broken, run.broken
+    # without the lanes it is another plan
+    free = hall(tmp_path).solve(timeout=300, first_plan=True)
+    kinds = {v.kind for v in validate_plan(fleet.problem, free.plan).violations}
+    assert "wrong-way" in kinds
+
+
+def test_a_zone_is_on_one_floor(tmp_path):
+    fleet = Fleet(write_map(tmp_path, "hall", np.zeros((90, 160), dtype=bool), 0.1))
+    fleet.add_floor("first", write_map(tmp_path, "up", np.zeros((90, 160), dtype=bool), 0.1), 4.0)
+    fleet.add_lift("lift", {"ground": (14, 6, 0), "first": (2, 6, 0)})
+    fleet.add_robot_type("cart", RING, model="diff", **LIMITS)
+    fleet.add_place("west", 2, 2.5)
+    fleet.add_place("ward", 14, 2.5, floor="first")
+    fleet.add_robot("c", "cart", "west")
+    fleet.add_zone("below", [(4, 0), (6, 0), (6, 9), (4, 9)], v_max=0.4)
+    fleet.add_zone("above", [(8, 0), (9, 0), (9, 9), (8, 9)], v_max=0.2, floor="first")
+    fleet.add_order("drugs", "west", "ward")
+    result = fleet.solve(timeout=300, first_plan=True)
+    assert validate_plan(fleet.problem, result.plan).valid
+    below, above = sorted(result.data["motions"], key=lambda m: m["samples"][0][0])
+    for motion, low, high, most in ((below, 4, 6, 0.4), (above, 8, 9, 0.2)):
+        data = {"motions": [motion]}
+        assert top_speeds(data, "c", low, high)[0] <= most * 1.001
+        other = (8, 9) if low == 4 else (4, 6)
+        assert top_speeds(data, "c", *other)[0] > 0.9
+    # side by side, too
+    dependencies = dependencies_of(fleet.problem, result.data)
+    run = simulate(dependencies, result.data, Delays(slow=0.8), 1)
+    assert not run.broken, run.broken

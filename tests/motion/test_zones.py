@@ -1,0 +1,363 @@
+"""Rules of places, and a speed limit backwards: planned, coordinated, judged."""
+
+import itertools
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from unified_planning.model.motion import MotionModels, MovableObject
+from unified_planning.shortcuts import MovableType
+
+from tests.motion.fleet.independent import broken_by, judge
+from up_samp.extensions import extended
+from up_samp.geometry import OccupancyGrid
+from up_samp.model import (
+    Body,
+    Deadline,
+    GroupQuery,
+    Kinematics,
+    MotionModel,
+    Outcome,
+    PathQuery,
+    ProblemError,
+    TimedMotion,
+    TrafficZone,
+    Trajectory,
+    UnsupportedError,
+)
+from up_samp.motion import Leg, MotionService
+from up_samp.motion.curves.slowing import slowed, steps_in
+from up_samp.motion.curves.trajectories import reversed_trajectory
+from up_samp.upio.read_maps import read_movable
+from up_samp.validation.limits import limits_of
+
+RING = ((-0.6, -0.35), (0.6, -0.35), (0.6, 0.35), (-0.6, 0.35))
+WEDGE = ((-0.3, -0.35), (0.9, 0.0), (-0.3, 0.35))
+CAR = Kinematics(MotionModel.REEDSSHEPP, 0.8, 1.5, 0.7)
+WHEELS = Kinematics(MotionModel.PIVOT, v_max=1.5, a_max=0.7, omega_max=0.8)
+ANY = Kinematics(MotionModel.SE2, v_max=1.5, a_max=0.7, omega_max=0.8)
+KINDS = pytest.mark.parametrize("kinematics", [CAR, WHEELS, ANY], ids=["car", "diff", "omni"])
+
+
+def hall(length=16.0, width=9.0):
+    return OccupancyGrid(np.zeros((round(10 * width), round(10 * length)), dtype=bool), 0.1)
+
+
+def block(x, y, long, wide, **rules):
+    return TrafficZone(((x, y), (x + long, y), (x + long, y + wide), (x, y + wide)), **rules)
+
+
+def drive(body, *poses, service=None):
+    report = (service or MotionService(hall())).plan(PathQuery(body, poses), Deadline.after(300))
+    assert report.outcome is Outcome.FOUND, report.reason
+    assert not broken_by("r", body, report.trajectory)
+    return report
+
+
+@KINDS
+def test_a_zone_is_driven_through_at_its_speed_and_no_slower(kinematics):
+    zone = block(6, 0, 3, 9, v_max=0.5)
+    body = Body(RING, replace(kinematics, zones=(zone,)))
+    free = drive(Body(RING, kinematics), (2.0, 4.5, 0.0), (14.0, 4.5, 0.0)).trajectory
+    slow = drive(body, (2.0, 4.5, 0.0), (14.0, 4.5, 0.0)).trajectory
+    # 4.2 m at 0.5 m/s; before it 3.4 m from 0 to 1.5 to 0.5 m/s, after it 4.4 m
+    ramps = 1.5 / 0.7 + 1.0 / 0.7 - (1.5**2 + 1.5**2 - 0.5**2) / 1.4 / 1.5
+    exact = 4.2 / 0.5 + (3.4 + 4.4) / 1.5 + 2 * ramps
+    assert free.duration == pytest.approx(12 / 1.5 + 1.5 / 0.7)
+    assert exact - 1e-6 <= slow.duration <= exact + 0.15
+    assert broken_by("r", body, free)
+
+
+@KINDS
+def test_the_way_around_a_slow_zone_is_taken_where_it_is_quicker(kinematics):
+    body = Body(RING, replace(kinematics, zones=(block(6, 0, 3, 6, v_max=0.2),)))
+    ends = (2.0, 3.5, 0.0), (13.0, 3.5, 0.0)
+    motion = drive(body, *ends).trajectory
+    assert not any(steps_in(zone, motion.poses, body).any() for zone in body.kinematics.zones)
+    assert motion.duration < 16.0
+    # who begins in it has no way around
+    inside = drive(body, (7.5, 3.5, 0.0), (13.0, 3.5, 0.0)).trajectory
+    assert inside.duration > 2.1 / 0.2
+
+
+@KINDS
+def test_what_is_slowed_is_never_called_the_fastest(kinematics):
+    zone = block(6, 0, 3, 9, v_max=0.5)
+    ends = (2.0, 4.5, 0.0), (14.0, 4.5, 0.0)
+    for zones, complete in (((), True), ((block(0, 7, 9, 2, v_max=0.1),), True), ((zone,), False)):
+        body, service = Body(RING, replace(kinematics, zones=zones)), MotionService(hall())
+        report = drive(body, *ends, service=service)
+        assert report.complete is complete
+        assert service.lower_bound(body, *ends) <= report.trajectory.duration + 1e-9
+
+
+@pytest.mark.parametrize("kinematics", [CAR, WHEELS], ids=["car", "diff"])
+def test_a_speed_limit_backwards_slows_or_turns_the_body_round(kinematics):
+    body = Body(RING, replace(kinematics, v_back=0.25))
+    near = drive(body, (8.0, 4.5, 0.0), (7.0, 4.5, 0.0)).trajectory
+    assert near.duration == pytest.approx(1.0 / 0.25 + 0.25 / 0.7, abs=0.02)
+    far = drive(body, (13.0, 4.5, 0.0), (3.0, 4.5, 0.0)).trajectory
+    assert far.duration < 10.0 / 0.25
+    assert broken_by(
+        "r", body, drive(Body(RING, kinematics), (8.0, 4.5, 0.0), (3.0, 4.5, 0.0)).trajectory
+    )
+
+
+@settings(max_examples=12, deadline=None, derandomize=True)
+@given(
+    seed=st.integers(0, 10**6),
+    ring=st.sampled_from((RING, WEDGE)),
+    kinematics=st.sampled_from((CAR, WHEELS, ANY)),
+)
+def test_random_drives_keep_the_rules_whatever_their_order(seed, ring, kinematics):
+    rng = np.random.default_rng(seed)
+    zones = random_zones(rng, 4)
+    if kinematics is not ANY and rng.random() < 0.4:
+        kinematics = replace(kinematics, v_back=float(rng.uniform(0.2, 1.0)))
+    grid = floor(rng, 4)
+    pair = []
+    for some in (zones, shuffled(rng, zones)):
+        body, service = Body(ring, replace(kinematics, zones=some)), MotionService(grid, seed=1)
+        poses = tuple(free_pose(np.random.default_rng(seed + k), service, body) for k in (1, 2))
+        report = service.plan(PathQuery(body, poses), Deadline.after(300))
+        pair.append(None)
+        if report.outcome is Outcome.FOUND:
+            pair[-1] = report.trajectory.duration
+            assert not broken_by("r", body, report.trajectory)
+            assert report.trajectory.duration >= service.lower_bound(body, *poses) - 1e-9
+            again = slowed(report.trajectory, body)
+            assert again is report.trajectory
+    assert pair[0] == pytest.approx(pair[1], abs=1e-6)
+
+
+def random_zones(rng, count):
+    """Zones with some rules each, convex or with a notch."""
+    zones = []
+    for _ in range(count):
+        x, y = rng.uniform((1, 1), (11, 7))
+        long, wide = rng.uniform(0.3, 4.0, 2)
+        ring = [(x, y), (x + long, y), (x + long, y + wide), (x, y + wide)]
+        if rng.random() < 0.5:
+            ring.insert(3, (x + long / 2, y + wide / 3))
+        corners = tuple((float(a), float(b)) for a, b in ring)
+        speed, way, pivots = rng.random(3) < 0.5
+        zones.append(
+            TrafficZone(
+                corners,
+                float(rng.uniform(0.15, 1.2)) if speed or not way else math.inf,
+                one_way=float(rng.uniform(-math.pi, math.pi)) if way else None,
+                pivots=bool(pivots),
+            )
+        )
+    return tuple(zones)
+
+
+def shuffled(rng, zones):
+    """The same, listed in another order, and each ring from another corner, either way round."""
+    found = []
+    for k in rng.permutation(len(zones)):
+        ring = zones[k].polygon
+        turn = int(rng.integers(len(ring)))
+        ring = ring[turn:] + ring[:turn]
+        found.append(replace(zones[k], polygon=ring[::-1] if rng.random() < 0.5 else ring))
+    return tuple(found)
+
+
+def floor(rng, blocks):
+    cells = np.zeros((100, 140), dtype=bool)
+    for _ in range(blocks):
+        row, col = int(rng.integers(15, 85)), int(rng.integers(15, 125))
+        high, wide = rng.integers(4, 16, 2)
+        cells[row : row + high, col : col + wide] = True
+    cells[[0, -1]] = cells[:, [0, -1]] = True
+    return OccupancyGrid(cells, 0.1)
+
+
+def free_pose(rng, service, body):
+    while True:
+        pose = tuple(map(float, rng.uniform((0.9, 0.9, -math.pi), (13.1, 9.1, math.pi))))
+        if service.scene.pose_free(body, pose):
+            return pose
+
+
+class Crossing:
+    """Robots of all kinds on one floor with zones, some for some of them."""
+
+    def __init__(self, seed, count):
+        rng = np.random.default_rng(seed)
+        self.grid = floor(rng, 2)
+        self.service = MotionService(self.grid, seed=seed)
+        zones, motions = random_zones(rng, 4), []
+        taken = [[], []]
+        for k in range(count):
+            kin = (CAR, WHEELS, ANY)[int(rng.integers(3))]
+            kin = kin if kin is ANY else replace(kin, v_back=0.5)
+            body = Body(RING, replace(kin, zones=zones[int(rng.integers(3)) :]))
+            while True:
+                poses = tuple(free_pose(rng, self.service, body) for _ in range(2))
+                far = all(
+                    math.dist(p[:2], q[:2]) > 2.2
+                    for p, known in zip(poses, taken, strict=True)
+                    for q in known
+                )
+                alone = self.service.plan(PathQuery(body, poses), Deadline.after(300))
+                if far and alone.outcome is Outcome.FOUND:
+                    break
+            for known, pose in zip(taken, poses, strict=True):
+                known.append(pose)
+            motions.append(TimedMotion(f"m{k}", f"r{k}", body, poses, 0.0, 120.0))
+        self.query = GroupQuery(tuple(motions))
+
+
+def check_group(seed, count, folder):
+    crossing = Crossing(seed, count)
+    report = crossing.service.coordinate(crossing.query, Deadline.after(300))
+    if report.outcome is not Outcome.FOUND:
+        return False
+    judge(crossing, report, folder)
+    return True
+
+
+def test_several_robots(tmp_path):
+    assert any([check_group(seed, 3, tmp_path) for seed in range(3)])
+
+
+@pytest.mark.long
+def test_many_groups_of_robots(tmp_path):
+    found = [check_group(seed, 4, tmp_path) for seed in range(25)]
+    assert sum(found) >= 15
+
+
+LOWER = block(5, 0, 6, 4.5, one_way=math.pi)
+
+
+@KINDS
+def test_nobody_drives_against_the_direction_of_a_lane(kinematics):
+    body, service = Body(RING, replace(kinematics, zones=(LOWER,))), MotionService(hall())
+    east, west = (13.0, 3.0), (3.0, 3.0)
+    there = drive(body, (*west, 0.0), (*east, 0.0), service=service)
+    back = drive(body, (*east, math.pi), (*west, math.pi), service=service)
+    assert there.trajectory.poses[:, 1].max() > 4.5
+    assert back.trajectory.poses[:, 1].max() < 3.1
+    assert back.complete
+    # its reverse is another motion, and the validator knows it for what it is
+    turned = reversed_trajectory(back.trajectory)
+    assert [v.kind for v in broken_by("r", body, turned)] == ["wrong-way"]
+    # what lies all across the hall is passed one way only
+    wall = replace(kinematics, zones=(block(6, 0, 3, 9, one_way=math.pi),))
+    query = PathQuery(Body(RING, wall), ((*west, 0.0), (*east, 0.0)))
+    report = MotionService(hall()).plan(query, Deadline.after(300))
+    assert report.outcome is Outcome.NOT_FOUND
+
+
+@pytest.mark.parametrize("kinematics", [WHEELS, ANY], ids=["diff", "omni"])
+def test_nobody_turns_on_the_spot_where_it_must_not(kinematics):
+    shelves = block(0, 0, 6, 9, pivots=False)
+    ends = (4.0, 4.5, 0.0), (4.0, 4.5, math.pi / 2)
+    free = drive(Body(RING, kinematics), *ends).trajectory
+    assert np.hypot(*np.diff(free.poses[:, :2], axis=0).T).sum() < 1e-6
+    body = Body(RING, replace(kinematics, zones=(shelves,)))
+    assert [v.kind for v in broken_by("r", body, free)] == ["turn-on-the-spot"]
+    assert drive(body, *ends).trajectory.duration > free.duration
+
+
+def test_the_validator_sees_who_creeps_against_a_direction():
+    body = Body(RING, replace(ANY, zones=(LOWER,)))
+    times = np.arange(2000.0) * 0.1
+    for way, broken in ((1e-6, True), (-1e-6, False), (1e-7, False)):
+        poses = np.zeros((2000, 3))
+        poses[:, 0], poses[:, 1] = 8.0 + way * np.arange(2000.0), 2.0
+        found = broken_by("r", body, Trajectory(times, poses))
+        assert ("wrong-way" in [v.kind for v in found]) is broken
+    # who gained on one visit has nothing left for the next one
+    legs = [(10, 2), (7, 2), (7, 6), (9, 6), (9, 2), (9.5, 2)]
+    rows = np.concatenate([np.linspace(a, b, 100) for a, b in itertools.pairwise(legs)])
+    poses = np.column_stack((rows, np.zeros(len(rows))))
+    kinds = [v.kind for v in broken_by("r", body, Trajectory(np.arange(len(rows)) * 0.1, poses))]
+    assert "wrong-way" in kinds
+    poses = poses[:-100]
+    kinds = [v.kind for v in broken_by("r", body, Trajectory(np.arange(len(poses)) * 0.1, poses))]
+    assert "wrong-way" not in kinds
+
+
+class Straight:
+    """A planner from outside that knows of no rule."""
+
+    name, reversible = "straight", True
+
+    def __init__(self, scene, seed):
+        self._asked = MotionService(None)
+
+    def leg(self, query, deadline):
+        plain = replace(query.body, kinematics=replace(query.body.kinematics, zones=()))
+        found = self._asked.plan(PathQuery(plain, (query.start, query.goal)), deadline)
+        return Leg(found.trajectory, complete=True)
+
+
+def test_planners_that_know_of_no_lanes_are_refused():
+    ends = (3.0, 3.0, 0.0), (13.0, 3.0, 0.0)
+    body = Body(RING, replace(CAR, zones=(LOWER,)))
+    service = MotionService(hall(), planner="RRTConnect")
+    with pytest.raises(UnsupportedError, match="RRTConnect"):
+        service.plan(PathQuery(body, ends), Deadline.never())
+    with extended("planners", "straight", Straight):
+        service = MotionService(hall(), planner="straight")
+        slow = replace(CAR, zones=(replace(LOWER, one_way=None, v_max=0.5),))
+        assert service.plan(PathQuery(Body(RING, slow), ends), Deadline.never()).trajectory
+        with pytest.raises(UnsupportedError, match="straight"):
+            service.plan(PathQuery(body, ends), Deadline.never())
+
+
+def movable(model=MotionModels.REEDSSHEPP, **parameters):
+    return MovableObject(
+        "r",
+        MovableType("robot"),
+        footprint=list(RING),
+        motion_model=model,
+        motion_parameters=parameters,
+    )
+
+
+def test_they_are_parameters_of_what_moves_in_the_plane():
+    zones = block(0, 0, 3, 9, v_max=0.5), block(5, 0, 3, 9, v_max=0.3)
+    item = movable(zones=zones, reverse_v_max=0.4)
+    kinematics = read_movable(item).body.kinematics
+    assert set(kinematics.zones) == set(limits_of(item).zones) == set(zones)
+    assert kinematics.v_back == limits_of(item).v_back == 0.4
+    # which is listed first means nothing
+    assert (
+        read_movable(item).body == read_movable(movable(zones=zones[::-1], reverse_v_max=0.4)).body
+    )
+    crossed = TrafficZone(((0, 0), (1, 1), (1, 0), (0, 1)), 0.5)
+    for wrong in (
+        {"zones": ("slow",)},
+        {"zones": (crossed,)},
+        {"zones": (block(0, 0, 1, 1, v_max=0.0),)},
+        {"zones": (block(0, 0, 1, 1, one_way=math.nan),)},
+        {"reverse_v_max": 0.0},
+        {"reverse_v_max": "slow"},
+    ):
+        for read in (read_movable, limits_of):
+            with pytest.raises(ProblemError, match=r"zone|reverse_v_max|TrafficZone"):
+                read(movable(**wrong))
+    with pytest.raises(UnsupportedError, match="reverse_v_max"):
+        read_movable(movable(MotionModels.SE2, reverse_v_max=0.4))
+
+    def slides(q, u, rate):
+        rate[:] = [u[0], u[1], 0.0]
+
+    own = MovableObject(
+        "r",
+        MovableType("robot"),
+        footprint=list(RING),
+        motion_model=MotionModels.SE2,
+        motion_parameters={"zones": zones},
+        control_model=slides,
+        control_parameters={"vx_max": 1.0, "vy_max": 1.0},
+    )
+    for read in (read_movable, limits_of):
+        with pytest.raises(UnsupportedError, match="zones"):
+            read(own)

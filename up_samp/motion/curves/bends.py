@@ -1,0 +1,110 @@
+"""Where ways bend: how they are cut into pieces, and what a body that moves in any direction may do
+in a bend.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from up_samp.model import Body
+from up_samp.model.arrays import BoolArray, FloatArray, IntArray
+from up_samp.motion.curves.rolling import ON_SPOT
+
+
+@dataclass(frozen=True)
+class PathCut:
+    """How paths are cut. Steps shorter than ``tiny`` (m) carry no shape of their own; a change of
+    the direction of the twist by ``kink`` ends a stretch of constant curvature; where the direction
+    of a body with its own equations changes by ``corner`` (rad) from sample to sample, it must
+    stop; ``levels``:
+    speed levels that the tuning aims at (see :mod:`up_samp.motion.fleet.speed`); ``least``: those
+    below the top speed of a tight arc, at least. An omnidirectional body bends where its direction
+    changes by ``straight`` from sample to sample; there it keeps to one speed, ``held`` of the one
+    that its planner chose. It rests where that would be less than ``slow`` of its top speed, and
+    where its direction changes by ``sharp``.
+    """
+
+    tiny: float = 1e-7
+    kink: float = 1e-6
+    corner: float = 0.1
+    straight: float = 1e-4
+    held: float = 0.95
+    sharp: float = 0.35
+    slow: float = 0.3
+    levels: int = 20
+    least: int = 2
+
+
+CUT = PathCut()
+
+
+def bends_of(
+    poses: FloatArray, s: FloatArray, times: FloatArray, body: Body, most: FloatArray
+) -> tuple[FloatArray, BoolArray, BoolArray]:
+    """Return how an omnidirectional body gets along a way that was driven at ``times`` (n,): top
+    speeds (m/s) between samples, none above ``most`` (n - 1,), whether it keeps to one speed there,
+    and where it has to rest.
+
+    What was driven keeps to the limits, so a bend may be driven at one speed that is not more.
+    """
+    kin = body.kinematics
+    fast = np.minimum(kin.v_max, most)
+    step, gone = np.diff(s), np.diff(poses[:, :2], axis=0)
+    turn, way = np.abs(np.diff(poses[:, 2])), np.hypot(*gone.T)
+    spot = way < ON_SPOT * turn
+    tops = np.where(spot, kin.v_max, np.minimum(kin.v_max, kin.omega_max * way / (turn + 1e-12)))
+    driven = np.minimum(step / np.diff(times), kin.v_max)
+    unit = np.where(spot[:, None], 0.0, gone / np.maximum(way, CUT.tiny)[:, None])
+    change = np.hypot(*np.diff(unit, axis=0).T)
+    bend = change > CUT.straight
+    speed = CUT.held * np.minimum(driven[1:], driven[:-1])
+    slow = bend & (speed < CUT.slow * np.minimum(fast[1:], fast[:-1]))
+    rests = (spot[1:] != spot[:-1]) | slow | (change > CUT.sharp)
+    bend &= ~rests
+    steady = np.zeros(len(step), dtype=np.bool_)
+    for side in (slice(None, -1), slice(1, None)):
+        steady[side] |= bend
+        tops[side] = np.where(bend, np.minimum(tops[side], speed), tops[side])
+    tops = np.where(spot, tops, np.minimum(tops, most))
+    return tops, steady, np.concatenate([[True], rests, [True]])
+
+
+def ways_at(poses: FloatArray, s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the direction per metre (n, 2) in which an omnidirectional body comes to each sample
+    of its way, and that in which it leaves: where it does not rest, that of a straight piece
+    beside it, else the mean of both sides.
+    """
+    unit = np.diff(poses[:, :2], axis=0) / np.diff(s)[:, None]
+    change = np.concatenate([[0.0], np.hypot(*np.diff(unit, axis=0).T), [0.0]])
+    bend = change > CUT.straight
+    before, after = np.concatenate([unit[:1], unit]), np.concatenate([unit, unit[-1:]])
+    begins = bend & ~np.append(False, bend[:-1])
+    ends = bend & ~np.append(bend[1:], False)
+    mean = 0.5 * (before + after)
+    way = np.where((begins & ~ends)[:, None], before, mean)
+    way = np.where((ends & ~begins)[:, None], after, way)
+    sharp = (change > CUT.sharp)[:, None]
+    return np.where(sharp, before, way), np.where(sharp, after, way)
+
+
+def between_bends(
+    poses: FloatArray,
+    s: FloatArray,
+    ways: tuple[FloatArray, FloatArray],
+    i: IntArray,
+    share: FloatArray,
+) -> FloatArray:
+    """Return the poses (k, 3) ``share`` (k,) of the way from samples ``i`` (k,) of an
+    omnidirectional body's way to the next ones, along cubics (Hermite) that keep its direction
+    (``ways``, see :func:`ways_at`) from jumping.
+    """
+    u, step = share[:, None], (s[i + 1] - s[i])[:, None]
+    a, b = poses[i], poses[i + 1]
+    out = a + u * (b - a)
+    d = b[:, :2] - a[:, :2]
+    comes, leaves = ways
+    p, q = leaves[i] * step - d, d - comes[i + 1] * step
+    out[:, :2] += u * (1 - u) * ((1 - u) * p + u * q)
+    return np.asarray(out)

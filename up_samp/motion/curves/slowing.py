@@ -1,0 +1,179 @@
+"""Limits of speed that hang on where a body is, and on whether it drives backwards: what a way
+allows, and motions slowed to that.
+
+The one place that knows of them: a planner may find its way as if they were not there, and whoever
+times a way again takes its top speeds from here.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+import shapely
+
+from up_samp.model import Body, Kinematics, MotionModel, Placed, TrafficZone, Trajectory
+from up_samp.model.arrays import BoolArray, FloatArray
+from up_samp.motion.curves.bends import bends_of, between_bends, ways_at
+from up_samp.motion.curves.rolling import (
+    ON_SPOT,
+    Rolls,
+    moves_on,
+    rolls_of,
+    sampled_rolls,
+    through_rows,
+)
+from up_samp.motion.curves.twists import partway, twists
+
+NEAR = 1e-3
+"""Who comes so near (m) to a zone counts as in it."""
+
+OVER = 1e-3
+"""Share by which a limit may be exceeded before a motion is slowed: rounding."""
+
+
+def allowed_speeds(poses: FloatArray, body: Body) -> FloatArray:
+    """Return the top speeds (m/s; inf: no rule) between poses (n, 3) that the body's zones, and its
+    limit backwards, allow: on a whole step if any part of it may be in a zone.
+    """
+    most = np.full(len(poses) - 1, math.inf)
+    kin = body.kinematics
+    if math.isfinite(kin.v_back):
+        most[twists(poses)[:, 0] < 0.0] = kin.v_back
+    for zone in kin.zones:
+        if zone.v_max < kin.v_max:
+            here = steps_in(zone, poses, body)
+            most[here] = np.minimum(most[here], zone.v_max)
+    return most
+
+
+def steps_in(zone: TrafficZone, poses: FloatArray, body: Body) -> BoolArray:
+    """Return between which poses (n, 3) a body may touch a zone, or come nearer than ``NEAR`` m,
+    shape (n - 1,): swept, by halves.
+    """
+    area, centre, reach = _area(zone)
+    corners = np.asarray(body.footprint, dtype=np.float64)
+    radius = float(np.hypot(*corners.T).max())
+    moves = twists(poses)
+    travel = np.hypot(moves[:, 0], moves[:, 1]) + radius * np.abs(moves[:, 2])
+    gaps = np.hypot(*(poses[:, :2] - centre).T) - reach - radius
+    near = gaps <= travel.max()
+    gaps[near] = shapely.distance(shapely.polygons(_placed(corners, poses[near])), area)
+    touched = np.zeros(len(travel), dtype=np.bool_)
+    # what gets there from one end, and from there to the other, travels as far as both gaps
+    step = np.flatnonzero(gaps[:-1] + gaps[1:] <= travel)
+    parts: list[FloatArray] = [
+        poses[step],
+        poses[step + 1],
+        gaps[step],
+        gaps[step + 1],
+        travel[step],
+    ]
+    while len(step):
+        surely = (np.minimum(parts[2], parts[3]) <= 0.0) | (parts[4] <= NEAR)
+        touched[step[surely]] = True
+        open_ = ~touched[step]
+        step = step[open_]
+        a, b, left, right, length = (part[open_] for part in parts)
+        middle = partway(a, b, np.full(len(a), 0.5))
+        gap = shapely.distance(shapely.polygons(_placed(corners, middle)), area)
+        halves = (a, middle, left, gap, 0.5 * length), (middle, b, gap, right, 0.5 * length)
+        parts = [np.concatenate(pair) for pair in zip(*halves, strict=True)]
+        open_ = parts[2] + parts[3] <= parts[4]
+        step, parts = np.tile(step, 2)[open_], [part[open_] for part in parts]
+    return touched
+
+
+@lru_cache(maxsize=256)
+def _area(zone: TrafficZone) -> tuple[shapely.Polygon, FloatArray, float]:
+    """Return a zone's polygon, with the middle and the radius of a disc around it."""
+    corners = np.asarray(zone.polygon, dtype=np.float64)
+    centre = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+    area = shapely.Polygon(corners)
+    shapely.prepare(area)
+    return area, centre, float(np.hypot(*(corners - centre).T).max())
+
+
+def _placed(corners: FloatArray, poses: FloatArray) -> FloatArray:
+    """Return a polygon's corners (k, 2) at poses (n, 3), shape (n, k, 2)."""
+    c, s = np.cos(poses[:, 2])[:, None], np.sin(poses[:, 2])[:, None]
+    x, y = corners.T
+    return np.stack([poses[:, :1] + c * x - s * y, poses[:, 1:2] + s * x + c * y], axis=-1)
+
+
+def slowed(trajectory: Trajectory, body: Body) -> Trajectory:
+    """Return a planar motion from rest to rest with its way driven as fast as the limits of speed
+    along it allow (waits are left out); the motion itself where it keeps them.
+    """
+    kin = body.kinematics
+    if not (kin.zones or math.isfinite(kin.v_back)) or len(trajectory.times) < 2:
+        return trajectory
+    most = allowed_speeds(trajectory.poses, body)
+    moves = twists(trajectory.poses)
+    way = np.hypot(moves[:, 0], moves[:, 1])
+    if not np.any(way > most * np.diff(trajectory.times) * (1.0 + OVER)):
+        return trajectory
+    keep = moves_on(trajectory.poses)
+    rows = trajectory.poses[keep]
+    most = allowed_speeds(rows, body)
+    begin = trajectory.start
+    if kin.mobility.sideways:
+        found = _eased(Trajectory(trajectory.times[keep], rows.copy()), body, most)
+    else:
+        rolls = _driven(rows, body)
+        tops = np.where(np.abs(rolls.kinds) == 2, rolls.tops, np.minimum(rolls.tops, most))
+        found = through_rows(rows, *sampled_rolls(rolls._replace(tops=tops), kin.a_max))
+    return found if begin == 0.0 else found.shifted(begin)
+
+
+def _driven(rows: FloatArray, body: Body) -> Rolls:
+    """Return the pieces of a way that is driven along the heading."""
+    if body.mobility.rolls:
+        return rolls_of(rows, body.kinematics)
+    ahead, across, turns = twists(rows).T
+    tops = np.full(len(ahead), body.kinematics.v_max)
+    return Rolls(np.hypot(ahead, across), turns, np.sign(ahead).astype(np.int64), tops)
+
+
+def _eased(motion: Trajectory, body: Body, most: FloatArray) -> Trajectory:
+    """Return the way of a body that moves in any direction, driven again within ``most`` m/s."""
+    kin, rows = body.kinematics, motion.poses
+    way, turns = np.hypot(*np.diff(rows[:, :2], axis=0).T), np.diff(rows[:, 2])
+    spot = way < ON_SPOT * np.abs(turns)
+    sizes = np.where(spot, np.abs(turns), way)
+    s = np.concatenate([[0.0], np.cumsum(sizes)])
+    tops, held, rests = bends_of(rows, s, motion.times, body, most)
+    # pieces before a rest and after it are of other kinds
+    kinds = np.where(spot, 2, 1 - 2 * (np.cumsum(rests[:-1]) % 2))
+    tops = np.where(spot, kin.omega_max, tops)
+    times, at, shares = sampled_rolls(Rolls(sizes, turns, kinds, tops), kin.a_max, held)
+    poses = between_bends(rows, s, ways_at(rows, s), at, shares)
+    poses[0], poses[-1] = rows[0], rows[-1]
+    return Trajectory(times, poses)
+
+
+def slowing_zones(motion: Trajectory, body: Body) -> tuple[TrafficZone, ...]:
+    """Return the zones in which a motion is faster than they allow, and that the body does not
+    touch where it begins or ends.
+    """
+    moves = twists(motion.poses)
+    speed = np.hypot(moves[:, 0], moves[:, 1]) / np.diff(motion.times)
+    found = []
+    for zone in body.kinematics.zones:
+        here = steps_in(zone, motion.poses, body)
+        if np.any(speed[here] > zone.v_max * (1.0 + OVER)) and not here[[0, -1]].any():
+            found.append(zone)
+    return tuple(found)
+
+
+def is_slowed_backwards(motion: Trajectory, body: Body) -> bool:
+    """Return whether a motion drives backwards anywhere faster than its body may."""
+    speed = -twists(motion.poses)[:, 0] / np.diff(motion.times)
+    return bool(np.any(speed > body.kinematics.v_back * (1.0 + OVER)))
+
+
+def as_obstacle(zone: TrafficZone) -> Placed:
+    """Return a zone as something to go around."""
+    still = Kinematics(MotionModel.SE2)
+    return Placed("", Body(zone.polygon, still), (0.0, 0.0, 0.0))

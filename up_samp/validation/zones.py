@@ -1,0 +1,136 @@
+"""Rules of places: what a body may do while any part of it is in a zone (rule 22 and on)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+
+from up_samp.model import TrafficZone
+from up_samp.validation.collisions import JudgedShape, placed
+from up_samp.validation.limits import Limits
+from up_samp.validation.tolerances import TOLERANCES
+from up_samp.validation.tracks import pieces_of
+from up_samp.validation.verdict import Violation
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+Parts = Sequence[tuple[JudgedShape, FloatArray]]
+"""Rigid parts of a body: each with where it is at each sample of a motion, shape (n, 3)."""
+
+
+def zone_violations(
+    what: str,
+    limits: Limits,
+    parts: Parts,
+    height: float,
+    times: FloatArray,
+    poses: FloatArray,
+) -> Iterator[Violation]:
+    """Yield how a motion (plan time, s; poses (n, 3)) on a map ``height`` m up breaks the rules of
+    zones; ``parts`` are the body, and what travels with it.
+    """
+    if len(times) < 2:
+        return
+    for zone in limits.zones:
+        if abs(zone.height - height) <= TOLERANCES.height:
+            yield from _too_fast(what, limits, zone, parts, times, poses)
+            yield from _wrong_way(what, zone, times, poses)
+            yield from _turning(what, zone, parts, times, poses)
+
+
+def _too_fast(
+    what: str,
+    limits: Limits,
+    zone: TrafficZone,
+    parts: Parts,
+    times: FloatArray,
+    poses: FloatArray,
+) -> Iterator[Violation]:
+    """Rule 22, by mean speeds between samples; who is inside for a part of the time may have been
+    faster by what it can slow down in that time.
+    """
+    if math.isinf(zone.v_max):
+        return
+    pieces = pieces_of(times, poses)
+    speed = pieces.length / pieces.dt
+    at, between = _inside(zone, parts)
+    whole = at[1:] & at[:-1] & between
+    part = (at[1:] | at[:-1] | between) & ~whole
+    most = zone.v_max * (1 + TOLERANCES.limits) + TOLERANCES.noise / pieces.dt
+    most = np.where(part, most + limits.a_max * pieces.dt, most)
+    over = np.where(whole | part, speed - most, 0.0)
+    if over.max() > 0.0:
+        i = int(over.argmax())
+        text = f"{what}: {speed[i]:.4g} m/s at {times[i]:.3f} s, in a zone that allows"
+        yield Violation("zone-speed", f"{text} {zone.v_max:.4g}", time=float(times[i]))
+
+
+def _wrong_way(
+    what: str, zone: TrafficZone, times: FloatArray, poses: FloatArray
+) -> Iterator[Violation]:
+    """Rule 23: on each visit to the zone the reference point is never behind where it has been,
+    along the zone's direction, by more than rounding, however slowly it got there.
+    """
+    if zone.one_way is None:
+        return
+    area = shapely.Polygon(zone.polygon)
+    way = np.array([math.cos(zone.one_way), math.sin(zone.one_way)])
+    points = poses[:, :2]
+    chords = shapely.linestrings(np.stack((points[:-1], points[1:]), axis=1))
+    shapely.prepare(area)
+    inside = shapely.length(shapely.intersection(chords, area))
+    whole = np.hypot(*np.diff(points, axis=0).T)
+    share = np.divide(inside, whole, out=np.zeros_like(whole), where=whole > 0)
+    gained = np.concatenate(([0.0], np.cumsum(share * (np.diff(points, axis=0) @ way))))
+    # what is gained on one visit makes up for nothing on another
+    visit = np.concatenate(([0], np.cumsum((whole > 0) & (inside <= 0))))
+    for number in np.unique(visit):
+        some = np.flatnonzero(visit == number)
+        some = np.append(some, some[-1] + 1) if some[-1] + 1 < len(gained) else some
+        behind = np.maximum.accumulate(gained[some]) - gained[some]
+        if behind.max() > TOLERANCES.wrong_way:
+            i = int(some[np.argmax(behind > TOLERANCES.wrong_way)])
+            text = f"{what}: goes {behind.max():.3g} m against the direction of a zone, from"
+            yield Violation("wrong-way", f"{text} {times[i]:.3f} s on", time=float(times[i]))
+            return
+
+
+def _turning(
+    what: str, zone: TrafficZone, parts: Parts, times: FloatArray, poses: FloatArray
+) -> Iterator[Violation]:
+    """Rule 24: no turn about a point that is nearer than so much while any part is in the zone."""
+    if zone.pivots:
+        return
+    pieces = pieces_of(times, poses)
+    turn = np.abs(pieces.turn)
+    spot = (turn > 10 * TOLERANCES.noise) & (pieces.length < TOLERANCES.on_spot * turn)
+    at, between = _inside(zone, parts)
+    found = np.flatnonzero(spot & (at[1:] | at[:-1] | between))
+    if len(found):
+        i = int(found[0])
+        text = f"{what}: turns on the spot at {times[i]:.3f} s, in a zone that forbids it"
+        yield Violation("turn-on-the-spot", text, time=float(times[i]))
+
+
+def _inside(zone: TrafficZone, parts: Parts) -> tuple[BoolArray, BoolArray]:
+    """Return at which samples some part of a body is in a zone, and midway between which ones."""
+    at = [_covers(zone, shape, poses) for shape, poses in parts]
+    between = [_covers(zone, shape, 0.5 * (poses[1:] + poses[:-1])) for shape, poses in parts]
+    return np.any(at, axis=0), np.any(between, axis=0)
+
+
+def _covers(zone: TrafficZone, shape: JudgedShape, poses: FloatArray) -> BoolArray:
+    """Return at which poses a body is in a zone (touching its edge is not)."""
+    area = shapely.Polygon(zone.polygon)
+    low, high = (np.array(side) for side in (area.bounds[:2], area.bounds[2:]))
+    near = ((poses[:, :2] > low - shape.radius) & (poses[:, :2] < high + shape.radius)).all(axis=1)
+    found = np.zeros(len(poses), dtype=np.bool_)
+    if near.any():
+        shapely.prepare(area)
+        bodies = shapely.polygons(placed(shape.thin, poses[near]))
+        found[near] = shapely.intersects(area, bodies) & ~shapely.touches(area, bodies)
+    return found
