@@ -102,7 +102,7 @@ LIMITS = {
     "long_functions": 5,
     "wide_functions": 18,
     "long_files": 0,
-    "said_twice": 12,
+    "said_twice": 8,
     "tunables": 18,
 }
 NUMBERS = 273
@@ -118,7 +118,6 @@ def test_the_figures_do_not_grow(package):
     assert not grown, f"(now, at most): {grown}; see scripts/house.py"
     # a tunable that no sweep shows to matter becomes a constant beside its use
     assert package.tunables + package.constants <= NUMBERS
-    # imports are lines, too, and so are problems built line by line: those that tests alone build
-    # lie beside the tests, and what is left has fewer branches, but more for each line (so again
-    # when a second form of benchmark instances went: 36 branches less, in 270 lines of code less)
-    assert package.branches / package.lines < 0.2763
+    # rules of driving, crews, charging and doors that open by themselves are rules: 136 branches in
+    # 320 lines of code more than before them, after as many lines with few branches had gone
+    assert package.branches / package.lines < 0.277

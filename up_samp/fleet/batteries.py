@@ -139,7 +139,7 @@ def _reserve(battery: Battery) -> int:
 
 
 @dataclass(frozen=True)
-class Piece:
+class ChargePiece:
     """Steps of charging that give as much each: ``times`` of them at most, ``gives`` grains each,
     to no more than ``top`` (grains above the reserve).
     """
@@ -149,11 +149,11 @@ class Piece:
     times: int
 
 
-def pieces_of(battery: Battery, charger: Charger) -> list[Piece]:
+def pieces_of(battery: Battery, charger: Charger) -> list[ChargePiece]:
     """Return how a charger fills an empty battery: quick steps first, until it is full."""
     if charger.per_second is None:
         return []
-    pieces: list[Piece] = []
+    pieces: list[ChargePiece] = []
     bottom, left = 0, MOST_STEPS
     tops = [*(level for level, _ in battery.curve), battery.capacity]
     for top, share in zip(tops, (1.0, *(share for _, share in battery.curve)), strict=True):
@@ -161,7 +161,7 @@ def pieces_of(battery: Battery, charger: Charger) -> list[Piece]:
         high = above_reserve(battery, top)
         times = min(left, max(0, high - bottom) // gives if gives else 0)
         if times:
-            pieces.append(Piece(gives, high, times))
+            pieces.append(ChargePiece(gives, high, times))
         bottom, left = max(bottom, high), left - times
     return pieces
 

@@ -300,10 +300,6 @@ def _covering_discs(part: tuple[Point, ...]) -> FloatArray:
     return np.column_stack([local @ back.T, np.full(count, radius)])
 
 
-ROUND = 1.02
-"""What a disc's polygon is wider than the disc."""
-
-
 def rules_of(zones: Sequence[TrafficZone], radius: float) -> RuleData:
     """Return zones as the kernels take them, for a body of ``radius`` m: convex parts of where the
     reference point is bound by each rule.
@@ -317,7 +313,8 @@ def rules_of(zones: Sequence[TrafficZone], radius: float) -> RuleData:
             way = (math.cos(zone.one_way), math.sin(zone.one_way), 0.0)
             bound.append((area.buffer(WIDER, join_style="mitre"), way))
         if not zone.pivots:
-            bound.append((area.buffer(ROUND * radius), (0.0, 0.0, 1.0)))
+            # a little wider: a buffer's corners are rounded by chords
+            bound.append((area.buffer(1.02 * radius), (0.0, 0.0, 1.0)))
         for where, rule in bound:
             ring = _checked(tuple((float(x), float(y)) for x, y in where.exterior.coords[:-1]))
             for part in convex_parts(ring):

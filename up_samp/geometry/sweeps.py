@@ -10,7 +10,7 @@ import math
 
 from up_samp.geometry.kernels import Pose, advance, clearance
 from up_samp.geometry.records import RuleData, ShapeData, WorldData, inner, kernel
-from up_samp.geometry.ways import BEND, WIDER, piece_obeys
+from up_samp.geometry.ways import WIDER, piece_obeys
 from up_samp.model.arrays import FloatArray
 
 
@@ -55,7 +55,7 @@ def _arc_obeys(ways: RuleData, x: float, y: float, th: float, kappa: float, s: f
         return True
     turn = abs(kappa * s)
     # an arc leaves its chord by turn * length / 8
-    n = max(1, math.ceil(turn / BEND), math.ceil(math.sqrt(turn * abs(s) / (4.0 * WIDER))))
+    n = max(1, math.ceil(turn / 0.2), math.ceil(math.sqrt(turn * abs(s) / (4.0 * WIDER))))
     for _ in range(n):
         ax, ay = x, y
         x, y, th = advance(x, y, th, kappa, s / n)

@@ -14,12 +14,6 @@ from up_samp.model.arrays import FloatArray
 
 WIDER = 0.01
 """What zones are wider (m) than they are: arcs leave their chords by less than half of it."""
-BEND = 0.2
-"""Turn (rad) of an arc that is looked at as one piece, at most."""
-AGAINST = 1e-6
-"""Share of a way that may lead against a zone's direction: rounding."""
-ON_SPOT = 0.05
-"""Who turns round a point nearer than this (m) turns on the spot."""
 
 
 @inner
@@ -53,7 +47,8 @@ def piece_obeys(
     """
     dx, dy = bx - ax, by - ay
     way = math.sqrt(dx * dx + dy * dy)
-    spot = abs(turn) > 1e-9 and way < ON_SPOT * abs(turn)
+    # who turns round a point nearer than 5 cm turns on the spot
+    spot = abs(turn) > 1e-9 and way < 0.05 * abs(turn)
     for k in range(rules.counts.shape[0]):
         u, w, still = rules.rules[k, 0], rules.rules[k, 1], rules.rules[k, 2] > 0.0
         if still:
@@ -61,7 +56,8 @@ def piece_obeys(
                 continue
         else:
             along, across = dx * u + dy * w, abs(dx * w - dy * u)
-            if along * math.cos(bend) - across * math.sin(bend) >= -AGAINST * way - 1e-12:
+            # a millionth of the way may lead against the direction: rounding
+            if along * math.cos(bend) - across * math.sin(bend) >= -1e-6 * way - 1e-12:
                 continue
         if _meets(rules.verts[k], rules.counts[k], ax, ay, bx, by):
             return False

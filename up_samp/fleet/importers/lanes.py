@@ -9,11 +9,6 @@ from typing import Any, NamedTuple
 
 from shapely.geometry import LineString, Polygon
 
-LANE = 1.0
-"""Assumed: how wide (m) a lane is. It ends half as far before the vertices that it joins: there
-robots turn into others.
-"""
-
 
 class LaneEdge(NamedTuple):
     """An edge from ``start`` to ``end`` (m): driven that way only (``one_way``), no faster than
@@ -28,8 +23,10 @@ class LaneEdge(NamedTuple):
     still: bool = False
 
 
-def lane_zones(edges: Sequence[LaneEdge]) -> tuple[dict[str, Any], list[str]]:
+def lane_zones(edges: Sequence[LaneEdge], wide: float = 1.0) -> tuple[dict[str, Any], list[str]]:
     """Return zones, by name, for the edges that say something, and what has to be told of them.
+    Lanes are ``wide`` m, which nothing tells, and end half as far before the vertices that they
+    join: there robots turn into others.
 
     Left out, and told: edges too short for a lane, and directions of lanes that overlap against
     each other, as nobody could drive there.
@@ -41,12 +38,12 @@ def lane_zones(edges: Sequence[LaneEdge]) -> tuple[dict[str, Any], list[str]]:
         if not (edge.one_way or edge.still or edge.v_max is not None):
             continue
         length = math.dist(edge.start, edge.end)
-        if length < 2.0 * LANE:
+        if length < 2.0 * wide:
             short.append(edge.name)
             continue
         line = LineString([edge.start, edge.end])
-        ends = [line.interpolate(at) for at in (0.5 * LANE, length - 0.5 * LANE)]
-        area = LineString(ends).buffer(0.5 * LANE, cap_style="flat")
+        ends = [line.interpolate(at) for at in (0.5 * wide, length - 0.5 * wide)]
+        area = LineString(ends).buffer(0.5 * wide, cap_style="flat")
         areas[edge.name] = area, edge
     against = _against(areas)
     for name, (area, edge) in areas.items():
@@ -64,7 +61,7 @@ def lane_zones(edges: Sequence[LaneEdge]) -> tuple[dict[str, Any], list[str]]:
             zones[name] = zone
     notes = []
     if zones:
-        notes.append(f"lanes with rules are zones {LANE:g} m wide: {', '.join(zones)}")
+        notes.append(f"lanes with rules are zones {wide:g} m wide: {', '.join(zones)}")
     if short:
         notes.append(f"too short for a lane, left out: {', '.join(short)}")
     if against:

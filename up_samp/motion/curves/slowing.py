@@ -26,9 +26,6 @@ from up_samp.motion.curves.rolling import (
 )
 from up_samp.motion.curves.twists import partway, twists
 
-NEAR = 1e-3
-"""Who comes so near (m) to a zone counts as in it."""
-
 OVER = 1e-3
 """Share by which a limit may be exceeded before a motion is slowed: rounding."""
 
@@ -49,7 +46,7 @@ def allowed_speeds(poses: FloatArray, body: Body) -> FloatArray:
 
 
 def steps_in(zone: TrafficZone, poses: FloatArray, body: Body) -> BoolArray:
-    """Return between which poses (n, 3) a body may touch a zone, or come nearer than ``NEAR`` m,
+    """Return between which poses (n, 3) a body may touch a zone, or come nearer than 1 mm,
     shape (n - 1,): swept, by halves.
     """
     area, centre, reach = _area(zone)
@@ -71,7 +68,7 @@ def steps_in(zone: TrafficZone, poses: FloatArray, body: Body) -> BoolArray:
         travel[step],
     ]
     while len(step):
-        surely = (np.minimum(parts[2], parts[3]) <= 0.0) | (parts[4] <= NEAR)
+        surely = (np.minimum(parts[2], parts[3]) <= 0.0) | (parts[4] <= 1e-3)
         touched[step[surely]] = True
         open_ = ~touched[step]
         step = step[open_]

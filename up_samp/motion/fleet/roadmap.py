@@ -40,8 +40,6 @@ LINKS, LOCAL = 6, 3.0
 """Places of the lattice that a place off it is joined to, at most, by links that are at most so
 many cells longer than the straight line.
 """
-LEAVING = 8
-"""Half radii of the body that a place which has no room to turn is left by, at most."""
 EACH = 0.05
 """Seconds that a move costs besides its length: fewer are better."""
 ROOMY = 2.1
@@ -574,7 +572,8 @@ class Roadmap:
         wide = 2.0 * self.hull.radius
         for sign in (1, -1) if self._both_ways else (order,):
             for kappa in (0.0, 1.0 / wide, -1.0 / wide, 0.5 / wide, -0.5 / wide):
-                for k in range(1, LEAVING + 1):
+                # up to four radii of the body, half of one at a time
+                for k in range(1, 9):
                     arc = np.array([[kappa, 0.25 * sign * k * wide]])
                     rows = np.ascontiguousarray(nodes_of(start, arc)[::order])
                     if not self._sweeps_free(rows):
