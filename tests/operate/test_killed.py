@@ -28,6 +28,7 @@ class Far:
 
     def __init__(self, pipe):
         self.pipe = pipe
+        self.levels = {}
 
     def _ask(self, *what):
         self.pipe.send(what)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 
@@ -13,8 +13,8 @@ from up_samp.model.errors import OutOfTimeError, ProblemError, short
 
 _not_counted = [0.0]
 """Seconds of this process that no deadline counts."""
-_source: list[Callable[[], float]] = [time.monotonic]
-"""The clock that deadlines go by."""
+_computing = [False]
+"""Whether deadlines go by what this process computes."""
 _BUSY = 20.0
 """How many seconds may pass on the machine's clock for one that this process computes."""
 
@@ -24,7 +24,8 @@ def clock() -> float:
     :func:`computing_time`: this process's computing) without what was taken
     out of it (:func:`do_not_count`). It goes back by so much when that is told.
     """
-    return _source[0]() - _not_counted[0]
+    now = time.process_time if _computing[0] else time.monotonic
+    return now() - _not_counted[0]
 
 
 @contextlib.contextmanager
@@ -32,11 +33,11 @@ def computing_time() -> Iterator[None]:
     """Let deadlines count the seconds for which this process computes, until the block is left:
     whatever runs beside it on the machine takes nothing away from them.
     """
-    before, _source[0] = _source[0], time.process_time
+    before, _computing[0] = _computing[0], True
     try:
         yield
     finally:
-        _source[0] = before
+        _computing[0] = before
 
 
 def do_not_count(seconds: float) -> None:
@@ -118,7 +119,7 @@ class Deadline:
         """
         at = self.at if self.work is None else self.work.until
         left = at - clock()
-        return time.monotonic() + left * (1.0 if _source[0] is time.monotonic else _BUSY)
+        return time.monotonic() + left * (_BUSY if _computing[0] else 1.0)
 
     def remaining(self) -> float:
         """Return the seconds left (``inf`` without a limit, never below 0)."""

@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import shapely
 from unified_planning.model.motion import MotionModels, MovableObject, SchedulingMotionProblem
 
 from up_samp.model import (
@@ -236,6 +235,8 @@ def _with_rules(obj: MovableObject, limits: Kinematics) -> Kinematics:
 
 def _read_zones(name: str, given: Any) -> tuple[TrafficZone, ...]:
     """Return the rules of places that an object is given, in an order that means nothing."""
+    import shapely  # half a second, for those who have zones
+
     zones = given if isinstance(given, Sequence) else (given,)
     for zone in zones:
         if not isinstance(zone, TrafficZone):

@@ -114,7 +114,7 @@ def opened(problem, seed):
     thin = thinned(problem, decided_by(dealt, [a.name for a in problem.activities]))
     state_order(thin, dealt)
     wrapped = session.Wrapped("cpsat", {}, lambda problem, plan: [], lambda plan: [], True)
-    search = session.open_thin(wrapped, Parameters(), service, None, thin, Deadline.after(120))
+    search = session.open_thin(wrapped, Parameters(), service, thin, Deadline.after(120))
     state_what_is_known(search)
     report = get_schedule(search, optimal=False)
     search.scheduler.close()
