@@ -122,7 +122,7 @@ def refusal(engine, problem):
 
 
 def refused(seeds):
-    """Return what wrapped engines refuse, by engine and problem, of what they support; but for times
+    """Return what wrapped engines refuse, by engine and problem, of what they support: but times
     before the plan's end, of which no kind tells.
     """
     found, supported = {}, 0
