@@ -6,7 +6,7 @@ import difflib
 import itertools
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from typing import Any
@@ -18,21 +18,29 @@ from up_samp.fleet.records import (
     FILE_LIMITS,
     GROUND,
     Attached,
+    AutomaticDoor,
     Battery,
+    Break,
     Charger,
+    Door,
+    FleetJob,
     FleetRecords,
+    Mode,
     Order,
     Outline,
+    Place,
+    Robot,
+    RobotType,
     Stop,
     Task,
-    Windows,
+    Zone,
     able,
     carries,
     corners_of,
     needs_robot,
     with_skills,
 )
-from up_samp.fleet.spelled_out import ids_of, stop_of, with_places
+from up_samp.fleet.spelled_out import ids_of, with_places
 from up_samp.model import ProblemError
 
 
@@ -108,8 +116,9 @@ NO_ROBOT = Fault(("robots",), "there is no robot; add one")
 
 def find_faults(records: FleetRecords) -> list[Fault]:
     """Return all that is wrong with the names and figures of ``records``."""
-    records = with_places(records)
-    return [fault for check in CHECKS for fault in check(records)]
+    whole = with_places(records)
+    said = said_wrong(whole, records, ())
+    return [*same_names(whole), *said, *(fault for check in CHECKS for fault in check(whole))]
 
 
 def job_faults(records: FleetRecords, job: Order | Task) -> Iterator[Fault]:
@@ -117,10 +126,9 @@ def job_faults(records: FleetRecords, job: Order | Task) -> Iterator[Fault]:
 
     :param records: with the jobs that it names, and whatever takes the same load on.
     """
-    if isinstance(job, Order):
-        yield from _order(records, job, ("orders",))
-    else:
-        yield from _task(records, job, ("tasks",))
+    path: Path = ("orders" if isinstance(job, Order) else "tasks",)
+    yield from said_wrong(records, job, path)
+    yield from _job(records, job, path)
 
 
 def named_by(job: Order | Task) -> set[str]:
@@ -130,22 +138,17 @@ def named_by(job: Order | Task) -> set[str]:
     return {*job.after, *taken, *(s.task for s in stops if s.task is not None)}
 
 
+NAMED = (
+    "robot_types", "robots", "places", "doors", "automatic_doors", "zones", "lifts", "floors",
+    "resources",
+)  # fmt: skip
+
+
 def same_names(records: FleetRecords) -> Iterator[Fault]:
     """Everything with a name has one of its own: they share the namespace of the UP problem."""
-    kinds: list[tuple[str, Mapping[str, Any]]] = [
-        ("robot_types", records.robot_types),
-        ("robots", records.robots),
-        ("places", records.places),
-        ("doors", records.doors),
-        ("automatic_doors", records.automatic_doors),
-        ("zones", records.zones),
-        ("lifts", records.lifts),
-        ("floors", records.floors),
-        ("resources", records.resources),
-    ]
     seen: dict[str, str] = {}
-    for kind, named in kinds:
-        for name in named:
+    for kind in NAMED:
+        for name in getattr(records, kind):
             if name in seen:
                 yield Fault((kind, name), f"the name is taken by {seen[name]}.{name}")
             seen.setdefault(name, kind)
@@ -159,63 +162,174 @@ def same_names(records: FleetRecords) -> Iterator[Fault]:
             ids.setdefault(name, show_path(where))
 
 
+# ------------------ What records say by themselves, in tables
+
+
+def _says(zone: Zone) -> list[bool]:
+    """Return of each use that a zone may have whether it has it."""
+    return [bool(zone.keep_out), zone.max_robots is not None, zone.has_rules]
+
+
+def _lengths(task: Task) -> list[float]:
+    """Return how long a task may last (s)."""
+    modes = [mode.duration for mode in task.modes.values()]
+    return modes if task.duration is None else [*modes, task.duration]
+
+
+RULES: tuple[tuple[type, str, Callable[[Any], object], str], ...] = (
+    (RobotType, "reverse", lambda t: t.model == "omni" and t.reverse != "free",
+     "an omni drives in any direction; this is for car and diff"),
+    (RobotType, "reverse", lambda t: (t.reverse == "slow") != (t.reverse_v_max is not None),
+     "reverse: slow goes with reverse_v_max, in m/s"),
+    (Charger, "", lambda c: (c.per_second is None) == (c.swap is None),
+     "say what it gives (per_second), or how long a swap takes (swap, s)"),
+    (Door, "opened_from", lambda d: not d.opened_from,
+     "name the place from which a robot opens the door"),
+    (Door, "times", lambda d: d.times > 1 and d.closes is None,
+     "a door that stays open is opened once; say closes, in s, if it shuts again"),
+    (AutomaticDoor, "closes_in", lambda d: d.closes_in and d.airlock is None,
+     "is how long the other door of an airlock waits for this one; name its airlock"),
+    (Zone, "", lambda z: not any(_says(z)),
+     "say keep_out: [robot types], max_robots: number, v_max: m/s, one_way: heading, or "
+     "pivoting: never"),
+    (Zone, "", lambda z: sum(_says(z)) > 1,
+     "keep_out, max_robots and how to drive are several zones; write each"),
+    (Zone, "robot_types", lambda z: z.robot_types and not z.has_rules,
+     "is who heeds rules of driving; there are none"),
+    (Stop, "", lambda s: bool(s.at) == (s.task is not None),
+     "name a place, or several (at), or the task to whose machine it belongs"),
+    (Task, "duration", lambda t: (t.duration is None) == (not t.modes),
+     "say how long it lasts (duration), or give it modes"),
+    (Task, "modes", lambda t: t.modes and t.at,
+     "modes are of machines; a robot does it at one of the places"),
+    (Task, "at", lambda t: t.crew > 1 and len(set(t.at)) != t.crew,
+     "a crew of {0.crew} needs a place for each robot: name {0.crew}"),
+    (Task, "at", lambda t: not t.at and (t.skills or t.robots),
+     "a robot does it, so say where: at: a place, or several"),
+    (FleetJob, "after", lambda j: j.id in j.after, "'{0.id}' cannot come after itself"),
+    (FleetJob, "penalty", lambda j: j.optional and j.penalty is None,
+     "say how many seconds of makespan leaving it out counts as (penalty: 100)"),
+    (FleetJob, "penalty", lambda j: j.penalty is not None and not j.optional,
+     "only what is optional: true has a penalty"),
+)  # fmt: skip
+"""Of records of a type: the key that is told of, what must not hold, and what to do then."""
+
+REFERENCES: Mapping[str, Mapping[type, tuple[str, ...]]] = {
+    "robot_types": {Robot: ("type",), Zone: ("keep_out", "robot_types")},
+    "robots": {FleetJob: ("robots",)},
+    "places": {
+        Robot: ("start", "end"), Door: ("opened_from",), Stop: ("at",), Task: ("at",),
+        Mode: ("input", "output"),
+    },
+    "floors": dict.fromkeys((Place, Door, AutomaticDoor, Zone), ("floor",)),
+    "resources": dict.fromkeys((Stop, Task, Mode), ("resources",)),
+}  # fmt: skip
+"""Where what is named is, by who names it: the keys of records of a type."""
+
+_NAMING = tuple(
+    (kind, key, where)
+    for where, kinds in REFERENCES.items()
+    for kind, keys in kinds.items()
+    for key in keys
+)
+
+WINDOWS: tuple[tuple[type, str, Callable[[Any], float]], ...] = (
+    (Robot, "shift", lambda _: 0.0),
+    (Break, "window", lambda b: b.duration),
+    (AutomaticDoor, "shut", lambda _: FILE_LIMITS.least),
+    (Stop, "window", lambda s: s.service),
+    (Task, "window", lambda t: min(_lengths(t), default=0.0)),
+)
+"""Of records of a type: times, and how long (s) what has to fit into one of them lasts."""
+
+OUTLINES: tuple[tuple[type, str], ...] = (
+    (RobotType, "footprint"), (Door, "leaf"), (AutomaticDoor, "polygon"), (Zone, "polygon"),
+    (Attached, "footprint"),
+)  # fmt: skip
+"""Of records of a type: simple polygons of some area, with no more corners than can be checked."""
+
+
+@cache
+def _rows(table: tuple[tuple[type, Any], ...], kind: type) -> list[Any]:
+    """Return the rows of a table that are about records of a type, without it."""
+    return [row[1:] for row in table if issubclass(kind, row[0])]
+
+
+def _within(value: Any, path: Path) -> Iterator[tuple[Path, Any]]:
+    """Yield all records in a value, with their places."""
+    inner: Iterable[tuple[str | int, Any]] = ()
+    if is_dataclass(value):
+        yield path, value
+        inner = ((f.name, getattr(value, f.name)) for f in fields(value))
+    elif isinstance(value, Mapping):
+        inner = value.items()
+    elif isinstance(value, tuple):
+        inner = enumerate(value)
+    for key, item in inner:
+        yield from _within(item, (*path, key))
+
+
+def said_wrong(records: FleetRecords, value: Any, path: Path) -> Iterator[Fault]:
+    """Yield what the records in a value (at ``path``) say wrong by themselves, and which names in
+    them are those of nothing in ``records``.
+    """
+    for here, record in _within(value, path):
+        kind: Any = type(record)
+        for key, wrong, text in _rows(RULES, kind):
+            if wrong(record):
+                yield Fault((*here, key) if key else here, text.format(record))
+        for key, where in _rows(_NAMING, kind):
+            names = getattr(record, key)
+            told = here if kind is Stop and key == "at" else (*here, key)  # also in short
+            yield from _known(records, where, [names] if isinstance(names, str) else names, told)
+        for key, lasts in _rows(WINDOWS, kind):
+            windows = getattr(record, key)
+            one = key == "shift" or kind is Break
+            for opens, closes in (windows,) if one and windows else windows or ():
+                if closes - opens < lasts(record):
+                    text = f"{opens:g} s to {closes:g} s is too short for {lasts(record):g} s"
+                    yield Fault((*here, key), text)
+        for (key,) in _rows(OUTLINES, kind):
+            what = _shape_fault(getattr(record, key))
+            if what:
+                yield Fault((*here, key), what)
+
+
+def _known(
+    records: FleetRecords, where: str, names: Iterable[Any] | None, path: Path
+) -> Iterator[Fault]:
+    """Yield which of some names (what else stands there is none) are of nothing."""
+    known = getattr(records, where)
+    known = (GROUND, *known) if where == "floors" else known
+    for name in names or ():
+        if isinstance(name, str) and name not in known:
+            yield Fault(path, missing(where[:-1].replace("_", " "), name, known))
+
+
+# ------------------ What they say of each other
+
+
 def _robots(records: FleetRecords) -> Iterator[Fault]:
-    for name, kind in records.robot_types.items():
-        if (kind.model, kind.reverse) == ("omni", "never"):
-            what = "an omni drives in any direction; this is for car and diff"
-            yield Fault(("robot_types", name, "reverse"), what)
-        if (kind.model, kind.reverse) == ("omni", "slow"):
-            what = "an omni drives in any direction; this is for car and diff"
-            yield Fault(("robot_types", name, "reverse"), what)
-        if (kind.reverse == "slow") != (kind.reverse_v_max is not None):
-            what = "reverse: slow goes with reverse_v_max, in m/s"
-            yield Fault(("robot_types", name, "reverse"), what)
+    """Robots start at places of their own."""
     starts: dict[str, str] = {}
     for name, robot in records.robots.items():
-        path: Path = ("robots", name)
-        if robot.type not in records.robot_types:
-            text = missing("robot type", robot.type, records.robot_types)
-            yield Fault((*path, "type"), text)
-        for key in ("start", "end"):
-            place = getattr(robot, key)
-            if place is not None and place not in records.places:
-                yield Fault((*path, key), missing("place", place, records.places))
         if robot.start in starts:
             text = f"robot '{starts[robot.start]}' starts at '{robot.start}', too"
-            yield Fault((*path, "start"), text + "; give each a place of its own")
+            yield Fault(("robots", name, "start"), text + "; give each a place of its own")
         starts.setdefault(robot.start, name)
-        yield from _window((robot.shift,) if robot.shift else (), 0.0, path, "shift")
-        for i, rest in enumerate(robot.breaks):
-            yield from _window((rest.window,), rest.duration, (*path, "breaks", i))
 
 
 def _floors(records: FleetRecords) -> Iterator[Fault]:
-    """Places, doors and zones are on floors that there are; lifts stop at such."""
-    known = (GROUND, *records.floors)
+    """Floors lie above each other; lifts stop at such, where robots may ride."""
     if GROUND in records.floors:
         yield Fault(("floors", GROUND), "is the floor of the problem's own map; call this another")
-    stops = {
-        stop_of(name, floor, spot)
-        for name, lift in records.lifts.items()
-        for floor, cabin in lift.stops.items()
-        for spot in range(len(cabin))
-    }
-    named: list[tuple[Path, str]] = [
-        ((kind, name, "floor"), item.floor)
-        for kind in ("places", "doors", "automatic_doors", "zones")
-        for name, item in getattr(records, kind).items()
-        if name not in stops
-    ]
     for name, lift in records.lifts.items():
-        named += [(("lifts", name, "stops", floor), floor) for floor in lift.stops]
+        for floor in lift.stops:
+            yield from _known(records, "floors", [floor], ("lifts", name, "stops", floor))
         sizes = {floor: len(cabin) for floor, cabin in lift.stops.items()}
         if len({*sizes.values()}) > 1:
             text = f"a pose for each robot that it takes, as many on each floor, not {sizes}"
             yield Fault(("lifts", name, "stops"), text)
-        if records.robots and not with_skills(records, lift.skills, ()):
-            yield Fault(("lifts", name, "skills"), f"no robot has {_and(lift.skills)}")
-    for path, floor in named:
-        yield from _known(known, "floor", [floor], path)
     heights: dict[float, str] = {0.0: GROUND}
     for name, storey in records.floors.items():
         if storey.height in heights:
@@ -257,11 +371,10 @@ def _chargers(records: FleetRecords) -> Iterator[Fault]:
     for name, place in records.places.items():
         charger = place.charger
         path: Path = ("places", name, "charger")
-        if charger is not None and (charger.per_second is None) == (charger.swap is None):
-            yield Fault(path, "say what it gives (per_second), or how long a swap takes (swap, s)")
-            continue
         for kind, battery in batteries if charger is not None else ():
             assert charger is not None
+            if (charger.per_second is None) == (charger.swap is None):
+                break  # told of by itself
             given, room = _step(charger), battery.capacity - battery.reserve
             least = given * min((share for _, share in battery.curve), default=1.0)
             if given > room:
@@ -278,63 +391,26 @@ def _step(charger: Charger) -> float:
     return (charger.per_second or 0.0) * charger.step
 
 
-def _doors(records: FleetRecords) -> Iterator[Fault]:
-    for name, door in records.doors.items():
-        path: Path = ("doors", name, "opened_from")
-        if not door.opened_from:
-            yield Fault(path, "name the place from which a robot opens the door")
-        yield from _known(records.places, "place", door.opened_from, path)
-        if door.times > 1 and door.closes is None:
-            text = "a door that stays open is opened once; say closes, in s, if it shuts again"
-            yield Fault(("doors", name, "times"), text)
-        if door.opened_from and records.robots and not with_skills(records, door.skills, ()):
-            yield Fault(("doors", name, "skills"), f"no robot has {_and(door.skills)}")
+def _skills(records: FleetRecords) -> Iterator[Fault]:
+    """Who opens a door, or rides a lift, has to be one of the robots."""
+    for kind in ("lifts", "doors"):
+        for name, item in getattr(records, kind).items():
+            if records.robots and not with_skills(records, item.skills, ()):
+                yield Fault((kind, name, "skills"), f"no robot has {_and(item.skills)}")
 
 
-def _automatic_doors(records: FleetRecords) -> Iterator[Fault]:
+def _airlocks(records: FleetRecords) -> Iterator[Fault]:
     locks = [door.airlock for door in records.automatic_doors.values()]
     for name, door in records.automatic_doors.items():
-        path: Path = ("automatic_doors", name)
-        if door.closes_in and door.airlock is None:
-            text = "is how long the other door of an airlock waits for this one; name its airlock"
-            yield Fault((*path, "closes_in"), text)
         if door.airlock is not None and locks.count(door.airlock) == 1:
             text = f"only '{name}' is of the airlock '{door.airlock}'; an airlock has two or more"
             yield Fault(("automatic_doors",), text)  # the other one may be added next
-        yield from _window(door.shut, FILE_LIMITS.least, path, "shut")
 
 
-def _zones(records: FleetRecords) -> Iterator[Fault]:
-    for name, zone in records.zones.items():
-        path: Path = ("zones", name)
-        told = (bool(zone.keep_out), zone.max_robots is not None, zone.has_rules)
-        if not any(told):
-            what = "say keep_out: [robot types], max_robots: number, v_max: m/s, one_way: heading, "
-            yield Fault(path, f"{what}or pivoting: never")
-        if sum(told) > 1:
-            yield Fault(path, "keep_out, max_robots and how to drive are several zones; write each")
-        if zone.robot_types and not zone.has_rules:
-            yield Fault((*path, "robot_types"), "is who heeds rules of driving; there are none")
-        for key in ("keep_out", "robot_types"):
-            named = getattr(zone, key)
-            yield from _known(records.robot_types, "robot type", named, (*path, key))
-
-
-def _orders(records: FleetRecords) -> Iterator[Fault]:
-    for i, order in enumerate(records.orders):
-        yield from _order(records, order, ("orders", i))
-
-
-def _order(records: FleetRecords, order: Order, path: Path) -> Iterator[Fault]:
-    for key, stop in (("pickup", order.pickup), ("delivery", order.delivery)):
-        yield from _stop(records, stop, (*path, key))
-        if stop.task is not None:
-            yield from _machine(records, order, stop.task, (*path, key, "task"))
-    yield from _job(records, order, path)
-    yield from _loads(records, order, path)
-    yield from _attached(records, order, path)
-    if isinstance(order.attached, Attached):
-        yield from _outline(order.attached.footprint, (*path, "attached", "footprint"))
+def _jobs(records: FleetRecords) -> Iterator[Fault]:
+    for kind in ("orders", "tasks"):
+        for i, job in enumerate(getattr(records, kind)):
+            yield from _job(records, job, (kind, i))
 
 
 def _machine(records: FleetRecords, order: Order, task: str, path: Path) -> Iterator[Fault]:
@@ -354,8 +430,6 @@ def _machine(records: FleetRecords, order: Order, task: str, path: Path) -> Iter
 
 def _attached(records: FleetRecords, order: Order, path: Path) -> Iterator[Fault]:
     """A load with a footprint stands somewhere, and is brought elsewhere."""
-    if order.attached is None:
-        return
     if isinstance(order.attached, str):
         yield from _taken_on(records, order, order.attached, path)
     elif len(order.pickup.at) > 1:
@@ -392,81 +466,28 @@ def _taken_on(records: FleetRecords, order: Order, name: str, path: Path) -> Ite
         yield Fault((*path, "pickup"), f"'{name}' does not put its load at '{odd[0]}', but at {at}")
 
 
-def _tasks(records: FleetRecords) -> Iterator[Fault]:
-    for i, task in enumerate(records.tasks):
-        yield from _task(records, task, ("tasks", i))
-
-
-def _task(records: FleetRecords, task: Task, path: Path) -> Iterator[Fault]:
-    yield from _known(records.places, "place", task.at, (*path, "at"))
-    yield from _known(records.resources, "resource", task.resources, (*path, "resources"))
-    lengths = [m.duration for m in task.modes.values()]
-    if (task.duration is None) == (not task.modes):
-        yield Fault((*path, "duration"), "say how long it lasts (duration), or give it modes")
-    if task.duration is not None:
-        lengths.append(task.duration)
-    yield from _window(task.window, min(lengths, default=0.0), path)
-    yield from _modes(records, task, path)
-    if task.crew > 1:
-        yield from _crew(records, task, path)
-    if not task.at and (task.skills or task.robots):
-        yield Fault((*path, "at"), "a robot does it, so say where: at: a place, or several")
-    yield from _job(records, task, path)
-
-
-def _crew(records: FleetRecords, task: Task, path: Path) -> Iterator[Fault]:
-    if len(set(task.at)) != task.crew:
-        text = f"a crew of {task.crew} needs a place for each robot: name {task.crew}"
-        yield Fault((*path, "at"), text)
-    fit = able(records, task)
-    if records.robots and 0 < len(fit) < task.crew:
-        text = f"{len(fit)} of {task.crew} robots may do it ({', '.join(fit)})"
-        yield Fault((*path, "crew"), text)
-
-
-def _modes(records: FleetRecords, task: Task, path: Path) -> Iterator[Fault]:
-    if task.modes and task.at:
-        yield Fault((*path, "modes"), "modes are of machines; a robot does it at one of the places")
-    for name, mode in task.modes.items():
-        here: Path = (*path, "modes", name)
-        yield from _known(records.places, "place", mode.input, (*here, "input"))
-        yield from _known(records.places, "place", mode.output, (*here, "output"))
-        yield from _known(records.resources, "resource", mode.resources, (*here, "resources"))
-
-
-def _stop(records: FleetRecords, stop: Stop, path: Path) -> Iterator[Fault]:
-    if bool(stop.at) == (stop.task is not None):
-        yield Fault(path, "name a place, or several (at), or the task to whose machine it belongs")
-    yield from _known(records.places, "place", stop.at, path)
-    yield from _known(records.resources, "resource", stop.resources, (*path, "resources"))
-    yield from _window(stop.window, stop.service, path)
-
-
-def _window(windows: Windows, length: float, path: Path, key: str = "window") -> Iterator[Fault]:
-    for opens, closes in windows:
-        if closes - opens < length:
-            text = f"{opens:g} s to {closes:g} s is too short for {length:g} s"
-            yield Fault((*path, key), text)
-
-
 def _job(records: FleetRecords, job: Order | Task, path: Path) -> Iterator[Fault]:
-    """What orders and tasks have in common."""
-    names = [n for n in job.after if n not in records.order_of and n not in records.task_of]
-    for name in names:
-        known = [*records.order_of, *records.task_of]
-        yield Fault((*path, "after"), missing("order or task", name, known))
-    if job.id in job.after:
-        yield Fault((*path, "after"), f"'{job.id}' cannot come after itself")
-    yield from _known(records.robots, "robot", job.robots, (*path, "robots"))
+    """What an order or a task asks of robots and of other jobs."""
+    known = [*records.order_of, *records.task_of]
+    for name in job.after:
+        if name not in records.order_of and name not in records.task_of:
+            yield Fault((*path, "after"), missing("order or task", name, known))
     if records.robots and needs_robot(job) and not with_skills(records, job.skills, job.robots):
         text = f"it needs {_and(job.skills)}, which "
         text += f"{_and(job.robots)} does not have" if job.robots else "no robot has"
         yield Fault((*path, "skills"), text)
-    if job.optional and job.penalty is None:
-        text = "say how many seconds of makespan leaving it out counts as (penalty: 100)"
-        yield Fault((*path, "penalty"), text)
-    if job.penalty is not None and not job.optional:
-        yield Fault((*path, "penalty"), "only what is optional: true has a penalty")
+    if isinstance(job, Task):
+        fit = able(records, job)
+        if job.crew > 1 and records.robots and 0 < len(fit) < job.crew:
+            text = f"{len(fit)} of {job.crew} robots may do it ({', '.join(fit)})"
+            yield Fault((*path, "crew"), text)
+        return
+    for key, stop in (("pickup", job.pickup), ("delivery", job.delivery)):
+        if stop.task is not None:
+            yield from _machine(records, job, stop.task, (*path, key, "task"))
+    yield from _loads(records, job, path)
+    if job.attached is not None:
+        yield from _attached(records, job, path)
 
 
 def _loads(records: FleetRecords, order: Order, path: Path) -> Iterator[Fault]:
@@ -476,12 +497,6 @@ def _loads(records: FleetRecords, order: Order, path: Path) -> Iterator[Fault]:
         load = ", ".join(f"{n} {k}" for k, n in order.load.items())
         text = f"no robot that may do it can carry {load}; see capacity of its robot type"
         yield Fault((*path, "load"), text)
-
-
-def _known(names: Collection[str], kind: str, wanted: Iterable[str], path: Path) -> Iterator[Fault]:
-    for name in wanted:
-        if name not in names:
-            yield Fault(path, missing(kind, name, names))
 
 
 def _and(names: Iterable[str]) -> str:
@@ -496,27 +511,6 @@ def _circles(records: FleetRecords) -> Iterator[Fault]:
     except CycleError as error:
         circle = error.args[1]
         yield Fault((), f"'after' goes round in a circle: {' after '.join(reversed(circle))}")
-
-
-def _outlines(records: FleetRecords) -> Iterator[Fault]:
-    """Outlines are simple polygons of some area, with no more corners than can be looked at."""
-    shapes: list[tuple[Path, Any]] = []
-    for name, kind in records.robot_types.items():
-        shapes.append((("robot_types", name, "footprint"), kind.footprint))
-    shapes += [(("doors", name, "leaf"), door.leaf) for name, door in records.doors.items()]
-    shapes += [(("zones", name, "polygon"), zone.polygon) for name, zone in records.zones.items()]
-    shapes += [
-        (("automatic_doors", name, "polygon"), door.polygon)
-        for name, door in records.automatic_doors.items()
-    ]
-    for path, outline in shapes:
-        yield from _outline(outline, path)
-
-
-def _outline(outline: Outline, path: Path) -> Iterator[Fault]:
-    what = _shape_fault(outline)
-    if what:
-        yield Fault(path, what)
 
 
 @cache
@@ -561,12 +555,9 @@ CHECKS: tuple[Callable[[FleetRecords], Iterator[Fault]], ...] = (
     _robots,
     _batteries,
     _chargers,
-    _doors,
-    _automatic_doors,
-    _zones,
-    _outlines,
-    _orders,
-    _tasks,
+    _skills,
+    _airlocks,
+    _jobs,
     _circles,
     _weights,
 )
