@@ -365,7 +365,7 @@ def told_by_fluents(problem: SchedulingProblem, plan: Schedule) -> dict[tuple[st
     from up_samp.validation.scene import JudgedScene
     from up_samp.validation.schedule import judge_schedule
 
-    timeline = judge_schedule(problem, plan).timeline
+    _, timeline = judge_schedule(problem, plan)
     if timeline is None:
         raise ProblemError("the plan's schedule is broken: no fluent has a value in it")
     return {(e.activity, e.object): e.place for e in JudgedScene(problem, timeline).effects}

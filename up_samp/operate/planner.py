@@ -11,7 +11,7 @@ import pickle
 import sys
 import threading
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -25,7 +25,6 @@ from up_samp.fleet.records import (
     Order,
     Place,
     Robot,
-    RobotType,
     Stop,
     Task,
     Zone,
@@ -99,49 +98,57 @@ class Answer:
     cpu: float = 0.0
 
 
+def _by_machine(job: Order | Task) -> object:
+    """Return whether no robot does a job, or one at a machine that is not chosen yet."""
+    if isinstance(job, Order):
+        return job.pickup.task or job.delivery.task
+    return job.modes or not job.at
+
+
+NOT_YET: tuple[tuple[str, Callable[[Any, FleetRecords], object], str], ...] = (
+    ("floors", lambda *_: True, "floor '{}': one floor is operated, the ground"),
+    ("robots", lambda robot, _: robot.shift is not None or robot.breaks,
+     "robot '{}' has a shift or breaks: let it leave and join"),
+    ("doors", lambda door, _: door.closes is not None,
+     "door '{}' closes by itself: not operated yet"),
+    ("automatic_doors", lambda door, _: door.shut,
+     "automatic door '{}' has a timetable: not operated yet"),
+    ("robot_types", lambda kind, site: kind.battery is not None and not charger_of(site),
+     "robot type '{}' has a battery, and nobody can charge here"),
+    ("robot_types", lambda kind, _: kind.unloading != "any",
+     "robot type '{}' unloads in an order: not operated yet"),
+    ("robot_types", lambda kind, _: kind.reverse == "slow",
+     "robot type '{}' has a speed backwards: not operated yet"),
+    ("zones", lambda zone, _: zone.has_rules, "zone '{}' has rules of driving: not operated yet"),
+)  # fmt: skip
+"""What of a site cannot be operated: of which records, which ones (of a site), and in words."""
+
+JOBS_NOT_YET: tuple[tuple[Callable[[Any], object], str], ...] = (
+    (lambda job: isinstance(job, Order) and job.attached is not None,
+     "'{}' has a load with a footprint: not operated yet"),
+    (lambda job: job.release or job.repeat is not None,
+     "'{}' has a release time or recurs: add it when it is there"),
+    (lambda job: isinstance(job, Task) and job.crew > 1,
+     "'{}' is done by a crew: not operated yet"),
+    (_by_machine, "'{}' is done by a machine: not operated yet"),
+)  # fmt: skip
+
+
 def check_site(site: FleetRecords) -> None:
     """Raise :class:`UnsupportedError`, by name, for what cannot be operated yet."""
-    for name in site.floors:
-        raise UnsupportedError(f"floor '{name}': one floor is operated, the ground")
-    for name, robot in site.robots.items():
-        if robot.shift is not None or robot.breaks:
-            raise UnsupportedError(f"robot '{name}' has a shift or breaks: let it leave and join")
-    for name, door in site.doors.items():
-        if door.closes is not None:
-            raise UnsupportedError(f"door '{name}' closes by itself: not operated yet")
-    for name, automatic in site.automatic_doors.items():
-        if automatic.shut:
-            raise UnsupportedError(f"automatic door '{name}' has a timetable: not operated yet")
-    for name, kind in site.robot_types.items():
-        _check_type(site, name, kind)
-    for name, zone in site.zones.items():
-        if zone.has_rules:
-            raise UnsupportedError(f"zone '{name}' has rules of driving: not operated yet")
+    for records, is_so, text in NOT_YET:
+        for name, record in getattr(site, records).items():
+            if is_so(record, site):
+                raise UnsupportedError(text.format(name))
     for job in site.jobs:
         check_job(job)
 
 
-def _check_type(site: FleetRecords, name: str, kind: RobotType) -> None:
-    if kind.battery is not None and not charger_of(site):
-        raise UnsupportedError(f"robot type '{name}' has a battery, and nobody can charge here")
-    if kind.unloading != "any":
-        raise UnsupportedError(f"robot type '{name}' unloads in an order: not operated yet")
-    if kind.reverse == "slow":
-        raise UnsupportedError(f"robot type '{name}' has a speed backwards: not operated yet")
-
-
 def check_job(job: Order | Task) -> None:
     """Raise :class:`UnsupportedError` for orders that cannot be operated yet."""
-    if isinstance(job, Order) and job.attached is not None:
-        raise UnsupportedError(f"'{job.id}' has a load with a footprint: not operated yet")
-    if job.release or job.repeat is not None:
-        raise UnsupportedError(f"'{job.id}' has a release time or recurs: add it when it is there")
-    if isinstance(job, Task) and job.crew > 1:
-        raise UnsupportedError(f"'{job.id}' is done by a crew: not operated yet")
-    stops = (job.pickup, job.delivery) if isinstance(job, Order) else ()
-    machines = any(s.task is not None for s in stops) or (isinstance(job, Task) and job.modes)
-    if machines or (isinstance(job, Task) and not job.at):
-        raise UnsupportedError(f"'{job.id}' is done by a machine: not operated yet")
+    for is_so, text in JOBS_NOT_YET:
+        if is_so(job):
+            raise UnsupportedError(text.format(job.id))
 
 
 # ------------------ The problem from the cut on

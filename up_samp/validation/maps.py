@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ import yaml
 from PIL import Image
 
 from up_samp.model import ProblemError, UnsupportedError
+from up_samp.model.frames import Frame, PlacedMap
 
 FloatArray = npt.NDArray[np.float64]
 _BEYOND = 1e5
@@ -26,20 +26,18 @@ class BlockedMap:
 
     ``file`` is a ROS ``map_server`` YAML (PNG or PGM beside it). A cell is free if its occupancy
     is below ``free_thresh``; occupied and unknown ones are blocked. Lengths in m, world frame;
-    ``frame`` (x, y, yaw) is where the frame of the file's own ``origin`` lies in the world.
+    ``frame`` is where the frame of the file's own ``origin`` lies in the world.
     """
 
-    def __init__(
-        self, file: str | Path, frame: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    ) -> None:
+    def __init__(self, file: str | Path, frame: Frame = Frame()) -> None:
         path = Path(file)
         data = _read_yaml(path)
         self.resolution = float(data["resolution"])
         origin = [float(v) for v in data.get("origin", [0, 0, 0])]
-        turned, here = (math.cos(frame[2]), math.sin(frame[2])), origin[:2]
-        self.x = frame[0] + turned[0] * here[0] - turned[1] * here[1]
-        self.y = frame[1] + turned[1] * here[0] + turned[0] * here[1]
-        yaw = frame[2] + (origin[2] if len(origin) > 2 else 0.0)
+        turned, here = (math.cos(frame.yaw), math.sin(frame.yaw)), origin[:2]
+        self.x = frame.x + turned[0] * here[0] - turned[1] * here[1]
+        self.y = frame.y + turned[1] * here[0] + turned[0] * here[1]
+        yaw = frame.yaw + (origin[2] if len(origin) > 2 else 0.0)
         self._cos, self._sin = math.cos(yaw), math.sin(yaw)
         blocked = _blocked_cells(path, data)
         rows, columns = blocked.shape
@@ -77,17 +75,8 @@ class BlockedMap:
         return np.asarray(distances)
 
 
-@dataclass(frozen=True)
-class Ground:
-    """A map file, the frame (x, y, yaw) that it lies in, and its height (m): one floor."""
-
-    file: str
-    frame: tuple[float, float, float]
-    height: float
-
-
-def ground_of(occupancy_map: Any) -> Ground:
-    """Return the ground of a UP ``OccupancyMap``, whose frame may be SE2, SE3 or a bare tuple."""
+def ground_of(occupancy_map: Any) -> PlacedMap:
+    """Return the floor that a UP ``OccupancyMap`` is; its frame may be SE2, SE3 or a bare tuple."""
     file = str(occupancy_map.filename)
     values = [float(v) for v in occupancy_map.reference_frame]
     if len(values) == 7 and any(values):
@@ -96,10 +85,10 @@ def ground_of(occupancy_map: Any) -> Ground:
             raise UnsupportedError(f"the reference frame {tuple(values)} of map {file} is tilted")
         # the heading of the turned x axis
         yaw = math.atan2(2 * qw * qz, qw * qw - qz * qz)
-        return Ground(file, (x, y, yaw), z)
+        return PlacedMap(file, Frame(x, y, yaw), z)
     if len(values) not in (2, 3, 7):
         raise ProblemError(f"the reference frame of map {file} has {len(values)} numbers")
-    return Ground(file, (values[0], values[1], values[2] if len(values) == 3 else 0.0), 0.0)
+    return PlacedMap(file, Frame(*(values if len(values) < 7 else ())))
 
 
 def _read_yaml(path: Path) -> dict[str, Any]:

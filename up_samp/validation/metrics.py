@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 from unified_planning.model import metrics
@@ -24,27 +24,9 @@ def evaluate_metric(metric: Any, timeline: StateTimeline) -> Value:
     for objective in parts("objectives").values():
         if type(metric) is objective.metric:
             return objective.judged(metric, timeline)
-    if isinstance(metric, metrics.MinimizeMakespan):
-        return timeline.decisions.makespan
-    if isinstance(metric, MinimizeCosts):
-        return _of_costs(metric, timeline)
-    final = _final(timeline)
-    if isinstance(
-        metric, (metrics.MinimizeExpressionOnFinalState, metrics.MaximizeExpressionOnFinalState)
-    ):
-        return final.value(metric.expression)
-    if isinstance(metric, metrics.Oversubscription):
-        reached = (gain for goal, gain in metric.goals.items() if final.value(goal) is True)
-        return plain(sum(reached))
-    if isinstance(metric, metrics.TemporalOversubscription):
-        reached = (
-            gain
-            for (interval, goal), gain in metric.goals.items()
-            if holds_throughout(interval, goal, timeline, Reading.LATER)
-        )
-        return plain(sum(reached))
-    if isinstance(metric, metrics.MinimizeActionCosts):
-        return plain(sum(_costs(metric, timeline)))
+    for kind, value in _VALUES.items():
+        if isinstance(metric, kind):
+            return value(metric, timeline)
     raise UnsupportedError(f"the metric '{metric}' has no meaning for schedules")
 
 
@@ -91,6 +73,38 @@ def _costs(metric: Any, timeline: StateTimeline) -> Iterator[Value]:
         raise UnsupportedError(f"the metric '{metric}' says not what an activity costs: by default")
     for name in timeline.decisions.times:
         yield Reader(timeline.decisions, timeline.initial, name).value(metric.default)
+
+
+def _goals(metric: Any, timeline: StateTimeline) -> Value:
+    """Return what the goals that are reached in the end are worth."""
+    final = _final(timeline)
+    return plain(sum(gain for goal, gain in metric.goals.items() if final.value(goal) is True))
+
+
+def _timed_goals(metric: Any, timeline: StateTimeline) -> Value:
+    """Return what the goals are worth that hold all through their times."""
+    reached = (
+        gain
+        for (interval, goal), gain in metric.goals.items()
+        if holds_throughout(interval, goal, timeline, Reading.LATER)
+    )
+    return plain(sum(reached))
+
+
+def _at_end(metric: Any, timeline: StateTimeline) -> Value:
+    return _final(timeline).value(metric.expression)
+
+
+_VALUES: Mapping[Any, Callable[[Any, StateTimeline], Value]] = {
+    metrics.MinimizeMakespan: lambda _, timeline: timeline.decisions.makespan,
+    MinimizeCosts: _of_costs,
+    metrics.MinimizeExpressionOnFinalState: _at_end,
+    metrics.MaximizeExpressionOnFinalState: _at_end,
+    metrics.Oversubscription: _goals,
+    metrics.TemporalOversubscription: _timed_goals,
+    metrics.MinimizeActionCosts: lambda metric, timeline: plain(sum(_costs(metric, timeline))),
+}
+"""Values by the kind of metric."""
 
 
 def terms_of(problem: Any, plan: Any) -> dict[str, Value]:

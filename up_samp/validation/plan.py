@@ -27,7 +27,7 @@ from up_samp.validation.maps import BlockedMap
 from up_samp.validation.metrics import evaluate_metric
 from up_samp.validation.paths import passes, path_of, pose_gap, read_trajectory
 from up_samp.validation.scene import JudgedScene
-from up_samp.validation.schedule import JudgedSchedule, judge_decisions, judge_schedule
+from up_samp.validation.schedule import Judged, judge_decisions, judge_schedule
 from up_samp.validation.se3 import SpaceTrack, hits, hits_map_from_space
 from up_samp.validation.solids import Solid
 from up_samp.validation.tolerances import TOLERANCES
@@ -67,13 +67,12 @@ def judge_plan(
     """Judge a plan (with its motions if ``motion``), and evaluate the problem's quality metrics
     (``None`` when the schedule is too broken for that).
     """
-    judged = judge_schedule(problem, plan)
-    verdict = judged.verdict
+    verdict, timeline = judged = judge_schedule(problem, plan)
     if motion:
         verdict = _with_motions(problem, plan, judged, None, seconds_per_unit)
-    if judged.timeline is None:
+    if timeline is None:
         return verdict, None
-    values = {m: evaluate_metric(m, judged.timeline) for m in problem.quality_metrics}
+    values = {m: evaluate_metric(m, timeline) for m in problem.quality_metrics}
     return verdict, values
 
 
@@ -90,11 +89,11 @@ def judge_executed(
     looked at, and of kinematics only whether somebody drives backwards who must not, or faster than
     it may, or breaks the rules of a zone.
     """
-    judged = judge_decisions(problem, decisions)
-    found = list(judged.verdict.violations)
-    if judged.timeline is None or not hasattr(problem, "initial_configuration"):
+    verdict, timeline = judge_decisions(problem, decisions)
+    found = list(verdict.violations)
+    if not hasattr(problem, "initial_configuration"):
         return found
-    scene = JudgedScene(problem, judged.timeline)
+    scene = JudgedScene(problem, timeline)
     motions = {}
     for task in scene.tasks:
         rows = samples.get((task.activity, task.object))
@@ -112,18 +111,18 @@ def judge_executed(
 def _with_motions(
     problem: Any,
     plan: Any,
-    judged: JudgedSchedule,
+    judged: Judged,
     trajectories: Mapping[str, Trajectory] | None,
     seconds: float,
 ) -> Verdict:
-    if judged.timeline is None:
-        return judged.verdict
-    scene = JudgedScene(problem, judged.timeline)
+    verdict, timeline = judged
+    if timeline is None:
+        return verdict
+    scene = JudgedScene(problem, timeline)
     found: list[Violation] = []
     if scene.tasks or scene.jumps:
         found = _motion_violations(scene, plan, trajectories, seconds)
-    violations = (*judged.verdict.violations, *found)
-    return Verdict(violations, judged.verdict.definition3 and not found)
+    return Verdict((*verdict.violations, *found), verdict.definition3 and not found)
 
 
 def _motion_violations(

@@ -16,10 +16,11 @@ from unified_planning.model.motion import (
 )
 
 from up_samp.model import ProblemError, UnsupportedError
+from up_samp.model.frames import PlacedMap
 from up_samp.validation.collisions import JudgedShape
 from up_samp.validation.judged import JudgedMotion, Jump, Obstacle
 from up_samp.validation.limits import Limits, height_of, limits_of
-from up_samp.validation.maps import BlockedMap, Ground, ground_of
+from up_samp.validation.maps import BlockedMap, ground_of
 from up_samp.validation.rides import CarriedLoad, configurations_of, is_same, offset_between
 from up_samp.validation.solids import Solid, load_solid
 from up_samp.validation.timeline import Reading, StateTimeline, show
@@ -59,7 +60,7 @@ class JudgedScene:
         return shapes
 
     @cached_property
-    def grounds(self) -> dict[str, Ground]:
+    def grounds(self) -> dict[str, PlacedMap]:
         """What each configuration lies on: its type's map."""
         places = [o for o in self.problem.all_objects if isinstance(o, ConfigurationObject)]
         found = {o.name: ground_of(o.type.occupancy_map) for o in places}
@@ -69,7 +70,7 @@ class JudgedScene:
         return found
 
     @cached_property
-    def maps(self) -> dict[Ground, BlockedMap]:
+    def maps(self) -> dict[PlacedMap, BlockedMap]:
         """The occupancy maps."""
         return {g: BlockedMap(g.file, g.frame) for g in dict.fromkeys(self.grounds.values())}
 

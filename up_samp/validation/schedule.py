@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
 from typing import Any
 
 from unified_planning.model import OperatorKind, TimepointKind
@@ -30,15 +29,10 @@ from up_samp.validation.timeline import (
 from up_samp.validation.values import MISSING, Decisions, Key, Reader, Value, chronicles
 from up_samp.validation.verdict import Verdict, Violation
 
-
-@dataclass(frozen=True)
-class JudgedSchedule:
-    """The verdict on a schedule, with what it decides and the fluents over time (``None``: the plan
-    is too broken to tell).
-    """
-
-    verdict: Verdict
-    timeline: StateTimeline | None = None
+Judged = tuple[Verdict, StateTimeline | None]
+"""The verdict on a schedule, with what it decides and the fluents over time (``None``: the plan is
+too broken to tell).
+"""
 
 
 def validate_schedule(problem: Any, plan: Any) -> Verdict:
@@ -47,22 +41,22 @@ def validate_schedule(problem: Any, plan: Any) -> Verdict:
     The rules are in ``docs/semantics.md``. Raises ``UnsupportedError`` for a feature
     that has no rule there, ``ProblemError`` for a problem that leaves a needed value open.
     """
-    return judge_schedule(problem, plan).verdict
+    return judge_schedule(problem, plan)[0]
 
 
-def judge_schedule(problem: Any, plan: Any) -> JudgedSchedule:
+def judge_schedule(problem: Any, plan: Any) -> Judged:
     """Like :func:`validate_schedule`, and also return what was found on the way."""
     decisions, broken = read_decisions(problem, plan)
     if decisions is None or broken:
-        return JudgedSchedule(Verdict(tuple(broken), False))
-    judged = judge_decisions(problem, decisions)
+        return Verdict(tuple(broken), False), None
+    verdict, timeline = judge_decisions(problem, decisions)
     found = [v for rule in parts("rules").values() for v in rule(problem, plan)]
-    if not found:
-        return judged
-    return replace(judged, verdict=Verdict((*judged.verdict.violations, *found), False))
+    if found:
+        verdict = Verdict((*verdict.violations, *found), False)
+    return verdict, timeline
 
 
-def judge_decisions(problem: Any, decisions: Decisions) -> JudgedSchedule:
+def judge_decisions(problem: Any, decisions: Decisions) -> tuple[Verdict, StateTimeline]:
     """Judge what is decided, but for who is to be present (rules 2 to 13)."""
     timeline = build_timeline(problem, decisions)
     common = [
@@ -74,8 +68,7 @@ def judge_decisions(problem: Any, decisions: Decisions) -> JudgedSchedule:
         for r in Reading
     )
     kept = [*common, *later, *interference(problem, timeline)]
-    verdict = Verdict(tuple(kept), definition3=not common and not at_once)
-    return JudgedSchedule(verdict, timeline)
+    return Verdict(tuple(kept), definition3=not common and not at_once), timeline
 
 
 # ------------------------------------------------------------------ presence and variables
@@ -210,6 +203,3 @@ def _times_in(node: Any, timeline: StateTimeline) -> str:
     times = timeline.decisions.times
     shown = [f"{n} [{times[n][0]}, {times[n][1]}]" for n in sorted(names & set(times))]
     return f": {', '.join(shown)}" if shown else ""
-
-
-# ------------------------------------------------------------------ conditions

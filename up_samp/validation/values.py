@@ -14,13 +14,7 @@ from unified_planning.model import Timepoint, TimepointKind
 
 from up_samp.model import UnsupportedError
 
-
-class _Missing:
-    def __repr__(self) -> str:
-        return "MISSING"
-
-
-MISSING: Final = _Missing()
+MISSING: Final = object()
 """The value of a start, end or parameter of an absent activity, and of all that depends on it."""
 
 Value = Any
@@ -86,22 +80,8 @@ class Reader:
     def value(self, node: Any) -> Value:
         """Return the value of a UP expression."""
         kind = node.node_type
-        if kind in (Op.BOOL_CONSTANT, Op.INT_CONSTANT, Op.REAL_CONSTANT):
-            return plain(node.constant_value())
-        if kind == Op.OBJECT_EXP:
-            return node.object().name
-        if kind == Op.PARAM_EXP:
-            return self.decisions.parameters.get(node.parameter().name, MISSING)
-        if kind == Op.VARIABLE_EXP:
-            return self.bindings[node.variable().name]
-        if kind == Op.PRESENT_EXP:
-            return node.presence().container in self.decisions.times
-        if kind == Op.TIMING_EXP:
-            return self.decisions.timing(node.timing(), self.owner, self.decisions.makespan)
-        if kind == Op.FLUENT_EXP:
-            return self._fluent(node)
-        if kind in (Op.EXISTS, Op.FORALL):
-            return self._quantifier(node)
+        if kind in _LEAVES:
+            return _LEAVES[kind](self, node)
         if kind in (Op.OR, Op.AND) and self.hasty:
             return _joined(map(self.value, node.args), kind == Op.OR)
         if kind in _OPERATORS:
@@ -113,14 +93,16 @@ class Reader:
         arguments = tuple(self.value(a) for a in node.args)
         return None if MISSING in arguments else (node.fluent().name, arguments)
 
-    def _fluent(self, node: Any) -> Value:
+    def told(self, node: Any) -> Value:
+        """Return the value of a fluent expression, and note that it was read."""
         key = self.key(node)
         if key is None:
             return MISSING
         self.reads.add(key)
         return self.fluent(key)
 
-    def _quantifier(self, node: Any) -> Value:
+    def quantified(self, node: Any) -> Value:
+        """Return the value of an expression about all, or some, values of variables."""
         values = []
         for bindings in combinations(node.variables(), self.decisions.objects):
             inner = Reader(
@@ -191,6 +173,22 @@ def _strict(function: Callable[..., Value]) -> Callable[[list[Value]], Value]:
     """Return ``function`` of all values, missing as soon as one of them is."""
     return lambda values: MISSING if MISSING in values else plain(function(*values))
 
+
+_LEAVES: dict[Any, Callable[[Reader, Any], Value]] = {
+    **dict.fromkeys(
+        (Op.BOOL_CONSTANT, Op.INT_CONSTANT, Op.REAL_CONSTANT),
+        lambda _, node: plain(node.constant_value()),
+    ),
+    Op.OBJECT_EXP: lambda _, node: node.object().name,
+    Op.PARAM_EXP: lambda r, node: r.decisions.parameters.get(node.parameter().name, MISSING),
+    Op.VARIABLE_EXP: lambda r, node: r.bindings[node.variable().name],
+    Op.PRESENT_EXP: lambda r, node: node.presence().container in r.decisions.times,
+    Op.TIMING_EXP: lambda r, n: r.decisions.timing(n.timing(), r.owner, r.decisions.makespan),
+    Op.FLUENT_EXP: Reader.told,
+    Op.EXISTS: Reader.quantified,
+    Op.FORALL: Reader.quantified,
+}
+"""What is read by itself, not from the values of its parts."""
 
 _OPERATORS: dict[Any, Callable[[list[Value]], Value]] = {
     Op.AND: lambda v: _joined(v, False),

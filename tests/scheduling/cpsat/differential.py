@@ -25,15 +25,15 @@ def disagreement(seed: int, workers: int = 1, tuning: CpsatTuning | None = None)
     if report.schedule is None:
         return f"{report.status.value}, but there is {best}"
     plan = build_schedule(problem, report.schedule)
-    judged = judge_schedule(problem, plan)
-    if not judged.verdict.valid:
-        return f"invalid: {judged.verdict.violations} {report.schedule}; best {best}"
+    verdict, timeline = judge_schedule(problem, plan)
+    if not verdict.valid:
+        return f"invalid: {verdict.violations} {report.schedule}; best {best}"
     metrics = problem.quality_metrics
     if not metrics:
         return None if report.status is ScheduleStatus.FOUND else f"status {report.status}"
     if report.status is not ScheduleStatus.OPTIMAL:
         return f"status {report.status}"
-    value = evaluate_metric(metrics[0], judged.timeline)
+    value = evaluate_metric(metrics[0], timeline)
     wanted = best.value if not metrics[0].is_maximize_expression_on_final_state() else -best.value
     if value != wanted:
         return f"value {value} {report.schedule}, best {best}"
@@ -68,9 +68,9 @@ def grown_disagreement(seed: int) -> str | None:
     if best is None or report.schedule is None:
         same = best is None and report.status is ScheduleStatus.INFEASIBLE
         return None if same else f"{report.status} {report.schedule}, best {best}"
-    judged = judge_schedule(problem, build_schedule(problem, report.schedule))
-    if not judged.verdict.valid:
-        return f"invalid: {judged.verdict.violations}"
+    verdict, _ = judge_schedule(problem, build_schedule(problem, report.schedule))
+    if not verdict.valid:
+        return f"invalid: {verdict.violations}"
     metrics = problem.quality_metrics
     if metrics and metrics[0].is_minimize_makespan():
         if report.schedule.makespan != best.value:
