@@ -115,16 +115,16 @@ def test_wrong_maps_are_refused(solved, spoil, text):
 
 def test_floors_are_drawn_beside_each_other(solved):
     ground = ground_of(solved)
-    left, right, bottom, top = ground.background.extent
+    left, right, bottom, top = ground.extent
     assert len(ground.labels) == 2
     free = {}
     for track in tracks_of(ground.plan):
         for leg in track.legs:
             for x, y, _ in leg.poses[:: max(1, len(leg.poses) // 9)]:
-                rows, cols = ground.background.pixels.shape[:2]
+                rows, cols = ground.pixels.shape[:2]
                 row = int((top - y) / (top - bottom) * rows)
                 col = int((x - left) / (right - left) * cols)
-                free.setdefault(leg.activity, []).append(ground.background.pixels[row, col].min())
+                free.setdefault(leg.activity, []).append(ground.pixels[row, col].min())
     assert set(free) == {"out", "back", "aside", "clear"}
     assert min(min(v) for v in free.values()) > 240  # they drive on what is drawn as free
 

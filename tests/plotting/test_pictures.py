@@ -212,7 +212,7 @@ def test_map_on_given_axes_and_without_places(plan):
 
 def test_a_plan_without_a_map_is_drawn_on_white(plan):
     plan["map"]["yaml"] = None
-    ground = ground_of(plan).background
+    ground = ground_of(plan)
     left, right, bottom, top = ground.extent
     assert left < 3.0
     assert right > 26.0
@@ -228,7 +228,7 @@ def test_a_missing_map_is_named(plan):
 
 
 def test_backgrounds_show_walls_where_they_are(plan):
-    ground = ground_of(plan).background
+    ground = ground_of(plan)
     assert ground.pixels.shape == (160, 300, 3)
     assert tuple(ground.pixels[80, 150]) != (255, 255, 255)  # the wall at x = 15, y = 8
     assert tuple(ground.pixels[120, 150]) == (255, 255, 255)  # the gap at y = 4
@@ -243,7 +243,7 @@ def test_a_turned_map_is_drawn_in_the_world_frame(plan, tmp_path):
     text = Path(source).read_text()
     turned.write_text(text.replace("[0.0, 0.0, 0.0]", "[10.0, 0.0, 1.5707963267948966]"))
     plan["map"]["yaml"] = str(turned)
-    ground = ground_of(plan).background
+    ground = ground_of(plan)
     # the map's x axis points up: it is now 16 wide and 30 high, to the left of x = 10
     assert ground.extent == pytest.approx((-6.0, 10.0, 0.0, 30.0), abs=0.11)
     rows, cols = ground.pixels.shape[:2]

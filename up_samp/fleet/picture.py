@@ -45,12 +45,11 @@ def draw_fleet(
     site = {"map": maps[0], "maps": maps, "objects": [], "motions": [], "changes": []}
     backdrop = ground_of(site)
     records = _laid_out(records, backdrop.shifts)
-    ground = backdrop.background
-    left, right, bottom, top = ground.extent
+    left, right, bottom, top = backdrop.extent
     if ax is None:
         height = min(max(11.0 * (top - bottom) / (right - left), 3.0), 16.0) + 1.0
         ax = figure_axes(12.0, height, dpi=120)
-    ax.imshow(ground.pixels, extent=ground.extent, interpolation="nearest", zorder=0)
+    ax.imshow(backdrop.pixels, extent=backdrop.extent, interpolation="nearest", zorder=0)
     ax.set(xlim=(left, right), ylim=(bottom, top), xlabel="x [m]", ylabel="y [m]")
     ax.set_aspect("equal")
     told = [f for f in findings if f.level is not Level.NOTE]

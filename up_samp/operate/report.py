@@ -59,7 +59,7 @@ def draw_orders(result: DayResult, file: Path) -> Path:
 
 def draw_waiting(result: DayResult, file: Path) -> Path:
     """Draw where robots stood though they had a motion to drive, on the map."""
-    ground = ground_of(result.record).background
+    ground = ground_of(result.record)
     x, right, y, top = ground.extent
     width, height = right - x, top - y
     ax = figure_axes(10, max(2.5, 9.0 * height / width))

@@ -21,7 +21,6 @@ from up_samp.plotting.rows import Row, rows_of
 from up_samp.plotting.style import (
     AREA_FILL,
     FIXTURE,
-    SIZES,
     color_of,
     ink_on,
     mixed,
@@ -136,10 +135,9 @@ def animation_html(
     to poses (:func:`up_samp.plotting.places_of`): those where motions start or end are named.
     """
     laid = ground_of(with_short_names(plan))
-    plan, ground = laid.plan, laid.background
+    plan = laid.plan
     buffer = io.BytesIO()
-    picture = ground.image(SIZES.map_width)
-    picture.quantize(32).save(buffer, format="PNG", optimize=True)
+    laid.image(1600).quantize(32).save(buffer, format="PNG", optimize=True)
     scene = scene_of(plan)
     scene["places"] = [
         {"name": " / ".join(names), "at": [round(v, 3) for v in pose[:2]]}
@@ -148,7 +146,7 @@ def animation_html(
     scene["places"] += [
         {"name": name, "at": [round(v, 3) for v in corner]} for name, corner in laid.labels
     ]
-    scene["extent"] = [round(v, 4) for v in ground.extent]
+    scene["extent"] = [round(v, 4) for v in laid.extent]
     scene["map"] = "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
     fields = {"title": html.escape(plan["problem"]), "scene": _script_data(scene)}
     page = resources.files("up_samp.plotting").joinpath("animation.html").read_text("utf-8")

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -18,56 +18,39 @@ from up_samp.model.frames import Frame
 from up_samp.plotting.style import FREE, OCCUPIED, UNKNOWN
 from up_samp.plotting.tracks import ObjectTrack, tracks_of
 
-
-@dataclass(frozen=True, eq=False)
-class Background:
-    """``pixels`` of shape (rows, cols, 3), row 0 at the top; ``extent`` is (left, right, bottom,
-    top) in m, world frame.
-    """
-
-    pixels: npt.NDArray[np.uint8]
-    extent: tuple[float, float, float, float]
-
-    def image(self, widest: int) -> Image.Image:
-        """Return the picture, at most ``widest`` pixels wide and high."""
-        picture = Image.fromarray(self.pixels, "RGB")
-        scale = min(1.0, widest / max(picture.size))
-        size = (max(1, round(picture.width * scale)), max(1, round(picture.height * scale)))
-        return picture.resize(size, Image.Resampling.BOX) if scale < 1.0 else picture
+Extent = tuple[float, float, float, float]
+"""(left, right, bottom, top) in m, world frame."""
+Drawn = tuple[npt.NDArray[np.uint8], Extent]
+"""Pixels of shape (rows, cols, 3), row 0 at the top, and what they show."""
 
 
 @dataclass(frozen=True, eq=False)
 class Backdrop:
-    """A plan laid out for a picture: ``plan`` with its floors side by side, the ``background``
-    under it, and ``shifts``, where the maps of each height went. ``labels`` name floors, with the
-    point (m) of their upper left corner; with one floor there is none.
+    """A plan laid out for a picture: ``plan`` with its floors side by side, the ``pixels`` (rows,
+    cols, 3), row 0 at the top, of what is under it within ``extent``, and ``shifts``, where the
+    maps of each height went. ``labels`` name floors, with the point (m) of their upper left corner;
+    with one floor there is none.
     """
 
     plan: dict[str, Any]
-    background: Background
-    shifts: Mapping[float, Frame]
+    pixels: npt.NDArray[np.uint8]
+    extent: Extent
+    shifts: Mapping[float, Frame] = field(default_factory=dict)
     labels: tuple[tuple[str, tuple[float, float]], ...] = ()
 
+    def image(self, widest: int) -> Image.Image:
+        """Return the picture, at most ``widest`` pixels wide and high."""
+        picture = Image.fromarray(self.pixels, "RGB")
+        picture.thumbnail((widest, widest), Image.Resampling.BOX)
+        return picture
+
     def places(self, given: Mapping[str, tuple[float, ...]] | None) -> dict[str, Sequence[float]]:
-        """Return named poses (see ``NamedPlace``) where they are drawn."""
+        """Return named poses, in the plane or in space, where they are drawn."""
         found: dict[str, Sequence[float]] = {}
         for name, pose in (given or {}).items():
-            shift = self.shifts.get(getattr(pose, "height", 0.0), Frame())
+            shift = self.shifts.get(pose[2] if len(pose) == 7 else 0.0, Frame())
             found[name] = (pose[0] + shift.x, pose[1] + shift.y, *pose[2:])
         return found
-
-
-class NamedPlace(tuple[float, ...]):
-    """A pose that knows how high (m) its map is."""
-
-    height: float = 0.0
-
-    @classmethod
-    def at(cls, pose: Iterable[float], height: float) -> NamedPlace:
-        """Return a pose on a map ``height`` m up."""
-        place = cls(pose)
-        place.height = height
-        return place
 
 
 def ground_of(plan: dict[str, Any]) -> Backdrop:
@@ -79,78 +62,69 @@ def ground_of(plan: dict[str, Any]) -> Backdrop:
     """
     maps = maps_of(plan)
     if not maps:
-        return Backdrop(plan, _blank(tracks_of(plan)), {})
+        return Backdrop(plan, *_blank(tracks_of(plan)))
     drawn = [_drawn(in_world(placed)) for placed in maps]
     if len(maps) == 1:
-        return Backdrop(plan, drawn[0], {})
-    boxes = [(e[0], e[2], e[1], e[3]) for e in (d.extent for d in drawn)]
+        return Backdrop(plan, *drawn[0])
+    boxes = [(left, bottom, right, top) for _, (left, right, bottom, top) in drawn]
     laid, frames = side_by_side(plan, boxes)
-    for k, (one, frame) in enumerate(zip(drawn, frames, strict=True)):
-        left, right, bottom, top = one.extent
+    for k, frame in enumerate(frames):
+        pixels, (left, right, bottom, top) = drawn[k]
         extent = (left + frame.x, right + frame.x, bottom + frame.y, top + frame.y)
-        drawn[k] = Background(one.pixels, extent)
-    labels = tuple((m.label, (d.extent[0], d.extent[3])) for m, d in zip(maps, drawn, strict=True))
+        drawn[k] = pixels, extent
+    labels = tuple((m.label, (at[0], at[3])) for m, (_, at) in zip(maps, drawn, strict=True))
     shifts = {m.height: frame for m, frame in zip(maps, frames, strict=True)}
-    return Backdrop(laid, _joined(drawn), shifts, labels)
+    return Backdrop(laid, *_joined(drawn), shifts, labels)
 
 
-def _joined(parts: Sequence[Background]) -> Background:
+def _joined(parts: Sequence[Drawn]) -> Drawn:
     """Return one picture of several that lie beside each other; between them it is white."""
-    left, bottom = (min(p.extent[i] for p in parts) for i in (0, 2))
-    right, top = (max(p.extent[i] for p in parts) for i in (1, 3))
-    cell = min((p.extent[1] - p.extent[0]) / p.pixels.shape[1] for p in parts)
+    left, bottom = (min(at[i] for _, at in parts) for i in (0, 2))
+    right, top = (max(at[i] for _, at in parts) for i in (1, 3))
+    cell = min((at[1] - at[0]) / pixels.shape[1] for pixels, at in parts)
     cell = max(cell, math.sqrt((right - left) * (top - bottom) / MOST_PIXELS))
     size = math.ceil((right - left) / cell), math.ceil((top - bottom) / cell)
     whole = Image.new("RGB", size, "white")
-    for part in parts:
-        low, high, under, over = part.extent
+    for pixels, (low, high, under, over) in parts:
         first, last = round((top - over) / cell), round((top - under) / cell)
         west, east = round((low - left) / cell), round((high - left) / cell)
-        drawn = Image.fromarray(np.ascontiguousarray(part.pixels), "RGB")
+        drawn = Image.fromarray(np.ascontiguousarray(pixels), "RGB")
         drawn = drawn.resize((east - west, last - first), Image.Resampling.NEAREST)
         whole.paste(drawn, (west, first))
     extent = (left, left + whole.width * cell, top - whole.height * cell, top)
-    return Background(np.asarray(whole), extent)
+    return np.asarray(whole), extent
 
 
-def _drawn(grid: OccupancyGrid) -> Background:
+def _drawn(grid: OccupancyGrid) -> Drawn:
     colors = np.empty((*grid.occupied.shape, 3), dtype=np.uint8)
     colors[:] = FREE
     colors[grid.unknown] = UNKNOWN
     colors[grid.occupied] = OCCUPIED
     x, y, yaw = grid.origin
-    rows, cols = grid.occupied.shape
-    if yaw == 0.0:
-        extent = (x, x + cols * grid.resolution, y, y + rows * grid.resolution)
-        return Background(colors[::-1], extent)
-    return _turned(colors, grid, (x, y, yaw))
+    width, height = grid.size
+    return _turned(colors, grid) if yaw else (colors[::-1], (x, x + width, y, y + height))
 
 
-def _turned(
-    colors: npt.NDArray[np.uint8], grid: OccupancyGrid, origin: tuple[float, float, float]
-) -> Background:
+def _turned(colors: npt.NDArray[np.uint8], grid: OccupancyGrid) -> Drawn:
     """Resample a map with a yaw into the world's axes; what lies outside the map is unknown."""
-    x, y, yaw = origin
-    c, s = math.cos(yaw), math.sin(yaw)
-    rows, cols = grid.occupied.shape
-    step = grid.resolution
-    corners = np.array([[0, 0], [cols, 0], [cols, rows], [0, rows]]) * step
-    world = corners @ np.array([[c, s], [-s, c]]) + (x, y)
+    (wide, tall), step = grid.size, grid.resolution
+    world = Frame(*grid.origin).points([(0, 0), (wide, 0), (wide, tall), (0, tall)])
     low, high = world.min(axis=0), world.max(axis=0)
     width, height = (max(1, math.ceil(v / step)) for v in high - low)
-    gx, gy = np.meshgrid((np.arange(width) + 0.5) * step, (np.arange(height) + 0.5) * step)
-    dx, dy = gx + low[0] - x, gy + low[1] - y
-    col = np.floor((c * dx + s * dy) / step).astype(int)
-    row = np.floor((-s * dx + c * dy) / step).astype(int)
+    x, y = np.meshgrid(
+        low[0] + (np.arange(width) + 0.5) * step, low[1] + (np.arange(height) + 0.5) * step
+    )
+    row, col = grid.cells_of(np.column_stack((x.ravel(), y.ravel()))).T.reshape(2, height, width)
+    rows, cols = grid.shape
     inside = (col >= 0) & (col < cols) & (row >= 0) & (row < rows)
     pixels = np.empty((height, width, 3), dtype=np.uint8)
     pixels[:] = UNKNOWN
     pixels[inside] = colors[row[inside], col[inside]]
     right, top = low[0] + width * step, low[1] + height * step
-    return Background(pixels[::-1], (float(low[0]), float(right), float(low[1]), float(top)))
+    return pixels[::-1], (float(low[0]), float(right), float(low[1]), float(top))
 
 
-def _blank(tracks: list[ObjectTrack]) -> Background:
+def _blank(tracks: list[ObjectTrack]) -> Drawn:
     points = [
         corner
         for track in tracks
@@ -159,7 +133,7 @@ def _blank(tracks: list[ObjectTrack]) -> Background:
     ] or [[0.0, 0.0], [1.0, 1.0]]
     low, high = np.min(points, axis=0) - 1.0, np.max(points, axis=0) + 1.0
     pixels = np.full((8, 8, 3), 255, dtype=np.uint8)
-    return Background(pixels, (float(low[0]), float(high[0]), float(low[1]), float(high[1])))
+    return pixels, (float(low[0]), float(high[0]), float(low[1]), float(high[1]))
 
 
 def _poses(track: ObjectTrack) -> list[tuple[float, float, float]]:

@@ -10,7 +10,7 @@ from matplotlib.patches import Patch, Rectangle
 
 from up_samp.plotting.gantt import timed_rows
 from up_samp.plotting.rows import Row, rows_of
-from up_samp.plotting.style import INK, OTHER, SIZES, figure_axes, mixed
+from up_samp.plotting.style import INK, OTHER, figure_axes, mixed
 from up_samp.plotting.tracks import horizon
 
 WAIT = "#C1121F"
@@ -75,7 +75,7 @@ def _waits(ax: Axes, record: dict[str, Any], name: str, top: float) -> None:
     width = ax.get_xlim()[1]
     for wait in mine:
         length = wait["until"] - wait["since"]
-        if length < SIZES.wait:
+        if length < 0.5:  # s: hardly to be seen
             continue
         ax.add_patch(Rectangle((wait["since"], top), length, 0.12, fc=WAIT, ec="none", zorder=4))
         if wait["since"] >= free:

@@ -13,7 +13,6 @@ from up_samp.plotting.rows import Bar, Row, rows_of
 from up_samp.plotting.style import (
     INK,
     OTHER,
-    SIZES,
     drawn,
     figure_axes,
     ink_on,
@@ -21,6 +20,9 @@ from up_samp.plotting.style import (
     with_short_names,
 )
 from up_samp.plotting.tracks import horizon
+
+HEADROOM, BAR = 0.55, 0.72
+"""Room for a row's name above its lanes, and height of a bar, in lanes."""
 
 
 def plot_gantt(plan: dict[str, Any], ax: Axes | None = None) -> Axes:
@@ -32,7 +34,7 @@ def plot_gantt(plan: dict[str, Any], ax: Axes | None = None) -> Axes:
     """
     plan = with_short_names(plan)
     rows = rows_of(plan)
-    heights = [row.lanes * SIZES.lane + SIZES.headroom for row in rows]
+    heights = [row.lanes + HEADROOM for row in rows]
     if ax is None:
         ax = figure_axes(13.0, min(1.9 + 0.42 * sum(heights), 40.0))
     end = horizon(plan)
@@ -52,7 +54,7 @@ def _frame(ax: Axes, plan: dict[str, Any], rows: list[Row], heights: list[float]
     top = 0.0
     ticks = []
     for i, height in enumerate(heights):
-        ticks.append(top + (height + SIZES.headroom - (SIZES.lane - SIZES.bar)) / 2)
+        ticks.append(top + (height + HEADROOM - (1.0 - BAR)) / 2)
         ax.axhspan(top, top + height, color="#F4F6F8" if i % 2 else "#FFFFFF", zorder=0, lw=0)
         top += height
     keys = [
@@ -96,25 +98,25 @@ def title_of(plan: dict[str, Any]) -> str:
 def _draw_row(ax: Axes, row: Row, top: float, end: float) -> None:
     taken: list[Bbox] = []
     for bar in row.bars:
-        bottom = top + SIZES.headroom + bar.lane * SIZES.lane
+        bottom = top + HEADROOM + bar.lane
         _draw_bar(ax, row, bar, bottom)
     if row.track is not None and not row.track.moves:
         _draw_changes(ax, row, top, end)
     for bar in row.bars:
-        _write_label(ax, row, bar, top + SIZES.headroom + bar.lane * SIZES.lane, taken)
+        _write_label(ax, row, bar, top + HEADROOM + bar.lane, taken)
 
 
 def _draw_bar(ax: Axes, row: Row, bar: Bar, bottom: float) -> None:
     width = max(bar.end - bar.start, 1e-9)
     ax.add_patch(
         Rectangle(
-            (bar.start, bottom), width, SIZES.bar, fc=mixed(row.color, 0.75), ec=row.color, lw=0.9,
+            (bar.start, bottom), width, BAR, fc=mixed(row.color, 0.75), ec=row.color, lw=0.9,
             hatch="////" if bar.motion else None, zorder=2,
         )
     )  # fmt: skip
     for start, end in bar.driving:
         ax.add_patch(
-            Rectangle((start, bottom), end - start, SIZES.bar, fc=row.color, ec="none", zorder=3)
+            Rectangle((start, bottom), end - start, BAR, fc=row.color, ec="none", zorder=3)
         )
 
 
@@ -122,7 +124,7 @@ def _draw_changes(ax: Axes, row: Row, top: float, end: float) -> None:
     """Draw an object that is changed as one strip a configuration, with a mark at each change."""
     assert row.track is not None
     times = [t for t, _ in row.track.changes]
-    middle = top + SIZES.headroom + SIZES.bar / 2
+    middle = top + HEADROOM + BAR / 2
     for i, (start, stop) in enumerate(zip([0.0, *times], [*times, end], strict=True)):
         ax.plot(
             [start, stop], [middle, middle], color=mixed(row.color, 0.0 if i % 2 == 0 else 0.6),
@@ -144,7 +146,7 @@ def _write_label(ax: Axes, row: Row, bar: Bar, bottom: float, taken: list[Bbox])
     longest = max(bar.driving, key=lambda span: span[1] - span[0], default=(0.0, 0.0))
     solid = longest[1] - longest[0] > 0.5 * (bar.end - bar.start)
     color = ink_on(row.color) if solid else INK
-    middle = bottom + SIZES.bar / 2
+    middle = bottom + BAR / 2
     start, end = longest if solid else (bar.start, bar.end)
     room = _width(ax, start, end) - 4
     for name in bar.labels:

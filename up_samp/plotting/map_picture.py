@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Polygon
 from matplotlib.transforms import Bbox
 
-from up_samp.plotting.background import NamedPlace, ground_of
+from up_samp.plotting.background import ground_of
 from up_samp.plotting.gantt import title_of
 from up_samp.plotting.style import (
     AREA_FILL,
@@ -51,13 +52,12 @@ def plot_map(
     axes; without ``ax``, those of a new figure.
     """
     laid = ground_of(with_short_names(plan))
-    plan, ground = laid.plan, laid.background
-    left, right, bottom, top = ground.extent
+    plan, (left, right, bottom, top) = laid.plan, laid.extent
     if ax is None:
         width = 13.0
         height = min(max(0.95 * width * (top - bottom) / (right - left), 2.5), 20.0) + 1.1
         ax = figure_axes(width, height)
-    ax.imshow(ground.pixels, extent=ground.extent, interpolation="nearest", zorder=0)
+    ax.imshow(laid.pixels, extent=laid.extent, interpolation="nearest", zorder=0)
     ax.set_xlim(left, right)
     ax.set_ylim(bottom, top)
     ax.set_aspect("equal")
@@ -90,7 +90,8 @@ def plot_map(
 def places_of(problem: Any) -> dict[str, tuple[float, ...]]:
     """Return the named configurations of a UP problem, for the labels of :func:`plot_map`.
 
-    Names with ``@`` are left out: ``Fleet`` gives them to poses that share a place.
+    Those on maps that are higher than the ground are in space, at their map's height. Names with
+    ``@`` are left out: ``Fleet`` gives them to poses that share a place.
     """
     found: dict[str, tuple[float, ...]] = {}
     for obj in problem.all_objects:
@@ -98,7 +99,11 @@ def places_of(problem: Any) -> dict[str, tuple[float, ...]]:
         if configuration is not None and "@" not in obj.name:
             frame = tuple(obj.type.occupancy_map.reference_frame)
             height = float(frame[2]) if len(frame) == 7 else 0.0
-            found[obj.name] = NamedPlace.at((float(v) for v in configuration), height)
+            pose = tuple(float(v) for v in configuration)
+            if height and len(pose) == 3:
+                x, y, theta = pose
+                pose = (x, y, height, 0.0, 0.0, math.sin(theta / 2), math.cos(theta / 2))
+            found[obj.name] = pose
     return found
 
 

@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from up_samp.plotting.style import FIXTURE, OTHER, SIZES, color_of
+from up_samp.plotting.style import FIXTURE, OTHER, color_of
 from up_samp.plotting.tracks import ObjectTrack, tracks_of
 
 
@@ -64,7 +64,7 @@ def rows_of(plan: dict[str, Any]) -> list[Row]:
         homes = motions.get(name) or _homes(activity, movers, plan["changes"])
         for row in [rows[home] for home in homes] or [_group(groups, name)]:
             row.bars.append(_bar(row, name, span, motion=name in motions))
-    if len(groups) > SIZES.groups:
+    if len(groups) > 10:  # more are shown as one
         bars = sorted((b for g in groups.values() for b in g.bars), key=lambda b: b.start)
         groups = {"other": Row("other", OTHER, None, bars)}
     everything = [*rows.values(), *groups.values()]

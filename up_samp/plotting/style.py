@@ -1,4 +1,4 @@
-"""How pictures look: sizes, colours that people with colour vision deficiency can tell apart, short
+"""How pictures look: colours that people with colour vision deficiency can tell apart, short
 names, and labels that cover neither each other nor what they are put beside.
 """
 
@@ -16,30 +16,6 @@ from matplotlib.text import Annotation, Text
 from matplotlib.transforms import Bbox
 
 from up_samp.system.files import whole
-
-
-@dataclass(frozen=True)
-class PictureSizes:
-    """Chosen by eye."""
-
-    map_width: int = 1600
-    """Widest picture of a map in an animation, pixels."""
-    wait: float = 0.5
-    """Waits shorter than this (s) are not drawn."""
-    name: int = 60
-    """Characters of a name in a picture."""
-    groups: int = 10
-    """More groups of other activities than this are shown as one."""
-    lane: float = 1.0
-    """Height of one lane of a row."""
-    headroom: float = 0.55
-    """Room for the row's name above its lanes, in lanes."""
-    bar: float = 0.72
-    """Height of a bar, in lanes."""
-
-
-SIZES = PictureSizes()
-
 
 # ------------------ Colours that people with colour vision deficiency can tell apart
 
@@ -118,20 +94,21 @@ def saved(ax: Axes, path: Path) -> Path:
 # ------------------ Names short enough to be drawn
 
 
-def with_short_names(plan: dict[str, Any]) -> dict[str, Any]:
-    """Return a plan dictionary whose names can be drawn: longer ones are cut, and stay different.
+def with_short_names(plan: dict[str, Any], most: int = 60) -> dict[str, Any]:
+    """Return a plan dictionary whose names can be drawn: those of more than ``most`` characters are
+    cut, and stay different.
 
     The plan itself is returned where all are short.
     """
     named = [*plan["objects"], *plan["activities"]]
     texts = [plan["problem"], plan["engine"], plan["status"]]
     texts += [entry["name"] for entry in named] + [o["type"] for o in plan["objects"]]
-    longer = {t for t in texts if len(t) > SIZES.name}
+    longer = {t for t in texts if len(t) > most}
     if not longer:
         return plan
     short: dict[str, str] = {}
     for i, text in enumerate(sorted(longer), 1):
-        short[text] = f"{text[: SIZES.name - 6]}...{i}"
+        short[text] = f"{text[: most - 6]}...{i}"
     keys = ("name", "type", "object", "activity")
     return {
         **plan,
