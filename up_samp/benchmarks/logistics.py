@@ -8,9 +8,8 @@ Space-Time Motion Abstractions", Experimental Evaluation); what its text leaves 
 
 from __future__ import annotations
 
-import itertools
 import random
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Literal
 
@@ -20,7 +19,7 @@ from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import FALSE, LE, TRUE, And, BoolType, Or
 
 from up_samp.benchmarks.maps import outer_wall
-from up_samp.benchmarks.places import DOWN, UP, FamilyDoor, FamilyFloor, Layout, Pose, box
+from up_samp.benchmarks.places import DOWN, UP, FamilyDoor, FamilyFloor, Pose, box
 from up_samp.benchmarks.published import HANDLING, Encoding, Form, Manner, PublishedRobot
 from up_samp.model import ProblemError
 
@@ -62,6 +61,10 @@ def shelved_floor(
     return FamilyFloor(name, SIZE, [*outer_wall(*SIZE), *shelves], (door,))
 
 
+Layout = tuple[FamilyFloor, dict[str, Pose]]
+"""The floor, and where things are by name: ``robot0_depot``, ``item0_in``, ``item0_out``."""
+
+
 def layout(robots: int, items: int, seed: int = 0) -> Layout:
     """Return the layout for so many robots (1 to 10) and items (1 to 16).
 
@@ -84,7 +87,14 @@ def layout(robots: int, items: int, seed: int = 0) -> Layout:
         depots += [(x, 57.0, UP) for x in _DEPOTS[lower]]
     inner: list[Pose] = [(x, (32.0, 27.0)[row], 0.0) for x, row in columns[:items]]
     outer: list[Pose] = [(x, (42.0, 17.0)[row], 0.0) for x, row in columns[:items]]
-    return Layout(shelved_floor(), tuple(depots), tuple(inner), tuple(outer))
+    return shelved_floor(), _named(depots, inner, outer)
+
+
+def _named(depots: Iterable[Pose], inner: Iterable[Pose], outer: Iterable[Pose]) -> dict[str, Pose]:
+    spots = {f"robot{r}_depot": pose for r, pose in enumerate(depots)}
+    for i, (one, other) in enumerate(zip(inner, outer, strict=True)):
+        spots |= {f"item{i}_in": one, f"item{i}_out": other}
+    return spots
 
 
 def _drawn(robots: int, items: int, seed: int) -> Layout:
@@ -105,7 +115,7 @@ def _drawn(robots: int, items: int, seed: int) -> Layout:
         y, beyond = rng.choice(((high - 3, high + depths[0] + 2), (low + 2, low - depths[1] - 3)))
         inner.append(floor.spot(rng, (left + 4, y, SIZE[0] - 4, y), (0.0,), taken, 3.5))
         outer.append((inner[-1][0], beyond, 0.0))
-    return Layout(floor, tuple(depots), tuple(inner), tuple(outer))
+    return floor, _named(depots, inner, outer)
 
 
 Shelves = list[list[ConfigurationObject]]
@@ -138,38 +148,28 @@ def logistics(
     """
     if door not in ("closed", "open") or sides not in ("all", "corridor"):
         raise ProblemError(f"no such logistics setting: door={door!r}, sides={sides!r}")
-    spots = layout(robots, items, seed)
-    _check(spots)
+    floor, spots = layout(robots, items, seed)
+    floor.check(spots | {f"{leaf.name}_button": leaf.button for leaf in floor.doors})
     if door == "open":
-        spots = replace(spots, floor=replace(spots.floor, doors=()))
+        floor = replace(floor, doors=())
     side = "all" if sides == "all" else "oc"
     title = f"logistics-d{door[0]}-{side}-r{robots}-i{items}" + (f"-s{seed}" if seed else "")
-    form = Form(title, Manner(spots.floor, guess=0.5), encoding, metric)
+    form = Form(title, Manner(floor, guess=0.5), encoding, metric)
     _fetches(form, spots, sides)
     return form.finish()
 
 
-def _check(spots: Layout) -> None:
-    named = itertools.chain(
-        ((f"depot{r}", pose) for r, pose in enumerate(spots.depots)),
-        ((f"item{i}in", pose) for i, pose in enumerate(spots.inner)),
-        ((f"item{i}out", pose) for i, pose in enumerate(spots.outer)),
-        (("button", door.button) for door in spots.floor.doors),
-    )
-    spots.floor.check(dict(named))
-
-
-def _fetches(form: Form, spots: Layout, sides: Sides) -> None:
+def _fetches(form: Form, spots: dict[str, Pose], sides: Sides) -> None:
     """Add robots, items and doors, and all that may be done with them."""
-    depots = [form.place(f"robot{r}_depot", pose) for r, pose in enumerate(spots.depots)]
+    depots = [form.place(n, pose) for n, pose in spots.items() if n.endswith("_depot")]
     for depot in depots:
         form.robot(depot)
     shelves: Shelves = []
-    for i, pose in enumerate(spots.inner):
-        shelves.append([form.place(f"item{i}_in", pose)])
-        if sides == "all":
-            shelves[-1].append(form.place(f"item{i}_out", spots.outer[i]))
-    buttons = [form.door(leaf).button for leaf in spots.floor.doors]
+    for i in range((len(spots) - len(depots)) // 2):
+        ends = ("in", "out") if sides == "all" else ("in",)
+        names = [f"item{i}_{end}" for end in ends]
+        shelves.append([form.place(name, spots[name]) for name in names])
+    buttons = [form.door(leaf).button for leaf in form.manner.floor.doors]
     picks: list[list[Activity]] = [[] for _ in shelves]
     for robot in form.robots:
         _moves(form, robot, [p for poses in shelves for p in poses], buttons)

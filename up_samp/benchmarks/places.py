@@ -176,16 +176,6 @@ class Shop:
     starts: tuple[Pose, ...]
 
 
-@dataclass(frozen=True)
-class Layout:
-    """Where things are: ``depots[r]``, ``inner[i]`` and ``outer[i]`` (x, y, theta; m, rad)."""
-
-    floor: FamilyFloor
-    depots: tuple[Pose, ...]
-    inner: tuple[Pose, ...]
-    outer: tuple[Pose, ...]
-
-
 # ------------------ A problem under construction on one map: what every family begins with
 
 
