@@ -199,7 +199,7 @@ def looser(spec, seed):
         asked += [(job, k) for k in ("release", "after", "priority", "robots") if k in job]
         pickup = job.get("pickup")
         asked += [(pickup, "window")] if isinstance(pickup, dict) else []
-    asked += [(zone, "max_robots") for zone in spec["zones"].values()]
+    asked += [(zone, "max_robots") for zone in spec["zones"].values() if "max_robots" in zone]
     asked += [(kind, k) for k in ("unloading", "battery") if kind.get(k, "any") != "any"]
     if not asked:
         return spec, "nothing"

@@ -9,6 +9,8 @@ from fractions import Fraction
 
 import numpy as np
 
+from tests.fleet import driving
+
 NEAR = 1e-6
 
 
@@ -30,9 +32,14 @@ class Rulebook:
         if len(spec["robots"]) == 1:
             self._battery(*spec["robots"])
         self._lifts()
-        self.begun, self.ended, self.penalty = {}, {}, 0.0
+        driving.check(spec, self.plan, self.fault)
+        self.begun, self.ended, self.penalty, self.used = {}, {}, 0.0, {}
         for job, name, later in self.repeated():
             self._job(job, name, later)
+        for resource, some in self.used.items():
+            for one, two in itertools.pairwise(sorted(some)):
+                if one[1] > two[0] + NEAR:
+                    self.fault(resource, "is used twice at a time", one, two)
         self._sequels()
         self._value()
 
@@ -80,12 +87,15 @@ class Rulebook:
     def _ridden(self, done, floor, pose):
         what, activity, start, end = done
         lift = self.spec["lifts"][what.what]
-        if end - start < lift["seconds"] - NEAR:
+        if end - start < lift["seconds"] + lift.get("per_floor", 0) - NEAR:
             self.fault("a ride too quick", activity)
-        if math.dist(lift["stops"][floor][:2], pose[:2]) > 1e-3:
+        seats = [
+            k for k, at in enumerate(_seats(lift, floor)) if math.dist(at[:2], pose[:2]) < 1e-3
+        ]
+        if not seats:
             self.fault("rides from elsewhere", activity, pose)
         floor = "first" if floor == "ground" else "ground"
-        there = lift["stops"][floor]
+        there = _seats(lift, floor)[seats[0] if seats else 0]
         set_ = [c for c in self.plan["changes"] if c["activity"] == activity["name"]]
         if len(set_) != 1 or math.dist(set_[0]["configuration"][:2], there[:2]) > 1e-3:
             self.fault("a ride that leads elsewhere", activity, set_)
@@ -154,7 +164,7 @@ class Rulebook:
         battery = self.spec["types"]["agv"].get("battery")
         if battery is None:
             return
-        changes = []
+        changes, full = [], battery["capacity"]
         for motion in self.plan["motions"]:
             rows = np.array(motion["samples"])
             metres = np.hypot(*np.diff(rows[:, 1:3], axis=0).T).sum()
@@ -164,13 +174,15 @@ class Rulebook:
         for what, _, low, high in self._of(robot):
             if what.kind.value == "charge":
                 charger = self.spec["places"][what.what]["charger"]
-                changes.append((high, charger["per_second"] * charger["step"]))
+                changes.append((high, _charged(charger, battery)))
+                if high - low < charger.get("swap", charger.get("step", 0)) - NEAR:
+                    self.fault(robot, "charges too short")
                 if not self._stands(robot, [what.what], low, high):
                     self.fault(robot, "charges elsewhere")
         level = self.spec["robots"][robot].get("level", battery["level"])
-        for time, change in sorted(changes):
-            level += change
-            if level > battery["capacity"] * 1.001:
+        for time, change in sorted(changes, key=lambda c: c[0]):
+            level = change(level) if callable(change) else level + change
+            if level > full * 1.001:
                 self.fault("overcharged", level, time)
             if level < battery["reserve"] - 0.003 * battery["capacity"]:
                 self.fault("empty", level, time)
@@ -181,9 +193,14 @@ class Rulebook:
             if what.kind.value == "ride":
                 rides.setdefault(what.what, []).append((low, high, what.robot))
         for lift, some in rides.items():
-            for one, two in itertools.pairwise(sorted(some)):
-                if one[1] > two[0] + NEAR:
-                    self.fault(lift, "takes two", one, two)
+            stop = self.spec["lifts"][lift]["stops"]["ground"]
+            takes = len(stop) if isinstance(stop[0], list) else 1
+            for one in some:
+                together = [
+                    two for two in some if two[0] < one[1] - NEAR and one[0] < two[1] - NEAR
+                ]
+                if len(together) > takes or any(two[:2] != one[:2] for two in together):
+                    self.fault(lift, "takes", together)
 
     # -- jobs ------------------------------------------------------------------------------------
 
@@ -200,21 +217,32 @@ class Rulebook:
         if "pickup" in job:
             parts = [("pick", _stop(job["pickup"]), 1.0), ("deliver", _stop(job["delivery"]), 1.0)]
         else:
-            parts = [("task", {"at": job["at"]}, job["duration"])]
-        found = []
+            parts = [("task", job, job["duration"])]
+        found, crew = [], job.get("crew", 1)
         for kind, stop, lasts in parts:
             here = mine.get(kind, [])
-            if len(here) != (0 if left else 1):
+            if len(here) != (0 if left else crew):
                 self.fault(name, kind, len(here), "times; left out:", left)
             for done in here:
                 found.append(done)
                 self._part(job, name, stop, done, stop.get("service", lasts), later)
-        if len(found) == 2:
+        if crew > 1 and found:
+            self._crew(job, name, found)
+        elif len(found) == 2:
             first, then = found
             if first[0].robot != then[0].robot or first[3] > then[2] + NEAR:
                 self.fault(name, "is not delivered by who picked it up, after that")
         if found:
             self.begun[name], self.ended[name] = found[0][2], found[-1][3]
+
+    def _crew(self, job, name, found):
+        if len({(low, high) for _, _, low, high in found}) > 1:
+            self.fault(name, "is not begun and ended together")
+        if len({d[0].robot for d in found}) < len(found):
+            self.fault(name, "is done twice by one robot")
+        for place in _listed(job["at"]):
+            if not any(self._stands(d[0].robot, [place], d[2], d[3]) for d in found):
+                self.fault(name, "has nobody at", place)
 
     def _part(self, job, name, stop, done, lasts, later):
         what, activity, low, high = done
@@ -222,9 +250,13 @@ class Rulebook:
             self.fault(name, "before its release", low)
         if high - low < lasts - NEAR:
             self.fault(name, "too short", activity)
-        begin, end = stop.get("window", (-math.inf, math.inf))
-        if low < begin + later - NEAR or high > end + later + NEAR:
+        if not any(
+            low >= begin + later - NEAR and high <= end + later + NEAR
+            for begin, end in _windows(stop.get("window", (-math.inf, math.inf)))
+        ):
             self.fault(name, "outside its window", activity)
+        if stop.get("resources"):
+            self.used.setdefault(stop["resources"], set()).add((low, high, name))
         if not self._stands(what.robot, _listed(stop["at"]), low, high):
             self.fault(name, "elsewhere", activity)
         if job.get("robots") and what.robot not in _listed(job["robots"]):
@@ -251,13 +283,20 @@ class Rulebook:
             if self.result.makespan < over - NEAR:
                 self.fault("a makespan of", self.result.makespan, "ends at", over)
             return
-        costs = self.result.costs
-        mine = {term: weight * self._term(term) for term, weight in self.spec["objective"].items()}
+        costs, told = self.result.costs, self.spec["objective"]
+        if isinstance(told, list):
+            told = {term: weight for rank in told for term, weight in rank.items()}
+        mine = {term: weight * self._term(term) for term, weight in told.items() if term in _KNOWN}
         for term, value in {**mine, "left_out": self.penalty}.items():
             if abs(value - float(costs.get(term, 0))) > NEAR:
                 self.fault(term, "costs", value, "and is told to cost", costs)
         bound = (self.result.outcome.metrics or {}).get("value_bound", "-")
-        if bound not in ("-", None, "") and float(Fraction(bound)) > sum(costs.values()) + NEAR:
+        ranked = isinstance(self.spec["objective"], list)
+        if (
+            not ranked
+            and bound not in ("-", None, "")
+            and float(Fraction(bound)) > sum(costs.values()) + NEAR
+        ):
             self.fault("a bound of", bound, "above the plan's", costs)
 
     def _term(self, term):
@@ -283,10 +322,39 @@ class Rulebook:
 
 
 _IDLE = ("leave out", "skip")
+_KNOWN = ("makespan", "tardiness", "completion", "driving", "robots")
+"""The terms that are judged here; others are of ways that robots take when nobody is in them."""
+
+
+def _seats(lift, floor):
+    stop = lift["stops"][floor]
+    return stop if isinstance(stop[0], list) else [stop]
 
 
 def _stop(value):
     return value if isinstance(value, dict) else {"at": value}
+
+
+def _charged(charger, battery):
+    """Return what a visit to a charger adds, or (of curves and swaps) what it makes of a level."""
+    if "swap" in charger:
+        return lambda _: battery["capacity"]
+    if "curve" not in battery:
+        return charger["per_second"] * charger["step"]
+
+    def charge(level):
+        left, tops = charger["step"], [*battery["curve"], (battery["capacity"], 0.0)]
+        for (top, _), share in zip(tops, [1.0, *(share for _, share in tops)], strict=False):
+            rate = charger["per_second"] * share
+            took = min(left, max(0.0, top - level) / rate)
+            level, left = level + took * rate, left - took
+        return level
+
+    return charge
+
+
+def _windows(value):
+    return [value] if isinstance(value[0], int | float) else value
 
 
 def _listed(value):

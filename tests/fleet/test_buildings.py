@@ -82,9 +82,9 @@ def driven(answer, seed):
             yield f"run {k}: {run.finished}, {run.deadlock}, {run.contacts[:2]}, {run.broken[:2]}"
 
 
-def told(seed, folder, timeout=10.0):
+def told(seed, folder, timeout=10.0, draw=Building, built=built, looser=looser):
     """Return what is wrong with the answers to a random fleet (None: no such fleet)."""
-    spec = Building(seed, folder).spec
+    spec = draw(seed, folder).spec
     try:
         fleet = built(spec)
         faults = [str(f) for f in fleet.check() if f.level.value == "error"]

@@ -1,0 +1,105 @@
+"""Rules of driving that a fleet's plan keeps, read off its samples by shapes alone: doors that open
+by themselves, airlocks, zones, and robots that do not back up.
+"""
+
+import itertools
+import math
+
+import numpy as np
+from shapely import affinity
+from shapely.geometry import Point, Polygon, box
+
+SHARE, NEAR = 1.01, 1e-3
+
+
+def check(spec, plan, fault):
+    """Tell ``fault`` what motions do against the rules of their robots' type, zones and doors."""
+    kind = spec["types"]["agv"]
+    length, width = kind["footprint"]
+    body = box(-length / 2, -width / 2, length / 2, width / 2)
+    maps = plan.get("maps") or [plan["map"]]
+    passed = []
+    for motion in plan["motions"]:
+        upstairs = maps[motion.get("map", 0)].get("height")
+        floor = "first" if spec["floors"] and upstairs else "ground"
+        rows = np.array(motion["samples"])
+        steps = [*_steps(rows)]
+        _backing(kind, motion, steps, fault)
+        zones = [z for z in spec["zones"].values() if z.get("floor", "ground") == floor]
+        for zone in zones:
+            _zone(zone, kind, body, motion, steps, fault)
+        for name, door in spec.get("automatic_doors", {}).items():
+            if door.get("floor", "ground") == floor:
+                times = [t for t, pose in _dense(rows) if _touches(body, pose, door["polygon"])]
+                if times:
+                    passed.append((min(times), max(times), name, motion["object"]))
+    _doors(spec, passed, fault)
+
+
+def _steps(rows):
+    """Yield (time, pose in the middle, m driven ahead, m driven, rad turned, s) of each step."""
+    for one, two in itertools.pairwise(rows):
+        lasts = two[0] - one[0]
+        if lasts <= 0:
+            continue
+        middle = (one[1:4] + two[1:4]) / 2
+        dx, dy = two[1:3] - one[1:3]
+        ahead = dx * math.cos(middle[2]) + dy * math.sin(middle[2])
+        yield one[0], middle, ahead, (dx, dy), two[3] - one[3], lasts
+
+
+def _dense(rows):
+    """Yield times and poses between rows, no more than 5 cm or 0.1 rad apart."""
+    for one, two in itertools.pairwise(rows):
+        far = max(math.dist(one[1:3], two[1:3]) / 0.05, abs(two[3] - one[3]) / 0.1)
+        for share in np.linspace(0, 1, 2 + int(far)):
+            time, *pose = one + share * (two - one)
+            yield time, pose
+
+
+def _touches(body, pose, polygon):
+    turned = affinity.rotate(body, pose[2], origin=(0, 0), use_radians=True)
+    shape = affinity.translate(turned, pose[0], pose[1])
+    return shape.intersection(Polygon(polygon)).area > NEAR
+
+
+def _backing(kind, motion, steps, fault):
+    way = kind.get("reverse", "free")
+    most = {"free": math.inf, "never": NEAR, "slow": kind.get("reverse_v_max", 0) * SHARE}[way]
+    for time, _, ahead, _, _, lasts in steps:
+        if -ahead > most * lasts + 1e-6:
+            fault(motion["object"], "drives backwards at", time, -ahead / lasts, "m/s")
+            return
+
+
+def _zone(zone, kind, body, motion, steps, fault):
+    """A step whose middle is in a zone keeps to its rules: but for the last 2 cm at its edges."""
+    shrunk = Polygon(zone["polygon"]).buffer(-0.02)
+    for time, pose, _, (dx, dy), turned, lasts in steps:
+        moved = math.hypot(dx, dy)
+        inside = _touches(body, pose, shrunk.exterior.coords)
+        if "v_max" in zone and inside and moved > zone["v_max"] * SHARE * lasts + NEAR:
+            fault(motion["object"], "drives too fast in a zone", time, moved / lasts)
+            return
+        pivots = abs(turned) > 0.02 and moved < 1e-6
+        if zone.get("pivoting") == "never" and inside and pivots:
+            fault(motion["object"], "turns on the spot in a zone", time, pose)
+            return
+        if "one_way" in zone and shrunk.contains(Point(pose[:2])):
+            along = dx * math.cos(zone["one_way"]) + dy * math.sin(zone["one_way"])
+            if along < -NEAR:
+                fault(motion["object"], "drives against the way of a zone", time, pose)
+                return
+
+
+def _doors(spec, passed, fault):
+    doors = spec.get("automatic_doors", {})
+    for since, until, name, robot in passed:
+        for shut in doors[name].get("shut", ()):
+            if since < shut[1] - NEAR and until > shut[0] + NEAR:
+                fault(robot, "is in", name, since, until, "which is shut", shut)
+    for one, two in itertools.combinations(sorted(passed), 2):
+        lock = doors[one[2]].get("airlock")
+        same = lock is not None and doors[two[2]].get("airlock") == lock
+        if same and one[2:] != two[2:] and one[1] > two[0] + NEAR:
+            fault("two doors of an airlock at a time", one, two)

@@ -1,0 +1,84 @@
+"""Fleets of what sites asked for of late (``modern``), before the judge of ``buildings``."""
+
+import copy
+
+import pytest
+
+from tests.fleet.modern import Modern, built, looser
+from tests.fleet.rulebook import Rulebook
+from tests.fleet.test_buildings import Answer, told
+
+SEEDS = (16, 28)
+GOOD = 109
+HALL = [[0, 0], [15, 0], [15, 8], [0, 8]]
+
+
+def modern(seed, folder):
+    return told(seed, folder, draw=Modern, built=built, looser=looser)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_plans_keep_the_newest_rules(seed, tmp_path):
+    assert modern(seed, tmp_path) == []
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("first", range(100, 400, 25))
+def test_many_plans_keep_the_newest_rules(first, tmp_path):
+    findings = {seed: modern(seed, tmp_path) for seed in range(first, first + 25)}
+    assert {seed: found for seed, found in findings.items() if found} == {}
+
+
+def crawling(spec):
+    spec["zones"]["all"] = {"polygon": HALL, "v_max": 0.01}
+
+
+def westward(spec):
+    spec["zones"]["all"] = {"polygon": HALL, "one_way": 3.14159265}
+
+
+def turning(spec):
+    spec["zones"]["all"] = {"polygon": HALL, "pivoting": "never"}
+
+
+def backing(spec):
+    spec["types"]["agv"] |= {"reverse": "slow", "reverse_v_max": 0.001}
+
+
+def shut(spec):
+    spec["automatic_doors"]["all"] = {"polygon": HALL, "shut": [[0, 1e5]]}
+
+
+def locked(spec):
+    for name in ("one", "two"):
+        spec["automatic_doors"][name] = {"polygon": HALL, "airlock": "all"}
+
+
+def missed(spec):
+    spec["tasks"][0]["window"] = [[1e5, 2e5], [3e5, 4e5]]
+
+
+def alone(spec):
+    spec["tasks"][0]["crew"] = 2
+
+
+def low(spec):
+    spec["types"]["agv"]["battery"]["level"] = 1.0
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("good")
+    spec = Modern(GOOD, folder).spec
+    return spec, Answer(spec, built(spec), 3, 20.0).result
+
+
+HARMS = (crawling, westward, turning, backing, shut, locked, missed, alone, low)
+
+
+@pytest.mark.parametrize("harm", HARMS)
+def test_the_judge_sees_what_is_wrong(harm, good):
+    spec, result = copy.deepcopy(good[0]), good[1]
+    assert Rulebook(spec, result).faults == []
+    harm(spec)
+    assert Rulebook(spec, result).faults
