@@ -5,9 +5,11 @@ last.
 """
 
 import random
+from pathlib import Path
 
 import pytest
 
+from tests.operate.abroad import abroad
 from tests.operate.days import Day
 from tests.operate.sites import anywhere, hall
 from tests.operate.wire import AgvFloor
@@ -16,6 +18,7 @@ from up_samp.operate.records import OrderState
 from up_samp.operate.settings import Settings
 from up_samp.operate.simulated import Mishaps
 
+MAPS = Path(__file__).parents[3] / "shared" / "data" / "maps"
 NOTICED = 3.0
 KINDS = ("broken", "broken", "held", "blocked", "cancelled", "changed", "restart")
 FREE = (OrderState.WAITING, OrderState.PLANNED)
@@ -148,8 +151,8 @@ class TroubledDay:
 
     def blocked(self, who, now, lasts):
         if who not in self.areas:
-            width, height = 20.0, 12.0
-            x, y = self.rng.uniform(3, width - 3), self.rng.uniform(2, height - 2)
+            x, y, _ = self.day.fleet.records.places[self.rng.choice(self.places)].pose
+            x, y = x + self.rng.uniform(-4, 4), y + self.rng.uniform(-4, 4)
             self.areas[who] = now + lasts
             corners = [(x, y), (x + 2, y), (x + 2, y + 2), (x, y + 2)]
             self.operation.block(f"at {who}", corners)
@@ -212,3 +215,11 @@ def test_days_of_troubles_of_agvs(tmp_path, seed):
 
 def hall_drawn(folder, rng, robots):
     return hall(folder, robots)
+
+
+@pytest.mark.skipif(not MAPS.is_dir(), reason="the maps of others are not there")
+@pytest.mark.parametrize(
+    ("seed", "minutes"), [(1, 2), *(pytest.param(n, 6, marks=pytest.mark.long) for n in range(40))]
+)
+def test_days_of_troubles_on_floors_of_others(tmp_path, seed, minutes):
+    good(tmp_path, seed, minutes, 2 + seed % 4, abroad(MAPS))
