@@ -103,12 +103,20 @@ def test_an_engine_that_has_to_be_optimal_proves_other_metrics():
 
 
 @pytest.mark.parametrize("engine", ["aries", "aries-opt"])
-def test_other_engines_refuse_other_metrics_by_name(engine):
+def test_other_engines_schedule_what_is_drawn_by_other_metrics(engine):
+    """They are not told of the metric; where all of it is handed over, they refuse it by name."""
+    problem = other_metric()
+    with OneshotPlanner(name=f"samp-refine[{engine}]", params={"optimal": True}) as planner:
+        result = planner.solve(problem, timeout=60)
+    assert result.status.name == OPTIMALLY
+    assert valid(problem, result) == ["long"]
+    assert (result.metrics["value"], result.metrics["value_bound"]) == ("2", "2")
+    whole = {"preset": "without-incumbents"}
     with (
-        OneshotPlanner(name=f"samp-refine[{engine}]") as planner,
+        OneshotPlanner(name=f"samp-refine[{engine}]", params=whole) as planner,
         pytest.raises(UnsupportedError, match="only the makespan"),
     ):
-        planner.solve(other_metric(), timeout=20)
+        planner.solve(problem, timeout=20)
 
 
 # -- kinds ---------------------------------------------------------------------------------------

@@ -220,7 +220,7 @@ def test_a_statement(tmp_path):
 def as_short_as_can_be(search, stuck):
     """Have the best plan's activities scheduled again, to end sooner."""
     best = search.bounds.incumbent
-    problem = restrict(search.own_relaxation(), best.schedule)
+    problem = restrict(search.knowledge.relaxation, best.schedule)
     found = Subproblem(search, problem, 0.1).schedule(best.schedule)
     if found is not None and search.bounds.improves(found):
         itinerary = read_itinerary(search.knowledge.relaxation, found)

@@ -177,7 +177,11 @@ def test_an_engine_is_not_believed_against_a_shorter_schedule(tmp_path):
         factory.add_engine("hasty", "tests.search.hasty", "Hasty")
     hall = idle_fleet(tmp_path)
     assert solve(hall.problem).metrics["makespan"] == "17"
-    result = solve(hall.problem, "hasty")
+    drawn = solve(hall.problem, "hasty")
+    assert drawn.status is Status.SOLVED_OPTIMALLY
+    assert drawn.metrics["lower_bound"] == drawn.metrics["makespan"] == "17"
+    # the whole is handed over, and its word is all there is
+    result = solve(hall.problem, "hasty", preset="without-incumbents")
     assert result.plan is not None
     assert result.status is Status.SOLVED_SATISFICING
     assert int(result.metrics["lower_bound"]) <= 17 <= int(result.metrics["makespan"])

@@ -73,6 +73,9 @@ def result_of(
     """Return the result of the engine ``name``: a plan or none, and ``why`` (or "")."""
     failed = status is PlanGenerationResultStatus.INTERNAL_ERROR
     messages = [LogMessage(LogLevel.ERROR if failed else LogLevel.INFO, why)] if why else []
+    if search.history.handed_over:
+        handed = "; ".join(search.history.handed_over)
+        messages.append(LogMessage(LogLevel.INFO, f"{name} was handed over {handed}"))
     messages += [LogMessage(LogLevel.ERROR, told) for told in search.history.refuted]
     result = SampResult(status, plan, name, metrics_of(params, search), messages)
     result.history = search.history
@@ -123,6 +126,8 @@ def metrics_of(params: Parameters, search: Search) -> dict[str, str]:
     if history.recognised or history.left_over:
         metrics["recognised"] = "; ".join(history.recognised)
         metrics["left_over"] = "; ".join(history.left_over)
+    if history.handed_over:
+        metrics["handed_over"] = "; ".join(history.handed_over)
     if history.refuted:
         metrics["refuted"] = "; ".join(history.refuted)
     if history.refused:

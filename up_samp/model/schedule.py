@@ -45,6 +45,7 @@ class ScheduleReport:
     the cost of an objective); ``cost``: what our own scheduler says that the schedule costs.
     ``late`` says of a schedule that it is the best at the deadline, and the search was not over.
     ``recognised`` and ``left_over`` tell which structures the scheduler found in the problem.
+    ``handed_over`` tells what another engine was asked for, and what it answered.
     ``refuted`` tells of an error of ours: what was claimed at first, and was refuted.
     """
 
@@ -58,6 +59,7 @@ class ScheduleReport:
     left_over: tuple[str, ...] = ()
     refuted: str = ""
     cost: int | Fraction | None = None
+    handed_over: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -76,16 +76,17 @@ class EngineScheduler:
         optimal: bool = True,
         hint: CandidateSchedule | None = None,
         lower_bound: int | Fraction | None = None,
+        part: SchedulingProblem | None = None,
     ) -> ScheduleReport:
-        """Schedule the problem as it is now.
+        """Schedule the problem as it is now, or a ``part`` of it instead.
 
         Raises:
             UnsupportedError: the problem cannot be compiled to what the engine can do.
         """
-        started = time.monotonic()
+        started, problem = time.monotonic(), part or self._problem
         runner = self._engine if optimal else _satisficing(self._engine)
         try:
-            original = read_problem(self._problem)
+            original = read_problem(problem)
             compiled = chain(original, compilers_for(self._quirks))
         except UnsupportedError as error:
             raise UnsupportedError(f"engine {self.name}: {error}") from error
@@ -104,7 +105,7 @@ class EngineScheduler:
                 return _report(ScheduleStatus.ERROR, lower_bound, started, message)
             if answer.status != "exception":
                 break
-        report = self._judge(answer, original, compiled, lower_bound, started)
+        report = self._judge(answer, problem, original, compiled, lower_bound, started)
         late = task.until is not None and time.monotonic() > task.until
         if report.status is ScheduleStatus.NOT_FOUND and late:  # cpse calls a timeout so
             return replace(report, status=ScheduleStatus.OUT_OF_TIME)
@@ -136,6 +137,7 @@ class EngineScheduler:
     def _judge(
         self,
         answer: WorkerAnswer,
+        problem: SchedulingProblem,
         original: PlainProblem,
         compiled: Compiled,
         lower_bound: int | Fraction | None,
@@ -161,7 +163,7 @@ class EngineScheduler:
         try:
             found = CandidateSchedule(answer.times, answer.parameters)
             schedule = restored(original, compiled, found)
-            wrong = self._violations(schedule)
+            wrong = self._violations(problem, schedule)
         except LookupError as error:
             wrong = [f"{error} is missing in it, or not in the problem"]
         if wrong:
@@ -185,11 +187,10 @@ class EngineScheduler:
             and schedule.makespan > compiled.floor
         )
 
-    def _violations(self, schedule: CandidateSchedule) -> list[str]:
-
+    def _violations(self, problem: SchedulingProblem, schedule: CandidateSchedule) -> list[str]:
         if self._check is None:
             return []
-        return self._check(self._problem, build_schedule(self._problem, schedule))[:5]
+        return self._check(problem, build_schedule(problem, schedule))[:5]
 
     def close(self) -> None:
         """End the worker process."""

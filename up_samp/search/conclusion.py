@@ -18,9 +18,6 @@ from up_samp.search.search import Search
 
 log = logging.getLogger(__name__)
 
-_RARER = 3
-"""Times as many rounds of another engine until it is asked again whether anything is left."""
-
 
 class Conclusion(enum.Enum):
     """How a search ended."""
@@ -77,39 +74,6 @@ def conclude_without_schedule(search: Search, report: ScheduleReport) -> SearchR
     return SearchResult(Conclusion.EXHAUSTED, _what_is_not_proven(search, report))
 
 
-def conclude_beforehand(search: Search) -> SearchResult | None:
-    """Conclude that nothing is left where our own scheduler sees it soon, None otherwise.
-
-    Other engines are not told all that is proven (``for_proofs``), and few of them prove anything:
-    they might go on for ever. Asked before the first round, and with more and more of them between.
-    """
-    knowledge, rounds = search.knowledge, len(search.history.rounds)
-    if not search.components.for_proofs or search.bounds.incumbent is not None:
-        return None
-    if rounds < knowledge.asked_at * _RARER:
-        return None
-    knowledge.asked_at = max(1, rounds)
-    facts = _facts(search)
-    if knowledge.feasible_facts == len(facts):
-        return None
-    search.tell.stage(Phase.PROOF, count=len(facts))
-    verdict = search.prover.leaves_nothing(facts, soon=True)
-    if verdict is None:
-        return None
-    if verdict and stands(search, nothing=facts):
-        return SearchResult(Conclusion.UNSOLVABLE, search.prover.because(facts))
-    knowledge.feasible_facts = len(facts)
-    return None
-
-
-def _facts(search: Search) -> list[Refinement]:
-    """Return all that is proven, and what only our own scheduler can be told."""
-    facts = search.knowledge.proven
-    for statement in search.components.for_proofs:
-        facts += statement.find(search)
-    return facts
-
-
 def refutation(search: Search, report: ScheduleReport) -> list[Refinement] | None:
     """Return the proven facts if they alone leave no schedule, else None.
 
@@ -121,7 +85,6 @@ def refutation(search: Search, report: ScheduleReport) -> list[Refinement] | Non
     said = report.status is ScheduleStatus.INFEASIBLE and len(facts) == len(knowledge.active)
     if said and search.problem.native:
         return facts
-    facts = _facts(search)
     if knowledge.feasible_facts == len(facts):
         return None
     search.tell.stage(Phase.PROOF, count=len(facts))

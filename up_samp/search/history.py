@@ -123,6 +123,8 @@ class History:
     """Structures that the scheduler found in the problem ..."""
     left_over: tuple[str, ...] = ()
     """... and what it took as it is written."""
+    handed_over: list[str] = field(default_factory=list)
+    """What of the problem another engine was asked for, and what it answered."""
     refused: list[str] = field(default_factory=list)
     """What the validator had against plans that the search took for valid; it learned from it."""
     missed: list[str] = field(default_factory=list)

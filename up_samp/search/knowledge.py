@@ -34,8 +34,6 @@ class Knowledge:
     """Activities that did not come to a plan even with their motions one after another."""
     feasible_facts: int | None = None
     """How many proven facts alone are known to leave a schedule (or could not be refuted)."""
-    asked_at: int = 0
-    """Rounds after which it was last asked whether the proven facts leave anything."""
     _written: set[object] = field(default_factory=set)
     _ever: set[object] = field(default_factory=set)
 

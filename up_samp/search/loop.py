@@ -23,7 +23,6 @@ from up_samp.search.attempt import (
 from up_samp.search.conclusion import (
     SearchResult,
     conclude,
-    conclude_beforehand,
     conclude_stopped,
     conclude_without_schedule,
     restart,
@@ -60,9 +59,6 @@ def solve(search: Search, *, optimal: bool) -> Generator[Incumbent, None, Search
     while not search.budget.deadline.expired():
         if search.stopped:
             return conclude_stopped(search)
-        ending = conclude_beforehand(search)
-        if ending is not None:
-            return ending
         yield from improve(search, stuck=False)
         with search.history.stages.of(SCHEDULING):
             report = get_schedule(search, optimal=optimal)  # line 4
@@ -152,6 +148,7 @@ def get_schedule(search: Search, *, optimal: bool) -> ScheduleReport:
     if report.recognised or report.left_over:
         search.history.recognised = report.recognised
         search.history.left_over = report.left_over
+    search.history.handed_over += report.handed_over
     if report.bound is not None and not guessing:
         # it was told the bound so far, too
         bounds.raise_lower(report.bound, relative=bounds.stated or bounds.relative)

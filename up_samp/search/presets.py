@@ -23,7 +23,6 @@ from up_samp.search.fleet.improve import in_order, in_order_at_last
 from up_samp.search.params import SWITCHES, Parameters
 from up_samp.search.resolve import (
     least_work,
-    prune_candidate,
     prune_motions,
     repair_durations,
     serialize_motions,
@@ -38,7 +37,6 @@ from up_samp.search.statements.unreachable import unreachable
 Part = TypeVar("Part")
 Ideas = tuple[str, ...]
 
-UNARY_PLACES = Statement("unary places", lambda s: unary_places(s.motions))
 LAYERS: Sequence[tuple[CheckAlone, Ideas]] = (
     (check_path, ("single_geometric",)),
     (check_duration, ("single_temporal",)),
@@ -63,7 +61,10 @@ def _statements() -> Sequence[tuple[Statement, Ideas]]:
             Statement("proofs of unreachability", lambda s: unreachable(s.motions)),
             ("certificates",),
         ),
-        (UNARY_PLACES, ("certificates", "native")),
+        (
+            Statement("unary places", lambda s: unary_places(s.motions)),
+            ("certificates", "native"),
+        ),
         (Statement("unobstructed motions", durations), ("bounds_first",)),
         (
             Statement("handing over places", lambda s: proven_handovers(s.motions)),
@@ -80,7 +81,8 @@ ATTEMPTS: Sequence[tuple[Attempt, Ideas]] = ((pair_cuts, ("profiles",)),)
 def components_of(params: Parameters, *, native: bool) -> Components:
     """Return the components that parameters ask for.
 
-    ``native``: the scheduler is our own, which knows unary places and goes on from what it knows.
+    ``native``: the scheduler is our own, which knows unary places and goes on from what it knows,
+    if only to draw what another one is handed over.
     """
     if params.components is not None:
         return params.components
@@ -89,8 +91,6 @@ def components_of(params: Parameters, *, native: bool) -> Components:
     # what parts from outside know comes first
     outside = tuple(parts("cuts").values()) if "refine" in ideas else ()
     repair = partial(repair_durations, loose="slack" in ideas)
-    # other engines' schedules are full of motions that nothing needs
-    lean = () if native else ((prune_candidate, ("tidy", "incumbents")),)
 
     def with_ideas(some: Sequence[tuple[Part, Ideas]]) -> tuple[Part, ...]:
         return tuple(part for part, needed in some if ideas.issuperset(needed))
@@ -100,7 +100,7 @@ def components_of(params: Parameters, *, native: bool) -> Components:
         layers=with_ideas(LAYERS),
         cuts=_cuts(ideas, (*outside, *with_ideas(ATTEMPTS)), params.seed),
         pace=SchedulerPace(ideas >= {"native", "incumbents"}),
-        shapers=with_ideas((*lean, (slack, ("slack",)))),
+        shapers=with_ideas(((slack, ("slack",)),)),
         builders=with_ideas(((in_order, ("incumbents",)),)),
         repairs=with_ideas(
             tuple(
@@ -108,7 +108,6 @@ def components_of(params: Parameters, *, native: bool) -> Components:
                 for one in (repair, in_order_at_last, serialize_motions, least_work)
             )
         ),
-        for_proofs=() if native else with_ideas(((UNARY_PLACES, ("certificates",)),)),
         improvers=tuple(parts("improvers").values()),
         finishers=with_ideas(((prune_motions, ("tidy",)),)),
         learns="refine" in ideas,

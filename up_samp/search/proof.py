@@ -142,11 +142,9 @@ class Prover:
     plain: bool = False
     """Nothing is recognised in the problem."""
 
-    def leaves_nothing(self, facts: Sequence[Refinement], *, soon: bool = False) -> bool | None:
-        """Return whether the facts alone leave no schedule (None: not known); ``soon``: in little
-        time.
-        """
-        report = self._schedule(facts, (), self.budget.part("doubt" if soon else "proof"))
+    def leaves_nothing(self, facts: Sequence[Refinement]) -> bool | None:
+        """Return whether the facts alone leave no schedule (None: not known)."""
+        report = self._schedule(facts, (), self.budget.part("proof"))
         if report is None or (report.schedule is None and not _none_left(report)):
             return None
         return _none_left(report)

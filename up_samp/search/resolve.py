@@ -47,8 +47,6 @@ _STEPS = 12
 """Of scheduling anew and driving, where motions are serialized or pruned."""
 STEP_EFFORT = 0.3
 """For one of these steps: some seconds at most."""
-_LEAN_EFFORT = 2.0
-"""For another engine's candidate: some seconds; checking it takes longer."""
 _NEAR_EFFORT = 0.1
 """For a schedule near a plan's: about a second at most."""
 _SLACK = (1, 3, 6)
@@ -134,7 +132,7 @@ def repair_durations(
     if check.failed:
         return None
     search.tell.stage(Phase.REPAIR)
-    problem = restrict(search.own_relaxation(), schedule)
+    problem = restrict(search.knowledge.relaxation, schedule)
     small = Subproblem(search, problem, _REPAIR_EFFORT)
 
     def again(near: CandidateSchedule) -> CandidateSchedule | None:
@@ -191,7 +189,7 @@ def _in_turn(
         if deadline.expired():
             return None
         # made anew: the relaxation holds what was learned by then
-        problem = restrict(search.own_relaxation(), schedule)
+        problem = restrict(search.knowledge.relaxation, schedule)
         _take_turns(problem, some)
         small = Subproblem(search, problem, STEP_EFFORT)
         return small.schedule(near, optimal=False, deadline=deadline)
@@ -224,7 +222,7 @@ def least_work(search: Search, schedule: CandidateSchedule, check: Check) -> Inc
 
 def _with_fewest_motions(search: Search, near: CandidateSchedule) -> CandidateSchedule | None:
     """Return a schedule of the whole problem with the fewest motions that is found soon."""
-    relaxation = search.own_relaxation()
+    relaxation = search.knowledge.relaxation
     problem = relaxation.problem.clone()
     moving = {t.activity for t in relaxation.snapshot.tasks}
     manager = problem.environment.expression_manager
@@ -339,26 +337,6 @@ def prune_motions(search: Search, plan: Incumbent) -> Incumbent | None:
 
     better = until_driven(search, plan.schedule, again, tell, steps=_STEPS)
     return None if better is None or search.judged(better.plan) else better
-
-
-def prune_candidate(search: Search, schedule: CandidateSchedule) -> CandidateSchedule:
-    """Return another engine's candidate with some of the same activities, few of them motions, that
-    ends as soon as these can; ``schedule`` itself, if there is none to be had in little time. Such
-    schedules are full of motions that nothing needs.
-
-    What the engine was not told may need more time: twice as much as it scheduled at most.
-    """
-    own, told = search.own_relaxation(), search.knowledge.relaxation
-    for relaxation, factor in ((own, 2), (told, 1)):
-        weights = _worth_of_leaving_out(relaxation, schedule)
-        if not weights or not only_makespan(relaxation.problem):
-            return schedule
-        problem = _with_motions_optional(relaxation, schedule, weights, factor * schedule.makespan)
-        few = Subproblem(search, problem, _LEAN_EFFORT).schedule(schedule)
-        if few is not None:
-            soon = restrict(relaxation, few)
-            return Subproblem(search, soon, _LEAN_EFFORT).schedule(few) or few
-    return schedule
 
 
 def _worth_of_leaving_out(relaxation: Relaxation, schedule: CandidateSchedule) -> dict[str, int]:

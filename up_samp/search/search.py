@@ -23,7 +23,7 @@ from up_samp.search.knowledge import Bounds, Incumbent, Knowledge
 from up_samp.search.motions import Motions
 from up_samp.search.proof import Prover
 from up_samp.search.tuning import SearchTuning
-from up_samp.upio import Itinerary, Relaxation, SampSchedule, write_refinement
+from up_samp.upio import Itinerary, Relaxation, SampSchedule
 from up_samp.upio.objective import Measure
 
 
@@ -54,9 +54,7 @@ class Components:
     """The parts of a search, in the order in which they act.
 
     ``statements`` come before the first schedule; ``improvers`` in every round, once there is a
-    plan;
-    ``for_proofs`` are told to our own scheduler alone, when it judges another one's word. Without
-    ``learns`` a search ends with its first candidate.
+    plan. Without ``learns`` a search ends with its first candidate.
     """
 
     statements: tuple[Statement, ...]
@@ -66,7 +64,6 @@ class Components:
     shapers: tuple[Shaper, ...] = ()
     builders: tuple[Builder, ...] = ()
     repairs: tuple[Repair, ...] = ()
-    for_proofs: tuple[Statement, ...] = ()
     improvers: tuple[Improver, ...] = ()
     finishers: tuple[Finisher, ...] = ()
     learns: bool = True
@@ -77,9 +74,9 @@ class Problem:
     """What a search asks of the problem as UP has it.
 
     ``relax`` makes the relaxation anew, without refinements; ``schedule`` opens a scheduler on one,
-    for the attempt of that number (``native``: our own, which knows unary places); ``build`` makes
-    the UP plan of a schedule and its trajectories; ``judge`` is the independent validator;
-    ``measure`` tells what a schedule costs.
+    for the attempt of that number (``native``: our own, which knows unary places, if only to draw
+    what another engine is handed over); ``build`` makes the UP plan of a schedule and its
+    trajectories; ``judge`` is the independent validator; ``measure`` tells what a schedule costs.
     """
 
     relax: Callable[[], Relaxation]
@@ -121,7 +118,6 @@ class Search:
     """How a large problem is solved: not as a whole, but in parts (``optimal`` or not)."""
     plain: bool = False
     """Nothing is recognised in the problem any more: what rested on it was refuted."""
-    _own: tuple[tuple[int, int], Relaxation] | None = None
 
     @property
     def history(self) -> History:
@@ -145,21 +141,6 @@ class Search:
         """Return what the independent validator has against a plan."""
         with self.history.stages.of(VALIDATING):
             return self.problem.judge(plan)
-
-    def own_relaxation(self) -> Relaxation:
-        """Return the relaxation as our own scheduler takes it, for what is made of candidates:
-        where another engine is wrapped, with what only ours knows how to say.
-        """
-        if self.problem.native:
-            return self.knowledge.relaxation
-        known = (self.restarts.done, len(self.knowledge.active))
-        if self._own is None or self._own[0] != known:
-            relaxation = self.problem.relax()
-            facts = [r for statement in self.components.for_proofs for r in statement.find(self)]
-            for refinement in (*self.knowledge.active, *facts):
-                write_refinement(relaxation, refinement)
-            self._own = known, relaxation
-        return self._own[1]
 
     def start_over(self) -> None:
         """Begin anew with what is proven or relative; drop what was only guessed."""

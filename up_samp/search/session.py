@@ -134,18 +134,18 @@ def open_search(
         service = service or open_service(snapshot, grid, params)
         check_start_poses(snapshot, service)
 
-    own = tuning_of(params.tuning).cpsat if wrapped.native else None
     measure = measure_of(problem, wrapped.worth)
-    asked = replace(problem_of(problem, snapshot, wrapped, params, own), measure=measure)
+    asked = problem_of(problem, snapshot, wrapped, params, tuning_of(params.tuning).cpsat)
+    asked = replace(asked, measure=measure)
     with stages.of(READING):
         search = assemble(asked, service, params, deadline)
         whole = params.components is not None or not only_makespan(problem)
-        if wrapped.native and params.incumbents and not whole and start is None:
+        if params.incumbents and not whole and start is None:
             inner = partial(open_thin, wrapped, params, service)
             _look_for_jobs(search, problem, snapshot, inner)
     search.history.stages = stages
     search.start = None if start is None else start_of(problem, start)
-    if wrapped.native and params.incumbents and start is None and snapshot.tasks:
+    if params.incumbents and start is None and snapshot.tasks:
         search.easier = easier_of(problem, wrapped, params)
     return search
 
@@ -204,26 +204,35 @@ def problem_of(
     snapshot: Snapshot,
     wrapped: Wrapped,
     params: Parameters,
-    tuning: CpsatTuning | None,
+    tuning: CpsatTuning,
 ) -> Problem:
-    """Return what a search asks of a problem (by the makespan); ``tuning``: of our own engine."""
-    given = {**({} if tuning is None else {"tuning": tuning}), **wrapped.params}
+    """Return what a search asks of a problem (by the makespan); ``tuning``: of our own engine. It
+    draws what another one is handed over, but where the preset asks nothing of ours.
+    """
+    given = {**({"tuning": tuning} if wrapped.native else {}), **wrapped.params}
 
     def relax_anew() -> Relaxation:
         return relax(problem, snapshot)
 
     def scheduler_for(relaxation: Relaxation, attempt: int) -> Scheduler:
-        return open_scheduler(
+        seed = params.seed + attempt
+        scheduler: Any = open_scheduler(
             wrapped.engine,
             relaxation.problem,
             params=given,
-            seed=params.seed + attempt,
+            seed=seed,
             check=wrapped.check,
             environment=problem.environment,
         )
+        if wrapped.native or not params.incumbents:
+            return scheduler
+        from up_samp.scheduling.thinned import ThinnedScheduler  # and all compilers
+
+        return ThinnedScheduler(scheduler, relaxation, seed=seed, tuning=tuning)
 
     build = partial(to_plan, problem, snapshot, params.margin)
-    return Problem(relax_anew, scheduler_for, build, wrapped.judge, wrapped.native)
+    native = wrapped.native or params.incumbents
+    return Problem(relax_anew, scheduler_for, build, wrapped.judge, native)
 
 
 def open_thin(

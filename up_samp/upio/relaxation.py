@@ -63,6 +63,8 @@ class Relaxation:
     """Parts of statements that are written already: most come many times."""
     told_fluents: dict[str, FNode] = field(default_factory=dict)
     """Fluents that motions name as configurations, by how the problem writes them."""
+    places: set[Fluent] = field(default_factory=set)
+    """What counts whether a place for one object is free."""
 
     def __post_init__(self) -> None:
         self.activities = {a.name: a for a in self.problem.activities}

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Iterator
+from functools import partial
 from typing import TypeVar
 
 from unified_planning.model.motion import MotionActivity, SchedulingMotionProblem
@@ -28,9 +29,43 @@ def restrict(
     present activities mandatory, others gone, motions between the same configurations. Those that
     are ``free`` may be left out.
     """
-    problem = restricted(relaxation, schedule, free)
+    problem = _restricted(relaxation, schedule.times.keys(), free)
     _keep_decisions(relaxation, problem, schedule)
     return problem
+
+
+def parts_for_engines(
+    relaxation: Relaxation, schedule: CandidateSchedule | None
+) -> Iterator[tuple[str, SchedulingProblem]]:
+    """Yield what another engine is asked for a schedule of: what is present in ``schedule``, that
+    with all that moves something, and the whole (nothing else without one); each with what it is in
+    words. Nothing is optimised, and nothing is told of places that hold one object, which engines
+    miscount.
+
+    Each schedule of a part is one of the whole.
+    """
+    optional = {a.name for a in relaxation.problem.activities if a.optional}
+    snapshot = relaxation.snapshot
+    movers = {t.activity for t in snapshot.tasks} | {c.activity for c in snapshot.changes}
+    movers &= optional
+    twins = {twin.name for twin in relaxation.elsewhere.values()}
+    everything = relaxation.activities.keys() | twins
+    parts: dict[str, Callable[[], SchedulingProblem]]
+    parts = {"the whole": partial(_restricted, relaxation, everything, optional)}
+    if schedule is not None:
+        wider = movers | twins | schedule.times.keys()
+        parts = {
+            "what our own scheduler drew": partial(restrict, relaxation, schedule),
+            "that and all moves": partial(_restricted, relaxation, wider, movers | twins),
+            **parts,
+        }
+    for what, made in parts.items():
+        part = made()
+        part.clear_quality_metrics()
+        for activity in part.activities:
+            for effects in activity._effects.values():
+                effects[:] = [e for e in effects if e.fluent.fluent() not in relaxation.places]
+        yield f"{what} ({len(part.activities)} of {len(everything)} activities)", part
 
 
 def _keep_decisions(
@@ -48,19 +83,19 @@ def _keep_decisions(
             )
 
 
-def restricted(
-    relaxation: Relaxation, schedule: CandidateSchedule, free: frozenset[str] = frozenset()
+def _restricted(
+    relaxation: Relaxation, present: Collection[str], free: Collection[str]
 ) -> SchedulingProblem:
     """Return the relaxation with presence decided: present activities mandatory (but for those
     that are ``free``), others gone.
     """
     source = relaxation.problem
-    target, fix = _left_of(source, schedule.times.keys(), free)
+    target, fix = _left_of(source, present, free)
     if not only_makespan(source):
         objective = objective_of(source)
         assert objective is not None
         target.clear_quality_metrics()
-        target.add_quality_metric(objective.decided(fix, schedule.times.keys()))
+        target.add_quality_metric(objective.decided(fix, present))
     return target
 
 

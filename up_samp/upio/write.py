@@ -92,6 +92,7 @@ def _write_exclusive(relaxation: Relaxation, place: Exclusive) -> None:
         problem.environment.type_manager.IntType(0, 1),
         default_initial_value=0 if place.taken else 1,
     )
+    relaxation.places.add(free)
     manager = problem.environment.expression_manager
 
     def when(*given: str) -> FNode:

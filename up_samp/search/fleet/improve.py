@@ -116,7 +116,7 @@ def in_order_at_last(search: Search, schedule: CandidateSchedule, check: Check) 
     if search.bounds.incumbent is not None:
         return None
     # what the check told is in the relaxation by now: the candidate may break it
-    problem = restrict(search.own_relaxation(), schedule)
+    problem = restrict(search.knowledge.relaxation, schedule)
     near = Subproblem(search, problem, STEP_EFFORT).schedule(schedule)
     if near is None:
         return None

@@ -62,7 +62,7 @@ def times_of(
     :param lengths: units that activities are to take at least, beside what the problem asks.
     """
     schedule, facts = itinerary.schedule, search.facts
-    problem = restrict(search.own_relaxation(), schedule)
+    problem = restrict(search.knowledge.relaxation, schedule)
     try:
         planned = Planned(read_plain(problem, objective=False), schedule.times, schedule.parameters)
         differences = [o.difference for o in orders_of(planned, facts.snapshot)]
