@@ -1,4 +1,5 @@
 import json
+import queue
 import sys
 import threading
 import time
@@ -7,7 +8,7 @@ from pathlib import Path
 import pytest
 
 psutil = pytest.importorskip("psutil")
-from up_samp.server.jobs import JobLimits, JobQueue, JobState, QueueFullError  # noqa: E402
+from up_samp.server.jobs import JobLimits, JobQueue, JobState  # noqa: E402
 
 FAKE = (sys.executable, str(Path(__file__).with_name("fake_worker.py")))
 
@@ -86,7 +87,7 @@ def test_more_jobs_than_may_wait_are_turned_away():
         first = server.submit(*ask("progress", "60"))
         next(item for item in follow(first) if item is not None)
         server.submit(*ask("end"))
-        with pytest.raises(QueueFullError, match="1 jobs are waiting"):
+        with pytest.raises(queue.Full, match="1 jobs are waiting"):
             server.submit(*ask("end"))
 
 
@@ -151,7 +152,7 @@ def test_clients_that_come_and_go_leave_no_threads_and_no_folders(tmp_path, monk
         assert threading.active_count() <= before
         assert len(list(tmp_path.iterdir())) == 1
         waiting = [server.submit(*ask("60")) for _ in range(2)]
-        with pytest.raises(QueueFullError):
+        with pytest.raises(queue.Full):
             server.submit(*ask("60"))
         assert threading.active_count() <= before
         server.stop(waiting[0])

@@ -11,9 +11,7 @@ from __future__ import annotations
 import datetime
 import json
 import os
-import subprocess
 import tempfile
-import threading
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
@@ -53,30 +51,17 @@ def _performed(run: RunSpec, folder: str, grace: float) -> Record:
     with open(Path(folder) / "stderr", "w+b") as errors:
         group = child.ProcessGroup(
             child.command(ENTRY, [json.dumps(run.to_dict())]),
-            stdin=subprocess.PIPE,  # its end tells the run that this process is gone
-            stdout=subprocess.PIPE,
             stderr=errors,
             env=child.environment({"TMPDIR": folder}),
         )
-        assert group.process.stdout is not None
-        late = threading.Event()
-
-        def end() -> None:
-            late.set()
-            group.end()
-
         _running.add(group)
-        overdue = threading.Timer(run.timeout + grace, end)
-        overdue.daemon = True
-        overdue.start()
         try:
-            line = group.process.stdout.readline()
-            if line:
-                group.settle(grace)
+            with group.within(run.timeout + grace) as late:
+                line = group.source.readline()  # the end of its sink tells that we are gone
+                if line:
+                    group.settle(grace)
         finally:
-            overdue.cancel()
-            status = group.end()
-            child.close_pipes(group.process)
+            status = group.close()
             _running.discard(group)
         if line:
             found: Record = json.loads(line)

@@ -40,7 +40,7 @@ from up_samp.operate.order import ordered
 from up_samp.operate.records import Pose, Shape
 from up_samp.operate.stitch import BUSY, CommonNeeds, Kept, stitched
 from up_samp.operate.zones import still_counted
-from up_samp.system.child import ProcessGroup, close_pipes, command, environment
+from up_samp.system.child import ProcessGroup, command, environment
 
 if TYPE_CHECKING:
     from up_samp.motion.cache import MotionCache
@@ -380,11 +380,9 @@ class Planner:
         begun = time.monotonic()
         try:
             group = self._come()
-            assert group.process.stdin is not None
-            assert group.process.stdout is not None
-            pickle.dump(question, group.process.stdin)
-            group.process.stdin.flush()
-            self._answer = pickle.load(group.process.stdout)
+            pickle.dump(question, group.sink)
+            group.sink.flush()
+            self._answer = pickle.load(group.source)
         except (OSError, EOFError, pickle.PickleError) as error:
             self._leave()
             seconds = time.monotonic() - begun
@@ -405,15 +403,8 @@ class Planner:
 
     def _come(self) -> ProcessGroup:
         if self._group is None or self._group.ended():
-            import subprocess
-
             code = "from up_samp.operate.planner import main; main()"
-            self._group = ProcessGroup(
-                command(code),
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                env=environment(),
-            )
+            self._group = ProcessGroup(command(code), env=environment())
         return self._group
 
     def close(self) -> None:
@@ -428,5 +419,4 @@ class Planner:
     def _leave(self) -> None:
         group, self._group = self._group, None
         if group is not None:
-            group.end()
-            close_pipes(group.process)
+            group.close()

@@ -7,6 +7,7 @@ from __future__ import annotations
 import asyncio
 import dataclasses
 import json
+import queue
 from collections.abc import AsyncIterator, Callable, Collection, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from importlib import resources
@@ -19,9 +20,9 @@ from fastapi.responses import HTMLResponse, StreamingResponse
 from pydantic import create_model
 
 from up_samp.model.errors import short
-from up_samp.server.desk import Desk, DeskError
+from up_samp.server.desk import Desk
 from up_samp.server.guard import LOCAL, Guard
-from up_samp.server.jobs import ENDED, Job, JobQueue, QueueFullError
+from up_samp.server.jobs import ENDED, Job, JobQueue
 from up_samp.server.requests import REQUESTS
 
 AGAIN = {"Retry-After": "10"}
@@ -85,7 +86,7 @@ class Doors:
         """Ask at the desk, when it is our turn."""
         try:
             return await anyio.to_thread.run_sync(self.desk.ask, kind, *parts, limiter=self._turn)
-        except DeskError as error:
+        except TimeoutError as error:
             raise HTTPException(422, f"the request could not be read: {error}") from error
 
     async def submitted(self, kind: str, request: Request) -> Job:
@@ -124,7 +125,7 @@ def _room(check: Callable[[], None] = lambda: None) -> Iterator[None]:
     try:
         check()
         yield
-    except QueueFullError as error:
+    except queue.Full as error:
         raise HTTPException(503, str(error), headers=AGAIN) from error
 
 

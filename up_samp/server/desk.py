@@ -16,11 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from up_samp.server.jobs import WORKER, JobLimits, started
-from up_samp.system.child import ProcessGroup, close_pipes
-
-
-class DeskError(Exception):
-    """A question took more time or memory than it may."""
+from up_samp.system.child import ProcessGroup
 
 
 class Desk:
@@ -47,37 +43,32 @@ class Desk:
         """Ask for what ``kind`` says of ``parts`` (see ``worker.DESK``); return the answer and the
         bytes that come with it.
 
-        :raises DeskError: where there is no answer within the limits.
+        :raises TimeoutError: where there is no answer within the limits.
         """
         head = json.dumps({"kind": kind, "sizes": [len(p) for p in parts]}).encode() + b"\n"
         with self._lock:
             group = self._come()
-            overdue = threading.Timer(self.limits.look_seconds, group.end)
-            overdue.daemon = True
-            overdue.start()
+            seconds = self.limits.look_seconds
             try:
-                assert group.process.stdin is not None
-                assert group.process.stdout is not None
-                group.process.stdin.write(b"".join((head, *parts)))
-                group.process.stdin.flush()
-                line = group.process.stdout.readline()
-                answer: dict[str, Any] = json.loads(line) if line.endswith(b"\n") else {}
-                body = group.process.stdout.read(answer.get("size", 0))
-                if not answer or len(body) < answer.get("size", 0):
-                    raise EOFError
-                if answer.pop("last"):
-                    self._leave()
-                return answer, body
+                with group.within(seconds):
+                    group.sink.write(b"".join((head, *parts)))
+                    group.sink.flush()
+                    line = group.source.readline()
+                    answer: dict[str, Any] = json.loads(line) if line.endswith(b"\n") else {}
+                    body = group.source.read(answer.get("size", 0))
+                    if not answer or len(body) < answer.get("size", 0):
+                        raise EOFError
             except (OSError, EOFError) as error:
                 self._leave()
-                seconds = self.limits.look_seconds
-                raise DeskError(f"it takes more than {seconds:g} s, or too much memory") from error
-            finally:
-                overdue.cancel()
+                why = f"it takes more than {seconds:g} s, or too much memory"
+                raise TimeoutError(why) from error
+            if answer.pop("last"):
+                self._leave()
+            return answer, body
 
     def _come(self) -> ProcessGroup:
         if self._closed:
-            raise DeskError("the service ends")
+            raise TimeoutError("the service ends")
         if self._group is None or self._group.ended():
             self._leave()
             self._folder = Path(tempfile.mkdtemp(prefix="up-samp-desk-"))
@@ -86,8 +77,7 @@ class Desk:
 
     def _leave(self) -> None:
         if self._group is not None:
-            self._group.end()
-            close_pipes(self._group.process)
+            self._group.close()
             self._group = None
         if self._folder is not None:
             with contextlib.suppress(OSError):

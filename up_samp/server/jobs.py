@@ -10,6 +10,7 @@ from __future__ import annotations
 import enum
 import json
 import os
+import queue
 import shutil
 import signal
 import subprocess
@@ -23,7 +24,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from up_samp.system.child import ProcessGroup, close_pipes
+from up_samp.system.child import ProcessGroup
 
 Event = dict[str, Any]
 
@@ -79,10 +80,6 @@ class JobState(str, enum.Enum):
 
 
 ENDED = frozenset({JobState.DONE, JobState.FAILED, JobState.STOPPED})
-
-
-class QueueFullError(Exception):
-    """There is no room for another job."""
 
 
 @dataclass(eq=False)
@@ -171,18 +168,18 @@ class JobQueue:
         self.close()
 
     def check_room(self) -> None:
-        """Raise :class:`QueueFullError` where too many jobs wait."""
+        """Raise :class:`queue.Full` where too many jobs wait."""
         with self._lock:
             self._check_room()
 
     def _check_room(self) -> None:
         waiting = len(self._waiting)
         if self._closed or waiting >= self.limits.waiting + self.limits.running - self._busy:
-            raise QueueFullError(f"{waiting} jobs are waiting already")
+            raise queue.Full(f"{waiting} jobs are waiting already")
 
     def submit(self, kind: str, body: bytes, seconds: float) -> Job:
-        """Queue a job (``kind``: plan, validate) and return it; raise :class:`QueueFullError` where
-        too many wait.
+        """Queue a job (``kind``: plan, validate) and return it; raise :class:`queue.Full` where too
+        many wait.
         """
         job = Job(kind, body, min(seconds, self.limits.seconds))
         with self._lock:
@@ -280,29 +277,22 @@ class JobQueue:
     def _follow(self, job: Job, group: ProcessGroup) -> None:
         """Follow the job's process to its end and take in what it tells."""
         limits = self.limits
-        overdue = threading.Timer(job.seconds + limits.grace, group.end)
-        overdue.daemon = True
-        overdue.start()
         try:
-            self._converse(job, group)
-            group.settle(limits.grace)
+            with group.within(job.seconds + limits.grace):
+                self._converse(job, group)
+                group.settle(limits.grace)
         finally:
-            overdue.cancel()
-            code = group.end()
-            close_pipes(group.process)
+            code = group.close()
         if job.end is None and job.state is not JobState.STOPPED:
             job.add({"event": "end", "status": "ERROR", "message": _why(code)})
         failed = (job.end or {}).get("status") == "ERROR" and job.plan is None
         job.ended(JobState.FAILED if failed else JobState.DONE)
 
     def _converse(self, job: Job, group: ProcessGroup) -> None:
-        process = group.process
-        assert process.stdin is not None
-        assert process.stdout is not None
         head = {"kind": job.kind, "timeout": job.seconds}
         try:
-            process.stdin.write(json.dumps(head).encode() + b"\n" + job.body)
-            process.stdin.close()
+            group.sink.write(json.dumps(head).encode() + b"\n" + job.body)
+            group.sink.close()
         except BrokenPipeError:
             return
         left = self.limits.output
@@ -310,7 +300,7 @@ class JobQueue:
         def next_line() -> bytes:
             """Return a whole line, else nothing."""
             nonlocal left
-            line = process.stdout.readline(left + 1)  # type: ignore[union-attr]
+            line = group.source.readline(left + 1)
             left -= len(line)
             return line if line.endswith(b"\n") and left >= 0 else b""
 
@@ -333,8 +323,6 @@ def started(command: tuple[str, ...], argument: str, folder: Path) -> ProcessGro
     return ProcessGroup(
         [*command, argument],
         cwd=folder,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         env={**os.environ, "PYTHONSAFEPATH": "1", "TMPDIR": str(folder)},
     )

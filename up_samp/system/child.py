@@ -13,9 +13,9 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO, cast
 
 _PATH = """
 import sys
@@ -110,14 +110,20 @@ def die_with(descriptor: int) -> None:
 
 
 class ProcessGroup:
-    """A process in a process group of its own, which is ended with all that it started.
+    """A process in a process group of its own, which is ended with all that it started. ``sink`` is
+    its standard input, ``source`` its output.
 
     It is signalled only while its end has not been taken in (until then no other process can have
     its number): nothing else may wait for it or poll it.
     """
 
     def __init__(self, command: Sequence[str], **given: Any) -> None:
-        self.process = subprocess.Popen(command, start_new_session=True, **given)
+        pipe = subprocess.PIPE
+        self.process = subprocess.Popen(
+            command, start_new_session=True, stdin=pipe, stdout=pipe, **given
+        )
+        self.sink = cast(BinaryIO, self.process.stdin)
+        self.source = cast(BinaryIO, self.process.stdout)
         self._lock = threading.Lock()
 
     def ended(self) -> bool:
@@ -148,10 +154,29 @@ class ProcessGroup:
                 self.process.wait()
             return self.process.returncode
 
+    @contextlib.contextmanager
+    def within(self, seconds: float) -> Iterator[threading.Event]:
+        """End the process once ``seconds`` have passed; the event tells that."""
+        late = threading.Event()
 
-def close_pipes(process: subprocess.Popen[bytes]) -> None:
-    """Close this end of the pipes to a process that has been ended."""
-    for pipe in (process.stdin, process.stdout):
-        with contextlib.suppress(OSError):  # what could not be written any more
-            if pipe is not None:
+        def end() -> None:
+            late.set()
+            self.end()
+
+        overdue = threading.Timer(seconds, end)
+        overdue.daemon = True
+        overdue.start()
+        try:
+            yield late
+        finally:
+            overdue.cancel()
+
+    def close(self) -> int:
+        """End the process and close this end of its pipes, which nobody may use now; return its
+        exit code.
+        """
+        code = self.end()
+        for pipe in (self.sink, self.source):
+            with contextlib.suppress(OSError):  # what could not be written any more
                 pipe.close()
+        return code
