@@ -12,8 +12,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -35,14 +34,10 @@ Message = dict[str, Any]
 Event = tuple[Any, ...]
 
 
-@dataclass
-class _Order:
-    """One robot's whole order: nodes and edges, and the step that each pair came from."""
-
-    robot: str
-    nodes: list[Message] = field(default_factory=list)
-    edges: list[Message] = field(default_factory=list)
-    steps: list[RobotStep] = field(default_factory=list)
+Release = tuple[Message, str, int, tuple[StepWait, ...]]
+"""A message as ``releases.json`` lists it, whose it is, up to which node (sequenceId) it releases,
+and what it waits for.
+"""
 
 
 def export(plan: PlanDict, folder: Path, version: str = VERSION) -> list[Path]:
@@ -50,26 +45,27 @@ def export(plan: PlanDict, folder: Path, version: str = VERSION) -> list[Path]:
     steps = steps_of(plan)
     others = steps.pop("", [])
     map_id = Path(plan["map"]["yaml"] or "plane").stem
-    orders = [_order(plan, robot, own, map_id) for robot, own in steps.items()]
-    seen = _where_seen(orders)
-    names = file_names(order.robot for order in orders)
-    written, releases = [], []
-    for order in orders:
-        for number, message, waits in _messages(order, plan["problem"]):
-            name = Path(names[order.robot]) / f"order-{number:03d}.json"
+    seen = _where_seen(steps)
+    names = file_names(steps)
+    written: list[Path] = []
+    releases: list[Release] = []
+    for robot, own in steps.items():
+        for number, (message, waits) in enumerate(_messages(plan, robot, own, map_id)):
+            name = Path(names[robot]) / f"order-{number:03d}.json"
             (folder / name.parent).mkdir(parents=True, exist_ok=True)
             written.append(_write(folder / name, later(message) if version == LATER else message))
             last = next(n["sequenceId"] for n in reversed(message["nodes"]) if n["released"])
-            releases.append(_Release(str(name), order.robot, last, waits))
+            after = [_condition(w, seen) for w in waits]
+            listed = {"file": str(name), "serialNumber": robot, "after": after}
+            releases.append((listed, robot, last, waits))
     error, less = localisation_of(plan)
-    listed = [_listed(r, seen) for r in _sorted(releases, seen, others)]
     written.append(
         _write(
             folder / "releases.json",
             {
                 "localisation": error,
                 "narrow": less,
-                "messages": listed,
+                "messages": _sorted(releases, seen, others),
                 "activities": [
                     {"activity": s.activity, "after": [_condition(w, seen) for w in s.waits]}
                     for s in others
@@ -145,8 +141,10 @@ def _write(path: Path, data: Any) -> Path:
 
 
 # ------------------------------------------------------------------------------ nodes and edges
-def _order(plan: PlanDict, robot: str, steps: Sequence[RobotStep], map_id: str) -> _Order:
-    order = _Order(robot)
+def _whole(
+    plan: PlanDict, robot: str, steps: Sequence[RobotStep], map_id: str
+) -> tuple[list[Message], list[Message]]:
+    """Return all nodes and edges of a robot's order: an edge for each step, to the node after."""
     entry = next((o for o in plan["objects"] if o["name"] == robot), None)
     first = next((s.piece.rows[0, 1:] for s in steps if s.piece is not None), None)
     if first is None:
@@ -154,17 +152,16 @@ def _order(plan: PlanDict, robot: str, steps: Sequence[RobotStep], map_id: str) 
             raise ProblemError(f"the plan does not say where '{robot}' is")
         first = np.asarray(entry["initial"], dtype=np.float64)
     pose: FloatArray = first
-    order.nodes.append(node_of(robot, 0, pose, map_id))
+    nodes, edges = [node_of(robot, 0, pose, map_id)], []
     for number, step in enumerate(steps, start=1):
         if step.piece is not None:
             pose = step.piece.rows[-1, 1:]
         node = node_of(robot, number, pose, map_id)
         if step.piece is None:
             node["actions"] = [_action(step)]
-        order.edges.append(edge_of(robot, number, step.piece))
-        order.nodes.append(node)
-        order.steps.append(step)
-    return order
+        edges.append(edge_of(robot, number, step.piece))
+        nodes.append(node)
+    return nodes, edges
 
 
 def node_of(robot: str, number: int, pose: FloatArray, map_id: str) -> Message:
@@ -233,115 +230,82 @@ def nurbs(points: FloatArray) -> Message:
 
 
 # ---------------------------------------------------------------------------------- messages
-def _messages(order: _Order, problem: str) -> list[tuple[int, Message, tuple[StepWait, ...]]]:
-    """Return (number, message, what it waits for): the order first, then its updates.
+def _messages(
+    plan: PlanDict, robot: str, steps: Sequence[RobotStep], map_id: str
+) -> Iterator[tuple[Message, tuple[StepWait, ...]]]:
+    """Yield a robot's messages and what each waits for: the order first, then its updates.
 
     The order releases what waits for nothing; each update releases one more stretch, up to the
     next step that waits. An update begins with the last node that is released already.
     """
-    gates = [k for k, s in enumerate(order.steps) if s.waits]
-    cuts = [*gates, len(order.steps)]
-    messages = [(0, _message(order, problem, 0, 0, cuts[0]), ())]
-    found: list[tuple[int, Message, tuple[StepWait, ...]]] = list(messages)
-    for number, (gate, until) in enumerate(zip(gates, cuts[1:], strict=True), start=1):
-        message = _message(order, problem, number, gate, until)
-        found.append((number, message, order.steps[gate].waits))
-    return found
-
-
-def _message(order: _Order, problem: str, number: int, begin: int, until: int) -> Message:
-    nodes = [{**n, "released": k <= until} for k, n in enumerate(order.nodes) if k >= begin]
-    edges = [{**e, "released": k < until} for k, e in enumerate(order.edges) if k >= begin]
-    return {
-        "headerId": number,
-        "timestamp": EPOCH,
-        "version": VERSION,
-        "manufacturer": MANUFACTURER,
-        "serialNumber": order.robot,
-        "orderId": f"{problem}:{order.robot}",
-        "orderUpdateId": number,
-        "nodes": nodes,
-        "edges": edges,
-    }
+    nodes, edges = _whole(plan, robot, steps, map_id)
+    gates = [k for k, s in enumerate(steps) if s.waits]
+    cuts = zip([0, *gates], [*gates, len(steps)], strict=True)
+    for number, (begin, until) in enumerate(cuts):
+        message: Message = {
+            "headerId": number,
+            "timestamp": EPOCH,
+            "version": VERSION,
+            "manufacturer": MANUFACTURER,
+            "serialNumber": robot,
+            "orderId": f"{plan['problem']}:{robot}",
+            "orderUpdateId": number,
+            "nodes": [{**nodes[k], "released": k <= until} for k in range(begin, len(nodes))],
+            "edges": [{**edges[k], "released": k < until} for k in range(begin, len(edges))],
+        }
+        yield message, steps[begin].waits if number else ()
 
 
 # ---------------------------------------------------------------------------------- releases
-@dataclass(frozen=True)
-class _Release:
-    """A message, up to which node (sequenceId) it releases, and what it waits for."""
-
-    file: str
-    robot: str
-    last: int
-    waits: tuple[StepWait, ...]
-
-
 Seen = tuple[str, int, Message]
 """Where an event is seen: a robot, the sequenceId of the node that it has come to by then, and what
 its state says: that it has passed the node, or finished (begun) an action.
 """
 
 
-def _where_seen(orders: Sequence[_Order]) -> dict[Event, list[Seen]]:
+def _where_seen(steps_of_all: Mapping[str, Sequence[RobotStep]]) -> dict[Event, list[Seen]]:
     """Return how each event of the plan's dependencies shows in the robots' states."""
     seen: dict[Event, list[Seen]] = {}
-    for order in orders:
-        for number, step in enumerate(order.steps, start=1):
+    for robot, steps in steps_of_all.items():
+        for number, step in enumerate(steps, start=1):
             # begun is known for sure once it is over; a drive that has begun is not reported
             for events, status in ((step.begins, "RUNNING"), (step.happens, "FINISHED")):
                 sign: Message = {"lastNodeSequenceId": 2 * number}
                 if step.piece is None:
-                    action = f"{order.robot}:{step.activity}"
+                    action = f"{robot}:{step.activity}"
                     sign = {"actionId": action, "actionStatus": status}
-                sign = {"serialNumber": order.robot, **sign}
+                sign = {"serialNumber": robot, **sign}
                 for event in events:
-                    seen.setdefault(event, []).append((order.robot, 2 * number, sign))
+                    seen.setdefault(event, []).append((robot, 2 * number, sign))
     return seen
 
 
 def _sorted(
-    releases: Sequence[_Release], seen: dict[Event, list[Seen]], others: Sequence[RobotStep]
-) -> list[_Release]:
+    releases: Sequence[Release], seen: dict[Event, list[Seen]], others: Sequence[RobotStep]
+) -> list[Message]:
     """Return the messages in an order in which each waits only for what earlier ones release.
 
     Raises :class:`ProblemError` where there is none: the dependencies have a cycle.
     """
     known = {event for step in others for event in (*step.begins, *step.happens)}
     released: dict[str, int] = {}
-    left, found = list(releases), []
-    while left:
-        ready = next((r for r in left if _can_go(r, seen, released, known, left)), None)
+    queues: dict[str, list[Release]] = {}
+    for release in releases:
+        queues.setdefault(release[1], []).append(release)
+
+    def can_go(release: Release) -> bool:
+        needed = (w.event for w in release[3] if w.event not in known and w.event[0] != "origin")
+        at = (sign for event in needed for sign in seen.get(event, ()))
+        return all(released.get(robot, -1) >= last for robot, last, _ in at)
+
+    found: list[Message] = []
+    while len(found) < len(releases):
+        ready = next((q for q in queues.values() if q and can_go(q[0])), None)
         if ready is None:
             raise ProblemError("the plan's dependencies have a cycle: no order can be released")
-        left.remove(ready)
-        found.append(ready)
-        released[ready.robot] = ready.last
+        listed, robot, released[robot], _ = ready.pop(0)
+        found.append(listed)
     return found
-
-
-def _can_go(
-    release: _Release,
-    seen: dict[Event, list[Seen]],
-    released: dict[str, int],
-    known: set[Event],
-    left: Sequence[_Release],
-) -> bool:
-    if any(r.robot == release.robot for r in left[: left.index(release)]):
-        return False
-    return all(
-        w.event in known
-        or w.event[0] == "origin"
-        or all(released.get(robot, -1) >= last for robot, last, _ in seen.get(w.event, ()))
-        for w in release.waits
-    )
-
-
-def _listed(release: _Release, seen: dict[Event, list[Seen]]) -> Message:
-    return {
-        "file": release.file,
-        "serialNumber": release.robot,
-        "after": [_condition(w, seen) for w in release.waits],
-    }
 
 
 def _condition(wait: StepWait, seen: dict[Event, list[Seen]]) -> Message:
