@@ -26,8 +26,7 @@ from up_samp.fleet.records import (
     Pose,
     Task,
     Windows,
-    able,
-    carries,
+    can_do,
     needs_robot,
 )
 from up_samp.fleet.spelled_out import spelled_out
@@ -270,13 +269,7 @@ class _Checker:
         return None
 
     def _fit(self, job: Order | Task) -> list[str]:
-        """Return the robots that may do a job, and can carry what it is about."""
-        return [
-            r
-            for r in able(self.records, job)
-            if not isinstance(job, Order)
-            or carries(self.records.robot_types[self.records.robots[r].type], job)
-        ]
+        return [robot for robot in self.records.robots if can_do(self.records, robot, job)]
 
     def _stops(self, job: Order | Task) -> list[_Halt]:
         """Return what a robot does for a job, one after the other."""
@@ -326,21 +319,17 @@ class _Checker:
         The first of some shut doors to be opened is opened by a robot that gets to its button past
         all of them; doors that are open count as no obstacle, so none is called shut that is not.
         """
+        buttons = {
+            (visit.what, robot, place_of(p))
+            for robot, visits in self.visits.items()
+            for visit in visits
+            if visit.kind is Kind.OPEN
+            for p in visit.places
+        }
         shut = frozenset(self.records.doors)
-        while shut:
-            opened = {
-                name
-                for name in shut
-                if any(
-                    visit.kind is Kind.OPEN
-                    and visit.what == name
-                    and any(self._reaches(robot, place_of(p), shut) for p in visit.places)
-                    for robot in self.records.robots
-                    for visit in self.visits[robot]
-                )
-            }
-            if not opened:
-                break
+        while opened := {
+            door for door, who, at in buttons if door in shut and self._reaches(who, at, shut)
+        }:
             shut -= opened
         return shut
 
@@ -349,19 +338,24 @@ class _Checker:
         mine = self.records.robots[robot]
         ways = legs_between(self.records, mine.start, place)
         return any(
-            all(self._passes(mine.type, *leg, shut) for leg in way if self._drives(*leg))
+            not any(
+                self._drives(*leg) and self._is_stuck(mine.type, self.bodies[mine.type], *leg, shut)
+                for leg in way
+            )
             for way in ways
         )
 
     def _drives(self, origin: str, to: str) -> bool:
         return lift_between(self.records, origin, to) is None
 
-    def _passes(self, kind: str, origin: str, to: str, shut: frozenset[str]) -> bool:
-        """Return whether no proof says that there is no drive past doors that are shut."""
+    def _is_stuck(self, kind: str, body: Body, origin: str, to: str, shut: frozenset[str]) -> bool:
+        """Return whether provably no robot of a type gets there as ``body`` past doors that are
+        shut.
+        """
         floor, ends = self.floor(origin), (self.places[origin], self.places[to])
         doors = (door for door in self.doors(floor) if door.name in shut)
         around = (*kept_out(self.records, kind, floor), *doors)
-        return self.floors.service(floor).certificate(self.bodies[kind], ends, around) is None
+        return self.floors.service(floor).certificate(body, ends, around) is not None
 
     def ways(self) -> Iterator[Finding]:
         """What robots can reach, and who can do what."""
@@ -434,22 +428,19 @@ class _Checker:
             yield Finding(level, order.id, "its load would stand in a wall or outside the map")
             return
         ways = list(itertools.product(order.pickup.at, order.delivery.at))
-        stuck = [r for r in fit if all(self._is_stuck(r, load, *way) for way in ways)]
+        kinds = {r: self.records.robots[r].type for r in fit}
+        ridden = {k: with_load(self.records.robot_types[k], load) for k in {*kinds.values()}}
+        stuck = [
+            robot
+            for robot, kind in kinds.items()
+            if all(self._is_stuck(kind, ridden[kind], *way, self.shut) for way in ways)
+        ]
         for robot in stuck if len(stuck) < len(fit) else ():
             text = f"robot '{robot}' does not get through with its load (proven)"
             yield Finding(Level.NOTE, order.id, text)
         if len(stuck) == len(fit):
             text = f"no robot that may do it ({', '.join(fit)}) gets through with its load (proven)"
             yield Finding(level, order.id, text)
-
-    def _is_stuck(self, robot: str, load: Attached, origin: str, to: str) -> bool:
-        kind = self.records.robots[robot].type
-        body = with_load(self.records.robot_types[kind], load)
-        ends = self.places[origin], self.places[to]
-        floor = self.floor(origin)
-        doors = (door for door in self.doors(floor) if door.name in self.shut)
-        around = (*kept_out(self.records, kind, floor), *doors)
-        return self.floors.service(floor).certificate(body, ends, around) is not None
 
     def loads(self) -> Iterator[Finding]:
         """Loads that stand in each other or on robots."""

@@ -1,20 +1,34 @@
-"""How robots get from place to place: drives, what is in their way, and what they take along."""
+"""How robots get from place to place: drives, what is in their way, and what they take along.
+
+Which way a drive takes is known before any schedule: that which the robot takes when nobody is in
+it. A drive whose way touches the doorway of a door that opens as robots come leads through it; any
+other keeps clear of it. So such a door is no thing that moves, and nobody waits for it from afar.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from unified_planning.model import Fluent
 from unified_planning.model.motion import ActivityWaypoints, MovableObject
 from unified_planning.model.scheduling import Activity
-from unified_planning.shortcuts import LE, Equals, Or
+from unified_planning.shortcuts import GE, LE, Equals, Or
 
 from up_samp.fleet.batteries import Meter
-from up_samp.fleet.doorways import Doorways, check_visits
+from up_samp.fleet.doorways import check_visits
 from up_samp.fleet.floors import floor_of, lift_between, ride_seconds
-from up_samp.fleet.loads import is_stand_of, is_under, load_name, loads_of, place_of, ridden
-from up_samp.fleet.outlines import area_of
+from up_samp.fleet.loads import (
+    MARK,
+    is_stand_of,
+    is_under,
+    load_name,
+    loads_of,
+    place_of,
+    ridden,
+)
+from up_samp.fleet.outlines import area_of, doorway_of
 from up_samp.fleet.records import GROUND, RobotType
 from up_samp.fleet.site import Site
 from up_samp.fleet.statements import Kind, Meaning, at_start, present
@@ -40,7 +54,7 @@ class Drives:
         self._site = site
         self._work = work
         self._meter = Meter(site.records, site.folder)
-        self._doorways = Doorways(site, self._meter)
+        self._airlocks: dict[str, Fluent] = {}
         self._rides: dict[str, list[_Ride]] = {}
 
     def add(self, robot: str) -> None:
@@ -113,7 +127,7 @@ class Drives:
                 [site.places[to]],
                 static_obstacles=[
                     *self._doors(robot, origin, to, around),
-                    *self._doorways.heed(a, robot, origin, to, around),
+                    *self._doorways(a, robot, origin, to, around),
                     *site.keep_out.get((mover.type.name, floor), ()),
                     *areas,
                 ],
@@ -163,6 +177,35 @@ class Drives:
                 past = self._meter.clears(robot, origin, to, (reach, *around))
                 found.append(area if past else site.doors[name])
         return found
+
+    def _doorways(
+        self, a: Activity, robot: str, origin: str, to: str, around: Iterable[Placed]
+    ) -> list[MovableObject]:
+        """State for a drive ``a`` what the automatic doors that it leads through ask: time to open
+        and close, that they are not shut, and the one unit of each airlock; return the doorways
+        that it keeps clear of. ``around``: what else it keeps clear of.
+        """
+        site, through, clear = self._site, [], []
+        for name, door in site.records.automatic_doors.items():
+            if door.floor == floor_of(site.records, origin):
+                area = doorway_of(site.records, name)
+                if self._meter.clears(robot, origin, to, (area, *around)):
+                    clear.append(site.doorways[name])
+                else:
+                    through.append(door)
+        if through:
+            _, driven = self._meter.length(robot, origin, to)
+            longer = sum(d.opens_in + d.closes_in for d in through)
+            longest = a.duration.upper.constant_value() + site.up(longer)
+            a.set_duration_bounds(site.up(driven + longer), longest)
+        for closes, opens in (span for door in through for span in door.shut):
+            before, after = LE(a.end, site.down(closes)), GE(a.start, site.up(opens))
+            site.problem.add_constraint(Or(before, after), present(a))
+        for lock in sorted({d.airlock for d in through if d.airlock is not None}):
+            if lock not in self._airlocks:
+                self._airlocks[lock] = site.problem.add_resource(f"airlock{MARK}{lock}", 1)
+            a.uses(self._airlocks[lock])
+        return clear
 
     def _moving(self, robot: str, origin: str, to: str) -> list[MovableObject]:
         """Return what else moves and is in the way of a drive: other robots, and all loads on the

@@ -38,7 +38,6 @@ from up_samp.fleet.records import (
     carries,
     corners_of,
     needs_robot,
-    with_skills,
 )
 from up_samp.fleet.spelled_out import ids_of, with_places
 from up_samp.model import ProblemError
@@ -393,9 +392,10 @@ def _step(charger: Charger) -> float:
 
 def _skills(records: FleetRecords) -> Iterator[Fault]:
     """Who opens a door, or rides a lift, has to be one of the robots."""
-    for kind in ("lifts", "doors"):
+    known = [set(robot.skills) for robot in records.robots.values()]
+    for kind in ("lifts", "doors") if known else ():
         for name, item in getattr(records, kind).items():
-            if records.robots and not with_skills(records, item.skills, ()):
+            if not any(skills.issuperset(item.skills) for skills in known):
                 yield Fault((kind, name, "skills"), f"no robot has {_and(item.skills)}")
 
 
@@ -472,7 +472,7 @@ def _job(records: FleetRecords, job: Order | Task, path: Path) -> Iterator[Fault
     for name in job.after:
         if name not in records.order_of and name not in records.task_of:
             yield Fault((*path, "after"), missing("order or task", name, known))
-    if records.robots and needs_robot(job) and not with_skills(records, job.skills, job.robots):
+    if records.robots and needs_robot(job) and not able(records, job):
         text = f"it needs {_and(job.skills)}, which "
         text += f"{_and(job.robots)} does not have" if job.robots else "no robot has"
         yield Fault((*path, "skills"), text)

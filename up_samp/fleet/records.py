@@ -5,7 +5,7 @@ Lengths in m, angles in rad, times in s; poses are ``(x, y, theta)`` in the map'
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Annotated, Any, ClassVar, Literal
@@ -674,14 +674,15 @@ def seats_of(task: Task) -> dict[str, tuple[str, ...]]:
 
 def able(records: FleetRecords, job: Order | Task) -> list[str]:
     """Return the robots that have the skills and are among those named."""
-    return with_skills(records, job.skills, job.robots)
+    return [name for name in records.robots if _may_do(records, name, job)]
 
 
-def with_skills(records: FleetRecords, skills: Iterable[str], robots: Collection[str]) -> list[str]:
-    """Return the robots that have all ``skills``, among ``robots`` if any are named."""
-    needed = set(skills)
-    return [
-        name
-        for name, robot in records.robots.items()
-        if (not robots or name in robots) and needed <= set(robot.skills)
-    ]
+def can_do(records: FleetRecords, robot: str, job: Order | Task) -> bool:
+    """Return whether a robot may do a job, and can carry what it is about."""
+    kind = records.robot_types[records.robots[robot].type]
+    return _may_do(records, robot, job) and (isinstance(job, Task) or carries(kind, job))
+
+
+def _may_do(records: FleetRecords, robot: str, job: Order | Task) -> bool:
+    named = not job.robots or robot in job.robots
+    return named and set(job.skills) <= set(records.robots[robot].skills)

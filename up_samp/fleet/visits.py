@@ -18,8 +18,7 @@ from up_samp.fleet.records import (
     Charger,
     FleetRecords,
     Order,
-    able,
-    carries,
+    can_do,
     needs_robot,
     seats_of,
 )
@@ -62,17 +61,16 @@ ENDS = (Kind.PICKUP, Kind.DELIVERY)
 def visits_of(records: FleetRecords, robot: str) -> list[Visit]:
     """Return all visits that ``robot`` may make, its start first."""
     mine = records.robots[robot]
-    kind = records.robot_types[mine.type]
     visits = [Visit(robot, Kind.START, mine.start, (mine.start,))]
     for order in records.orders:
-        if robot in able(records, order) and carries(kind, order):
+        if can_do(records, robot, order):
             for kind_, options in zip(ENDS, options_of(records, order), strict=True):
                 for name, poses in options.items():
                     visits.append(Visit(robot, kind_, order.id, poses, 0, name))
     visits += [
         Visit(robot, Kind.TASK, task.id, places, 0, seat)
         for task in filter(needs_robot, records.tasks)
-        if robot in able(records, task)
+        if can_do(records, robot, task)
         for seat, places in seats_of(task).items()
     ]
     visits += [

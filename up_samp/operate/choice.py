@@ -14,12 +14,12 @@ import random
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from shapely.affinity import rotate, translate
 from shapely.geometry import Polygon
 
 from up_samp.execution.executor import Executor
 from up_samp.execution.state import TaskPhase
-from up_samp.fleet.records import FleetRecords, Order, corners_of
+from up_samp.fleet.outlines import placed
+from up_samp.fleet.records import FleetRecords, Order, can_do
 from up_samp.fleet.statements import Kind, Meaning
 from up_samp.operate.clock import Clock
 from up_samp.operate.horizon import DELIVERS, Cut, Opened, cut_of, on_board
@@ -245,7 +245,7 @@ def _dispatched(day: Day, waiting: Sequence[DayOrder]) -> OpenWork | None:
     """
     free = {r: f for r, f in day.free_at().items() if f[0] <= day.settings.soon}
     for robot in sorted(free, key=lambda r: (free[r][0], r)):
-        left = [j for j in waiting if able(day, j, robot)]
+        left = [j for j in waiting if can_do(day.site, robot, j.record)]
         if not left:
             continue
         job = max(left, key=lambda j: _worth(day, j, robot, *free[robot]))
@@ -268,7 +268,7 @@ def first_there(day: Day, job: DayOrder, free: Mapping[str, tuple[float, Pose]])
         aside = day.aside.get(robot, now) > now
         return in_vain, aside, _there(day, job, robot, *free[robot]), robot
 
-    return min((r for r in free if able(day, job, r)), key=key)
+    return min((r for r in free if can_do(day.site, r, job.record)), key=key)
 
 
 def _worth(
@@ -317,19 +317,7 @@ def _reachable(day: Day, place: str) -> bool:
 
 def body_at(site: FleetRecords, robot: str, pose: Pose) -> Polygon:
     """Return where a robot's body is at a pose."""
-    body = Polygon(corners_of(site.robot_types[site.robots[robot].type].footprint))
-    turned = rotate(body, pose[2], origin=(0, 0), use_radians=True)
-    return translate(turned, pose[0], pose[1])
-
-
-def able(day: Day, job: DayOrder, robot: str) -> bool:
-    """Return whether a robot may do an order."""
-    record, mine = job.record, day.site.robots[robot]
-    named = not record.robots or robot in record.robots
-    load = record.load if isinstance(record, Order) else {}
-    room = day.site.robot_types[mine.type].capacity
-    fits = all(room.get(kind, 0) >= n for kind, n in load.items())
-    return named and fits and set(record.skills) <= set(mine.skills)
+    return Polygon(placed(site.robot_types[site.robots[robot].type].footprint, pose))
 
 
 def _there(day: Day, job: DayOrder, robot: str, when: float, pose: Pose) -> float:

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 from unified_planning.shortcuts import MovableType
 
@@ -22,6 +21,7 @@ from up_samp.fleet.records import FleetRecords, Order, corners_of
 from up_samp.fleet.statements import Kind
 from up_samp.operate.records import DayOrder, OrderState, Pose
 from up_samp.operate.simulated import Drive, Handled
+from up_samp.validation.collisions import placed
 from up_samp.validation.kinematics import driven_backwards
 from up_samp.validation.limits import limits_of
 
@@ -85,11 +85,14 @@ def crowded(
     for name, zone in site.zones.items():
         if zone.max_robots is None:
             continue
+        area = shapely.Polygon(zone.polygon)
+        shapely.prepare(area)
         changes: list[tuple[float, int, str]] = []
         for robot, pose in initial.items():
-            kind = site.robot_types[site.robots[robot].type]
+            corners = corners_of(site.robot_types[site.robots[robot].type].footprint)
             rows = [[0.0, *pose], *(row for d in drives if d.robot == robot for row in d.rows)]
-            here = _inside(rows, corners_of(kind.footprint), zone.polygon)
+            bodies = shapely.polygons(placed(np.array(corners), np.array(rows)[:, 1:]))
+            here = np.asarray(shapely.intersects(area, bodies))
             steps = np.diff(here.astype(int), prepend=0).tolist()
             changes += [(row[0], by, robot) for row, by in zip(rows, steps, strict=True) if by]
         count = 0
@@ -97,19 +100,6 @@ def crowded(
             count += by
             if by > 0 and count > zone.max_robots:
                 yield f"'{robot}' came into '{name}' at {when:.1f} s as number {count}"
-
-
-def _inside(
-    rows: Sequence[Sequence[float]], corners: Sequence[Sequence[float]], polygon: Any
-) -> npt.NDArray[np.bool_]:
-    """Return at which rows (t, x, y, theta) a body touches a polygon."""
-    _, x, y, theta = np.asarray(rows, dtype=float).T
-    c, s = np.cos(theta)[:, None], np.sin(theta)[:, None]
-    u, v = np.asarray(corners, dtype=float).T
-    there = np.stack([x[:, None] + c * u - s * v, y[:, None] + s * u + c * v], axis=2)
-    area = shapely.Polygon(polygon)
-    shapely.prepare(area)
-    return np.asarray(shapely.intersects(area, shapely.polygons(there)), dtype=bool)
 
 
 def _backwards(site: FleetRecords, drives: Sequence[Drive]) -> Iterable[str]:

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 from up_samp.execution.build import Dependencies
 from up_samp.execution.reorder import Goal
+from up_samp.fleet.outlines import placed
 from up_samp.fleet.records import (
     Door,
     FleetRecords,
@@ -28,7 +29,7 @@ from up_samp.fleet.records import (
     Stop,
     Task,
     Zone,
-    corners_of,
+    can_do,
 )
 from up_samp.fleet.statements import Meaning, Written
 from up_samp.io.plan_dict import PlanDict
@@ -169,11 +170,7 @@ def problem_records(ask: Question) -> FleetRecords:
     orders: list[Order] = []
     tasks: list[Task] = []
     for job in ask.jobs:
-        able = tuple(
-            r
-            for r in idle
-            if (not job.robots or r in job.robots) and set(job.skills) <= set(robots[r].skills)
-        )
+        able = tuple(r for r in idle if can_do(site, r, job))
         if not able:
             raise ProblemError(f"nobody is there to do '{job.id}'")
         known = {j.id for j in ask.jobs}
@@ -218,9 +215,7 @@ def is_open(door: Door, pose: Pose | None) -> bool:
 
 def leaf_at(door: Door, pose: Pose) -> Shape:
     """Return the corners of a door's leaf at a pose."""
-    x, y, turn = pose
-    c, s = math.cos(turn), math.sin(turn)
-    return tuple((x + c * a - s * b, y + s * a + c * b) for a, b in corners_of(door.leaf))
+    return tuple((float(x), float(y)) for x, y in placed(door.leaf, pose))
 
 
 def place_at(places: dict[str, Place], pose: Pose, who: str) -> str:

@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 import shapely
-from shapely.affinity import affine_transform
 from shapely.geometry import Polygon
 from shapely.geometry.base import BaseGeometry
 
@@ -23,9 +22,14 @@ from up_samp.execution.build import Draft
 from up_samp.execution.graph import ZONE, At, Choice, Event, Precedence
 from up_samp.execution.lives import DriveCells, Life, Piece
 from up_samp.execution.tolerances import TOLERANCES
-from up_samp.fleet.records import FleetRecords, Zone, corners_of
+from up_samp.fleet.records import FleetRecords, Zone
 from up_samp.model import ProblemError
+from up_samp.model.frames import Frame
+from up_samp.operate.choice import body_at
 from up_samp.operate.records import Pose
+
+Corners = npt.NDArray[np.float64]
+"""Of a body in its own frame, shape (n, 2)."""
 
 STEP = 0.05
 """m of a path between two looks whether its robot touches a zone."""
@@ -47,15 +51,11 @@ def still_counted(
         inside = {
             r
             for r, pose in poses.items()
-            if r in site.robots and _touch(_body_of(site, r), [pose], area)[0]
+            if r in site.robots and area.intersects(body_at(site, r, pose))
         }
         if len(inside - {*moving}) + len(moving) > zone.max_robots:
             found[name] = replace(zone, max_robots=max(zone.max_robots, len(inside)))
     return found
-
-
-def _body_of(site: FleetRecords, robot: str) -> Polygon:
-    return Polygon(corners_of(site.robot_types[site.robots[robot].type].footprint))
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ def keep_zones(
 
 def visits_of(life: Life, area: BaseGeometry) -> Iterator[ZoneVisit]:
     """Yield when a robot is in an area, in the order of its life."""
-    body = Polygon(life.body.footprint)
+    body = np.asarray(life.body.footprint)
     since, enters, inside = -math.inf, None, False
     for piece in life.pieces:
         for event, time, comes in _crossings(piece, body, area, inside):
@@ -112,7 +112,7 @@ def visits_of(life: Life, area: BaseGeometry) -> Iterator[ZoneVisit]:
 
 
 def _crossings(
-    piece: Piece, body: Polygon, area: BaseGeometry, inside: bool
+    piece: Piece, body: Corners, area: BaseGeometry, inside: bool
 ) -> Iterator[tuple[Event | None, float, bool]]:
     """Yield where a piece of a life comes into an area, or has left it: by which event, when, and
     whether it comes.
@@ -137,14 +137,11 @@ def _crossings(
 
 
 def _touch(
-    body: Polygon, poses: Iterable[Sequence[float]], area: BaseGeometry
+    corners: Corners, poses: Iterable[Sequence[float]], area: BaseGeometry
 ) -> npt.NDArray[np.bool_]:
     """Return at which poses a body touches an area."""
     shapely.prepare(area)
-    placed = [
-        affine_transform(body, (math.cos(t), -math.sin(t), math.sin(t), math.cos(t), x, y))
-        for x, y, t in poses
-    ]
+    placed = shapely.polygons([Frame(*pose).points(corners) for pose in poses])
     return np.asarray(shapely.intersects(area, placed), dtype=bool)
 
 
