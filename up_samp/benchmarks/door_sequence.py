@@ -15,9 +15,8 @@ from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.shortcuts import Or
 
 from up_samp.benchmarks.maps import outer_wall
-from up_samp.benchmarks.places import DOWN, UP, FamilyDoor, FamilyFloor, Pose, box
+from up_samp.benchmarks.places import DOWN, UP, FamilyDoor, FamilyFloor, Pose, box, check_sizes
 from up_samp.benchmarks.published import Encoding, Form, Manner
-from up_samp.model import ProblemError
 
 HEIGHT, GAP = 30.0, 5.0
 """Height of the building, and width of the gap that a door closes (m)."""
@@ -25,7 +24,7 @@ FIRST_WALL, APART, BEHIND = 16.3, 10.0, 13.7
 """Where the first wall is (x), how far apart walls are, width of the room behind the last door."""
 MIDDLE, BUTTON = 15.0, 4.1
 """Where gaps are (y), and how far before its wall a button is (m)."""
-MOST_ROBOTS, MOST_DOORS = 6, 5
+MOST = {"robots": 6, "doors": 5}
 
 
 def sequence_floor(doors: int, rng: random.Random | None = None, name: str = "") -> FamilyFloor:
@@ -56,11 +55,7 @@ def door_sequence(
     seed: int = 0,
 ) -> SchedulingMotionProblem:
     """Build a problem of doors in sequence: every robot has to get to its goal."""
-    if not 1 <= robots <= MOST_ROBOTS or not 1 <= doors <= MOST_DOORS:
-        raise ProblemError(
-            f"doors in sequence take 1 to {MOST_ROBOTS} robots "
-            f"and 1 to {MOST_DOORS} doors, not {robots} and {doors}"
-        )
+    check_sizes("a sequence of doors", MOST, robots, doors)
     title = f"doors-r{robots}-d{doors}" + (f"-s{seed}" if seed else "")
     floor = sequence_floor(doors, random.Random(title) if seed else None, title)
     starts, goals = _draw(floor, robots, seed)

@@ -23,9 +23,17 @@ from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import GE, And, Implies
 
 from up_samp.benchmarks.maps import DATA, WALL, outer_wall
-from up_samp.benchmarks.places import DOWN, UP, FamilyDoor, FamilyFloor, Pose, Shop, box
+from up_samp.benchmarks.places import (
+    DOWN,
+    UP,
+    FamilyDoor,
+    FamilyFloor,
+    Pose,
+    Shop,
+    box,
+    check_sizes,
+)
 from up_samp.benchmarks.published import Encoding, Form, Manner
-from up_samp.model import ProblemError
 
 MOST = {"robots": 5, "jobs": 6, "machines": 6}
 """How large a job shop may be."""
@@ -79,9 +87,7 @@ def draw_shop(robots: int, jobs: int, machines: int, seed: int) -> Shop:
     uniformly in [22, 30] + 50 i by [35, 47], heading up or down (anywhere in its room, if the floor
     is drawn, too). Robots start on two rows in the hall, at least 4 m apart.
     """
-    for (what, most), n in zip(MOST.items(), (robots, jobs, machines), strict=True):
-        if not 1 <= n <= most:
-            raise ProblemError(f"a job shop takes 1 to {most} {what}, not {n}")
+    check_sizes("a job shop", MOST, robots, jobs, machines)
     rng = random.Random(f"jobshop-{robots}-{jobs}-{machines}-{seed}")
     routes = []
     for _ in range(jobs):

@@ -20,7 +20,7 @@ from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import GE, LE, BoolType, Iff, Implies, Not, Or, Plus
 
 from up_samp.benchmarks.maps import outer_wall
-from up_samp.benchmarks.places import DOWN, UP, FamilyDoor, FamilyFloor, Pose, box
+from up_samp.benchmarks.places import DOWN, UP, FamilyDoor, FamilyFloor, Pose, box, check_sizes
 from up_samp.benchmarks.published import Encoding, Form, Manner
 from up_samp.model import ProblemError
 
@@ -120,8 +120,7 @@ def kitting(
 
 
 def _check_sizes(robots: int, kits: int, parts: int, doors: int) -> None:
-    if not 1 <= robots <= MOST_ROBOTS:
-        raise ProblemError(f"kitting takes 1 to {MOST_ROBOTS} robots, not {robots}")
+    check_sizes("kitting", {"robots": MOST_ROBOTS}, robots)
     if doors not in (2, 4, 6):
         raise ProblemError(f"kitting takes 2, 4 or 6 doors, not {doors}")
     if kits < 1 or parts < 1 or kits * parts > MOST_PARTS * doors:

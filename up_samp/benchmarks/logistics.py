@@ -19,7 +19,7 @@ from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import FALSE, LE, TRUE, And, BoolType, Or
 
 from up_samp.benchmarks.maps import outer_wall
-from up_samp.benchmarks.places import DOWN, UP, FamilyDoor, FamilyFloor, Pose, box
+from up_samp.benchmarks.places import DOWN, UP, FamilyDoor, FamilyFloor, Pose, box, check_sizes
 from up_samp.benchmarks.published import HANDLING, Encoding, Form, Manner, PublishedRobot
 from up_samp.model import ProblemError
 
@@ -71,9 +71,7 @@ def layout(robots: int, items: int, seed: int = 0) -> Layout:
     Seed 0 is the paper's; any other one draws the floor, where along the shelves items stand, where
     depots are, and the robots' shape.
     """
-    for (what, most), n in zip(MOST.items(), (robots, items), strict=True):
-        if not 1 <= n <= most:
-            raise ProblemError(f"logistics takes 1 to {most} {what}, not {n}")
+    check_sizes("logistics", MOST, robots, items)
     if seed:
         return _drawn(robots, items, seed)
     columns = [(x, 0) for x in _COLUMNS] + [(x, 1) for x in _COLUMNS]

@@ -14,9 +14,8 @@ import random
 from unified_planning.model.motion import MotionModels, SchedulingMotionProblem
 
 from up_samp.benchmarks.maps import outer_wall
-from up_samp.benchmarks.places import FamilyFloor, Pose
+from up_samp.benchmarks.places import FamilyFloor, Pose, check_sizes
 from up_samp.benchmarks.published import Encoding, Form, Manner
-from up_samp.model import ProblemError
 
 HALL = (40.0, 12.0)
 """Width and height of one hall, m."""
@@ -51,8 +50,7 @@ def navigation(
     seed: int = 0,
 ) -> SchedulingMotionProblem:
     """Build a navigation problem: one optional move per robot, that has to be made."""
-    if not 1 <= robots <= MOST_ROBOTS:
-        raise ProblemError(f"navigation takes 1 to {MOST_ROBOTS} robots, not {robots}")
+    check_sizes("navigation", {"robots": MOST_ROBOTS}, robots)
     title = f"navigation-r{robots}" + (f"-s{seed}" if seed else "")
     rng = random.Random(title)
     floor = navigation_floor(robots, rng if seed else None, title)

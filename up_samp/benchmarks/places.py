@@ -6,14 +6,13 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import starmap
 from typing import Any
 
 import shapely
-import shapely.affinity
 from unified_planning.model import FNode, TimePointInterval, Timing, Type
 from unified_planning.model.motion import (
     SE2,
@@ -29,6 +28,7 @@ from unified_planning.shortcuts import ConfigurationType, MinimizeMakespan
 
 from up_samp.benchmarks.maps import Rectangle, drawn_map
 from up_samp.model import ProblemError
+from up_samp.model.frames import Frame
 
 Pose = tuple[float, float, float]
 """``(x, y, theta)``: m, m, rad, world frame."""
@@ -49,6 +49,13 @@ class FamilyDoor:
     closed: Pose
     open: Pose
     button: Pose
+
+
+def check_sizes(family: str, most: Mapping[str, int], *sizes: int) -> None:
+    """Raise :class:`ProblemError` where there is nothing, or more than ``most``, of something."""
+    for (what, limit), n in zip(most.items(), sizes, strict=True):
+        if not 1 <= n <= limit:
+            raise ProblemError(f"{family} takes 1 to {limit} {what}, not {n}")
 
 
 def box(length: float, width: float) -> tuple[tuple[float, float], ...]:
@@ -83,10 +90,7 @@ def scope_of(*activities: Activity) -> list[FNode]:
 
 def outline(footprint: Sequence[tuple[float, float]], pose: Pose) -> shapely.Polygon:
     """Return the region that a body with ``footprint`` covers at ``pose``, world frame, m."""
-    turned = shapely.affinity.rotate(
-        shapely.Polygon(footprint), pose[2], origin=(0, 0), use_radians=True
-    )
-    return shapely.affinity.translate(turned, pose[0], pose[1])
+    return shapely.Polygon(Frame(*pose).points(footprint))
 
 
 @dataclass(frozen=True)
