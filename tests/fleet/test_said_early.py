@@ -81,6 +81,7 @@ def test_wrong_files_are_told_by_line(site, old, new, said):
     with pytest.raises(FleetError, match=said) as error:
         read_problem_file(changed(site, old, new))
     assert f"{site}:" in str(error.value)
+    assert len({*error.value.faults}) == len(error.value.faults)
 
 
 BAD = (True, None, -1, 1e12, 1.5, "x y", "25x", [], [1, 2], [[1, 2]], {}, {"a": 1}, 10**400)

@@ -120,8 +120,7 @@ def first_level(records: FleetRecords, robot: str) -> float:
     mine = records.robots[robot]
     battery = records.robot_types[mine.type].battery
     assert battery is not None
-    told = (mine.level, battery.level, battery.capacity)
-    return next(level for level in told if level is not None)
+    return battery.first if mine.level is None else mine.level
 
 
 def above_reserve(battery: Battery, level: float) -> int:

@@ -169,6 +169,11 @@ def _says(zone: Zone) -> list[bool]:
     return [bool(zone.keep_out), zone.max_robots is not None, zone.has_rules]
 
 
+def _levels(battery: Battery) -> list[float]:
+    """Return from which levels on a battery charges otherwise, between its reserve and full."""
+    return [battery.reserve, *(level for level, _ in battery.curve), battery.capacity]
+
+
 def _lengths(task: Task) -> list[float]:
     """Return how long a task may last (s)."""
     modes = [mode.duration for mode in task.modes.values()]
@@ -180,6 +185,12 @@ RULES: tuple[tuple[type, str, Callable[[Any], object], str], ...] = (
      "an omni drives in any direction; this is for car and diff"),
     (RobotType, "reverse", lambda t: (t.reverse == "slow") != (t.reverse_v_max is not None),
      "reverse: slow goes with reverse_v_max, in m/s"),
+    (Battery, "curve", lambda b: b.curve and any(x >= y for x, y in itertools.pairwise(_levels(b))),
+     "has levels that rise from the reserve {0.reserve:g} to the capacity {0.capacity:g}"),
+    (Battery, "level", lambda b: b.first > b.capacity,
+     "is more than the capacity {0.capacity:g}"),
+    (Battery, "reserve", lambda b: b.reserve > b.first,
+     "the reserve is {0.reserve:g}, and {0.first:g} are there at first"),
     (Charger, "", lambda c: (c.per_second is None) == (c.swap is None),
      "say what it gives (per_second), or how long a swap takes (swap, s)"),
     (Door, "opened_from", lambda d: not d.opened_from,
@@ -338,31 +349,19 @@ def _floors(records: FleetRecords) -> Iterator[Fault]:
 
 
 def _batteries(records: FleetRecords) -> Iterator[Fault]:
-    told: list[tuple[Path, Battery | None, float | None]] = [
-        (("robot_types", name, "battery"), kind.battery, None)
-        for name, kind in records.robot_types.items()
-    ]
+    """What is said of a robot's battery at first fits its type."""
     for name, robot in records.robots.items():
-        kind = records.robot_types.get(robot.type)
-        if robot.level is not None and kind is not None:
-            told.append((("robots", name), kind.battery, robot.level))
-    for path, battery, own in told:
-        if battery is None and own is not None:
-            yield Fault((*path, "level"), "robots of its type have no battery")
-        if battery is None:
+        kind, path = records.robot_types.get(robot.type), ("robots", name, "level")
+        if robot.level is None or kind is None:
             continue
-        levels = [battery.reserve, *(level for level, _ in battery.curve), battery.capacity]
-        if own is None and any(b <= a for a, b in itertools.pairwise(levels)) and battery.curve:
-            text = f"has levels that rise from the reserve to the capacity, not {levels}"
-            yield Fault((*path, "curve"), text)
-        usual = battery.capacity if battery.level is None else battery.level
-        first = usual if own is None else own
-        if first > battery.capacity:
-            yield Fault((*path, "level"), f"is more than the capacity {battery.capacity:g}")
-        if battery.reserve > first:
-            key = "reserve" if own is None else "level"
-            text = f"the reserve is {battery.reserve:g}, and {first:g} are there at first"
-            yield Fault((*path, key), text)
+        battery = kind.battery
+        if battery is None:
+            yield Fault(path, "robots of its type have no battery")
+        elif robot.level > battery.capacity:
+            yield Fault(path, f"is more than the capacity {battery.capacity:g}")
+        elif robot.level < battery.reserve:
+            text = f"the reserve is {battery.reserve:g}, and {robot.level:g} are there at first"
+            yield Fault(path, text)
 
 
 def _chargers(records: FleetRecords) -> Iterator[Fault]:
@@ -550,7 +549,6 @@ def _weights(records: FleetRecords) -> Iterator[Fault]:
 
 
 CHECKS: tuple[Callable[[FleetRecords], Iterator[Fault]], ...] = (
-    same_names,
     _floors,
     _robots,
     _batteries,

@@ -168,6 +168,11 @@ class Battery:
     grains: ClassVar[int] = 1000
     """A full one holds so many of the whole numbers that levels are counted in."""
 
+    @property
+    def first(self) -> float:
+        """The level at first, where the robot says nothing else."""
+        return self.capacity if self.level is None else self.level
+
 
 @dataclass(frozen=True)
 class Charger:

@@ -103,6 +103,18 @@ def _parking(records: FleetRecords, robot: str) -> list[str]:
     return list(dict.fromkeys([own, *places]))
 
 
+NEVER = frozenset(
+    {
+        *((kind, Kind.START) for kind in Kind),
+        *((Kind.END, kind) for kind in Kind),
+        (Kind.START, Kind.DELIVERY),
+        (Kind.PICKUP, Kind.END),
+        (Kind.PARK, Kind.PARK),
+    }
+)
+"""Kinds of visits of which the second never comes right after the first."""
+
+
 class Successions:
     """Which visits of a robot can come right after each other."""
 
@@ -116,11 +128,9 @@ class Successions:
 
     def possible(self, a: Visit, b: Visit) -> bool:
         """Return whether ``b`` may be the next visit after ``a``."""
-        if a == b or b.kind is Kind.START or a.kind is Kind.END:
+        if a == b or (a.kind, b.kind) in NEVER:
             return False
-        if a.kind is Kind.START and b.kind is Kind.DELIVERY:
-            return False
-        if a.kind is b.kind is Kind.PARK or (a.kind is b.kind is Kind.TASK and a.what == b.what):
+        if a.kind is b.kind is Kind.TASK and a.what == b.what:
             return False
         if a.what in self._orders and a.what == b.what:
             return (a.kind, b.kind) == ENDS
@@ -131,7 +141,7 @@ class Successions:
         if a.what in self._orders and b.what in self._orders:
             apart = a.kind is Kind.DELIVERY and b.kind is Kind.PICKUP
             return apart or self.together(a.what, b.what)
-        return not (b.kind is Kind.END and a.kind is Kind.PICKUP)
+        return True
 
     def legs(self, a: Visit, origin: str, b: Visit, to: str) -> Iterator[tuple[str, str]]:
         """Yield the drives and rides of a robot from the one to the other at these poses; where a
