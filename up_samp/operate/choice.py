@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 import random
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from shapely.geometry import Polygon
@@ -220,7 +220,9 @@ def choose(day: Day) -> OpenWork | None:
     waiting = [j for j in (*day.waiting(), *day.dropped()) if ready(day, j)]
     for until in day.turns():
         if robots := [r for r in stuck if day.aside.get(r, now) <= until][:2]:
-            opened = dict.fromkeys(robots, Opened.ALL)
+            homes = [e for r in robots if (e := day.site.robots[r].end) is not None]
+            in_vain = max(day.tried.get(("", r), 0) for r in robots)
+            opened = dict.fromkeys((*robots, *_beside(day, robots, homes, in_vain)), Opened.ALL)
             # what was sought twice in vain is not to keep a robot where it stands
             jobs = (j for j in theirs(day, opened) if _tries(day, j, robots) < 2)
             return OpenWork(opened, tuple(jobs))
@@ -249,12 +251,42 @@ def _dispatched(day: Day, waiting: Sequence[DayOrder]) -> OpenWork | None:
         if not left:
             continue
         job = max(left, key=lambda j: _worth(day, j, robot, *free[robot]))
-        opened = {first_there(day, job, free): Opened.ALL}
+        first = first_there(day, job, free)
+        ends = list(itertools.chain(*_stops(job)))
+        beside = _beside(day, [first], ends, _tries(day, job, day.site.robots))
+        opened = dict.fromkeys((first, *beside), Opened.ALL)
         jobs = tuple({j.id: j for j in (job, *theirs(day, opened))}.values())
         if len(jobs) <= day.settings.most:
             return OpenWork(opened, jobs)
         return OpenWork(dict.fromkeys(opened, Opened.TAIL), (job,))
     return None
+
+
+def _beside(day: Day, robots: Sequence[str], places: Sequence[str], in_vain: int) -> Iterator[str]:
+    """Yield who has nothing to do soon and is planned with some robots that go to some places: who
+    stands at one of these, or so near that they could not, and for each time that no plan was found
+    one more, the nearest first: they may do it themselves, or go out of the way.
+    """
+    others = [(r, f[1]) for r, f in day.free_at().items() if f[0] <= day.settings.soon]
+    spots = [day.site.places[p].pose for p in places]
+
+    def far(other: tuple[str, Pose]) -> tuple[float, str]:
+        return min((math.dist(other[1][:2], s[:2]) for s in spots), default=0.0), other[0]
+
+    for name, pose in sorted((o for o in others if o[0] not in robots), key=far):
+        there = body_at(day.site, name, pose)
+        bodies = [body_at(day.site, r, s) for r in robots for s in spots]
+        if any(body.distance(there) <= day.site.margin for body in bodies):
+            yield name
+        elif in_vain:
+            in_vain -= 1
+            yield name
+
+
+def _stops(job: DayOrder) -> list[Sequence[str]]:
+    """Return the places of each stop of an order, one of which a robot goes to."""
+    record = job.record
+    return [record.pickup.at, record.delivery.at] if isinstance(record, Order) else [record.at]
 
 
 def first_there(day: Day, job: DayOrder, free: Mapping[str, tuple[float, Pose]]) -> str:
@@ -300,9 +332,7 @@ def ready(day: Day, job: DayOrder) -> bool:
     before = (day.jobs.get(name) for name in job.record.after)
     if not all(b is None or b.state is not OrderState.WAITING for b in before):
         return False
-    record = job.record
-    ends = (record.pickup.at, record.delivery.at) if isinstance(record, Order) else (record.at,)
-    return all(any(_reachable(day, place) for place in at) for at in ends)
+    return all(any(_reachable(day, place) for place in at) for at in _stops(job))
 
 
 def _reachable(day: Day, place: str) -> bool:
@@ -322,8 +352,7 @@ def body_at(site: FleetRecords, robot: str, pose: Pose) -> Polygon:
 
 def _there(day: Day, job: DayOrder, robot: str, when: float, pose: Pose) -> float:
     """Return when a robot could be at an order's pickup, on straight lines."""
-    record = job.record
-    at = (record.pickup if isinstance(record, Order) else record).at
+    at, *_ = _stops(job)
     speed = day.site.robot_types[day.site.robots[robot].type].v_max
     spots = (day.site.places[p].pose for p in at)
     return when + min(math.dist(pose[:2], spot[:2]) for spot in spots) / speed
