@@ -8,7 +8,7 @@ from tests.fleet.modern import Modern, built, looser
 from tests.fleet.rulebook import Rulebook
 from tests.fleet.test_buildings import Answer, told
 
-SEEDS = (16, 28)
+SEEDS = (16, 28, 474)
 GOOD = 109
 HALL = [[0, 0], [15, 0], [15, 8], [0, 8]]
 

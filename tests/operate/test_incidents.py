@@ -5,6 +5,7 @@ import math
 import pytest
 
 from tests.operate.days import Day, Here
+from tests.operate.sites import hall
 from up_samp.execution.reports import Hold
 from up_samp.model import ProblemError
 from up_samp.operate.judge import where
@@ -297,3 +298,35 @@ def test_what_no_plan_was_found_for_is_put_aside_longer_each_time(day):
     assert operation.turns() == (day.clock.now(), math.inf)
     operation.block("wet", [(3, 3), (4, 3), (4, 4)])  # the floor is another one
     assert not operation.aside
+
+
+@pytest.mark.parametrize(
+    ("end", "order"),
+    [
+        (None, {"pickup": "rack0", "delivery": "dock0"}),
+        (None, {"pickup": "rack0", "delivery": "dock0", "robots": ["r0"]}),
+        ("rack0", {"pickup": "shelf0", "delivery": "dock1", "robots": ["r0"]}),
+    ],
+)
+def test_who_has_nothing_to_do_goes_out_of_the_way(tmp_path, end, order):
+    """r0 stands where the order ends, r1 where it begins, or where r0 ends its day."""
+    fleet = hall(tmp_path, 0)
+    fleet.add_robot("r0", "agv", start="dock0", end=end)
+    fleet.add_robot("r1", "agv", start="rack0")
+    day = Day(tmp_path, fleet=fleet)
+    day.operation.add({"id": "o", **order})
+    day.run(120)
+    assert day.state("o") == "done"
+    assert day.verdict().good
+    day.operation.close()
+
+
+def test_an_order_that_nobody_can_do_is_told_with_what_stands_in_its_way(tmp_path):
+    fleet = hall(tmp_path, 0)
+    fleet.add_robot("r0", "agv", start="dock0")
+    fleet.add_zone("closed", [(17, 1), (21, 1), (21, 5), (17, 5)], keep_out="agv")
+    day = Day(tmp_path, fleet=fleet)
+    day.order("o", "rack0", "dock1")
+    day.until(lambda: "dropped" in day.story(), 60)
+    assert "move_r0_dock0_to_rack0" in day.story()
+    day.operation.close()

@@ -254,24 +254,23 @@ def broken_rules(dependencies: Dependencies, record: dict[str, Any]) -> tuple[Te
     parameters = planned_of(problem, record).values
     objects = objects_by_type(problem)
     decisions = Decisions(times, parameters, objects, Fraction(1, ticks))
-    samples = _known_ends(dependencies, record)
-    found = judge_executed(problem, decisions, samples, unit)
+    samples = {(m["activity"], m["object"]): np.array(m["samples"]) for m in record["motions"]}
+    ends = _known_ends(dependencies, samples)
+    found = judge_executed(problem, decisions, samples, ends, unit)
     asked = _texts(problem) if late and found else {}
     broken = [v for v in found if not any(_stands_for(b.why, v, asked) for b in late)]
     return tuple(_decimal(str(v)) for v in broken), tuple(dict.fromkeys(missed))
 
 
 def _known_ends(
-    dependencies: Dependencies, record: dict[str, Any]
+    dependencies: Dependencies, samples: Mapping[tuple[str, str], np.ndarray]
 ) -> dict[tuple[str, str], np.ndarray]:
-    """Return what was driven; a motion is over where its robot is known to be at its end, which
-    may be wrong by twice the localisation error along its path: such a robot counts as there.
+    """Return where motions end that are over as their robots are known to be there, which may be
+    wrong by twice the localisation error along their paths: such a robot counts as there.
     """
     drives = drives_of(dependencies.lives)
     found = {}
-    for motion in record["motions"]:
-        key, rows = (motion["activity"], motion["object"]), np.array(motion["samples"])
-        found[key] = rows
+    for key, rows in samples.items():
         if key not in drives or not dependencies.localisation:
             continue
         path = drives[key].path
@@ -280,7 +279,7 @@ def _known_ends(
         last = drives[key].frame.inverse.out(last)
         apart = np.abs(last - rows[-1, 1:]).max(axis=1).min()
         if apart <= np.abs(np.diff(last, axis=0)).max(initial=0.0) + TOLERANCES.arrived:
-            rows[-1, 1:] = last[-1]
+            found[key] = last[-1]
     return found
 
 

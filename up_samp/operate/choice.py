@@ -206,10 +206,13 @@ class Day:
 
 @dataclass(frozen=True)
 class OpenWork:
-    """``opened``: the robots that are planned anew, and what of theirs; ``jobs``: what they do."""
+    """``opened``: the robots that are planned anew, and what of theirs; ``jobs``: what they do.
+    ``beside``: those of them that may go to rest somewhere else, to be out of the way.
+    """
 
     opened: Mapping[str, Opened]
     jobs: tuple[DayOrder, ...] = ()
+    beside: tuple[str, ...] = ()
 
 
 def choose(day: Day) -> OpenWork | None:
@@ -222,10 +225,11 @@ def choose(day: Day) -> OpenWork | None:
         if robots := [r for r in stuck if day.aside.get(r, now) <= until][:2]:
             homes = [e for r in robots if (e := day.site.robots[r].end) is not None]
             in_vain = max(day.tried.get(("", r), 0) for r in robots)
-            opened = dict.fromkeys((*robots, *_beside(day, robots, homes, in_vain)), Opened.ALL)
+            beside = tuple(_beside(day, robots, homes, in_vain))
+            opened = dict.fromkeys((*robots, *beside), Opened.ALL)
             # what was sought twice in vain is not to keep a robot where it stands
             jobs = (j for j in theirs(day, opened) if _tries(day, j, robots) < 2)
-            return OpenWork(opened, tuple(jobs))
+            return OpenWork(opened, tuple(jobs), beside)
         some = [j for j in waiting if day.aside.get(j.id, now) <= until]
         if found := _dispatched(day, some):
             return found
@@ -253,12 +257,12 @@ def _dispatched(day: Day, waiting: Sequence[DayOrder]) -> OpenWork | None:
         job = max(left, key=lambda j: _worth(day, j, robot, *free[robot]))
         first = first_there(day, job, free)
         ends = list(itertools.chain(*_stops(job)))
-        beside = _beside(day, [first], ends, _tries(day, job, day.site.robots))
+        beside = tuple(_beside(day, [first], ends, _tries(day, job, day.site.robots)))
         opened = dict.fromkeys((first, *beside), Opened.ALL)
         jobs = tuple({j.id: j for j in (job, *theirs(day, opened))}.values())
         if len(jobs) <= day.settings.most:
-            return OpenWork(opened, jobs)
-        return OpenWork(dict.fromkeys(opened, Opened.TAIL), (job,))
+            return OpenWork(opened, jobs, beside)
+        return OpenWork(dict.fromkeys(opened, Opened.TAIL), (job,), beside)
     return None
 
 

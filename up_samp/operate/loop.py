@@ -612,6 +612,7 @@ class Operation(Day):
             kept=kept,
             jobs=tuple(since_now(j.record, now, j.came) for j in chosen),
             robots=tuple(choice.opened),
+            beside=choice.beside,
             held=tuple((r, since_now(o, now, now)) for r, o in carried if isinstance(o, Order)),
             on_board=self.on_board(),
             areas=self.areas,

@@ -48,6 +48,8 @@ if TYPE_CHECKING:
 
 LATE = 10.0
 """What a second of lateness costs beside one until an order is done."""
+RESTS = 2
+"""Places at which who is in the way may rest."""
 SAME = 1e-3
 """Poses closer than this (m, rad) are one place."""
 
@@ -67,6 +69,8 @@ class Question:
     kept: Kept
     jobs: tuple[Order | Task, ...]
     robots: tuple[str, ...]
+    beside: tuple[str, ...] = ()
+    """Those of them that may go to rest at another place, to be out of the way."""
     held: tuple[tuple[str, Order], ...] = ()
     """Robots and the orders that they still have once all that is kept is done."""
     on_board: Mapping[str, str] = field(default_factory=dict)
@@ -184,6 +188,8 @@ def problem_records(ask: Question) -> FleetRecords:
         units = math.ceil(ask.cut.free.get(name, 0.0) / site.seconds_per_unit)
         if units >= 1 and any(name in j.robots for j in (*orders, *tasks)):
             tasks.append(_busy(name, robots[name].start, units * site.seconds_per_unit))
+    for name in ask.beside:
+        _let_rest(ask, places, ask.cut.poses[name])
     zones = still_counted(site, ask.cut.poses, ask.robots)
     for name, corners in ask.areas.items():
         zones[name] = Zone(polygon=corners, keep_out=tuple(site.robot_types))
@@ -227,6 +233,27 @@ def place_at(places: dict[str, Place], pose: Pose, who: str) -> str:
     name = f"now.{who}"
     places[name] = Place(pose=pose)
     return name
+
+
+def _let_rest(ask: Question, places: dict[str, Place], pose: Pose) -> None:
+    """Let robots come to rest at the places nearest to a pose at which nobody stands, and which
+    nobody that is planned goes to.
+    """
+    stops = [
+        s for j in ask.jobs for s in ((j.pickup, j.delivery) if isinstance(j, Order) else (j,))
+    ]
+    ends = {p for s in (*stops, *(o.delivery for _, o in ask.held)) for p in s.at}
+    ends |= {end for r in ask.robots if (end := ask.site.robots[r].end) is not None}
+    taken = [*ask.cut.poses.values(), *(places[p].pose for p in ends)]
+    corners = [c for kind in ask.site.robot_types.values() for c in corners_of(kind.footprint)]
+    apart = 2 * max(math.hypot(*c) for c in corners) + ask.site.margin
+    free = [
+        (math.dist(place.pose[:2], pose[:2]), name)
+        for name, place in places.items()
+        if all(math.dist(place.pose[:2], other[:2]) > apart for other in taken)
+    ]
+    for _, name in sorted(free)[:RESTS]:
+        places[name] = replace(places[name], park=max(1, places[name].park))
 
 
 def _brought(order: Order, robot: str) -> Task:
@@ -296,7 +323,8 @@ def _plan(ask: Question, cache: MotionCache | None) -> PlanDict:
     params |= told
     result = solve_problem(written, ask.seconds, params)
     if result.plan is None:
-        raise ProblemError(f"no plan within {ask.seconds:g} s: {result.status}")
+        why = result.explain().removeprefix("no plan: ")
+        raise ProblemError(f"no plan within {ask.seconds:g} s: {why}")
     plan = with_dependencies(written.problem, result.data, localisation=ask.localisation)
     meanings: dict[str, Meaning] = dict(written.meanings)
     common = CommonNeeds(tuple(ties_of(ask, written, plan)), ask.site)

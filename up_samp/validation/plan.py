@@ -80,13 +80,15 @@ def judge_executed(
     problem: Any,
     decisions: Decisions,
     samples: Mapping[tuple[str, str], FloatArray],
+    ends: Mapping[tuple[str, str], FloatArray],
     seconds: float,
 ) -> list[Violation]:
     """Judge what was executed, in dense time (``decisions.instant``): the schedule, and that one
     motion of an object comes after the other, from where it is, while static obstacles rest.
 
-    ``samples`` are rows (t in s, pose) of each motion, by activity and object. Contacts are not
-    looked at, and of kinematics only whether somebody drives backwards who must not, or faster than
+    ``samples`` are rows (t in s, pose) of each motion, by activity and object; ``ends`` are poses
+    that count as the last ones of some, wherever these really ended. Contacts are not looked at,
+    and of kinematics only whether somebody drives backwards who must not, or faster than
     it may, or breaks the rules of a zone.
     """
     verdict, timeline = judge_decisions(problem, decisions)
@@ -94,14 +96,16 @@ def judge_executed(
     if not hasattr(problem, "initial_configuration"):
         return found
     scene = JudgedScene(problem, timeline)
-    motions = {}
+    motions, counted = {}, {}
     for task in scene.tasks:
-        rows = samples.get((task.activity, task.object))
-        if rows is not None:
-            times, poses = motions[task.name] = rows[:, 0], rows[:, 1:]
+        key = (task.activity, task.object)
+        if key in samples:
+            times, poses = motions[task.name] = samples[key][:, 0], samples[key][:, 1:]
+            last = ends.get(key, poses[-1])
+            counted[task.name] = times, np.concatenate([poses[:-1], [last]])
             limits = scene.limits[task.object]
             found.extend(driven_backwards(task.what, limits, times, poses))
-    lives = build_lives(scene, motions, seconds, found)
+    lives = build_lives(scene, counted, seconds, found)
     found.extend(_zones(scene, lives, motions))
     for task in scene.tasks:
         found.extend(_obstacles(scene, task, lives, seconds))
