@@ -30,6 +30,7 @@ from up_samp.fleet.records import (
     Task,
     Zone,
     can_do,
+    corners_of,
 )
 from up_samp.fleet.statements import Meaning, Written
 from up_samp.io.plan_dict import PlanDict
