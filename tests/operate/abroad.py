@@ -61,7 +61,8 @@ def abroad(data):
 
 def drawn(data, folder, rng, robots):
     """Return one site, or None where the floor drawn has too little room."""
-    cells, cell = walls_of(data, rng.choice([*PLANS, *GRIDS]), rng)
+    floor = rng.choice([*PLANS, *GRIDS])
+    cells, cell = walls_of(data, floor, rng)
     turned = rng.choice([0.0, 0.0, rng.uniform(-3, 3)])
     origin = (rng.uniform(-40, 40), rng.uniform(-40, 40), turned)
     grid = OccupancyGrid(cells, cell, origin)
@@ -85,7 +86,9 @@ def drawn(data, folder, rng, robots):
     else:
         return None
     fleet = Fleet(write_map(folder, "abroad", cells, cell, origin), name="abroad", margin=0.12)
-    kinds = rng.sample([*MORE], rng.randint(1, 3))
+    # where cars cannot turn round there are places that they never reach
+    some = [k for k in MORE if floor in PLANS or MORE[k]["model"] != "car"]
+    kinds = rng.sample(some, rng.randint(1, 3))
     for kind in kinds:
         fleet.add_robot_type(kind, omega_max=1.5, **MORE[kind])
     for name, (x, y) in zip(names, spots, strict=True):
