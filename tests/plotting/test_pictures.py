@@ -14,6 +14,7 @@ from shapely.geometry import Polygon as Shape
 
 from tests import handmade
 from up_samp.io import plan_to_dict
+from up_samp.io.plan_dict import word
 from up_samp.model import ProblemError
 from up_samp.plotting import (
     animation_html,
@@ -24,7 +25,7 @@ from up_samp.plotting import (
 )
 from up_samp.plotting.animation import key_frames, scene_of
 from up_samp.plotting.background import ground_of
-from up_samp.plotting.rows import mentions, rows_of, short_names
+from up_samp.plotting.rows import rows_of, short_names
 from up_samp.plotting.style import PALETTE, color_of, ink_on, mixed, rgb
 from up_samp.plotting.tracks import horizon, tracks_of
 
@@ -137,9 +138,9 @@ def test_many_groups_become_one(plan):
 
 
 def test_robots_are_recognised_by_whole_words():
-    assert mentions("pick_r1_item", "r1")
-    assert not mentions("pick_r10_item", "r1")
-    assert mentions("robot_1-lifts", "robot_1")
+    assert word("r1").search("pick_r1_item")
+    assert not word("r1").search("pick_r10_item")
+    assert word("robot_1").search("robot_1-lifts")
     assert short_names("move_r0_depot0_to_item3_in", "r0", motion=True) == (
         "move depot0 to item3 in",
         "depot0 → item3 in",

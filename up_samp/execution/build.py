@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -37,7 +36,7 @@ from up_samp.execution.meetings import (
 )
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.execution.travel import TravelProfile, travels_of
-from up_samp.io.plan_dict import PlanDict, snapshot_of
+from up_samp.io.plan_dict import PlanDict, snapshot_of, word
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.model.snapshot import Snapshot
 from up_samp.scheduling.compilers.plain import Condition, Expr
@@ -561,7 +560,7 @@ def tasks_of(plan: PlanDict, who: Mapping[str, tuple[str, ...]]) -> dict[str, Pl
         moves = tuple(
             m["object"] for m in plan["motions"] if m["activity"] == name and _goes(m["samples"])
         )
-        doers = who.get(name) or tuple(m for m in movers if _mentions(name, m))
+        doers = who.get(name) or tuple(m for m in movers if word(m).search(name))
         start, end = entry["start"] * unit, entry["end"] * unit
         tasks[name] = PlannedTask(name, (start, end), end - start, doers or moves, moves)
     return tasks
@@ -574,10 +573,6 @@ def _goes(samples: list[list[float]]) -> bool:
         for row in samples
         for a, b in zip(row[1:], samples[0][1:], strict=True)
     )
-
-
-def _mentions(text: str, name: str) -> bool:
-    return bool(re.search(rf"(?<![A-Za-z0-9]){re.escape(name)}(?![A-Za-z0-9])", text))
 
 
 Component = tuple[str, str, int]

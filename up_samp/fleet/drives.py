@@ -28,7 +28,7 @@ from up_samp.fleet.loads import (
     place_of,
     ridden,
 )
-from up_samp.fleet.outlines import area_of, doorway_of
+from up_samp.fleet.outlines import area_of
 from up_samp.fleet.records import GROUND, RobotType
 from up_samp.fleet.site import Site
 from up_samp.fleet.statements import Kind, Meaning, at_start, present
@@ -188,7 +188,7 @@ class Drives:
         site, through, clear = self._site, [], []
         for name, door in site.records.automatic_doors.items():
             if door.floor == floor_of(site.records, origin):
-                area = doorway_of(site.records, name)
+                area = area_of(site.records, name)
                 if self._meter.clears(robot, origin, to, (area, *around)):
                     clear.append(site.doorways[name])
                 else:

@@ -91,19 +91,19 @@ def _in_words(item: Any) -> str:
         return f"should be {_WANTED[kind]}, and is {word}{hint}"
     if kind in _WANTED:
         return f"should be {_WANTED[kind]}, not {_shown(given)}"
-    if kind in ("too_short", "too_long"):
-        most = limits.get("min_length", limits.get("max_length"))
-        return f"needs {most} {'or more' if kind == 'too_short' else 'at most'}, not {len(given)}"
     if kind in _LIMITS:
-        sign, bound = _LIMITS[kind]
-        return f"should be {sign.format(limits[bound])}, not {_shown(given)}"
+        text, bound = _LIMITS[kind]
+        told = len(given) if text.startswith("needs") else _shown(given)
+        return f"{text.format(limits[bound])}, not {told}"
     if kind == "string_pattern_mismatch":
         what = "a name has letters, digits, '_', '-' and '.', and begins with a letter"
         near = re.sub(r"[^A-Za-z0-9_.-]", "_", str(given))
         return f"{what}: '{near}'?" if re.match("[A-Za-z_]", near) else what
-    if kind == "missing":
-        return "is missing"
-    return str(item["msg"]).replace("Input should be", "should be")
+    return (
+        str(item["msg"])
+        .replace("Input should be", "should be")
+        .replace("Field required", "is missing")
+    )
 
 
 _WANTED = {
@@ -122,11 +122,13 @@ _WANTED = {
 """What a value should be, by the kind of pydantic's error."""
 
 _LIMITS = {
-    "greater_than": ("more than {:g}", "gt"),
-    "greater_than_equal": ("{:g} or more", "ge"),
-    "less_than": ("less than {:g}", "lt"),
-    "less_than_equal": ("{:g} at most", "le"),
-    "string_too_long": ("text of {} letters at most", "max_length"),
+    "greater_than": ("should be more than {:g}", "gt"),
+    "greater_than_equal": ("should be {:g} or more", "ge"),
+    "less_than": ("should be less than {:g}", "lt"),
+    "less_than_equal": ("should be {:g} at most", "le"),
+    "string_too_long": ("should be text of {} letters at most", "max_length"),
+    "too_short": ("needs {} or more", "min_length"),
+    "too_long": ("needs {} at most", "max_length"),
 }
 
 

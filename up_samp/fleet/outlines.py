@@ -99,14 +99,10 @@ def swept(outline: Outline, first: Pose, last: Pose) -> list[tuple[float, float]
     return [(float(x), float(y)) for x, y in hull[:-1]]
 
 
-def area_of(records: FleetRecords, zone: str) -> Placed:
-    """Return a zone as an obstacle."""
-    return Placed(zone, still(records.zones[zone].polygon), (0.0, 0.0, 0.0))
-
-
-def doorway_of(records: FleetRecords, door: str) -> Placed:
-    """Return the area of an automatic door as an obstacle."""
-    return Placed(door, still(records.automatic_doors[door].polygon), (0.0, 0.0, 0.0))
+def area_of(records: FleetRecords, name: str) -> Placed:
+    """Return a zone, or the doorway of an automatic door, as an obstacle."""
+    area = records.zones.get(name) or records.automatic_doors[name]
+    return Placed(name, still(area.polygon), (0.0, 0.0, 0.0))
 
 
 def rules_for(

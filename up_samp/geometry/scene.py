@@ -14,9 +14,10 @@ from up_samp.geometry.cells import distances_to, grown
 from up_samp.geometry.maps import OccupancyGrid
 from up_samp.geometry.memory import Memory
 from up_samp.geometry.records import GridData, GridFrame, PolyData, WorldData, open_plane
-from up_samp.geometry.shapes import Shape, shape_of
+from up_samp.geometry.shapes import Shape, padded, shape_of
 from up_samp.model import Body, Configuration, Placed, check_time
 from up_samp.model.arrays import BoolArray, FloatArray
+from up_samp.model.frames import Frame
 
 
 def clearance_field(blocked: BoolArray, resolution: float) -> npt.NDArray[np.float32]:
@@ -27,8 +28,8 @@ def clearance_field(blocked: BoolArray, resolution: float) -> npt.NDArray[np.flo
     distance from i's centre to the blocked cells dilated by one cell: one exact Euclidean distance
     transform gives a bound that holds for whole cells.
     """
-    padded = np.pad(blocked, 1, constant_values=True)
-    distance = distances_to(grown(padded), resolution * (1 - 1e-6), np.float32)[1:-1, 1:-1]
+    walled = np.pad(blocked, 1, constant_values=True)
+    distance = distances_to(grown(walled), resolution * (1 - 1e-6), np.float32)[1:-1, 1:-1]
     return np.ascontiguousarray(distance)
 
 
@@ -50,28 +51,21 @@ def grid_data(grid: OccupancyGrid | None) -> GridData:
 
 def placed_polygons(body: Body, pose: Configuration) -> list[FloatArray]:
     """Return the convex parts of a resting planar body in the world frame, each of shape (n, 2)."""
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    turn = np.array([[c, -s], [s, c]])
-    return [np.array(part) @ turn.T + np.array(pose[:2]) for part in shape_of(body).parts]
+    return [Frame(*pose[:3]).points(part) for part in shape_of(body).parts]
 
 
 def poly_data(obstacles: Sequence[Placed]) -> PolyData:
     """Return resting objects as the kernels take them; ``owner`` indexes ``obstacles``."""
-    polygons, owners = [], []
-    for index, placed in enumerate(obstacles):
-        for polygon in placed_polygons(placed.body, placed.pose):
-            polygons.append(polygon)
-            owners.append(index)
-    corners = max((len(p) for p in polygons), default=3)
-    verts = np.zeros((len(polygons), corners, 2))
-    centres = np.zeros((len(polygons), 3))
-    for i, polygon in enumerate(polygons):
-        verts[i, : len(polygon)] = polygon
-        verts[i, len(polygon) :] = polygon[-1]
-        centre = 0.5 * (polygon.min(axis=0) + polygon.max(axis=0))
-        centres[i] = (*centre, float(np.linalg.norm(polygon - centre, axis=1).max()))
-    counts = np.array([len(p) for p in polygons], dtype=np.int64)
-    return PolyData(verts, counts, centres, np.array(owners, dtype=np.int64))
+    owned = [
+        (index, polygon)
+        for index, placed in enumerate(obstacles)
+        for polygon in placed_polygons(placed.body, placed.pose)
+    ]
+    verts, counts = padded([polygon for _, polygon in owned])
+    middles = 0.5 * (verts.min(axis=1) + verts.max(axis=1))
+    radii = np.linalg.norm(verts - middles[:, None], axis=2).max(axis=1)
+    owners = np.array([index for index, _ in owned], dtype=np.int64)
+    return PolyData(verts, counts, np.column_stack((middles, radii)), owners)
 
 
 class Scene:

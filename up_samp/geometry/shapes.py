@@ -9,6 +9,7 @@ from functools import cached_property, lru_cache
 from itertools import starmap
 
 import numpy as np
+import numpy.typing as npt
 import shapely
 
 from up_samp.geometry.records import RuleData, ShapeData
@@ -69,24 +70,26 @@ class Shape:
         """The arrays that the kernels take (see :class:`ShapeData`)."""
         slack = np.array([0.0, 0.0, *_slacks(self.grain or self.margin, self.inner[2])])
         # level 0 is the bare footprint, level 1 has the margin, the others margin and slack
-        levels = [
-            [
-                _inflate(part, 0.0 if level == 0 else self.margin + slack[level])
-                for part in self.parts
-            ]
-            for level in range(len(slack))
-        ]
-        count = max(len(p) for level in levels for p in level)
-        verts = np.zeros((len(slack), len(self.parts), count, 2))
-        counts = np.zeros((len(slack), len(self.parts)), dtype=np.int64)
-        for i, level in enumerate(levels):
-            for j, polygon in enumerate(level):
-                verts[i, j, : len(polygon)] = polygon
-                verts[i, j, len(polygon) :] = polygon[-1]
-                counts[i, j] = len(polygon)
+        wider = [0.0, *(self.margin + slack[1:])]
+        verts, counts = padded([_inflate(part, by) for by in wider for part in self.parts])
+        shape = (len(wider), len(self.parts))
+        verts, counts = verts.reshape(*shape, -1, 2), counts.reshape(shape)
         discs, radius = np.ascontiguousarray(self.discs), float(self.circumscribed)
         ways = rules_of(self.zones, radius)
         return ShapeData(verts, counts, slack, discs, radius, float(self.margin), ways)
+
+
+def padded(polygons: Sequence[npt.ArrayLike]) -> tuple[FloatArray, npt.NDArray[np.int64]]:
+    """Return polygons as one array (n, most corners, 2), each filled up with its last corner, and
+    how many corners each has.
+    """
+    rings = [np.asarray(polygon, dtype=np.float64) for polygon in polygons]
+    counts = np.array([len(ring) for ring in rings], dtype=np.int64)
+    verts = np.zeros((len(rings), int(counts.max(initial=3)), 2))
+    for i, ring in enumerate(rings):
+        verts[i, : len(ring)] = ring
+        verts[i, len(ring) :] = ring[-1]
+    return verts, counts
 
 
 def _slacks(margin: float, inner: float) -> list[float]:
@@ -235,15 +238,11 @@ def _is_convex(ring: list[Point]) -> bool:
 
 def _join(first: list[Point], second: list[Point]) -> list[Point] | None:
     """Return the union of two polygons that share an edge if it is convex."""
-    n, m = len(first), len(second)
-    for i in range(n):
-        a, b = first[i], first[(i + 1) % n]
-        for j in range(m):
-            if second[j] == b and second[(j + 1) % m] == a:
-                tail = [second[(j + 2 + k) % m] for k in range(m - 2)]
-                joined = first[: i + 1] + tail + first[i + 1 :]
-                return joined if _is_convex(joined) else None
-    return None
+    back = {(b, a): j for j, (a, b) in enumerate(_edges(second))}
+    i, j = next((i, back[edge]) for i, edge in enumerate(_edges(first)) if edge in back)
+    tail = (second + second)[j + 2 : j + len(second)]
+    joined = first[: i + 1] + tail + first[i + 1 :]
+    return joined if _is_convex(joined) else None
 
 
 def _inflate(part: tuple[Point, ...], by: float) -> FloatArray:
@@ -320,10 +319,4 @@ def rules_of(zones: Sequence[TrafficZone], radius: float) -> RuleData:
             for part in convex_parts(ring):
                 parts.append(part)
                 rules.append(rule)
-    most = max(map(len, parts), default=3)
-    verts = np.zeros((len(parts), most, 2))
-    for i, part in enumerate(parts):
-        verts[i, : len(part)] = part
-        verts[i, len(part) :] = part[-1]
-    counts = np.array([len(part) for part in parts], dtype=np.int64)
-    return RuleData(verts, counts, np.array(rules, dtype=np.float64).reshape(-1, 3))
+    return RuleData(*padded(parts), np.array(rules, dtype=np.float64).reshape(-1, 3))

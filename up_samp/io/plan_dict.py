@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from collections.abc import Container, Mapping
 from typing import Any
 
@@ -33,6 +34,11 @@ AREA = "zone"
 
 PlanDict = dict[str, Any]
 """A plan as JSON would hold it; see docs/plan-format.md."""
+
+
+def word(name: str) -> re.Pattern[str]:
+    """Return what finds a name in another one, as a word of its own (``r1`` not in ``r10``)."""
+    return re.compile(rf"(?<![A-Za-z0-9]){re.escape(name)}(?![A-Za-z0-9])")
 
 
 def plan_to_dict(

@@ -111,16 +111,7 @@ def _after(
 ) -> tuple[float, float, float]:
     """Return the pose after driving an arc: unicycle model, exact integration."""
     x, y, theta = pose
-    end = theta + turn * seconds
-    if abs(turn) < 1e-12:
-        return (
-            x + speed * seconds * math.cos(theta),
-            y + speed * seconds * math.sin(theta),
-            end,
-        )
-    radius = speed / turn
-    return (
-        x + radius * (math.sin(end) - math.sin(theta)),
-        y - radius * (math.cos(end) - math.cos(theta)),
-        end,
-    )
+    half = turn * seconds / 2
+    chord = speed * seconds * float(np.sinc(half / math.pi))
+    ahead = theta + half
+    return x + chord * math.cos(ahead), y + chord * math.sin(ahead), theta + 2 * half

@@ -6,6 +6,7 @@ import re
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from up_samp.io.plan_dict import word
 from up_samp.plotting.style import FIXTURE, OTHER, color_of
 from up_samp.plotting.tracks import ObjectTrack, tracks_of
 
@@ -73,16 +74,11 @@ def rows_of(plan: dict[str, Any]) -> list[Row]:
     return everything
 
 
-def mentions(text: str, name: str) -> bool:
-    """Return whether ``name`` occurs in ``text`` as a word of its own (``r1`` not in ``r10``)."""
-    return bool(re.search(rf"(?<![A-Za-z0-9]){re.escape(name)}(?![A-Za-z0-9])", text))
-
-
 def _homes(
     activity: dict[str, Any], movers: list[ObjectTrack], changes: list[dict[str, Any]]
 ) -> list[str]:
     given = {str(v) for v in activity.get("parameters", {}).values()}
-    named = [t.name for t in movers if t.name in given or mentions(activity["name"], t.name)]
+    named = [t.name for t in movers if t.name in given or word(t.name).search(activity["name"])]
     if named:
         return named
     return list(dict.fromkeys(c["object"] for c in changes if c["activity"] == activity["name"]))
@@ -106,7 +102,7 @@ def short_names(activity: str, row: str, *, motion: bool) -> tuple[str, ...]:
     """Return names for an activity in the row of the object ``row`` (or ""), the longest first."""
     words = activity
     if row:
-        words = re.sub(rf"(?<![A-Za-z0-9]){re.escape(row)}(?![A-Za-z0-9])", " ", activity)
+        words = word(row).sub(" ", activity)
     text = " ".join(w for w in re.split(r"[\s_]+", words) if w) or activity
     names = [text]
     if motion and re.search(r"\bto\b", text):

@@ -348,18 +348,17 @@ def _waits(day: Operation, name: str, command: Command | None) -> list[str]:
 
 
 def _robot(day: Operation, name: str) -> dict[str, Any]:
-    command = day.commands.get(name)
+    command, executor = day.commands.get(name), day.executor
     what, way, why = "idle", [], ""
-    if isinstance(command, Go) and day.executor is not None:
+    if isinstance(command, Go):
         what = f"drives to {command.motion.rpartition('_to_')[2].partition('#')[0]}"
     elif isinstance(command, Do):
         what = f"does: {command.activity.partition('#')[0]}"
     elif isinstance(command, Hold) and command.waiting_for:
         event, _, told = command.waiting_for[0].partition(" (")
         what, why = "stands", told.removesuffix(")") or event
-    under = None if day.executor is None else day.executor.state.of_object.get(name)
-    if under is not None and day.executor is not None:
-        path = day.executor.drives[under.activity, name].path
+    if executor is not None and (under := executor.state.of_object.get(name)) is not None:
+        path = executor.drives[under.activity, name].path
         at = np.linspace(min(under.progress, path.length), path.length, 30)
         way = [[round(float(v), 2) for v in p[:2]] for p in path.poses_at(at)]
     return {

@@ -97,8 +97,6 @@ def _limits(item: Any) -> Limits:
         least = _least(item, key)
         if not (isinstance(value, (int, float)) and math.isfinite(value) and value >= least):
             raise ProblemError(f"object {item.name}: {key} must be a positive number, not {value}")
-        if value == 0 and item.control_model is not None:
-            raise ProblemError(f"object {item.name}: {key} is 0, but it has a control model")
     radius, v_max, a_max, omega_max = (float(given.get(k, 1.0)) for k in _KNOWN)
     model = item.motion_model.name if radius > 0 else "PIVOT"
     limits = Limits(item.name, model, radius, v_max, v_max, a_max, omega_max)
@@ -126,8 +124,11 @@ def height_of(item: Any) -> float:
 
 
 def _least(item: Any, key: str) -> float:
-    """Return the least value of a parameter: only a turning radius along the heading may be 0."""
-    pivots = key == "turning_radius" and item.motion_model.name == "REEDSSHEPP"
+    """Return the least value of a parameter: only a turning radius along the heading may be 0, of
+    what has no control model.
+    """
+    pivots = (key, item.motion_model.name) == ("turning_radius", "REEDSSHEPP")
+    pivots = pivots and item.control_model is None
     return 0.0 if pivots else math.nextafter(0.0, 1.0)
 
 
