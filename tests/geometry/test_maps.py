@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from tests.geometry.states import state_at
 from up_samp.geometry import OccupancyGrid, load_map, write_map
 from up_samp.model import ProblemError
 
@@ -24,10 +25,10 @@ def test_rows_run_upwards_and_classes_are_kept_apart(tmp_path):
     assert grid.occupied.tolist() == [[False] * 3, [True, False, False]]
     assert grid.unknown.tolist() == [[False] * 3, [False, False, True]]
     assert grid.blocked.sum() == 2
-    assert grid.state_at(1.1, 2.6) == "occupied"
-    assert grid.state_at(2.1, 2.6) == "unknown"
-    assert grid.state_at(1.1, 2.1) == "free"
-    assert grid.state_at(0.9, 2.1) == "outside"
+    assert state_at(grid, 1.1, 2.6) == "occupied"
+    assert state_at(grid, 2.1, 2.6) == "unknown"
+    assert state_at(grid, 1.1, 2.1) == "free"
+    assert state_at(grid, 0.9, 2.1) == "outside"
     assert grid.size == (1.5, 1.0)
 
 
@@ -80,8 +81,8 @@ def test_origin_with_yaw(tmp_path):
     text = KEYS.replace("0.0]", f"{math.pi / 2}]") + THRESHOLDS
     grid = load_map(write(tmp_path, [[255, 0]], text))
     # the map's x axis points along the world's y axis
-    assert grid.state_at(0.75, 2.25) == "free"
-    assert grid.state_at(0.75, 2.75) == "occupied"
+    assert state_at(grid, 0.75, 2.25) == "free"
+    assert state_at(grid, 0.75, 2.75) == "occupied"
     assert grid.point_of(0, 1) == pytest.approx((0.75, 2.75))
     two = KEYS.replace("[1.0, 2.0, 0.0]", "[1.0, 2.0]") + THRESHOLDS
     assert load_map(write(tmp_path, [[255, 0]], two)).origin == (1.0, 2.0, 0.0)

@@ -10,12 +10,12 @@ import numpy.typing as npt
 
 from up_samp.execution.build import Dependencies
 from up_samp.execution.graph import At, Event
-from up_samp.execution.lives import DriveCells, Life, Piece, Stay, concerned
+from up_samp.execution.lives import DriveCells, Life, Piece, Stay, concerned, kept_apart
 from up_samp.execution.meetings import moving
 from up_samp.execution.state import FloorState, TaskPhase
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.execution.travel import pose_at
-from up_samp.model import Configuration, avoids
+from up_samp.model import Configuration
 from up_samp.motion.fleet.conflicts import Swept, conflicting_cells
 from up_samp.motion.fleet.paths import resting_path
 
@@ -197,9 +197,7 @@ def _apart(life: Life, k: int, other: Life, m: int) -> bool:
     too: where one is that rests elsewhere than it should, no plan has looked.
     """
     if isinstance(life.pieces[k], Stay) and isinstance(other.pieces[m], Stay):
-        return any(avoids(d.avoid, other.object) for d in life.drives) or any(
-            avoids(d.avoid, life.object) for d in other.drives
-        )
+        return kept_apart(life, life.drives, other, other.drives)
     return concerned(life, k, other, m)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -322,9 +322,15 @@ def concerned(one: Life, k: int, other: Life, m: int) -> bool:
         return False
     if _aboard(one, a, b) or _aboard(other, b, a):
         return False
-    return any(avoids(d.avoid, other.object) for d in _near(one, k)) or any(
-        avoids(d.avoid, one.object) for d in _near(other, m)
-    )
+    return kept_apart(one, _near(one, k), other, _near(other, m))
+
+
+def kept_apart(
+    one: Life, drives: Iterable[DriveCells], other: Life, others: Iterable[DriveCells]
+) -> bool:
+    """Return whether some drives of one of two lives have to avoid the other one's object."""
+    sides = ((drives, other.object), (others, one.object))
+    return any(avoids(drive.avoid, name) for some, name in sides for drive in some)
 
 
 def _aboard(load: Life, piece: Piece, drive: Piece) -> bool:

@@ -6,9 +6,9 @@ import dataclasses
 import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch, Polygon
 
@@ -20,14 +20,13 @@ from up_samp.fleet.records import GROUND, FleetRecords, Outline, Point, Pose
 from up_samp.fleet.spelled_out import in_numbers, spelled_out
 from up_samp.model.frames import Frame
 from up_samp.plotting.background import ground_of
-from up_samp.plotting.map_picture import draw_area
+from up_samp.plotting.map_picture import draw_area, label_of, legend_below, map_axes
 from up_samp.plotting.style import (
     FIXTURE,
     INK,
     WRONG,
     PlacedLabel,
     color_of,
-    figure_axes,
     mixed,
     place_labels,
 )
@@ -45,19 +44,12 @@ def draw_fleet(
     site = {"map": maps[0], "maps": maps, "objects": [], "motions": [], "changes": []}
     backdrop = ground_of(site)
     records = _laid_out(records, backdrop.shifts)
-    left, right, bottom, top = backdrop.extent
-    if ax is None:
-        height = min(max(11.0 * (top - bottom) / (right - left), 3.0), 16.0) + 1.0
-        ax = figure_axes(12.0, height, dpi=120)
-    ax.imshow(backdrop.pixels, extent=backdrop.extent, interpolation="nearest", zorder=0)
-    ax.set(xlim=(left, right), ylim=(bottom, top), xlabel="x [m]", ylabel="y [m]")
-    ax.set_aspect("equal")
+    corners = (corner for _, corner in backdrop.labels)
+    named = tuple(zip((GROUND, *records.floors), corners, strict=False))
+    ax = map_axes(dataclasses.replace(backdrop, labels=named), ax)
     told = [f for f in findings if f.level is not Level.NOTE]
     bad = {f.subject for f in told}
     labels = [*_draw_fixtures(ax, records), *_draw_places(ax, records, bad)]
-    for floor, (_, corner) in zip((GROUND, *records.floors), backdrop.labels, strict=False):
-        ax.annotate(floor, corner, (4, -4), textcoords="offset points", va="top", fontsize=9,
-                    color=INK, bbox={"fc": "white", "ec": "none", "pad": 1.5})  # fmt: skip
     for kind, place in dict.fromkeys((f.type, f.subject) for f in told if f.type is not None):
         shape = placed(records.robot_types[kind].footprint, records.places[place].pose)
         ax.add_patch(Polygon(shape, fc="none", ec=WRONG, lw=1.6, ls="--", zorder=5))
@@ -89,17 +81,14 @@ def _laid_out(records: FleetRecords, shifts: Mapping[float, Frame]) -> FleetReco
     def outline(floor: str, corners: Iterable[Point]) -> tuple[tuple[float, float], ...]:
         return tuple(c[:2] for c in moved(floor, *((x, y, 0.0) for x, y in corners)))
 
-    zones = {
-        name: dataclasses.replace(zone, polygon=outline(zone.floor, zone.polygon))
-        for name, zone in records.zones.items()
+    areas: dict[str, Any] = {
+        kind: {
+            name: dataclasses.replace(area, polygon=outline(area.floor, area.polygon))
+            for name, area in getattr(records, kind).items()
+        }
+        for kind in ("zones", "automatic_doors")
     }
-    automatic = {
-        name: dataclasses.replace(door, polygon=outline(door.floor, door.polygon))
-        for name, door in records.automatic_doors.items()
-    }
-    return dataclasses.replace(
-        records, places=places, doors=doors, automatic_doors=automatic, zones=zones
-    )
+    return dataclasses.replace(records, places=places, doors=doors, **areas)
 
 
 def _draw_fixtures(ax: Axes, records: FleetRecords) -> list[PlacedLabel]:
@@ -124,7 +113,7 @@ def _draw_fixtures(ax: Axes, records: FleetRecords) -> list[PlacedLabel]:
         leaf, opened = placed(door.leaf, door.closed), placed(door.leaf, door.open)
         ax.add_patch(Polygon(opened, fc="none", ec=FIXTURE, ls="--"))
         ax.add_patch(Polygon(leaf, fc=FIXTURE, ec=INK))
-        labels.append(_label(name, door.closed, leaf, FIXTURE))
+        labels.append(label_of(name, leaf, FIXTURE))
     for order, attached in loads_of(records):
         at = load_pose(attached, records.places[order.pickup.at[0]].pose)
         load = placed(attached.footprint, at)
@@ -154,25 +143,21 @@ def _draw_places(ax: Axes, records: FleetRecords, bad: set[str]) -> list[PlacedL
         tip = (x + reach * math.cos(theta), y + reach * math.sin(theta))
         ax.plot([x, tip[0]], [y, tip[1]], color=color, lw=1.2, zorder=4)
         text = name if robot is None else f"{robot} at {name}"
-        labels.append(_label(text, place.pose, outline, color))
+        labels.append(label_of(text, outline, color))
     return labels
 
 
 def _draw_legend(ax: Axes, records: FleetRecords, bad: set[str], tight: bool) -> None:
-    keys = [Patch(fc=mixed(INK, 0.85), ec=INK, label="place")]
-    if records.automatic_doors:
-        doorway = mixed(FIXTURE, 0.7)
-        keys.append(Patch(fc=doorway, ec=FIXTURE, ls=":", label="door, automatic"))
-    if records.doors:
-        keys.append(Patch(fc=FIXTURE, label="door, closed"))
-    if loads_of(records):
-        keys.append(Patch(fc=mixed(FIXTURE, 0.6), ec=FIXTURE, label="load"))
-    if bad:
-        keys.append(Patch(fc=WRONG, label="wrong: see the list"))
-    if tight:
-        keys.append(Patch(fc="none", ec=WRONG, ls="--", label="robot that does not fit there"))
-    ax.legend(handles=keys, loc="upper center", bbox_to_anchor=(0.5, 0.0), borderaxespad=4.5,
-              frameon=False, ncols=3, fontsize=8)  # fmt: skip
+    doorway, load = mixed(FIXTURE, 0.7), mixed(FIXTURE, 0.6)
+    keys = [
+        (True, Patch(fc=mixed(INK, 0.85), ec=INK, label="place")),
+        (records.automatic_doors, Patch(fc=doorway, ec=FIXTURE, ls=":", label="door, automatic")),
+        (records.doors, Patch(fc=FIXTURE, label="door, closed")),
+        (loads_of(records), Patch(fc=load, ec=FIXTURE, label="load")),
+        (bad, Patch(fc=WRONG, label="wrong: see the list")),
+        (tight, Patch(fc="none", ec=WRONG, ls="--", label="robot that does not fit there")),
+    ]
+    legend_below(ax, keys)
 
 
 def _usual(records: FleetRecords) -> Outline:
@@ -182,8 +167,3 @@ def _usual(records: FleetRecords) -> Outline:
         return (0.5, 0.5)
     most = max(sorted(set(kinds)), key=kinds.count)
     return records.robot_types[most].footprint
-
-
-def _label(text: str, pose: Pose, outline: npt.NDArray[np.float64], color: str) -> PlacedLabel:
-    reach = np.abs(outline - pose[:2]).max(axis=0)
-    return PlacedLabel(text, pose[0], pose[1], color, False, (float(reach[0]), float(reach[1])))

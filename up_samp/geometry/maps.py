@@ -128,16 +128,6 @@ class OccupancyGrid:
         c, s = math.cos(self.origin[2]), math.sin(self.origin[2])
         return self.origin[0] + c * gx - s * gy, self.origin[1] + s * gx + c * gy
 
-    def state_at(self, x: float, y: float) -> str:
-        """Return ``"free"``, ``"occupied"``, ``"unknown"`` or ``"outside"`` for a world point."""
-        row, col = self.cells_of([(x, y)])[0]
-        rows, cols = self.shape
-        if not (0 <= row < rows and 0 <= col < cols):
-            return "outside"
-        if self.occupied[row, col]:
-            return "occupied"
-        return "unknown" if self.unknown[row, col] else "free"
-
 
 def load_map(yaml_path: str | Path) -> OccupancyGrid:
     """Read a ROS ``map_server`` map (YAML beside a PNG or PGM image).

@@ -11,6 +11,7 @@ import numpy as np
 from up_samp.operate.day import DayResult
 from up_samp.operate.simulated import driven_until
 from up_samp.plotting.background import ground_of
+from up_samp.plotting.map_picture import map_axes
 from up_samp.plotting.style import figure_axes, saved
 
 CELL = 1.0
@@ -60,10 +61,8 @@ def draw_orders(result: DayResult, file: Path) -> Path:
 def draw_waiting(result: DayResult, file: Path) -> Path:
     """Draw where robots stood though they had a motion to drive, on the map."""
     ground = ground_of(result.record)
+    ax = map_axes(ground, None)
     x, right, y, top = ground.extent
-    width, height = right - x, top - y
-    ax = figure_axes(10, max(2.5, 9.0 * height / width))
-    ax.imshow(ground.pixels, extent=ground.extent)
     where = np.array([(w[0], w[1]) for w in result.waits]).reshape(-1, 2)
     bins = (np.arange(x, right + CELL, CELL), np.arange(y, top + CELL, CELL))
     seconds, _, _ = np.histogram2d(
@@ -72,8 +71,6 @@ def draw_waiting(result: DayResult, file: Path) -> Path:
     shown = np.ma.masked_less(seconds.T / 60.0, 1.0 / 60.0)
     picture = ax.pcolormesh(*bins, shown, cmap="YlOrRd", alpha=0.8)
     ax.figure.colorbar(picture, ax=ax, label="min waited")
-    ax.set_aspect("equal")
-    ax.set(xlim=(x, right), ylim=(y, top))
     ax.set_title("where robots waited")
     return saved(ax, file)
 

@@ -102,6 +102,7 @@ def _draw_row(ax: Axes, row: Row, top: float, end: float) -> None:
         _draw_bar(ax, row, bar, bottom)
     if row.track is not None and not row.track.moves:
         _draw_changes(ax, row, top, end)
+        return
     for bar in row.bars:
         _write_label(ax, row, bar, top + HEADROOM + bar.lane, taken)
 
@@ -141,8 +142,6 @@ def _draw_changes(ax: Axes, row: Row, top: float, end: float) -> None:
 
 def _write_label(ax: Axes, row: Row, bar: Bar, bottom: float, taken: list[Bbox]) -> None:
     """Write the longest of the bar's names that fits into it, else the first above it."""
-    if row.track is not None and not row.track.moves:
-        return
     longest = max(bar.driving, key=lambda span: span[1] - span[0], default=(0.0, 0.0))
     solid = longest[1] - longest[0] > 0.5 * (bar.end - bar.start)
     color = ink_on(row.color) if solid else INK

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
 from matplotlib import patheffects
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Polygon
 from matplotlib.transforms import Bbox
 
-from up_samp.plotting.background import ground_of
+from up_samp.plotting.background import Backdrop, ground_of
 from up_samp.plotting.gantt import title_of
 from up_samp.plotting.style import (
     AREA_FILL,
@@ -52,39 +53,58 @@ def plot_map(
     axes; without ``ax``, those of a new figure.
     """
     laid = ground_of(with_short_names(plan))
-    plan, (left, right, bottom, top) = laid.plan, laid.extent
-    if ax is None:
-        width = 13.0
-        height = min(max(0.95 * width * (top - bottom) / (right - left), 2.5), 20.0) + 1.1
-        ax = figure_axes(width, height)
-    ax.imshow(laid.pixels, extent=laid.extent, interpolation="nearest", zorder=0)
-    ax.set_xlim(left, right)
-    ax.set_ylim(bottom, top)
-    ax.set_aspect("equal")
-    ax.set_xlabel("x [m]")
-    ax.set_ylabel("y [m]")
+    plan, ax = laid.plan, map_axes(laid, ax)
     tracks = tracks_of(plan)
-    movers = [t for t in tracks if t.moves]
+    movers, still = ([t for t in tracks if bool(t.moves) is moves] for moves in (True, False))
+    left, right, bottom, top = laid.extent
     step = footprint_every or _spacing(movers, max(right - left, top - bottom))
     labels: list[PlacedLabel] = []
     for i, track in enumerate(movers):
         _draw_mover(ax, track, color_of(i), step)
         if track.initial is not None:
-            labels.append(_named(track, track.name, track.initial, color_of(i), bold=True))
-    for track in tracks:
-        if not track.moves and track.initial is not None:
-            labels += _draw_still(ax, track)
-    for track in tracks:
-        if not track.moves:
-            _draw_rides(ax, track, step)
+            labels.append(
+                label_of(track.name, track.outline(track.initial), color_of(i), bold=True)
+            )
+    for track in still:
+        if track.initial is not None:
+            labels += _draw_still(ax, track, track.initial)
+        _draw_rides(ax, track, step)
     for track, pose, names in stops_of(movers, laid.places(places)):
-        labels.append(_named(track, " / ".join(names), pose, INK))
-    for name, corner in laid.labels:
-        ax.text(*corner, name, fontsize=8, color=INK, va="top", bbox=_PLATE, zorder=6)
+        labels.append(label_of(" / ".join(names), track.outline(pose), INK))
     ax.set_title(title_of(plan), loc="left", fontsize=11, color=INK)
-    _legend(ax, movers, [t for t in tracks if not t.moves])
+    _legend(ax, movers, still)
     place_labels(ax, labels, avoid=_stops(ax, movers))
     return ax
+
+
+def map_axes(laid: Backdrop, ax: Axes | None) -> Axes:
+    """Draw a map with the names of its floors; without ``ax``, on a new figure."""
+    left, right, bottom, top = laid.extent
+    if ax is None:
+        height = min(max(12.4 * (top - bottom) / (right - left), 2.5), 20.0) + 1.1
+        ax = figure_axes(13.0, height)
+    ax.imshow(laid.pixels, extent=laid.extent, interpolation="nearest", zorder=0)
+    ax.set(xlim=(left, right), ylim=(bottom, top), xlabel="x [m]", ylabel="y [m]")
+    ax.set_aspect("equal")
+    for name, corner in laid.labels:
+        ax.text(*corner, name, fontsize=8, color=INK, va="top", bbox=_PLATE, zorder=6)
+    return ax
+
+
+def label_of(text: str, outline: FloatArray, color: str, *, bold: bool = False) -> PlacedLabel:
+    """Return a label that stays outside an outline."""
+    low, high = outline.min(axis=0), outline.max(axis=0)
+    (x, y), (wide, tall) = (low + high) / 2, (high - low) / 2
+    return PlacedLabel(text, float(x), float(y), color, bold, (float(wide), float(tall)))
+
+
+def legend_below(ax: Axes, keys: Iterable[tuple[object, Artist]]) -> None:
+    """Explain, below a map, what there is of some keys."""
+    handles = [key for is_there, key in keys if is_there]
+    ax.legend(
+        handles=handles, loc="upper center", bbox_to_anchor=(0.5, 0.0), borderaxespad=5.0,
+        frameon=False, ncols=min(len(handles), 7), fontsize=8,
+    )  # fmt: skip
 
 
 def places_of(problem: Any) -> dict[str, tuple[float, ...]]:
@@ -193,36 +213,19 @@ def draw_area(ax: Axes, outline: FloatArray) -> None:
     ax.add_patch(Polygon(outline, fc=AREA_FILL, ec=WRONG, lw=0.8, ls=":", alpha=0.6, zorder=1.0))
 
 
-def _draw_still(ax: Axes, track: ObjectTrack) -> list[PlacedLabel]:
+def _draw_still(ax: Axes, track: ObjectTrack, initial: _Pose) -> list[PlacedLabel]:
     """Draw an object that nobody drives: solid where it starts, outlined where it is put."""
-    assert track.initial is not None
+    here = track.outline(initial)
     if track.area:
-        draw_area(ax, track.outline(track.initial))
-        named = "@" not in track.name
-        return [_named(track, track.name, track.initial, WRONG)] if named else []
-    ax.add_patch(
-        Polygon(track.outline(track.initial), closed=True, fc=FIXTURE, ec=INK, lw=0.8, zorder=2.6)
-    )
-    labels = [_named(track, track.name, track.initial, FIXTURE, bold=True)]
+        draw_area(ax, here)
+        return [label_of(track.name, here, WRONG)] * ("@" not in track.name)
+    ax.add_patch(Polygon(here, fc=FIXTURE, ec=INK, lw=0.8, zorder=2.6))
+    labels = [label_of(track.name, here, FIXTURE, bold=True)]
     for t, pose in track.changes:
-        ax.add_patch(
-            Polygon(
-                track.outline(pose), closed=True, fc="none", ec=FIXTURE, lw=1.4, ls=(0, (3, 2)),
-                zorder=2.6,
-            )
-        )  # fmt: skip
-        labels.append(_named(track, f"{track.name} from {t:g} s", pose, FIXTURE))
+        there = track.outline(pose)
+        ax.add_patch(Polygon(there, fc="none", ec=FIXTURE, lw=1.4, ls=(0, (3, 2)), zorder=2.6))
+        labels.append(label_of(f"{track.name} from {t:g} s", there, FIXTURE))
     return labels
-
-
-def _named(
-    track: ObjectTrack, text: str, pose: _Pose, color: str, *, bold: bool = False
-) -> PlacedLabel:
-    """Return a label that stays outside the footprint at ``pose``."""
-    outline = track.outline(pose)
-    low, high = outline.min(axis=0), outline.max(axis=0)
-    (x, y), (wide, tall) = (low + high) / 2, (high - low) / 2
-    return PlacedLabel(text, float(x), float(y), color, bold, (float(wide), float(tall)))
 
 
 def _stops(ax: Axes, movers: list[ObjectTrack]) -> list[Bbox]:
@@ -237,20 +240,21 @@ def _stops(ax: Axes, movers: list[ObjectTrack]) -> list[Bbox]:
 
 
 def _legend(ax: Axes, movers: list[ObjectTrack], still: list[ObjectTrack]) -> None:
-    keys: list[Any] = [
-        Line2D([], [], color=color_of(i), lw=2.4, label=t.name) for i, t in enumerate(movers)
+    drives = [Line2D([], [], color=color_of(i), lw=2.4, label=t.name) for i, t in enumerate(movers)]
+    names = dict.fromkeys(
+        "what a door sweeps" if "@" in t.name else "zone" for t in still if t.area
+    )
+    areas = [Patch(fc=AREA_FILL, ec=WRONG, ls=":", label=name) for name in names]
+    door = Patch(fc=FIXTURE, ec=INK, label="door, or other object, at first")
+    load = Patch(fc=mixed(FIXTURE, 0.6), ec=FIXTURE, label="load on its robot")
+    changed = Patch(fc="none", ec=FIXTURE, ls="--", label="after a change")
+    keys = [
+        *((True, key) for key in drives),
+        (True, Patch(fc=INK, ec=INK, label="robot at the start")),
+        (True, Patch(fc=mixed(INK, 0.5), ec=INK, label="a motion's start or end")),
+        *((True, key) for key in areas),
+        (not all(t.area for t in still), door),
+        (any(t.legs for t in still), load),
+        (any(t.changes for t in still), changed),
     ]
-    keys.append(Patch(fc=INK, ec=INK, label="robot at the start"))
-    keys.append(Patch(fc=mixed(INK, 0.5), ec=INK, label="a motion's start or end"))
-    areas = ["what a door sweeps" if "@" in t.name else "zone" for t in still if t.area]
-    keys += [Patch(fc=AREA_FILL, ec=WRONG, ls=":", label=name) for name in dict.fromkeys(areas)]
-    if not all(t.area for t in still):
-        keys.append(Patch(fc=FIXTURE, ec=INK, label="door, or other object, at first"))
-    if any(t.legs for t in still):
-        keys.append(Patch(fc=mixed(FIXTURE, 0.6), ec=FIXTURE, label="load on its robot"))
-    if any(t.changes for t in still):
-        keys.append(Patch(fc="none", ec=FIXTURE, ls="--", label="after a change"))
-    ax.legend(
-        handles=keys, loc="upper center", bbox_to_anchor=(0.5, 0.0), borderaxespad=5.0,
-        frameon=False, ncols=min(len(keys), 7), fontsize=8,
-    )  # fmt: skip
+    legend_below(ax, keys)

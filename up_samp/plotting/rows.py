@@ -105,11 +105,9 @@ def short_names(activity: str, row: str, *, motion: bool) -> tuple[str, ...]:
         words = word(row).sub(" ", activity)
     text = " ".join(w for w in re.split(r"[\s_]+", words) if w) or activity
     names = [text]
-    if motion and re.search(r"\bto\b", text):
-        origin, _, goal = text.partition(" to ")
-        if goal:
-            names += [f"{origin.split()[-1]} → {goal}" if origin else f"→ {goal}", f"→ {goal}"]
-            names.append(goal)
+    origin, _, goal = text.partition(" to ")
+    if motion and goal:
+        names += [" ".join([*origin.split()[-1:], f"→ {goal}"]), f"→ {goal}", goal]
     return tuple(dict.fromkeys(names))
 
 
@@ -119,8 +117,6 @@ def _laned(bars: list[Bar]) -> list[Bar]:
     placed = []
     for bar in sorted(bars, key=lambda b: (b.start, b.end)):
         lane = next((i for i, end in enumerate(free) if end <= bar.start), len(free))
-        if lane == len(free):
-            free.append(bar.end)
-        free[lane] = bar.end
+        free[lane : lane + 1] = [bar.end]
         placed.append(replace(bar, lane=lane))
     return placed

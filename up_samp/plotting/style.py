@@ -76,9 +76,9 @@ def ink_on(color: str) -> str:
 # ------------------ Figures of their own, and files of them
 
 
-def figure_axes(width: float, height: float, dpi: int = 130) -> Axes:
+def figure_axes(width: float, height: float) -> Axes:
     """Return the axes of a new figure of that size (inches)."""
-    return Figure(figsize=(width, height), layout="constrained", dpi=dpi).add_subplot()
+    return Figure(figsize=(width, height), layout="constrained", dpi=130).add_subplot()
 
 
 def saved(ax: Axes, path: Path) -> Path:

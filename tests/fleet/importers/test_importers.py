@@ -10,6 +10,7 @@ import shapely
 import yaml
 from shapely.geometry import Point, Polygon
 
+from tests.geometry.states import state_at
 from up_samp.cli import main
 from up_samp.fleet import Fleet, read_problem_file
 from up_samp.fleet.importers import Options, import_file, map_from_polygons
@@ -36,9 +37,9 @@ def test_a_movingai_map_keeps_its_cells(tmp_path):
     site = grid(tmp_path)
     assert site.size == pytest.approx((5.0, 3.0))
     # third cell from the left in the second row from the top, and the tree right of the middle
-    assert site.state_at(1.25, 2.25) == "free"
-    assert site.state_at(2.75, 2.25) == "occupied"
-    assert site.state_at(2.75, 1.25) == "free"
+    assert state_at(site, 1.25, 2.25) == "free"
+    assert state_at(site, 2.75, 2.25) == "occupied"
+    assert state_at(site, 2.75, 1.25) == "free"
     assert found.problem.read_text().startswith("# a cell is 0.5 m")
 
 
@@ -92,7 +93,7 @@ def test_maps_of_the_league_mark_ends_of_tasks(tmp_path):
 def test_marks_of_the_league_are_free_floor(tmp_path):
     (tmp_path / "x.map").write_text("type octile\nheight 1\nwidth 4\nmap\n.SE@\n")
     import_file(tmp_path / "x.map", tmp_path / "out")
-    states = [grid(tmp_path / "out").state_at(x + 0.5, 0.5) for x in range(4)]
+    states = [state_at(grid(tmp_path / "out"), x + 0.5, 0.5) for x in range(4)]
     assert states == ["free", "free", "free", "occupied"]
 
 
@@ -102,7 +103,7 @@ def test_stations_and_nodes_of_a_lif_layout(tmp_path):
     assert records.places["n2"].pose == (8.0, 0.0, 0.0)
     assert records.places["node4711"].pose == (8.0, 5.0, 3.14)
     assert any("no walls" in note for note in found.notes)
-    assert grid(tmp_path).state_at(8.0, 5.0) == "free"
+    assert state_at(grid(tmp_path), 8.0, 5.0) == "free"
     schema = SHARED / "lif" / "LIF.schema"
     if schema.is_file():
         import jsonschema
@@ -128,9 +129,9 @@ def test_an_rmf_building(tmp_path):
     assert any("once robots have a battery: tiny_charger" in note for note in found.notes)
     assert records.places["pantry"].park == 0
     site = grid(tmp_path)
-    assert site.state_at(15.0, -6.0) == "occupied"
-    assert site.state_at(15.0, -10.0) == "free"  # the doorway
-    assert site.state_at(4.0, -10.0) in ("occupied", "outside")
+    assert state_at(site, 15.0, -6.0) == "occupied"
+    assert state_at(site, 15.0, -10.0) == "free"  # the doorway
+    assert state_at(site, 4.0, -10.0) in ("occupied", "outside")
 
 
 def test_doors_of_an_rmf_building_are_doors(tmp_path):
@@ -290,10 +291,10 @@ def test_a_dxf_outline(tmp_path):
 
 def _is_the_drawn_hall(site):
     assert site.size == pytest.approx((20.1, 10.1))
-    assert site.state_at(5.0, -5.0) == "occupied"
-    assert site.state_at(6.2, -5.0) == "free"
-    assert site.state_at(10.0, -3.0) == "occupied"
-    assert site.state_at(10.0, -7.0) == "free"
+    assert state_at(site, 5.0, -5.0) == "occupied"
+    assert state_at(site, 6.2, -5.0) == "free"
+    assert state_at(site, 10.0, -3.0) == "occupied"
+    assert state_at(site, 10.0, -7.0) == "free"
 
 
 @pytest.mark.parametrize(
