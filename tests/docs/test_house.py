@@ -99,13 +99,13 @@ def test_this_package_has_no_circle(package):
 
 
 LIMITS = {
-    "long_functions": 5,
+    "long_functions": 4,
     "wide_functions": 18,
     "long_files": 0,
     "said_twice": 8,
     "tunables": 18,
 }
-NUMBERS = 273
+NUMBERS = 272
 COUNTS = {"shared_names": 0, "type_circles": 0, "big_rooms": 2}
 """What the figures may be at most: lower them when they fall, never raise them for convenience."""
 

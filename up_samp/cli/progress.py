@@ -62,9 +62,6 @@ def schedule_table(plan: dict[str, Any]) -> str:
     return table(header, rows, right=(0, 1, 2, 5))
 
 
-_QUIET_SECONDS = 2.0
-
-
 class Progress:
     """A progress display; call it with each event, and use it as a context to end the line. On a
     terminal, a line for each better plan stays.
@@ -103,7 +100,7 @@ class Progress:
             self._open = not kept
             return
         known = event.phase in self._phases and event.bounds == self._bounds
-        if known and now - self._last_time < _QUIET_SECONDS:
+        if known and now - self._last_time < 2.0:
             return
         self._phases.add(event.phase)
         self._bounds, self._last_time = event.bounds, now

@@ -177,7 +177,7 @@ def _show(
         from up_samp.plotting import places_of, write_outputs  # matplotlib is slow
 
         files = write_outputs(plan, args.out, places=places_of(problem))
-        print(f"written to {args.out}{_slash(args.out)}: {', '.join(f.name for f in files)}")
+        print(f"written to {args.out}: {', '.join(f.name for f in files)}")
     return 0 if verdict.valid else 1
 
 
@@ -190,10 +190,6 @@ def _with_dependencies(problem: SchedulingProblem, plan: PlanDict) -> PlanDict:
     except UnsupportedError as error:
         print(f"no dependencies in the plan file: {error}", file=sys.stderr)
         return plan
-
-
-def _slash(folder: Path) -> str:
-    return "" if str(folder).endswith("/") else "/"
 
 
 def _solve(

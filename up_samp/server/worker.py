@@ -29,9 +29,6 @@ from up_samp.server.requests import (
 )
 from up_samp.system.memory import limit_memory, peak_memory
 
-QUIET_SECONDS = 0.2
-"""Progress is told so often at most, unless a bound moves."""
-
 
 class Teller:
     """Writes events to the server, one JSON object a line."""
@@ -58,7 +55,7 @@ class Teller:
         """Tell a step of the search (:class:`up_samp.search.history.ProgressEvent`)."""
         bounds = (event.lower_bound, event.upper_bound)
         now = time.monotonic()
-        if bounds == self._bounds and now - self._last < QUIET_SECONDS:
+        if bounds == self._bounds and now - self._last < 0.2:  # s, unless a bound moves
             return
         self._bounds, self._last = bounds, now
         self.tell(

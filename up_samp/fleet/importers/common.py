@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -70,6 +70,12 @@ def finish(folder: Path, data: dict[str, Any], notes: Collection[str]) -> Import
     head = "".join(f"# {note}\n" for note in notes)
     file.write_text(head + file.read_text(encoding="utf-8"), encoding="utf-8")
     return Imported(file, tuple(notes))
+
+
+def listed(notes: Mapping[str, Iterable[str]]) -> list[str]:
+    """Return notes as lines: what is said, and of which names; without those of none."""
+    lines = {text: ", ".join(names) for text, names in notes.items()}
+    return [f"{text}: {names}" for text, names in lines.items() if names]
 
 
 def name_of(text: object, taken: Collection[str] = (), prefix: str = "p") -> str:

@@ -9,6 +9,8 @@ from typing import Any, NamedTuple
 
 from shapely.geometry import LineString, Polygon
 
+from up_samp.fleet.importers.common import listed
+
 
 class LaneEdge(NamedTuple):
     """An edge from ``start`` to ``end`` (m): driven that way only (``one_way``), no faster than
@@ -23,14 +25,15 @@ class LaneEdge(NamedTuple):
     still: bool = False
 
 
-def lane_zones(edges: Sequence[LaneEdge], wide: float = 1.0) -> tuple[dict[str, Any], list[str]]:
+def lane_zones(edges: Sequence[LaneEdge]) -> tuple[dict[str, Any], list[str]]:
     """Return zones, by name, for the edges that say something, and what has to be told of them.
-    Lanes are ``wide`` m, which nothing tells, and end half as far before the vertices that they
+    Lanes are 1 m wide, as nothing tells that, and end half as far before the vertices that they
     join: there robots turn into others.
 
     Left out, and told: edges too short for a lane, and directions of lanes that overlap against
     each other, as nobody could drive there.
     """
+    wide = 1.0
     zones: dict[str, Any] = {}
     areas: dict[str, tuple[Polygon, LaneEdge]] = {}
     short: list[str] = []
@@ -59,14 +62,12 @@ def lane_zones(edges: Sequence[LaneEdge], wide: float = 1.0) -> tuple[dict[str, 
             zone["pivoting"] = "never"
         if len(zone) > 1:
             zones[name] = zone
-    notes = []
-    if zones:
-        notes.append(f"lanes with rules are zones {wide:g} m wide: {', '.join(zones)}")
-    if short:
-        notes.append(f"too short for a lane, left out: {', '.join(short)}")
-    if against:
-        notes.append(f"lanes that overlap against each other go both ways: {', '.join(against)}")
-    return zones, notes
+    notes = {
+        f"lanes with rules are zones {wide:g} m wide": zones,
+        "too short for a lane, left out": short,
+        "lanes that overlap against each other go both ways": against,
+    }
+    return zones, listed(notes)
 
 
 def _against(areas: dict[str, tuple[Polygon, LaneEdge]]) -> list[str]:

@@ -17,6 +17,7 @@ from up_samp.fleet.importers.common import (
     Options,
     finish,
     json_of,
+    listed,
     name_of,
     number_of,
     wrong,
@@ -71,7 +72,7 @@ def import_lif(source: Path, folder: Path, options: Options) -> Imported:
         notes.append("LIF has no walls: the floor is free 3 m around the nodes (or give --map)")
     notes.append("robots' footprint and limits are assumed; add robots and orders")
     data = {"map": map_file, "robot_types": {"agv": AGV}, "places": places}
-    return finish(folder, data | ({"zones": zones} if zones else {}), notes)
+    return finish(folder, {**data, "zones": zones}, notes)
 
 
 def _lif_edges(
@@ -140,12 +141,34 @@ def import_rmf(source: Path, folder: Path, options: Options) -> Imported:
     if walls:
         free = free.difference(unary_union(walls).buffer(RMF_WALL / 2, cap_style="square"))
     low = free.bounds[:2]
+    places, chargers = _rmf_places(vertices, points)
+    zones, of_lanes = lane_zones(_rmf_lanes(level, points, places))
+    notes = [f"level '{name}': {scale:g} m a pixel; its lower left corner is at {_show(low)}"]
+    doors, left = doors_of(level, points, places, free)
+    if doors:
+        notes.append("RMF's doors shut by themselves; these stay open unless you add closes (s)")
+    told = {
+        f"chargers give {CHARGING:g} a second, once robots have a battery": chargers,
+        "doors that nobody can stand before are taken as open": left,
+        "other levels were left out": list(levels)[1:],
+    }
+    notes += listed(told)
+    notes.append("headings are 0; robots' footprint and limits are assumed; add robots and orders")
+    map_file = map_from_polygons(free, folder).name
+    data = {"map": map_file, "robot_types": {"agv": AGV}, "places": places, "doors": doors}
+    return finish(folder, {**data, "zones": zones}, [*notes, *of_lanes])
+
+
+def _rmf_places(
+    vertices: Sequence[Any], points: Sequence[tuple[float, float]]
+) -> tuple[dict[str, Any], list[str]]:
+    """Return the vertices with a name as places, and those of them that are chargers."""
     places: dict[str, Any] = {}
     chargers: list[str] = []
     for vertex, (x, y) in zip(vertices, points, strict=True):
-        title = vertex[3] if len(vertex) > 3 else ""
+        title = next(iter(vertex[3:]), "")
+        traits: Mapping[str, Any] = next(iter(vertex[4:]), {})
         if title:
-            traits = vertex[4] if len(vertex) > 4 else {}
             park = any(_flag(traits, key) for key in ("is_charger", "is_parking_spot"))
             pose = [round(x, 4), round(y, 4), 0.0]
             place = name_of(title, places, "v")
@@ -153,22 +176,7 @@ def import_rmf(source: Path, folder: Path, options: Options) -> Imported:
             if _flag(traits, "is_charger"):
                 places[place]["charger"] = {"per_second": CHARGING}
                 chargers.append(place)
-    zones, told = lane_zones(_rmf_lanes(level, points, places))
-    notes = [f"level '{name}': {scale:g} m a pixel; its lower left corner is at {_show(low)}"]
-    if chargers:
-        text = f"chargers give {CHARGING:g} a second, once robots have a battery: "
-        notes.append(text + ", ".join(chargers))
-    doors, left = doors_of(level, points, places, free)
-    if doors:
-        notes.append("RMF's doors shut by themselves; these stay open unless you add closes (s)")
-    if left:
-        notes.append(f"doors that nobody can stand before are taken as open: {', '.join(left)}")
-    if len(levels) > 1:
-        notes.append(f"other levels were left out: {', '.join(list(levels)[1:])}")
-    notes.append("headings are 0; robots' footprint and limits are assumed; add robots and orders")
-    map_file = map_from_polygons(free, folder).name
-    data = {"map": map_file, "robot_types": {"agv": AGV}, "places": places, "doors": doors}
-    return finish(folder, data | ({"zones": zones} if zones else {}), [*notes, *told])
+    return places, chargers
 
 
 def _rmf_lanes(
@@ -180,7 +188,7 @@ def _rmf_lanes(
     found: list[LaneEdge] = []
     names = set(places)
     for number, (a, b, *rest) in enumerate(lanes):
-        traits = rest[0] if rest else {}
+        traits: Mapping[str, Any] = next(iter(rest), {})
         speed = number_of(traits["speed_limit"][1]) if "speed_limit" in traits else 0.0
         both = _flag(traits, "bidirectional") or (b, a) in known
         name = name_of(f"lane{number + 1}", names, "lane")
