@@ -150,9 +150,11 @@ class Agv:
             if math.dist(a, b) < 1e-6:
                 continue
             gone += math.dist(a, b)
-            if "orientation" in edge:
-                heading = math.atan2(b[1] - a[1], b[0] - a[0]) + edge["orientation"]
-                found += [(*a, heading), (*b, heading)]
+            # who is told neither a trajectory nor a heading drives head first
+            if "orientation" in edge or "trajectory" not in edge:
+                turned, kind = edge.get("orientation", 0.0), edge.get("orientationType")
+                ahead = 0.0 if kind == "GLOBAL" else math.atan2(b[1] - a[1], b[0] - a[0])
+                found += [(*a, ahead + turned), (*b, ahead + turned)]
             else:
                 found.append((*b, here + turn * gone / whole))
         return [*found, (goal["x"], goal["y"], goal["theta"])]

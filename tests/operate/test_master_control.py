@@ -4,6 +4,7 @@ is driven that is not to be driven any more. Simulated AGVs, in simulated time.
 
 import itertools
 import math
+from functools import partial
 
 import numpy as np
 import pytest
@@ -14,8 +15,8 @@ from up_samp import Fleet
 from up_samp.geometry.maps import write_map
 
 
-def quiet(site, mishaps, seed):
-    return AgvFloor(site, mishaps, seed, lost=0.0, twice=0.0, late=0.0)
+def quiet(site, mishaps, seed, **spoken):
+    return AgvFloor(site, mishaps, seed, lost=0.0, twice=0.0, late=0.0, **spoken)
 
 
 @pytest.fixture
@@ -177,5 +178,24 @@ def test_robots_that_drive_sideways_are_told_how_they_turn(tmp_path):
         assert max(gaps) <= 0.25 + 0.01
         assert agv.refused == []
         assert day.verdict().good
+    finally:
+        day.operation.close()
+
+
+def test_robots_that_drive_from_node_to_node_are_told_when_they_drive_backwards(tmp_path):
+    """They drive head first otherwise, and stand half a turn off their path."""
+    straight = partial(quiet, version="2.0.0", spacing=0.25)
+    day = Day(tmp_path, robots=1, mishaps=NONE, floor=straight)
+    try:
+        day.order("o0", "rack0", "dock2")
+        day.run()
+        agv = day.robots.agvs["r0"]
+        (drive,) = day.robots.drives
+        _, x, y, theta = np.array(drive.rows).T
+        ahead = np.diff(x) * np.cos(theta[1:]) + np.diff(y) * np.sin(theta[1:])
+        assert -ahead[ahead < 0].sum() > 0.5  # m
+        assert "held" not in day.story(500)
+        assert (day.robots.faults, agv.refused) == ([], [])
+        good(day)
     finally:
         day.operation.close()

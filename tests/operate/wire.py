@@ -181,8 +181,9 @@ class AgvFloor:
     def __init__(self, site, mishaps, seed, **options):
         self.site, self.mishaps, self.seed = site, mishaps, seed
         self.initial = {n: site.places[r.start].pose for n, r in site.robots.items()}
-        self.version = options.pop("version", "2.1.0")
-        told = {"noise": mishaps.delays.noise, "version": self.version}
+        self.spoken = {k: options.pop(k) for k in ("version", "spacing") if k in options}
+        version = self.spoken.get("version", "2.1.0")
+        told = {"noise": mishaps.delays.noise, "version": version}
         self.agvs = {
             n: Agv(n, self.initial[n], speed=0.8 * site.robot_types[r.type].v_max, **told)
             for n, r in site.robots.items()
@@ -192,7 +193,7 @@ class AgvFloor:
         self._begin()
 
     def _begin(self):
-        self.control = MasterControl(self.site, "simulated", client=self.wire, version=self.version)
+        self.control = MasterControl(self.site, "simulated", client=self.wire, **self.spoken)
 
     def restart(self):
         """Let another process speak to the AGVs."""

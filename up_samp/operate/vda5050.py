@@ -33,7 +33,7 @@ from paho.mqtt.enums import CallbackAPIVersion
 
 from up_samp.execution.executor import Executor
 from up_samp.execution.reports import Command, Go, Hold
-from up_samp.export.legs import pieces_of
+from up_samp.export.legs import PathPiece, pieces_of, wrapped
 from up_samp.export.steps import stretches_of
 from up_samp.export.vda5050 import LATER, earlier, edge_of, later, node_of
 from up_samp.fleet.records import FleetRecords, corners_of
@@ -495,7 +495,7 @@ class MasterControl:
             free = high <= command.until + NEAR
             nodes.append(self._node(agv, number, piece.rows[-1, 1:], free))
             edge = {**edge_of(agv.name, number, piece), "released": free}
-            edges.append({k: v for k, v in edge.items() if not self.spacing or k not in SHAPE})
+            edges.append(_straight(edge, piece) if self.spacing else edge)
             added += [(2 * number, high)] if free else []
         if agv.nodes and not added:
             return  # a rounding: nothing new may be driven
@@ -620,6 +620,17 @@ class MasterControl:
     def _send(self, robot: str, topic: str, message: Message) -> None:
         told = later(message) if self.version == LATER else message
         self.client.publish(f"{self.root}/{robot}/{topic}", json.dumps(told), qos=0)
+
+
+def _straight(edge: Message, piece: PathPiece) -> Message:
+    """Return an edge for robots that drive straight from node to node, and turn to where they drive
+    unless they are told how to stand meanwhile: as halfway.
+    """
+    found = {k: v for k, v in edge.items() if k not in SHAPE}
+    if piece.direction == "turn":
+        return found
+    heading = wrapped(float(piece.rows[0, 3] + piece.rows[-1, 3]) / 2)
+    return found | {"orientationType": "GLOBAL", "orientation": heading}
 
 
 def _pose_in(position: Message) -> Pose | None:
