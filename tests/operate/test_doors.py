@@ -5,12 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from shapely.geometry import box
 
 from tests.operate.days import Day
 from up_samp import Fleet
 from up_samp.geometry.maps import write_map
 from up_samp.model import ProblemError
-from up_samp.operate.choice import BACK
+from up_samp.operate.choice import BACK, body_at
 from up_samp.operate.judge import contacts
 
 pytest.importorskip("fastapi")
@@ -105,6 +106,56 @@ def test_nobody_drives_through_a_door_that_is_out_of_order(tmp_path):
         opens = [h for h in day.robots.handled if h.kind == "open"]
         assert len(opens) == 1
         assert day.verdict().good, day.story()
+    finally:
+        day.operation.close()
+
+
+@pytest.mark.parametrize("restarted", [False, True])
+def test_who_is_to_drive_through_an_open_door_that_goes_out_of_order_drives_home(
+    tmp_path, restarted
+):
+    """It stands before the door: it neither stays there, nor goes on once the door is closed."""
+    day = Day(tmp_path, fleet=two_rooms(tmp_path, robots=1))
+    try:
+        day.order("o0", "rack0", "dock0")
+        day.until(lambda: day.robots.handled and day.robots.pose("r0")[0] > 7.8, 300)
+        day.operation.close_door("gate")
+        day.until(lambda: day.robots.pose("r0")[0] < 2.0, 60)
+        assert day.state("o0") == "waiting"
+        if restarted:
+            day.restart()
+        since = day.clock.now()
+        day.operation.close_door("gate", BACK)
+        day.run(300)
+        opened = [h.end for h in day.robots.handled if h.kind == "open"][1]
+        assert opened > since
+        assert day.verdict().good, day.story()
+        rows = [row for drive in day.robots.drives for row in drive.rows]
+        assert all(x < 9.6 for t, x, *_ in rows if t < opened)
+    finally:
+        day.operation.close()
+
+
+@pytest.mark.parametrize("x", [8.2, 9.5])
+def test_who_is_before_or_in_a_door_that_is_mended_at_once_keeps_clear_of_its_leaf(tmp_path, x):
+    day = Day(tmp_path, fleet=two_rooms(tmp_path, robots=2))
+    try:
+        day.order("o0", "rack0", "dock0", robots=["r0"])
+        day.until(lambda: day.robots.handled and day.robots.pose("r0")[0] > x, 300)
+        day.operation.close_door("gate")
+        stop = day.clock.now() + 3.0
+        day.until(lambda: day.clock.now() >= stop)
+        closed = box(9.9, 3.1, 10.2, 5.9)
+        assert not body_at(day.fleet.records, "r0", day.robots.pose("r0")).intersects(closed)
+        day.operation.close_door("gate", BACK)
+        day.order("o1", "rack1", "dock0", robots=["r1"])  # who can open it again, from this side
+        day.run(400)
+        assert day.verdict().good, day.story()
+        opened = [h.end for h in day.robots.handled if h.kind == "open"][1]
+        for drive in day.robots.drives:
+            rows = [row for row in drive.rows if stop <= row[0] < opened]
+            bodies = (body_at(day.fleet.records, drive.robot, row[1:]) for row in rows)
+            assert not any(body.intersects(closed) for body in bodies)
     finally:
         day.operation.close()
 

@@ -2,12 +2,15 @@
 
 import math
 
+import numpy as np
 import pytest
+from shapely.geometry import box
 
 from tests.operate.days import Day, Here
 from tests.operate.sites import hall
 from up_samp.execution.reports import Hold
 from up_samp.model import ProblemError
+from up_samp.operate.choice import body_at
 from up_samp.operate.judge import where
 from up_samp.operate.simulated import Mishaps
 
@@ -110,6 +113,34 @@ def test_nobody_enters_a_blocked_area(day):
     assert day.verdict().good
     for drive in day.robots.drives:
         assert not any(9.5 < x < 11.5 and y < 3.9 for _, x, y, _ in drive.rows)
+
+
+@pytest.mark.parametrize("what", ["another", "the same again", "restart"])
+@pytest.mark.parametrize("day", [{"robots": 1}], indirect=True)
+def test_who_stands_before_a_blocked_area_stays_out_whatever_happens_then(day, what):
+    """It stands, and could not if it drove as fast as it may there."""
+    day.order("o0", "rack1", "dock1")
+    day.until(lambda: under_way(day, "r0"))
+    operation, way = day.operation, day.operation.executor.state.of_object["r0"]
+    path = operation.executor.drives[way.activity, "r0"].path
+    ahead = operation.executor.state.braking(way) + 1.5
+    x, y, _ = path.poses_at(np.array([ahead]))[0]
+    people = box(x - 0.4, y - 0.4, x + 0.4, y + 0.4)
+    operation.block("people", people.exterior.coords[:-1])
+    limit = operation.limits[way.activity]
+    day.until(lambda: way.told > limit - 0.1, 10)
+    if what == "restart":
+        day.restart()
+    else:
+        shape = people if what == "the same again" else box(20, 12, 21, 13)
+        operation.block("more" if what == "another" else "people", shape.exterior.coords[:-1])
+    assert day.operation.limits[way.activity] == pytest.approx(limit, abs=0.2)
+    day.run()
+    assert day.state("o0") == "done"
+    assert day.verdict().good
+    for drive in day.robots.drives:
+        rows = np.array(drive.rows)[:, 1:]
+        assert not any(body_at(day.fleet.records, "r0", p).intersects(people) for p in rows)
 
 
 def test_an_area_is_blocked_while_somebody_brakes_for_its_goal(day):

@@ -287,10 +287,11 @@ class FloorState:
 
     def braking(self, way: MotionUnderWay) -> float:
         """Return the progress (m) at which a robot under way can stand: no further than it may go
-        anyway, as one that waits drives at no speed.
+        anyway, nor than it was let drive for good, as one that waits drives at no speed.
         """
         speed = max(way.travel.speed_at(way.progress), way.travel.speed_at(way.progress + 0.5))
-        return min(way.progress + braked(way.travel, speed) + 0.05, self.until(way))
+        most = min(self.until(way), way.let or math.inf)
+        return min(way.progress + braked(way.travel, speed) + 0.05, most)
 
     def committed(self, way: MotionUnderWay) -> float:
         """Return the progress (m) that a robot under way comes to whatever it is told now."""

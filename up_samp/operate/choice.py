@@ -380,16 +380,17 @@ def theirs(day: Day, robots: Mapping[str, Opened]) -> Sequence[DayOrder]:
 
 
 def _shared_anew(day: Day) -> OpenWork | None:
-    """Return two robots whose orders could be shared anew."""
+    """Return two robots whose orders could be shared anew, but for what is put aside."""
+    left = {n for n, until in day.aside.items() if until > day.clock.now()}
     planned = {
         m.robot
         for m in day.meanings.values()
         if m.kind is Kind.PICKUP
-        and m.robot not in day.off_plan()
+        and m.robot not in day.off_plan() | left
         and m.what in day.jobs
         and day.jobs[m.what].state is OrderState.PLANNED
     }
-    free = [r for r in day.free_at() if r not in planned]
+    free = [r for r in day.free_at() if r not in planned | left]
     if not planned:
         return None
     rng = random.Random(f"{day.settings.seed} {day.number}")

@@ -544,6 +544,8 @@ class Operation(Day):
             return Hold((self.away.get(who) or self.placed[who],))
         if isinstance(command, Go):
             most = min(command.until, self.limits.get(command.motion, command.until))
+            if self.executor is not None and most < command.until:
+                self.executor.state.ways[command.motion, who].let = most
             return Go(command.motion, most + self.gone.get(command.motion, 0.0))
         return command
 
