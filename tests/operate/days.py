@@ -69,11 +69,16 @@ class Day:
         )  # fmt: skip
 
     def restart(self):
-        """Stop the process that operates, and begin another that goes on."""
+        """Stop the process that operates, and begin another that goes on: all that has happened is
+        known there.
+        """
+        before = self.operation.executor
         self.operation.close()
         if hasattr(self.robots, "restart"):
             self.robots.restart()
         self._operate()
+        after = self.operation.executor
+        assert before is None or before.state.fired.keys() <= after.state.fired.keys()
 
     def order(self, name, pickup=None, delivery=None, **options):
         rng = self.random

@@ -83,6 +83,20 @@ def test_who_was_moved_by_hand_goes_on_from_where_it_stands(day):
     assert math.dist(later[0], here) < 0.05 if later else day.operation.jobs["o0"].robot != name
 
 
+@pytest.mark.parametrize("day", [{"robots": 1}], indirect=True)
+def test_what_a_robot_drove_before_it_was_moved_by_hand_is_known_after_a_restart(day):
+    """Others were let pass by it: they would seem to stand where they never could come to."""
+    day.order("o0", "rack0", "dock2")
+    day.until(lambda: under_way(day, "r0"))
+    day.operation.leave("r0", "pushed aside", (6.0, 8.5, 1.0))
+    known = day.operation.executor.save()
+    day.restart()
+    after = day.operation.executor.save()
+    assert known["motions"] == after["motions"]
+    assert known["motions"][0]["progress"] > 2.0
+    assert known["strayed"].keys() == after["strayed"].keys() == {"r0"}
+
+
 def test_everybody_is_held_at_once_and_released_one_by_one(day):
     day.order("o0", "rack0", "dock0")
     day.until(lambda: any(under_way(day, r) for r in ("r0", "r1")))

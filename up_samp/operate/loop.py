@@ -159,11 +159,11 @@ class Operation(Day):
         executor = Executor.restore(plan, saved, **self._following)
         self._follow(executor)
         self._withdraw()
-        for report in reports:
-            self._hear(report)
-            executor.commands(report.time - self.origin)
-        executor.commands(self.clock.now() - self.origin)  # what was told last may have begun
         with self.store:
+            for report in reports:
+                self._hear(report)
+                executor.commands(report.time - self.origin)
+            executor.commands(self.clock.now() - self.origin)  # what was told last may have begun
             self._happened()
             self._keep_snapshot()
 
@@ -304,6 +304,7 @@ class Operation(Day):
         self.placed[robot] = PLACED
         if self.executor is not None:
             self.executor.update(robot, pose=pose, now=self.clock.now() - self.origin)
+            self._keep_snapshot()  # what is heard from now on is heard with that
 
     def _keep_fleet(self) -> None:
         self.store.keep("away", self.away)
@@ -472,6 +473,7 @@ class Operation(Day):
             del self._off[name]
             self.poses[name], self.placed[name] = here, PLACED
             self._keep_fleet()
+            self._keep_snapshot()
             self.store.note(report.time, "robot", name, "stands elsewhere", reply.why)
             self.want(f"robot '{name}' stands elsewhere than its plan has it")
 
