@@ -216,8 +216,8 @@ TABLES: dict[str, tuple[str, Callable[[Rows], str]]] = {
     "better-plans": ("better-plans", better_plans),
     "tight-places": ("tight-places", tight_places),
     "traffic": ("traffic", plain(
-        "map, body, robots", Column("found", of("found", "asked")),
-        Column("arrivals / alone", "ratio", ".2f"), Column("CPU s", "cpu", ".2f"),
+        "map, body, robots, seed", Column("first plan after CPU s", "cpu", ".1f"),
+        Column("arrivals / alone", "first", ".3f"), Column("after 60 CPU s", "ratio", ".3f"),
     )),
     "drives": ("drives", plain(
         "planner", Column("found", of("found", "asked")), Column("median ms", "median", ".1f"),

@@ -213,12 +213,15 @@ class MotionService:
         deadline: Deadline,
         *,
         seed: int | None = None,
+        anytime: bool = False,
     ) -> GroupReport:
-        """Find motions for a group that may meet (``seed``: the service's own by default)."""
+        """Find motions for a group that may meet (``seed``: the service's own by default);
+        ``anytime``: better ones as long as there is time.
+        """
         from up_samp.motion.fleet import coordinate
 
         seed = self.seed if seed is None else seed
-        return coordinate(self, query, deadline, seed=seed)
+        return coordinate(self, query, deadline, seed=seed, anytime=anytime)
 
 
 def _timed(report: PathReport, began: float) -> PathReport:

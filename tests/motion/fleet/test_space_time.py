@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.motion.fleet import tight_places as tight
+from up_samp.geometry.shapes import rules_of
 from up_samp.model import Deadline, Rest, TimedMotion
 from up_samp.motion.fleet.space_time import Lattice, proposer_of, visits
 from up_samp.motion.fleet.workspace import rest_run, workspace_of
@@ -29,7 +30,8 @@ def test_a_way_leads_around_who_rests_on_the_straight_one(kind, since):
 
 @pytest.mark.parametrize("ends", [(-math.inf, math.inf), (-math.inf, 3.0), (-5.0, 9.0)])
 def test_places_are_visited_while_somebody_is_near(ends):
-    lattice = Lattice(0.0, 0.0, 0.5, 0.4, np.ones((9, 21), dtype=bool))
+    free, nowhere = np.ones((9, 21), dtype=bool), np.full((189, 16), -1, dtype=np.int32)
+    lattice = Lattice(0.0, 0.0, 0.5, 0.4, free, rules_of((), 0.4), nowhere)
     times = np.arange(0.0, 3.01, 0.2)
     poses = np.stack([2.0 + 2.0 * times, np.full(len(times), 2.0), np.zeros(len(times))], axis=1)
     rows = visits(lattice, times, poses, np.array(ends), 0.9)

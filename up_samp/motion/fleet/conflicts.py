@@ -335,8 +335,9 @@ def conflict_runs(one: Swept, other: Swept, margin: float) -> IntArray:
 
     From one cell of the other path to the next its middle moves at most ``step`` m and no point
     more than ``stride`` m, so that pairs that are far apart, or deep in each other, let the scan
-    along it jump ahead. Middles that are less than the sum of the inscribed radii apart certainly
-    overlap.
+    along it jump ahead. It leaves a quarter of the way to those that are far: cells of the first
+    path that are nearer to this one than the least ``room`` (m) of them have no conflicts either.
+    Middles that are less than the sum of the inscribed radii apart certainly overlap.
     """
     ta, g, tb, h = one.table, one.hull, other.table, other.hull
     core = g.core + h.core
@@ -347,9 +348,13 @@ def conflict_runs(one: Swept, other: Swept, margin: float) -> IntArray:
         b = piece(tb[j, 1])
         step = max(step, 2 * b.half)
         stride = max(stride, 2 * reach_of(b, h.radius))
+    pace = 1e-9
     for i in range(len(ta)):
+        pace = max(pace, 2 * piece(ta[i, 1]).half)
+    i = 0
+    while i < len(ta):
         a = piece(ta[i, 1])
-        mine = reach_of(a, g.radius)
+        mine, room = reach_of(a, g.radius), np.inf
         open_from, j = -1, 0
         while j < m:
             b = piece(tb[j, 1])
@@ -358,7 +363,7 @@ def conflict_runs(one: Swept, other: Swept, margin: float) -> IntArray:
             far = away - (g.radius + h.radius + a.half + 0.5 * step + margin)
             hit, same = False, 0  # the next ``same`` cells of b are like this one
             if far > 0.0:
-                same = int(far / step) - 1
+                same = int(0.75 * far / step) - 1
             elif away < core:
                 hit, same = True, int((core - away) / step)
             else:
@@ -375,10 +380,13 @@ def conflict_runs(one: Swept, other: Swept, margin: float) -> IntArray:
                 runs = _noted(runs, used, i, open_from, j - 1)
                 used += 1
                 open_from = -1
-            j += 1 + max(0, same)
+            same = max(0, same)
+            room = min(room, far - same * step)
+            j += 1 + same
         if open_from >= 0:
             runs = _noted(runs, used, i, open_from, m - 1)
             used += 1
+        i += 1 + max(0, int(min(room / pace, float(len(ta)))) - 1)
     return runs[:used].copy()  # a part would keep all of it
 
 

@@ -109,21 +109,25 @@ def coordinate(
     deadline: Deadline,
     *,
     seed: int = 0,
+    anytime: bool = False,
 ) -> GroupReport:
     """Find trajectories for all motions of ``query`` that keep clear of each other, of what rests
     and of what is already decided; late if there is no other way found.
 
-    Deterministic for a ``seed`` as long as the ``deadline`` does not cut it short.
+    Where motions meet, a few are planned again until all arrive about as soon as alone (the tunable
+    ``enough``) or counted work is done; ``anytime``: until the ``deadline``, for the least sum of
+    arrivals. The report's ``reason`` says what ended it. Deterministic for a ``seed`` as long as
+    the ``deadline`` does not cut it short.
     """
     workspace = workspace_of(service)
     truncated = workspace.truncated
-    report = _coordinated(workspace, query, deadline, seed)
+    report = _coordinated(workspace, query, deadline, seed, anytime)
     whole = not deadline.expired() and workspace.truncated == truncated
     return replace(report, complete=whole)
 
 
 def _coordinated(
-    workspace: Workspace, query: GroupQuery, deadline: Deadline, seed: int
+    workspace: Workspace, query: GroupQuery, deadline: Deadline, seed: int, anytime: bool
 ) -> GroupReport:
     began = time.monotonic()
     group = _group_of(workspace, query, deadline)
@@ -133,7 +137,7 @@ def _coordinated(
     group.least = group.lateness(alone)
     conflicts = _meetings(group, alone)
     if conflicts:
-        _eject(group, alone, seed)
+        _eject(group, alone, seed, anytime)
         if group.best is None or not group.finished():
             climb(group, alone, conflicts)
     else:
@@ -172,9 +176,9 @@ def _meetings(group: MovingGroup, runs: Runs) -> list[Pair]:
     return [(a, b) for a, b in pairs if meeting(runs[a], runs[b])[0] < math.inf]
 
 
-def _eject(group: MovingGroup, alone: Runs, seed: int) -> None:
+def _eject(group: MovingGroup, alone: Runs, seed: int, anytime: bool) -> None:
     """Plan a group whose members meet one after the other, with ejection; where somebody is late
-    then, or all are much later than alone, a few of them again.
+    then, or all are much later than alone, a few of them again (``anytime``: while there is time).
     """
     effort = group.workspace.tuning
     group.budget = WorkBudget(group.deadline, effort.first * len(alone))
@@ -192,8 +196,13 @@ def _eject(group: MovingGroup, alone: Runs, seed: int) -> None:
 
     # who is late may have to be: that is not worth more
     late = group.lateness(runs) > group.least + TIMES.on_time
-    group.budget = WorkBudget(group.deadline, few if late else max(few, effort.again * FEW))
-    group.best = improve(group, runs, list(runs), seed, enough)
+    most = None if anytime else few if late else max(few, effort.again * FEW)
+    group.budget = WorkBudget(group.deadline, most)
+    group.best = improve(group, runs, list(runs), seed, None if anytime else enough)
+    ratio = sum(run.arrival for run in group.best.values()) / max(least, TIMES.same)
+    end = "the time is over" if group.deadline.expired() else "counted work is done"
+    end = end if group.budget.cut else "that is good enough"
+    group.ended = f"{ratio:.2f} times the arrivals alone: {end}"
 
 
 def climb(
@@ -418,7 +427,7 @@ def _report(group: MovingGroup, conflict: frozenset[str], seconds: float) -> Gro
         late,
         conflict,
         _resting(group) if late else frozenset(),
-        f"late: {', '.join(late)}" if late else "",
+        f"late: {', '.join(late)}" if late else group.ended,
         seconds,
     )
 

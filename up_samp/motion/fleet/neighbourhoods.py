@@ -64,6 +64,8 @@ class MovingGroup:
     """Motions that could not be planned after some others."""
     passed: set[str] = field(default_factory=set)
     """Objects that were in the way of best paths."""
+    ended: str = ""
+    """What ended the search for better runs."""
 
     def __post_init__(self) -> None:
         due = {name: (m.release, m.due, name) for name, m in self.motions.items()}
@@ -279,14 +281,16 @@ def improve(
     runs: Runs,
     movable: Sequence[str],
     seed: int = 0,
-    enough: Callable[[Runs], bool] = lambda runs: False,
+    enough: Callable[[Runs], bool] | None = None,
 ) -> dict[str, TimedPath]:
     """Return runs that cost no more: until the budget is spent or they are good ``enough``, those
     of a few ``movable`` motions are taken out and planned again among the others, and kept if they
     cost less.
     """
     search = _Search(problem, dict(runs), sorted(movable), random.Random(seed))
-    while len(search.movable) > 0 and not enough(search.runs) and not problem.budget.spent():
+    while len(search.movable) > 0 and not (enough and enough(search.runs)):
+        if problem.budget.spent():
+            break
         search.step()
     return search.runs
 

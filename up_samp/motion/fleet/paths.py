@@ -374,6 +374,23 @@ def kinks_and_stops(poses: FloatArray, s: FloatArray, body: Body) -> tuple[BoolA
     return kink, stop
 
 
+@kernel
+def _tops_within(
+    s: FloatArray, tops: FloatArray, low: FloatArray, high: FloatArray, most: float
+) -> FloatArray:
+    """Return the least of ``most`` and the top speeds between samples at ``s`` that stretches from
+    ``low`` to ``high`` meet.
+    """
+    caps = np.full(len(low), most)
+    for i in range(len(low)):
+        k = max(0, np.searchsorted(s, low[i], side="right") - 1)
+        while k < len(tops) and s[k] < high[i]:
+            if low[i] < s[k + 1]:
+                caps[i] = min(caps[i], tops[k])
+            k += 1
+    return caps
+
+
 # ------------------ Fixed paths
 # A path keeps the shape of a planner's trajectory and forgets its timing. Its parameter ``s`` (m)
 # is driven length for cars, and for bodies that turn on the spot where they drive; for
@@ -477,19 +494,15 @@ class Path:
 
     def tops_within(self, low: FloatArray, high: FloatArray) -> FloatArray:
         """Return the top speeds (m/s) on stretches from ``low`` (k,) to ``high`` (k,) m."""
-        caps = np.full(len(low), self.body.kinematics.v_max)
-        for k in np.flatnonzero(self.tops < self.body.kinematics.v_max):
-            inside = (low < self.s[k + 1]) & (high > self.s[k])
-            caps[inside] = np.minimum(caps[inside], self.tops[k])
-        return caps
+        return _tops_within(self.s, self.tops, low, high, self.body.kinematics.v_max)
 
     @cached_property
     def held(self) -> BoolArray:
         """In which cells the body keeps to one speed, shape (cells,)."""
-        held = np.zeros(self.cells, dtype=np.bool_)
-        for k in np.flatnonzero(self.steady):
-            held |= (self.edges[:-1] < self.s[k + 1] - 1e-9) & (self.edges[1:] > self.s[k] + 1e-9)
-        return held
+        # a cell meets a steady piece if more of them began by its end than ended by its beginning
+        first, last = self.s[:-1][self.steady] + 1e-9, self.s[1:][self.steady] - 1e-9
+        begun = np.searchsorted(first, self.edges[1:], side="left")
+        return np.asarray(begun > np.searchsorted(last, self.edges[:-1], side="right"))
 
     @cached_property
     def _ways(self) -> tuple[FloatArray, FloatArray]:

@@ -19,10 +19,12 @@ import numpy as np
 
 from up_samp.geometry.kernels import point_clearance
 from up_samp.geometry.memory import Memory
-from up_samp.geometry.records import GridData, inner, kernel
+from up_samp.geometry.records import GridData, RuleData, inner, kernel
 from up_samp.geometry.scene import Scene
+from up_samp.geometry.shapes import shape_of
+from up_samp.geometry.ways import piece_obeys
 from up_samp.model import Body, Configuration, Mobility, TimedMotion
-from up_samp.model.arrays import BoolArray, FloatArray, IntArray
+from up_samp.model.arrays import BoolArray, FloatArray, Int32Array, IntArray
 from up_samp.motion.fleet.detours import drivable
 from up_samp.motion.fleet.paths import (
     Path,
@@ -56,10 +58,16 @@ WAYS = np.array(
 )
 """Steps to the neighbours of a place: 16 directions."""
 
+TURN, SHARP = 0.3, 1.2
+"""Seconds that it costs to change the direction by a right angle (as one minus the cosine), and the
+largest change (so, too) without a stop.
+"""
+
 
 class Lattice(NamedTuple):
     """Places ``step`` m apart from the corner ``x``, ``y`` (m) on, row by row; those that are
-    ``free`` (rows, cols) for a disc of a ``radius`` (m) among what is fixed.
+    ``free`` (rows, cols) for a disc of a ``radius`` (m) among what is fixed. ``rules`` are those of
+    ways; ``near`` (places, 16) tells where the steps from each place lead (-1: nowhere).
     """
 
     x: float
@@ -67,6 +75,28 @@ class Lattice(NamedTuple):
     step: float
     radius: float
     free: BoolArray
+    rules: RuleData
+    near: Int32Array
+
+
+@kernel
+def neighbours(frame: FloatArray, free: BoolArray, rules: RuleData, ways: IntArray) -> Int32Array:
+    """Return where the steps from each place of a lattice lead (-1: nowhere), places by ``ways``.
+    ``frame``: the lattice's corner x, y and step (m).
+    """
+    rows, cols = free.shape
+    found = np.full((rows * cols, len(ways)), -1, dtype=np.int32)
+    for row in range(rows):
+        for col in range(cols):
+            x, y = frame[0] + col * frame[2], frame[1] + row * frame[2]
+            for w in range(len(ways)):
+                i, j = col + ways[w, 0], row + ways[w, 1]
+                if i < 0 or j < 0 or i >= cols or j >= rows or not free[j, i]:
+                    continue
+                u, v = frame[0] + i * frame[2], frame[1] + j * frame[2]
+                if piece_obeys(rules, x, y, u, v, 0.0, 0.0):
+                    found[row * cols + col, w] = j * cols + i
+    return found
 
 
 @inner
@@ -122,6 +152,30 @@ def visits(
     return out[:used].copy()
 
 
+@kernel
+def visits_of_ends(
+    places: FloatArray, times: FloatArray, poses: FloatArray, ends: FloatArray, reach: float
+) -> FloatArray:
+    """Return the same for two ``places`` (2, 2; m), which are numbered 0 and 1."""
+    n = len(times)
+    out = np.empty((2 * n, 3))
+    used = 0
+    for place in range(2):
+        since = np.inf
+        for k in range(n):
+            dx, dy = poses[k, 0] - places[place, 0], poses[k, 1] - places[place, 1]
+            near = dx * dx + dy * dy < reach * reach
+            low = ends[0] if k == 0 else 0.5 * (times[k - 1] + times[k])
+            high = ends[1] if k == n - 1 else 0.5 * (times[k] + times[k + 1])
+            if near and since == np.inf:
+                since = low
+            if since < np.inf and (k == n - 1 or not near):
+                out[used, 0], out[used, 1], out[used, 2] = place, since, high if near else low
+                used += 1
+                since = np.inf
+    return out[:used]
+
+
 class Links(NamedTuple):
     """The places around an end: their numbers ``place`` (k,), how far they are (``way``, m), and
     which of the lattice's directions leads there best.
@@ -132,15 +186,45 @@ class Links(NamedTuple):
     direction: IntArray
 
 
+@kernel
+def links_of(lattice: Lattice, x: float, y: float, sign: int, ways: IntArray) -> Links:
+    """Return the places around an end, with directions to them (from them, where ``sign`` < 0)."""
+    rows, cols = lattice.free.shape
+    col, row = (x - lattice.x) / lattice.step, (y - lattice.y) / lattice.step
+    places, metres = np.empty(36, dtype=np.int64), np.empty(36)
+    directions, used = np.empty(36, dtype=np.int64), 0
+    for j in range(max(0, math.floor(row) - 2), min(rows, math.floor(row) + 4)):
+        for i in range(max(0, math.floor(col) - 2), min(cols, math.floor(col) + 4)):
+            dx, dy = sign * (i - col), sign * (j - row)
+            far = np.sqrt(dx * dx + dy * dy)
+            if far > LINKS or not lattice.free[j, i]:
+                continue
+            u, v = lattice.x + i * lattice.step, lattice.y + j * lattice.step
+            a, b, c, d = (x, y, u, v) if sign > 0 else (u, v, x, y)
+            if not piece_obeys(lattice.rules, a, b, c, d, 0.0, 0.0):
+                continue
+            best = -np.inf
+            for w in range(len(ways)):
+                size = np.sqrt(ways[w, 0] ** 2 + ways[w, 1] ** 2)
+                along = (ways[w, 0] * dx + ways[w, 1] * dy) / size
+                if along > best:
+                    best, directions[used] = along, w
+            places[used], metres[used] = j * cols + i, far * lattice.step
+            used += 1
+    return Links(places[:used].copy(), metres[:used].copy(), directions[:used].copy())
+
+
 class Errand(NamedTuple):
-    """What one search is about. ``ways`` (k, 2): steps to a place's neighbours; ``to_go``: least
-    seconds from each place to the goal; ``starts`` and ``goals``: seconds that setting off and
-    arriving take by direction; ``top`` speed (m/s), seconds that a ``stop`` costs twice, how long a
-    body may ``lag`` behind full speed (s) without a stop; it is ready at ``release`` (s), and what
-    arrives after ``until`` (s) is of no use.
+    """What one search is about. ``drives`` (16,): seconds of the steps to a place's neighbours at
+    ``top`` speed (m/s); ``turns`` (17, 16): seconds more in one direction after another one, or
+    after standing (last row; inf: not without a stop); ``to_go``: least seconds from each place to
+    the goal; ``starts`` and ``goals``: seconds that setting off and arriving take by direction;
+    seconds that a ``stop`` costs twice, how long a body may ``lag`` behind full speed (s) without a
+    stop; it is ready at ``release`` (s), and what arrives after ``until`` (s) is of no use.
     """
 
-    ways: IntArray
+    drives: FloatArray
+    turns: FloatArray
     to_go: FloatArray
     starts: FloatArray
     goals: FloatArray
@@ -168,13 +252,14 @@ def distances(lattice: Lattice, goal: Links, ways: IntArray) -> FloatArray:
         if d > far[place]:
             continue
         for w in range(len(ways)):
-            i, j = place % cols + ways[w, 0], place // cols + ways[w, 1]
+            i, j = place % cols - ways[w, 0], place // cols - ways[w, 1]
             if i < 0 or j < 0 or i >= cols or j >= rows or not lattice.free[j, i]:
                 continue
+            before = j * cols + i
             other = d + lattice.step * np.sqrt(ways[w, 0] ** 2 + ways[w, 1] ** 2)
-            if other < far[j * cols + i] - 1e-9:
-                far[j * cols + i] = other
-                heapq.heappush(queue, (other, j * cols + i))
+            if other < far[before] - 1e-9 and lattice.near[before, w] == place:
+                far[before] = other
+                heapq.heappush(queue, (other, before))
     return far
 
 
@@ -190,56 +275,34 @@ def _free_at(safe: Safe, place: int, t: float) -> bool:
 def _step(
     lattice: Lattice, task: Errand, links: IntArray, place: int, w: int
 ) -> tuple[int, int, float]:
-    """Return where step ``w`` from a place leads (-1: nowhere), in which direction, and how far
-    (m). ``links``: for each place its row among those around the goal, or -1.
+    """Return where step ``w`` from a place leads (-1: nowhere), in which direction, and how long it
+    takes (s) at top speed. ``links``: for each place its row among those around the goal, or -1.
     """
-    rows, cols = lattice.free.shape
-    places = rows * cols
+    places = len(lattice.near)
     if place == places:
-        return task.source.place[w], task.source.direction[w], task.source.way[w]
-    if w == len(task.starts):
-        k = links[place]
-        if k < 0:
-            return -1, 0, 0.0
-        return places + 1, task.target.direction[k], task.target.way[k]
-    i, j = place % cols + task.ways[w, 0], place // cols + task.ways[w, 1]
-    if i < 0 or j < 0 or i >= cols or j >= rows or not lattice.free[j, i]:
+        return task.source.place[w], task.source.direction[w], task.source.way[w] / task.top
+    if w < len(task.drives):
+        return lattice.near[place, w], w, task.drives[w]
+    k = links[place]
+    if k < 0:
         return -1, 0, 0.0
-    return j * cols + i, w, lattice.step * np.sqrt(task.ways[w, 0] ** 2 + task.ways[w, 1] ** 2)
+    return places + 1, task.target.direction[k], task.target.way[k] / task.top
 
 
 @inner
-def _took(task: Errand, d: int, e: int, length: float, begins: bool) -> float:
-    """Return the seconds of a step in direction ``e`` after one in direction ``d``, or from rest;
-    inf where the body would have to turn too far on its way.
-    """
-    took = length / task.top
-    if d == len(task.starts):
-        return took + task.stop + (task.starts[e] if begins else 0.0)
-    a, b, u, v = task.ways[d, 0], task.ways[d, 1], task.ways[e, 0], task.ways[e, 1]
-    turn = 1.0 - (a * u + b * v) / np.sqrt((a * a + b * b) * (u * u + v * v))
-    return np.inf if turn > 1.2 else took + 0.3 * turn
-
-
-@inner
-def _clear_between(
-    lattice: Lattice, task: Errand, safe: Safe, place: int, e: int, half: float
-) -> bool:
+def _clear_between(cols: int, safe: Safe, place: int, way: IntArray, half: float) -> bool:
     """Return whether a long step passes between two places that are free then."""
-    cols = lattice.free.shape[1]
-    a, b = task.ways[e, 0], task.ways[e, 1]
+    a, b = way
     if abs(a) + abs(b) < 3:
         return True
-    i, j = place % cols, place // cols
-    first = (j + b // 2) * cols + i + a // 2
-    second = (j + (b + 1) // 2) * cols + i + (a + 1) // 2
+    first = place + (b // 2) * cols + a // 2
+    second = place + ((b + 1) // 2) * cols + (a + 1) // 2
     return _free_at(safe, first, half) and _free_at(safe, second, half)
 
 
 @inner
-def _traced(place_of: IntArray, best: FloatArray, parent: IntArray, last: int) -> FloatArray:
+def _traced(place_of: IntArray, best: FloatArray, parent: Int32Array, last: int) -> FloatArray:
     """Return the rows (place, time) of the way to a state."""
-    dirs = len(best) // max(1, len(place_of))
     count, key = 0, last
     while key >= 0:
         count += 1
@@ -247,7 +310,7 @@ def _traced(place_of: IntArray, best: FloatArray, parent: IntArray, last: int) -
     found = np.empty((count, 2))
     key = last
     for k in range(count - 1, -1, -1):
-        found[k, 0], found[k, 1] = place_of[key // dirs], best[key]
+        found[k, 0], found[k, 1] = place_of[key // 2], best[key]
         key = parent[key]
     return found
 
@@ -266,16 +329,15 @@ def _tables(task: Errand, safe: Safe, places: int) -> tuple[IntArray, IntArray]:
 
 @inner
 def _begun(
-    task: Errand, safe: Safe, places: int, dirs: int, best: FloatArray
+    task: Errand, safe: Safe, places: int, best: FloatArray
 ) -> list[tuple[float, float, float, int]]:
     """Return a queue of where the body stands as it is released, and set when it is there."""
     queue = [(0.0, 0.0, 0.0, 0)]
     queue.pop()
     for r in range(safe.head[places], safe.head[places + 1]):
         if safe.intervals[r, 0] <= task.release and task.release < safe.intervals[r, 1]:
-            key = r * dirs + dirs - 1
-            best[key] = task.release
-            heapq.heappush(queue, (task.release, 0.0, task.release, key))
+            best[2 * r + 1] = task.release
+            heapq.heappush(queue, (task.release, 0.0, task.release, 2 * r + 1))
     return queue
 
 
@@ -292,38 +354,40 @@ def search(lattice: Lattice, task: Errand, safe: Safe, most: int) -> tuple[Float
     """Return the rows (place, arrival s) of a way from the start to the goal (none: not found), and
     how many states were expanded, ``most`` at most.
 
-    ``safe``: when places are free, then the start, the goal. A state is a safe interval and the
-    direction in which the body moves, or stands. Of those that may arrive as soon, which is often
-    when the goal gets free, the nearest is expanded first.
+    ``safe``: when places are free, then the start, the goal. A state is a safe interval in which
+    the body moves, in the direction in which it first came, or stands (odd). Of those that may
+    arrive as soon, which is often when the goal gets free, the nearest is expanded first.
     """
-    places, still = lattice.free.size, len(task.starts)
-    dirs = still + 1
-    best = np.full(len(safe.intervals) * dirs, np.inf)
-    parent = np.full(len(best), -1, dtype=np.int64)
+    places, cols, still = lattice.free.size, lattice.free.shape[1], len(task.drives)
+    best = np.full(2 * len(safe.intervals), np.inf)
+    parent = np.full(len(best), -1, dtype=np.int32)
+    ahead = np.full(len(best), still, dtype=np.int8)
     place_of, links = _tables(task, safe, places)
-    queue, soonest = _begun(task, safe, places, dirs, best), _goal_free(safe, places + 1)
+    queue, soonest = _begun(task, safe, places, best), _goal_free(safe, places + 1)
     done = 0
     while len(queue) > 0 and done < most and soonest < task.until:
         _, _, t, key = heapq.heappop(queue)
         if t > best[key] + 1e-9:
             continue
         done += 1
-        r, d = key // dirs, key % dirs
+        r, d = key // 2, ahead[key]
         place, until = place_of[r], safe.intervals[r, 1]
         if place == places + 1:
             return _traced(place_of, best, parent, key), done
-        halted, stood = r * dirs + still, t + task.stop
-        if d != still and stood <= until and stood < best[halted] - 1e-9:
-            best[halted], parent[halted] = stood, key
-            left = task.to_go[place]
-            heapq.heappush(queue, (max(stood + EAGER * left, soonest), left, stood, halted))
-        latest = until if d == still else min(t + task.lag, until)
-        for w in range(len(task.source.place) if place == places else dirs):
-            there, e, length = _step(lattice, task, links, place, w)
-            took = _took(task, d, e, length, place == places) if there >= 0 else np.inf
-            if took == np.inf:
+        latest = until
+        if d != still:
+            halted, stood = key + 1, t + task.stop
+            latest = min(t + task.lag, until)
+            if stood <= until and stood < best[halted] - 1e-9:
+                best[halted], parent[halted] = stood, key
+                left = task.to_go[place]
+                heapq.heappush(queue, (max(stood + EAGER * left, soonest), left, stood, halted))
+        for w in range(len(task.source.place) if place == places else still + 1):
+            there, e, took = _step(lattice, task, links, place, w)
+            if there < 0 or task.turns[d, e] == np.inf:
                 continue
-            ends = there == places + 1
+            half, ends = 0.5 * took, there == places + 1
+            took += task.turns[d, e] + (task.starts[e] if place == places else 0.0)
             inside, to_go = place < places and not ends, 0.0 if ends else task.to_go[there]
             for q in range(safe.head[there], safe.head[there + 1]):
                 low, high = safe.intervals[q, 0], safe.intervals[q, 1]
@@ -331,14 +395,14 @@ def search(lattice: Lattice, task: Errand, safe: Safe, most: int) -> tuple[Float
                     break
                 at = max(t + took, low)
                 after = at + task.stop + task.goals[e] if ends else at
-                state = q * dirs + e
                 if at >= high or (ends and high < np.inf) or after + to_go >= task.until:
                     continue
-                half, late = at - 0.5 * length / task.top, after >= best[state] - 1e-9
-                if late or (inside and not _clear_between(lattice, task, safe, place, e, half)):
+                if after >= best[2 * q] - 1e-9:
                     continue
-                best[state], parent[state] = after, key
-                heapq.heappush(queue, (max(after + EAGER * to_go, soonest), to_go, after, state))
+                if inside and not _clear_between(cols, safe, place, WAYS[e], at - half):
+                    continue
+                best[2 * q], parent[2 * q], ahead[2 * q] = after, key, e
+                heapq.heappush(queue, (max(after + EAGER * to_go, soonest), to_go, after, 2 * q))
     return np.empty((0, 2)), done
 
 
@@ -356,6 +420,17 @@ def proposer_of(workspace: Workspace) -> Proposer | None:
     return _proposers[workspace]
 
 
+class Seen(NamedTuple):
+    """What a run keeps from others: where it is at some ``times`` (s), ``during`` its first and
+    last moment, and its ``visits`` to the places of a lattice, by the distance that counts (m).
+    """
+
+    times: FloatArray
+    poses: FloatArray
+    during: FloatArray
+    visits: dict[tuple[float, float], FloatArray]
+
+
 class Proposer:
     """Proposes ways for bodies on one floor. What a run keeps from others is remembered with it."""
 
@@ -364,9 +439,7 @@ class Proposer:
         self._lattices: Memory[Lattice | None] = Memory(16)
         self._tasks: Memory[tuple[Links, Links, FloatArray]] = Memory(4_000)
         self._paths: Memory[Path | None] = Memory(8_000)
-        self._visits: WeakKeyDictionary[TimedPath, dict[tuple[float, float], FloatArray]] = (
-            WeakKeyDictionary()
-        )
+        self._seen: WeakKeyDictionary[TimedPath, Seen] = WeakKeyDictionary()
         self.expanded = 0
 
     def propose(
@@ -399,7 +472,7 @@ class Proposer:
         safe = self._safe(motion, lattice, others, wide)
         for flip in _sides(motion, able):
             times = float(motion.release), float(until)
-            task = _timed_task(motion, times, (source, target, to_go), flip)
+            task = _timed_task(motion, lattice, times, (source, target, to_go), flip)
             rows, done = search(lattice, task, safe, most)
             self.expanded += done
             if len(rows):
@@ -423,14 +496,19 @@ class Proposer:
                 for j, i in itertools.product(range(rows), range(cols)):
                     at = low[0] + i * step, low[1] + j * step
                     free[j, i] = self._scene.room(*at) >= need
-            return Lattice(float(low[0]), float(low[1]), step, radius, free)
+            rules, frame = shape_of(body).data.ways, np.array([*low, step])
+            near = neighbours(frame, free, rules, WAYS)
+            return Lattice(float(low[0]), float(low[1]), step, radius, free, rules, near)
 
         where = None if self._scene.grid is not None else tuple(poses)
-        return self._lattices.get_or((body.footprint, where, radius), made)
+        return self._lattices.get_or((body.footprint, body.kinematics.ways, where, radius), made)
 
     def _task(self, motion: TimedMotion, lattice: Lattice) -> tuple[Links, Links, FloatArray]:
         def made() -> tuple[Links, Links, FloatArray]:
-            ends = [_links(lattice, p, sign) for p, sign in zip(motion.poses, (1, -1), strict=True)]
+            ends = [
+                links_of(lattice, float(pose[0]), float(pose[1]), sign, WAYS)
+                for pose, sign in zip(motion.poses, (1, -1), strict=True)
+            ]
             metres = distances(lattice, ends[1], WAYS)
             return ends[0], ends[1], metres / motion.body.kinematics.v_max
 
@@ -451,19 +529,21 @@ class Proposer:
             if not pair_flags(motion.object, motion.avoid, other.object, other.avoid):
                 continue
             reach = mine + size(other.path.body) + self._scene.margin
-            parts.append(self._visited(lattice, other, reach))
-            parts += _visited_ends(other, ends, reach, count)
+            if other not in self._seen:
+                during = np.array([other.since, other.until])
+                self._seen[other] = Seen(*_sampled(other), during, {})
+            seen = self._seen[other]
+            rows = visits_of_ends(ends, seen.times, seen.poses, seen.during, reach)
+            rows[:, 0] += count
+            parts += [self._visited(lattice, seen, reach), rows]
         rows = np.concatenate(parts) if parts else np.empty((0, 3))
         return safe_intervals(rows, count)
 
-    def _visited(self, lattice: Lattice, other: TimedPath, reach: float) -> FloatArray:
-        known = self._visits.setdefault(other, {})
+    def _visited(self, lattice: Lattice, seen: Seen, reach: float) -> FloatArray:
         key = (reach, lattice.step)
-        if key not in known:
-            times, poses = _sampled(other)
-            ends = np.array([other.since, other.until])
-            known[key] = visits(lattice, times, poses, ends, reach)
-        return known[key]
+        if key not in seen.visits:
+            seen.visits[key] = visits(lattice, seen.times, seen.poses, seen.during, reach)
+        return seen.visits[key]
 
     def _drivable(
         self, motion: TimedMotion, lattice: Lattice, rows: FloatArray, safe: Safe, flip: bool
@@ -487,24 +567,6 @@ def _around(body: Body) -> float:
     return hull_of(body).radius
 
 
-def _links(lattice: Lattice, pose: Configuration, sign: int) -> Links:
-    """Return the places around an end, with directions to them (from them, where ``sign`` < 0)."""
-    rows, cols = lattice.free.shape
-    units = WAYS / np.hypot(*WAYS.T)[:, None]
-    place, way, direction = [], [], []
-    col, row = (pose[0] - lattice.x) / lattice.step, (pose[1] - lattice.y) / lattice.step
-    for j in range(max(0, math.floor(row) - 2), min(rows, math.floor(row) + 4)):
-        for i in range(max(0, math.floor(col) - 2), min(cols, math.floor(col) + 4)):
-            dx, dy = i - col, j - row
-            far = math.hypot(dx, dy)
-            if far <= LINKS and lattice.free[j, i]:
-                place.append(j * cols + i)
-                way.append(far * lattice.step)
-                direction.append(int(np.argmax(units @ np.array([sign * dx, sign * dy]))))
-    ints = np.array(place, dtype=np.int64), np.array(direction, dtype=np.int64)
-    return Links(ints[0], np.array(way, dtype=np.float64), ints[1])
-
-
 def _sides(motion: TimedMotion, able: Mobility) -> tuple[bool, ...]:
     """Return whether to drive ahead or backwards (True), what turns less first."""
     if able.sideways or not motion.body.kinematics.reverse:
@@ -517,6 +579,7 @@ def _sides(motion: TimedMotion, able: Mobility) -> tuple[bool, ...]:
 
 def _timed_task(
     motion: TimedMotion,
+    lattice: Lattice,
     times: tuple[float, float],
     known: tuple[Links, Links, FloatArray],
     flip: bool,
@@ -534,8 +597,22 @@ def _timed_task(
             costs.append(np.maximum(0.0, turn - 0.4) * 2.0 * kin.bend_radius / kin.v_max)
     source, target, to_go = known
     stop = kin.v_max / (2 * kin.a_max)
+    units = WAYS / np.hypot(*WAYS.T)[:, None]
+    turns = 1.0 - units @ units.T
+    turns = np.vstack([np.where(turns > SHARP, np.inf, TURN * turns), np.full(len(WAYS), stop)])
+    drives = lattice.step * np.hypot(*WAYS.T) / kin.v_max
     return Errand(
-        WAYS, to_go, costs[0], costs[1], source, target, kin.v_max, stop, 1.2 * stop, *times
+        drives,
+        turns,
+        to_go,
+        costs[0],
+        costs[1],
+        source,
+        target,
+        kin.v_max,
+        stop,
+        1.2 * stop,
+        *times,
     )
 
 
@@ -548,19 +625,6 @@ def _sampled(run: TimedPath) -> tuple[FloatArray, FloatArray]:
     at = np.linspace(times[0], times[-1], count)
     rows = np.stack([np.interp(at, times, poses[:, k]) for k in range(3)], axis=1)
     return at, rows
-
-
-def _visited_ends(other: TimedPath, ends: FloatArray, reach: float, count: int) -> list[FloatArray]:
-    """Return when a run is near the start and the goal, as rows of the places after the others."""
-    times, poses = _sampled(other)
-    edges = np.concatenate([[other.since], 0.5 * (times[1:] + times[:-1]), [other.until]])
-    found = []
-    for k in range(2):
-        near = np.hypot(poses[:, 0] - ends[k, 0], poses[:, 1] - ends[k, 1]) < reach
-        near = np.flatnonzero(near)
-        if len(near):
-            found.append(np.stack([np.full(len(near), count + k), edges[near], edges[near + 1]], 1))
-    return found
 
 
 def _points(lattice: Lattice, motion: TimedMotion, rows: FloatArray) -> FloatArray:
@@ -599,10 +663,12 @@ def _straight(
     need: float,
 ) -> bool:
     """Return whether a body can go straight between two corners of a ``run`` (x, y, arrival) where
-    the map has the room that it ``need``s (m; near the corners it need not), at times at which it
-    is safe.
+    it may and the map has the room that it ``need``s (m; near the corners it need not), at times at
+    which it is safe.
     """
     i, j = ends
+    if not piece_obeys(lattice.rules, run[i, 0], run[i, 1], run[j, 0], run[j, 1], 0.0, 0.0):
+        return False
     rows, cols = lattice.free.shape
     dx, dy = run[j, 0] - run[i, 0], run[j, 1] - run[i, 1]
     length = np.sqrt(dx * dx + dy * dy)

@@ -37,7 +37,6 @@ from up_samp.motion.fleet.timed_path import (
     TimedPath,
     Timing,
     natural_timing,
-    pose_at,
     run_of,
     sampled,
     speed_of,
@@ -360,23 +359,28 @@ def fit(
 ) -> TimedPath | None:
     """Return the earliest arrival along ``path`` among ``others``, by waiting and slowing down, or
     ``best`` if that is not later.
+
+    Where it meets others is looked at only for those that it comes near: to heed all of them is no
+    quicker than to heed some, if the others are far from it all the time.
     """
     limit = best.arrival if best else math.inf
     if motion.release + path.fastest >= limit:
         return best
-    horizon = max(motion.due, motion.release + path.natural.duration)
+    others = [o for o in others if o.until > motion.release]
+    heeded = [o for o in others if workspace.knows(path, o.path)]
+    rows = np.empty((0, 3))
     while True:
-        soon = [o for o in others if o.until > motion.release and o.since < horizon]
-        later = [o for o in others if o.since >= horizon]
-        rows = workspace.forbidden(path, motion.object, motion.avoid, soon)
-        ends = _end_rows(workspace, motion, path, later)
-        rows = np.concatenate([rows, ends])
+        more = workspace.forbidden(path, motion.object, motion.avoid, heeded)
+        rows = np.concatenate([rows, more])
         timing = _earliest(motion, path, rows, limit)
-        if timing is None and (not later or limit <= horizon):
+        if timing is None:
             return best
-        if timing is not None and (not later or timing.trajectory.end <= horizon):
-            return run_of(motion, path, timing)
-        horizon = motion.release + 4 * (horizon - motion.release) + 60.0
+        run = run_of(motion, path, timing)
+        known = set(map(id, heeded))
+        others = [o for o in others if id(o) not in known]
+        heeded = [o for o in others if not workspace.far_apart(run, o)]
+        if not heeded:
+            return run
 
 
 def first_start(
@@ -393,18 +397,6 @@ def first_start(
     )
     start = first_gap(blocked[np.argsort(blocked[:, 0], kind="stable")], earliest, latest)
     return start if start < math.inf else None
-
-
-def _end_rows(
-    workspace: Workspace, motion: TimedMotion, path: Path, later: Sequence[TimedPath]
-) -> FloatArray:
-    """Return the forbidden rows of the rest at the end for runs that only come later."""
-    rest = workspace.resting(motion.body, pose_at(path, -1))
-    visitors = [o for o in later if o.since < motion.present_until]
-    rows = workspace.forbidden(rest, motion.object, motion.avoid, visitors)
-    rows = rows[rows[:, 0] == 0]
-    rows[:, 0] = path.cells + 1
-    return rows
 
 
 def _earliest(

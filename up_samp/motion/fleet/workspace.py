@@ -337,15 +337,25 @@ class Workspace:
 
     def meeting(self, a: TimedPath, b: TimedPath) -> tuple[float, int, int]:
         """Return (time, cell of a, cell of b) of the first conflict of two runs (inf: none)."""
-        flags = pair_flags(a.object, a.avoid, b.object, b.avoid)
-        if a.object == b.object or flags == 0:
-            return math.inf, -1, -1
-        if a.held[-1] <= b.held[0] or b.held[-1] <= a.held[0]:
-            return math.inf, -1, -1
-        if (a.path.number, b.path.number) not in self._conflicts and _stay_far(a, b, self.margin):
+        flags = 0 if a.object == b.object else pair_flags(a.object, a.avoid, b.object, b.avoid)
+        if flags == 0 or (not self.knows(a.path, b.path) and self.far_apart(a, b)):
             return math.inf, -1, -1
         runs = self.conflicts(a.path, b.path)
         return first_meeting(runs, a.held, b.held, flags)
+
+    def knows(self, a: Path, b: Path) -> bool:
+        """Return whether the conflicts of two paths are known."""
+        return (a.number, b.number) in self._conflicts
+
+    def far_apart(self, a: TimedPath, b: TimedPath) -> bool:
+        """Return whether two runs cannot meet: one is of no concern to the other, or by their
+        distance over time alone.
+        """
+        if a.object == b.object or not pair_flags(a.object, a.avoid, b.object, b.avoid):
+            return True
+        if a.held[-1] <= b.held[0] or b.held[-1] <= a.held[0]:
+            return True
+        return _stay_far(a, b, self.margin)
 
 
 def _stay_far(a: TimedPath, b: TimedPath, margin: float) -> bool:
