@@ -191,10 +191,9 @@ def test_a_robot_keeps_to_lanes(tmp_path, robot):
     assert "wrong-way" in kinds
 
 
-@pytest.mark.long
 def test_each_lane_is_driven_one_way_by_two(tmp_path):
     fleet = lanes(hall(tmp_path))
-    result = fleet.solve(timeout=600, first_plan=True)
+    result = fleet.solve(timeout=120, first_plan=True)
     assert directions(fleet, result) >= {-1.0, 1.0}
     zones = next(o for o in result.data["objects"] if o["name"] == "t")["zones"]
     assert sorted(z.get("one_way", -1.0) for z in zones) == pytest.approx([-1.0, 0.0, math.pi])

@@ -11,20 +11,19 @@ from hypothesis import strategies as st
 from unified_planning.model.motion import MotionModels, MovableObject
 from unified_planning.shortcuts import MovableType
 
-from tests.motion.fleet.independent import judge, limits_of
+from tests.motion.crossings import RING, WEDGE, Crossing, floor, free_pose, hall
+from tests.motion.fleet.independent import limits_of
 from up_samp.extensions import extended
 from up_samp.geometry import OccupancyGrid
 from up_samp.model import (
     Body,
     Deadline,
-    GroupQuery,
     Kinematics,
     MotionModel,
     Outcome,
     PathQuery,
     Placed,
     ProblemError,
-    TimedMotion,
     UnsupportedError,
 )
 from up_samp.motion import Leg, MotionService
@@ -36,32 +35,12 @@ from up_samp.validation.kinematics import driven_backwards, motion_violations
 from up_samp.validation.limits import limits_of as limits_read
 from up_samp.validation.tracks import pieces_of
 
-RING = ((-0.6, -0.35), (0.6, -0.35), (0.6, 0.35), (-0.6, 0.35))
-WEDGE = ((-0.3, -0.35), (0.9, 0.0), (-0.3, 0.35))
 CAR = Kinematics(MotionModel.REEDSSHEPP, 0.8, 1.5, 0.7, reverse=False)
 WHEELS = Kinematics(MotionModel.PIVOT, v_max=1.5, a_max=0.7, omega_max=0.8, reverse=False)
 
 
 def free(body):
     return replace(body, kinematics=replace(body.kinematics, reverse=True))
-
-
-def floor(rng, blocks):
-    """A hall of 14 m by 10 m with blocks in it."""
-    cells = np.zeros((100, 140), dtype=bool)
-    for _ in range(blocks):
-        row, col = int(rng.integers(15, 85)), int(rng.integers(15, 125))
-        high, wide = rng.integers(4, 22, 2)
-        cells[row : row + high, col : col + wide] = True
-    cells[[0, -1]] = cells[:, [0, -1]] = True
-    return OccupancyGrid(cells, 0.1)
-
-
-def free_pose(rng, service, bodies):
-    while True:
-        pose = tuple(map(float, rng.uniform((0.9, 0.9, -math.pi), (13.1, 9.1, math.pi))))
-        if all(service.scene.pose_free(body, pose) for body in bodies):
-            return pose
 
 
 def assert_ahead(body, motion):
@@ -79,7 +58,7 @@ def assert_ahead(body, motion):
 def test_no_motion_is_driven_backwards(seed, ring, kinematics):
     rng, body = np.random.default_rng(seed), Body(ring, kinematics)
     service = MotionService(floor(rng, 5), seed=seed)
-    start, goal = (free_pose(rng, service, [body]) for _ in range(2))
+    start, goal = (free_pose(rng, service, body) for _ in range(2))
     report = service.plan(PathQuery(body, (start, goal)), Deadline.after(60))
     bound = service.lower_bound(body, start, goal)
     assert service.lower_bound(free(body), start, goal) <= bound
@@ -89,10 +68,6 @@ def test_no_motion_is_driven_backwards(seed, ring, kinematics):
         ends = (start, goal)
         nearest, limit = service.certifier.nearest, Deadline.after(20)
         assert not separated(service.scene, nearest, body, ends, (), limit)
-
-
-def hall(length=16, width=9):
-    return OccupancyGrid(np.zeros((10 * width, 10 * length), dtype=bool), 0.1)
 
 
 @pytest.mark.parametrize("kinematics", [CAR, WHEELS], ids=["car", "diff"])
@@ -148,51 +123,21 @@ def test_a_dead_end_with_room_to_turn_round_is_left_by_who_turns_on_the_spot():
 BODIES = (Body(RING, CAR), Body(WEDGE, CAR), Body(RING, WHEELS), Body(WEDGE, WHEELS))
 
 
-class Crossing:
-    """Robots of all kinds on one floor; some may drive backwards."""
-
-    def __init__(self, seed, count, kinds=BODIES):
-        rng = np.random.default_rng(seed)
-        self.grid = floor(rng, 3)
-        self.service = MotionService(self.grid, seed=seed)
-        bodies = [kinds[int(k)] for k in rng.integers(0, len(kinds), count)]
-        bodies[-1] = free(bodies[-1])
-        taken = [[], []]
-        motions = []
-        for k, body in enumerate(bodies):
-            while True:
-                poses = tuple(free_pose(rng, self.service, [body]) for _ in range(2))
-                far = all(
-                    math.dist(p[:2], q[:2]) > 2.2
-                    for p, known in zip(poses, taken, strict=True)
-                    for q in known
-                )
-                alone = self.service.plan(PathQuery(body, poses), Deadline.after(20))
-                if far and alone.outcome is Outcome.FOUND:
-                    break
-            for known, pose in zip(taken, poses, strict=True):
-                known.append(pose)
-            motions.append(TimedMotion(f"m{k}", f"r{k}", body, poses, 0.0, 60.0))
-        self.query = GroupQuery(tuple(motions))
-
-
-def check_group(seed, count, folder):
-    """Return whether a group was found, after judging: nobody drives backwards who must not."""
-    crossing = Crossing(seed, count, BODIES)
-    report = crossing.service.coordinate(crossing.query, Deadline.after(60))
-    if report.outcome is not Outcome.FOUND:
-        return False
-    judge(crossing, report, folder)
-    return True
+def crossing(seed, count):
+    """Robots of all kinds on one floor; the last may drive backwards."""
+    rng = np.random.default_rng(seed)
+    grid = floor(rng, 3)
+    bodies = [BODIES[int(k)] for k in rng.integers(0, len(BODIES), count)]
+    return Crossing(rng, grid, [*bodies[:-1], free(bodies[-1])], count, seconds=60, due=60.0)
 
 
 def test_several_robots(tmp_path):
-    assert all(check_group(seed, 3, tmp_path) for seed in range(2))
+    assert all(crossing(seed, 3).found(tmp_path) for seed in range(2))
 
 
 @pytest.mark.long
 def test_many_groups_of_robots(tmp_path):
-    found = [check_group(seed, 4, tmp_path) for seed in range(25)]
+    found = [crossing(seed, 4).found(tmp_path) for seed in range(25)]
     assert sum(found) >= 12
 
 

@@ -11,19 +11,17 @@ from hypothesis import strategies as st
 from unified_planning.model.motion import MotionModels, MovableObject
 from unified_planning.shortcuts import MovableType
 
-from tests.motion.fleet.independent import broken_by, judge
+from tests.motion.crossings import RING, WEDGE, Crossing, floor, free_pose, hall
+from tests.motion.fleet.independent import broken_by
 from up_samp.extensions import extended
-from up_samp.geometry import OccupancyGrid
 from up_samp.model import (
     Body,
     Deadline,
-    GroupQuery,
     Kinematics,
     MotionModel,
     Outcome,
     PathQuery,
     ProblemError,
-    TimedMotion,
     TrafficZone,
     Trajectory,
     UnsupportedError,
@@ -34,16 +32,10 @@ from up_samp.motion.curves.trajectories import reversed_trajectory
 from up_samp.upio.read_maps import read_movable
 from up_samp.validation.limits import limits_of
 
-RING = ((-0.6, -0.35), (0.6, -0.35), (0.6, 0.35), (-0.6, 0.35))
-WEDGE = ((-0.3, -0.35), (0.9, 0.0), (-0.3, 0.35))
 CAR = Kinematics(MotionModel.REEDSSHEPP, 0.8, 1.5, 0.7)
 WHEELS = Kinematics(MotionModel.PIVOT, v_max=1.5, a_max=0.7, omega_max=0.8)
 ANY = Kinematics(MotionModel.SE2, v_max=1.5, a_max=0.7, omega_max=0.8)
 KINDS = pytest.mark.parametrize("kinematics", [CAR, WHEELS, ANY], ids=["car", "diff", "omni"])
-
-
-def hall(length=16.0, width=9.0):
-    return OccupancyGrid(np.zeros((round(10 * width), round(10 * length)), dtype=bool), 0.1)
 
 
 def block(x, y, long, wide, **rules):
@@ -117,7 +109,7 @@ def test_random_drives_keep_the_rules_whatever_their_order(seed, ring, kinematic
     zones = random_zones(rng, 4)
     if kinematics is not ANY and rng.random() < 0.4:
         kinematics = replace(kinematics, v_back=float(rng.uniform(0.2, 1.0)))
-    grid = floor(rng, 4)
+    grid = floor(rng, 4, 1.6)
     pair = []
     for some in (zones, shuffled(rng, zones)):
         body, service = Body(ring, replace(kinematics, zones=some)), MotionService(grid, seed=1)
@@ -166,68 +158,27 @@ def shuffled(rng, zones):
     return tuple(found)
 
 
-def floor(rng, blocks):
-    cells = np.zeros((100, 140), dtype=bool)
-    for _ in range(blocks):
-        row, col = int(rng.integers(15, 85)), int(rng.integers(15, 125))
-        high, wide = rng.integers(4, 16, 2)
-        cells[row : row + high, col : col + wide] = True
-    cells[[0, -1]] = cells[:, [0, -1]] = True
-    return OccupancyGrid(cells, 0.1)
-
-
-def free_pose(rng, service, body):
-    while True:
-        pose = tuple(map(float, rng.uniform((0.9, 0.9, -math.pi), (13.1, 9.1, math.pi))))
-        if service.scene.pose_free(body, pose):
-            return pose
-
-
-class Crossing:
+def crossing(seed, count):
     """Robots of all kinds on one floor with zones, some for some of them."""
+    rng = np.random.default_rng(seed)
+    grid, zones = floor(rng, 2, 1.6), random_zones(rng, 4)
 
-    def __init__(self, seed, count):
-        rng = np.random.default_rng(seed)
-        self.grid = floor(rng, 2)
-        self.service = MotionService(self.grid, seed=seed)
-        zones, motions = random_zones(rng, 4), []
-        taken = [[], []]
-        for k in range(count):
+    def bodies():
+        while True:
             kin = (CAR, WHEELS, ANY)[int(rng.integers(3))]
             kin = kin if kin is ANY else replace(kin, v_back=0.5)
-            body = Body(RING, replace(kin, zones=zones[int(rng.integers(3)) :]))
-            while True:
-                poses = tuple(free_pose(rng, self.service, body) for _ in range(2))
-                far = all(
-                    math.dist(p[:2], q[:2]) > 2.2
-                    for p, known in zip(poses, taken, strict=True)
-                    for q in known
-                )
-                alone = self.service.plan(PathQuery(body, poses), Deadline.after(300))
-                if far and alone.outcome is Outcome.FOUND:
-                    break
-            for known, pose in zip(taken, poses, strict=True):
-                known.append(pose)
-            motions.append(TimedMotion(f"m{k}", f"r{k}", body, poses, 0.0, 120.0))
-        self.query = GroupQuery(tuple(motions))
+            yield Body(RING, replace(kin, zones=zones[int(rng.integers(3)) :]))
 
-
-def check_group(seed, count, folder):
-    crossing = Crossing(seed, count)
-    report = crossing.service.coordinate(crossing.query, Deadline.after(300))
-    if report.outcome is not Outcome.FOUND:
-        return False
-    judge(crossing, report, folder)
-    return True
+    return Crossing(rng, grid, bodies(), count, seconds=300, due=120.0)
 
 
 def test_several_robots(tmp_path):
-    assert any([check_group(seed, 3, tmp_path) for seed in range(3)])
+    assert any([crossing(seed, 3).found(tmp_path) for seed in range(3)])
 
 
 @pytest.mark.long
 def test_many_groups_of_robots(tmp_path):
-    found = [check_group(seed, 4, tmp_path) for seed in range(25)]
+    found = [crossing(seed, 4).found(tmp_path) for seed in range(25)]
     assert sum(found) >= 15
 
 

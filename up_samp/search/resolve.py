@@ -63,6 +63,7 @@ class Subproblem:
     def __init__(self, search: Search, problem: SchedulingProblem, effort: float) -> None:
         self.search, self.problem = search, problem
         self.activities: Mapping[str, Activity] = {a.name: a for a in problem.activities}
+        self.told = set[str]()
         self.session = CpsatSession(
             problem, seed=search.seed, workers=1, effort=effort, tuning=search.cpsat
         )
@@ -80,14 +81,24 @@ class Subproblem:
         return CandidateSchedule(report.schedule.times, values)
 
     def last_at_least(self, itinerary: Itinerary, needed: Mapping[str, int]) -> None:
-        """Let motions last as long as they turned out to need: ``needed`` are ends (units)."""
+        """Let motions last as long as they turned out to need: ``needed`` are ends (units).
+
+        Those that do not fit again wait for others, who may begin later now: they also end as long
+        after all that began on their way.
+        """
         manager = self.problem.environment.expression_manager
         motions = {motion_key(m): m for m in itinerary.motions}
+        starts = {m.activity: itinerary.schedule.times[m.activity][0] for m in motions.values()}
         for key, end in needed.items():
-            activity = self.activities[motions[key].activity]
-            start, _ = itinerary.schedule.times[activity.name]
-            longer = manager.LE(manager.Plus(activity.start, end - start), activity.end)
-            self.problem.add_constraint(longer)
+            mine = motions[key]
+            begun = {mine.activity}
+            if key in self.told:
+                others = (m.activity for m in motions.values() if m.object != mine.object)
+                begun |= {name for name in others if starts[mine.activity] < starts[name] < end}
+            self.told.add(key)
+            for name in sorted(begun):
+                since = manager.Plus(self.activities[name].start, end - starts[name])
+                self.problem.add_constraint(manager.LE(since, self.activities[mine.activity].end))
 
 
 def until_driven(

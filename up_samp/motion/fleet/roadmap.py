@@ -131,7 +131,7 @@ class Tensor:
         count = len(self.headings)
         turns = [(i, j, n) for n in {(k + 1) % count, (k - 1) % count} - {k}]
         found: list[LatticeMove] = [
-            (n, 0.0, self._turn(k, n[2]), partial(self._straight, key, n)) for n in turns
+            (n, 0.0, self._angle(k, n[2]), partial(self._straight, key, n)) for n in turns
         ]
         for dx, dy in AXES:
             if not (0 <= i + dx < len(self.xs) and 0 <= j + dy < len(self.ys)):
@@ -140,10 +140,10 @@ class Tensor:
             # turning and driving off is one move: who is pushed has to get away at once
             for n in (k,) if self.sideways else self._along[dx, dy]:
                 there, make = (i + dx, j + dy, n), self._straight if n == k else self._turned
-                found.append((there, float(way), self._turn(k, n), partial(make, key, there)))
+                found.append((there, float(way), self._angle(k, n), partial(make, key, there)))
         return found
 
-    def _turn(self, k: int, n: int) -> float:
+    def _angle(self, k: int, n: int) -> float:
         return abs(math.remainder(float(self.headings[n] - self.headings[k]), 2 * math.pi))
 
     def _headings_along(self, dx: int, dy: int) -> list[int]:
@@ -531,11 +531,11 @@ class Roadmap:
         """
         known = node in self._keys
         for order in self._orders:
-            joined = self._turns(self.poses[node]) if known else self._linked(node, order)
+            joined = self._turns_freely(self.poses[node]) if known else self._linked(node, order)
             if not joined and self.body.mobility.rolls:
                 self._leave(node, order)
 
-    def _turns(self, pose: Configuration) -> bool:
+    def _turns_freely(self, pose: Configuration) -> bool:
         """Return whether there is room to turn all round at a pose."""
         quarters = np.linspace(0.0, 2.0 * math.pi, 5)
         return self._sweeps_free(np.array([(*pose[:2], pose[2] + turn) for turn in quarters]))
@@ -579,7 +579,7 @@ class Roadmap:
                     if not self._sweeps_free(rows):
                         break
                     pose = tuple(rows[::order][-1].tolist())
-                    if not self._turns(pose):
+                    if not self._turns_freely(pose):
                         continue
                     beside = self._new(pose)
                     if self._linked(beside, order):

@@ -1,0 +1,67 @@
+"""Random floors, and groups of robots that cross on them, for tests of rules of driving."""
+
+import math
+from itertools import islice
+
+import numpy as np
+
+from tests.motion.fleet.independent import judge
+from up_samp.geometry import OccupancyGrid
+from up_samp.model import Deadline, GroupQuery, Outcome, PathQuery, TimedMotion
+from up_samp.motion import MotionService
+
+RING = ((-0.6, -0.35), (0.6, -0.35), (0.6, 0.35), (-0.6, 0.35))
+WEDGE = ((-0.3, -0.35), (0.9, 0.0), (-0.3, 0.35))
+
+
+def hall(length=16.0, width=9.0):
+    return OccupancyGrid(np.zeros((round(10 * width), round(10 * length)), dtype=bool), 0.1)
+
+
+def floor(rng, blocks, largest=2.2):
+    """A hall of 14 m by 10 m with blocks in it."""
+    cells = np.zeros((100, 140), dtype=bool)
+    for _ in range(blocks):
+        row, col = int(rng.integers(15, 85)), int(rng.integers(15, 125))
+        high, wide = rng.integers(4, round(10 * largest), 2)
+        cells[row : row + high, col : col + wide] = True
+    cells[[0, -1]] = cells[:, [0, -1]] = True
+    return OccupancyGrid(cells, 0.1)
+
+
+def free_pose(rng, service, body):
+    while True:
+        pose = tuple(map(float, rng.uniform((0.9, 0.9, -math.pi), (13.1, 9.1, math.pi))))
+        if service.scene.pose_free(body, pose):
+            return pose
+
+
+class Crossing:
+    """Robots with some ``bodies`` on one floor: each has a way, and its ends to itself."""
+
+    def __init__(self, rng, grid, bodies, count, seconds, due):
+        self.grid, self.service = grid, MotionService(grid, seed=0)
+        starts, goals, motions = [], [], []
+        for k, body in enumerate(islice(bodies, count)):
+            while True:
+                poses = tuple(free_pose(rng, self.service, body) for _ in range(2))
+                far = all(
+                    math.dist(pose[:2], other[:2]) > 2.2
+                    for pose, known in zip(poses, (starts, goals), strict=True)
+                    for other in known
+                )
+                alone = self.service.plan(PathQuery(body, poses), Deadline.after(seconds))
+                if far and alone.outcome is Outcome.FOUND:
+                    break
+            starts.append(poses[0])
+            goals.append(poses[1])
+            motions.append(TimedMotion(f"m{k}", f"r{k}", body, poses, 0.0, due))
+        self.query, self.seconds = GroupQuery(tuple(motions)), seconds
+
+    def found(self, folder):
+        """Whether the group is found, after judging it by every rule."""
+        report = self.service.coordinate(self.query, Deadline.after(self.seconds))
+        if report.outcome is not Outcome.FOUND:
+            return False
+        judge(self, report, folder)
+        return True
