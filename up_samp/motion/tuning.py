@@ -15,7 +15,7 @@ class FleetTuning(Tunables):
         20, "motions", "planned for each one of a group, with who is in the way ejected", least=0
     )
     again: int = tunable(
-        15,
+        30,
         "motions",
         "planned again for each one where somebody is late, or all much later than alone",
         least=0,

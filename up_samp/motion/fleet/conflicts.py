@@ -329,6 +329,16 @@ def _noted(runs: IntArray, used: int, i: int, first: int, last: int) -> IntArray
     return runs
 
 
+@inner
+def _strides(table: FloatArray, radius: float) -> tuple[float, float]:
+    """Return how far (m) the middle, and any point, of a body moves at most from cell to cell."""
+    step = stride = 1e-9
+    for k in range(len(table)):
+        p = piece(table[k, 1])
+        step, stride = max(step, 2 * p.half), max(stride, 2 * reach_of(p, radius))
+    return step, stride
+
+
 @kernel
 def conflict_runs(one: Swept, other: Swept, margin: float) -> IntArray:
     """Return the conflicting cell pairs of two paths as rows (i, j first, j last), shape (k, 3).
@@ -341,17 +351,8 @@ def conflict_runs(one: Swept, other: Swept, margin: float) -> IntArray:
     """
     ta, g, tb, h = one.table, one.hull, other.table, other.hull
     core = g.core + h.core
-    runs = np.empty((64, 3), dtype=np.int64)
-    used, m = 0, len(tb)
-    step = stride = 1e-9
-    for j in range(m):
-        b = piece(tb[j, 1])
-        step = max(step, 2 * b.half)
-        stride = max(stride, 2 * reach_of(b, h.radius))
-    pace = 1e-9
-    for i in range(len(ta)):
-        pace = max(pace, 2 * piece(ta[i, 1]).half)
-    i = 0
+    runs, used, i, m = np.empty((64, 3), dtype=np.int64), 0, 0, len(tb)
+    (step, stride), (pace, _) = _strides(tb, h.radius), _strides(ta, g.radius)
     while i < len(ta):
         a = piece(ta[i, 1])
         mine, room = reach_of(a, g.radius), np.inf

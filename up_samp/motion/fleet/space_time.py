@@ -58,11 +58,6 @@ WAYS = np.array(
 )
 """Steps to the neighbours of a place: 16 directions."""
 
-TURN, SHARP = 0.3, 1.2
-"""Seconds that it costs to change the direction by a right angle (as one minus the cosine), and the
-largest change (so, too) without a stop.
-"""
-
 
 class Lattice(NamedTuple):
     """Places ``step`` m apart from the corner ``x``, ``y`` (m) on, row by row; those that are
@@ -369,19 +364,16 @@ def search(lattice: Lattice, task: Errand, safe: Safe, most: int) -> tuple[Float
         _, _, t, key = heapq.heappop(queue)
         if t > best[key] + 1e-9:
             continue
-        done += 1
-        r, d = key // 2, ahead[key]
+        done, r, d = done + 1, key // 2, ahead[key]
         place, until = place_of[r], safe.intervals[r, 1]
         if place == places + 1:
             return _traced(place_of, best, parent, key), done
-        latest = until
-        if d != still:
-            halted, stood = key + 1, t + task.stop
-            latest = min(t + task.lag, until)
-            if stood <= until and stood < best[halted] - 1e-9:
-                best[halted], parent[halted] = stood, key
-                left = task.to_go[place]
-                heapq.heappush(queue, (max(stood + EAGER * left, soonest), left, stood, halted))
+        halted, stood = key + 1, t + task.stop
+        if d != still and stood <= until and stood < best[halted] - 1e-9:
+            best[halted], parent[halted] = stood, key
+            left = task.to_go[place]
+            heapq.heappush(queue, (max(stood + EAGER * left, soonest), left, stood, halted))
+        latest = until if d == still else min(t + task.lag, until)
         for w in range(len(task.source.place) if place == places else still + 1):
             there, e, took = _step(lattice, task, links, place, w)
             if there < 0 or task.turns[d, e] == np.inf:
@@ -395,9 +387,8 @@ def search(lattice: Lattice, task: Errand, safe: Safe, most: int) -> tuple[Float
                     break
                 at = max(t + took, low)
                 after = at + task.stop + task.goals[e] if ends else at
-                if at >= high or (ends and high < np.inf) or after + to_go >= task.until:
-                    continue
-                if after >= best[2 * q] - 1e-9:
+                late = after + to_go >= task.until or after >= best[2 * q] - 1e-9
+                if late or at >= high or (ends and high < np.inf):
                     continue
                 if inside and not _clear_between(cols, safe, place, WAYS[e], at - half):
                     continue
@@ -599,7 +590,8 @@ def _timed_task(
     stop = kin.v_max / (2 * kin.a_max)
     units = WAYS / np.hypot(*WAYS.T)[:, None]
     turns = 1.0 - units @ units.T
-    turns = np.vstack([np.where(turns > SHARP, np.inf, TURN * turns), np.full(len(WAYS), stop)])
+    # a right angle costs 0.3 s, and hardly more than one is not driven without a stop
+    turns = np.vstack([np.where(turns > 1.2, np.inf, 0.3 * turns), np.full(len(WAYS), stop)])
     drives = lattice.step * np.hypot(*WAYS.T) / kin.v_max
     return Errand(
         drives,
