@@ -91,12 +91,10 @@ class Subproblem:
         starts = {m.activity: itinerary.schedule.times[m.activity][0] for m in motions.values()}
         for key, end in needed.items():
             mine = motions[key]
-            begun = {mine.activity}
-            if key in self.told:
-                others = (m.activity for m in motions.values() if m.object != mine.object)
-                begun |= {name for name in others if starts[mine.activity] < starts[name] < end}
+            waits, first = key in self.told, starts[mine.activity]
             self.told.add(key)
-            for name in sorted(begun):
+            others = {m.activity for m in motions.values() if waits and m.object != mine.object}
+            for name in sorted({mine.activity} | {n for n in others if first < starts[n] < end}):
                 since = manager.Plus(self.activities[name].start, end - starts[name])
                 self.problem.add_constraint(manager.LE(since, self.activities[mine.activity].end))
 

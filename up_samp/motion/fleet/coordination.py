@@ -192,16 +192,16 @@ def _eject(group: MovingGroup, alone: Runs, seed: int, anytime: bool) -> None:
     def enough(runs: Runs) -> bool:
         late = group.lateness(runs) > group.least + TIMES.on_time
         factor = effort.enough if group.budget.used < few else MUCH
-        return not late and sum(run.arrival for run in runs.values()) <= factor * least
+        soon = sum(run.arrival for run in runs.values()) <= factor * least
+        return soon and not late and not anytime
 
     # who is late may have to be: that is not worth more
     late = group.lateness(runs) > group.least + TIMES.on_time
-    most = None if anytime else few if late else max(few, effort.again * FEW)
-    group.budget = WorkBudget(group.deadline, most)
-    group.best = improve(group, runs, list(runs), seed, None if anytime else enough)
+    most = few if late else max(few, effort.again * FEW)
+    group.budget = WorkBudget(group.deadline, None if anytime else most)
+    group.best = improve(group, runs, list(runs), seed, enough)
     ratio = sum(run.arrival for run in group.best.values()) / max(least, TIMES.same)
-    end = "the time is over" if group.deadline.expired() else "counted work is done"
-    end = end if group.budget.cut else "that is good enough"
+    end = "the time or work is done" if group.budget.cut else "that is good enough"
     group.ended = f"{ratio:.2f} times the arrivals alone: {end}"
 
 

@@ -281,16 +281,14 @@ def improve(
     runs: Runs,
     movable: Sequence[str],
     seed: int = 0,
-    enough: Callable[[Runs], bool] | None = None,
+    enough: Callable[[Runs], bool] = lambda runs: False,
 ) -> dict[str, TimedPath]:
     """Return runs that cost no more: until the budget is spent or they are good ``enough``, those
     of a few ``movable`` motions are taken out and planned again among the others, and kept if they
     cost less.
     """
     search = _Search(problem, dict(runs), sorted(movable), random.Random(seed))
-    while len(search.movable) > 0 and not (enough and enough(search.runs)):
-        if problem.budget.spent():
-            break
+    while len(search.movable) > 0 and not enough(search.runs) and not problem.budget.spent():
         search.step()
     return search.runs
 

@@ -156,18 +156,14 @@ def visits_of_ends(
     out = np.empty((2 * n, 3))
     used = 0
     for place in range(2):
-        since = np.inf
         for k in range(n):
             dx, dy = poses[k, 0] - places[place, 0], poses[k, 1] - places[place, 1]
             near = dx * dx + dy * dy < reach * reach
-            low = ends[0] if k == 0 else 0.5 * (times[k - 1] + times[k])
-            high = ends[1] if k == n - 1 else 0.5 * (times[k] + times[k + 1])
-            if near and since == np.inf:
-                since = low
-            if since < np.inf and (k == n - 1 or not near):
-                out[used, 0], out[used, 1], out[used, 2] = place, since, high if near else low
+            if near:
+                low = ends[0] if k == 0 else 0.5 * (times[k - 1] + times[k])
+                high = ends[1] if k == n - 1 else 0.5 * (times[k] + times[k + 1])
+                out[used, 0], out[used, 1], out[used, 2] = place, low, high
                 used += 1
-                since = np.inf
     return out[:used]
 
 
