@@ -385,8 +385,7 @@ def _tops_within(
     for i in range(len(low)):
         k = max(0, np.searchsorted(s, low[i], side="right") - 1)
         while k < len(tops) and s[k] < high[i]:
-            if low[i] < s[k + 1]:
-                caps[i] = min(caps[i], tops[k])
+            caps[i] = min(caps[i], tops[k])
             k += 1
     return caps
 

@@ -188,11 +188,10 @@ def links_of(lattice: Lattice, x: float, y: float, sign: int, ways: IntArray) ->
         for i in range(max(0, math.floor(col) - 2), min(cols, math.floor(col) + 4)):
             dx, dy = sign * (i - col), sign * (j - row)
             far = np.sqrt(dx * dx + dy * dy)
-            if far > LINKS or not lattice.free[j, i]:
-                continue
             u, v = lattice.x + i * lattice.step, lattice.y + j * lattice.step
             a, b, c, d = (x, y, u, v) if sign > 0 else (u, v, x, y)
-            if not piece_obeys(lattice.rules, a, b, c, d, 0.0, 0.0):
+            obeys = piece_obeys(lattice.rules, a, b, c, d, 0.0, 0.0)
+            if far > LINKS or not lattice.free[j, i] or not obeys:
                 continue
             best = -np.inf
             for w in range(len(ways)):
