@@ -86,12 +86,12 @@ def warm_up(case: str) -> Values:
 # --- plans of the benchmark families
 
 
-def run_of(case: str, **spec: Any) -> Values:
+def run_of(case: str, engine: str = ENGINE, **spec: Any) -> Values:
     """Solve one instance as ``up-samp bench run`` does."""
     from up_samp.benchmarks.one_run import RunSpec, perform
     from up_samp.benchmarks.report import proven, solved
 
-    record = perform(RunSpec(case, ENGINE, **spec))
+    record = perform(RunSpec(case, engine, **spec))
     if "error" in record:
         raise RuntimeError(record["error"])
     metrics = record["metrics"]
@@ -107,6 +107,16 @@ def run_of(case: str, **spec: Any) -> Values:
 def first_plan(case: str) -> Values:
     """A first plan of a published instance, with fluents, within 60 s."""
     return run_of(case, optimal=False, timeout=60)
+
+
+def aries_plan(case: str) -> Values:
+    """The same by aries, the engine of the paper."""
+    return run_of(case, "samp-refine[aries]", optimal=False, timeout=60)
+
+
+def drawn_anew(case: str) -> Values:
+    """The best plan within 60 s of an instance that is drawn from a seed, with its bound."""
+    return run_of(case, optimal=True, timeout=60)
 
 
 def proof(case: str) -> Values:
@@ -580,7 +590,8 @@ def resolving(case: str) -> Values:
 MEASURES: dict[str, Callable[[str], Values]] = {
     function.__name__: function
     for function in (
-        *(warm_up, first_plan, proof, preset, warehouse_plan, better_plans),
+        *(warm_up, first_plan, aries_plan, drawn_anew, proof, preset),
+        *(warehouse_plan, better_plans),
         *(tight_place, errands, drives, floor, day, clairvoyant, replan),
         *(executor_time, start_up, memory, house, scheduler, relaxation, resolving),
     )
