@@ -53,7 +53,7 @@ class ThinnedScheduler(CpsatSession):
     def solve(self, deadline: Deadline, *, optimal: bool = True, **others: Any) -> ScheduleReport:
         """Draw a schedule (see the base class), and return the engine's with the same decisions.
 
-        ``optimal``: the hint is the best plan's; no better draw is handed over.
+        ``optimal``: the hint is the best plan's; a draw that ends no sooner is not handed over.
         """
         drawing = deadline.within(_DRAWING * deadline.remaining())
         try:
