@@ -84,18 +84,14 @@ class ThinnedScheduler(CpsatSession):
             told.append(f"{what}: {answer.status.value} in {answer.seconds:.1f} s")
             if answer.schedule is not None or answer.status is ScheduleStatus.OUT_OF_TIME:
                 break
-        handed = replace(
-            drawn,
-            schedule=None if answer.schedule is None else self._soon(answer.schedule, deadline),
-            handed_over=tuple(told),
-            seconds=drawn.seconds + deadline.elapsed() - started,
-            cost=None,
-        )
-        if handed.schedule is not None:
-            return handed
-        none = answer.status in (ScheduleStatus.INFEASIBLE, ScheduleStatus.OPTIMAL)
-        status = ScheduleStatus.NOT_FOUND if none else answer.status
-        return replace(handed, status=status, message=answer.message)
+        handed = replace(drawn, schedule=None, handed_over=tuple(told), cost=None)
+        if answer.schedule is not None:
+            handed = replace(handed, schedule=self._soon(answer.schedule, deadline))
+        else:
+            none = answer.status is ScheduleStatus.INFEASIBLE
+            status = ScheduleStatus.NOT_FOUND if none else answer.status
+            handed = replace(handed, status=status, message=answer.message)
+        return replace(handed, seconds=drawn.seconds + deadline.elapsed() - started)
 
     def _soon(self, schedule: CandidateSchedule, deadline: Deadline) -> CandidateSchedule:
         """Return a schedule with the same decisions that heeds what the engine was not told, as
