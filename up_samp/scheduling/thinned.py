@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import replace
 from typing import Any
 
@@ -101,10 +102,8 @@ class ThinnedScheduler(CpsatSession):
         session = CpsatSession(
             problem, seed=self.seed, workers=1, effort=_EFFORT, tuning=self.tuning, plain=self.plain
         )
-        try:
+        with contextlib.suppress(UnsupportedError):
             found = session.solve(deadline, hint=schedule).schedule
-        except UnsupportedError:
-            found = None
-        if found is None:
-            return schedule
-        return replace(found, parameters={**schedule.parameters, **found.parameters})
+            if found is not None:
+                return replace(found, parameters={**schedule.parameters, **found.parameters})
+        return schedule
