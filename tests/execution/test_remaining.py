@@ -158,7 +158,7 @@ def test_the_rest_of_the_starter_is_solved_when_one_of_its_robots_breaks_down(tm
     write_starter(tmp_path)
     fleet = Fleet.from_file(tmp_path / "problem.yaml")
     # another plan may leave the broken robot where an order has to go
-    plan = fleet.solve(60, workers=1, reproducible=True, first_plan=True).data
+    plan = fleet.solve(300, workers=1, reproducible=True, first_plan=True).data
     found = dependencies_of(fleet.problem, plan)
     executor = Executor(plan, fleet.problem, dependencies=found)
     floor = floor_of(executor, Delays(), 3)
