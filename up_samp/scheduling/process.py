@@ -48,7 +48,11 @@ class WorkerProcess:
         to_read.close()
         to_write.close()
         streams = (self._tasks, self._answers, self._errors)
-        self._end = weakref.finalize(self, _end, self._process, self._folder, streams)
+        self._senders: list[threading.Thread] = []
+        """Those that send a task: the last one may still do so when its process is ended."""
+        self._end = weakref.finalize(
+            self, _end, self._process, self._folder, self._senders, streams
+        )
 
     @property
     def alive(self) -> bool:
@@ -65,7 +69,9 @@ class WorkerProcess:
         try:
             # a pipe holds little, and the worker may still be loading
             data = pickle.dumps(task, protocol=pickle.HIGHEST_PROTOCOL)
-            threading.Thread(target=_send, args=(self._tasks, data), daemon=True).start()
+            sender = threading.Thread(target=_send, args=(self._tasks, data), daemon=True)
+            sender.start()
+            self._senders[:] = [sender]
             _wait(self._answers, deadline)
             answer: Any = self._answers.recv()
         except (EOFError, OSError) as error:
@@ -115,7 +121,12 @@ def _wait(answers: Connection, deadline: Deadline) -> None:
             raise OverrunError("no answer by the deadline")
 
 
-def _end(process: subprocess.Popen[bytes], folder: str, streams: tuple[Any, ...]) -> None:
+def _end(
+    process: subprocess.Popen[bytes],
+    folder: str,
+    senders: list[threading.Thread],
+    streams: tuple[Any, ...],
+) -> None:
     # once its end was taken in, another process may lead a group of that number: what the worker
     # left behind is found by its folder then
     if process.returncode is None:
@@ -123,6 +134,8 @@ def _end(process: subprocess.Popen[bytes], folder: str, streams: tuple[Any, ...]
             os.killpg(process.pid, signal.SIGKILL)
         process.wait()
     child.end_all_with("TMPDIR", folder)  # servers in sessions of their own
+    for sender in senders:  # with nobody left to read it is over at once
+        sender.join()
     for stream in streams:
         with contextlib.suppress(OSError):
             stream.close()
