@@ -176,10 +176,11 @@ def built(spec):
         fleet.add_place(name, *place["pose"], **options)
     tables = (
         ("lifts", fleet.add_lift), ("types", fleet.add_robot_type), ("robots", fleet.add_robot),
-        ("doors", fleet.add_door), ("zones", fleet.add_zone),
+        ("doors", fleet.add_door), ("zones", fleet.add_zone), ("resources", fleet.add_resource),
+        ("automatic_doors", fleet.add_automatic_door),
     )  # fmt: skip
     for table, add in tables:
-        for name, options in spec[table].items():
+        for name, options in spec.get(table, {}).items():
             add(name, **options)
     for order in spec["orders"]:
         fleet.add_order(**order)

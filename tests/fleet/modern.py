@@ -8,7 +8,6 @@ import copy
 import random
 
 from tests.fleet import buildings
-from up_samp.fleet import Fleet
 
 MORE_TERMS = ("distance", "energy", "cost", "busiest")
 DOORWAY = [[6.3, 2.6], [7.5, 2.6], [7.5, 5.6], [6.3, 5.6]]
@@ -113,7 +112,7 @@ class Modern(buildings.Building):
     def _more_jobs(self):
         r = self.rng
         if self._chance(0.3):
-            self.spec["resources"]["clerk"] = 1
+            self.spec["resources"]["clerk"] = {"capacity": 1}
         for job in self.spec["orders"] + self.spec["tasks"]:
             if self.spec["resources"] and self._chance(0.6):
                 told = job if "at" in job else _as_stop(job, "delivery")
@@ -144,20 +143,6 @@ def _as_stop(job, part):
     if not isinstance(job[part], dict):
         job[part] = {"at": job[part]}
     return job[part]
-
-
-def built(spec):
-    """Return the fleet that a dictionary tells of."""
-    fleet: Fleet = buildings.built(spec | {"orders": [], "tasks": []})
-    for name, capacity in spec["resources"].items():
-        fleet.add_resource(name, capacity)
-    for name, options in spec["automatic_doors"].items():
-        fleet.add_automatic_door(name, **options)
-    for order in spec["orders"]:
-        fleet.add_order(**order)
-    for task in spec["tasks"]:
-        fleet.add_task(**task)
-    return fleet
 
 
 def _by_ways(objective):

@@ -82,7 +82,7 @@ def driven(answer, seed):
             yield f"run {k}: {run.finished}, {run.deadlock}, {run.contacts[:2]}, {run.broken[:2]}"
 
 
-def told(seed, folder, timeout=10.0, draw=Building, built=built, looser=looser):
+def told(seed, folder, timeout=10.0, draw=Building, looser=looser):
     """Return what is wrong with the answers to a random fleet (None: no such fleet)."""
     spec = draw(seed, folder).spec
     try:

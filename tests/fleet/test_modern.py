@@ -4,7 +4,8 @@ import copy
 
 import pytest
 
-from tests.fleet.modern import Modern, built, looser
+from tests.fleet.buildings import built
+from tests.fleet.modern import Modern, looser
 from tests.fleet.rulebook import Rulebook
 from tests.fleet.test_buildings import Answer, told
 
@@ -14,7 +15,7 @@ HALL = [[0, 0], [15, 0], [15, 8], [0, 8]]
 
 
 def modern(seed, folder):
-    return told(seed, folder, draw=Modern, built=built, looser=looser)
+    return told(seed, folder, draw=Modern, looser=looser)
 
 
 @pytest.mark.parametrize("seed", SEEDS)

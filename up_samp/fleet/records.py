@@ -670,6 +670,11 @@ def needs_robot(job: Order | Task) -> bool:
     return not isinstance(job, Task) or bool(job.at)
 
 
+def visited(job: Order | Task) -> tuple[Stop | Task, ...]:
+    """Return what a robot goes to one of the places ``at`` for: an order's stops, or the task."""
+    return (job.pickup, job.delivery) if isinstance(job, Order) else (job,)
+
+
 def seats_of(task: Task) -> dict[str, tuple[str, ...]]:
     """Return the places at which a robot does a task, one of them each: of a crew by seat, else
     there is one ("").

@@ -19,7 +19,7 @@ from shapely.geometry import Polygon
 from up_samp.execution.executor import Executor
 from up_samp.execution.state import TaskPhase
 from up_samp.fleet.outlines import placed
-from up_samp.fleet.records import FleetRecords, Order, can_do
+from up_samp.fleet.records import FleetRecords, Order, can_do, visited
 from up_samp.fleet.statements import Kind, Meaning
 from up_samp.operate.clock import Clock
 from up_samp.operate.horizon import DELIVERS, Cut, Opened, cut_of, on_board
@@ -256,7 +256,7 @@ def _dispatched(day: Day, waiting: Sequence[DayOrder]) -> OpenWork | None:
             continue
         job = max(left, key=lambda j: _worth(day, j, robot, *free[robot]))
         first = first_there(day, job, free)
-        ends = list(itertools.chain(*_stops(job)))
+        ends = [place for stop in visited(job.record) for place in stop.at]
         beside = tuple(_beside(day, [first], ends, _tries(day, job, day.site.robots)))
         opened = dict.fromkeys((first, *beside), Opened.ALL)
         jobs = tuple({j.id: j for j in (job, *theirs(day, opened))}.values())
@@ -285,12 +285,6 @@ def _beside(day: Day, robots: Sequence[str], places: Sequence[str], in_vain: int
         elif in_vain:
             in_vain -= 1
             yield name
-
-
-def _stops(job: DayOrder) -> list[Sequence[str]]:
-    """Return the places of each stop of an order, one of which a robot goes to."""
-    record = job.record
-    return [record.pickup.at, record.delivery.at] if isinstance(record, Order) else [record.at]
 
 
 def first_there(day: Day, job: DayOrder, free: Mapping[str, tuple[float, Pose]]) -> str:
@@ -336,7 +330,7 @@ def ready(day: Day, job: DayOrder) -> bool:
     before = (day.jobs.get(name) for name in job.record.after)
     if not all(b is None or b.state is not OrderState.WAITING for b in before):
         return False
-    return all(any(_reachable(day, place) for place in at) for at in _stops(job))
+    return all(any(_reachable(day, p) for p in stop.at) for stop in visited(job.record))
 
 
 def _reachable(day: Day, place: str) -> bool:
@@ -356,9 +350,9 @@ def body_at(site: FleetRecords, robot: str, pose: Pose) -> Polygon:
 
 def _there(day: Day, job: DayOrder, robot: str, when: float, pose: Pose) -> float:
     """Return when a robot could be at an order's pickup, on straight lines."""
-    at, *_ = _stops(job)
+    first, *_ = visited(job.record)
     speed = day.site.robot_types[day.site.robots[robot].type].v_max
-    spots = (day.site.places[p].pose for p in at)
+    spots = (day.site.places[p].pose for p in first.at)
     return when + min(math.dist(pose[:2], spot[:2]) for spot in spots) / speed
 
 

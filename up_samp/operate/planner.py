@@ -31,6 +31,7 @@ from up_samp.fleet.records import (
     Zone,
     can_do,
     corners_of,
+    visited,
 )
 from up_samp.fleet.statements import Meaning, Written
 from up_samp.io.plan_dict import PlanDict
@@ -240,9 +241,7 @@ def _let_rest(ask: Question, places: dict[str, Place], pose: Pose) -> None:
     """Let robots come to rest at the places nearest to a pose at which nobody stands, and which
     nobody that is planned goes to.
     """
-    stops = [
-        s for j in ask.jobs for s in ((j.pickup, j.delivery) if isinstance(j, Order) else (j,))
-    ]
+    stops = [s for j in ask.jobs for s in visited(j)]
     ends = {p for s in (*stops, *(o.delivery for _, o in ask.held)) for p in s.at}
     ends |= {end for r in ask.robots if (end := ask.site.robots[r].end) is not None}
     taken = [*ask.cut.poses.values(), *(places[p].pose for p in ends)]
@@ -290,8 +289,7 @@ def ties_of(ask: Question, written: Written, plan: PlanDict) -> list[tuple[str, 
 
 
 def _resources(job: Order | Task) -> set[str]:
-    stops = (job.pickup, job.delivery) if isinstance(job, Order) else (job,)
-    return {r for stop in stops for r in stop.resources}
+    return {r for stop in visited(job) for r in stop.resources}
 
 
 def answer(ask: Question, cache: MotionCache | None = None) -> Answer:
