@@ -8,6 +8,7 @@ import pytest
 from tests.motion.fleet import tight_places as tight
 from up_samp.geometry.shapes import rules_of
 from up_samp.model import Deadline, Rest, TimedMotion
+from up_samp.motion.fleet.detours import drivable
 from up_samp.motion.fleet.space_time import Lattice, proposer_of, visits
 from up_samp.motion.fleet.workspace import rest_run, workspace_of
 from up_samp.motion.service import MotionService
@@ -44,3 +45,16 @@ def test_places_are_visited_while_somebody_is_near(ends):
         assert len(mine) == (1 if expected else 0)  # who drives straight on comes by once
         if expected:
             assert tuple(mine[0]) == (expected[0][0], expected[-1][1])
+
+
+@pytest.mark.parametrize("side", [0.02, 0.2, 1.0])
+def test_corners_without_room_for_an_arc_are_turned_on_the_spot(side):
+    """An arc driven at a crawl would set the length of all cells of its stretch."""
+    body = tight.BODIES["differential"]()
+    service = MotionService(tight.hall(20, 10, [(0.5, 0.5, 19.5, 9.5)]))
+    points = np.array([(3.0, 4.0), (9.0, 4.0), (9.0, 4.0 + side), (16.0, 4.0 + side)])
+    poses = (*points[0], 0.0), (*points[-1], 0.0)
+    found = drivable(service.scene, body, poses, points, False)
+    assert found.cells < 1000
+    assert found.poses[-1] == pytest.approx(poses[1])
+    assert found.natural.duration < 13.0 / body.kinematics.v_max + 8.0

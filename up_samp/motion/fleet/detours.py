@@ -24,6 +24,7 @@ from up_samp.model import (
 )
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.curves.arcs import merged, nodes_of
+from up_samp.motion.curves.bends import CUT
 from up_samp.motion.curves.reeds_shepp import CarLimits, fastest
 from up_samp.motion.curves.rolling import rolled, rolling_radius, thinned
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
@@ -342,7 +343,9 @@ def drivable(
         rows = _rounded(points, radius)
         return None if rows is None else _slid(body, poses, rows, world, least)
     if able.pivots:
-        rows = _rounded(points, rolling_radius(kin))
+        radius = rolling_radius(kin)
+        # a tighter arc is slower than the lowest speed that a path's cells have
+        rows = _rounded(points, radius, radius / math.sqrt(CUT.levels))
         if rows is None:
             return None
         rows = _turned(poses, rows, flip)
@@ -359,9 +362,10 @@ def drivable(
     return path_of(trajectory_of(poses, [arcs], kin), body, poses)
 
 
-def _rounded(points: FloatArray, radius: float) -> FloatArray | None:
+def _rounded(points: FloatArray, radius: float, least: float = 0.0) -> FloatArray | None:
     """Return a way (n, 3) along corners with arcs of up to ``radius`` m in them; headings are the
-    directions of travel. Where it turns back there is no arc.
+    directions of travel. Where it turns back there is no arc, and where there is room for none of
+    ``least`` m it turns on the spot.
     """
     parts = [np.append(points[0], 0.0)[None, :]]
     for i in range(len(points) - 1):
@@ -385,6 +389,9 @@ def _rounded(points: FloatArray, radius: float) -> FloatArray | None:
         half = math.tan(0.5 * abs(turn))
         reach = min(radius * half, 0.45 * size, 0.45 * float(np.hypot(*ahead)))
         r = reach / half
+        if r < least:
+            parts.append(np.array([[*points[i + 1], way], [*points[i + 1], way + turn]]))
+            continue
         corner = points[i + 1] - reach * gone / size
         count = max(2, math.ceil(r * abs(turn) / 0.05), math.ceil(abs(turn) / 0.08))
         arcs = np.array([[math.copysign(1.0 / r, turn), r * abs(turn) / count]] * count)
