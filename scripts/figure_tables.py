@@ -10,7 +10,7 @@ import math
 import re
 import statistics
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from typing import Any
 from figures import ABOUT
 
 from up_samp.benchmarks.report import PAPER
+from up_samp.operate.judge import DayVerdict
 
 Row = dict[str, Any]
 Rows = Mapping[str, Row]
@@ -75,6 +76,12 @@ def share(part: str, whole: str) -> Callable[[Row], float | None]:
         return None if top is None or not bottom else top / bottom
 
     return found
+
+
+def wrong(row: Row) -> str:
+    """Return how much was wrong in a day, and of which kinds."""
+    found = (f"{row[kind.name]} {kind.name}" for kind in fields(DayVerdict) if kind.name in row)
+    return ", ".join(found) or str(row["wrong"])
 
 
 def of(part: str, whole: str) -> Callable[[Row], str]:
@@ -247,7 +254,7 @@ TABLES: dict[str, tuple[str, Callable[[Rows], str]]] = {
         Column("an hour", "per_hour", ".1f"), Column("mean tardiness s", "tardiness", ".1f"),
         Column("from coming to done s", "flow", ".0f"),
         Column("waited", "waiting", PERCENT),
-        Column("contacts, lost, twice, elsewhere", "wrong"),
+        Column("wrong", wrong),
         Column("plans (dropped)", lambda r: f"{r['plans']} ({r['dropped']})"),
         Column("CPU of a plan, 95 %, s", "planning", ".2f"),
         Column("of a step, 95 %, ms", lambda r: 1000 * r["step"], ".1f"),

@@ -361,9 +361,9 @@ def day(case: str) -> Values:
     with tempfile.TemporaryDirectory() as folder:
         fleet, store = floor(Path(folder), robots), Path(folder) / "day.db"
         result = simulate_day(fleet, plan, store, operation=Watched)
-    came, verdict = result.figures, result.verdict
-    wrong = (verdict.contacts, verdict.lost, verdict.twice, verdict.elsewhere)
-    values: Values = {"orders": came.orders, "done": came.done, "wrong": sum(map(len, wrong))}
+    came, wrong = result.figures, result.verdict.wrong
+    values: Values = {"orders": came.orders, "done": came.done, "wrong": sum(wrong.values())}
+    values |= wrong
     values |= {k: getattr(came, k) for k in ("per_hour", "tardiness", "flow", "waiting")}
     values |= {"plans": came.plans, "dropped": came.plans - came.plans_taken}
     values |= {"early": held[min(20, len(held) // 2)], "held": held[-1]}

@@ -59,9 +59,10 @@ class DayPlan:
 
 @dataclass(frozen=True)
 class DayFigures:
-    """What came of a day. Times in s; ``waiting`` is the share of driving time that robots stood
-    though they had a motion to drive, ``planning`` quantiles (median, 95 %, most) of the CPU time
-    of a plan, ``steps`` those of the loop's own time for a step.
+    """What came of a day. Times in s; an order that was not done counts until the day's end, as
+    if it had been done then, but for ``done`` and ``per_hour``. ``waiting`` is the share of driving
+    time that robots stood though they had a motion to drive, ``planning`` quantiles (median, 95 %,
+    most) of the CPU time of a plan, ``steps`` those of the loop's own time for a step.
     """
 
     orders: int
@@ -153,7 +154,7 @@ def simulate_day(
         jobs = tuple(day.jobs.values())
         verdict = judge_day(site, day.jobs, robots.initial, robots.drives, robots.handled)
         seconds = time.monotonic() - begun
-        figures = figures_of(plan, jobs, robots, day.costs, steps, seconds)
+        figures = figures_of(plan, day, robots, steps, seconds)
         waits = tuple((p[0], p[1], b - a) for w in robots.waits.values() for a, b, p in w)
         map_file = str((fleet.folder / site.map).resolve())
         record = record_of_day(replace(site, map=map_file), robots.initial, robots.drives)
@@ -202,15 +203,16 @@ def _run(
 
 def figures_of(
     plan: DayPlan,
-    jobs: Sequence[DayOrder],
+    day: Operation,
     robots: SimulatedRobots,
-    costs: Sequence[tuple[float, float, float, str, bool]],
     steps: Sequence[float],
     seconds: float,
 ) -> DayFigures:
-    """Return the figures of a day."""
-    jobs = [j for j in jobs if not is_charge(j.id)]
+    """Return the figures of a day that ends now."""
+    now, costs = day.clock.now(), day.costs
+    jobs = [j for j in day.jobs.values() if not is_charge(j.id)]
     done = [j for j in jobs if j.state is OrderState.DONE and j.done is not None]
+    ended = [*done, *(replace(j, done=now) for j in jobs if j.state.open)]
     driven = waited = metres = 0.0
     for drive in robots.drives:
         rows = np.asarray(drive.rows)
@@ -218,16 +220,16 @@ def figures_of(
             driven += driven_until(drive.rows) - rows[0, 0]
             metres += float(np.hypot(*np.diff(rows[:, 1:3], axis=0).T).sum())
     waited = sum(b - a for w in robots.waits.values() for a, b, _ in w)
-    last = max((j.done for j in done if j.done is not None), default=0.0)
+    last = max((j.done for j in ended if j.done is not None), default=0.0)
     hours = max(plan.hours, last / 3600.0)
     return DayFigures(
         orders=len(jobs),
         done=len(done),
         hours=round(hours, 3),
         per_hour=round(len(done) / hours, 2),
-        tardiness=round(statistics.fmean([j.tardiness for j in done] or [0.0]), 1),
-        in_time=round(statistics.fmean([j.tardiness <= 0.0 for j in done] or [1.0]), 3),
-        flow=round(statistics.fmean([(j.done or 0.0) - j.came for j in done] or [0.0]), 1),
+        tardiness=round(statistics.fmean([j.tardiness for j in ended] or [0.0]), 1),
+        in_time=round(statistics.fmean([j.tardiness <= 0.0 for j in ended] or [1.0]), 3),
+        flow=round(statistics.fmean([(j.done or 0.0) - j.came for j in ended] or [0.0]), 1),
         waiting=round(waited / driven, 4) if driven else 0.0,
         kilometres=round(metres / 1000.0, 3),
         plans=len(costs),

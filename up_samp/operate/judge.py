@@ -47,10 +47,14 @@ class DayVerdict:
     crowded: tuple[str, ...] = ()
 
     @property
+    def wrong(self) -> dict[str, int]:
+        """How many there are of each kind of which there are any."""
+        return {kind: len(found) for kind, found in vars(self).items() if found}
+
+    @property
     def good(self) -> bool:
         """Whether nothing is wrong."""
-        orders = self.lost or self.twice or self.elsewhere
-        return not (self.contacts or orders or self.backwards or self.crowded)
+        return not self.wrong
 
 
 def judge_day(

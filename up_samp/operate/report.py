@@ -113,7 +113,6 @@ def report_text(result: DayResult) -> str:
         "CPU of a step: median {:.1f} ms, 95 % {:.1f} ms, most {:.1f} ms".format(
             *(1000 * s for s in f.steps)
         ),
-        f"judged: {len(v.contacts)} contacts, {len(v.lost)} orders lost, {len(v.twice)} done "
-        f"twice, {len(v.elsewhere)} elsewhere, {len(v.backwards)} drives against a heading",
+        f"judged: {', '.join(f'{len(found)} {kind}' for kind, found in vars(v).items())}",
         f"simulated in {f.seconds:g} s",
     ))  # fmt: skip
