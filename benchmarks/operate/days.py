@@ -18,8 +18,9 @@ from pathlib import Path
 import numpy as np
 
 from up_samp import Fleet
+from up_samp.fleet.records import can_do
 from up_samp.geometry.maps import write_map
-from up_samp.operate.choice import OpenWork, able, choose, first_there, ready, theirs
+from up_samp.operate.choice import OpenWork, choose, first_there, ready, theirs
 from up_samp.operate.horizon import Opened
 from up_samp.operate.loop import Operation
 from up_samp.operate.records import DayOrder
@@ -62,7 +63,7 @@ class Token(FirstComeFirstServed):
         if job is None:
             return self.mended()
         soon = {r: f for r, f in self.free_at().items() if f[0] <= self.settings.soon}
-        free = {r: f for r, f in soon.items() if able(self, job, r)}
+        free = {r: f for r, f in soon.items() if can_do(self.site, r, job.record)}
         if not free:
             return None
         light = dataclasses.replace(job.record, weight=LATER * job.record.weight)

@@ -1,5 +1,6 @@
 """The figures kept and the tables made from them (scripts/figures.py, scripts/figure_tables.py)."""
 
+import ast
 import importlib
 import json
 import re
@@ -44,6 +45,27 @@ def test_every_figure_has_its_function_and_is_named_once(scripts, figures):
         assert {v.better for v in f.values} <= {"lower", "higher", ""}, f.name
 
 
+def is_there(module, name):
+    found = importlib.import_module(module)
+    package = hasattr(found, "__path__")
+    return hasattr(found, name) or (package and importlib.util.find_spec(f"{module}.{name}"))
+
+
+def test_what_is_measured_with_is_still_in_the_package():
+    files = [*(ROOT / "benchmarks").rglob("*.py"), *(ROOT / "scripts").glob("*.py")]
+    nodes = [(f.name, n) for f in files for n in ast.walk(ast.parse(f.read_text("utf-8")))]
+    used = [(f, n) for f, n in nodes if isinstance(n, ast.ImportFrom) and n.module]
+    lost = [
+        (file, node.module, name.name)
+        for file, node in used
+        if node.module.partition(".")[0] == "up_samp"
+        for name in node.names
+        if not is_there(node.module, name.name)
+    ]
+    assert len(used) > 50
+    assert not lost
+
+
 def test_the_cases_are_those_of_the_package(figures):
     assert set(figures.PUBLISHED) == {i.name for i in instances("paper")}
     assert set(figures.PROOFS) < set(figures.PUBLISHED)
@@ -77,6 +99,17 @@ def test_a_table_says_what_its_figures_say(tables):
     rows["10x30"]["load"] = 0.5
     assert after.endswith("<!-- end -->\nrest\n")
     assert tables.renewed(after, {"scale": rows}) == after
+
+
+def test_a_day_tells_all_that_was_wrong_by_name(tables):
+    day = {"orders": 9, "done": 7, "per_hour": 1.0, "tardiness": 0.0, "flow": 0.0, "waiting": 0.0}
+    day |= {"plans": 9, "dropped": 1, "planning": 0.1, "step": 0.1, "early": 9.0, "held": 9.0}
+    day |= {"commit": "abc", "machine": "M, 2 cores", "load": 0.5, "wrong": 0}
+    rows = {"good": day, "bad": day | {"wrong": 3, "crowded": 1, "lost": 2}}
+    page = tables.renewed("<!-- figures: days -->\n<!-- end -->\n", {"days": rows})
+    assert [line.split(" | ")[6] for line in page.splitlines() if " | 7 of 9 | " in line] == [
+        *("0", "2 lost, 1 crowded")
+    ]
 
 
 def one(figures, *values, **more):
