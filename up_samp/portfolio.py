@@ -34,6 +34,7 @@ from unified_planning.model.motion import SchedulingMotionProblem
 from up_samp.io.plan_dict import PlanDict, plan_to_dict
 from up_samp.io.restore import plan_from_dict
 from up_samp.model import Deadline, ProblemError, SampError, UnsupportedError
+from up_samp.model.refinement import ABSOLUTE
 from up_samp.search.params import Parameters
 from up_samp.upio.plan import SampSchedule
 from up_samp.validation import validate_plan
@@ -200,7 +201,7 @@ def _result(problem: SchedulingMotionProblem, said: Sequence[Said]) -> PlanGener
 
 def _bound(said: Sequence[Said], own: Said) -> Said:
     """Return who tells the greatest bound that holds for what ``own`` found."""
-    told = [own, *(s for s in said if s.bound_kind == "absolute")]
+    told = [own, *(s for s in said if s.bound_kind == ABSOLUTE)]
     return max(told, key=lambda s: s.lower_bound)
 
 

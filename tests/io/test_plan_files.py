@@ -1,11 +1,13 @@
 import json
 import re
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from jsonschema import Draft7Validator
 from unified_planning.engines import PlanGenerationResult, PlanGenerationResultStatus
 from unified_planning.model.motion import SE2, SE2Path, SE2WithControlsPath
 from unified_planning.plans import MotionSchedule
@@ -23,6 +25,8 @@ from up_samp.io import (
 from up_samp.io.precision import PRECISION
 from up_samp.io.sampling import path_trajectory, rows_trajectory, trajectory_rows
 from up_samp.model import ProblemError, Trajectory, interpolate
+from up_samp.model.refinement import ABSOLUTE, RELATIVE
+from up_samp.plotting.gantt import title_of
 
 ROOT = Path(__file__).parents[2]
 KEYS = [
@@ -126,6 +130,24 @@ def test_results_are_written_in_the_unit_that_they_were_planned_with(made, unit)
     assert dump_plan(plan_to_dict(made.problem, own)) == dump_plan(
         {**data, "engine": "", "status": ""}
     )
+
+
+def test_what_a_bound_rests_on_is_told_where_it_is_not_the_problem_alone(made):
+    def told(kind):
+        metrics = {"lower_bound": "26", "bound_kind": kind}
+        status = PlanGenerationResultStatus.SOLVED_OPTIMALLY
+        result = PlanGenerationResult(status, made.plan, "e", metrics)
+        return result_to_dict(made.problem, result)
+
+    plain, resting = told(ABSOLUTE), told(RELATIVE)
+    assert "bound_kind" not in plain
+    assert "minor" not in plain
+    assert resting["bound_kind"] == RELATIVE
+    assert resting["minor"] == 6
+    schema = json.loads(files("up_samp.io").joinpath("plan.schema.json").read_text())
+    assert not list(Draft7Validator(schema).iter_errors(resting))
+    assert "relative" in title_of(resting)
+    assert "relative" not in title_of(plain)
 
 
 def test_a_result_without_a_unit_has_seconds(made):

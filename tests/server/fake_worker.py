@@ -22,7 +22,8 @@ for step in request.get("steps", ("progress", "plan", "0.05", "end")):
     elif step == "progress":
         tell(event="progress", phase="schedule", message="looking", lower_bound=5, upper_bound=None)
     elif step == "end":
-        tell(event="end", status="SOLVED_SATISFICING", message="", lower_bound=5)
+        end = {"status": "SOLVED_SATISFICING", "lower_bound": 5, "bound_kind": "relative"}
+        tell(event="end", message="", **end)
     elif step == "crash":
         os.kill(os.getpid(), signal.SIGSEGV)
     elif step == "flood":

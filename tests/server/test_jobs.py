@@ -44,6 +44,7 @@ def test_a_job_tells_what_happens_and_ends():
         status = job.status()
     assert status["state"] == "done"
     assert (status["makespan"], status["lower_bound"]) == (7, 5)
+    assert status["bound_kind"] == "relative"
     assert json.loads(job.plan)["problem"] == "fake"
 
 

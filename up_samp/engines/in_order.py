@@ -14,10 +14,10 @@ from unified_planning.engines import LogLevel, LogMessage, PlanGenerationResultS
 from unified_planning.model.metrics import MinimizeMakespan
 
 from up_samp.engines.direct import Call
-from up_samp.engines.results import RELATIVE
 from up_samp.model.deadline import Deadline
 from up_samp.model.errors import InterruptedSearch
 from up_samp.model.objective import MinimizeCosts, terms_in
+from up_samp.model.refinement import RELATIVE
 from up_samp.upio.objective import is_makespan, shown
 
 Results = Callable[[Call], Iterator[Any]]

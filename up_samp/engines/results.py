@@ -16,7 +16,7 @@ from unified_planning.plans import Plan
 
 from up_samp.model import Deadline, ScheduleStatus
 from up_samp.model.errors import short
-from up_samp.model.refinement import Layer
+from up_samp.model.refinement import ABSOLUTE, RELATIVE, Layer
 from up_samp.search.params import Parameters
 from up_samp.upio.objective import MAKESPAN
 
@@ -35,9 +35,6 @@ STATUSES = {
     ScheduleStatus.OUT_OF_TIME: PlanGenerationResultStatus.TIMEOUT,
     ScheduleStatus.ERROR: PlanGenerationResultStatus.INTERNAL_ERROR,
 }
-
-RELATIVE = "relative to the motion planner's durations"
-"""What a bound is that rests on these."""
 
 _STATUSES = {
     "OPTIMAL": PlanGenerationResultStatus.SOLVED_OPTIMALLY,
@@ -90,7 +87,7 @@ def too_late(name: str, params: Parameters, deadline: Deadline) -> SampResult:
     metrics = {
         "preset": params.preset,
         "lower_bound": "0",
-        "bound_kind": "absolute",
+        "bound_kind": ABSOLUTE,
         "seconds_total": f"{deadline.elapsed():.3f}",
         "seconds_per_unit": repr(params.seconds_per_unit),
     }
@@ -106,7 +103,7 @@ def metrics_of(params: Parameters, search: Search) -> dict[str, str]:
     metrics = {
         "preset": params.preset,
         **_bound(bounds),
-        "bound_kind": RELATIVE if bounds.relative else "absolute",
+        "bound_kind": RELATIVE if bounds.relative else ABSOLUTE,
         "rounds": str(len(history.rounds)),
         "restarts": str(history.restarts),
         "refinements_bound": str(history.count(Layer.BOUND)),

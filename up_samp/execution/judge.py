@@ -79,7 +79,7 @@ def record_of(
         for c in plan["changes"]
         if spans.get(c["activity"], (0.0, None))[1] is not None
     ]
-    record = {k: v for k, v in plan.items() if k not in ("dependencies", "minor")}
+    record = {k: v for k, v in plan.items() if k not in ("dependencies", "bound_kind", "minor")}
     record["waits"] = [
         {"object": w[0], "since": round(w[1], 6), "until": round(w[2], 6), "for": w[3]}
         for w in waits

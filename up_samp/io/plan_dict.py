@@ -18,6 +18,7 @@ from up_samp.io.floors import described_map
 from up_samp.io.precision import PRECISION
 from up_samp.io.sampling import path_trajectory, trajectory_rows
 from up_samp.model import Configuration, Movable, ProblemError, TrafficZone, Trajectory
+from up_samp.model.refinement import ABSOLUTE
 from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
 from up_samp.upio.movers import named_as_planned
 from up_samp.upio.plan import trajectory_key
@@ -108,6 +109,7 @@ def with_minor(plan: PlanDict) -> PlanDict:
         "choices" in said,
         "margin" in plan,
         "localisation" in said,
+        "bound_kind" in plan,
     )
     known = plan.get("minor", 0)
     minor = max(known, *(k for k, there in enumerate(brought, start=1) if there), 0)
@@ -127,9 +129,9 @@ def result_to_dict(
     seconds_per_unit: float | None = None,
 ) -> PlanDict:
     """Return the plan of an engine's result as :func:`plan_to_dict` does, with the engine's name,
-    status and the ``lower_bound`` of its metrics. The length of a unit is the one that the engine
-    planned with. Raises :class:`ProblemError` without a plan, with what the engine says of why, or
-    if ``seconds_per_unit`` differs.
+    status, and the ``lower_bound`` and ``bound_kind`` of its metrics. The length of a unit is the
+    one that the engine planned with. Raises :class:`ProblemError` without a plan, with what the
+    engine says of why, or if ``seconds_per_unit`` differs.
     """
     if result.plan is None:
         why = "; ".join(m.message for m in result.log_messages or ())
@@ -140,7 +142,7 @@ def result_to_dict(
     known = metrics.get("seconds_per_unit")
     if known is not None and getattr(result.plan, "seconds_per_unit", None) is None:
         seconds_per_unit = _unit(seconds_per_unit, float(known))
-    return plan_to_dict(
+    data = plan_to_dict(
         problem,
         result.plan,
         engine=result.engine_name,
@@ -148,6 +150,8 @@ def result_to_dict(
         lower_bound=None if bound in (None, "", "None") else float(bound),
         seconds_per_unit=seconds_per_unit,
     )
+    kind = metrics.get("bound_kind", ABSOLUTE)
+    return with_minor(data if kind == ABSOLUTE else {**data, "bound_kind": kind})
 
 
 def _unit(wanted: float | None, known: float | None) -> float:

@@ -22,6 +22,13 @@ class Strength(enum.Enum):
     HEURISTIC = "heuristic"
 
 
+ABSOLUTE = "absolute"
+RELATIVE = "relative to the motion planner's durations"
+"""The kinds of bounds, as results and plan files tell them: of every valid plan, or
+(:attr:`Strength.RELATIVE`) of those whose motions are no faster than the ones that were found.
+"""
+
+
 class Layer(enum.Enum):
     """Which check gave a refinement."""
 

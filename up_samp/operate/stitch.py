@@ -211,7 +211,10 @@ def stitched(
         if not meanings[a["name"]].what.startswith(BUSY)
     }
     by = kept.until
-    plan = {k: v for k, v in new.items() if k not in ("dependencies", "minor")}
+    # what was proven of the new problem was not proven of what comes before and after, too
+    own = ("dependencies", "minor", "status", "lower_bound", "bound_kind")
+    plan = {k: v for k, v in new.items() if k not in own}
+    plan |= {"status": "SOLVED_SATISFICING", "lower_bound": None}
     there = {o["name"] for o in new["objects"]}
     plan["objects"] = [
         {**o, "initial": list((kept.initial or {}).get(o["name"], o["initial"]))}

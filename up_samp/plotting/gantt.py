@@ -91,6 +91,8 @@ def title_of(plan: dict[str, Any]) -> str:
     parts = [plan["problem"], f"makespan {plan['makespan']}"]
     if plan["lower_bound"]:
         parts.append(f"proven lower bound {plan['lower_bound']}")
+    if "bound_kind" in plan:
+        parts.append(plan["bound_kind"].partition(" ")[0])
     parts += [plan["engine"], plan["status"].replace("_", " ").lower()]
     return "  ·  ".join(p for p in parts if p)
 

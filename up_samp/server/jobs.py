@@ -118,6 +118,7 @@ class Job:
                 "status": end.get("status"),
                 "message": end.get("message", last.get("message", "")),
                 "lower_bound": end.get("lower_bound", last.get("lower_bound")),
+                "bound_kind": end.get("bound_kind", last.get("bound_kind")),
                 "makespan": self.told.get("makespan"),
                 "seconds_per_unit": self.told.get("seconds_per_unit"),
             }

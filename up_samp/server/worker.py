@@ -119,6 +119,7 @@ def tell_result(problem: Any, result: Any, teller: Teller, *, last: bool) -> Non
         status="SOLVED_SATISFICING" if between else result.status.name,
         message="; ".join(m.message for m in result.log_messages or []),
         lower_bound=int(metrics["lower_bound"]) if "lower_bound" in metrics else None,
+        bound_kind=metrics.get("bound_kind"),
     )
 
 
