@@ -1,0 +1,52 @@
+"""Nothing slower than the plan that a world was built around is called optimal."""
+
+import pytest
+from unified_planning.engines import PlanGenerationResultStatus as Status
+from unified_planning.shortcuts import OneshotPlanner, get_environment
+
+from tests.soundness.known_plans import SECONDS, KnownPlan, NoPlanError
+from up_samp.validation import validate_plan
+
+SHARE = 1.05
+"""What a claim that rests on the planner's own motions may be too long by."""
+
+
+def beaten(seed, folder, seconds=15.0):
+    """Return what is wrong with the answer to the world of a seed (None: nothing)."""
+    try:
+        world = KnownPlan(seed, folder)
+    except NoPlanError:
+        return None
+    verdict = validate_plan(world.problem, world.plan(), seconds_per_unit=SECONDS)
+    assert verdict.valid, verdict.violations
+    settings = {"seconds_per_unit": SECONDS, "optimal": True}
+    with OneshotPlanner(name="samp-refine[cpsat]", params=settings) as planner:
+        result = planner.solve(world.problem, timeout=seconds)
+    if result.plan is None:
+        return None if result.status is Status.TIMEOUT else f"{result.status.name}: there is a plan"
+    if not validate_plan(world.problem, result.plan, seconds_per_unit=SECONDS).valid:
+        return "an invalid plan"
+    told, makespan = result.metrics, int(result.metrics["makespan"])
+    absolute = "lower_bound" if told["bound_kind"] == "absolute" else "absolute_bound"
+    if int(told.get(absolute, 0)) > world.makespan:
+        return f"no plan is said to take less than {told[absolute]}, one takes {world.makespan}"
+    if result.status is Status.SOLVED_OPTIMALLY and makespan > world.makespan * SHARE:
+        return f"{makespan} called optimal, {world.makespan} can be driven"
+    return None
+
+
+@pytest.fixture(autouse=True)
+def _silent(monkeypatch):
+    monkeypatch.setattr(get_environment(), "credits_stream", None)
+
+
+@pytest.mark.parametrize("seed", [0, 9, 17, 64, 77, 85])
+def test_what_is_called_optimal_is_not_beaten_by_the_plan_that_is_known(seed, tmp_path):
+    assert beaten(seed, tmp_path) is None
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("first", range(100, 220, 20))
+def test_what_is_called_optimal_is_not_beaten_in_many(first, tmp_path):
+    found = {seed: beaten(seed, tmp_path) for seed in range(first, first + 20)}
+    assert not {seed: why for seed, why in found.items() if why is not None}
