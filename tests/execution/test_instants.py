@@ -17,7 +17,15 @@ from unified_planning.shortcuts import (
 )
 
 from tests.execution import instants, sites
-from up_samp.execution import At, Delays, Event, dependencies_of, simulate, with_dependencies
+from up_samp.execution import (
+    At,
+    Delays,
+    Event,
+    dependencies_of,
+    shown_with_dependencies,
+    simulate,
+    with_dependencies,
+)
 from up_samp.execution.judge import broken_rules
 from up_samp.export import export_plan
 from up_samp.io import plan_from_dict, plan_to_dict
@@ -108,6 +116,9 @@ def test_who_swaps_two_units_at_one_instant_is_told():
     problem, plan = two_tasks({"a": (1, 2), "b": (1, 2)}, state)
     with pytest.raises(UnsupportedError, match=r"start of [ab] and start of [ab] .* one instant"):
         dependencies_of(problem, plan)
+    shown, why = shown_with_dependencies(problem, plan)  # who only looks at it loses nothing
+    assert shown == plan
+    assert "one instant" in why
 
 
 @pytest.mark.parametrize("turned", [False, True])

@@ -19,7 +19,6 @@ from unified_planning.shortcuts import OneshotPlanner
 from up_samp.cli.progress import Progress, schedule_table
 from up_samp.engines.factory import engine_named
 from up_samp.io import PlanDict, result_to_dict, write_plan
-from up_samp.model import UnsupportedError
 from up_samp.model.errors import InterruptedSearch
 from up_samp.model.objective import MinimizeCosts
 from up_samp.search.params import PRESETS
@@ -160,7 +159,11 @@ def _show(
         if args.out is not None:
             write_plan(args.out / "plan.json", plan)
     if args.out is not None:
-        plan = _with_dependencies(problem, plan)
+        from up_samp.execution import shown_with_dependencies  # its kernels are slow to load
+
+        plan, why = shown_with_dependencies(problem, plan)
+        if why:
+            print(why, file=sys.stderr)
     print(schedule_table(plan))
     print()
     print(_summary(plan, result, seconds))
@@ -179,17 +182,6 @@ def _show(
         files = write_outputs(plan, args.out, places=places_of(problem))
         print(f"written to {args.out}: {', '.join(f.name for f in files)}")
     return 0 if verdict.valid else 1
-
-
-def _with_dependencies(problem: SchedulingProblem, plan: PlanDict) -> PlanDict:
-    """Return the plan with what depends on what, where that can be told."""
-    from up_samp.execution import with_dependencies
-
-    try:
-        return with_dependencies(problem, plan)
-    except UnsupportedError as error:
-        print(f"no dependencies in the plan file: {error}", file=sys.stderr)
-        return plan
 
 
 def _solve(

@@ -3,7 +3,12 @@
 from up_samp.execution.astray import Overrun
 from up_samp.execution.build import Dependencies, coarse, dependencies_of
 from up_samp.execution.executor import Executor
-from up_samp.execution.files import dependencies_from_plan, dependency_faults, with_dependencies
+from up_samp.execution.files import (
+    dependencies_from_plan,
+    dependency_faults,
+    shown_with_dependencies,
+    with_dependencies,
+)
 from up_samp.execution.graph import At, Bound, Edge, Event, Graph, PlannedTask
 from up_samp.execution.remaining import Remaining, Surprise
 from up_samp.execution.replan import (
@@ -41,6 +46,7 @@ __all__ = [
     "dependencies_of",
     "dependency_faults",
     "remaining_at",
+    "shown_with_dependencies",
     "simulate",
     "solve_remaining",
     "with_dependencies",

@@ -25,7 +25,7 @@ from up_samp.execution.lives import DriveCells, drives_of, lives_of
 from up_samp.execution.meetings import meetings_of
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.io.plan_dict import PlanDict, snapshot_of, with_minor
-from up_samp.model import ProblemError, SampError
+from up_samp.model import ProblemError, SampError, UnsupportedError
 from up_samp.model.snapshot import Snapshot
 from up_samp.upio.movers import named_as_planned
 
@@ -54,6 +54,16 @@ def with_dependencies(
         data["dependencies"]["localisation"] = localisation
         data["dependencies"]["narrow"] = [_narrow_to_dict(n) for n in dependencies.narrow]
     return with_minor(data)
+
+
+def shown_with_dependencies(problem: SchedulingProblem, plan: PlanDict) -> tuple[PlanDict, str]:
+    """Return a plan as :func:`with_dependencies` does and "", or as it is and why it has none: a
+    plan that was found is shown, though nobody could follow it.
+    """
+    try:
+        return with_dependencies(problem, plan), ""
+    except (ProblemError, UnsupportedError) as error:
+        return plan, f"no dependencies in the plan: {error}"
 
 
 def _with_progress(motion: Mapping[str, Any], drive: DriveCells | None) -> dict[str, Any]:

@@ -105,11 +105,13 @@ def solve(request: PlanRequest, timeout: float, teller: Teller) -> None:
 
 def tell_result(problem: Any, result: Any, teller: Teller, *, last: bool) -> None:
     """Tell a plan, if there is one, and the end, if it is the engine's last or enough."""
-    from up_samp.execution import with_dependencies
+    from up_samp.execution import shown_with_dependencies
     from up_samp.io import result_to_dict
 
+    said = [m.message for m in result.log_messages or []]
     if result.plan is not None:
-        plan = with_dependencies(problem, result_to_dict(problem, result))
+        plan, why = shown_with_dependencies(problem, result_to_dict(problem, result))
+        said += [why] if why else []
         plan["map"] = {"yaml": None}  # the server's own files are nobody's business
         teller.tell_plan(plan)
     metrics = result.metrics or {}
@@ -117,7 +119,7 @@ def tell_result(problem: Any, result: Any, teller: Teller, *, last: bool) -> Non
     teller.tell(
         event="progress" if between and not last else "end",
         status="SOLVED_SATISFICING" if between else result.status.name,
-        message="; ".join(m.message for m in result.log_messages or []),
+        message="; ".join(said),
         lower_bound=int(metrics["lower_bound"]) if "lower_bound" in metrics else None,
         bound_kind=metrics.get("bound_kind"),
     )
