@@ -72,9 +72,18 @@ class Token(FirstComeFirstServed):
 
 
 class Anew(FirstComeFirstServed):
-    """With it all is planned that is not begun, of everybody."""
+    """With it all is planned that is not begun, of everybody. Where no plan was found for that, it
+    is asked for again when another order has come, or as late as anything is looked at again.
+    """
+
+    since, came = -math.inf, 0
+    """When it was asked for last (s), and how many orders there were then."""
 
     def choice(self) -> OpenWork | None:
+        now, in_vain = self.clock.now(), self.again > self.since
+        if in_vain and len(self.jobs) == self.came and now < self.since + self.settings.every:
+            return None
+        self.since, self.came = now, len(self.jobs)
         job = self.next_order()
         if job is None:
             return self.mended()

@@ -179,7 +179,8 @@ class _Cutter:
         ]
         ended = {n: s for n in running if not self._alive(n) if (s := self._stop(n)) is not None}
         kept = self._whole({n for n in (*running, *soon) if self._alive(n)}, ended)
-        tails = {n: s for n in kept if (s := self._tail(n, kept, ahead, forecast)) is not None}
+        stay = kept | ended.keys()
+        tails = {n: s for n in kept if (s := self._tail(n, stay, ahead, forecast)) is not None}
         kept -= tails.keys()
         # who has not moved does not move
         self.stops = stops = {n: s for n, s in (ended | tails).items() if s > 0.0}
@@ -318,13 +319,13 @@ class _Cutter:
     ) -> float | None:
         """Return how far (m) a robot that is planned anew goes on in a drive that leads to nothing
         it has to do: until it can stand, in nobody's way (None: it is no such drive, or to its
-        end).
+        end). ``kept``: all that stays, also what ends early.
         """
         robot, ways = self.meanings[name].robot, self.state.ways_of[name]
         if (
             (self.opened is not None and robot not in self.opened)
             or self.meanings[name].kind is not Kind.MOVE
-            or any(map(self._alive, self._after(name)))
+            or any(self._alive(n) or n in kept for n in self._after(name))
             or len(ways) != 1
         ):
             return None
