@@ -223,9 +223,8 @@ def choose(day: Day) -> OpenWork | None:
     waiting = [j for j in (*day.waiting(), *day.dropped()) if ready(day, j)]
     for until in day.turns():
         if robots := [r for r in stuck if day.aside.get(r, now) <= until][:2]:
-            homes = [e for r in robots if (e := day.site.robots[r].end) is not None]
             in_vain = max(day.tried.get(("", r), 0) for r in robots)
-            beside = tuple(_beside(day, robots, homes, in_vain))
+            beside = tuple(_beside(day, robots, _bound_for(day, robots), in_vain))
             opened = dict.fromkeys((*robots, *beside), Opened.ALL)
             # what was sought twice in vain is not to keep a robot where it stands
             jobs = (j for j in theirs(day, opened) if _tries(day, j, robots) < 2)
@@ -234,6 +233,13 @@ def choose(day: Day) -> OpenWork | None:
         if found := _dispatched(day, some):
             return found
     return None if waiting else _shared_anew(day)
+
+
+def _bound_for(day: Day, robots: Iterable[str]) -> list[str]:
+    """Return where robots go that have nothing to do: with what they carry, and home."""
+    carried = (day.jobs[o].record for o, r in day.cut().carrying.items() if r in robots)
+    places = itertools.chain.from_iterable(visited(order)[-1].at for order in carried)
+    return [*places, *filter(None, (day.site.robots[r].end for r in robots))]
 
 
 def _tries(day: Day, job: DayOrder, robots: Iterable[str]) -> int:
@@ -269,8 +275,10 @@ def _dispatched(day: Day, waiting: Sequence[DayOrder]) -> OpenWork | None:
 def _beside(day: Day, robots: Sequence[str], places: Sequence[str], in_vain: int) -> Iterator[str]:
     """Yield who has nothing to do soon and is planned with some robots that go to some places: who
     stands at one of these, or so near that they could not, and for each time that no plan was found
-    one more, the nearest first: they may do it themselves, or go out of the way.
+    one more, the nearest first: they may do it themselves, or go out of the way. After as many as
+    orders are planned at a time it begins with nobody again: there is less time for each of many.
     """
+    in_vain %= day.settings.most + 1
     others = [(r, f[1]) for r, f in day.free_at().items() if f[0] <= day.settings.soon]
     spots = [day.site.places[p].pose for p in places]
 

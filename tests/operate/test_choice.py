@@ -1,0 +1,57 @@
+"""Who is planned with whom: robots that stand where others go, and more where no plan was found."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from tests.operate.sites import hall
+from up_samp.operate.choice import Day, choose
+from up_samp.operate.clock import SimulatedClock
+from up_samp.operate.loop import job_record
+from up_samp.operate.records import DayOrder, OrderState
+from up_samp.operate.settings import Settings
+
+
+class Standing(Day):
+    """Robots that stand, all of them free; ``stuck``: r0 is not at home."""
+
+    def __init__(self, fleet, stuck=False):
+        self.settings, self.clock, self.site = Settings(), SimulatedClock(), fleet.records
+        self.poses = {r: self._home(robot.start) for r, robot in self.site.robots.items()}
+        self.meanings, self.jobs, self.away, self.placed, self.limits = {}, {}, {}, {}, {}
+        self.shut, self.aside, self.tried = {}, {}, {}
+        self.stuck, self.carrying = stuck, {}
+
+    def stranded(self):
+        return ["r0"] if self.stuck else []
+
+    def cut(self, opened=None):
+        return SimpleNamespace(carrying=self.carrying)
+
+    def take(self, name, state=OrderState.WAITING):
+        record = job_record({"id": name, "pickup": "rack0", "delivery": "dock0"})
+        self.jobs[name] = DayOrder(record, 0.0, state)
+
+
+@pytest.mark.parametrize("stuck", [False, True])
+def test_so_many_more_are_planned_each_time_that_no_plan_was_found_and_then_fewer_again(
+    tmp_path, stuck
+):
+    day, found = Standing(hall(tmp_path, 7), stuck), []
+    if not stuck:
+        day.take("o0")
+    for _ in range(2 * day.settings.most + 3):
+        found.append(len(choose(day).beside))
+        day.put_aside([*day.jobs], [*day.site.robots])
+    assert found[: day.settings.most + 2] == [0, 1, 2, 3, 0]
+    assert max(found) <= day.settings.most
+
+
+def test_who_stands_where_a_stranded_robot_brings_its_order_is_planned_with_it(tmp_path):
+    day = Standing(hall(tmp_path, 4), stuck=True)
+    assert not choose(day).beside
+    day.poses["r2"] = day.site.places["dock0"].pose
+    assert not choose(day).beside  # it goes home only
+    day.take("o0", OrderState.BEGUN)
+    day.carrying = {"o0": "r0"}
+    assert choose(day).beside == ("r2",)
