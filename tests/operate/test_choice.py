@@ -20,16 +20,16 @@ class Standing(Day):
         self.poses = {r: self._home(robot.start) for r, robot in self.site.robots.items()}
         self.meanings, self.jobs, self.away, self.placed, self.limits = {}, {}, {}, {}, {}
         self.shut, self.aside, self.tried = {}, {}, {}
-        self.stuck, self.carrying = stuck, {}
+        self.stuck, self.carrying, self.ends = stuck, {}, {}
 
     def stranded(self):
         return ["r0"] if self.stuck else []
 
     def cut(self, opened=None):
-        return SimpleNamespace(carrying=self.carrying)
+        return SimpleNamespace(carrying=self.carrying, poses=self.ends or self.poses)
 
-    def take(self, name, state=OrderState.WAITING):
-        record = job_record({"id": name, "pickup": "rack0", "delivery": "dock0"})
+    def take(self, name, state=OrderState.WAITING, **options):
+        record = job_record({"id": name, "pickup": "rack0", "delivery": "dock0", **options})
         self.jobs[name] = DayOrder(record, 0.0, state)
 
 
@@ -54,4 +54,14 @@ def test_who_stands_where_a_stranded_robot_brings_its_order_is_planned_with_it(t
     assert not choose(day).beside  # it goes home only
     day.take("o0", OrderState.BEGUN)
     day.carrying = {"o0": "r0"}
+    assert choose(day).beside == ("r2",)
+
+
+def test_who_only_passes_where_an_order_goes_is_not_planned_with_it(tmp_path):
+    """It is free there, once it has done its own order, and drives home at once."""
+    day = Standing(hall(tmp_path, 4))
+    day.take("o0", robots=["r0"])
+    day.ends, day.poses = day.poses, {**day.poses, "r2": day.site.places["dock0"].pose}
+    assert not choose(day).beside
+    day.ends = {}
     assert choose(day).beside == ("r2",)

@@ -274,12 +274,14 @@ def _dispatched(day: Day, waiting: Sequence[DayOrder]) -> OpenWork | None:
 
 def _beside(day: Day, robots: Sequence[str], places: Sequence[str], in_vain: int) -> Iterator[str]:
     """Yield who has nothing to do soon and is planned with some robots that go to some places: who
-    stands at one of these, or so near that they could not, and for each time that no plan was found
-    one more, the nearest first: they may do it themselves, or go out of the way. After as many as
-    orders are planned at a time it begins with nobody again: there is less time for each of many.
+    stands at one of these for good, by the plan, or so near that they could not, and for each time
+    that no plan was found one more, the nearest first: they may do it themselves, or go out of the
+    way. After as many as orders are planned at a time it begins with nobody again: there is less
+    time for each of many.
     """
     in_vain %= day.settings.most + 1
-    others = [(r, f[1]) for r, f in day.free_at().items() if f[0] <= day.settings.soon]
+    ends = day.cut(dict.fromkeys(robots, Opened.ALL)).poses  # where others end what they drive
+    others = [(r, ends[r]) for r, f in day.free_at().items() if f[0] <= day.settings.soon]
     spots = [day.site.places[p].pose for p in places]
 
     def far(other: tuple[str, Pose]) -> tuple[float, str]:
