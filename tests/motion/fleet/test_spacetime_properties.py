@@ -1,6 +1,7 @@
 """The compiled conflict checks and whole groups against a naive oracle (shapely, sampling)."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ from up_samp.model import (
 )
 from up_samp.motion.fleet import coordinate
 from up_samp.motion.fleet.conflicts import conflict_runs, conflicting_cells
-from up_samp.motion.fleet.paths import path_of
+from up_samp.motion.fleet.paths import path_of, resting_path
 from up_samp.motion.service import MotionService
 
 ELL = Body(
@@ -83,6 +84,24 @@ def test_cells_in_conflict_are_found_and_no_others(seed):
             least = np.minimum(least, d)
     assert found[least <= margin].all(), "a conflict was missed"
     # sampling sees 1/8 of a cell at best, corners count by their edges' lines
+    assert not found[least > 0.12].any(), "cells far apart count as a conflict"
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_body_counts_where_it_is_not_where_its_reference_point_is(seed):
+    """Zones have theirs far away, loads beside them: a path may lead right over it."""
+    rng = np.random.default_rng(seed)
+    a = random_path(rng, CAR, 6.0)
+    away = rng.uniform(-3.0, 3.0, 2)
+    outline = tuple((float(x + away[0]), float(y + away[1])) for x, y in ELL.footprint)
+    x, y, _ = a.poses[len(a.poses) // 2]
+    pose = (float(x), float(y), float(rng.uniform(-math.pi, math.pi)))
+    body = replace(ELL, footprint=outline)
+    runs = conflict_runs(a.swept, resting_path(body, pose).swept, 0.01)
+    found = np.zeros(a.cells + 2, dtype=bool)
+    found[runs[:, 0]] = True
+    least = shapely.distance(swept(a), placed(body, [pose])[0]).min(axis=1)
+    assert found[least <= 0.01].all(), "a conflict was missed"
     assert not found[least > 0.12].any(), "cells far apart count as a conflict"
 
 

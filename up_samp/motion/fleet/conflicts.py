@@ -21,8 +21,9 @@ DEPTH = 2
 
 class Hull(NamedTuple):
     """A planar body's convex parts: ``verts`` (p, m, 2) padded by repeating the last corner,
-    ``counts`` (p,), circumscribed ``radius`` and inscribed radius ``core`` about the reference
-    point (m).
+    ``counts`` (p,), circumscribed ``radius`` about the reference point, and ``core``, how deep that
+    is inside the body: the radius of the inscribed disc about it, or minus the distance to the body
+    where it lies beside (m).
     """
 
     verts: FloatArray
@@ -347,7 +348,7 @@ def conflict_runs(one: Swept, other: Swept, margin: float) -> IntArray:
     more than ``stride`` m, so that pairs that are far apart, or deep in each other, let the scan
     along it jump ahead. It leaves a quarter of the way to those that are far: cells of the first
     path that are nearer to this one than the least ``room`` (m) of them have no conflicts either.
-    Middles that are less than the sum of the inscribed radii apart certainly overlap.
+    Bodies whose middles are less than the sum of their cores apart certainly overlap.
     """
     ta, g, tb, h = one.table, one.hull, other.table, other.hull
     core = g.core + h.core

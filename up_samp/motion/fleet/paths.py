@@ -13,6 +13,7 @@ from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
+import shapely
 
 from up_samp.geometry.meshes import load_mesh
 from up_samp.geometry.records import inner, kernel
@@ -431,7 +432,8 @@ def _hull(shape: Shape) -> Hull:
         verts[i, : len(part)] = part
         verts[i, len(part) :] = part[-1]
         counts[i] = len(part)
-    return Hull(verts, counts, float(shape.circumscribed), float(shape.inscribed))
+    beside = shapely.Polygon(shape.footprint).distance(shapely.Point(0.0, 0.0))
+    return Hull(verts, counts, float(shape.circumscribed), float(shape.inscribed - beside))
 
 
 @dataclass(frozen=True, eq=False)

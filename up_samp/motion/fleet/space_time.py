@@ -545,7 +545,7 @@ class Proposer:
 def _disc(body: Body) -> float:
     """Return the radius (m) of the disc that stands for a body."""
     hull = hull_of(body)
-    return 0.5 * (hull.radius + hull.core)
+    return 0.5 * (hull.radius + max(0.0, hull.core))
 
 
 def _around(body: Body) -> float:
