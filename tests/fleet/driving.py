@@ -7,7 +7,9 @@ import math
 
 import numpy as np
 from shapely import affinity
-from shapely.geometry import Point, Polygon, box
+from shapely.geometry import Point, Polygon
+
+from tests.fleet.shapes import outline
 
 SHARE, NEAR = 1.01, 1e-3
 
@@ -15,8 +17,7 @@ SHARE, NEAR = 1.01, 1e-3
 def check(spec, plan, fault):
     """Tell ``fault`` what motions do against the rules of their robots' type, zones and doors."""
     kind = spec["types"]["agv"]
-    length, width = kind["footprint"]
-    body = box(-length / 2, -width / 2, length / 2, width / 2)
+    body = outline(kind["footprint"])
     maps = plan.get("maps") or [plan["map"]]
     passed = []
     for motion in plan["motions"]:
