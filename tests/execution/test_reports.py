@@ -448,7 +448,7 @@ def two_that_wait_for_each_other(gap):
 @pytest.mark.parametrize("gap", [0.0, 0.02, 0.06, 0.1, 0.3])
 def test_no_error_makes_everybody_wait_for_everybody(gap):
     graph = two_that_wait_for_each_other(gap)
-    places, squeezed = told_places(graph, 0.05)
+    places, squeezed = told_places(graph, dict.fromkeys("ab", 0.05))
     mark = graph.number[Event(At.REACH, "a", "a", 5.0 - gap)]
     gate = graph.number[Event(At.LEAVE, "a", "a", 5.0)]
     assert places[mark] <= places[gate] + 1e-9

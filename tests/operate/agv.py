@@ -9,6 +9,8 @@ import random
 from datetime import datetime, timezone
 
 OVER = ("FINISHED", "FAILED")
+TURNS = 1.5
+"""rad/s at which it turns."""
 
 
 class Agv:
@@ -28,6 +30,7 @@ class Agv:
         self.work = []  # (when it ends, action)
         self.paused = self.broken = self.charging = False
         self.charge = 80.0
+        self.deviation, self.score = None, 1.0  # how sure it is of where it is
         self.now = 0.0
         self.trace, self.orders, self.refused, self.told = [], [], [], []
         self.handled = []  # (kind, what, from, until)
@@ -124,14 +127,20 @@ class Agv:
             if not self.way:
                 self.way = self.points(*self.ahead[0])
             x, y, theta = self.way[0]
-            gap = math.dist((x, y), self.pose[:2])
+            # where it may only drive slowly, or turns, it comes less far
+            edge, turn = self.ahead[0][0], math.remainder(theta - self.pose[2], math.tau)
+            slower = self.speed / edge.get("maxSpeed", edge.get("maximumSpeed", self.speed))
+            gap = math.dist((x, y), self.pose[:2]) * max(1.0, slower)
+            gap = max(gap, abs(turn) * self.speed / TURNS)
             if gap > left:
                 share = left / gap
-                turn = math.remainder(theta - self.pose[2], math.tau)
                 for k, by in enumerate((x - self.pose[0], y - self.pose[1], turn)):
                     self.pose[k] += share * by
                 return
             self.pose[:], left = [x, y, theta], left - gap
+            when = self.now - left / self.speed
+            if self.trace and self.trace[-1][0] + 1e-4 < when < self.now - 1e-4:
+                self.trace.append((when, *self.pose))
             self.way.pop(0)
             if not self.way:
                 _, node = self.ahead.pop(0)
@@ -195,7 +204,8 @@ class Agv:
             ],
             "agvPosition": {
                 "x": self.pose[0] + wrong[0], "y": self.pose[1] + wrong[1], "theta": self.pose[2],
-                "mapId": "map", "positionInitialized": True,
+                "mapId": "map", "positionInitialized": True, "localizationScore": self.score,
+                **({} if self.deviation is None else {"deviationRange": self.deviation}),
             },
             "actionStates": [
                 {"actionId": k, "actionType": "any", "actionStatus": v}

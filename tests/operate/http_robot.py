@@ -54,11 +54,21 @@ class PlainRobot:
             assert path["motion"] == command["motion"]
             self.motion = path["motion"]
             self.rows = np.array([p for piece in path["pieces"] for p in piece["poses"]])
+            self.limits = [(p["poses"][-1][0], p["speed"]) for p in path["pieces"]]
             self.s = self.rows[0, 0]
             assert math.dist(self.pose[:2], self.rows[0, 1:3]) < 0.3
-        self.s = max(self.s, min(self.s + SPEED * seconds, command["until"]))
+        self.s = max(self.s, min(self.farthest(seconds), command["until"]))
         found = [float(np.interp(self.s, self.rows[:, 0], self.rows[:, k])) for k in (1, 2, 3)]
         self.pose = tuple(found)
+
+    def farthest(self, seconds):
+        """How far it comes, piece by piece no faster than it may."""
+        s = self.s
+        for end, speed in self.limits:
+            if s < end and seconds > 0:
+                went = min(end - s, min(SPEED, speed) * seconds)
+                s, seconds = s + went, seconds - went / min(SPEED, speed)
+        return s
 
     def do(self, client, command, now, seconds):
         if self.work is None or self.work[0] != command["activity"]:

@@ -22,7 +22,7 @@ def test_a_day_is_simulated_and_reported(tmp_path, capsys):
     words += ["--noise", "0.02", "--delays", "0.2", "--out", str(out)]
     assert main(words) == 0
     told = capsys.readouterr().out
-    assert "judged: 0 contacts, 0 lost, 0 twice, 0 elsewhere, 0 backwards, 0 crowded" in told
+    assert "judged: 0 contacts, 0 lost, 0 twice, 0 elsewhere, 0 unruly, 0 crowded" in told
     figures = json.loads((out / "day.json").read_text())["figures"]
     assert figures["done"] == figures["orders"] > 0
     for name in ("gantt.png", "orders.png", "waiting.png"):

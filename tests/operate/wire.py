@@ -108,6 +108,7 @@ class Wire:
         self.lost, self.twice, self.late, self.cuts = lost, twice, late, cuts
         self.on_connect = self.on_message = None
         self.lose = lambda *_message: False
+        self.lateness = {}  # of messages to and from an AGV, where it has its own
         self.now, self.count = 0.0, 0
         self.there = []  # (when it arrives, number, call, message)
         self.last = {}  # when the last message to an AGV arrives
@@ -129,7 +130,7 @@ class Wire:
         name, kind = topic.split("/")[-2:]
         data = json.loads(payload)
         for _ in range(0 if self.lose(name, kind, data) else self.times()):
-            when = self.now + self.random.uniform(0.0, self.late)
+            when = self.now + self.random.uniform(0.0, self.lateness.get(name, self.late))
             self.last[name] = when = max(when, self.last.get(name, 0.0))
             self.put(when, self.bring, (name, kind, data))
 
@@ -162,7 +163,8 @@ class Wire:
         """Send an AGV's state."""
         message = f"uagv/v2/up_samp/{agv.name}/state", json.dumps(agv.state())
         for _ in range(self.times()):
-            self.put(self.now + self.random.uniform(0.0, self.late), self.told, message)
+            late = self.random.uniform(0.0, self.lateness.get(agv.name, self.late))
+            self.put(self.now + late, self.told, message)
 
     def step(self, now):
         """Bring what has arrived by now."""

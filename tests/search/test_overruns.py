@@ -3,6 +3,8 @@
 import time
 from contextlib import nullcontext
 from dataclasses import replace
+from itertools import count
+from types import SimpleNamespace
 
 import pytest
 from unified_planning.engines import PlanGenerationResultStatus as Status
@@ -10,6 +12,7 @@ from unified_planning.shortcuts import OneshotPlanner
 
 from tests.search.expensive import KINDS, Floor
 from up_samp.model import Deadline, MotionModel, OutOfTimeError, in_force
+from up_samp.search import check as checks
 from up_samp.upio.plan import up_path
 from up_samp.validation import validate_plan
 
@@ -90,3 +93,19 @@ def test_limits_of_months_are_limits(tmp_path, engine, seconds):
     with OneshotPlanner(name=f"samp-refine[{engine}]") as planner:
         result = planner.solve(floor.problem, timeout=seconds)
     assert result.status is Status.SOLVED_OPTIMALLY
+
+
+@pytest.mark.parametrize("asked", range(6))
+def test_motions_that_nobody_looked_at_any_more_do_not_pass(monkeypatch, asked):
+    """Time may be up whenever one asks."""
+    monkeypatch.setattr(checks, "groups_of", lambda motions: [[m] for m in motions])
+    monkeypatch.setattr(checks, "motion_key", str)
+    seen, number = [], count()
+    deadline = SimpleNamespace(expired=lambda: next(number) >= asked)
+    budget = SimpleNamespace(deadline=deadline, motion_time=nullcontext)
+    cuts = SimpleNamespace(first_only=False)
+    checker = checks.Checker(SimpleNamespace(budget=budget), None, cuts, (), None)
+    monkeypatch.setattr(checks.Checker, "_check_group", lambda _s, _i, g, _c, **_: seen.extend(g))
+    check = checker.check(SimpleNamespace(motions=["a", "b", "c", "d"]))
+    assert check.passed == (asked >= 4)
+    assert len(seen) == min(4, asked + 1)

@@ -47,7 +47,7 @@ def add_operate(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=0.05,
         metavar="M",
-        help="how far from the truth robots may tell to be: the worst of them counts "
+        help="how far from the truth robots may tell to be that say nothing else in the site file "
         "(default: %(default)s)",
     )
     parser.add_argument(

@@ -114,8 +114,8 @@ def kept_away(
     by = 0.0 if way is None else state.astray(way)
     if not by and strayed is None:
         return None, {}
-    error, margin = state.localisation, dependencies.graph.margin
-    margin = max(margin, min(margin, TOLERANCES.margin) + 2 * error)
+    error, margin = state.errors[robot], dependencies.graph.margin
+    margin = max(margin, min(margin, TOLERANCES.margin) + error + max(state.errors.values()))
     held: dict[str, None] = {}
     met: dict[str, None] = {}
     lifted = {_put(piece): 0.0 for piece in life.pieces if _to_come(state, piece)}
@@ -131,11 +131,11 @@ def kept_away(
             continue
         its = state.ways[piece.key]
         running = state.phase[its.activity] is TaskPhase.RUNNING
-        if running and its.told - error > high:
+        if running and its.told - its.error > high:
             continue
-        inside = running and its.told + error >= low
+        inside = running and its.told + its.error >= low
         (met if inside else held)[other] = None
-        bar = its.told if inside else max(0.0, low - error)
+        bar = its.told if inside else max(0.0, low - its.error)
         bars[piece.key] = min(bar, bars.get(piece.key, bar))
     motion, off = "" if way is None else way.activity, 0.0 if strayed is None else strayed.off
     kept = tuple(n for n in held if n not in met)
@@ -151,7 +151,7 @@ def _areas(
         yield moving(resting_path(body, strayed.pose))
     if not by or not isinstance(here, DriveCells):
         return
-    way, error = state.ways[here.key], state.localisation
+    way, error = state.ways[here.key], state.errors[life.object]
     gate = state.closed(way)
     along = [way.told - error, way.told + error]
     if gate is not None:

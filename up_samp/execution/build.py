@@ -26,7 +26,7 @@ from up_samp.execution.graph import (
     Precedence,
     reduced,
 )
-from up_samp.execution.lives import DriveCells, Life, drives_of, lives_of
+from up_samp.execution.lives import DriveCells, Life, drives_of, errors_of, lives_of
 from up_samp.execution.meetings import (
     Meeting,
     meetings_of,
@@ -422,6 +422,11 @@ class Dependencies:
     """How far (m) from where it tells to be a robot may be: what margins have grown for."""
     problem: SchedulingProblem | None = None
     """What was planned (``None``: only the plan file is known)."""
+
+    @cached_property
+    def errors(self) -> dict[str, float]:
+        """The same of each object, which may have its own."""
+        return errors_of(self.lives, self.localisation)
 
     @cached_property
     def travels(self) -> dict[tuple[str, str], TravelProfile]:

@@ -22,7 +22,7 @@ from up_samp.execution.build import Dependencies, dependencies_of, with_sides
 from up_samp.execution.files import dependencies_from_plan, event_from_list, event_to_list
 from up_samp.execution.forecast import routes_of
 from up_samp.execution.graph import At, Event, Graph, Narrow
-from up_samp.execution.lives import drives_of
+from up_samp.execution.lives import drives_of, errors_of
 from up_samp.execution.remaining import Remaining, Surprise, remaining_problem
 from up_samp.execution.reorder import Followed, Proposal, adopt, propose
 from up_samp.execution.reports import (
@@ -38,13 +38,7 @@ from up_samp.execution.reports import (
     is_number,
     unreadable,
 )
-from up_samp.execution.state import (
-    FloorState,
-    MotionUnderWay,
-    RobotPace,
-    TaskPhase,
-    reach,
-)
+from up_samp.execution.state import FloorState, MotionUnderWay, RobotPace, TaskPhase
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.execution.travel import Along, along, away, pose_at
 from up_samp.io.plan_dict import PlanDict, plan_to_dict
@@ -61,9 +55,10 @@ class Executor(Followed):
     say how hard orders are looked at again (docs/tuning.md).
 
     ``localisation`` (m) is how far from the truth a told progress may be (``None``: what the
-    dependencies were made for, else 0.05). ``tolerance`` (m) is rounding: by how much less than a
-    point may be told of a robot that stands there. ``latency`` (s): by how much longer than another
-    one a message may take to come; a robot may have driven so much longer between two of them.
+    dependencies were made for, else 0.05), and ``latency`` (s) by how much longer than another one
+    a message may take to come: a robot may have driven so much longer between two of them. Objects
+    of the plan may have errors of their own, and longer latencies. ``tolerance`` (m) is rounding:
+    by how much less than a point may be told of a robot that stands there.
     ``ahead`` (s): robots are let drive only so much farther than they can stand, and what they are
     let drive is never taken back, unless somebody is astray; ``None``: they are let drive to where
     they have to wait, and that may come nearer as long as they can stand before it.
@@ -99,7 +94,10 @@ class Executor(Followed):
         graph = self.dependencies.graph
         if localisation is None:
             localisation = self.dependencies.localisation or TOLERANCES.localisation
-        self.state = FloorState(graph, self.dependencies.travels, tolerance, localisation)
+        self.localisation = localisation
+        late = {name: life.latency for name, life in self.dependencies.lives.items()}
+        errors = errors_of(self.dependencies.lives, localisation)
+        self.state = FloorState(graph, self.dependencies.travels, tolerance, errors, late)
         self.routes = routes_of(graph, self.state.ways)
         self.latency, self.ahead, self.tuning = latency, ahead, tuning
         self.pace = RobotPace()
@@ -171,7 +169,7 @@ class Executor(Followed):
 
     def snapshot(self) -> Executor:
         """Return a copy on which nothing of what is told to this one has an effect."""
-        options = {"tolerance": self.state.tolerance, "localisation": self.state.localisation}
+        options = {"tolerance": self.state.tolerance, "localisation": self.localisation}
         copy = Executor(
             self.plan, self.problem, dependencies=self.dependencies, tuning=self.tuning,
             latency=self.latency, ahead=self.ahead, **options,
@@ -261,9 +259,9 @@ class Executor(Followed):
             if not isinstance(found, float):
                 return found
             progress = found
-        why = doubt(way, progress, self._since_told(way.object), self.state.localisation)
+        why = doubt(way, progress, self._since_told(way.object), way.error)
         beyond = max(-progress, progress - way.length)
-        if why or beyond <= self.state.localisation + TOLERANCES.progress:
+        if why or beyond <= way.error + TOLERANCES.progress:
             return why or float(progress)
         drive = self.drives[way.activity, way.object]
         return Strayed(pose_at(drive.path, progress), beyond, self.now)
@@ -283,7 +281,7 @@ class Executor(Followed):
             told = [p.frame.of(pose) for p in drives or rests or life.pieces[:1]]
         far = [(away(at, pose_in(state, p), life.body), at) for at in told for p in rests]
         least, at = min(far, default=(0.0, told[0]))
-        astray, near = Strayed(at, least, state.now), least <= self._near
+        astray, near = Strayed(at, least, state.now), least <= self._near(robot)
         if way is not None:
             why = f"it tells of '{motion}' while in '{way.activity}'"
             return self._stray(robot, None if near else astray, why)
@@ -349,18 +347,18 @@ class Executor(Followed):
         if way is None or way.activity != activity:
             return along(drive.path, here)
         seconds = self._since_told(robot)
-        slack = 4 * self.state.localisation + TOLERANCES.progress
+        slack = 4 * way.error + TOLERANCES.progress
         low, high = way.told - slack, way.told + way.travel.fastest * seconds + slack
         return along(drive.path, here, (low, high))
 
     def _since_told(self, robot: str) -> float:
-        """Return for how long (s) at most a robot may have driven since what was told last."""
-        return max(0.0, self.now - self._told.get(robot, self.now)) + self.latency
+        """Return for how long (s) at most a robot may have driven since what it told last."""
+        since = max(0.0, self.now - self._told.get(robot, self.now))
+        return since + max(self.latency, self.dependencies.lives[robot].latency)
 
-    @property
-    def _near(self) -> float:
-        """How far (m) a robot may tell to be off its path, or its place."""
-        return 2 * self.state.localisation + TOLERANCES.place
+    def _near(self, robot: str) -> float:
+        """Return how far (m) a robot may tell to be off its path, or its place."""
+        return 2 * self.state.errors[robot] + TOLERANCES.place
 
     def placed(self, way: MotionUnderWay, pose: Any) -> float | Strayed | str:
         """Return the progress (m) of a robot that tells a pose, or where it is off its path, or why
@@ -370,7 +368,7 @@ class Executor(Followed):
         if why:
             return why
         place = self.progress_of(way.activity, way.object, pose)
-        if place.off <= self._near:
+        if place.off <= self._near(way.object):
             return place.progress
         frame = self.drives[way.activity, way.object].frame
         return Strayed(frame.of(pose), place.off, self.now)
@@ -522,7 +520,7 @@ class Executor(Followed):
         """Return how far a robot is let drive that may go until there."""
         if self.ahead is None:
             return until
-        far = way.progress + reach(way.travel, self.ahead)
+        far = way.progress + way.reach(self.ahead)
         if way.let < far - way.travel.fastest * self.ahead:
             way.let = max(way.let, min(until, far))
         return min(way.let, until)
@@ -644,7 +642,7 @@ def saved(executor: Executor) -> dict[str, Any]:
         "problem": executor.plan.get("problem"),
         "now": state.now,
         "tolerance": state.tolerance,
-        "localisation": state.localisation,
+        "localisation": executor.localisation,
         "running": list(executor._running),
         "done": [n for n, phase in state.phase.items() if phase is TaskPhase.DONE],
         "fired": [[event_to_list(event), time] for event, time in state.fired.items()],
@@ -769,7 +767,7 @@ def _where(
             why = f"it is {found.off:.3f} m off its path" if isinstance(found, Strayed) else found
             raise ProblemError(f"'{way.object}' cannot go on: {why}")
         return found
-    slack = executor.state.localisation + TOLERANCES.progress
+    slack = way.error + TOLERANCES.progress
     if not is_number(at) or not -slack <= at <= way.length + slack:
         raise ProblemError(
             f"'{way.object}' cannot be at {at!r} m of '{way.activity}', which is "
@@ -793,6 +791,6 @@ def _as_planned(executor: Executor, done: Collection[str]) -> None:
         if first.at is At.REACH and first.activity not in done:
             way = state.ways[first.activity, first.object]
             running = state.phase[first.activity] is TaskPhase.RUNNING
-            if running and way.told + state.localisation >= first.progress:
+            if running and way.told + way.error >= first.progress:
                 continue
         raise ProblemError(f"{then} cannot be told: {first} comes before it ({edge.why})")

@@ -271,10 +271,11 @@ def _known_ends(
     drives = drives_of(dependencies.lives)
     found = {}
     for key, rows in samples.items():
-        if key not in drives or not dependencies.localisation:
+        error = dependencies.errors.get(key[1], 0.0)
+        if key not in drives or not error:
             continue
         path = drives[key].path
-        least = max(0.0, path.length - 2 * dependencies.localisation)
+        least = max(0.0, path.length - 2 * error)
         last = path.poses_at(np.linspace(least, path.length, 101))
         last = drives[key].frame.inverse.out(last)
         apart = np.abs(last - rows[-1, 1:]).max(axis=1).min()

@@ -165,6 +165,10 @@ class Life:
     pieces: tuple[Piece, ...]
     rides: Mapping[str, str] = field(default_factory=dict)
     """Activities in which it is carried along, and by whom."""
+    localisation: float | None = None
+    """How far (m) from where it tells to be it may be (None: as all that say nothing)."""
+    latency: float = 0.0
+    """By how many seconds what it tells, and obeys, may be late, where it says so."""
 
     @cached_property
     def hull(self) -> Hull:
@@ -180,6 +184,14 @@ class Life:
     def drives(self) -> tuple[DriveCells, ...]:
         """The motions."""
         return tuple(p for p in self.pieces if isinstance(p, DriveCells))
+
+
+def errors_of(lives: Mapping[str, Life], otherwise: float) -> dict[str, float]:
+    """Return how far (m) from where they tell to be objects may be; ``otherwise``: those that have
+    no error of their own.
+    """
+    own = {life.object: life.localisation for life in lives.values()}
+    return {name: otherwise if error is None else error for name, error in own.items()}
 
 
 def drives_of(lives: Mapping[str, Life]) -> dict[tuple[str, str], DriveCells]:
@@ -235,11 +247,12 @@ def lives_of(plan: Mapping[str, Any]) -> dict[str, Life]:
         body = laden.get(key, bodies[motion["object"]])
         drives[key] = _drive(motion, body, frames[map_number(motion)])
     lives = {}
+    told = {o["name"]: (o.get("localisation"), o.get("latency", 0.0)) for o in plan["objects"]}
     for name, body in bodies.items():
         rides = {r["activity"]: r["carrier"] for r in plan.get("rides", ()) if r["object"] == name}
         pieces = _pieces(plan, frames, name, body, drives, rides)
         if pieces:
-            lives[name] = Life(name, body, tuple(pieces), rides)
+            lives[name] = Life(name, body, tuple(pieces), rides, *told[name])
     return lives
 
 

@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from up_samp.execution.graph import At, Event, Narrow, Precedence
-from up_samp.execution.lives import DriveCells, Life, Piece, Stay, concerned, pairs_of
+from up_samp.execution.lives import DriveCells, Life, Piece, Stay, concerned, errors_of, pairs_of
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.motion.fleet.conflicts import Swept, conflicting_cells
@@ -116,20 +116,20 @@ def meetings_of(
 ) -> list[Meeting]:
     """Return all meetings of different objects; :class:`ProblemError` where the plan collides.
 
-    Bodies that are told to be so much apart may be nearer, by ``localisation`` (m) for each of the
-    two that drives. Where the margin (m) is less than that and rounding (``TOLERANCES.margin``), it
-    grows to it, where the plan keeps so much; less where it does not (see :attr:`Meeting.wanted`).
-    A meeting without rows is one that only the grown margin has.
+    Bodies that are told to be so much apart may be nearer, by ``localisation`` (m), or by its own
+    error, for each of the two that drives. Where the margin (m) is less than that and rounding
+    (``TOLERANCES.margin``), it grows to it, where the plan keeps so much; less where it does not
+    (see :attr:`Meeting.wanted`). A meeting without rows is one that only the grown margin has.
     """
-    found = []
-    for one, other in pairs_of(lives):
-        found += _numbered(_pair(one, other, margin, localisation))
+    found, errors = [], errors_of(lives, localisation)
+    for pair in pairs_of(lives):
+        apart = sum(errors[life.object] for life in pair if life.drives)
+        found += _numbered(_pair(*pair, margin, apart))
     return found
 
 
-def _pair(one: Life, other: Life, margin: float, localisation: float) -> list[Meeting]:
+def _pair(one: Life, other: Life, margin: float, apart: float) -> list[Meeting]:
     p, q = one.boxes, other.boxes
-    apart = localisation * (bool(one.drives) + bool(other.drives))
     grown = max(0.0, min(margin, TOLERANCES.margin) + apart - margin)
     margins = margin, grown
     margin += grown

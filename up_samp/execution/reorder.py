@@ -18,7 +18,7 @@ from up_samp.execution.forecast import Forecast, Routes, forecast, routes_of
 from up_samp.execution.graph import At, Event, Graph, Precedence, topological
 from up_samp.execution.lives import Stay
 from up_samp.execution.meetings import Meeting, switched
-from up_samp.execution.state import FloorState, RobotPace, TaskPhase, braked, reach
+from up_samp.execution.state import FloorState, RobotPace, TaskPhase
 from up_samp.model import ProblemError
 from up_samp.model.execution_tuning import ExecutionTuning
 
@@ -175,10 +175,10 @@ def _too_soon(executor: Followed, ahead: Forecast, need: Precedence) -> bool:
         way = state.ways[event.activity, event.object]
         begun = state.phase[event.activity] is not TaskPhase.WAITING
         here = way.travel.time_at(way.progress) if begun else 0.0
-        brake = braked(way.travel, way.travel.fastest)
+        brake = way.braked(way.travel.fastest)
         # who is under way may be at full speed from the point on where it counts
-        let = brake * begun + max(brake, reach(way.travel, executor.ahead))
-        place = event.progress - state.localisation - let
+        let = brake * begun + max(brake, way.reach(executor.ahead))
+        place = event.progress - way.error - let
         at = (state.now if begun else at) + way.travel.time_at(max(0.0, place)) - here
     return at < state.now + executor.lead
 
@@ -212,7 +212,7 @@ def can_wait(state: FloorState, need: Precedence) -> bool:
     if phase is TaskPhase.DONE:
         return False
     way = state.ways[event.activity, event.object]
-    return max(0.0, event.progress - state.localisation) >= state.committed(way) - 1e-9
+    return max(0.0, event.progress - way.error) >= state.committed(way) - 1e-9
 
 
 def settled(executor: Followed, open_: set[Key]) -> list[Precedence]:
@@ -317,7 +317,7 @@ class Times:
             return False
         way = self.state.ways[event.activity, event.object]
         begun = self.state.phase[event.activity] is not TaskPhase.WAITING
-        early = self.state.tolerance - self.state.localisation
+        early = self.state.tolerance - way.error
         return begun and way.progress > event.progress + early
 
     def chain(self) -> None:

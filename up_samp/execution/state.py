@@ -14,6 +14,7 @@ import heapq
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any
 
 from up_samp.execution.graph import ORIGIN, At, Edge, Event, Graph, Narrow, chained, entangled
@@ -84,19 +85,7 @@ class RobotPace(Mapping[str, float]):
 
 
 REACTION = 0.5
-"""Seconds that pass before a robot obeys a new command."""
-
-
-def braked(travel: TravelProfile, speed: float) -> float:
-    """Return how far (m) a robot at ``speed`` (m/s) drives on before it stands."""
-    return speed * (REACTION + speed / (2 * travel.accel))
-
-
-def reach(travel: TravelProfile, ahead: float | None) -> float:
-    """Return how far (m) from where it is a robot may be let drive for good that is let drive
-    ``ahead`` s farther than it can stand, and twice as far at a time (None: nothing is for good).
-    """
-    return 0.0 if ahead is None else braked(travel, travel.fastest) + 2 * travel.fastest * ahead
+"""Seconds that pass before a robot obeys a new command, at least."""
 
 
 # ------------------ What has happened so far
@@ -134,13 +123,29 @@ class MotionUnderWay:
     """Whether the robot has said that it is at its end."""
     mark: int = 0
     gate: int = 0
+    error: float = 0.0
+    """How wrong (m) what its robot tells may be."""
+    reaction: float = REACTION
+    """Seconds that pass from what its robot tells until it obeys what comes of it."""
+
+    def braked(self, speed: float) -> float:
+        """Return how far (m) its robot at ``speed`` (m/s) drives on before it stands."""
+        return speed * (self.reaction + speed / (2 * self.travel.accel))
+
+    def reach(self, ahead: float | None) -> float:
+        """Return how far (m) from where it is its robot may be let drive for good that is let drive
+        ``ahead`` s farther than it can stand, and twice as far at a time (None: nothing is for
+        good).
+        """
+        fastest = self.travel.fastest
+        return 0.0 if ahead is None else self.braked(fastest) + 2 * fastest * ahead
 
 
 class FloorState:
     """Counts, for every event, what it still waits for. Cost of an event: its edges.
 
     ``tolerance`` (m) is rounding: by how much less than a point may be told of one who stands
-    there. ``localisation`` (m) is how wrong reports may be.
+    there. ``errors`` (m) are how wrong reports of objects may be, ``latencies`` how late (s).
     """
 
     def __init__(
@@ -148,9 +153,10 @@ class FloorState:
         graph: Graph,
         travels: Mapping[tuple[str, str], TravelProfile],
         tolerance: float,
-        localisation: float = 0.0,
+        errors: Mapping[str, float] = MappingProxyType({}),
+        latencies: Mapping[str, float] = MappingProxyType({}),
     ):
-        self.tolerance, self.localisation = tolerance, localisation
+        self.tolerance, self.errors = tolerance, errors
         self.now = 0.0
         self.phase = dict.fromkeys(graph.tasks, TaskPhase.WAITING)
         self.fired: dict[Event, float] = {}
@@ -161,6 +167,8 @@ class FloorState:
         self.ways_of: dict[str, list[MotionUnderWay]] = {name: [] for name in graph.tasks}
         for way in self.ways.values():
             self.ways_of[way.activity].append(way)
+            way.error = errors.get(way.object, 0.0)
+            way.reaction = max(REACTION, latencies.get(way.object, 0.0))
         self.bars: dict[tuple[str, str], float] = {}
         """How far (m) motions may go at most because somebody is where nobody should be; what is
         set down there without a motion (by a lift, a door) goes nowhere."""
@@ -195,7 +203,7 @@ class FloorState:
         self.end_number = {n: self.number[Event(At.END, n)] for n in graph.tasks}
 
     def _place(self, graph: Graph) -> None:
-        places, self.squeezed = told_places(graph, self.localisation)
+        places, self.squeezed = told_places(graph, self.errors)
         for way in self.ways.values():
             way.marks, way.gates, way.mark, way.gate = [], [], 0, 0
         for k, place in places.items():
@@ -234,7 +242,7 @@ class FloorState:
     def follow(self, way: MotionUnderWay) -> None:
         """Believe what was told of a motion last, as far as its gates are open."""
         gate = self.closed(way)
-        most = way.length if gate is None else self._nominal(gate) + self.localisation
+        most = way.length if gate is None else self._nominal(gate) + way.error
         progress = min(way.told, most, way.length)
         if progress > way.progress:
             if progress > way.progress + self.tolerance:
@@ -291,7 +299,7 @@ class FloorState:
         """
         speed = max(way.travel.speed_at(way.progress), way.travel.speed_at(way.progress + 0.5))
         most = min(self.until(way), way.let or math.inf)
-        return min(way.progress + braked(way.travel, speed) + 0.05, most)
+        return min(way.progress + way.braked(speed) + 0.05, most)
 
     def committed(self, way: MotionUnderWay) -> float:
         """Return the progress (m) that a robot under way comes to whatever it is told now."""
@@ -302,7 +310,7 @@ class FloorState:
         if self.phase[way.activity] is TaskPhase.WAITING:
             return False
         over = self.phase[way.activity] is TaskPhase.DONE
-        return over or way.progress >= progress + self.localisation - self.tolerance
+        return over or way.progress >= progress + way.error - self.tolerance
 
     def arrived(self, way: MotionUnderWay) -> bool:
         """Return whether a motion is at its end: its robot tells so much, or tells no less than
@@ -312,12 +320,12 @@ class FloorState:
             return False
         if way.progress >= way.length - self.tolerance:
             return True
-        near = way.progress >= way.length - self.localisation - self.tolerance
+        near = way.progress >= way.length - way.error - self.tolerance
         return near and (way.at_end or self.now >= way.since + TOLERANCES.settled)
 
     def finish(self, way: MotionUnderWay) -> None:
         """Note that a motion is at its end: all of its points have been come to, and left."""
-        way.progress = max(way.progress, way.length - self.localisation)
+        way.progress = max(way.progress, way.length - way.error)
         for places in (way.marks, way.gates):
             for _, number in places:
                 self.fire(number, self.now)
@@ -330,10 +338,10 @@ class FloorState:
         """
         gate = self.closed(way)
         if gate is not None:
-            beyond = way.told - self.localisation - self._nominal(gate)
+            beyond = way.told - way.error - self._nominal(gate)
             if beyond > self.tolerance:
                 return beyond
-        back = way.told + 2 * self.localisation - way.progress
+        back = way.told + 2 * way.error - way.progress
         return back if back < -self.tolerance else 0.0
 
     def open(self, number: int) -> bool:
@@ -354,10 +362,12 @@ class FloorState:
         return tuple(o for a, o in self.bars if a == here and (a, o) not in self.ways)
 
 
-def told_places(graph: Graph, error: float) -> tuple[dict[int, float], tuple[Narrow, ...]]:
+def told_places(
+    graph: Graph, errors: Mapping[str, float]
+) -> tuple[dict[int, float], tuple[Narrow, ...]]:
     """Return the progress (m) to be told at which each point of a path has surely been come to
     (``x + error``, at most the path's end), or has surely not been left (``x - error``, at least
-    its start).
+    its start); ``errors`` (m) by object.
 
     So shifted, a robot's points may come in another order, and everybody could wait for everybody.
     Where the shifted graph has a cycle, the two points of a robot that changed places meet in the
@@ -365,13 +375,13 @@ def told_places(graph: Graph, error: float) -> tuple[dict[int, float], tuple[Nar
     """
     events = graph.events
     places = {
-        k: min(e.progress + error, graph.lengths[e.activity, e.object])
+        k: min(e.progress + errors.get(e.object, 0.0), graph.lengths[e.activity, e.object])
         if e.at is At.REACH
-        else max(e.progress - error, 0.0)
+        else max(e.progress - errors.get(e.object, 0.0), 0.0)
         for k, e in enumerate(events)
         if e.at in (At.REACH, At.LEAVE)
     }
-    turned = _turned(graph, places, 2 * error)
+    turned = _turned(graph, places, errors)
     squeezed: list[Narrow] = []
     while turned:
         pairs = [*chained(events, graph.tasks, places), *((e.first, e.then) for e in graph.edges)]
@@ -384,20 +394,23 @@ def told_places(graph: Graph, error: float) -> tuple[dict[int, float], tuple[Nar
             squeezed.append(Narrow((one.object,), (one.activity,), where, whole / 2))
             middle = (one.progress + two.progress) / 2
             places[mark], places[gate] = min(places[mark], middle), max(places[gate], middle)
-        turned = _turned(graph, places, 2 * error)
+        turned = _turned(graph, places, errors)
     return places, tuple(squeezed)
 
 
-def _turned(graph: Graph, places: Mapping[int, float], wide: float) -> list[tuple[int, int]]:
+def _turned(
+    graph: Graph, places: Mapping[int, float], errors: Mapping[str, float]
+) -> list[tuple[int, int]]:
     """Return the (mark, gate) of one robot of which the gate holds it back from the mark, though
-    the mark comes first (by less than ``wide`` m).
+    the mark comes first (by less than twice its error, m).
     """
     on_way: dict[tuple[str, str], list[int]] = {}
     for k in places:
         event = graph.events[k]
         on_way.setdefault((event.activity, event.object), []).append(k)
     found = []
-    for numbers in on_way.values():
+    for (_, robot), numbers in on_way.items():
+        wide = 2 * errors.get(robot, 0.0)
         numbers.sort(key=lambda k: (graph.events[k].progress, graph.events[k].at is At.LEAVE))
         for i, mark in enumerate(numbers):
             if graph.events[mark].at is At.LEAVE:

@@ -75,7 +75,7 @@ def localisation_of(plan: PlanDict) -> tuple[float, list[str]]:
     only less is covered, as text.
     """
     dependencies = dependencies_from_plan(plan)
-    _, squeezed = told_places(dependencies.graph, dependencies.localisation)
+    _, squeezed = told_places(dependencies.graph, dependencies.errors)
     less = [*map(str, dependencies.narrow), *map(str, squeezed)]
     return dependencies.localisation, less
 
@@ -85,7 +85,7 @@ def _told(dependencies: Dependencies) -> dict[tuple[Any, ...], float]:
     path has surely been come to, or surely not been left.
     """
     graph = dependencies.graph
-    places, _ = told_places(graph, dependencies.localisation)
+    places, _ = told_places(graph, dependencies.errors)
     found = {}
     for k, place in places.items():
         event = graph.events[k]

@@ -5,6 +5,7 @@ Lengths in m, angles in rad, times in s; poses are ``(x, y, theta)`` in the map'
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -200,7 +201,8 @@ class RobotType:
     how many loads of a kind fit on it at a time; ``unloading``: in any order, or ``lifo``: what was
     picked up last is delivered first. ``battery``: what drives take from; none: it never runs out.
     ``costs``: of each robot that leaves where it starts (``used``), of a kilometre and of an hour
-    of driving, in money.
+    of driving, in money. ``localisation``: how far (m) from the truth they tell to be; ``latency``:
+    by how many seconds what they tell, and obey, may be late (both for a day that is operated).
     """
 
     __pydantic_config__ = STRICT
@@ -216,6 +218,8 @@ class RobotType:
     unloading: Literal["any", "lifo"] = "any"
     battery: Battery | None = None
     costs: Mapping[Literal["used", "per_km", "per_hour"], Rate] = field(default_factory=dict)
+    localisation: Clearance | None = None
+    latency: Moment | None = None
 
 
 def _start(value: Any, by_name: Callable[[Any], str]) -> Any:
@@ -246,7 +250,8 @@ class Robot:
     (``end``; none: anywhere).
 
     ``shift``: before and after it, the robot stands where it is; ``breaks``: when it rests.
-    ``level``: of its battery at first (absent: what its type says).
+    ``level``: of its battery at first; ``localisation`` and ``latency``: its own (absent: what its
+    type says).
     """
 
     __pydantic_config__ = STRICT
@@ -257,6 +262,8 @@ class Robot:
     shift: Window | None = None
     breaks: tuple[Break, ...] = ()
     level: Positive | None = None
+    localisation: Clearance | None = None
+    latency: Moment | None = None
 
 
 GROUND = "ground"
@@ -622,6 +629,15 @@ class FleetRecords:
         """
         told = self.objective
         return told if isinstance(told, tuple) else (told,) if isinstance(told, Weights) else ()
+
+    def senses(self, robot: str) -> dict[str, float]:
+        """Return how wrong (``localisation``, m) and how late (``latency``, s) a robot may be, as
+        far as it, or its type, says so.
+        """
+        own = self.robots.get(robot)
+        both = own and self.robot_types[own.type], own
+        words = itertools.product(both, ("localisation", "latency"))
+        return {k: v for one, k in words if (v := getattr(one, k, None)) is not None}
 
     @property
     def jobs(self) -> tuple[Order | Task, ...]:

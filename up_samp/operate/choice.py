@@ -86,6 +86,10 @@ class Day:
         now = self.clock.now()
         return (now, math.inf) if now >= self.again else (now,)
 
+    def error(self, robot: str) -> float:
+        """Return how far (m) from where it tells to be a robot may be."""
+        return self.site.senses(robot).get("localisation", self.settings.localisation)
+
     def _home(self, place: str) -> Pose:
         return self.site.places[place].pose
 

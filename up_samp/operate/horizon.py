@@ -23,7 +23,7 @@ from up_samp.execution.executor import Executor
 from up_samp.execution.forecast import Forecast
 from up_samp.execution.graph import At
 from up_samp.execution.meetings import moving
-from up_samp.execution.state import REACTION, TaskPhase, braked, reach
+from up_samp.execution.state import TaskPhase
 from up_samp.fleet.statements import Kind, Meaning
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model.arrays import FloatArray
@@ -220,7 +220,7 @@ class _Cutter:
             for way in self.state.ways_of[name]:
                 if self.state.phase[name] is TaskPhase.RUNNING:
                     most = self.stops.get(name, way.length) - LEAST
-                    most = min(way.progress - self.state.localisation, most)
+                    most = min(way.progress - way.error, most)
                     edges = self._edges(name, way.object) + ROUNDED
                     found[name] = float(edges[edges <= most].max(initial=0.0))
         return found
@@ -338,17 +338,17 @@ class _Cutter:
         else:
             # at full speed, and what it told last is a moment old
             speed = way.travel.fastest
-            least += speed * REACTION + LEAST
-            least += max(braked(way.travel, speed), reach(way.travel, self.executor.ahead))
+            least += speed * way.reaction + LEAST
+            least += max(way.braked(speed), way.reach(self.executor.ahead))
         drives = self.executor.drives
         path = drives[name, way.object].path
+        margin = self.state.graph.margin + way.error
         others = [
-            (drives[n, w.object].path, w.progress)
+            (drives[n, w.object].path, w.progress, margin + w.error)
             for n in kept
             for w in self.state.ways_of[n]
             if w.object != way.object and (n, w.object) in drives
         ]
-        apart = self.state.graph.margin + 2 * self.state.localisation
         edges = self._edges(name, way.object) - ROUNDED
         tried = -math.inf
         for at in edges[(edges >= least) & (edges < way.length - path.radius)]:
@@ -356,7 +356,7 @@ class _Cutter:
                 continue
             tried = at
             rest = resting_path(path.body, pose_of(path.poses_at(np.array([at]))[0]))
-            if not any(_meets(other, gone, rest, apart) for other, gone in others):
+            if not any(_meets(other, gone, rest, apart) for other, gone, apart in others):
                 return float(at)
         return None
 

@@ -16,14 +16,15 @@ import shapely
 from unified_planning.shortcuts import MovableType
 
 from up_samp.execution.judge import Contact, contacts_of
-from up_samp.fleet.outlines import movable
+from up_samp.fleet.outlines import movable, rules_for
 from up_samp.fleet.records import FleetRecords, Order, corners_of
 from up_samp.fleet.statements import Kind
 from up_samp.operate.records import DayOrder, OrderState, Pose
 from up_samp.operate.simulated import Drive, Handled
-from up_samp.validation.collisions import placed
+from up_samp.validation.collisions import JudgedShape, placed
 from up_samp.validation.kinematics import driven_backwards
 from up_samp.validation.limits import limits_of
+from up_samp.validation.zones import zone_violations
 
 _ROBOT = MovableType("robot")
 THERE = 0.25
@@ -34,16 +35,16 @@ stops short of the place."""
 @dataclass(frozen=True)
 class DayVerdict:
     """``contacts``: who met. ``lost``: orders that were taken and not done; ``twice``: done more
-    than once; ``elsewhere``: what was done where it should not have been, in words; ``backwards``:
-    who drove against its heading and must not, in words; ``crowded``: zones in which there were
-    more robots than they take, in words.
+    than once; ``elsewhere``: what was done where it should not have been, in words; ``unruly``:
+    who drove as its type or a zone forbids, in words; ``crowded``: zones in which there were more
+    robots than they take, in words.
     """
 
     contacts: tuple[Contact, ...]
     lost: tuple[str, ...]
     twice: tuple[str, ...]
     elsewhere: tuple[str, ...]
-    backwards: tuple[str, ...] = ()
+    unruly: tuple[str, ...] = ()
     crowded: tuple[str, ...] = ()
 
     @property
@@ -78,8 +79,8 @@ def judge_day(
         if isinstance(job.record, Order) and ends:
             elsewhere += _of_order(site, job.record, mine, initial, drives)
     met = contacts(site, initial, drives, handled)
-    back, crowds = tuple(_backwards(site, drives)), tuple(crowded(site, initial, drives))
-    return DayVerdict(tuple(met), tuple(lost), tuple(twice), tuple(elsewhere), back, crowds)
+    rules, crowds = tuple(unruly(site, drives)), tuple(crowded(site, initial, drives))
+    return DayVerdict(tuple(met), tuple(lost), tuple(twice), tuple(elsewhere), rules, crowds)
 
 
 def crowded(
@@ -106,13 +107,18 @@ def crowded(
                 yield f"'{robot}' came into '{name}' at {when:.1f} s as number {count}"
 
 
-def _backwards(site: FleetRecords, drives: Sequence[Drive]) -> Iterable[str]:
-    """Yield who drove backwards that must not."""
+def unruly(site: FleetRecords, drives: Sequence[Drive]) -> Iterable[str]:
+    """Yield who drove against its heading, or in a zone, as it must not."""
     for drive in drives:
-        kind = site.robot_types[site.robots[drive.robot].type]
-        rows, limits = np.reshape(drive.rows, (-1, 4)), limits_of(movable("", _ROBOT, kind))
-        what = f"{drive.robot} in '{drive.activity}'"
-        yield from (v.what for v in driven_backwards(what, limits, rows[:, 0], rows[:, 1:]))
+        name = site.robots[drive.robot].type
+        kind = site.robot_types[name]
+        limits = limits_of(movable("", _ROBOT, kind, rules_for(site, name)))
+        rows, what = np.reshape(drive.rows, (-1, 4)), f"{drive.robot} in '{drive.activity}'"
+        times, poses = rows[:, 0], rows[:, 1:]
+        parts = [(JudgedShape(drive.robot, np.array(corners_of(kind.footprint))), poses)]
+        found = [*driven_backwards(what, limits, times, poses)]
+        found += zone_violations(what, limits, parts, 0.0, times, poses)
+        yield from (v.what for v in found)
 
 
 def _of_order(

@@ -22,7 +22,7 @@ from up_samp.execution.reorder import cost
 from up_samp.execution.reports import Command, Do, Go, Heard, Hold, Reply
 from up_samp.execution.state import TaskPhase
 from up_samp.fleet.fleet import Fleet
-from up_samp.fleet.records import FleetRecords, Order, Task, Weights
+from up_samp.fleet.records import Order, Task, Weights
 from up_samp.fleet.spelled_out import with_places
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import ProblemError, SampError
@@ -39,6 +39,7 @@ from up_samp.operate.planner import (
     Answer,
     Planner,
     Question,
+    check_fits,
     check_job,
     check_site,
     goals_of,
@@ -96,7 +97,7 @@ class Operation(Day):
         planner: Planner | None = None,
         settings: Settings = Settings(),
     ) -> None:
-        check_site(fleet.records)
+        check_site(fleet.records, settings.localisation)
         self.site = dataclasses.replace(
             with_places(fleet.records),
             orders=(),
@@ -115,6 +116,8 @@ class Operation(Day):
         self.tried, self.shut = {}, {}
         self.held: dict[str, str] = {}
         """Robots that are held where they are, and why."""
+        self.unsure: dict[str, str] = {}
+        """Robots that are held as they are less exact than planned with, and by how much."""
         self.areas: dict[str, Shape] = {}
         self.commands: dict[str, Command] = {}
         self.wanted = ""
@@ -136,10 +139,8 @@ class Operation(Day):
 
     def _load(self, first: Iterable[Order | Task]) -> None:
         self.jobs = self.store.jobs()
-        for key in ("away", "placed", "held", "areas", "poses", "shut"):
-            known = self.store.day(key) or {}
-            pairs = {k: _tuples(v) for k, v in known.items()}
-            setattr(self, key, {**getattr(self, key), **pairs})
+        for key in ("away", "placed", "held", "unsure", "areas", "poses", "shut"):
+            setattr(self, key, {**getattr(self, key), **(self.store.day(key) or {})})
         kept = self.store.snapshot()
         now = self.clock.now()
         if kept is not None:
@@ -198,7 +199,7 @@ class Operation(Day):
         known = self.jobs.get(record.id)
         if known is not None and known.state not in (OrderState.WAITING, OrderState.PLANNED):
             raise ProblemError(f"'{record.id}' is {known.state.value}: it cannot be changed")
-        _fits(self.site, record)
+        check_fits(self.site, record)
         now = self.clock.now()
         job = DayOrder(record, now if known is None else known.came)
         with self.store:
@@ -293,7 +294,7 @@ class Operation(Day):
         with self.store:
             here = self.poses[name] = pose or self.pose(name)
             self.away.pop(name, None)
-            if math.dist(self._told_pose(name), here) > self.settings.localisation:
+            if math.dist(self._told_pose(name), here) > self.error(name):
                 self._put(name, here)
             self.store.note(now, "robot", name, "joined")
             self._keep_fleet()
@@ -376,7 +377,7 @@ class Operation(Day):
         self.limits = {}
         doors = {n: self.site.doors[n] for n in self.shut}
         # a leaf is a thing that plans keep clear of
-        clear = self.site.margin + 2 * self.settings.localisation
+        clear = self.site.margin + 2 * max(map(self.error, self.site.robots), default=0.0)
         leaves = [Polygon(leaf_at(d, d.closed)).buffer(clear) for d in doors.values()]
         shapes = [*map(Polygon, self.areas.values()), *leaves]
         if self.executor is None or not shapes:
@@ -409,7 +410,7 @@ class Operation(Day):
         for robot in {*low(self.site, self.robots.levels, self.settings.low)} - self.charging():
             self.charge(robot)
         with self.store:
-            for report in self.robots.reports(now):
+            for report in filter(self._sure, self.robots.reports(now)):
                 self.store.put_report(report)
                 self._hear(report)
             for robot, words in self.robots.faults[self._faults :]:
@@ -434,6 +435,22 @@ class Operation(Day):
         """Whether nothing is left to do."""
         none = not any(j.state.open for j in self.jobs.values())
         return none and (self.executor is None or self.executor.finished)
+
+    def _sure(self, report: Report) -> bool:
+        """Return whether what a robot tells is as exact as was planned with: else it is held, and
+        where it tells to be is not believed, until it is.
+        """
+        who, error, most = report.robot, report.error, self.error(report.robot)
+        if error is not None and (error > most) != (who in self.unsure):
+            why = f"it may be {error:.2f} m from where it tells to be, not {most:g} m"
+            if self.unsure.pop(who, None) is None:
+                self.unsure[who] = why
+            why = self.unsure.get(who, "")
+            self.store.note(report.time, "report", who, "is held" if why else "is sure again", why)
+            self.store.keep("unsure", self.unsure)
+        ways = {} if self.executor is None else self.executor.state.ways_of
+        # what it did at its place is done, wherever that is
+        return who not in self.unsure or (report.done and not ways.get(report.activity, True))
 
     def _hear(self, report: Report) -> Reply | None:
         if self.executor is None:
@@ -466,7 +483,7 @@ class Operation(Day):
             self._off.pop(name, None)
             return
         since, there = self._off.get(name, (report.time, here))
-        if math.dist(here, there) > 2 * self.settings.localisation:
+        if math.dist(here, there) > 2 * self.error(name):
             since, there = report.time, here
         self._off[name] = since, there
         if report.time >= since + RETRY:
@@ -482,7 +499,7 @@ class Operation(Day):
         name, here = report.robot, report.pose
         if reply.heard is Heard.TAKEN:
             here = self._told_pose(name)
-        if here is not None and math.dist(here, self.poses[name]) > 2 * self.settings.localisation:
+        if here is not None and math.dist(here, self.poses[name]) > 2 * self.error(name):
             self.poses[name] = here
             self._keep_fleet()
 
@@ -542,6 +559,8 @@ class Operation(Day):
         """Return a command as far as it may be given."""
         if who in self.held:
             return Hold((f"held {self.held[who]}",))
+        if who in self.unsure:
+            return Hold((self.unsure[who],))
         if who in self.off_plan():
             return Hold((self.away.get(who) or self.placed[who],))
         if isinstance(command, Go):
@@ -660,7 +679,7 @@ class Operation(Day):
         if question.cut.away != self.off_plan():
             return False, "a robot has gone, or is back, since it was asked for"
         for name in question.cut.away:
-            if math.dist(question.cut.poses[name], self.poses[name]) > self.settings.localisation:
+            if math.dist(question.cut.poses[name], self.poses[name]) > self.error(name):
                 return False, f"'{name}' still moved when it was asked for"
         known = {j.id for j in (*question.jobs, *question.kept_jobs)}
         if gone := sorted(self._changed & known):
@@ -768,10 +787,6 @@ PLACED = "it waits for a plan that begins where it stands"
 EVERY, OVERDUE = "it is time to look again", "it is late"
 
 
-def _tuples(value: Any) -> Any:
-    return tuple(_tuples(v) for v in value) if isinstance(value, list) else value
-
-
 def _words(command: Command | None) -> tuple[str, str]:
     """Return what a robot is told, and why, in words."""
     if isinstance(command, Go):
@@ -781,14 +796,3 @@ def _words(command: Command | None) -> tuple[str, str]:
     if isinstance(command, Hold):
         return "hold", "; ".join(command.waiting_for)
     return "", ""
-
-
-def _fits(site: FleetRecords, record: Order | Task) -> None:
-    """Raise :class:`FleetError` where an order speaks of what the site has not."""
-    alone = replace(record, after=())
-    from up_samp.fleet.faults import FleetError, job_faults
-
-    some = {"orders": (alone,)} if isinstance(alone, Order) else {"tasks": (alone,)}
-    faults = [*job_faults(replace(site, **some), alone)]  # type: ignore[arg-type]
-    if faults:
-        raise FleetError(faults)

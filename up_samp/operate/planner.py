@@ -19,6 +19,8 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 from up_samp.execution.build import Dependencies
 from up_samp.execution.reorder import Goal
+from up_samp.execution.tolerances import TOLERANCES
+from up_samp.fleet.faults import FleetError, job_faults
 from up_samp.fleet.outlines import placed
 from up_samp.fleet.records import (
     Door,
@@ -124,9 +126,6 @@ NOT_YET: tuple[tuple[str, Callable[[Any, FleetRecords], object], str], ...] = (
      "robot type '{}' has a battery, and nobody can charge here"),
     ("robot_types", lambda kind, _: kind.unloading != "any",
      "robot type '{}' unloads in an order: not operated yet"),
-    ("robot_types", lambda kind, _: kind.reverse == "slow",
-     "robot type '{}' has a speed backwards: not operated yet"),
-    ("zones", lambda zone, _: zone.has_rules, "zone '{}' has rules of driving: not operated yet"),
 )  # fmt: skip
 """What of a site cannot be operated: of which records, which ones (of a site), and in words."""
 
@@ -141,8 +140,11 @@ JOBS_NOT_YET: tuple[tuple[Callable[[Any], object], str], ...] = (
 )  # fmt: skip
 
 
-def check_site(site: FleetRecords) -> None:
-    """Raise :class:`UnsupportedError`, by name, for what cannot be operated yet."""
+def check_site(site: FleetRecords, otherwise: float = TOLERANCES.localisation) -> None:
+    """Raise :class:`UnsupportedError`, by name, for what cannot be operated yet, or not at all;
+    ``otherwise``: how far (m) robots that say nothing may be from where they tell to be.
+    """
+    _check_errors(site, otherwise)
     for records, is_so, text in NOT_YET:
         for name, record in getattr(site, records).items():
             if is_so(record, site):
@@ -151,11 +153,35 @@ def check_site(site: FleetRecords) -> None:
         check_job(job)
 
 
+def _check_errors(site: FleetRecords, otherwise: float) -> None:
+    """Raise :class:`UnsupportedError` where a robot says how wrong it is, and the margin does not
+    cover what the two are that are most so.
+    """
+    errors = {n: site.senses(n).get("localisation", otherwise) for n in site.robots}
+    said = [n for n in site.robots if "localisation" in site.senses(n)]
+    least = sum(sorted(errors.values())[-2:]) + TOLERANCES.margin
+    if said and site.margin < least - TOLERANCES.arrived:
+        name = max(said, key=errors.__getitem__)
+        raise UnsupportedError(
+            f"robot '{name}' may be {errors[name]:g} m from where it tells to be: that needs a "
+            f"margin of {least:g} m, and the site's is {site.margin:g}"
+        )
+
+
 def check_job(job: Order | Task) -> None:
     """Raise :class:`UnsupportedError` for orders that cannot be operated yet."""
     for is_so, text in JOBS_NOT_YET:
         if is_so(job):
             raise UnsupportedError(text.format(job.id))
+
+
+def check_fits(site: FleetRecords, record: Order | Task) -> None:
+    """Raise :class:`FleetError` where an order speaks of what the site has not."""
+    alone = replace(record, after=())
+    some = {"orders": (alone,)} if isinstance(alone, Order) else {"tasks": (alone,)}
+    faults = [*job_faults(replace(site, **some), alone)]  # type: ignore[arg-type]
+    if faults:
+        raise FleetError(faults)
 
 
 # ------------------ The problem from the cut on
@@ -324,7 +350,9 @@ def _plan(ask: Question, cache: MotionCache | None) -> PlanDict:
     if result.plan is None:
         why = result.explain().removeprefix("no plan: ")
         raise ProblemError(f"no plan within {ask.seconds:g} s: {why}")
-    plan = with_dependencies(written.problem, result.data, localisation=ask.localisation)
+    said = [o | records.senses(o["name"]) for o in result.data["objects"]]
+    data = {**result.data, "objects": said}
+    plan = with_dependencies(written.problem, data, localisation=ask.localisation)
     meanings: dict[str, Meaning] = dict(written.meanings)
     common = CommonNeeds(tuple(ties_of(ask, written, plan)), ask.site)
     order = partial(_ordered, ask)

@@ -97,7 +97,7 @@ def _windows(windows: Windows, by: float) -> Windows:
 @dataclass(frozen=True)
 class Report:
     """What a robot tells at ``time``: its ``progress`` (m) along a motion, or its ``pose``, or that
-    an activity is over (``done``).
+    an activity is over (``done``). ``error``: how far (m) it says that it may be from there.
     """
 
     robot: str
@@ -106,3 +106,4 @@ class Report:
     progress: float | None = None
     pose: Pose | None = None
     done: bool = False
+    error: float | None = None

@@ -20,13 +20,14 @@ from annotated_types import Ge, Le
 from up_samp.execution.executor import Executor
 from up_samp.execution.reports import Command, Do, Go
 from up_samp.execution.state import MotionUnderWay
-from up_samp.export.steps import stretches_of
 from up_samp.fleet.files import read_record
 from up_samp.fleet.records import NUMBER, STRICT, FleetRecords, Pose
 from up_samp.model import ProblemError
+from up_samp.motion.fleet.paths import Path
 from up_samp.operate.energy import action_of
 from up_samp.operate.records import Report
 from up_samp.operate.stitch import whole_motion
+from up_samp.operate.zones import stretches_told
 
 Message = dict[str, Any]
 
@@ -34,7 +35,8 @@ Message = dict[str, Any]
 @dataclass(frozen=True)
 class RobotTold:
     """What a robot tells: its ``pose`` (x, y, theta) or its ``progress`` (m) along ``motion``, that
-    an activity or a motion is ``done``, the level of its ``battery`` (percent of a full one).
+    an activity or a motion is ``done``, the level of its ``battery`` (percent of a full one), and
+    how far (m) it may be from where it tells to be, as it knows itself (``error``).
     """
 
     __pydantic_config__ = STRICT
@@ -43,6 +45,7 @@ class RobotTold:
     pose: Pose | None = None
     done: str = ""
     battery: Annotated[float, Ge(0), Le(100), NUMBER] | None = None
+    error: Annotated[float, Ge(0), NUMBER] | None = None
 
 
 class RemoteRobots:
@@ -61,6 +64,7 @@ class RemoteRobots:
         self._inbox: queue.SimpleQueue[tuple[str, RobotTold]] = queue.SimpleQueue()
         self._heard: dict[str, float] = {}
         self._motions: dict[str, Message] = {}
+        self._paths: dict[str, Path] = {}
         self._ways: Mapping[tuple[str, str], MotionUnderWay] = {}
         self._meanings: Mapping[str, Any] = {}
         self._expected: Mapping[str, float] = {}
@@ -70,6 +74,7 @@ class RemoteRobots:
     def follow(self, executor: Executor) -> None:
         """Know the motions of another plan."""
         self._motions = {m["activity"]: m for m in executor.plan["motions"]}
+        self._paths = {name: drive.path for (name, _), drive in executor.drives.items()}
         self._ways = executor.state.ways
         self._meanings = executor.plan["meanings"]
         self._expected = {n: t.expected for n, t in executor.state.graph.tasks.items()}
@@ -102,7 +107,8 @@ class RemoteRobots:
             if told.battery is not None:
                 self.levels[robot] = told.battery / 100.0
             if told.pose or told.progress is not None:
-                found.append(Report(robot, now, told.motion, told.progress, told.pose))
+                where = (told.motion, told.progress, told.pose)
+                found.append(Report(robot, now, *where, error=told.error))
             if told.done:
                 found.append(Report(robot, now, told.done, done=True))
         for robot in self._commands:
@@ -126,9 +132,9 @@ class RemoteRobots:
 
     def path(self, robot: str) -> Message:
         """Return the path of the motion that a robot is to drive now: ``pieces``, each driven in
-        one ``direction`` (``forward``, ``backward``, ``turn`` on the spot, or ``any``) and with
-        ``poses`` [s, x, y, theta], s being the progress (m); and the ``progress`` that it told
-        last.
+        one ``direction`` (``forward``, ``backward``, ``turn`` on the spot, or ``any``), no faster
+        than ``speed`` (m/s), and with ``poses`` [s, x, y, theta], s being the progress (m); and the
+        ``progress`` that it told last.
 
         :raises ProblemError: where it is not to drive.
         """
@@ -137,7 +143,8 @@ class RemoteRobots:
         if motion is None:
             raise ProblemError(f"'{robot}' is not to drive anywhere now")
         begun = motion.get("from", 0.0) + max(0.0, self._ways[name, robot].progress)
-        return {"motion": name, "progress": round(begun, 4), "pieces": pieces_told(motion)}
+        pieces = pieces_told(motion, self._paths[name])
+        return {"motion": name, "progress": round(begun, 4), "pieces": pieces}
 
     def take(self, robot: str, told: Message) -> None:
         """Take in what a robot tells, see :class:`RobotTold`.
@@ -154,17 +161,17 @@ class RemoteRobots:
         """Nothing is open."""
 
 
-def pieces_told(motion: Mapping[str, Any]) -> list[Message]:
+def pieces_told(motion: Mapping[str, Any], path: Path) -> list[Message]:
     """Return the pieces of a motion of a plan, by progress since its robot began it."""
     whole = whole_motion(motion)
     times = [row[0] for row in whole["samples"]]
     return [
         {
             "direction": piece.direction,
-            "speed": round(piece.top_speed, 3),
+            "speed": round(speed, 3),
             "poses": np.column_stack(
                 [np.interp(piece.rows[:, 0], times, whole["progress"]), piece.rows[:, 1:]]
             ).round(4).tolist(),
         }
-        for piece, _, _ in stretches_of(whole, set())
+        for piece, _, _, speed in stretches_told(whole, path)
     ]  # fmt: skip

@@ -12,8 +12,9 @@ class Settings:
     any case; ``late``: by how many seconds everything may end later than forecast until then.
     ``soon``: orders are given to robots that are free within so many seconds; ``most``: so many
     orders of a robot are planned anew at a time. ``tick``: seconds between two steps.
-    ``localisation``: how far (m) from the truth robots tell to be; ``latency``: by how many seconds
-    longer than another one a message may take to come; ``ahead``: for how many seconds farther than
+    ``localisation``: how far (m) from the truth robots tell to be, and ``latency``: by how many
+    seconds longer than another one a message may take to come, where the site file says nothing
+    else of them; ``ahead``: for how many seconds farther than
     they can stand robots are let drive: so much is told of a plan, and stays. ``low``: robots
     charge that have less than this share of what a full battery has above its reserve.
     ``stretch``: in simulated time, where the planner's budget is what it computes (CPU s), it has

@@ -100,7 +100,7 @@ class SimulatedRobots:
         self.levels = self.cells.levels
         self.poses: dict[str, Pose] = dict(poses)
         self.initial = dict(poses)
-        self.robots = {name: SimulatedRobot(name, self._luck(name)) for name in poses}
+        self.robots = {n: SimulatedRobot(n, self._luck(n, site.senses(n))) for n in poses}
         self.drives: list[Drive] = []
         self.handled: list[Handled] = []
         self.waits: dict[str, list[tuple[float, float, Pose]]] = {n: [] for n in poses}
@@ -122,7 +122,8 @@ class SimulatedRobots:
         self._later: list[Report] = []
         self._finished: set[str] = set()
 
-    def _luck(self, name: str) -> Luck:
+    def _luck(self, name: str, senses: Mapping[str, float]) -> Luck:
+        """Return what goes wrong with a robot, which may be as wrong and as late as it says."""
         d = self.mishaps.delays
         rng = random.Random(f"robot {name} {self.seed}")
         stops, at = [], 0.0
@@ -131,8 +132,9 @@ class SimulatedRobots:
             stops.append((at, rng.expovariate(1.0 / d.stop_seconds)))
         bias = rng.choice((-1.0, 1.0)) * d.bias * rng.random()
         tracked = rng.random() < 0.5
+        noise, lag = senses.get("localisation", d.noise), senses.get("latency", d.lag)
         return Luck(
-            1.0 - d.slow * rng.random(), tuple(stops), None, bias, d.noise, d.lag, tracked,
+            1.0 - d.slow * rng.random(), tuple(stops), None, bias, noise, lag, tracked,
             seed=f"{name} {self.seed}",
         )  # fmt: skip
 

@@ -19,7 +19,7 @@ from up_samp.execution.build import Dependencies, Draft, tasks_of
 from up_samp.execution.executor import Executor
 from up_samp.execution.files import event_from_list, graph_to_dict
 from up_samp.execution.graph import MEETING, ORIGIN, ZONE, At, Event
-from up_samp.execution.lives import lives_of
+from up_samp.execution.lives import errors_of, lives_of
 from up_samp.execution.meetings import meetings_of
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.fleet.records import FleetRecords
@@ -291,7 +291,7 @@ def _dependencies(
     meetings = meetings_of(lives, margin, error)
     for meeting in meetings:
         draft.add_meeting(meeting)
-    choices = keep_zones(draft, lives, common.site, error)
+    choices = keep_zones(draft, lives, common.site, errors_of(lives, error))
     return Dependencies(draft.graph(margin), lives, tuple(meetings), choices, error)
 
 

@@ -112,11 +112,13 @@ class Store:
     # ------------------------------------------------------------------ the day
 
     def day(self, key: str, value: Any = None) -> Any:
-        """Return what is kept of the day under a key; with a value: keep it, if there is none."""
+        """Return what is kept of the day under a key, with tuples for lists; with a value: keep
+        it, if there is none.
+        """
         if value is not None:
             self._base.execute("INSERT OR IGNORE INTO day VALUES (?, ?)", (key, json.dumps(value)))
         row = self._base.execute("SELECT value FROM day WHERE key = ?", (key,)).fetchone()
-        return None if row is None else json.loads(row[0])
+        return None if row is None else _frozen(json.loads(row[0]))
 
     def keep(self, key: str, value: Any) -> None:
         """Keep a value of the day under a key, whatever was there."""
@@ -245,3 +247,10 @@ def clock_text(seconds: float, epoch: float | None) -> str:
         return time.strftime("%H:%M:%S", time.localtime(epoch + seconds))
     whole = int(seconds)
     return f"{whole // 3600:02d}:{whole // 60 % 60:02d}:{whole % 60:02d}"
+
+
+def _frozen(value: Any) -> Any:
+    """Return what JSON held with tuples for its lists."""
+    if isinstance(value, dict):
+        return {k: _frozen(v) for k, v in value.items()}
+    return tuple(map(_frozen, value)) if isinstance(value, list) else value

@@ -34,13 +34,14 @@ from paho.mqtt.enums import CallbackAPIVersion
 from up_samp.execution.executor import Executor
 from up_samp.execution.reports import Command, Go, Hold
 from up_samp.export.legs import PathPiece, pieces_of, wrapped
-from up_samp.export.steps import stretches_of
 from up_samp.export.vda5050 import LATER, earlier, edge_of, later, node_of
 from up_samp.fleet.records import FleetRecords, corners_of
 from up_samp.model import ProblemError
+from up_samp.motion.fleet.paths import Path
 from up_samp.operate.energy import action_of
 from up_samp.operate.records import Pose, Report
 from up_samp.operate.stitch import whole_motion
+from up_samp.operate.zones import stretches_told
 
 Message = dict[str, Any]
 BEGUN_ANEW = "~"
@@ -190,6 +191,7 @@ class MasterControl:
         self._answers: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._headers: dict[tuple[str, str], itertools.count[int]] = {}
         self._motions: dict[str, Message] = {}
+        self._paths: dict[str, Path] = {}
         self._meanings: Mapping[str, Any] = {}
         self._expected: Mapping[str, float] = {}
         self._lengths: dict[str, float] = {}
@@ -322,15 +324,15 @@ class MasterControl:
 
     def _reported(self, agv: Agv, now: float) -> list[Report]:
         fresh, agv.new = agv.new, False
-        pose = _pose_in(agv.position)
+        pose, error = _pose_in(agv.position), agv.position.get("deviationRange")
         if not agv.activity or not agv.shown:
-            return [Report(agv.name, now, pose=pose)] if fresh and pose else []
+            return [Report(agv.name, now, pose=pose, error=error)] if fresh and pose else []
         moves = agv.activity in self._motions
         found = []
         if fresh and moves:
             found.append(self._where(agv, now))
         elif fresh and pose:
-            found.append(Report(agv.name, now, pose=pose))
+            found.append(Report(agv.name, now, pose=pose, error=error))
         if self._finished(agv, moves, now) and (fresh or now >= agv.over + AGAIN):
             agv.over = now
             found.append(Report(agv.name, now, agv.activity, done=True))
@@ -339,7 +341,8 @@ class MasterControl:
     def _where(self, agv: Agv, now: float) -> Report:
         pose, passed = _pose_in(agv.position), agv.state.get("lastNodeSequenceId", 0)
         if pose is not None:
-            return Report(agv.name, now, agv.activity, pose=pose)
+            error = agv.position.get("deviationRange")
+            return Report(agv.name, now, agv.activity, pose=pose, error=error)
         progress = max((s for q, s in agv.nodes if q <= passed), default=0.0)
         return Report(agv.name, now, agv.activity, progress=progress)
 
@@ -374,6 +377,7 @@ class MasterControl:
         """Know the motions of another plan."""
         plan = executor.plan
         self._motions = {m["activity"]: whole_motion(m) for m in plan["motions"]}
+        self._paths = {name: drive.path for (name, _), drive in executor.drives.items()}
         self._lengths = {name: m["progress"][-1] for name, m in self._motions.items()}
         self._meanings = plan["meanings"]
         self._expected = {n: t.expected for n, t in executor.state.graph.tasks.items()}
@@ -485,16 +489,18 @@ class MasterControl:
         released = agv.nodes[-1] if agv.nodes else (0, 0.0)
         whole = self._lengths[command.motion]
         at = {released[1], command.until, *self._spaced(agv.name, motion, whole)}
-        pieces = [p for p in stretches_of(motion, at) if p[2] > released[1] + NEAR]
+        stretches = stretches_told(motion, self._paths[command.motion], at)
+        pieces = [p for p in stretches if p[2] > released[1] + NEAR]
         number = released[0] // 2
         nodes = [self._node(agv, number, self._pose(motion, released[1]), True)]
         edges = []
         added = [] if agv.nodes and agv.update >= 0 else [released]
-        for piece, _, high in pieces:
+        for piece, _, high, speed in pieces:
             number += 1
             free = high <= command.until + NEAR
             nodes.append(self._node(agv, number, piece.rows[-1, 1:], free))
             edge = {**edge_of(agv.name, number, piece), "released": free}
+            edge |= {"maxSpeed": round(speed, 6)} if "maxSpeed" in edge else {}
             edges.append(_straight(edge, piece) if self.spacing else edge)
             added += [(2 * number, high)] if free else []
         if agv.nodes and not added:
@@ -635,7 +641,7 @@ def _straight(edge: Message, piece: PathPiece) -> Message:
 
 def _pose_in(position: Message) -> Pose | None:
     """Return where a robot tells to be (None: it does not, or does not know)."""
-    if not position.get("positionInitialized", True):
+    if not (position.get("positionInitialized", True) and position.get("localizationScore", 1.0)):
         return None
     try:
         return float(position["x"]), float(position["y"]), float(position["theta"])

@@ -1,4 +1,5 @@
-"""Zones that so many robots may be in at a time: who is in one when, and who waits for whom.
+"""Zones that so many robots may be in at a time: who is in one when, and who waits for whom; and
+how fast robots may drive where.
 
 A robot is let into a zone only once one that was in it before has left it, wherever the plan of two
 has no other room. Where one robot fits, who goes first may be decided again, as at meetings; where
@@ -11,6 +12,7 @@ import itertools
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -22,9 +24,13 @@ from up_samp.execution.build import Draft
 from up_samp.execution.graph import ZONE, At, Choice, Event, Precedence
 from up_samp.execution.lives import DriveCells, Life, Piece
 from up_samp.execution.tolerances import TOLERANCES
+from up_samp.export.legs import PathPiece
+from up_samp.export.steps import stretches_of
 from up_samp.fleet.records import FleetRecords, Zone
 from up_samp.model import ProblemError
 from up_samp.model.frames import Frame
+from up_samp.motion.curves.slowing import allowed_speeds
+from up_samp.motion.fleet.paths import Path
 from up_samp.operate.choice import body_at
 from up_samp.operate.records import Pose
 
@@ -72,10 +78,10 @@ class ZoneVisit:
 
 
 def keep_zones(
-    draft: Draft, lives: Mapping[str, Life], site: FleetRecords, error: float
+    draft: Draft, lives: Mapping[str, Life], site: FleetRecords, errors: Mapping[str, float]
 ) -> tuple[Choice, ...]:
     """Let robots wait before zones that are full; return what could be the other way round.
-    ``error`` (m): how far robots may be from where they tell to be.
+    ``errors`` (m): how far robots may be from where they tell to be.
 
     :raises ProblemError: where somebody would come into a zone that never gets room again.
     """
@@ -83,9 +89,9 @@ def keep_zones(
     for name, zone in site.zones.items():
         if zone.max_robots is None:
             continue
-        area = Polygon(zone.polygon).buffer(error + STEP)
-        mine = [lives[r] for r in site.robots if r in lives]
-        visits = [v for life in mine for v in visits_of(life, area)]
+        area = Polygon(zone.polygon)
+        mine = [(lives[r], area.buffer(errors[r] + STEP)) for r in site.robots if r in lives]
+        visits = [v for life, wide in mine for v in visits_of(life, wide)]
         visits.sort(key=lambda v: (v.since, v.until, v.robot))
         why = f"zone '{name}' takes {zone.max_robots}"
         if zone.max_robots == 1:
@@ -172,3 +178,19 @@ def _in_rooms(visits: Iterable[ZoneVisit], most: int, why: str) -> Iterator[tupl
             raise ProblemError(f"'{visit.robot}' would be one too many: {why}")
         if before.robot != visit.robot:
             yield before.leaves, visit.enters
+
+
+def stretches_told(
+    motion: Mapping[str, Any], path: Path, points: Iterable[float] = ()
+) -> Iterator[tuple[PathPiece, float, float, float]]:
+    """Yield the pieces of a whole motion (see :func:`up_samp.operate.stitch.whole_motion`) along a
+    path, cut at ``points`` (m) and where other limits of speed begin, with their ends (m) and how
+    fast (m/s) they may be driven.
+    """
+    most = allowed_speeds(path.poses, path.body)
+    s = path.s + motion.get("from", 0.0)
+    cuts = s[1:-1][most[1:] != most[:-1]].tolist()
+    for piece, low, high in stretches_of(motion, {*points, *cuts}):
+        first = int(np.searchsorted(s, low + TOLERANCES.arrived, side="right")) - 1
+        last = int(np.searchsorted(s, high - TOLERANCES.arrived))
+        yield piece, low, high, float(path.tops[max(0, first) : last].max())

@@ -86,9 +86,10 @@ class Checker:
         with self.motions.budget.motion_time():
             for group in groups_of(itinerary.motions):
                 self._check_group(itinerary, group, check, learn=learn, first_only=first_only)
-                if deadline.expired():
+                over = deadline.expired()  # asked once: what is left then has failed
+                if over:
                     check.failed |= {motion_key(m) for m in group}
-                if deadline.expired() or (first_only and not check.passed):
+                if over or (first_only and not check.passed):
                     break
         return check
 

@@ -337,7 +337,7 @@ def _waits(day: Operation, name: str, command: Command | None) -> list[str]:
         return []
     under = day.executor.state.of_object.get(name)
     gone = 0.0 if under is None else under.progress + day.gone.get(under.activity, 0.0)
-    near = 5 * day.settings.localisation
+    near = 5 * day.error(name)
     if isinstance(command, Go) and command.until > gone + near:
         return []
     awaited = {day.meanings.get(w, w) for w in day.executor.waits_for(name)}
