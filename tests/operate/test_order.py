@@ -1,5 +1,6 @@
 """Who goes first in a plan of two is decided by what orders' ends cost, and the times say so."""
 
+import random
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,6 +8,8 @@ import pytest
 
 from tests.execution import floors
 from up_samp.execution import Executor, dependencies_of
+from up_samp.execution.build import Dependencies, Draft, tasks_of
+from up_samp.execution.check import motion_faults
 from up_samp.execution.files import with_dependencies
 from up_samp.execution.judge import contacts_of
 from up_samp.execution.lives import drives_of, lives_of
@@ -89,6 +92,36 @@ def test_no_plan_is_taken_over_in_which_somebody_is_beyond_where_it_waits(crosse
     else:
         with pytest.raises(ProblemError, match="beyond where it would have to wait"):
             Operation._joined(day, data, ask, 0.0)
+
+
+@pytest.mark.parametrize("opened", [{}, {"r0": Opened.ALL}])
+@pytest.mark.parametrize("seed", range(40))
+def test_a_motion_that_ends_early_does_not_end_behind_its_robot(crossed, seed, opened):
+    """Somebody stands on its way where no plan has it, and it has passed where it would wait."""
+    plan, told = crossed
+    rng = random.Random(f"stub {seed}")
+    names = {m["activity"]: m["object"] for m in plan["motions"]}
+    meanings = {name: ["move", "", robot] for name, robot in names.items()}
+    plan = with_dependencies(told.problem, plan) | {"meanings": meanings}
+    old = Executor(plan, dependencies=told, ahead=rng.choice([None, 1.2]))
+    old.commands(1.0)
+    driven = rng.uniform(0.0, 3.0)
+    old.update("r0", progress=driven, now=8.0)
+    limit = max(0.0, driven + rng.uniform(-0.6, 1.0))
+    cut = cut_of(old, rng.uniform(0.0, 4.0), limits={"move_r0_0": limit}, opened=opened)
+    stop, begun = cut.stops["move_r0_0"], cut.starts.get("move_r0_0", 0.0)
+    assert stop >= driven
+    kept = kept_of(old, cut)
+    made = {**plan, "motions": [*kept.motions], "activities": [*kept.activities]}
+    made["objects"] = [{**o, "initial": [*kept.initial[o["name"]]]} for o in plan["objects"]]
+    alone = Dependencies(
+        Draft(tasks_of(made, {n: (names[n],) for n in cut.kept}), lives_of(made)).graph(0.01),
+        lives_of(made), (), (), 0.05,
+    )  # fmt: skip
+    after = ordered(made, alone, {}, cut.begun, gone=cut.gone)
+    assert not motion_faults(after)
+    (left,) = (m for m in after["motions"] if m["object"] == "r0")
+    assert left["progress"][-1] == pytest.approx(stop - begun, abs=1e-3)
 
 
 @pytest.mark.parametrize("opened", [{}, {"r0": Opened.ALL}])

@@ -289,8 +289,8 @@ class _Cutter:
         gates = [place for place, number in way.gates if number in self.dead]
         limit = self.limits.get(name, way.length)
         most, waits = min([limit, *gates]), self.state.phase[name] is TaskPhase.WAITING
-        # it goes to where it was told that it may, but stops at a limit, if it began before that
-        least = 0.0 if waits else min(self.state.committed(way), limit)
+        # it goes to where it was told that it may, but stops at a limit, if it has not passed that
+        least = 0.0 if waits else max(min(self.state.committed(way), limit), way.told)
         edges = self._edges(name, way.object) - ROUNDED
         found = float(edges[edges <= most].max(initial=0.0))
         return found if found >= least else max(most, least)
