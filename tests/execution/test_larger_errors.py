@@ -46,7 +46,7 @@ class Watch:
             place, command = state.graph.events[gate].progress, commands[robot]
             if isinstance(command, Go) and command.until > place + 1e-9:
                 self.wrong.append(f"{robot} is sent to {command.until}, past {place}")
-            if way.told - state.localisation > place + state.tolerance:
+            if way.told - way.error > place + state.tolerance:
                 self.beyond += 1
                 said = robot in named and str(named[robot]) in getattr(command, "waiting_for", ())
                 if not said or not isinstance(command, Hold):

@@ -137,7 +137,7 @@ def test_what_is_left_of_a_motion_has_the_cells_that_it_had(crossed, driven, ope
     old.update("r0", progress=driven, now=8.0)
     cut = cut_of(old, 0.1, opened=opened)
     gone = cut.starts[names["r0"]]
-    assert driven - 0.4 < gone <= driven - old.state.localisation
+    assert driven - 0.4 < gone <= driven - old.state.errors["r0"]
     (left,) = (m for m in kept_of(old, cut).motions if m["object"] == "r0")
     edges = old.drives[names["r0"], "r0"].path.edges
     stop = cut.stops.get(names["r0"], edges[-1])
