@@ -120,3 +120,12 @@ def test_what_is_driven_against_rules_is_seen(tmp_path):
     assert ["backwards" in text for text in unruly(site, [back])] == [True]
     turns = Drive("r1", "c", [[0.0, 17.0, 9.0, 0.0], [2.0, 17.0, 9.0, 1.0]])
     assert ["turns on the spot" in text for text in unruly(site, [turns])] == [True]
+
+
+def test_the_page_says_what_zones_ask_for(tmp_path):
+    floor = pytest.importorskip("up_samp.server.floor", reason="needs fastapi")
+    zones = ruled(tmp_path).records.zones
+    assert {n: floor._rule(z) for n, z in zones.items()} == {
+        "crossing": "at most 0.4 m/s", "north": "one way, heading 0.0 rad",
+        "south": "one way, heading 3.14159 rad", "racks": "no turning on the spot",
+    }  # fmt: skip

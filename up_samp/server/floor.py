@@ -269,9 +269,14 @@ def site_data(day: Operation) -> dict[str, Any]:
 
 def _rule(zone: Zone) -> str:
     """Return what a zone asks for, in words."""
-    if zone.max_robots is None:
-        return f"not for {', '.join(zone.keep_out)}"
-    return f"{zone.max_robots} at a time"
+    told = (
+        (zone.max_robots, f"{zone.max_robots} at a time"),
+        (zone.keep_out, f"not for {', '.join(zone.keep_out)}"),
+        (zone.v_max, f"at most {zone.v_max} m/s"),
+        (zone.one_way is not None, f"one way, heading {zone.one_way} rad"),
+        (zone.pivoting == "never", "no turning on the spot"),
+    )
+    return ", ".join(words for is_so, words in told if is_so)
 
 
 def floor_data(day: Operation) -> dict[str, Any]:
