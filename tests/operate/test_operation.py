@@ -1,10 +1,13 @@
 """Orders come in, plans are made, robots drive; judged on what was driven."""
 
+from dataclasses import replace
+
 import pytest
 
 from tests.operate.days import Day
 from tests.operate.sites import hall
 from up_samp.execution.simulate import Delays
+from up_samp.model import ProblemError
 from up_samp.operate import Operation, SimulatedClock, Store
 from up_samp.operate.simulated import Mishaps, SimulatedRobots
 
@@ -48,3 +51,25 @@ def test_a_robot_may_start_at_a_pose_of_its_own(tmp_path):
     day = Operation(fleet, store=Store(tmp_path / "day.db"), robots=robots, clock=SimulatedClock())
     assert day.poses["late"] == (3.0, 11.0, 0.0)
     day.close()
+
+
+def test_an_order_begins_no_earlier_than_it_is_released_and_recurs(tmp_path):
+    day = Day(tmp_path, robots=2)
+    try:
+        day.order("bin", "shelf0", "dock0", release=40.0, repeat={"every": 60.0, "times": 2})
+        assert [*day.operation.jobs] == ["bin", "bin_2"]
+        day.until(lambda: day.clock.now() >= 15.0)
+        assert day.operation.executor is None  # nobody has it yet
+        day.run()
+        begun = {h.what: h.start for h in day.robots.handled if h.kind == "pick"}
+        assert 40.0 <= begun["bin"] <= 50.0
+        assert 100.0 <= begun["bin_2"] <= 110.0
+        assert day.verdict().good, day.story()
+        early = replace(day.operation.jobs["bin"].record, release=60.0)
+        day.operation.jobs["bin"] = replace(day.operation.jobs["bin"], record=early)
+        assert "'bin' was begun at" in day.verdict().elsewhere[0]
+        with pytest.raises(ProblemError, match="'bin' is done: it cannot be changed"):
+            day.order("bin", "shelf1", "dock0", repeat={"every": 60.0, "times": 3})
+        assert "bin_3" not in day.operation.jobs
+    finally:
+        day.operation.close()

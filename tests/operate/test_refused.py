@@ -24,11 +24,6 @@ REFUSED = {
         lambda f: f.add_robot_type("fork", (0.5, 0.5), unloading="lifo"),
         "robot type 'fork' unloads in an order",
     ),
-    "recurring": (
-        lambda f: f.add_order("o", "rack0", "dock0", repeat={"every": 9, "times": 3}),
-        "'o' has a release time or recurs",
-    ),
-    "released": (lambda f: f.add_task("t", "rack0", duration=1, release=5), "'t' has a release"),
 }
 
 

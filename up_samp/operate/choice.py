@@ -338,9 +338,11 @@ def _handling(day: Day, job: DayOrder, robot: str) -> float:
 
 
 def ready(day: Day, job: DayOrder) -> bool:
-    """Return whether an order can be planned: what comes before it is in the plan, or over, and
-    nobody stands for good where it is picked up or delivered.
+    """Return whether an order can be planned: it may begin soon, what comes before it is in the
+    plan, or over, and nobody stands for good where it is picked up or delivered.
     """
+    if job.record.release > day.clock.now() + day.settings.soon:
+        return False
     before = (day.jobs.get(name) for name in job.record.after)
     if not all(b is None or b.state is not OrderState.WAITING for b in before):
         return False

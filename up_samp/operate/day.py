@@ -108,7 +108,15 @@ def orders_of(site: FleetRecords, plan: DayPlan) -> Iterator[Order | Task]:
         if now > plan.hours * 3600.0:
             return
         kind = rng.choice(kinds)
-        yield replace(kind, id=f"{kind.id}-{number}", after=(), due=now + plan.due, weight=1.0)
+        yield replace(
+            kind,
+            id=f"{kind.id}-{number}",
+            after=(),
+            due=now + plan.due,
+            weight=1.0,
+            release=0.0,
+            repeat=None,
+        )
 
 
 def mishaps_of(site: FleetRecords, plan: DayPlan) -> Mishaps:

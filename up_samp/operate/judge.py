@@ -35,9 +35,9 @@ stops short of the place."""
 @dataclass(frozen=True)
 class DayVerdict:
     """``contacts``: who met. ``lost``: orders that were taken and not done; ``twice``: done more
-    than once; ``elsewhere``: what was done where it should not have been, in words; ``unruly``:
-    who drove as its type or a zone forbids, in words; ``crowded``: zones in which there were more
-    robots than they take, in words.
+    than once; ``elsewhere``: what was done where it should not have been, or too early, in words;
+    ``unruly``: who drove as its type or a zone forbids, in words; ``crowded``: zones in which there
+    were more robots than they take, in words.
     """
 
     contacts: tuple[Contact, ...]
@@ -76,6 +76,8 @@ def judge_day(
             lost.append(name)
         if len(ends) > 1:
             twice.append(name)
+        early = (h for h in mine if h.start < job.record.release - 1e-6)
+        elsewhere += [f"'{name}' was begun at {h.start:.1f} s, before its release" for h in early]
         if isinstance(job.record, Order) and ends:
             elsewhere += _of_order(site, job.record, mine, initial, drives)
     met = contacts(site, initial, drives, handled)

@@ -22,19 +22,14 @@ from up_samp.execution.reorder import cost
 from up_samp.execution.reports import Command, Do, Go, Heard, Hold, Reply
 from up_samp.execution.state import TaskPhase
 from up_samp.fleet.fleet import Fleet
-from up_samp.fleet.records import Order, Task, Weights
+from up_samp.fleet.records import Order, Task
 from up_samp.fleet.spelled_out import with_places
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import ProblemError, SampError
 from up_samp.operate.choice import OUT, Day, OpenWork, body_at, choose
 from up_samp.operate.clock import Clock
 from up_samp.operate.energy import CHARGE, charge_task, is_charge, low, start_levels
-from up_samp.operate.horizon import (
-    DELIVERS,
-    first_inside,
-    meanings_of,
-    pose_of,
-)
+from up_samp.operate.horizon import DELIVERS, first_inside, meanings_of, pose_of
 from up_samp.operate.planner import (
     Answer,
     Planner,
@@ -42,11 +37,12 @@ from up_samp.operate.planner import (
     check_fits,
     check_job,
     check_site,
+    each_time,
     goals_of,
     leaf_at,
 )
 from up_samp.operate.records import DayOrder, OrderState, Pose, Report, Shape, job_record, since_now
-from up_samp.operate.settings import Settings
+from up_samp.operate.settings import DAY, Settings
 from up_samp.operate.stitch import Kept, kept_of
 from up_samp.operate.store import Store
 
@@ -75,10 +71,6 @@ RETRY = 5.0
 """Seconds after which the planner is asked again that found nothing, and after which a robot that
 stands off its path is planned anew from there.
 """
-
-
-DAY = Weights(tardiness=10.0, completion=1.0, driving=0.1)
-"""What is best where a site file says only "makespan": a day has no end that counts."""
 
 
 class Operation(Day):
@@ -187,7 +179,8 @@ class Operation(Day):
     # ------------------------------------------------------------------ what people say
 
     def add(self, record: Order | Task | Mapping[str, Any]) -> DayOrder:
-        """Take an order or a task, or change one that is not begun; it is in the store then.
+        """Take an order or a task, or change one that is not begun; it is in the store then. One
+        that recurs is as many orders, of which the first is returned.
 
         :raises FleetError: where something in it is wrong, or it speaks of what is not there.
         :raises ProblemError: where it has begun, or is done.
@@ -196,11 +189,17 @@ class Operation(Day):
             record = job_record(record)
         check_job(record)
         self._note_begun()
-        known = self.jobs.get(record.id)
-        if known is not None and known.state not in (OrderState.WAITING, OrderState.PLANNED):
-            raise ProblemError(f"'{record.id}' is {known.state.value}: it cannot be changed")
-        check_fits(self.site, record)
-        now = self.clock.now()
+        every = each_time(record)
+        for one in every:
+            known = self.jobs.get(one.id)
+            if known is not None and known.state not in (OrderState.WAITING, OrderState.PLANNED):
+                raise ProblemError(f"'{one.id}' is {known.state.value}: it cannot be changed")
+            check_fits(self.site, one)
+        first, *_ = [self._take_in(one) for one in every]
+        return first
+
+    def _take_in(self, record: Order | Task) -> DayOrder:
+        now, known = self.clock.now(), self.jobs.get(record.id)
         job = DayOrder(record, now if known is None else known.came)
         with self.store:
             self.store.put_job(job)

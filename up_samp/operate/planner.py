@@ -35,6 +35,7 @@ from up_samp.fleet.records import (
     corners_of,
     visited,
 )
+from up_samp.fleet.spelled_out import without_repeats
 from up_samp.fleet.statements import Meaning, Written
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import ProblemError, SampError, UnsupportedError
@@ -132,8 +133,6 @@ NOT_YET: tuple[tuple[str, Callable[[Any, FleetRecords], object], str], ...] = (
 JOBS_NOT_YET: tuple[tuple[Callable[[Any], object], str], ...] = (
     (lambda job: isinstance(job, Order) and job.attached is not None,
      "'{}' has a load with a footprint: not operated yet"),
-    (lambda job: job.release or job.repeat is not None,
-     "'{}' has a release time or recurs: add it when it is there"),
     (lambda job: isinstance(job, Task) and job.crew > 1,
      "'{}' is done by a crew: not operated yet"),
     (_by_machine, "'{}' is done by a machine: not operated yet"),
@@ -182,6 +181,12 @@ def check_fits(site: FleetRecords, record: Order | Task) -> None:
     faults = [*job_faults(replace(site, **some), alone)]  # type: ignore[arg-type]
     if faults:
         raise FleetError(faults)
+
+
+def each_time(record: Order | Task) -> tuple[Order | Task, ...]:
+    """Return the orders, or tasks, that a recurring one stands for, or the one that it is."""
+    some = {"orders": (record,)} if isinstance(record, Order) else {"tasks": (record,)}
+    return without_repeats(FleetRecords(map="", **some)).jobs  # type: ignore[arg-type]
 
 
 # ------------------ The problem from the cut on

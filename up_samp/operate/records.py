@@ -36,7 +36,7 @@ class OrderState(enum.Enum):
 class DayOrder:
     """An order or a task of the day: its record, when it came, how far it is, and by whom.
 
-    ``due`` in the record is since the day's start; windows are since the order came.
+    ``due`` and ``release`` in the record are since the day's start; windows since the order came.
     """
 
     record: Order | Task
@@ -76,7 +76,7 @@ def job_record(data: Mapping[str, Any]) -> Order | Task:
 
 def since_now(record: Any, now: float, came: float) -> Any:
     """Return an order that came at some time (s) on the clock of a plan that begins ``now``."""
-    changes: dict[str, Any] = {}
+    changes: dict[str, Any] = {"release": max(0.0, record.release - now)}
     if record.due is not None:
         changes["due"] = max(0.0, record.due - now)
     if isinstance(record, Order):
