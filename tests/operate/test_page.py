@@ -110,7 +110,7 @@ def test_an_operator_sees_robots_and_holds_them(floor, browser):  # noqa: F811
         browser.save_screenshot(os.environ["PAGE_PICTURE"])
     find("id", "stop").click()
     until(seen(lambda: set(day.operation.held) == {"r0", "r1"}), "all are held")
-    until(seen(lambda: "held hold all" in find("id", "robots").text), "the page says so")
+    until(seen(lambda: "held on the page" in find("id", "robots").text), "the page says so")
     find("id", "go").click()
     until(seen(lambda: not day.operation.held), "all are released")
     browser.execute_script("window.scrollTo(0, 0)")
