@@ -102,6 +102,39 @@ def test_agvs_do_their_orders_over_a_broker(tmp_path, broker):
     assert met(fleet, agvs) == []
 
 
+def test_a_broker_is_killed_and_started_again_twice(tmp_path):
+    fleet, port = hall(tmp_path, 2, v_max=2.0, a_max=1.4, home=False), free_port()
+    places, brokers, downs = fleet.records.places, [broker_at(port, tmp_path)], []
+    faults = {"speed": 2.0, "noise": 0.01, "lost": 0.1, "twice": 0.1, "late": 0.1}
+    agvs = [Agv(port, f"r{k}", places[f"home{k}"].pose, **faults) for k in range(2)]
+    orders = [
+        {"id": "o0", "pickup": "rack0", "delivery": "dock0"},
+        {"id": "o1", "pickup": "rack2", "delivery": "dock1"},
+    ]
+
+    def trouble(day):
+        ways = day.executor.state.of_object if day.executor else {}
+        up, now = len(brokers) > len(downs), day.clock.now()
+        if up and len(downs) < 2 and now > (downs or [0.0])[-1] + 8.0:
+            if any(1.5 < way.progress < way.length - 2.0 for way in ways.values()):
+                brokers[-1].kill()
+                brokers[-1].wait()
+                downs.append(now)
+        elif not up and now > downs[-1] + 3.0:
+            brokers.append(broker_at(port, tmp_path))
+
+    try:
+        jobs = operated(tmp_path, port, agvs, fleet, orders, 240, trouble)
+    finally:
+        for agv in agvs:
+            agv.close()
+        brokers[-1].kill()
+        brokers[-1].wait()
+    assert len(downs) == 2
+    assert {j.state.value for j in jobs.values()} == {"done"}
+    assert met(fleet, agvs) == []
+
+
 class EnoughError(Exception):
     """What was to be seen has been seen."""
 
