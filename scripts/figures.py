@@ -201,8 +201,12 @@ FIGURES = (
         Value("makespan", "units"), Value("bound", "units", "higher"), CPU, PEAK,
         Value("modules", tolerance=0.01),
     )),
-    Figure("better-plans", "better_plans", ("10x30, 100 s", "20x60, 300 s"), (), 900, (
-        Value("makespan", "units", tolerance=0.03), Value("bound", "units", "higher"),
+    Figure("better-plans", "better_plans", (
+        *(f"10x30, seed {seed}, 100 s" for seed in range(4)),
+        "20x60, seed 0, 300 s", "50x150, seed 0, 600 s",
+    ), (), 7200, (
+        Value("valid", "", "higher"), Value("makespan", "units", tolerance=0.03),
+        Value("without_traffic", "units"), Value("bound", "units", "higher"),
     )),
     Figure("tight-places", "tight_place", tuple(
         f"{case}, {body}" for case, bodies in TIGHT.items() for body in bodies

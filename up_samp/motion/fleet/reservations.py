@@ -17,6 +17,7 @@ from up_samp.model import Body, Configuration, Deadline, Placed, Rest, TimedMoti
 from up_samp.motion.fleet.detours import Stand, is_good, met_at_full_speed, ways_past
 from up_samp.motion.fleet.one_robot import Attempt, plan_one
 from up_samp.motion.fleet.paths import Path
+from up_samp.motion.fleet.space_time import proposer_of
 from up_samp.motion.fleet.speed import fit
 from up_samp.motion.fleet.timed_path import TimedPath, pair_flags, pose_at
 from up_samp.motion.fleet.workspace import KnownPaths, PathPlanner, rest_run, workspace_of
@@ -73,6 +74,19 @@ class ReservationTable:
             if is_good(best, motion):
                 break
         return best
+
+    def by_proposed_way(self, motion: TimedMotion, best: TimedPath | None) -> TimedPath | None:
+        """Return the run of a motion on a way that a search in space and time proposes among what
+        is decided, or ``best`` if that is not later. The way is a known one then.
+        """
+        asked, proposer = self._after_last(motion), proposer_of(self._workspace)
+        others = self._others({motion.object}, motion.release)
+        until = math.inf if best is None else best.arrival
+        path = None if proposer is None else proposer.propose(asked, others, until=until)
+        if path is None:
+            return best
+        self.ways(motion).paths.setdefault(path.number, path)
+        return fit(self._workspace, asked, path, others, best)
 
     def learn_ways_past(
         self, motion: TimedMotion, stands: Sequence[Stand], deadline: Deadline, tries: int

@@ -32,6 +32,8 @@ _AT_ONCE = 4_000
 """Changes after which is seen whether there is time left."""
 _WARM = 0.03
 """Share of all cost by which a change may be worse at first."""
+NOISE = 0.06
+"""Share of what a job costs, by which guesses differ from one share of the jobs to the next."""
 _WARM_AGAIN, _EXCHANGES_AGAIN = 0.1, 0.25
 """Shares of the warmth and of the changes at first, when jobs are dealt out again with what was
 learned."""

@@ -20,7 +20,8 @@ from dataclasses import dataclass, field, replace
 from up_samp.model import CandidateSchedule, Deadline
 from up_samp.search.check import Check
 from up_samp.search.events import Phase
-from up_samp.search.fleet.assignment import Assignment, exchanged, mended
+from up_samp.search.fleet.assignment import NOISE, Assignment, biased, exchanged, mended
+from up_samp.search.fleet.evaluator import AssignmentEvaluator
 from up_samp.search.fleet.sequential import FleetSolution, alone, can_decide, times_of
 from up_samp.search.fleet.tours import Priorities, TourPlanner
 from up_samp.search.knowledge import Incumbent
@@ -37,8 +38,6 @@ the share of the remaining time that they get."""
 _FEW_ROUNDS = 4
 """In which all their tours are decided."""
 # first tours
-_EACH = 16
-"""Rounds after which other ways are looked for in one."""
 _HOPELESS = 6
 """Rounds without tours, after which they are decided whole."""
 _NOISE = 3.0
@@ -53,11 +52,9 @@ _ORDERS = 12
 """Of the robots, for whole tours; who finds no tour goes first in the next one."""
 # better tours
 AGAIN_DEALT = 6
-"""Shares of the jobs that are tried before the tours of the best are changed."""
+"""Shares of the jobs in a row that bring nothing, before the tours of the best are changed."""
 _STEEP = 12.0
 """Power of a tour's end that counts in those."""
-_LOOKS, _LOOKING = 4, 0.1
-"""How often other ways from pose to pose are looked for, and in what share of the changes."""
 _TOGETHER = 5
 """Tours at most, that are decided anew with one of the last."""
 _CRITICAL = 0.5
@@ -165,9 +162,8 @@ def squeaky_wheel(
             break
         noise = _NOISE if ahead else 0.0
         turns = {r: ahead.get(r, 0.0) + rng.uniform(0, noise) for r in tours.robots}
-        looks = number // _EACH if number % _EACH == 0 else 0
         tours.reset()
-        stuck = tours.decide_in_turns(Priorities(tuple(first), ahead=turns, looks=looks), deadline)
+        stuck = tours.decide_in_turns(Priorities(tuple(first), ahead=turns), deadline)
         if stuck is not None:
             if best is None and stuck in late:
                 first = _sooner(stuck, first)
@@ -209,6 +205,9 @@ def _sooner(stuck: str, first: Sequence[str]) -> list[str]:
 # ------------------ Better tours
 
 
+Move = Callable[["FleetLNS", Deadline], FleetSolution | None]
+Moves = Sequence[tuple[Move, float]]
+"""What may be changed, and how large a share of all changes each move has."""
 OpenTours = Callable[[Assignment, Deadline], TourPlanner | None]
 """Opens tours of what was dealt out, with nothing decided; None where they cannot be."""
 
@@ -233,12 +232,20 @@ class FleetLNS:
         """Yield tours that are over sooner than all before, until it is ``over`` or many changes in
         a row bring nothing.
         """
-        stale, shares = 0, [share for _, share in MOVES]
-        firsts = iter([deal_again] * AGAIN_DEALT)
-        while stale < self.dealt.tuning.stale and not over():
-            # another share of the jobs pays while the best tours are hardly better than first ones
-            move = next(firsts, None) or self.rng.choices(MOVES, shares)[0][0]
-            stale += 1
+        # another share of the jobs pays while the best tours are hardly better than first ones
+        yield from self.changed(over, deadline, ((deal_again, 1.0),), AGAIN_DEALT)
+        yield from self.changed(over, deadline, MOVES, self.dealt.tuning.stale)
+
+    def changed(
+        self, over: Callable[[], bool], deadline: Deadline, moves: Moves, stale: int
+    ) -> Iterator[FleetSolution]:
+        """The same by some moves only, until as many changes in a row bring nothing as are
+        ``stale``.
+        """
+        left, shares = stale, [share for _, share in moves]
+        while left > 0 and not over():
+            [(move, _)] = self.rng.choices(moves, shares)
+            left -= 1
             before = self.cost(self.best)
             found = move(self, deadline)
             if found is None or self.cost(found) > before:
@@ -249,7 +256,7 @@ class FleetLNS:
             self._delaying.clear()
             self._delays.clear()
             if self.cost(found) < before:
-                stale = 0
+                left = stale
             if self.cost(found)[0] < before[0]:
                 yield found
 
@@ -307,14 +314,12 @@ class FleetLNS:
         """
         if not self.tours.adopt(self.best, kept):
             return None
-        stuck = self.tours.decide_in_turns(given, deadline)
+        # on the first changes they look for ways that suit so many, then nearly all are known
+        stuck = self.tours.decide_in_turns(replace(given, looks=2), deadline)
         return self.tours.decided() if stuck is None else None
 
 
 # ------------------ Moves: what is withdrawn, and whose turn comes first then
-
-
-Move = Callable[[FleetLNS, Deadline], FleetSolution | None]
 
 
 def other_turns(search: FleetLNS, deadline: Deadline) -> FleetSolution | None:
@@ -392,10 +397,8 @@ def some_of_the_last(search: FleetLNS, deadline: Deadline) -> FleetSolution | No
     order = rng.choice(("one after the other", "as before", "as they come"))
     first = tuple(some) if order == "one after the other" else ()
     turns = search.best.turns if order == "as before" else {}
-    # other ways are looked for now and then: that takes far longer than to wait on known ones
-    looks = _LOOKS if rng.random() < _LOOKING else 0
     limit = search.best.lean().makespan
-    given = Priorities(first, turns=turns, looks=looks, limit=limit)
+    given = Priorities(first, turns=turns, limit=limit)
     return search.anew(search.since(some, moment), given, deadline)
 
 
@@ -409,28 +412,35 @@ NEAR: tuple[Callable[[FleetLNS, str, Deadline], list[str]], ...] = (
 
 def deal_again(search: FleetLNS, deadline: Deadline) -> FleetSolution | None:
     """All jobs dealt out anew with what is known now of drives and of changes at shared places, and
-    all tours decided in rounds; those are gone on with, if they are kept.
+    guesses that differ a little each time, for what suits the best share is found over and over;
+    all tours are decided in rounds, and gone on with, if they are kept.
     """
-    dealt = search.dealt
-    rules, handover = dealt.rehearsal.rules, search.tours.changeover(search.best)
-    known = rules._replace(handover=rules.handover if handover is None else handover, steep=_STEEP)
-    found = replace(dealt, rehearsal=replace(dealt.rehearsal, rules=known))
-    found = mended(exchanged(found, search.rng, deadline), search.rng, deadline)
-    ends = found.rehearsal.ends(found.tours).values()
+    dealt, rng = search.dealt, search.rng
+    usual, handover = dealt.rehearsal, search.tours.changeover(search.best)
+    known = usual.rules if handover is None else usual.rules._replace(handover=handover)
+    known = known._replace(steep=_STEEP)
+    bias = biased(dealt.jobs, NOISE * rng.random() ** 2, rng)
+    guessed = AssignmentEvaluator(usual.guess, dealt.jobs, known, bias)
+    found = mended(exchanged(replace(dealt, rehearsal=guessed), rng, deadline), rng, deadline)
+    ends = replace(usual, rules=known).ends(found.tours).values()
     search.without_traffic = min(search.without_traffic, max(end for end, _ in ends))
-    again = replace(found, rehearsal=dealt.rehearsal)
-    tours = search.open_tours(again, deadline)
-    if tours is None:
+    again = replace(found, rehearsal=usual)
+    tours = None if again.tours == dealt.tours else search.open_tours(again, deadline)
+    decided = None if tours is None else squeaky_wheel(tours, _FEW_ROUNDS, rng, deadline)
+    if tours is None or decided is None:
         return None
-    decided = squeaky_wheel(tours, again.tuning.rounds, search.rng, deadline)
-    if decided is not None and search.cost(decided) <= search.cost(search.best):
+    trial = FleetLNS(again, tours, decided, search.open_tours, rng)
+    tries = len(tours.robots)
+    for _ in trial.changed(deadline.expired, deadline, ((other_turns, 1.0),), tries):
+        pass
+    if search.cost(trial.best) <= search.cost(search.best):
         search.tours, search.dealt = tours, again
-    return decided
+    return trial.best
 
 
-MOVES: tuple[tuple[Move, float], ...] = (
-    (other_turns, 0.75),
+MOVES: Moves = (
+    (other_turns, 0.72),
     (other_ways, 0.1),
     (some_of_the_last, 0.15),
+    (deal_again, 0.03),
 )
-"""What may be changed, and how large a share of all changes each move has."""

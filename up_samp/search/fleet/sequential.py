@@ -106,12 +106,6 @@ def ancestors(motions: Collection[str], times: Earliest) -> dict[str, set[str]]:
     return found
 
 
-def sooner(one: TimedPath | None, other: TimedPath | None) -> TimedPath | None:
-    """Return the run that arrives first, of those that there are."""
-    found = (run for run in (one, other) if run is not None)
-    return min(found, key=lambda run: run.arrival, default=None)
-
-
 # ------------------ Tours that are decided: their motions, and when everything happens
 
 

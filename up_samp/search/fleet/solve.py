@@ -25,6 +25,7 @@ from up_samp.search.attempt import keep_if_better
 from up_samp.search.conclusion import SearchResult, conclude, conclude_stopped
 from up_samp.search.events import Phase
 from up_samp.search.fleet.assignment import (
+    NOISE,
     Assignment,
     Stop,
     assign,
@@ -56,9 +57,6 @@ _DEALING = 0.3
 """Of the time that is left for a first plan, for dealing jobs out once."""
 _TURN = 0.6
 """Of what is left of that, for one share of the jobs (more again)."""
-_NOISE, _NOISIEST = 0.06, 5
-"""Share of what a job costs, by which guesses differ at first; and shares of the jobs, after which
-they do not become more different."""
 _UNSCHEDULED = 2
 """Shares of the jobs without any schedule, after which jobs are not dealt out."""
 _SLOWER = 0.2
@@ -94,7 +92,7 @@ class LargeProblem:
         activities.
         """
         optional = sum(a.optional for a in self.problem.activities)
-        return 1.0 - (1.0 - share) * math.sqrt(self.tuning.large / optional)
+        return 1.0 - (1.0 - share) * self.tuning.large / optional
 
 
 def solve_large(
@@ -144,7 +142,7 @@ def deals_of(search: Search, large: LargeProblem, deadline: Deadline) -> Iterato
         # who was late was guessed to be too quick
         careful = rules._replace(traffic=rules.traffic * (1.0 + _SLOWER * number))
         rng = random.Random(search.seed + number)
-        bias = biased(large.jobs, _NOISE * min(number, _NOISIEST), rng)
+        bias = biased(large.jobs, NOISE * min(number, 5), rng)
         soon = deadline.within(_DEALING * deadline.remaining())
         rehearsal = AssignmentEvaluator(guess, large.jobs, careful, bias)
         yield in_stated_order(assign(rehearsal, soon, rng, large.tuning), earlier)

@@ -27,7 +27,7 @@ from up_samp.model import CandidateSchedule, Configuration, Deadline, Rest, Time
 from up_samp.motion.fleet.reservations import ReservationTable
 from up_samp.motion.fleet.timed_path import TimedPath
 from up_samp.scheduling.partial_order import Earliest
-from up_samp.search.fleet.sequential import FleetSolution, ancestors, sooner
+from up_samp.search.fleet.sequential import FleetSolution, ancestors
 from up_samp.search.search import Search
 from up_samp.search.world import contested, motion_key, others_first
 from up_samp.upio import Itinerary
@@ -498,7 +498,8 @@ class TourPlanner:
         most = self._given.looking.get(name, self._given.looks) + hard
         if ways.looks < most and (best is None or best.arrival > due):
             ways.looks += 1
-            best = sooner(best, self._floor.plan(asked, deadline).run)
+            best = self._floor.by_proposed_way(asked, best)
+            best = best or self._floor.plan(asked, deadline).run
         if best is None or best.arrival > until:
             return None
         ways.paths.setdefault(best.path.number, best.path)
