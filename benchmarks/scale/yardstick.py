@@ -4,7 +4,8 @@ kept by others, on the drive times that our own assignment uses.
 ``python benchmarks/scale/yardstick.py [20x60 SEED SECONDS CHANGEOVER]`` prints the makespan of both
 where robots heed each other at stations only: a station holds one robot, ``CHANGEOVER`` s pass from
 when one may leave to when the next is there, and whoever does not stay at its last station drives
-home. Both get as many CPU seconds. The bound knows of no change-over.
+home. Ours gets ``SECONDS`` of computing, theirs as many by the clock. The bound knows of no
+change-over.
 """
 
 from __future__ import annotations
@@ -148,7 +149,7 @@ class Routes:
             routing.AddPickupAndDelivery(pick, drop)
             solver.Add(routing.VehicleVar(pick) == routing.VehicleVar(drop))
             modes = {r: o for (way, r), o in self.mode.items() if way == n}
-            routing.SetAllowedVehiclesForIndex([-1, *modes], pick)
+            routing.VehicleVar(pick).SetValues([-1, *modes])
             stay = max(math.ceil(TICKS * work.stays[self.last(o)]) for o in modes.values())
             due = min(work.due[o] for o in modes.values())
             if due < math.inf:

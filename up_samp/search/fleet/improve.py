@@ -36,7 +36,7 @@ MANY, _SHARE = 14, 0.6
 """Motions that may meet, from which on a candidate's motions are not first tried as scheduled; and
 the share of the remaining time that they get."""
 _FEW_ROUNDS = 4
-"""In which all their tours are decided."""
+"""In which all their tours are decided, and those of another share of the jobs."""
 # first tours
 _HOPELESS = 6
 """Rounds without tours, after which they are decided whole."""
