@@ -16,8 +16,8 @@ class Elsewhere:
         rng = self.rng = random.Random(f"{seed}, elsewhere")
         self.folder = Path(folder)
         self.turn = rng.choice((0.0, math.pi / 2, math.pi, rng.uniform(-math.pi, math.pi)))
-        # the origin lies somewhere in the hall, where its bodies pass, or far away from it
-        far = rng.choice((1.0, 1.0, 40.0))
+        # in the hall, where its bodies pass, near it, or as far away as where maps count from
+        far = rng.choice((1.0, 1.0, 40.0, 3e5))
         x, y = far * rng.uniform(0.0, 15.0), far * rng.uniform(0.0, 8.0)
         cos, sin = math.cos(self.turn), math.sin(self.turn)
         self.frame = cos, sin, -cos * x + sin * y, -sin * x - cos * y

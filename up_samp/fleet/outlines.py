@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cmath
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -102,7 +103,15 @@ def swept(outline: Outline, first: Pose, last: Pose) -> list[tuple[float, float]
 def area_of(records: FleetRecords, name: str) -> Placed:
     """Return a zone, or the doorway of an automatic door, as an obstacle."""
     area = records.zones.get(name) or records.automatic_doors[name]
-    return Placed(name, still(area.polygon), (0.0, 0.0, 0.0))
+    return lying(name, area.polygon)
+
+
+def lying(name: str, corners: Sequence[tuple[float, float]]) -> Placed:
+    """Return a part of the floor as an obstacle, about its middle: discs about that are small, and
+    floors may lie far from the world's origin.
+    """
+    x, y = (round((min(side) + max(side)) / 2, 2) for side in zip(*corners, strict=True))
+    return Placed(name, still(tuple((a - x, b - y) for a, b in corners)), (x, y, 0.0))
 
 
 def rules_for(

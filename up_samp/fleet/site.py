@@ -49,7 +49,7 @@ from up_samp.fleet.loads import (
     ridden,
     with_load,
 )
-from up_samp.fleet.outlines import area_of, movable, placed, rules_for, still, swept
+from up_samp.fleet.outlines import area_of, lying, movable, placed, rules_for, swept
 from up_samp.fleet.records import (
     GROUND,
     Attached,
@@ -299,20 +299,21 @@ class Site:
                 place = self._pose(f"{name}.{state}", pose, door.floor)
                 self.places[place.name], self.spots[place.name] = place, self._spot(place)
             reach = tuple(swept(door.leaf, door.closed, door.open))
-            area = self._area(f"reach{MARK}{name}", reach, door.floor)
-            self.reaches[name] = area, Placed(area.name, still(reach), (0.0, 0.0, 0.0))
+            area = self._area(lying(f"reach{MARK}{name}", reach), door.floor)
+            self.reaches[name] = area, lying(area.name, reach)
             self.doors[name] = self._fixture(name, door.leaf, self.places[f"{name}.closed"])
             self._at_first(name, self.spots[f"{name}.closed"])
         for name, automatic in self.records.automatic_doors.items():
-            self.doorways[name] = self._area(name, automatic.polygon, automatic.floor)
+            self.doorways[name] = self._area(area_of(self.records, name), automatic.floor)
 
-    def _area(self, name: str, polygon: Outline, floor: str) -> MovableObject:
-        here = self._pose(f"{name}.here", (0.0, 0.0, 0.0), floor)
-        return self._fixture(name, polygon, here, AREA)
+    def _area(self, area: Placed, floor: str) -> MovableObject:
+        x, y, heading = area.pose
+        here = self._pose(f"{area.name}.here", (x, y, heading), floor)
+        return self._fixture(area.name, area.body.footprint, here, AREA)
 
     def _zones(self) -> None:
         for name, zone in self.records.zones.items():
-            area = self._area(name, zone.polygon, zone.floor)
+            area = self._area(area_of(self.records, name), zone.floor)
             for kind in zone.keep_out:
                 self.keep_out.setdefault((kind, zone.floor), []).append(area)
             if zone.max_robots is not None:

@@ -166,16 +166,18 @@ def _read_height(obj: MovableObject, model: MotionModel) -> float:
     return value
 
 
-def _corners(name: str, footprint: Any) -> tuple[tuple[float, float], ...]:
-    """Return a footprint as plain numbers."""
+def _corners(
+    name: str, footprint: Any, most: float = LIMITS.footprint
+) -> tuple[tuple[float, float], ...]:
+    """Return a footprint, or another polygon, as plain numbers, of ``most`` m."""
     try:
         corners = tuple((float(x), float(y)) for x, y in footprint)
     except (TypeError, ValueError, OverflowError) as error:
         raise ProblemError(
             f"object '{name}': a footprint is a list of corners (x, y), not {short(footprint)}"
         ) from error
-    if any(abs(v) > LIMITS.footprint for corner in corners for v in corner):
-        raise ProblemError(f"object '{name}': its footprint is larger than {LIMITS.footprint:g} m")
+    if any(abs(v) > most for corner in corners for v in corner):
+        raise ProblemError(f"object '{name}': a corner is more than {most:g} m off")
     return corners
 
 
@@ -241,7 +243,7 @@ def _read_zones(name: str, given: Any) -> tuple[TrafficZone, ...]:
     for zone in zones:
         if not isinstance(zone, TrafficZone):
             raise ProblemError(f"object '{name}': '{_ZONES}' holds TrafficZone, not {short(zone)}")
-        corners = _corners(name, zone.polygon)
+        corners = _corners(name, zone.polygon, LIMITS.farthest)
         if not shapely.Polygon(corners if len(corners) > 2 else ()).is_valid or len(corners) < 3:
             raise ProblemError(f"object '{name}': the zone {short(corners)} is no simple polygon")
         if zone.one_way is not None and not math.isfinite(zone.one_way):
