@@ -82,6 +82,13 @@ def test_who_may_look_may_not_operate(floor):
     assert told("DELETE", "/v1/orders/o1", page.write)[0] == 200
     assert day.state("o1") == "cancelled"
     assert told("POST", "/v1/areas/wet", page.write, {"corners": [[1, 1], [2, 1]]})[0] == 422
+    by_hand = {"why": "pushed aside", "pose": [6.0, 8.5, 1.0]}
+    assert told("POST", "/v1/robots/r1/leave", page.write, by_hand)[0] == 200
+    assert day.operation.away == {"r1": "pushed aside"}
+    assert day.operation.pose("r1") == (6.0, 8.5, 1.0)
+    assert told("POST", "/v1/robots/r1/join", page.write, {"pose": [6.0, 8.5]})[0] == 422
+    assert told("POST", "/v1/robots/r1/join", page.write, {"pose": [6.0, 9.0, 0]})[0] == 200
+    assert (day.operation.away, day.operation.pose("r1")) == ({}, (6.0, 9.0, 0.0))
 
 
 def test_an_operator_sees_robots_and_holds_them(floor, browser):  # noqa: F811

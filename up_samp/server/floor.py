@@ -28,14 +28,15 @@ from fastapi.responses import HTMLResponse, Response, StreamingResponse
 from starlette.concurrency import run_in_threadpool
 
 from up_samp.execution.reports import Command, Do, Go, Hold
-from up_samp.fleet.records import Zone, corners_of
+from up_samp.fleet.files import read_record
+from up_samp.fleet.records import Pose, Zone, corners_of
 from up_samp.fleet.statements import Kind
 from up_samp.model import ProblemError, SampError
 from up_samp.operate.choice import BACK, OUT
 from up_samp.operate.horizon import DELIVERS
 from up_samp.operate.loop import Operation
 from up_samp.operate.planner import is_open
-from up_samp.operate.remote import RemoteRobots
+from up_samp.operate.remote import RemoteRobots, RobotTold
 from up_samp.operate.store import clock_text
 from up_samp.server.guard import LOCAL, Guard
 from up_samp.server.robots import add_robots
@@ -216,13 +217,20 @@ def _add_deeds(app: FastAPI, page: FloorPage) -> None:
     deed("DELETE", "/v1/orders/{name}", lambda _, name: day.cancel(name))
     deed("POST", "/v1/hold", lambda body, _: day.hold(robot(body), str(body.get("why", "by hand"))))
     deed("POST", "/v1/release", lambda body, _: day.release(robot(body)))
-    deed("POST", "/v1/robots/{name}/leave", lambda body, name: day.leave(name))
-    deed("POST", "/v1/robots/{name}/join", lambda body, name: day.join(name))
+    deed("POST", "/v1/robots/{name}/leave", lambda body, name: day.leave(
+        name, str(body.get("why", "out of order")), _pose(body)))  # fmt: skip
+    deed("POST", "/v1/robots/{name}/join", lambda body, name: day.join(name, _pose(body)))
     deed("POST", "/v1/robots/{name}/charge", lambda body, name: day.charge(name))
     deed("POST", "/v1/doors/{name}/shut", lambda body, name: day.close_door(name))
     deed("POST", "/v1/doors/{name}/mend", lambda body, name: day.close_door(name, BACK))
     deed("POST", "/v1/areas/{name}", lambda body, name: day.block(name, _corners(body)))
     deed("DELETE", "/v1/areas/{name}", lambda _, name: day.unblock(name))
+
+
+def _pose(body: Mapping[str, Any]) -> Pose | None:
+    """Return where somebody says that a robot stands (None: nobody does)."""
+    found: RobotTold = read_record(RobotTold, {"pose": body.get("pose")})
+    return found.pose
 
 
 def _corners(body: Mapping[str, Any]) -> list[list[float]]:
