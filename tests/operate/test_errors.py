@@ -13,7 +13,7 @@ from tests.operate.wire import AgvFloor
 from up_samp.execution.graph import At
 from up_samp.execution.reports import Hold
 from up_samp.execution.state import REACTION
-from up_samp.model import UnsupportedError
+from up_samp.model import ProblemError, UnsupportedError
 from up_samp.operate.planner import check_site
 from up_samp.operate.settings import Settings
 
@@ -160,3 +160,10 @@ def test_errors_that_the_margin_does_not_cover_are_refused(tmp_path):
         check_site(fleet.records, 0.05)
     fleet._hold(replace(fleet.records, margin=0.26))
     check_site(fleet.records, 0.05)
+
+
+@pytest.mark.parametrize("name", ["localisation", "latency", "budget"])
+@pytest.mark.parametrize("value", [-0.1, float("nan"), float("inf")])
+def test_settings_that_cannot_be_are_refused(name, value):
+    with pytest.raises(ProblemError, match=f"'{name}' cannot be"):
+        Settings(**{name: value})

@@ -74,6 +74,7 @@ def broker(text: str) -> tuple[str, int]:
 
 def _operate(args: argparse.Namespace) -> int:
     from up_samp.operate import Operation, RealClock, Settings, Store
+    from up_samp.operate.planner import least_margin
     from up_samp.operate.remote import RemoteRobots
     from up_samp.operate.simulated import SimulatedRobots, SteppedClock
 
@@ -84,6 +85,10 @@ def _operate(args: argparse.Namespace) -> int:
     epoch = store.day("epoch", time.time())
     clock = RealClock(epoch)
     settings = Settings(budget=args.budget, localisation=args.localisation)
+    least = least_margin(site, args.localisation)
+    if site.margin < least:
+        print(f"note: robots may pass each other at less than their errors; a margin of {least:g} m"
+              f" in the site file covers them, it is {site.margin:g}", flush=True)  # fmt: skip
     if args.mqtt is None and args.robots == "simulated":
         floor = SimulatedRobots(
             {n: site.places[r.start].pose for n, r in site.robots.items()}, site=site

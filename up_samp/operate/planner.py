@@ -152,17 +152,24 @@ def check_site(site: FleetRecords, otherwise: float = TOLERANCES.localisation) -
         check_job(job)
 
 
+def least_margin(site: FleetRecords, otherwise: float) -> float:
+    """Return the margin (m) that covers how wrong any two robots are; ``otherwise``: those that say
+    nothing.
+    """
+    errors = [site.senses(n).get("localisation", otherwise) for n in site.robots]
+    return round(sum(sorted(errors)[-2:]) + TOLERANCES.margin, 6)
+
+
 def _check_errors(site: FleetRecords, otherwise: float) -> None:
     """Raise :class:`UnsupportedError` where a robot says how wrong it is, and the margin does not
     cover what the two are that are most so.
     """
-    errors = {n: site.senses(n).get("localisation", otherwise) for n in site.robots}
-    said = [n for n in site.robots if "localisation" in site.senses(n)]
-    least = sum(sorted(errors.values())[-2:]) + TOLERANCES.margin
-    if said and site.margin < least - TOLERANCES.arrived:
-        name = max(said, key=errors.__getitem__)
+    said = {n: e for n in site.robots if (e := site.senses(n).get("localisation")) is not None}
+    least = least_margin(site, otherwise)
+    if said and site.margin < least:
+        name = max(said, key=said.__getitem__)
         raise UnsupportedError(
-            f"robot '{name}' may be {errors[name]:g} m from where it tells to be: that needs a "
+            f"robot '{name}' may be {said[name]:g} m from where it tells to be: that needs a "
             f"margin of {least:g} m, and the site's is {site.margin:g}"
         )
 

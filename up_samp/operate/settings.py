@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from up_samp.fleet.records import Weights
+from up_samp.model import ProblemError
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,11 @@ class Settings:
     ahead: float = 1.2
     low: float = 0.3
     seed: int = 0
+
+    def __post_init__(self) -> None:
+        for name in ("budget", "grace", "tick", "localisation", "latency", "ahead"):
+            if not 0.0 <= (value := getattr(self, name)) < math.inf:
+                raise ProblemError(f"'{name}' cannot be {value:g}: at least 0")
 
 
 DAY = Weights(tardiness=10.0, completion=1.0, driving=0.1)
