@@ -69,6 +69,19 @@ def test_gates_clearances_and_braking_are_each_robots_own(tmp_path):
         day.operation.close()
 
 
+def test_all_are_as_late_as_the_settings_say_but_for_who_is_later(tmp_path):
+    settings = Settings(stretch=20.0, latency=1.5)
+    day = Day(tmp_path, fleet=mixed(tmp_path), settings=settings)
+    try:
+        for k in (1, 2):
+            day.order(f"o{k}", f"rack{k}", f"dock{k}", robots=[f"r{k}"])
+        day.until(lambda: all(begun(day, f"r{k}") for k in (1, 2)))
+        late = {way.object: way.reaction for way in day.operation.executor.state.ways.values()}
+        assert late == {"r1": 1.5, "r2": 2.0}
+    finally:
+        day.operation.close()
+
+
 def as_told(folder, site, mishaps, seed):
     """AGVs as wrong, and as late, as their site says: part of it is how they follow their edges."""
     floor = AgvFloor(site, mishaps, seed, lost=0.05, twice=0.05)

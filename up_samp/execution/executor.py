@@ -95,9 +95,10 @@ class Executor(Followed):
         if localisation is None:
             localisation = self.dependencies.localisation or TOLERANCES.localisation
         self.localisation = localisation
-        late = {name: life.latency for name, life in self.dependencies.lives.items()}
-        errors = errors_of(self.dependencies.lives, localisation)
-        self.state = FloorState(graph, self.dependencies.travels, tolerance, errors, late)
+        lives = self.dependencies.lives
+        self._late = {name: max(latency, life.latency) for name, life in lives.items()}
+        errors = errors_of(lives, localisation)
+        self.state = FloorState(graph, self.dependencies.travels, tolerance, errors, self._late)
         self.routes = routes_of(graph, self.state.ways)
         self.latency, self.ahead, self.tuning = latency, ahead, tuning
         self.pace = RobotPace()
@@ -354,7 +355,7 @@ class Executor(Followed):
     def _since_told(self, robot: str) -> float:
         """Return for how long (s) at most a robot may have driven since what it told last."""
         since = max(0.0, self.now - self._told.get(robot, self.now))
-        return since + max(self.latency, self.dependencies.lives[robot].latency)
+        return since + self._late[robot]
 
     def _near(self, robot: str) -> float:
         """Return how far (m) a robot may tell to be off its path, or its place."""
