@@ -35,6 +35,8 @@ fleet.add_zone("ramp", [(14, 0), (16, 0), (16, 16), (14, 16)], v_max=0.6, robot_
 # through the gap between the halls: east in the lower lane, west in the upper one
 fleet.add_zone("eastbound", [(14, 2), (16, 2), (16, 4), (14, 4)], one_way=0.0)
 fleet.add_zone("westbound", [(14, 4), (16, 4), (16, 6), (14, 6)], one_way=math.pi)
+# nobody is kept out of the picking area, but who goes round it is welcome
+fleet.add_zone("pickers", [(18, 6.5), (22, 6.5), (22, 10), (18, 10)], avoid=10)
 fleet.add_zone("racks", [(25, 1), (29, 1), (29, 5), (25, 5)], pivoting="never")
 
 fleet.add_order("parts1", pickup="rack", delivery="dock")

@@ -23,6 +23,7 @@ SOLVED = {
     "rules": ("examples/traffic_rules.py", "map.png"),
     "pallets": ("examples/pallets.py", "map.png"),
     "factory": ("examples/factory.py", "map.png"),
+    "paint": ("examples/paint_shop.py", "gantt.png"),
     "charging": ("examples/charging.py", "gantt.png"),
     "hospital": ("examples/hospital.py", "map.png"),
     "shop": ("examples/shop.py", "gantt.png"),

@@ -26,6 +26,7 @@ def check(spec, plan, fault):
         rows = np.array(motion["samples"])
         steps = [*_steps(rows)]
         _backing(kind, motion, steps, fault)
+        _turning(kind, motion, steps, fault)
         zones = [z for z in spec["zones"].values() if z.get("floor", "ground") == floor]
         for zone in zones:
             _zone(zone, kind, body, motion, steps, fault)
@@ -73,9 +74,21 @@ def _backing(kind, motion, steps, fault):
             return
 
 
+def _turning(kind, motion, steps, fault):
+    for time, pose, _, way, turned, _ in steps:
+        if kind.get("pivoting") == "never" and abs(turned) > 0.02 and math.hypot(*way) < 1e-6:
+            fault(motion["object"], "turns on the spot at", time, pose)
+            return
+
+
 def _zone(zone, kind, body, motion, steps, fault):
     """A step whose middle is in a zone keeps to its rules: but for the last 2 cm at its edges."""
     shrunk = Polygon(zone["polygon"]).buffer(-0.02)
+    ends = [row[1:4] for row in (motion["samples"][0], motion["samples"][-1])]
+    if zone.get("stopping") == "never" and any(
+        _touches(body, p, shrunk.exterior.coords) for p in ends
+    ):
+        fault(motion["object"], "rests in a zone", ends)
     for time, pose, _, (dx, dy), turned, lasts in steps:
         moved = math.hypot(dx, dy)
         inside = _touches(body, pose, shrunk.exterior.coords)
@@ -85,6 +98,10 @@ def _zone(zone, kind, body, motion, steps, fault):
         pivots = abs(turned) > 0.02 and moved < 1e-6
         if zone.get("pivoting") == "never" and inside and pivots:
             fault(motion["object"], "turns on the spot in a zone", time, pose)
+            return
+        stands = moved < 1e-6 and abs(turned) < 1e-6 and lasts > 0.01
+        if zone.get("stopping") == "never" and inside and stands:
+            fault(motion["object"], "stands in a zone", time, pose)
             return
         if "one_way" in zone and shrunk.contains(Point(pose[:2])):
             along = dx * math.cos(zone["one_way"]) + dy * math.sin(zone["one_way"])

@@ -1,7 +1,7 @@
 """Random small fleets as ``buildings`` draws them, with what sites asked for since: doors that open
 by themselves, airlocks, rules of driving by zone, cars, robots that do not back up or slowly, lifts
-for several robots, swapped batteries and charging curves, crews, several windows, resources, and
-objectives in an order.
+for several robots, swapped batteries and charging curves, crews, several windows, resources,
+set-ups, batches, buffers of limited room, and objectives in an order.
 """
 
 import copy
@@ -10,6 +10,7 @@ import random
 from tests.fleet import buildings
 
 MORE_TERMS = ("distance", "energy", "cost", "busiest")
+RULES = ("v_max", "one_way", "pivoting", "stopping")
 DOORWAY = [[6.3, 2.6], [7.5, 2.6], [7.5, 5.6], [6.3, 5.6]]
 CURTAIN = [[9.95, 0.1], [10.5, 0.1], [10.5, 7.9], [9.95, 7.9]]
 
@@ -27,6 +28,9 @@ class Modern(buildings.Building):
         self.rng = random.Random(f"{seed}, and more")
         self.spec |= {"automatic_doors": {}, "resources": {}}
         for part in ("robots", "doors", "zones", "lifts", "batteries", "crew", "jobs", "objective"):
+            getattr(self, f"_more_{part}")()
+        self.rng = random.Random(f"{seed}, and of late")
+        for part in ("setups", "batches", "buffers", "turns", "stops"):
             getattr(self, f"_more_{part}")()
 
     def _chance(self, share):
@@ -138,6 +142,66 @@ class Modern(buildings.Building):
         if told != "makespan" and len(told) > 1 and self._chance(0.4):
             self.spec["objective"] = [{term: weight} for term, weight in told.items()]
 
+    def _more_setups(self):
+        r, clerk = self.rng, self.spec["resources"].get("clerk")
+        if clerk is None or not self._chance(0.6):
+            return
+        clerk["setup"] = {"red": {"blue": r.choice([2, 7.5])}, "blue": {"red": r.choice([0, 4])}}
+        if self._chance(0.5):
+            clerk["kind"] = "red"
+        for job in self.spec["orders"] + self.spec["tasks"]:
+            job["kind"] = r.choice(["red", "blue"])
+
+    def _more_batches(self):
+        r, lasts = self.rng, {"red": self.rng.choice([4, 9.5]), "blue": 6}
+        if not self._chance(0.3):
+            return
+        self.spec["resources"]["oven"] = {"capacity": 2, "batches": True}
+        if self._chance(0.5):
+            self.spec["resources"]["oven"]["setup"] = {"red": {"blue": 5}, "blue": {"red": 3.5}}
+        for k in range(r.choice([2, 3])):
+            kind = r.choice(["red", "blue"])
+            task = {"id": f"b{k}", "duration": lasts[kind], "resources": "oven", "kind": kind}
+            if self.spec["orders"] and self._chance(0.4):
+                task["after"] = self.spec["orders"][0]["id"]
+                if "repeat" in self.spec["orders"][0]:
+                    del task["after"]
+            self.spec["tasks"].append(task)
+
+    def _more_buffers(self):
+        stops = [_at(o[part]) for o in self.spec["orders"] for part in ("pickup", "delivery")]
+        listed = {place for stop in stops if len(stop) > 1 for place in stop}
+        for name, place in self.spec["places"].items():
+            if name.startswith("p") and name not in listed and self._chance(0.3):
+                there = sum(
+                    o.get("repeat", {}).get("times", 1)
+                    for o in self.spec["orders"]
+                    if _at(o["pickup"]) == [name]
+                )
+                holds = self.rng.randint(0, there)
+                place |= {"room": max(1, holds + self.rng.choice([0, 1])), "holds": holds}
+
+    def _more_turns(self):
+        kind = self.spec["types"]["agv"]
+        if kind["model"] == "diff" and self._chance(0.3):
+            kind["pivoting"] = "never"
+
+    def _more_stops(self):
+        if self._chance(0.35):
+            x, floor = self.rng.choice([3.3, 7.9, 10.25]), self._floor()
+            self.spec["zones"]["through"] = {
+                "polygon": strip(x, 0.3), "stopping": "never", "floor": floor,
+            }  # fmt: skip
+        if self._chance(0.2):
+            half = [[8.6, 0.1], [9.1, 0.1], [9.1, 5.0], [8.6, 5.0]]
+            avoid = self.rng.choice([0.5, 20])
+            self.spec["zones"]["offices"] = {"polygon": half, "avoid": avoid}
+
+
+def _at(stop):
+    at = stop["at"] if isinstance(stop, dict) else stop
+    return [at] if isinstance(at, str) else at
+
 
 def _as_stop(job, part):
     if not isinstance(job[part], dict):
@@ -161,8 +225,11 @@ def looser(spec, seed):
     asked += [(lift, "per_floor") for lift in spec["lifts"].values() if "per_floor" in lift]
     if not _by_ways(spec["objective"]):
         for zone in spec["zones"].values():
-            asked += [(zone, k) for k in ("v_max", "one_way", "pivoting") if k in zone]
+            asked += [(zone, k) for k in RULES if k in zone]
         asked += [(kind, "reverse")] if kind.get("reverse", "free") != "free" else []
+        asked += [(kind, "pivoting")] if "pivoting" in kind else []
+    asked += [(r, k) for r in spec["resources"].values() for k in ("setup", "batches") if k in r]
+    asked += [(place, "room") for place in spec["places"].values() if "room" in place]
     asked += [(kind["battery"], "curve")] if "curve" in kind.get("battery", {}) else []
     for job in spec["orders"] + spec["tasks"]:
         stops = [job, *(job[k] for k in ("pickup", "delivery") if isinstance(job.get(k), dict))]
@@ -170,7 +237,7 @@ def looser(spec, seed):
     if not asked or r.random() < 0.2:
         return buildings.looser(spec, seed)
     told, what = r.choice(asked)
-    if what in ("v_max", "one_way", "pivoting"):
+    if what in RULES and told is not kind:
         spec["zones"] = {name: zone for name, zone in spec["zones"].items() if zone is not told}
     elif what == "reverse":
         kind.pop("reverse_v_max", None)
@@ -179,6 +246,9 @@ def looser(spec, seed):
         for door in spec["automatic_doors"].values():
             door.pop("airlock", None)
             door.pop("closes_in", None)
+    elif what in ("setup", "room"):
+        del told[what]
+        told.pop("kind" if what == "setup" else "holds", None)
     else:
         del told[what]
     return spec, what

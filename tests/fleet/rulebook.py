@@ -37,9 +37,10 @@ class Rulebook:
         for job, name, later in self.repeated():
             self._job(job, name, later)
         for resource, some in self.used.items():
-            for one, two in itertools.pairwise(sorted(some)):
-                if one[1] > two[0] + NEAR:
-                    self.fault(resource, "is used twice at a time", one, two)
+            self._used(resource, spec["resources"][resource], sorted(some))
+        for place, told in spec["places"].items():
+            if "room" in told:
+                self._buffer(place, told)
         self._sequels()
         self._value()
 
@@ -256,11 +257,42 @@ class Rulebook:
         ):
             self.fault(name, "outside its window", activity)
         if stop.get("resources"):
-            self.used.setdefault(stop["resources"], set()).add((low, high, name))
-        if not self._stands(what.robot, _listed(stop["at"]), low, high):
+            used = (low, high, name, job.get("kind", ""))
+            self.used.setdefault(stop["resources"], set()).add(used)
+        if "at" in stop and not self._stands(what.robot, _listed(stop["at"]), low, high):
             self.fault(name, "elsewhere", activity)
         if job.get("robots") and what.robot not in _listed(job["robots"]):
             self.fault(name, "by another robot", what.robot)
+
+    def _used(self, name, resource, some):
+        """Told in the order of their starts: who uses a resource when, of which kind."""
+        lasts = {(a, b): s for a, row in resource.get("setup", {}).items() for b, s in row.items()}
+        for one in some:
+            if one[0] < lasts.get((resource.get("kind"), one[3]), 0) - NEAR:
+                self.fault(name, "is not set up yet for", one)
+            at_once = [two for two in some if two[0] < one[1] - NEAR and one[0] < two[1] - NEAR]
+            alike = len({two[:2] + two[3:] for two in at_once}) == 1
+            if len(at_once) > resource.get("capacity", 1) or not alike:
+                self.fault(name, "is used at a time by", at_once)
+        for one, two in itertools.combinations(some, 2):
+            gap = lasts.get((one[3], two[3]), 0)
+            if one[:2] != two[:2] and one[1] + gap > two[0] + NEAR:
+                self.fault(name, "is not set up in time", one, two)
+
+    def _buffer(self, place, told):
+        """Loads are there from when a delivery begins until a pickup ends."""
+        changes = []
+        for what, _, low, high in self.done:
+            if what.kind.value in ("pick", "deliver") and self._stands(
+                what.robot, [place], high, high
+            ):
+                came = what.kind.value == "deliver"
+                changes.append((low, 1) if came else (high, -1))
+        level = told.get("holds", 0)
+        for time, change in sorted(changes):
+            level += change
+            if not 0 <= level <= told["room"]:
+                self.fault(place, "holds", level, "at", time)
 
     def _sequels(self):
         jobs = {j["id"]: j for j in self.spec["orders"] + self.spec["tasks"]}

@@ -78,8 +78,10 @@ def driven(answer, seed):
     found = dependencies_of(answer.fleet.problem, answer.result.data)
     for k, (policy, delays) in enumerate(FLOORS):
         run = simulate(found, answer.result.data, delays, seed + k, policy=policy)
-        if not run.finished or run.contacts or run.broken:
-            yield f"run {k}: {run.finished}, {run.deadlock}, {run.contacts[:2]}, {run.broken[:2]}"
+        # who stops by itself, as these robots do, does so anywhere
+        broken = [b for b in run.broken if not (delays.stops and b.startswith("stop: "))]
+        if not run.finished or run.contacts or broken:
+            yield f"run {k}: {run.finished}, {run.deadlock}, {run.contacts[:2]}, {broken[:2]}"
 
 
 def told(seed, folder, timeout=10.0, draw=Building, looser=looser):

@@ -36,6 +36,66 @@ def hall(folder, **options):
     return fleet
 
 
+MIDDLE = [(5.0, 0), (9.0, 0), (9.0, 9), (5.0, 9)]
+
+
+def stands(data, name, low, high):
+    """For how long a robot stands with its middle between two x, on its drives (s)."""
+    found = 0.0
+    for motion in data["motions"]:
+        rows = np.array(motion["samples"])
+        still = np.abs(np.diff(rows[:, 1:], axis=0)).max(axis=1) < 1e-6
+        here = (rows[:-1, 1] > low) & (rows[:-1, 1] < high) & (motion["object"] == name)
+        found += float(np.diff(rows[:, 0])[still & here].sum())
+    return found
+
+
+def test_robots_wait_before_a_zone_without_stops_also_when_they_are_late(tmp_path):
+    fleet = hall(tmp_path)
+    fleet.add_zone("gap", MIDDLE, stopping="never")
+    result = fleet.solve(timeout=300, first_plan=True, query_seconds=0.3)
+    assert result.status.startswith("SOLVED"), result.explain()
+    assert validate_plan(fleet.problem, result.plan).valid
+    assert all(stands(result.data, robot, 4.4, 9.6) == 0.0 for robot in "tc")
+    (zone,) = next(o for o in result.data["objects"] if o["name"] == "t")["zones"]
+    assert zone["stops"] is False
+    assert not lives_of(result.data)["t"].body.kinematics.zones[0].stops
+    found = dependencies_of(fleet.problem, result.data)
+    for seed in range(3):
+        run = simulate(found, result.data, Delays(slow=0.5, late=1.0), seed)
+        assert run.finished, run.deadlock
+        assert not run.broken
+
+
+def test_nobody_has_business_in_a_zone_without_stops(tmp_path):
+    fleet = hall(tmp_path)
+    fleet.add_zone("gap", MIDDLE, stopping="never", robot_types="truck")
+    fleet.add_place("inside", 7, 4.5)
+    fleet.add_task("look", at="inside", duration=2, robots="c")
+    assert fleet.problem.activities
+    fleet.add_task("look2", at="inside", duration=2)
+    assert "would stand in 'gap'" in " ".join(map(str, fleet.check()))
+    with pytest.raises(FleetError, match=r"places.inside: .*truck.* would stand in 'gap'"):
+        fleet.problem.activities  # noqa: B018
+
+
+def test_a_type_that_does_not_turn_on_the_spot_drives_curves(tmp_path):
+    fleet = hall(tmp_path)
+    fleet.add_robot_type("roll", RING, model="diff", omega_max=0.8, pivoting="never", **LIMITS)
+    fleet.add_robot("p", "roll", [6, 2.0, 0])
+    fleet.add_place("south", 6, 5.5, 3.14)
+    fleet.add_task("back", at="south", duration=1, robots="p")
+    result = fleet.solve(timeout=300, first_plan=True, query_seconds=0.3)
+    assert result.status.startswith("SOLVED"), result.explain()
+    rows = np.concatenate([m["samples"] for m in result.data["motions"] if m["object"] == "p"])
+    moves = np.abs(np.diff(rows[:, 1:], axis=0))
+    way, turn = np.hypot(moves[:, 0], moves[:, 1]), moves[:, 2]
+    assert turn.sum() > 3.0
+    assert (turn <= way * 0.8 / 1.5 * 1.01 + 1e-6).all()
+    with pytest.raises(FleetError, match="an omni may turn where it drives"):
+        fleet.add_robot_type("o", RING, model="omni", pivoting="never")
+
+
 def top_speeds(data, name, low, high):
     """The fastest that a robot drives with its middle between two x, and anywhere else."""
     inside, outside = [0.0], [0.0]

@@ -9,6 +9,7 @@ from tests.motion.fleet.independent import judge
 from up_samp.geometry import OccupancyGrid
 from up_samp.model import Deadline, GroupQuery, Outcome, PathQuery, TimedMotion
 from up_samp.motion import MotionService
+from up_samp.motion.curves.slowing import may_stand
 
 RING = ((-0.6, -0.35), (0.6, -0.35), (0.6, 0.35), (-0.6, 0.35))
 WEDGE = ((-0.3, -0.35), (0.9, 0.0), (-0.3, 0.35))
@@ -32,7 +33,7 @@ def floor(rng, blocks, largest=2.2):
 def free_pose(rng, service, body):
     while True:
         pose = tuple(map(float, rng.uniform((0.9, 0.9, -math.pi), (13.1, 9.1, math.pi))))
-        if service.scene.pose_free(body, pose):
+        if service.scene.pose_free(body, pose) and may_stand(body, pose):
             return pose
 
 

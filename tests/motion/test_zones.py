@@ -182,6 +182,62 @@ def test_many_groups_of_robots(tmp_path):
     assert sum(found) >= 15
 
 
+def through(seed, count):
+    """Robots on one floor with zones in which nobody stops."""
+    rng = np.random.default_rng(seed)
+    grid = floor(rng, 3, 1.6)
+    zones = tuple(replace(zone, stops=False) for zone in random_zones(rng, 4))
+
+    def bodies():
+        while True:
+            kin = (CAR, WHEELS, ANY)[int(rng.integers(3))]
+            yield Body(RING, replace(kin, zones=zones[int(rng.integers(3)) :]))
+
+    return Crossing(rng, grid, bodies(), count, seconds=300, due=200.0)
+
+
+def test_nobody_stops_where_zones_forbid_it(tmp_path):
+    assert any([through(seed, 4).found(tmp_path) for seed in range(3)])
+
+
+@pytest.mark.long
+def test_many_groups_that_do_not_stop_in_zones(tmp_path):
+    found = [through(seed, 4).found(tmp_path) for seed in range(25)]
+    assert sum(found) >= 15
+
+
+@KINDS
+def test_a_rest_in_a_zone_without_stops_is_told(kinematics):
+    zone = block(6, 0, 3, 9, stops=False)
+    body = Body(RING, replace(kinematics, zones=(zone,)))
+    motion = drive(body, (2.0, 4.5, 0.0), (14.0, 4.5, 0.0)).trajectory
+    middle = int(np.argmin(np.abs(motion.poses[:, 0] - 7.5)))
+    for low, high, told in ((0, middle, True), (middle, None, True), (0, None, False)):
+        part = Trajectory(motion.times[low:high] + 1.0, motion.poses[low:high])
+        assert ("stop" in [v.kind for v in broken_by("r", body, part)]) is told
+    times = motion.times.copy()
+    times[middle + 1 :] += 2.0
+    poses = np.insert(motion.poses, middle + 1, motion.poses[middle], axis=0)
+    waits = Trajectory(np.insert(times, middle + 1, motion.times[middle] + 2.0 - 1e-3), poses)
+    assert "stop" in [v.kind for v in broken_by("r", body, waits)]
+
+
+@KINDS
+@pytest.mark.parametrize(("cost", "around"), [(0.1, False), (60.0, True)])
+def test_a_zone_is_gone_round_where_its_cost_is_worth_it(kinematics, cost, around):
+    ends = (2.0, 4.5, 0.0), (14.0, 4.5, 0.0)
+    zones = (block(7, 3, 2, 6, cost=cost), block(4, 0, 0.2, 1, cost=cost))
+    free = drive(Body(RING, kinematics), *ends).trajectory
+    body = Body(RING, replace(kinematics, zones=zones))
+    report = drive(body, *ends)
+    assert bool(steps_in(zones[0], report.trajectory.poses, body).any()) is not around
+    longer = report.trajectory.duration - free.duration
+    assert (0.1 < longer < 60.0) if around else longer == pytest.approx(0.0, abs=1e-6)
+    assert not report.complete
+    within = drive(body, (2.0, 4.5, 0.0), (8.0, 4.5, 0.0)).trajectory
+    assert within.duration < 12.0
+
+
 LOWER = block(5, 0, 6, 4.5, one_way=math.pi)
 
 

@@ -223,6 +223,8 @@ def _zone(entry: Mapping[str, Any]) -> TrafficZone:
         float(entry.get("height", 0.0)),
         entry.get("one_way"),
         bool(entry.get("pivots", True)),
+        bool(entry.get("stops", True)),
+        float(entry.get("cost", 0.0)),
     )
 
 

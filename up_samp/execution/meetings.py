@@ -23,7 +23,7 @@ from up_samp.execution.lives import DriveCells, Life, Piece, Stay, concerned, er
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.motion.fleet.conflicts import Swept, conflicting_cells
-from up_samp.motion.fleet.paths import Path
+from up_samp.motion.fleet.paths import Path, through_zones
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -185,7 +185,10 @@ def _cut(piece: Piece, level: int) -> Path:
 
 
 def _runs(path_a: Path, path_b: Path, margin: float) -> IntArray:
-    return np.asarray(conflicting_cells(moving(path_a), moving(path_b), margin))
+    rows = np.asarray(conflicting_cells(moving(path_a), moving(path_b), margin))
+    # cells of paths alone are counted from 0, rests are none of them
+    one, other = (p.entries[1 : max(2, p.cells + 1)] - 1 for p in (path_a, path_b))
+    return through_zones(rows, one, other)
 
 
 def moving(path: Path) -> Swept:

@@ -16,6 +16,7 @@ from unified_planning.shortcuts import MinimizeMakespan
 
 from up_samp.fleet.drives import Drives
 from up_samp.fleet.jobs import JobRules, add_loads
+from up_samp.fleet.machines import add_buffers, add_setups
 from up_samp.fleet.objective import add_objective
 from up_samp.fleet.records import FleetRecords
 from up_samp.fleet.site import Site
@@ -43,6 +44,8 @@ def write_problem(records: FleetRecords, folder: Path) -> Written:
     for robot in records.robots:
         drives.add(robot)
         add_loads(site, work, robot)
+    add_setups(site, work)
+    add_buffers(site, work)
     JobRules(site, work).add()
     work.limit_shifts()
     for robot, activities in work.busy.items():

@@ -125,8 +125,9 @@ class _Checker:
     def doors(self, floor: str) -> tuple[Placed, ...]:
         """Return the doors of a floor, closed."""
         return tuple(
-            Placed(name, still(d.leaf), tuple(d.closed))
+            Placed(name, still(d.leaf), tuple(closed))
             for name, d in self.records.doors.items()
+            for closed, _ in d.leaves
             if d.floor == floor
         )
 
@@ -152,8 +153,8 @@ class _Checker:
                     blocked.append(
                         f"{at} would stand in a wall, in unknown cells or outside the map"
                     )
-                for door in in_doorways(self.records, kind, name):
-                    text = f"{at} would stand in the doorway of '{door}': drive through it only"
+                for area in in_doorways(self.records, kind, name):
+                    text = f"{at} would stand in '{area}': drive through it only"
                     yield Finding(Level.ERROR, name, text, kind)
                 for other in sorted(hit):
                     if other in self.records.zones:

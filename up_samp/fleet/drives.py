@@ -170,12 +170,12 @@ class Drives:
         """Return a floor's doors as a drive heeds them: where its way leads past all that a leaf
         sweeps anyway, that area, which never moves, so that it waits for no door.
         """
-        site, found = self._site, []
+        site, found = self._site, list[MovableObject]()
         for name, door in site.records.doors.items():
             if door.floor == floor_of(site.records, origin):
                 area, reach = site.reaches[name]
                 past = self._meter.clears(robot, origin, to, (reach, *around))
-                found.append(area if past else site.doors[name])
+                found += [area] if past else site.doors[name]
         return found
 
     def _doorways(

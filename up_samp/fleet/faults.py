@@ -29,6 +29,7 @@ from up_samp.fleet.records import (
     Order,
     Outline,
     Place,
+    Resource,
     Robot,
     RobotType,
     Stop,
@@ -174,6 +175,13 @@ def _levels(battery: Battery) -> list[float]:
     return [battery.reserve, *(level for level, _ in battery.curve), battery.capacity]
 
 
+def _shortcut(resource: Resource) -> bool:
+    """Return whether setting up for a third kind in between is quicker."""
+    lasts = resource.setup_between
+    ways = itertools.permutations(sorted(resource.kinds), 3)
+    return any(lasts(a, via) + lasts(via, b) < lasts(a, b) for a, via, b in ways)
+
+
 def _lengths(task: Task) -> list[float]:
     """Return how long a task may last (s)."""
     modes = [mode.duration for mode in task.modes.values()]
@@ -185,6 +193,8 @@ RULES: tuple[tuple[type, str, Callable[[Any], object], str], ...] = (
      "an omni drives in any direction; this is for car and diff"),
     (RobotType, "reverse", lambda t: (t.reverse == "slow") != (t.reverse_v_max is not None),
      "reverse: slow goes with reverse_v_max, in m/s"),
+    (RobotType, "pivoting", lambda t: t.model == "omni" and t.pivoting != "free",
+     "an omni may turn where it drives; forbid it to turn on the spot in zones"),
     (Battery, "curve", lambda b: b.curve and any(x >= y for x, y in itertools.pairwise(_levels(b))),
      "has levels that rise from the reserve {0.reserve:g} to the capacity {0.capacity:g}"),
     (Battery, "level", lambda b: b.first > b.capacity,
@@ -200,8 +210,8 @@ RULES: tuple[tuple[type, str, Callable[[Any], object], str], ...] = (
     (AutomaticDoor, "closes_in", lambda d: d.closes_in and d.airlock is None,
      "is how long the other door of an airlock waits for this one; name its airlock"),
     (Zone, "", lambda z: not any(_says(z)),
-     "say keep_out: [robot types], max_robots: number, v_max: m/s, one_way: heading, or "
-     "pivoting: never"),
+     "say keep_out: [robot types], max_robots: number, v_max: m/s, one_way: heading, "
+     "pivoting: never, stopping: never, or avoid: s"),
     (Zone, "", lambda z: sum(_says(z)) > 1,
      "keep_out, max_robots and how to drive are several zones; write each"),
     (Zone, "robot_types", lambda z: z.robot_types and not z.has_rules,
@@ -216,6 +226,14 @@ RULES: tuple[tuple[type, str, Callable[[Any], object], str], ...] = (
      "a crew of {0.crew} needs a place for each robot: name {0.crew}"),
     (Task, "at", lambda t: not t.at and (t.skills or t.robots),
      "a robot does it, so say where: at: a place, or several"),
+    (Place, "holds", lambda p: p.holds > (p.room or 0),
+     "is more than there is room for; say room, of how many orders the loads fit"),
+    (Resource, "setup", lambda r: all((r.setup, r.capacity > 1, not r.batches)),
+     "of {0.capacity} units nobody knows which is set up for what; write them as resources"),
+    (Resource, "kind", lambda r: {r.kind} - r.kinds - {""},
+     "is none of the kinds that it is set up for"),
+    (Resource, "setup", lambda r: _shortcut(r),
+     "takes longer from one kind to another than by way of a third one; say all set-ups"),
     (FleetJob, "after", lambda j: j.id in j.after, "'{0.id}' cannot come after itself"),
     (FleetJob, "penalty", lambda j: j.optional and j.penalty is None,
      "say how many seconds of makespan leaving it out counts as (penalty: 100)"),

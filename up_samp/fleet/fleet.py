@@ -168,7 +168,8 @@ class Fleet:
         **options: Any,
     ) -> None:
         """Add a pose. Options: ``park`` (how often each robot may rest here to be out of the way),
-        ``charger`` (robots charge here, see :class:`Charger` for its keys), ``floor``.
+        ``charger`` (robots charge here, see :class:`Charger` for its keys), ``room`` and ``holds``
+        (of how many orders loads fit, and are here at first), ``floor``.
         """
         self._named("places", Place, name, {"pose": (x, y, theta), **options})
 
@@ -197,13 +198,15 @@ class Fleet:
     def add_zone(self, name: str, polygon: Any, **options: Any) -> None:
         """Add a part of the floor that robots of some types must ``keep_out`` of, that takes
         ``max_robots`` at a time, or in which robots drive ``v_max`` m/s at most, only ``one_way``,
-        or without ``pivoting``. Options: see :class:`Zone`.
+        without ``pivoting`` or ``stopping``, or which they ``avoid``. Options: see :class:`Zone`.
         """
         self._named("zones", Zone, name, {"polygon": polygon, **options})
 
-    def add_resource(self, name: str, capacity: int = 1) -> None:
-        """Add something of which stops and tasks use one unit each."""
-        self._named("resources", Resource, name, {"capacity": capacity})
+    def add_resource(self, name: str, capacity: int = 1, **options: Any) -> None:
+        """Add something of which stops and tasks use one unit each. Options: see
+        :class:`Resource`.
+        """
+        self._named("resources", Resource, name, {"capacity": capacity, **options})
 
     # -- what there is to do -------------------------------------------------------------------
     def add_order(self, id: str, pickup: Any, delivery: Any, **options: Any) -> None:

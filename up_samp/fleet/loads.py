@@ -55,7 +55,7 @@ def options_of(records: FleetRecords, order: Order) -> tuple[Options, Options]:
 def _options(records: FleetRecords, order: Order, stop: Stop, into: bool) -> Options:
     if stop.task is not None:
         modes = records.task_of[stop.task].modes
-        return {n: mode.input if into else mode.output or mode.input for n, mode in modes.items()}
+        return {n: mode.input if into else mode.fetched_at for n, mode in modes.items()}
     if order.attached is None:
         return {"": stop.at}
     load = load_name(records, order)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -19,6 +19,7 @@ from up_samp.fleet.records import (
     GROUND,
     FleetRecords,
     Outline,
+    Point,
     Pose,
     RobotType,
     corners_of,
@@ -65,7 +66,8 @@ def _limits(kind: RobotType) -> dict[str, Any]:
     if kind.model == "car":
         return limits | {"turning_radius": kind.turning_radius}
     if kind.model == "diff":
-        limits["turning_radius"] = 0.0
+        tightest = kind.v_max / kind.omega_max
+        limits["turning_radius"] = tightest if kind.pivoting == "never" else 0.0
     return limits | {"omega_max": kind.omega_max}
 
 
@@ -96,8 +98,13 @@ def swept(outline: Outline, first: Pose, last: Pose) -> list[tuple[float, float]
         steps = range(-parts if abs(turn) > math.pi - HALF else 0, parts + 1)
         swung = [hinge + cmath.exp(1j * turn * k / parts) * z for k in steps for z in leaf]
         corners = [(z.real, z.imag) for z in swung]
-    hull = MultiPoint(corners).convex_hull.exterior.coords
-    return [(float(x), float(y)) for x, y in hull[:-1]]
+    return list(hull_of(corners))
+
+
+def hull_of(points: Iterable[Point]) -> tuple[Point, ...]:
+    """Return the corners of the convex hull of points."""
+    corners = MultiPoint([*points]).convex_hull.exterior.coords
+    return tuple((float(x), float(y)) for x, y in corners[:-1])
 
 
 def area_of(records: FleetRecords, name: str) -> Placed:
@@ -125,11 +132,11 @@ def rules_for(
             0.0 if zone.floor == GROUND else records.floors[zone.floor].height,
             zone.one_way,
             zone.pivoting == "free",
+            zone.stopping == "free",
+            zone.avoid,
         )
         for zone in records.zones.values()
-        if zone.has_rules
-        and floor in (None, zone.floor)
-        and (not zone.robot_types or kind in zone.robot_types)
+        if zone.has_rules and floor in (None, zone.floor) and zone.heeded_by(kind)
     )
 
 

@@ -110,10 +110,11 @@ def _draw_fixtures(ax: Axes, records: FleetRecords) -> list[PlacedLabel]:
         x, y = (float(v) for v in here.mean(axis=0))
         labels.append(PlacedLabel(name, x, y, FIXTURE, False, (0.3, 0.3)))
     for name, door in records.doors.items():
-        leaf, opened = placed(door.leaf, door.closed), placed(door.leaf, door.open)
-        ax.add_patch(Polygon(opened, fc="none", ec=FIXTURE, ls="--"))
-        ax.add_patch(Polygon(leaf, fc=FIXTURE, ec=INK))
-        labels.append(label_of(name, leaf, FIXTURE))
+        for ends in door.leaves:
+            leaf, opened = placed(door.leaf, ends[0]), placed(door.leaf, ends[1])
+            ax.add_patch(Polygon(opened, fc="none", ec=FIXTURE, ls="--"))
+            ax.add_patch(Polygon(leaf, fc=FIXTURE, ec=INK))
+        labels.append(label_of(name, placed(door.leaf, door.closed), FIXTURE))
     for order, attached in loads_of(records):
         at = load_pose(attached, records.places[order.pickup.at[0]].pose)
         load = placed(attached.footprint, at)

@@ -80,6 +80,7 @@ def _number(value: Any) -> Any:
 
 NUMBER = BeforeValidator(_number)
 Count = Annotated[int, Gt(0), Le(int(FILE_LIMITS.largest)), NUMBER]
+Some = Annotated[int, Ge(0), Le(int(FILE_LIMITS.largest)), NUMBER]
 Visits = Annotated[int, Gt(0), Le(FILE_LIMITS.visits), NUMBER]
 Positive = Annotated[float, Ge(FILE_LIMITS.least), Le(FILE_LIMITS.largest), NUMBER]
 Length = Annotated[float, Ge(FILE_LIMITS.least), Le(LIMITS.footprint), NUMBER]
@@ -197,12 +198,14 @@ class RobotType:
     ``diff`` has two driven wheels (it drives along its heading and turns on the spot); ``omni``
     drives in any direction. ``turning_radius`` is for cars, ``omega_max`` for the others.
     ``reverse``: ``free``; ``slow``: at ``reverse_v_max`` (m/s) at most; or ``never``: it drives
-    ahead only, as what looks ahead only should (a ``diff`` still turns on the spot). ``capacity``:
-    how many loads of a kind fit on it at a time; ``unloading``: in any order, or ``lifo``: what was
-    picked up last is delivered first. ``battery``: what drives take from; none: it never runs out.
-    ``costs``: of each robot that leaves where it starts (``used``), of a kilometre and of an hour
-    of driving, in money. ``localisation``: how far (m) from the truth they tell to be; ``latency``:
-    by how many seconds what they tell, and obey, may be late (both for a day that is operated).
+    ahead only, as what looks ahead only should (a ``diff`` still turns on the spot). ``pivoting``:
+    a ``diff`` that never turns on the spot drives on curves no tighter than it can at top speed
+    (``v_max / omega_max``). ``capacity``: how many loads of a kind fit on it at a time;
+    ``unloading``: in any order, or ``lifo``: what was picked up last is delivered first.
+    ``battery``: what drives take from; none: it never runs out. ``costs``: of each robot that
+    leaves where it starts (``used``), of a kilometre and of an hour of driving, in money.
+    ``localisation``: how far (m) from the truth they tell to be; ``latency``: by how many seconds
+    what they tell, and obey, may be late (both for a day that is operated).
     """
 
     __pydantic_config__ = STRICT
@@ -214,6 +217,7 @@ class RobotType:
     omega_max: Positive = 1.0
     reverse: Literal["free", "slow", "never"] = "free"
     reverse_v_max: Positive | None = None
+    pivoting: Literal["free", "never"] = "free"
     capacity: Mapping[Name, Count] = field(default_factory=lambda: {"item": 1})
     unloading: Literal["any", "lifo"] = "any"
     battery: Battery | None = None
@@ -312,7 +316,9 @@ class Lift:
 class Place:
     """A pose at which something is done, on a ``floor``. ``park``: how often each robot may come to
     rest here without doing anything, to be out of the way. ``charger``: robots with batteries
-    charge here.
+    charge here. ``room``: of so many orders the loads may be here at a time, from when a delivery
+    begins until a pickup ends; ``holds``: so many are here at first. Where it is a machine's, what
+    was brought is gone as its task begins, and what is fetched is there as that ends.
     """
 
     __pydantic_config__ = STRICT
@@ -320,6 +326,8 @@ class Place:
     floor: Name = GROUND
     park: Annotated[int, Ge(0), Le(FILE_LIMITS.visits), NUMBER] = 0
     charger: Charger | None = None
+    room: Count | None = None
+    holds: Some = 0
 
 
 @dataclass(frozen=True)
@@ -327,7 +335,8 @@ class Door:
     """A leaf that stands at ``closed`` until a robot at ``opened_from`` opens it.
 
     It stays open, or closes by itself ``closes`` s later; such a door each robot may open ``times``
-    times.
+    times. ``second``: of a door with two leaves, where the other one is, closed and open; they move
+    together.
     """
 
     __pydantic_config__ = STRICT
@@ -340,6 +349,12 @@ class Door:
     closes: Seconds | None = None
     times: Visits = 1
     floor: Name = GROUND
+    second: tuple[Pose, Pose] | None = None
+
+    @property
+    def leaves(self) -> tuple[tuple[Pose, Pose], ...]:
+        """Where each of its leaves is, closed and open."""
+        return tuple(filter(None, ((self.closed, self.open), self.second)))
 
 
 @dataclass(frozen=True)
@@ -366,9 +381,10 @@ class AutomaticDoor:
 class Zone:
     """A part of the floor: ``keep_out`` names the robot types that may not touch it; ``max_robots``
     may be in it at a time; or it has rules for robots of ``robot_types`` (none named: of all): no
-    more than ``v_max`` (m/s), and no turning on the spot with ``pivoting: never``, while any part
-    of a robot, with its load, is in it; while its reference point is in it, it does not move
-    against the heading ``one_way`` (rad).
+    more than ``v_max`` (m/s), no turning on the spot with ``pivoting: never``, and no standing with
+    ``stopping: never``, while any part of a robot, with its load, is in it; while its reference
+    point is in it, it does not move against the heading ``one_way`` (rad). ``avoid``: who drives
+    alone goes round it where that takes no more than so many seconds longer.
     """
 
     __pydantic_config__ = STRICT
@@ -378,21 +394,45 @@ class Zone:
     v_max: Positive | None = None
     one_way: Coordinate | None = None
     pivoting: Literal["free", "never"] = "free"
+    stopping: Literal["free", "never"] = "free"
+    avoid: Moment = 0.0
     robot_types: Names = ()
     floor: Name = GROUND
+
+    def heeded_by(self, kind: str) -> bool:
+        """Return whether its rules are for robots of a type."""
+        return not self.robot_types or kind in self.robot_types
 
     @property
     def has_rules(self) -> bool:
         """Whether it says how robots drive in it."""
-        return (self.v_max, self.one_way, self.pivoting) != (None, None, "free")
+        rules = self.v_max, self.one_way, self.pivoting, self.stopping, self.avoid
+        return rules != (None, None, "free", "free", 0.0)
 
 
 @dataclass(frozen=True)
 class Resource:
-    """Something that ``capacity`` stops and tasks can use at a time: a lift table, an operator."""
+    """Something that ``capacity`` stops and tasks can use at a time: a lift table, an operator.
+
+    ``setup``: what it takes (s) to set it up from one kind of jobs for another, no time where none
+    is said; ``kind``: what it is set up for at first (none: for any). ``batches``: who uses it at a
+    time is of one kind and begins together, and so ends together.
+    """
 
     __pydantic_config__ = STRICT
     capacity: Count = 1
+    setup: Mapping[Name, Mapping[Name, Moment]] = field(default_factory=dict)
+    kind: Name | Literal[""] = ""
+    batches: bool = False
+
+    @property
+    def kinds(self) -> set[str]:
+        """The kinds of jobs that it can be set up for."""
+        return set(self.setup).union(*self.setup.values())
+
+    def setup_between(self, one: str, other: str) -> float:
+        """Return how long it is set up (s) from one kind for another."""
+        return self.setup.get(one, {}).get(other, 0.0)
 
 
 @dataclass(frozen=True)
@@ -460,7 +500,7 @@ class FleetJob:
     than those of lower ones. ``optional``: it may be left out, which counts as ``penalty`` more
     seconds of makespan (of cost, where the objective weighs several terms). ``due``: what it ends
     later is its tardiness (s), which counts ``weight`` times, if it counts at all (see
-    :class:`Weights`).
+    :class:`Weights`). ``kind``: what the :class:`Resource` that it uses is set up for.
     """
 
     id: Name
@@ -474,6 +514,7 @@ class FleetJob:
     penalty: Positive | None = None
     due: Moment | None = None
     weight: Positive = 1.0
+    kind: Name | Literal[""] = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -505,6 +546,11 @@ class Mode:
     input: Names = ()
     output: Names = ()
     resources: Names = ()
+
+    @property
+    def fetched_at(self) -> tuple[str, ...]:
+        """Where orders fetch parts."""
+        return self.output or self.input
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -653,6 +699,11 @@ class FleetRecords:
     def task_of(self) -> Mapping[str, Task]:
         """Tasks by their ids."""
         return {task.id: task for task in self.tasks}
+
+    @cached_property
+    def job_of(self) -> Mapping[str, Order | Task]:
+        """Orders and tasks by their ids."""
+        return {**self.order_of, **self.task_of}
 
     @cached_property
     def bringers(self) -> Mapping[str, tuple[Order, ...]]:

@@ -49,7 +49,7 @@ from up_samp.fleet.loads import (
     ridden,
     with_load,
 )
-from up_samp.fleet.outlines import area_of, lying, movable, placed, rules_for, swept
+from up_samp.fleet.outlines import area_of, hull_of, lying, movable, placed, rules_for, swept
 from up_samp.fleet.records import (
     GROUND,
     Attached,
@@ -159,7 +159,8 @@ class Site:
         self.batteries: dict[str, FNode] = {}
         self.pallets: dict[str, MovableObject] = {}
         self.stands: dict[str, ConfigurationObject] = {}
-        self.doors: dict[str, MovableObject] = {}
+        self.doors: dict[str, list[MovableObject]] = {}
+        """By door, its leaves: each is named like the poses at which it is closed and open."""
         self.reaches: dict[str, tuple[MovableObject, Placed]] = {}
         """By door, all that its leaf sweeps: an area that never moves."""
         self.doorways: dict[str, MovableObject] = {}
@@ -295,13 +296,17 @@ class Site:
 
     def _doors(self) -> None:
         for name, door in self.records.doors.items():
-            for state, pose in (("closed", door.closed), ("open", door.open)):
-                place = self._pose(f"{name}.{state}", pose, door.floor)
-                self.places[place.name], self.spots[place.name] = place, self._spot(place)
-            reach = tuple(swept(door.leaf, door.closed, door.open))
+            corners: list[tuple[float, float]] = []
+            for leaf, ends in zip((name, f"second{MARK}{name}"), door.leaves, strict=False):
+                for state, pose in zip(("closed", "open"), ends, strict=True):
+                    place = self._pose(f"{leaf}.{state}", pose, door.floor)
+                    self.places[place.name], self.spots[place.name] = place, self._spot(place)
+                corners += swept(door.leaf, *ends)
+                fixture = self._fixture(leaf, door.leaf, self.places[f"{leaf}.closed"])
+                self.doors.setdefault(name, []).append(fixture)
+            reach = hull_of(corners)
             area = self._area(lying(f"reach{MARK}{name}", reach), door.floor)
             self.reaches[name] = area, lying(area.name, reach)
-            self.doors[name] = self._fixture(name, door.leaf, self.places[f"{name}.closed"])
             self._at_first(name, self.spots[f"{name}.closed"])
         for name, automatic in self.records.automatic_doors.items():
             self.doorways[name] = self._area(area_of(self.records, name), automatic.floor)

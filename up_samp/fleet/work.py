@@ -38,6 +38,8 @@ class Work:
         self.closings: list[tuple[str, Activity, Activity, int]] = []
         """Doors that are opened, and close by themselves so many units later."""
         self.busy: dict[str, list[Activity]] = {r: [] for r in self._records.robots}
+        self.users: dict[str, list[Activity]] = {}
+        """By resource."""
         for visits in self.visits.values():
             for visit in visits:
                 if visit.kind is Kind.CHARGE:
@@ -106,10 +108,9 @@ class Work:
         name = site.fresh(visit.name, meaning_of(visit))
         if visit.kind is Kind.OPEN:
             a: Any = site.problem.add_motion_activity(name, units, optional=True)
-            opened, state = site.places[f"{visit.what}.open"], site.at[visit.what]
-            a.add_motion_effect(site.doors[visit.what], opened)
+            state = site.at[visit.what]
             a.add_condition(at_start(a), Equals(state, site.spots[f"{visit.what}.closed"]))
-            a.add_effect(a.end, state, site.spots[f"{visit.what}.open"])
+            self._swing(a, visit.what, "open")
             self._shut(visit, a)
         else:
             a = site.problem.add_activity(name, duration=units, optional=True)
@@ -130,10 +131,14 @@ class Work:
         a: Any = problem.add_motion_activity(name, site.up(door.closes), optional=True)
         only_with(problem, a, opening)
         problem.add_constraint(Equals(opening.end, a.start), present(opening, a))
-        closed = f"{visit.what}.closed"
-        a.add_motion_effect(site.doors[visit.what], site.places[closed])
-        a.add_effect(a.end, site.at[visit.what], site.spots[closed])
+        self._swing(a, visit.what, "closed")
         self.closings.append((visit.what, opening, a, site.up(door.closes)))
+
+    def _swing(self, a: Any, door: str, state: str) -> None:
+        """Move a door's leaves to where they are open, or closed."""
+        for leaf in self._site.doors[door]:
+            a.add_motion_effect(leaf, self._site.places[f"{leaf.name}.{state}"])
+        a.add_effect(a.end, self._site.at[door], self._site.spots[f"{door}.{state}"])
 
     def _charge(self, visit: Visit) -> None:
         """Add the steps of a visit to a charger: one after the other, as many as are wanted; or the
@@ -218,6 +223,7 @@ class Work:
             self._site.problem.add_constraint(Or(within), present(a))
         for resource in resources:
             a.uses(self._site.resources[resource])
+            self.users.setdefault(resource, []).append(a)
 
 
 def meaning_of(visit: Visit) -> Meaning:

@@ -237,6 +237,10 @@ def _zone(zone: TrafficZone) -> dict[str, Any]:
         entry["one_way"] = _plain(zone.one_way)
     if not zone.pivots:
         entry["pivots"] = False
+    if not zone.stops:
+        entry["stops"] = False
+    if zone.cost:
+        entry["cost"] = _plain(zone.cost)
     return entry
 
 

@@ -88,9 +88,10 @@ class TrafficZone:
     (m, world frame) on maps ``height`` m up.
 
     While any part of a robot's body is in it, its speed is at most ``v_max`` (m/s), and it does not
-    turn on the spot unless it may (``pivots``). While its reference point is in it, it does not
-    move against the heading ``one_way`` (rad; None: any way). Rules 22 and on of
-    ``docs/semantics.md``.
+    turn on the spot, or stand, unless it may (``pivots``, ``stops``). While its reference point is
+    in it, it does not move against the heading ``one_way`` (rad; None: any way). Rules 22 and on of
+    ``docs/semantics.md``. ``cost`` is a wish, and no rule: so many seconds does a planner count for
+    driving through it.
     """
 
     polygon: tuple[tuple[float, float], ...]
@@ -98,6 +99,8 @@ class TrafficZone:
     height: float = 0.0
     one_way: float | None = None
     pivots: bool = True
+    stops: bool = True
+    cost: float = 0.0
 
     @property
     def turned(self) -> TrafficZone:
@@ -148,6 +151,11 @@ class Kinematics:
         """The zones that say which ways may be driven, whatever their speed."""
         zones = [z for z in self.zones if z.one_way is not None or not z.pivots]
         return tuple(replace(zone, v_max=math.inf) for zone in zones)
+
+    @cached_property
+    def no_stops(self) -> tuple[TrafficZone, ...]:
+        """The zones in which it does not stand."""
+        return tuple(zone for zone in self.zones if not zone.stops)
 
     @property
     def both_ways(self) -> bool:

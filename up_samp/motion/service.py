@@ -28,6 +28,7 @@ from up_samp.motion.compile import warm_up
 from up_samp.motion.curves.slowing import (
     as_obstacle,
     is_slowed_backwards,
+    seconds_of,
     slowed,
     slowing_zones,
 )
@@ -89,9 +90,10 @@ class MotionService:
         if query.body.kinematics.ways and used in parts("planners"):
             check_ways(query.body, whole, used)
         motion = slowed(whole, query.body)
-        complete = smooth and motion is whole and all(leg.complete for leg in legs)
+        best = motion is whole and seconds_of(motion, query.body) == motion.duration
+        complete = smooth and best and all(leg.complete for leg in legs)
         report = PathReport(Outcome.FOUND, motion, planner=used, complete=complete)
-        if motion is not whole:
+        if not best:
             report = self._quicker(query, whole, report, deadline)
         return _timed(report, began)
 
@@ -112,7 +114,8 @@ class MotionService:
         self, query: PathQuery, whole: Trajectory, slow: PathReport, deadline: Deadline
     ) -> PathReport:
         """Return the quickest of a way that zones, or a limit backwards, slow (``whole`` would be
-        its motion without them), one around these zones, and one without a stretch backwards.
+        its motion without them), one around these zones, and one without a stretch backwards; what
+        zones cost is counted.
 
         It may not be the fastest that there is: what comes of it is never called complete.
         """
@@ -138,7 +141,7 @@ class MotionService:
             final &= all(leg.complete for leg in legs)
             motion, _ = strung(self.scene, query, legs)
             assert best.trajectory is not None
-            if motion.duration < best.trajectory.duration:
+            if seconds_of(motion, query.body) < seconds_of(best.trajectory, query.body):
                 best = replace(best, trajectory=motion, planner=used)
         return self._quickest.put(key, best) if final else best
 

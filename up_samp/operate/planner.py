@@ -27,6 +27,7 @@ from up_samp.fleet.records import (
     FleetRecords,
     Order,
     Place,
+    Resource,
     Robot,
     Stop,
     Task,
@@ -121,12 +122,19 @@ NOT_YET: tuple[tuple[str, Callable[[Any, FleetRecords], object], str], ...] = (
      "robot '{}' has a shift or breaks: let it leave and join"),
     ("doors", lambda door, _: door.closes is not None,
      "door '{}' closes by itself: not operated yet"),
+    ("doors", lambda door, _: door.second, "door '{}' has two leaves: not operated yet"),
     ("automatic_doors", lambda door, _: door.shut,
      "automatic door '{}' has a timetable: not operated yet"),
     ("robot_types", lambda kind, site: kind.battery is not None and not charger_of(site),
      "robot type '{}' has a battery, and nobody can charge here"),
     ("robot_types", lambda kind, _: kind.unloading != "any",
      "robot type '{}' unloads in an order: not operated yet"),
+    ("resources", lambda resource, _: resource != Resource(resource.capacity),
+     "resource '{}' is set up or works in batches: not operated yet"),
+    ("places", lambda place, _: place.room is not None,
+     "place '{}' has room for so many loads: not operated yet"),
+    ("zones", lambda zone, _: zone.stopping == "never",
+     "zone '{}' forbids to stop in it: not operated yet"),
 )  # fmt: skip
 """What of a site cannot be operated: of which records, which ones (of a site), and in words."""
 

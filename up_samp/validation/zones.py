@@ -20,6 +20,8 @@ FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 Parts = Sequence[tuple[JudgedShape, FloatArray]]
 """Rigid parts of a body: each with where it is at each sample of a motion, shape (n, 3)."""
+Drive = tuple[Parts, FloatArray, FloatArray]
+"""A motion: what moves, the times of its samples (s), and its poses (n, 3)."""
 
 
 def zone_violations(
@@ -37,22 +39,15 @@ def zone_violations(
         return
     for zone in limits.zones:
         if abs(zone.height - height) <= TOLERANCES.height:
-            yield from _too_fast(what, limits, zone, parts, times, poses)
-            yield from _wrong_way(what, zone, times, poses)
-            yield from _turning(what, zone, parts, times, poses)
+            for rule in (_too_fast, _wrong_way, _turning, _standing):
+                yield from rule(what, limits, zone, (parts, times, poses))
 
 
-def _too_fast(
-    what: str,
-    limits: Limits,
-    zone: TrafficZone,
-    parts: Parts,
-    times: FloatArray,
-    poses: FloatArray,
-) -> Iterator[Violation]:
+def _too_fast(what: str, limits: Limits, zone: TrafficZone, drive: Drive) -> Iterator[Violation]:
     """Rule 22, by mean speeds between samples; who is inside for a part of the time may have been
     faster by what it can slow down in that time.
     """
+    parts, times, poses = drive
     if math.isinf(zone.v_max):
         return
     pieces = pieces_of(times, poses)
@@ -69,12 +64,11 @@ def _too_fast(
         yield Violation("zone-speed", f"{text} {zone.v_max:.4g}", time=float(times[i]))
 
 
-def _wrong_way(
-    what: str, zone: TrafficZone, times: FloatArray, poses: FloatArray
-) -> Iterator[Violation]:
+def _wrong_way(what: str, limits: Limits, zone: TrafficZone, drive: Drive) -> Iterator[Violation]:
     """Rule 23: on each visit to the zone the reference point is never behind where it has been,
     along the zone's direction, by more than rounding, however slowly it got there.
     """
+    _, times, poses = drive
     if zone.one_way is None:
         return
     area = shapely.Polygon(zone.polygon)
@@ -99,10 +93,9 @@ def _wrong_way(
             return
 
 
-def _turning(
-    what: str, zone: TrafficZone, parts: Parts, times: FloatArray, poses: FloatArray
-) -> Iterator[Violation]:
+def _turning(what: str, limits: Limits, zone: TrafficZone, drive: Drive) -> Iterator[Violation]:
     """Rule 24: no turn about a point that is nearer than so much while any part is in the zone."""
+    parts, times, poses = drive
     if zone.pivots:
         return
     pieces = pieces_of(times, poses)
@@ -114,6 +107,25 @@ def _turning(
         i = int(found[0])
         text = f"{what}: turns on the spot at {times[i]:.3f} s, in a zone that forbids it"
         yield Violation("turn-on-the-spot", text, time=float(times[i]))
+
+
+def _standing(what: str, limits: Limits, zone: TrafficZone, drive: Drive) -> Iterator[Violation]:
+    """Rule 25: no rest while any part is in the zone, be it before the motion or after it. Who
+    turns back is slower than any rounding for an instant only.
+    """
+    parts, times, poses = drive
+    if zone.stops:
+        return
+    pieces = pieces_of(times, poses)
+    still = np.maximum(pieces.length, np.abs(pieces.turn)) <= TOLERANCES.noise
+    lasts = limits.a_max * pieces.dt**2 > 10 * TOLERANCES.noise
+    rests = np.append(still & lasts, True)
+    rests[0] |= times[0] > TOLERANCES.late  # who is driving as the plan begins has not stood
+    found = np.flatnonzero(rests & _inside(zone, parts)[0])
+    if len(found):
+        time = float(times[found[0]])
+        text = f"{what}: stands at {time:.3f} s, in a zone without stops"
+        yield Violation("stop", text, time=time)
 
 
 def _inside(zone: TrafficZone, parts: Parts) -> tuple[BoolArray, BoolArray]:

@@ -134,20 +134,28 @@ def test_an_rmf_building(tmp_path):
     assert state_at(site, 4.0, -10.0) in ("occupied", "outside")
 
 
-def test_doors_of_an_rmf_building_are_doors(tmp_path):
+def test_doors_of_an_rmf_building_open_as_robots_come(tmp_path):
     records, found = imported("small.building.yaml", tmp_path)
-    door = records.doors["main_door"]
-    assert door.leaf == (2.0, 0.1)
-    assert door.closed == pytest.approx((15.0, -10.0, -math.pi / 2), abs=1e-3)
-    # it turns about its first end, (15, -9), by 90 degrees
-    assert door.open == pytest.approx((16.0, -9.0, 0.0), abs=1e-3)
-    assert door.opened_from == ("tiny_charger", "pantry")  # the ends of the lane through it
-    assert any("shut by themselves" in note for note in found.notes)
+    door = records.automatic_doors["main_door"]
+    assert door.opens_in == 3
+    # it turns about its first end, (15, -9), by 90 degrees, from (15, -11) to (17, -9)
+    area = Polygon(door.polygon)
+    for x, y, inside in ((15, -10, True), (16.9, -9, True), (16.2, -10.2, True), (13, -10, False)):
+        assert area.contains(Point(x, y)) is inside
+    assert area.area == pytest.approx(math.pi, rel=0.15)
+    assert any("open as robots come, in 3 s: say opens_in: main_door" in n for n in found.notes)
     fleet = Fleet.from_file(found.problem)
     fleet.add_robot("r", "agv", "tiny_charger")
     fleet.add_task("t", "pantry", duration=1)
-    said = [str(f) for f in fleet.check()]
-    assert said == ["note: pantry: robot 'r' gets there only once door 'main_door' is open"]
+    assert [str(f) for f in fleet.check() if f.level.value == "error"] == []
+
+
+def test_robots_are_where_an_rmf_building_spawns_them(tmp_path):
+    building = yaml.safe_load((SAMPLES / "small.building.yaml").read_text())
+    building["levels"]["L1"]["vertices"][6][4]["spawn_robot_name"] = [1, "tiny bot"]
+    (tmp_path / "x.building.yaml").write_text(yaml.safe_dump(building))
+    records = read_problem_file(import_file(tmp_path / "x.building.yaml", tmp_path / "out").problem)
+    assert {name: r.start for name, r in records.robots.items()} == {"tiny_bot": "tiny_charger"}
 
 
 def test_edges_and_lanes_with_rules_are_zones(tmp_path):
@@ -193,28 +201,24 @@ def test_lanes_against_each_other_and_short_ones_are_told():
 
 
 @pytest.mark.parametrize(
-    ("traits", "opened"),
+    ("traits", "inside", "outside"),
     [
-        ({"type": [1, "hinged"], "motion_axis": [1, "end"]}, (14.0, -11.0, 0.0)),
-        ({"type": [1, "hinged"], "motion_direction": [2, -1]}, (14.0, -9.0, math.pi)),
-        ({"type": [1, "sliding"]}, (15.0, -12.0, -math.pi / 2)),
-        ({"type": [1, "double_sliding"], "motion_direction": [2, -1]}, (15.0, -8.0, -math.pi / 2)),
+        ({"type": [1, "hinged"], "motion_axis": [1, "end"]}, (13.2, -11), (16.2, -10)),
+        ({"type": [1, "hinged"], "motion_direction": [2, -1]}, (13.2, -9), (16.2, -10)),
+        ({"type": [1, "double_hinged"]}, (15.9, -9.1), (16.2, -10)),
+        ({"type": [1, "double_hinged"]}, (15.9, -10.9), (14.8, -10)),
+        ({"type": [1, "sliding"]}, (15, -10.9), (15.2, -10)),
+        ({"type": [1, "double_sliding"], "motion_direction": [2, -1]}, (15, -9.1), (15, -8.8)),
     ],
 )
-def test_leaves_turn_and_slide(tmp_path, traits, opened):
+def test_a_doorway_is_what_the_leaves_sweep(tmp_path, traits, inside, outside):
     building = yaml.safe_load((SAMPLES / "small.building.yaml").read_text())
-    level = building["levels"]["L1"]
-    level["lanes"] = []
-    level["doors"] = [[2, 3, {"name": [1, "d"], **traits}]]
+    building["levels"]["L1"]["doors"] = [[2, 3, {"name": [1, "d"], **traits}]]
     (tmp_path / "x.building.yaml").write_text(yaml.safe_dump(building))
     found = import_file(tmp_path / "x.building.yaml", tmp_path / "out")
-    records = read_problem_file(found.problem)
-    x, y, theta = records.doors["d"].open
-    assert (x, y) == pytest.approx(opened[:2], abs=1e-3)
-    assert math.cos(theta - opened[2]) == pytest.approx(1.0, abs=1e-6)
-    # without a lane it is opened from either side of it, 1.2 m off
-    sides = [records.places[p].pose for p in records.doors["d"].opened_from]
-    assert sorted(p[0] for p in sides) == pytest.approx([13.8, 16.2])
+    area = Polygon(read_problem_file(found.problem).automatic_doors["d"].polygon)
+    assert area.contains(Point(inside))
+    assert not area.contains(Point(outside))
 
 
 @pytest.mark.parametrize(

@@ -251,7 +251,8 @@ def test_two_stops_a_hair_apart_cost_no_memory():
     halt = np.array([True, False, True, False, True, False, True])
     head = np.arange(len(edges) + 1)
     safe = np.tile([0.0, np.inf], (len(edges) + 1, 1))
-    way = TunedPath(edges, halt, np.full(len(edges), 20.0), np.zeros(len(edges) - 1, dtype=bool))
+    tops, held = np.full(len(edges), 20.0), np.zeros(len(edges) - 1, dtype=bool)
+    way = TunedPath(edges, halt, tops, held, halt | True, 0 * halt)
     index, sets = reachable(way, Speeds(20.0, 1.0), Safe(head, safe), 0.0, np.inf)
     assert len(index) <= 4 * len(edges) + 1
     last = (len(index) - 1) // len(edges) * (len(edges) - 1)

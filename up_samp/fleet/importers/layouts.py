@@ -22,7 +22,7 @@ from up_samp.fleet.importers.common import (
     number_of,
     wrong,
 )
-from up_samp.fleet.importers.doors import doors_of
+from up_samp.fleet.importers.doors import OPENS, doors_of
 from up_samp.fleet.importers.lanes import LaneEdge, lane_zones
 from up_samp.fleet.importers.outlines import map_from_polygons
 from up_samp.fleet.tables import text_of
@@ -122,8 +122,8 @@ def import_rmf(source: Path, folder: Path, options: Options) -> Imported:
     """Import the first level of an Open-RMF building map: floor, walls, named vertices.
 
     Pixels become m by the level's measurements; y points up. Chargers and parking spots are places
-    to park, holding points are places, too. Doors are opened where lanes lead through them; lanes
-    with one direction or a limit of speed become zones.
+    to park, holding points are places, too; a robot stands where one is spawned. Doors open as
+    robots come; lanes with one direction or a limit of speed become zones.
     """
     root = compose(source, text_of(source))
     levels = yaml.SafeLoader("").construct_document(root)["levels"]
@@ -141,30 +141,32 @@ def import_rmf(source: Path, folder: Path, options: Options) -> Imported:
     if walls:
         free = free.difference(unary_union(walls).buffer(RMF_WALL / 2, cap_style="square"))
     low = free.bounds[:2]
-    places, chargers = _rmf_places(vertices, points)
+    places, chargers, robots = _rmf_places(vertices, points)
     zones, of_lanes = lane_zones(_rmf_lanes(level, points, places))
     notes = [f"level '{name}': {scale:g} m a pixel; its lower left corner is at {_show(low)}"]
-    doors, left = doors_of(level, points, places, free)
-    if doors:
-        notes.append("RMF's doors shut by themselves; these stay open unless you add closes (s)")
+    doors = doors_of(level, points, places)
     told = {
+        f"doors open as robots come, in {OPENS:g} s: say opens_in": list(doors),
         f"chargers give {CHARGING:g} a second, once robots have a battery": chargers,
-        "doors that nobody can stand before are taken as open": left,
         "other levels were left out": list(levels)[1:],
     }
     notes += listed(told)
     notes.append("headings are 0; robots' footprint and limits are assumed; add robots and orders")
     map_file = map_from_polygons(free, folder).name
-    data = {"map": map_file, "robot_types": {"agv": AGV}, "places": places, "doors": doors}
-    return finish(folder, {**data, "zones": zones}, [*notes, *of_lanes])
+    data = {"map": map_file, "robot_types": {"agv": AGV}, "places": places}
+    data |= {"robots": robots, "automatic_doors": doors, "zones": zones}
+    return finish(folder, data, [*notes, *of_lanes])
 
 
 def _rmf_places(
     vertices: Sequence[Any], points: Sequence[tuple[float, float]]
-) -> tuple[dict[str, Any], list[str]]:
-    """Return the vertices with a name as places, and those of them that are chargers."""
+) -> tuple[dict[str, Any], list[str], dict[str, Any]]:
+    """Return the vertices with a name as places, those of them that are chargers, and the robots
+    that are spawned at some.
+    """
     places: dict[str, Any] = {}
     chargers: list[str] = []
+    robots: dict[str, Any] = {}
     for vertex, (x, y) in zip(vertices, points, strict=True):
         title = next(iter(vertex[3:]), "")
         traits: Mapping[str, Any] = next(iter(vertex[4:]), {})
@@ -176,7 +178,10 @@ def _rmf_places(
             if _flag(traits, "is_charger"):
                 places[place]["charger"] = {"per_second": CHARGING}
                 chargers.append(place)
-    return places, chargers
+            for spawned in traits.get("spawn_robot_name", ())[1:]:
+                name = name_of(str(spawned), {*robots, *places}, "robot")
+                robots[name] = {"type": "agv", "start": place}
+    return places, chargers, robots
 
 
 def _rmf_lanes(

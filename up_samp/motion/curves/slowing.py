@@ -13,7 +13,15 @@ from functools import lru_cache
 import numpy as np
 import shapely
 
-from up_samp.model import Body, Kinematics, MotionModel, Placed, TrafficZone, Trajectory
+from up_samp.model import (
+    Body,
+    Configuration,
+    Kinematics,
+    MotionModel,
+    Placed,
+    TrafficZone,
+    Trajectory,
+)
 from up_samp.model.arrays import BoolArray, FloatArray
 from up_samp.motion.curves.bends import bends_of, between_bends, ways_at
 from up_samp.motion.curves.rolling import (
@@ -55,7 +63,7 @@ def steps_in(zone: TrafficZone, poses: FloatArray, body: Body) -> BoolArray:
     moves = twists(poses)
     travel = np.hypot(moves[:, 0], moves[:, 1]) + radius * np.abs(moves[:, 2])
     gaps = np.hypot(*(poses[:, :2] - centre).T) - reach - radius
-    near = gaps <= travel.max()
+    near = gaps <= travel.max(initial=0.0)
     gaps[near] = shapely.distance(shapely.polygons(_placed(corners, poses[near])), area)
     touched = np.zeros(len(travel), dtype=np.bool_)
     # what gets there from one end, and from there to the other, travels as far as both gaps
@@ -150,16 +158,29 @@ def _eased(motion: Trajectory, body: Body, most: FloatArray) -> Trajectory:
     return Trajectory(times, poses)
 
 
+def may_stand(body: Body, pose: Configuration) -> bool:
+    """Return whether no zone forbids a body in the plane to rest at a pose."""
+    rows = np.array([pose, pose], dtype=np.float64)
+    return not any(steps_in(zone, rows, body).any() for zone in body.kinematics.no_stops)
+
+
+def seconds_of(motion: Trajectory, body: Body) -> float:
+    """Return what a motion lasts, with what zones on its way cost (s)."""
+    zones = (zone for zone in body.kinematics.zones if zone.cost)
+    return motion.duration + sum(z.cost for z in zones if steps_in(z, motion.poses, body).any())
+
+
 def slowing_zones(motion: Trajectory, body: Body) -> tuple[TrafficZone, ...]:
-    """Return the zones in which a motion is faster than they allow, and that the body does not
-    touch where it begins or ends.
+    """Return the zones in which a motion is faster than they allow, or that cost something, and
+    that the body does not touch where it begins or ends.
     """
     moves = twists(motion.poses)
     speed = np.hypot(moves[:, 0], moves[:, 1]) / np.diff(motion.times)
     found = []
     for zone in body.kinematics.zones:
         here = steps_in(zone, motion.poses, body)
-        if np.any(speed[here] > zone.v_max * (1.0 + OVER)) and not here[[0, -1]].any():
+        most = 0.0 if zone.cost else zone.v_max * (1.0 + OVER)
+        if np.any(speed[here] > most) and not here[[0, -1]].any():
             found.append(zone)
     return tuple(found)
 

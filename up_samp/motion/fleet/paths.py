@@ -22,7 +22,7 @@ from up_samp.model import Body, Configuration, Trajectory
 from up_samp.model.arrays import BoolArray, FloatArray, IntArray
 from up_samp.motion.curves.bends import CUT, bends_of, between_bends, ways_at
 from up_samp.motion.curves.rolling import ON_SPOT, rolls_of
-from up_samp.motion.curves.slowing import allowed_speeds, slowed
+from up_samp.motion.curves.slowing import allowed_speeds, slowed, steps_in
 from up_samp.motion.curves.twists import partway, twists
 from up_samp.motion.fleet.conflicts import Hull, Swept, sweep_table
 from up_samp.motion.fleet.flyers import ROUND, SweptSolid
@@ -498,6 +498,25 @@ class Path:
         return _tops_within(self.s, self.tops, low, high, self.body.kinematics.v_max)
 
     @cached_property
+    def entries(self) -> IntArray:
+        """By extended cell, the one at whose beginning the body stands that is kept from it: that
+        cell, or the first one of its way through zones in which nobody stops; shape (cells + 2,).
+        """
+        inside = np.zeros(self.cells, dtype=np.bool_)
+        for zone in self.body.kinematics.no_stops:
+            inside |= steps_in(zone, self.poses_at(self.edges), self.body)
+        # where it may stand: at its beginning, and behind cells outside: it may stop a little early
+        may = np.ones(self.cells + 2, dtype=np.bool_)
+        may[2:-1] = ~inside[:-1]
+        may[-1] = may[-2]
+        return np.maximum.accumulate(np.where(may, np.arange(self.cells + 2), 0))
+
+    @property
+    def heeds_stops(self) -> bool:
+        """Whether it leads through zones in which nobody stops."""
+        return bool(np.any(self.entries != np.arange(len(self.entries))))
+
+    @cached_property
     def held(self) -> BoolArray:
         """In which cells the body keeps to one speed, shape (cells,)."""
         # a cell meets a steady piece if more of them began by its end than ended by its beginning
@@ -630,6 +649,20 @@ def path_of(
         tops,
         steady,
     )
+
+
+def through_zones(rows: IntArray, one: IntArray, other: IntArray) -> IntArray:
+    """Return the conflicting cells (i, j first, j last) of two paths with all cells in which a body
+    is on its way to one of them without a stop: ``one`` and ``other`` are their cells' entries.
+    """
+    if np.array_equal(one, np.arange(len(one))) and np.array_equal(other, np.arange(len(other))):
+        return rows
+    grid = np.zeros((len(one), len(other) + 1), dtype=np.int8)
+    for i, first, last in rows:
+        grid[one[i] : i + 1, other[first] : last + 1] = 1
+    edges = np.diff(grid, axis=1, prepend=0)
+    begins, ends = np.argwhere(edges > 0), np.argwhere(edges < 0)
+    return np.column_stack([begins, ends[:, 1] - 1])
 
 
 def resting_path(body: Body, pose: Configuration) -> Path:

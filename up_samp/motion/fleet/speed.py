@@ -110,13 +110,15 @@ def _grown(rows: FloatArray) -> FloatArray:
 class TunedPath(NamedTuple):
     """A path to be tuned, by vertex: where it is (``edges``, m), whether the body must rest there
     (``halt``), its top speed there (``caps``, m/s); by cell whether it keeps to one speed
-    (``held``).
+    (``held``), and by vertex whether it may wait there (``waits``), and its ``least`` speed level.
     """
 
     edges: FloatArray
     halt: BoolArray
     caps: FloatArray
     held: BoolArray
+    waits: BoolArray
+    least: IntArray
 
 
 class Cell(NamedTuple):
@@ -235,8 +237,9 @@ def reachable(way: TunedPath, can: Speeds, safe: Safe, release: float, horizon: 
         for k in range(width):
             count = 0
             if k == width - 1:
-                count = _waits(_times(Reached(index, sets), i * width), cell.free, lo, hi)
-            elif k <= cap:
+                came = _times(Reached(index, sets), i * width)
+                count = _waits(came, cell.free if way.waits[i] else came, lo, hi)
+            elif way.least[i] <= k <= cap:
                 before = Reached(index[(i - 1) * width : i * width + 1], sets)
                 count = _arrivals(before, k, can, cell, lo, hi)
             count = _merge(lo, hi, count)
@@ -331,7 +334,9 @@ def tune(
     """
     kin = path.body.kinematics
     can = Speeds(kin.v_max * SHARE, kin.a_max * SHARE)
-    way = TunedPath(path.edges, path.halt, path.caps * SHARE, path.held)
+    waits = np.append(path.entries[1:-1] == np.arange(1, path.cells + 1), True)
+    least = (~(path.halt | waits)).astype(np.int64)
+    way = TunedPath(path.edges, path.halt, path.caps * SHARE, path.held, waits, least)
     reached = reachable(way, can, safe, release, horizon)
     width = (len(reached.slots) - 1) // (path.cells + 1)
     last = path.cells * width

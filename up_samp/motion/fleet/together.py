@@ -15,6 +15,7 @@ from up_samp.model import (
     TimedMotion,
     Trajectory,
 )
+from up_samp.motion.curves.slowing import may_stand
 from up_samp.motion.fleet.deadlocks import Drives, untie
 from up_samp.motion.fleet.detours import pass_by
 from up_samp.motion.fleet.paths import Path, path_of
@@ -46,13 +47,19 @@ def couple(
         return beside
     sequence = untie(workspace, motions, world, deadline)
     legs = None if sequence is None else _timed(workspace, motions, world, sequence)
-    if legs is None or _collide(workspace, world, legs):
+    if legs is None or _collide(workspace, world, legs) or not _may_rest(legs):
         return None
     # who has no drive stays where it is
     return {
         m.name: _one_run(m, drives) if drives else alone[m.name]
         for m, drives in zip(motions, legs, strict=True)
     }
+
+
+def _may_rest(legs: Sequence[Sequence[TimedPath]]) -> bool:
+    """Return whether robots may stand where they rest between their drives."""
+    later = (run.path for runs in legs for run in runs[1:])
+    return all(may_stand(path.body, pose_at(path, 0)) for path in later)
 
 
 def _can_couple(motions: Sequence[TimedMotion]) -> bool:

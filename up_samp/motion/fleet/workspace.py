@@ -47,6 +47,7 @@ from up_samp.motion.fleet.paths import (
     resting_path,
     solid_of,
     stay_far,
+    through_zones,
 )
 from up_samp.motion.fleet.timed_path import NOBODY, TimedPath, Timing, pair_flags
 from up_samp.motion.guides.search_space import widest_shape
@@ -315,7 +316,8 @@ class Workspace:
                 margin = eased(margin, gap) if gap > 0.0 else margin
             return meeting_cells(a.solid, b.solid, margin)
         margin = kept(margin, a.poses[[0, -1]], a.hull, b.poses[[0, -1]], b.hull)
-        return conflicting_cells(a.swept, b.swept, margin)
+        rows = conflicting_cells(a.swept, b.swept, margin)
+        return through_zones(rows, a.entries, b.entries)
 
     def forbidden(
         self, path: Path, name: str, avoid: frozenset[str] | None, others: Iterable[TimedPath]
@@ -353,6 +355,8 @@ class Workspace:
         """
         if a.object == b.object or not pair_flags(a.object, a.avoid, b.object, b.avoid):
             return True
+        if a.path.heeds_stops or b.path.heeds_stops:
+            return False
         if a.held[-1] <= b.held[0] or b.held[-1] <= a.held[0]:
             return True
         return _stay_far(a, b, self.margin)

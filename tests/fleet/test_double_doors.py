@@ -1,0 +1,63 @@
+"""Doors with two leaves, which move together."""
+
+import numpy as np
+import pytest
+from shapely.geometry import Polygon
+
+from tests.fleet.test_rules import MAPS
+from up_samp.execution import Delays, dependencies_of, simulate
+from up_samp.fleet import Fleet, read_problem_file
+from up_samp.fleet.files import write_problem_file
+from up_samp.fleet.outlines import placed
+from up_samp.model import UnsupportedError
+from up_samp.operate.planner import check_site
+from up_samp.validation import validate_plan
+
+LEAF = (0.6, 1.9)
+UPPER, LOWER = ([15, 5, 0], [15, 7, 0]), ([15, 3, 0], [15, 1, 0])
+"""Where the leaves are, closed and open: each slides along the wall."""
+
+
+def site(**options):
+    fleet = Fleet(MAPS / "two_rooms.yaml")
+    fleet.add_robot_type("agv", (1.0, 0.7), model="diff", v_max=2.0)
+    for name, x, y in (("home", 12, 3), ("button", 11, 5), ("there", 19, 4)):
+        fleet.add_place(name, x, y)
+    fleet.add_robot("r", "agv", "home")
+    fleet.add_door("gate", LEAF, *UPPER, opened_from="button", second=LOWER, **options)
+    fleet.add_task("look", at="there", duration=2)
+    return fleet
+
+
+def test_both_leaves_are_open_before_anybody_drives_through(tmp_path):
+    fleet = site()
+    result = fleet.solve(timeout=120, first_plan=True)
+    assert result.plan is not None, result.explain()
+    assert validate_plan(fleet.problem, result.plan, seconds_per_unit=1.0).valid
+    data = result.data
+    moved = {c["object"]: c for c in data["changes"]}
+    assert {c["activity"] for c in data["changes"]} == {"open_gate_r"}
+    assert moved["gate"]["configuration"][:2] == UPPER[1][:2]
+    other = next(change for name, change in moved.items() if name != "gate")
+    assert other["configuration"][:2] == LOWER[1][:2]
+    (opened,) = [a["end"] for a in data["activities"] if a["name"] == "open_gate_r"]
+    for motion in data["motions"]:
+        for time, *pose in motion["samples"]:
+            body = Polygon(placed((1.0, 0.7), pose))
+            for leaf in (UPPER, LOWER):
+                at = leaf[bool(time >= opened)]
+                assert body.intersection(Polygon(placed(LEAF, at))).area < 1e-6
+    found = dependencies_of(fleet.problem, data)
+    run = simulate(found, data, Delays(slow=0.5, late=1.0), 1)
+    assert run.finished
+    assert not run.broken
+    again = read_problem_file(write_problem_file(tmp_path / "again.yaml", fleet.records))
+    assert np.allclose(again.doors["gate"].second, LOWER)
+
+
+def test_one_leaf_alone_does_not_let_anybody_through():
+    fleet = site()
+    notes = " ".join(map(str, fleet.check()))
+    assert "only once door 'gate' is open" in notes
+    with pytest.raises(UnsupportedError, match="'gate' has two leaves"):
+        check_site(fleet.records)
