@@ -24,6 +24,16 @@ REFUSED = {
         lambda f: f.add_robot_type("fork", (0.5, 0.5), unloading="lifo"),
         "robot type 'fork' unloads in an order",
     ),
+    "set-ups": (
+        lambda f: f.add_resource("press", setup={"red": {"blue": 9}}),
+        "resource 'press' is set up",
+    ),
+    "batches": (lambda f: f.add_resource("oven", 3, batches=True), "or works in batches"),
+    "buffers": (lambda f: f.add_place("shelf", 3, 11, room=2), "'shelf' has room for so many"),
+    "stops": (
+        lambda f: f.add_zone("x", [(1, 1), (2, 1), (2, 2)], stopping="never"),
+        "zone 'x' forbids to stop",
+    ),
 }
 
 
