@@ -10,7 +10,7 @@ from tests.fleet.rulebook import Rulebook
 from tests.fleet.test_buildings import Answer, told
 
 SEEDS = (16, 28, 474)
-GOOD = 109
+GOOD, CARRIED = 977, 1898
 HALL = [[0, 0], [15, 0], [15, 8], [0, 8]]
 
 
@@ -67,6 +67,23 @@ def low(spec):
     spec["types"]["agv"]["battery"]["level"] = 1.0
 
 
+def stopping(spec):
+    spec["zones"]["all"] = {"polygon": HALL, "stopping": "never"}
+
+
+def pivoting(spec):
+    spec["types"]["agv"]["pivoting"] = "never"
+
+
+def setting_up(spec):
+    kinds = ("red", "blue")
+    spec["resources"]["oven"]["setup"] = {kind: dict.fromkeys(kinds, 1e4) for kind in kinds}
+
+
+def one_by_one(spec):
+    spec["resources"]["oven"]["capacity"] = 0
+
+
 @pytest.fixture(scope="module")
 def good(tmp_path_factory):
     folder = tmp_path_factory.mktemp("good")
@@ -74,7 +91,10 @@ def good(tmp_path_factory):
     return spec, Answer(spec, built(spec), 3, 20.0).result
 
 
-HARMS = (crawling, westward, turning, backing, shut, locked, missed, alone, low)
+HARMS = (
+    crawling, westward, turning, backing, shut, locked, missed, alone, low, stopping, pivoting,
+    setting_up, one_by_one,
+)  # fmt: skip
 
 
 @pytest.mark.parametrize("harm", HARMS)
@@ -83,3 +103,12 @@ def test_the_judge_sees_what_is_wrong(harm, good):
     assert Rulebook(spec, result).faults == []
     harm(spec)
     assert Rulebook(spec, result).faults
+
+
+def test_the_judge_sees_a_place_with_more_than_it_has_room_for(tmp_path):
+    spec = Modern(CARRIED, tmp_path).spec
+    result = Answer(spec, built(spec), 3, 20.0).result
+    assert Rulebook(spec, result).faults == []
+    for place in spec["places"].values():
+        place |= {"room": 0, "holds": 0}
+    assert any("holds" in fault for fault in Rulebook(spec, result).faults)
