@@ -272,9 +272,11 @@ class Rulebook:
                 self.fault(name, "is not set up yet for", one)
             at_once = [two for two in some if two[0] < one[1] - NEAR and one[0] < two[1] - NEAR]
             alike = len({two[:2] + two[3:] for two in at_once}) == 1
-            if len(at_once) > resource.get("capacity", 1) or not alike:
+            odd = resource.get("batches") and not alike
+            if len(at_once) > resource.get("capacity", 1) or odd:
                 self.fault(name, "is used at a time by", at_once)
-        for one, two in itertools.combinations(some, 2):
+        one_kind = resource.get("batches") or resource.get("capacity", 1) == 1
+        for one, two in itertools.combinations(some, 2) if one_kind else ():
             gap = lasts.get((one[3], two[3]), 0)
             if one[:2] != two[:2] and one[1] + gap > two[0] + NEAR:
                 self.fault(name, "is not set up in time", one, two)

@@ -40,7 +40,7 @@ def export_plan(plan: PlanDict, to: str, folder: str | PathLike[str]) -> list[Pa
     export = getattr(importlib.import_module(f"up_samp.export.{module}"), function)
     check_motions(plan)
     maps = maps_of(plan)
-    if len(maps) > 1:
+    if len(maps) > 1 and to != "csv":
         named = ", ".join(m.label for m in maps)
         raise UnsupportedError(f"the format '{to}' holds one map; this plan has {named}")
     if maps and to != "csv" and not maps[0].frame.is_identity:

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from up_samp.io import PlanDict
+from up_samp.io.floors import map_number, maps_of
 
 Cell = str | float
 
 
 def export(plan: PlanDict, folder: Path) -> list[Path]:
-    """Write ``schedule.csv`` (s), ``trajectories.csv`` (s, m, rad) and ``changes.csv``."""
+    """Write ``schedule.csv`` (s), ``trajectories.csv`` (s, m, rad) and ``changes.csv``, which
+    name the map of each pose where there are several.
+    """
     unit = plan["seconds_per_unit"]
     driven: dict[str, list[str]] = {}
     for motion in plan["motions"]:
@@ -23,19 +27,32 @@ def export(plan: PlanDict, folder: Path) -> list[Path]:
     ]
     spatial = any(len(m["samples"][0]) == 8 for m in plan["motions"])
     pose = ("x", "y", "z", "qx", "qy", "qz", "qw") if spatial else ("x", "y", "theta")
+    labels = [m.label for m in maps_of(plan)]
+    several = len(labels) > 1
+
+    def where(entry: Mapping[str, Any]) -> list[str]:
+        """Return the map that poses are on, where there are several."""
+        return labels[map_number(entry) :][:several]
+
     rows = [
-        (m["object"], m["activity"], *_spatial(row, spatial=spatial))
+        (m["object"], m["activity"], *where(m), *_spatial(row, spatial=spatial))
         for m in plan["motions"]
         for row in m["samples"]
     ]
     changes = [
-        (c["object"], c["activity"], *_spatial([c["time"], *c["configuration"]], spatial=spatial))
+        (
+            c["object"],
+            c["activity"],
+            *where(c),
+            *_spatial([c["time"], *c["configuration"]], spatial=spatial),
+        )
         for c in plan["changes"]
     ]
+    head = ("object", "activity", *["map"][:several], "t", *pose)
     return [
         _write(folder / "schedule.csv", ("activity", "start", "end", "drives"), schedule),
-        _write(folder / "trajectories.csv", ("object", "activity", "t", *pose), rows),
-        _write(folder / "changes.csv", ("object", "activity", "t", *pose), changes),
+        _write(folder / "trajectories.csv", head, rows),
+        _write(folder / "changes.csv", head, changes),
     ]
 
 
