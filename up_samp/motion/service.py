@@ -34,7 +34,7 @@ from up_samp.motion.curves.slowing import (
 )
 from up_samp.motion.legs import Legs, check_ways, strung, strung_at_full_speed
 from up_samp.motion.proofs.bounds import DurationBounds
-from up_samp.motion.proofs.certificates import Certifier
+from up_samp.motion.proofs.certificates import Apart, Certifier
 from up_samp.motion.protocol import Leg, LegQuery
 from up_samp.motion.tuning import MotionTuning
 
@@ -168,6 +168,12 @@ class MotionService:
         began = time.monotonic()
         proof = self.certifier.prove(body, poses, self.met_by(body, obstacles))
         return None if proof is None else _timed(proof, began)
+
+    def in_order(self, placed: Sequence[Placed], obstacles: Sequence[Placed]) -> Apart | None:
+        """Return what tells where two that drive surely never are together (None: nothing does)."""
+        if not self.proofs or any(one.body.flies for one in placed):
+            return None
+        return self.certifier.in_order(placed, self.met_by(placed[0].body, obstacles))
 
     def pose_blockers(
         self, body: Body, pose: Configuration, obstacles: Sequence[Placed]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -32,19 +33,25 @@ GAIN = 1e-3
 """Seconds that a corner's new place must save."""
 
 
-CELL = 0.02
-"""Cells (m) by which a search that slides tells poses apart: it is for gaps of centimetres."""
+Way = tuple[Trajectory, FloatArray]
+"""A motion, and the nodes (n, 3) of the straight pieces that it blends, theta continuous."""
 
 
 class PlanarGrain(NamedTuple):
     """A resolution: ``step`` in inner radii of the footprint, ``bins`` of headings, size of the
-    search tree in ``nodes``. ``tight``: slide along walls into gaps narrower than the steps.
+    search tree in ``nodes``. With a ``cell`` (m), by which poses are told apart: slide along walls
+    into gaps narrower than the steps.
     """
 
     step: float
     bins: int
     nodes: int
-    tight: bool = False
+    cell: float = math.inf
+
+    @property
+    def tight(self) -> bool:
+        """Whether it slides."""
+        return math.isfinite(self.cell)
 
 
 @dataclass(frozen=True)
@@ -59,11 +66,11 @@ class PlanarSettings:
         PlanarGrain(1.0, 16, 60_000),
         PlanarGrain(0.5, 24, 250_000),
         PlanarGrain(0.25, 36, 400_000),
-        PlanarGrain(0.5, 24, 60_000, tight=True),
+        PlanarGrain(0.5, 24, 60_000, cell=0.02),
     )
     weight: float = 1.15
     rounds: int = 600
-    shifts: tuple[float, ...] = (0.25, 1.0, 0.5)
+    shifts: tuple[float, ...] = (0.25, 1.0, 0.5, 0.125)
     slice: int = 4000
     roundabout: float = 1.15
     tries: int = 4
@@ -128,41 +135,36 @@ class PlanarPlanner:
 
     def _one_way(self, query: LegQuery, shape: Shape, budget: WorkBudget) -> Leg:
         """Return a motion by a search from the start."""
-        body, goal, obstacles = query.body, query.goal, query.obstacles
-        chain, shape, reason = self._chain(query, shape, budget)
-        if chain is None:
-            return Leg(None, reason, budget.used, not budget.cut)
-        glider = Glider(self.scene, body, shape, obstacles)
-        found = glider.glide(chain, goal)
-        if found is None:
-            reason = "no safe timing along the path found"
-            return Leg(None, reason, budget.used, not budget.cut)
-        motion, chain = self._rounded(glider, chain, goal, found[0], budget)
-        return Leg(motion, "", budget.used, not budget.cut, chain)
-
-    def _chain(
-        self, query: LegQuery, shape: Shape, budget: WorkBudget
-    ) -> tuple[FloatArray | None, Shape, str]:
-        """Return nodes (n, 3) of straight pieces, theta continuous, or None, the shape that they
-        are free for, and why there are none.
-        """
+        goal, obstacles = query.goal, query.obstacles
         reason = "out of time"
         for k, grain in enumerate(self.settings.grains):
             if k > 0 and budget.spent():
                 break
             shape = shape.finer if grain.tight else shape
             nodes, dry = self._search(query, shape, grain, budget)
-            if nodes is not None:
-                world = self.scene.world(shape, query.obstacles)
-                limits = planar_limits(query.body.kinematics)
-                cuts, body = self.settings, query.body
-                tries = (
-                    pieces(shortened(world, nodes, limits, cuts.rounds, self.seed + n))
-                    for n in range(cuts.tries)
+            if nodes is None:
+                reason = "no path at the finest resolution" + (
+                    "" if dry else " within fixed effort"
                 )
-                return min(tries, key=lambda chain: chain_time(chain, body)), shape, ""
-            reason = "no path at the finest resolution" + ("" if dry else " within fixed effort")
-        return None, shape, "out of time" if budget.cut else reason
+                continue
+            glider = Glider(self.scene, query.body, shape, obstacles)
+            found = min(self._short(nodes, glider, goal), key=_duration, default=None)
+            if found is not None:
+                motion, chain = self._rounded(glider, *found, goal, budget)
+                return Leg(motion, "", budget.used, not budget.cut, chain)
+            reason = "no safe timing along the path found"
+        reason = "out of time" if budget.cut else reason
+        return Leg(None, reason, budget.used, not budget.cut)
+
+    def _short(self, nodes: FloatArray, glider: Glider, goal: Configuration) -> Iterator[Way]:
+        """Yield motions along a way that is cut short at random, and their nodes."""
+        world = self.scene.world(glider.shape, glider.obstacles)
+        limits, cuts = planar_limits(glider.body.kinematics), self.settings
+        for n in range(cuts.tries):
+            chain = pieces(shortened(world, nodes, limits, cuts.rounds, self.seed + n))
+            found = glider.glide(chain, goal)
+            if found is not None:
+                yield found[0], chain
 
     def _search(
         self, query: LegQuery, shape: Shape, grain: PlanarGrain, budget: WorkBudget
@@ -196,7 +198,7 @@ class PlanarPlanner:
         """Return what one search is about, at one resolution."""
         ends, obstacles, bins = (query.start, query.goal), query.obstacles, grain.bins
         step = grain.step * shape.inner[2]
-        cell = min(step, CELL) if grain.tight else step
+        cell = min(step, grain.cell)
         space = pose_space(self.scene, ends, obstacles, 16 * shape.circumscribed, cell, bins)
         moves = [(i * step, j * step, 0.0) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]
         moves += [(0.0, 0.0, 2 * math.pi / bins), (0.0, 0.0, -2 * math.pi / bins)]
@@ -214,34 +216,43 @@ class PlanarPlanner:
     def _rounded(
         self,
         glider: Glider,
+        motion: Trajectory,
         nodes: FloatArray,
         goal: Configuration,
-        motion: Trajectory,
         budget: WorkBudget,
-    ) -> tuple[Trajectory, FloatArray]:
+    ) -> Way:
         """Return a motion that is not slower, and its nodes: corners pushed outwards or cut in two.
 
         A shortest path hugs the inner side of every corner, where a blend has no room.
         """
         shape, body = glider.shape, glider.body
         world = self.scene.world(shape, glider.obstacles)
-        for shift, cut in itertools.product(self.settings.shifts, (0.0, 1.0)):
-            i = 1
-            while i < len(nodes) - 1 and not budget.spent():
-                trial = moved_corner(nodes, i, shift * shape.inner[2], cut * shape.circumscribed)
-                i += 1
-                if trial is None or chain_time(trial, body) > motion.duration - GAIN:
-                    continue
-                if not all(
-                    straight_free(world, _floats(a), _floats(b - a))
-                    for a, b in itertools.pairwise(trial[i - 2 : i + 2])
-                ):
-                    continue
-                faster = glider.glide(trial, goal)
-                if faster is not None and faster[0].duration < motion.duration - GAIN:
-                    i += len(trial) - len(nodes)
-                    nodes, motion = trial, faster[0]
+        slower = math.inf
+        while motion.duration < slower - GAIN:
+            slower = motion.duration
+            for shift, cut in itertools.product(self.settings.shifts, (0.0, 1.0)):
+                i = 1
+                while i < len(nodes) - 1 and not budget.spent():
+                    trial = moved_corner(
+                        nodes, i, shift * shape.inner[2], cut * shape.circumscribed
+                    )
+                    i += 1
+                    if trial is None or chain_time(trial, body) > motion.duration - GAIN:
+                        continue
+                    if not all(
+                        straight_free(world, _floats(a), _floats(b - a))
+                        for a, b in itertools.pairwise(trial[i - 2 : i + 2])
+                    ):
+                        continue
+                    faster = glider.glide(trial, goal)
+                    if faster is not None and faster[0].duration < motion.duration - GAIN:
+                        i += len(trial) - len(nodes)
+                        nodes, motion = trial, faster[0]
         return motion, nodes
+
+
+def _duration(way: Way) -> float:
+    return way[0].duration
 
 
 def _floats(row: FloatArray) -> tuple[float, float, float]:

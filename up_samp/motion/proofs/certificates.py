@@ -13,7 +13,7 @@ statements about whole cells: rounding to the grid never makes a false proof.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
@@ -35,8 +35,12 @@ from up_samp.model import (
     check_time,
 )
 from up_samp.model.arrays import BoolArray, Int32Array, IntArray
+from up_samp.motion.cache import obstacle_key
 from up_samp.motion.proofs.heading_slices import separated
+from up_samp.motion.proofs.orders import Blocks, finer, joint_positions, reached, too_many
 from up_samp.motion.proofs.regions import Regions, box_of, links_of, mark_blocked
+
+Apart = Callable[[Sequence[Configuration]], bool]
 
 
 class Certifier:
@@ -49,6 +53,7 @@ class Certifier:
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self._regions: Memory[Regions] = Memory(64)
+        self._joint: Memory[tuple[Certifier, list[Blocks], list[BoolArray]]] = Memory(64)
 
     @cached_property
     def _distance(self) -> npt.NDArray[np.float32]:
@@ -101,7 +106,8 @@ class Certifier:
         if self.scene.grid is None or len(poses) < 2:
             return []
         regions, names = self._at(body, obstacles)
-        labels = [self._label(regions, body, pose) for pose in poses]
+        # 0 says nothing
+        labels = [self._cell(regions.labels, body, pose, 0) for pose in poses]
         found = []
         for start, goal in pairwise(labels):
             if start == 0 or goal in (0, start) or regions.reaches(start, goal, 0):
@@ -147,21 +153,68 @@ class Certifier:
             reason = "too narrow for the footprint on the map"
         return _impossible(reason, names)
 
+    def in_order(self, placed: Sequence[Placed], obstacles: Sequence[Placed]) -> Apart | None:
+        """Return what tells whether no motions lead two bodies that keep clear of each other from
+        where they rest to other configurations, both at one time (None: nothing is proven): see
+        :mod:`up_samp.motion.proofs.orders`.
+        """
+        if self.scene.grid is None:
+            return None
+        cores = [core_of(one.body) for one in placed]
+        radii = [shape_of(core).inner[2] for core in cores]
+        key = (*(round(radius, 9) for radius in radii), obstacle_key(obstacles))
+        fine, blocks, known = self._joint.get_or(key, lambda: (*self._blocks(radii, obstacles), []))
+
+        def at(poses: Sequence[Configuration]) -> tuple[int, ...]:
+            each = zip(blocks, cores, poses, strict=False)  # there may be none
+            return tuple(fine._cell(ids, core, pose, -1) for (ids, *_), core, pose in each)
+
+        start = at([one.pose for one in placed])
+        if min(start, default=-1) < 0:
+            return None
+        seen = next((some for some in known if some[start]), None)
+        if seen is None:
+            seen = reached(blocks, fine.reaches(radii), start)
+            known.append(seen)
+        return lambda goals: min(at(goals)) >= 0 and not seen[at(goals)]
+
+    def reaches(self, radii: Sequence[float]) -> list[float]:
+        """Return lengths (m) in cells."""
+        assert self.scene.grid is not None
+        return [radius / self.scene.grid.resolution for radius in radii]
+
+    def _blocks(
+        self, radii: Sequence[float], obstacles: Sequence[Placed]
+    ) -> tuple[Certifier, list[Blocks]]:
+        """Return the blocks for joint positions of discs, on a finer grid: some centimetres decide
+        whether they pass each other.
+        """
+        assert self.scene.grid is not None
+        barred = [self.blocked(radius, obstacles) for radius in radii]
+        if too_many(barred, self.reaches(radii)):
+            return self, []
+        fine = Certifier(Scene(finer(self.scene.grid, min(radii)), self.scene.margin))
+        barred = [fine.blocked(radius, obstacles) for radius in radii]
+        assert fine.scene.grid is not None
+        return fine, joint_positions(fine.scene.grid.blocked, barred, fine.reaches(radii))
+
     def hits_map(self, body: Body, pose: Configuration) -> bool:
         """Return whether a pose surely overlaps the map's blocked cells or its outside."""
         if self.scene.grid is None:
             return False
         return not self.scene.map_free(core_of(body), pose)
 
-    def _label(self, regions: Regions, body: Body, pose: Configuration) -> int:
-        """Return the region of the inner disc's centre (0: none, says nothing)."""
+    def _cell(
+        self, values: IntArray | Int32Array, body: Body, pose: Configuration, outside: int
+    ) -> int:
+        """Return the value in the cell of the inner disc's centre."""
         assert self.scene.grid is not None
         cx, cy, _ = shape_of(body).inner
         c, s = math.cos(pose[2]), math.sin(pose[2])
         point = (pose[0] + c * cx - s * cy, pose[1] + s * cx + c * cy)
         row, col = self.scene.grid.cells_of([point])[0]
-        rows, cols = regions.labels.shape
-        return int(regions.labels[row, col]) if 0 <= row < rows and 0 <= col < cols else 0
+        rows, cols = values.shape
+        return int(values[row, col]) if 0 <= row < rows and 0 <= col < cols else outside
 
     def _at(self, body: Body, obstacles: Sequence[Placed]) -> tuple[Regions, list[str]]:
         """Return the regions among the obstacles, and the name behind each bit."""

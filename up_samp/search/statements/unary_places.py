@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
+from operator import itemgetter
 
 from up_samp.model import avoids
 from up_samp.model.refinement import Refinement
@@ -12,19 +14,30 @@ from up_samp.search.facts import Facts
 from up_samp.search.motions import Motions
 from up_samp.search.world import near
 
+Edges = set[tuple[int, int]]
+"""Which two nodes are not taken at one time."""
+
 
 def unary_places(motions: Motions) -> list[Refinement]:
-    """State that configurations which overlap hold one driving object at a time."""
+    """State that configurations which overlap hold one driving object at a time, and so do those
+    to which no motions lead two objects together.
+    """
     nodes = _resting_nodes(motions.facts)
+    overlapping, in_order = _overlapping(motions, nodes), _in_order(motions, nodes)
     found = []
-    covered: set[tuple[int, int]] = set()
-    edges = _overlapping(motions, nodes)
-    for pair in sorted(edges):
-        if pair in covered:
-            continue
-        clique = _grow(pair, len(nodes), edges, nodes)
-        covered |= {p for p in itertools.combinations(sorted(clique), 2)}
-        found.append(_place(motions.facts, [nodes[i] for i in sorted(clique)]))
+    for edges, named, why in (
+        (overlapping, itemgetter(1), "objects that rest at these configurations would overlap"),
+        (in_order - overlapping, "_at_".join, "nobody passes anybody on the way there"),
+    ):
+        covered: Edges = set()
+        for pair in sorted(edges):
+            if pair in covered:
+                continue
+            clique = _grow(pair, edges, nodes)
+            covered |= {p for p in itertools.combinations(sorted(clique), 2)}
+            members = [nodes[i] for i in sorted(clique)]
+            name = "_".join(sorted({named(member) for member in members}))
+            found.append(_place(motions.facts, members, name, why))
     return found
 
 
@@ -55,9 +68,9 @@ def _places(facts: Facts, task: MotionTask, which: int) -> dict[str, str | None]
     return {} if choice is None else dict.fromkeys(choice.values, choice.variable)
 
 
-def _overlapping(motions: Motions, nodes: list[tuple[str, str]]) -> set[tuple[int, int]]:
+def _overlapping(motions: Motions, nodes: list[tuple[str, str]]) -> Edges:
     snapshot = motions.facts.snapshot
-    edges = set()
+    edges: Edges = set()
     for i, j in itertools.combinations(range(len(nodes)), 2):
         (a, place_a), (b, place_b) = nodes[i], nodes[j]
         if a == b:
@@ -71,15 +84,29 @@ def _overlapping(motions: Motions, nodes: list[tuple[str, str]]) -> set[tuple[in
     return edges
 
 
-def _grow(
-    pair: tuple[int, int],
-    count: int,
-    edges: set[tuple[int, int]],
-    nodes: list[tuple[str, str]],
-) -> set[int]:
+def _in_order(motions: Motions, nodes: list[tuple[str, str]]) -> Edges:
+    """Return which two objects rest nowhere at one time as nobody passes anybody on the way."""
+    facts = motions.facts
+    at, tasks = facts.snapshot.configurations, facts.snapshot.tasks
+    # only what all of them heed
+    fixed = [o for o in facts.fixed if all(avoids(t.avoid, o.name) for t in tasks)]
+    places: dict[str, list[int]] = {}
+    for i, (name, _) in enumerate(nodes):
+        places.setdefault(name, []).append(i)
+    edges: Edges = set()
+    for names in itertools.combinations(places, 2):
+        first = [facts.placed(name, facts.snapshot.initial[name]) for name in names]
+        apart = motions.service.in_order(first, fixed)
+        if apart is not None:
+            each = itertools.product(*(places[name] for name in names))
+            edges |= {(i, j) for i, j in each if apart((at[nodes[i][1]], at[nodes[j][1]]))}
+    return edges
+
+
+def _grow(pair: tuple[int, int], edges: Edges, nodes: list[tuple[str, str]]) -> set[int]:
     """Return a clique around an edge: all of different objects overlap each other."""
     clique = set(pair)
-    for node in range(count):
+    for node in range(len(nodes)):
         if node not in clique and all(
             nodes[node][0] == nodes[m][0] or (min(node, m), max(node, m)) in edges for m in clique
         ):
@@ -87,7 +114,7 @@ def _grow(
     return clique
 
 
-def _place(facts: Facts, members: list[tuple[str, str]]) -> Refinement:
+def _place(facts: Facts, members: list[tuple[str, str]], name: str, why: str) -> Refinement:
     inside = set(members)
     always: dict[int, set[str]] = {0: set(), -1: set()}
     decided: dict[int, set[tuple[str, str, str]]] = {0: set(), -1: set()}
@@ -101,7 +128,5 @@ def _place(facts: Facts, members: list[tuple[str, str]]) -> Refinement:
                 else:
                     decided[which].add((task.activity, variable, place))
     taken = any(facts.snapshot.initial[name] == place for name, place in members)
-    name = "_".join(sorted({place for _, place in members}))
-    return rules.unary_place(
-        name, always[-1], always[0], taken, leaving=decided[0], coming=decided[-1]
-    )
+    told = rules.unary_place(name, always[-1], always[0], taken, decided[0], decided[-1])
+    return replace(told, why=why)

@@ -1,0 +1,79 @@
+"""Where nobody can pass, that an order cannot change is proven, and nothing more than that."""
+
+import itertools
+
+import pytest
+from unified_planning.engines import PlanGenerationResultStatus as Status
+from unified_planning.shortcuts import OneshotPlanner, get_environment
+
+from tests.search.statements.rows import FLOORS, Row, aisle, drawn, problem_of
+from tests.soundness.known_plans import KnownPlan, NoPlanError
+from up_samp.geometry import load_map
+from up_samp.model import Placed
+from up_samp.motion import MotionService
+from up_samp.upio import read_problem
+
+
+@pytest.fixture(autouse=True)
+def _silent(monkeypatch):
+    monkeypatch.setattr(get_environment(), "credits_stream", None)
+
+
+def solve(problem, seconds=60.0):
+    with OneshotPlanner(name="samp-refine[cpsat]") as planner:
+        return planner.solve(problem, timeout=seconds)
+
+
+def wrong(floor, seed, folder):
+    """Return what is wrong with the answer to the row of a seed (None: nothing)."""
+    row = drawn(seed, floor)
+    status = solve(problem_of(row, folder, seed)).status
+    proven = status is Status.UNSOLVABLE_PROVEN
+    return None if proven != row.solvable else f"{row} {status.name}"
+
+
+@pytest.mark.parametrize("floor", FLOORS)
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_row_is_unsolvable_where_its_order_changes(floor, seed, tmp_path):
+    assert wrong(floor, seed, tmp_path) is None
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("floor", FLOORS)
+def test_rows_are_unsolvable_where_their_order_changes(floor, tmp_path):
+    found = {seed: wrong(floor, seed, tmp_path) for seed in range(10, 40)}
+    assert not {seed: why for seed, why in found.items() if why is not None}
+
+
+def test_four_that_cannot_swap_are_told_why(tmp_path):
+    row = Row(aisle(6), (0, 1, 4, 5), (5, 4, 1, 0))
+    result = solve(problem_of(row, tmp_path, 1))
+    assert result.status is Status.UNSOLVABLE_PROVEN
+    assert "nobody passes anybody" in str(result.log_messages)
+
+
+def test_one_that_is_parked_in_the_way_may_go_aside_only_if_that_helps(tmp_path):
+    for aside, status in ((5, Status.SOLVED_OPTIMALLY), (3, Status.UNSOLVABLE_PROVEN)):
+        row = Row(aisle(6), (0, 2), (4, aside), frozenset({1}))
+        assert solve(problem_of(row, tmp_path, aside)).status is status
+
+
+def test_two_pass_each_other_in_a_pocket_that_holds_one(tmp_path):
+    row = Row(aisle(6, pocket=1.5), (0, 5), (5, 0))
+    assert solve(problem_of(row, tmp_path)).plan is not None
+
+
+@pytest.mark.parametrize("first", [0, pytest.param(20, marks=pytest.mark.long)])
+def test_what_a_known_plan_does_is_never_called_impossible(first, tmp_path):
+    for seed in range(first, first + 20):
+        try:
+            world = KnownPlan(seed, tmp_path)
+        except NoPlanError:
+            continue
+        snapshot = read_problem(world.problem, 0.1)
+        service = MotionService(load_map(snapshot.map_file))
+        body = snapshot.objects["r0"].body
+        ends = [[tuple(map(float, d.motion.poses[k])) for d in world.drives] for k in (0, -1)]
+        for start, goal in zip(*(itertools.pairwise(e) for e in ends), strict=True):
+            apart = service.in_order([Placed("", body, pose) for pose in start], ())
+            assert apart is None or not apart(goal), seed
