@@ -32,7 +32,7 @@ def too_many(barred: Sequence[BoolArray], reaches: Sequence[float]) -> bool:
     discs may just be.
     """
     cells = [float(np.count_nonzero(~some)) / 2 / min(reaches) ** 2 for some in barred]
-    return barred[0].size > POSITIONS or math.prod(cells) > POSITIONS
+    return max(barred[0].size, math.prod(cells)) > POSITIONS
 
 
 def finer(grid: OccupancyGrid, radius: float) -> OccupancyGrid:
