@@ -173,7 +173,8 @@ class MotionService:
         """Return what tells where two that drive surely never are together (None: nothing does)."""
         if not self.proofs or any(one.body.flies for one in placed):
             return None
-        return self.certifier.in_order(placed, self.met_by(placed[0].body, obstacles))
+        lowest = min((one.body for one in placed), key=lambda body: body.height)
+        return self.certifier.in_order(placed, self.met_by(lowest, obstacles))
 
     def pose_blockers(
         self, body: Body, pose: Configuration, obstacles: Sequence[Placed]

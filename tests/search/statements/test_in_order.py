@@ -6,10 +6,11 @@ import pytest
 from unified_planning.engines import PlanGenerationResultStatus as Status
 from unified_planning.shortcuts import OneshotPlanner, get_environment
 
-from tests.search.statements.rows import FLOORS, Row, aisle, drawn, problem_of
+from tests.motion.fleet.spacetime_oracle import room
+from tests.search.statements.rows import BOX, FLOORS, Row, aisle, drawn, problem_of
 from tests.soundness.known_plans import KnownPlan, NoPlanError
 from up_samp.geometry import load_map
-from up_samp.model import Placed
+from up_samp.model import Body, Kinematics, MotionModel, Placed
 from up_samp.motion import MotionService
 from up_samp.upio import read_problem
 
@@ -77,3 +78,23 @@ def test_what_a_known_plan_does_is_never_called_impossible(first, tmp_path):
         for start, goal in zip(*(itertools.pairwise(e) for e in ends), strict=True):
             apart = service.in_order([Placed("", body, pose) for pose in start], ())
             assert apart is None or not apart(goal), seed
+
+
+@pytest.mark.parametrize("heights", [(0.5, 2.0), (2.0, 0.5)])
+def test_who_is_low_lets_others_pass_below_what_hangs_there(heights, tmp_path):
+    """A shelf over the pocket bars it to the high one only: it may pass while the low one waits."""
+    floor = aisle(6, pocket=1.5)
+    size = (1.4, 1.4, 0.4)
+    file = tmp_path / "shelf.stl"
+    pytest.importorskip("trimesh").creation.box(size).export(file)
+    middle = (floor.free[1][0] + floor.free[1][2]) / 2
+    shelf = Body((), Kinematics(MotionModel.SE3), str(file))
+    hangs = Placed("shelf", shelf, (middle, floor.free[0][3] + 0.75, 1.2, 0.0, 0.0, 0.0, 1.0))
+    service = MotionService(room(15, 5, floor.free))
+    low, high = (Body(BOX, Kinematics(MotionModel.SE2), height=h) for h in heights)
+    start = [Placed("a", low, floor.places[0]), Placed("b", high, floor.places[5])]
+    goal = (floor.places[5], floor.places[0])
+    apart = service.in_order(start, [hangs])
+    assert apart is None or not apart(goal)
+    both = [Placed(one.name, Body(BOX, one.body.kinematics, height=2.0), one.pose) for one in start]
+    assert service.in_order(both, [hangs])(goal)
