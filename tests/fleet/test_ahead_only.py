@@ -130,5 +130,5 @@ def test_a_day_in_which_somebody_drives_backwards_is_judged_so(tmp_path):
         x, y, theta = initial[robot]
         rows = [[float(k), x + k * step, y, theta] for k in range(3)]
         day = judge_day(fleet.records, {}, initial, [Drive(robot, "away", rows)], [])
-        assert len(day.backwards) == (step < 0)
+        assert len(day.unruly) == (step < 0)
         assert day.good == (step > 0)

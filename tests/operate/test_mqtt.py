@@ -102,6 +102,7 @@ def test_agvs_do_their_orders_over_a_broker(tmp_path, broker):
     assert met(fleet, agvs) == []
 
 
+@pytest.mark.long
 def test_a_broker_is_killed_and_started_again_twice(tmp_path):
     fleet, port = hall(tmp_path, 2, v_max=2.0, a_max=1.4, home=False), free_port()
     places, brokers, downs = fleet.records.places, [broker_at(port, tmp_path)], []
