@@ -153,6 +153,7 @@ def test_a_broken_robot_of_a_fleet_need_not_come_to_its_end(tmp_path):
     assert {m["object"] for m in solve_remaining(left, seconds=60)["motions"]} == {"r0"}
 
 
+@pytest.mark.long
 def test_the_rest_of_the_starter_is_solved_when_one_of_its_robots_breaks_down(tmp_path):
     """Who is under way uses its robot all the same: the scheduler finds its route by that."""
     write_starter(tmp_path)

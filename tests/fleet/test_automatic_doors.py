@@ -128,6 +128,7 @@ def test_what_is_wrong_with_an_automatic_door_is_told(tmp_path):
         assert fleet.problem is None
 
 
+@pytest.mark.long
 def test_any_listing_has_the_same_optimum(tmp_path):
     fleet = rooms(tmp_path, robots=2)
     for name, area in (("outer", GATE), ("inner", FAR)):

@@ -122,6 +122,7 @@ def test_aries_schedules_what_it_cannot_even_read_whole(name):
 
 
 @pytest.mark.skipif("aries" not in INSTALLED, reason="no aries")
+@pytest.mark.long
 def test_the_papers_loop_hands_over_the_whole(tmp_path):
     hall = idle_fleet(tmp_path)
     assert isinstance(hall.problem.quality_metrics[0], MinimizeMakespan)
