@@ -12,9 +12,8 @@ from pathlib import Path
 class Elsewhere:
     """Where things of a fleet are when the origin of the world is in or far from its hall."""
 
-    def __init__(self, seed, folder):
+    def __init__(self, seed):
         rng = self.rng = random.Random(f"{seed}, elsewhere")
-        self.folder = Path(folder)
         self.turn = rng.choice((0.0, math.pi / 2, math.pi, rng.uniform(-math.pi, math.pi)))
         # in the hall, where its bodies pass, near it, or as far away as where maps count from
         far = rng.choice((1.0, 1.0, 40.0, 3e5))

@@ -26,7 +26,7 @@ def told(seed, folder):
         outline = [[ahead + x, aside + y] for x, y in OUTLINE]
         spec["types"]["agv"]["footprint"] = outline
     answers = []
-    for fleet in (spec, Elsewhere(seed, folder).spec(spec)):
+    for fleet in (spec, Elsewhere(seed).spec(spec)):
         try:
             answers.append(Answer(fleet, built(fleet), 3, 15.0))
         except FleetError as error:

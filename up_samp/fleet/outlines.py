@@ -98,10 +98,10 @@ def swept(outline: Outline, first: Pose, last: Pose) -> list[tuple[float, float]
         steps = range(-parts if abs(turn) > math.pi - HALF else 0, parts + 1)
         swung = [hinge + cmath.exp(1j * turn * k / parts) * z for k in steps for z in leaf]
         corners = [(z.real, z.imag) for z in swung]
-    return list(hull_of(corners))
+    return list(convex_hull(corners))
 
 
-def hull_of(points: Iterable[Point]) -> tuple[Point, ...]:
+def convex_hull(points: Iterable[Point]) -> tuple[Point, ...]:
     """Return the corners of the convex hull of points."""
     corners = MultiPoint([*points]).convex_hull.exterior.coords
     return tuple((float(x), float(y)) for x, y in corners[:-1])
@@ -113,7 +113,7 @@ def area_of(records: FleetRecords, name: str) -> Placed:
     return lying(name, area.polygon)
 
 
-def lying(name: str, corners: Sequence[tuple[float, float]]) -> Placed:
+def lying(name: str, corners: Sequence[Point]) -> Placed:
     """Return a part of the floor as an obstacle, about its middle: discs about that are small, and
     floors may lie far from the world's origin.
     """

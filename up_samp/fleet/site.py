@@ -49,7 +49,7 @@ from up_samp.fleet.loads import (
     ridden,
     with_load,
 )
-from up_samp.fleet.outlines import area_of, hull_of, lying, movable, placed, rules_for, swept
+from up_samp.fleet.outlines import area_of, convex_hull, lying, movable, placed, rules_for, swept
 from up_samp.fleet.records import (
     GROUND,
     Attached,
@@ -304,7 +304,7 @@ class Site:
                 corners += swept(door.leaf, *ends)
                 fixture = self._fixture(leaf, door.leaf, self.places[f"{leaf}.closed"])
                 self.doors.setdefault(name, []).append(fixture)
-            reach = hull_of(corners)
+            reach = convex_hull(corners)
             area = self._area(lying(f"reach{MARK}{name}", reach), door.floor)
             self.reaches[name] = area, lying(area.name, reach)
             self._at_first(name, self.spots[f"{name}.closed"])

@@ -177,7 +177,7 @@ def _corners(
             f"object '{name}': a footprint is a list of corners (x, y), not {short(footprint)}"
         ) from error
     if any(abs(v) > most for corner in corners for v in corner):
-        raise ProblemError(f"object '{name}': a corner is more than {most:g} m off")
+        raise ProblemError(f"object '{name}': corners up to {most:g} m off make sense")
     return corners
 
 

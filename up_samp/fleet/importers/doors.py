@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
 from up_samp.fleet.importers.common import name_of, number_of
-from up_samp.fleet.outlines import hull_of, swept
+from up_samp.fleet.outlines import convex_hull, swept
 
 XY = tuple[float, float]
 LEAF, OPENS = 0.1, 3.0
@@ -27,7 +27,7 @@ def doors_of(
     for first, second, traits in level.get("doors", ()):
         title = str(traits.get("name", [1, ""])[1]) or "door"
         corners = _leaves(points[first], points[second], traits)
-        polygon = [[round(x, 4), round(y, 4)] for x, y in hull_of(corners)]
+        polygon = [[round(x, 4), round(y, 4)] for x, y in convex_hull(corners)]
         doors[name_of(title, {*taken, *doors}, "door")] = {"polygon": polygon, "opens_in": OPENS}
     return doors
 

@@ -225,29 +225,42 @@ class PlanarPlanner:
 
         A shortest path hugs the inner side of every corner, where a blend has no room.
         """
-        shape, body = glider.shape, glider.body
-        world = self.scene.world(shape, glider.obstacles)
         slower = math.inf
         while motion.duration < slower - GAIN:
             slower = motion.duration
-            for shift, cut in itertools.product(self.settings.shifts, (0.0, 1.0)):
-                i = 1
-                while i < len(nodes) - 1 and not budget.spent():
-                    trial = moved_corner(
-                        nodes, i, shift * shape.inner[2], cut * shape.circumscribed
-                    )
-                    i += 1
-                    if trial is None or chain_time(trial, body) > motion.duration - GAIN:
-                        continue
-                    if not all(
-                        straight_free(world, _floats(a), _floats(b - a))
-                        for a, b in itertools.pairwise(trial[i - 2 : i + 2])
-                    ):
-                        continue
-                    faster = glider.glide(trial, goal)
-                    if faster is not None and faster[0].duration < motion.duration - GAIN:
-                        i += len(trial) - len(nodes)
-                        nodes, motion = trial, faster[0]
+            for pushed in itertools.product(self.settings.shifts, (0.0, 1.0)):
+                motion, nodes = self._pushed(glider, motion, nodes, goal, pushed, budget)
+        return motion, nodes
+
+    def _pushed(
+        self,
+        glider: Glider,
+        motion: Trajectory,
+        nodes: FloatArray,
+        goal: Configuration,
+        pushed: tuple[float, float],
+        budget: WorkBudget,
+    ) -> Way:
+        """Return a motion with those corners ``pushed`` (outwards in inner, and cut in
+        circumscribed radii) that are passed sooner then, and its nodes.
+        """
+        shape, body = glider.shape, glider.body
+        world, (shift, cut) = self.scene.world(shape, glider.obstacles), pushed
+        i = 1
+        while i < len(nodes) - 1 and not budget.spent():
+            trial = moved_corner(nodes, i, shift * shape.inner[2], cut * shape.circumscribed)
+            i += 1
+            if trial is None or chain_time(trial, body) > motion.duration - GAIN:
+                continue
+            if not all(
+                straight_free(world, _floats(a), _floats(b - a))
+                for a, b in itertools.pairwise(trial[i - 2 : i + 2])
+            ):
+                continue
+            faster = glider.glide(trial, goal)
+            if faster is not None and faster[0].duration < motion.duration - GAIN:
+                i += len(trial) - len(nodes)
+                nodes, motion = trial, faster[0]
         return motion, nodes
 
 

@@ -174,14 +174,14 @@ class Certifier:
             return None
         seen = next((some for some in known if some[start]), None)
         if seen is None:
-            seen = reached(blocks, fine.reaches(radii), start)
+            seen = reached(blocks, fine._in_cells(radii), start)
             known.append(seen)
         return lambda goals: min(at(goals)) >= 0 and not seen[at(goals)]
 
-    def reaches(self, radii: Sequence[float]) -> list[float]:
+    def _in_cells(self, lengths: Sequence[float]) -> list[float]:
         """Return lengths (m) in cells."""
         assert self.scene.grid is not None
-        return [radius / self.scene.grid.resolution for radius in radii]
+        return [length / self.scene.grid.resolution for length in lengths]
 
     def _blocks(
         self, radii: Sequence[float], obstacles: Sequence[Placed]
@@ -191,12 +191,12 @@ class Certifier:
         """
         assert self.scene.grid is not None
         barred = [self.blocked(radius, obstacles) for radius in radii]
-        if too_many(barred, self.reaches(radii)):
+        if too_many(barred, self._in_cells(radii)):
             return self, []
         fine = Certifier(Scene(finer(self.scene.grid, min(radii)), self.scene.margin))
         barred = [fine.blocked(radius, obstacles) for radius in radii]
         assert fine.scene.grid is not None
-        return fine, joint_positions(fine.scene.grid.blocked, barred, fine.reaches(radii))
+        return fine, joint_positions(fine.scene.grid.blocked, barred, fine._in_cells(radii))
 
     def hits_map(self, body: Body, pose: Configuration) -> bool:
         """Return whether a pose surely overlaps the map's blocked cells or its outside."""

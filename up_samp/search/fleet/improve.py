@@ -314,7 +314,7 @@ class FleetLNS:
         """
         if not self.tours.adopt(self.best, kept):
             return None
-        # on the first changes they look for ways that suit so many, then nearly all are known
+        # of each drive other ways are looked for so often, over all changes: then they are known
         stuck = self.tours.decide_in_turns(replace(given, looks=2), deadline)
         return self.tours.decided() if stuck is None else None
 

@@ -142,6 +142,7 @@ def deals_of(search: Search, large: LargeProblem, deadline: Deadline) -> Iterato
         # who was late was guessed to be too quick
         careful = rules._replace(traffic=rules.traffic * (1.0 + _SLOWER * number))
         rng = random.Random(search.seed + number)
+        # from the fifth share of the jobs on they differ no more
         bias = biased(large.jobs, NOISE * min(number, 5), rng)
         soon = deadline.within(_DEALING * deadline.remaining())
         rehearsal = AssignmentEvaluator(guess, large.jobs, careful, bias)
