@@ -116,7 +116,8 @@ class Decoder:
         return needs is None or (
             all(self.ways.get(t, w) == w for t, w in needs.along)
             and all(
-                t in self.done or self._chosen.get(t, w) not in (-1, w) for (t, w), _ in needs.first
+                t in self.done or ((t, w) not in needs.along and self._chosen.get(t, w) not in (-1, w))
+                for (t, w), _ in needs.first
             )
             and all(self.states[key] in values for key, values in needs.reads)
         )
