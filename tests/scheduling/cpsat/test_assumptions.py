@@ -8,7 +8,12 @@ import itertools
 from pathlib import Path
 
 import pytest
-from unified_planning.model import GlobalStartTiming, LeftOpenTimeInterval, Timing
+from unified_planning.model import (
+    GlobalStartTiming,
+    LeftOpenTimeInterval,
+    TimePointInterval,
+    Timing,
+)
 from unified_planning.shortcuts import (
     GE,
     LE,
@@ -33,6 +38,11 @@ from up_samp.model import Deadline, ScheduleStatus
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.detection import find_routes
+
+
+def sooner(a):
+    return TimePointInterval(Timing(-4, a.start))
+
 
 AB = (("A", "B", 3), ("B", "A", 3))
 WAYS = tuple((a, b, abs(ord(a) - ord(b)) + 1) for a, b in itertools.permutations("ABC", 2))
@@ -144,6 +154,43 @@ def a_door_that_is_shut_again():
     trip.problem.add_effect(GlobalStartTiming(4), door(), False)
     trip.stop("s", "B", 1)
     trip.stop("t", "C", 1)
+    return trip.done()
+
+
+def forks(*, taken=0, put=-1, read=begin, freed_by=""):
+    """A robot takes two things at B and puts them down there; the fork that it takes them with is
+    full at ``taken`` from the end of what takes them, and free at ``put`` from that of what puts
+    them down. ``freed_by``: something else frees it, too.
+    """
+    trip = Trip("AB", before=LE)
+    trip.moves(*AB)
+    free = trip.problem.add_fluent("free", BoolType(), default_initial_value=True)
+    takes = [trip.stop(f"take{k}", "B", 2) for k in range(2)]
+    puts = [trip.stop(f"put{k}", "B", 5) for k in range(2)]
+    for one, other in zip(takes, puts, strict=True):
+        trip.problem.add_constraint(LE(one.end, other.start))
+        one.add_condition(read(one), free())
+        one.add_effect(Timing(taken, one.end), free(), False)
+        other.add_effect(Timing(put, other.end), free(), True)
+    for other in puts if freed_by or taken or read is sooner else ():
+        trip.problem.add_constraint(And(LE(one.end, other.start) for one in takes))
+    if freed_by == "timed":
+        trip.problem.add_effect(GlobalStartTiming(8), free(), True)
+    elif freed_by:
+        frees = optional(trip, freed_by, "B" if freed_by == "stop" else "", 1)
+        frees.add_effect(frees.end, free(), True)
+    return trip.done()
+
+
+def set_for_itself():
+    """Who needs a fork frees it first: what was known before it began is no matter."""
+    trip = Trip("AB", before=LE)
+    trip.moves(*AB)
+    free = trip.problem.add_fluent("free", BoolType(), default_initial_value=False)
+    for k in range(2):
+        s = trip.stop(f"s{k}", "B", 3)
+        s.add_effect(s.start, free(), True)
+        s.add_condition(TimePointInterval(Timing(-1, s.end)), free())
     return trip.done()
 
 
@@ -423,6 +470,13 @@ BROKEN = {
     "domains": [value_left_to_some],
     "find_histories": [helpers_that_overlap],
     "find_milestones": [a_door_that_is_shut_again],
+    "find_own_states": [
+        lambda: forks(taken=2),
+        lambda: forks(read=sooner),
+        lambda: forks(freed_by="timed"),
+        set_for_itself,
+    ],
+    "own_states_after": [lambda: forks(freed_by="stop"), lambda: forks(freed_by="somebody")],
     "_borrowed": [two_at_a_time],
     "_marked": [taken_without_asking],
     "_held": [held_for_a_while],

@@ -20,7 +20,6 @@ def explain(model: ScheduleModel, routes: list[Route]) -> tuple[tuple[str, ...],
         *(_route(model, route) for route in routes),
         *_cliques(model),
         *_alternatives(model),
-        *_places(model, routes),
         *_states(model, routes),
     ]
     return tuple(found), tuple(_left(model, routes))
@@ -63,11 +62,6 @@ def _alternatives(model: ScheduleModel) -> list[str]:
     return [f"exactly one of {size} activities: {n} times" for size, n in sorted(counts.items())]
 
 
-def _places(model: ScheduleModel, routes: list[Route]) -> list[str]:
-    units = find_unit_places(model, routes) if routes else []
-    return [f"unary places: {len(units)}"] if units else []
-
-
 def _states(model: ScheduleModel, routes: list[Route]) -> list[str]:
     known = {route.key for route in routes}
     circuits = [
@@ -76,12 +70,12 @@ def _states(model: ScheduleModel, routes: list[Route]) -> list[str]:
         if isinstance(timeline, Timeline) and timeline.linked and key not in known
     ]
     replaced = [key for key in model.replaced if not str(key[0]).startswith("#")]
-    found = []
-    if circuits:
-        found.append(f"state variables with transitions: {len(circuits)}")
-    if replaced:
-        found.append(f"resources and flags that are for one: {len(replaced)}")
-    return found
+    counts = {
+        "unary places": find_unit_places(model, routes),
+        "state variables with transitions": circuits,
+        "resources and flags that are for one": replaced,
+    }
+    return [f"{what}: {len(some)}" for what, some in counts.items() if some]
 
 
 def _left(model: ScheduleModel, routes: list[Route]) -> list[str]:

@@ -236,7 +236,7 @@ def test_tours_of_fleets_bring_what_they_fetched_and_charge_in_time(seed):
     samp = deliveries(seed).problem
     problem = relax(samp, read_problem(samp)).problem
     model = ScheduleModel(problem)
-    tour = improve(find_work(model, find_routes(model)), 0, 0, Deadline.never())
+    tour = improve(find_work(model, find_routes(model)), 40, 0, Deadline.never())
     assert tour is not None
     assert not validate_schedule(problem, build_schedule(problem, tour.schedule)).violations
     assert sum(name.startswith("deliver_") for name in tour.schedule.times) == 3

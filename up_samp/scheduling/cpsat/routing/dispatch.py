@@ -275,8 +275,7 @@ def entrances_of(routes: list[Route], task: RoutedTask) -> dict[Need, int]:
         route = routes[number]
         late = route.step - route.rest(stop)
         for place in places:
-            entries = () if place == route.initial else route.entries.get(place, ())
-            mine = {(e.state, e.allowed): e.lead - late for e in entries}
+            mine = {(e.state, e.allowed): e.lead - late for e in route.entries_to(place)}
             common = (
                 mine
                 if common is None
@@ -295,14 +294,29 @@ Way = tuple[int, int]
 @dataclass
 class WayNeeds:
     """What one way to do a task asks besides its place: ``along``: the ways of others that come
-    with it; ``first``: (way that comes before it, time from its start); ``reads`` and ``sets`` are
-    (state, values) of states that one traveller's stops alone change.
+    with it; ``first``: (way that comes before it, time from its start). Both are as stated.
     """
 
     along: list[Way] = field(default_factory=list)
     first: list[tuple[Way, int]] = field(default_factory=list)
-    reads: list[Need] = field(default_factory=list)
-    sets: list[tuple[Key, int]] = field(default_factory=list)
+
+    @property
+    def ended(self) -> dict[Way, int]:
+        """What comes with it and before it, and how long before (from start to start)."""
+        return {way: gap for way, gap in self.first if way in self.along}
+
+
+@dataclass(frozen=True)
+class OwnState:
+    """A state that the stops of one ``route`` (its number) alone change, each between its start and
+    the next thing that its traveller does. ``reads``: the values that ways to do tasks ask for, as
+    they begin.
+    """
+
+    route: int
+    initial: int
+    sets: dict[Way, int]
+    reads: dict[Way, frozenset[int]]
 
 
 @dataclass
@@ -315,6 +329,7 @@ class RoutedWork:
     initial: dict[Key, int | None]
     levels: list[list[RouteLevel]] = field(default_factory=list)
     needs: dict[Way, WayNeeds] = field(default_factory=dict)
+    own: list[OwnState] = field(default_factory=list)
 
     def providers(self, state: Key, allowed: frozenset[int]) -> list[int]:
         """Return the tasks that bring a state variable to one of ``allowed``."""
@@ -346,31 +361,33 @@ def find_work(model: ScheduleModel, routes: list[Route]) -> RoutedWork | None:
 
     Assumes: what must be there in every schedule is done on the routes.
     """
-    names = {n for r in routes for n, _ in r.stops}
+    stops = {n for r in routes for n, _ in r.stops}
     others = [
         a
         for a in model.world.activities.values()
-        if a.name not in names and not model.store.never(a.present)
+        if a.name not in stops and not model.store.never(a.present)
     ]
     if any(a.present == TRUE or a.present in model.exact for a in others):
         return None
     initial = {key: state.initial for key, state in model.states.vars.items()}
     tasks, units = find_tasks(model, routes), find_unit_places(model, routes)
     levels = [find_levels(model, route) for route in routes]
-    needs = find_needs(model, routes, tasks)
-    return RoutedWork(routes, tasks, units, initial, levels, needs)
-
-
-def find_needs(
-    model: ScheduleModel, routes: list[Route], tasks: list[RoutedTask]
-) -> dict[Way, WayNeeds]:
-    """Return what the ways to do tasks ask of each other, for quick schedules: a hint, no rule."""
     names = {
         name: (number, way)
         for number, task in enumerate(tasks)
         for way, (_, name, _) in enumerate(task.ways)
         if not task.visit
     }
+    needs = find_needs(model, names)
+    for number, task in enumerate(tasks):
+        ways = (needs.get((number, way), WayNeeds()) for way in range(len(task.ways)))
+        task.after += _before_whoever_does_it(list(ways))
+    own = find_own_states(model, routes, names)
+    return RoutedWork(routes, tasks, units, initial, levels, needs, own)
+
+
+def find_needs(model: ScheduleModel, names: Mapping[str, Way]) -> dict[Way, WayNeeds]:
+    """Return what the ways to do tasks ask of each other; ``names`` are those of the stops."""
     activities = model.world.activities
     ways = {activities[name].present: way for name, way in names.items()}
     needs = {way: WayNeeds() for way in names.values()}
@@ -378,7 +395,8 @@ def find_needs(
     for form in model.stated:
         parts = form[1:] if form.__class__ is tuple and form[0] == "|" else ()
         literals = [part for part in parts if part.__class__ is int]
-        told = [difference_told(part) for part in parts if part.__class__ is not int]
+        stated = [part for part in parts if part.__class__ is not int]
+        told = [difference_told(part) for part in stated]
         if len(literals) != 2 or len(told) > 1:
             continue
         for one, other in (literals, literals[::-1]):
@@ -390,36 +408,83 @@ def find_needs(
             then = ways.get(~other)
             if told and told[0] is not None and then is not None:
                 first, last, gap = told[0]
-                if (starts[before], starts[then]) == (first, last):
+                alone = set(stated[0].needs) <= {~one, ~other}
+                if (starts[before], starts[then]) == (first, last) and alone:
                     needs[then].first.append((before, gap))
-    _find_states(model, routes, names, needs)
     return needs
 
 
-def _find_states(
-    model: ScheduleModel,
-    routes: list[Route],
-    names: Mapping[str, Way],
-    needs: dict[Way, WayNeeds],
-) -> None:
-    """Find the states that one traveller's stops alone change, and who reads and sets them."""
-    stops = [{name for name, _ in route.stops} for route in routes]
-    for key, state in model.states.vars.items():
-        owners = {
-            None if w.owner is None else model.states.activity(w.owner).name
-            for w in state.writes
-            if not model.store.never(w.active)
-        }
-        if state.numeric or not owners or not any(owners <= some for some in stops):
+def _before_whoever_does_it(some: list[WayNeeds]) -> list[tuple[int, int]]:
+    """Return (task, time from its start) of what comes before a task in whichever of its ways it
+    is done.
+    """
+    each = [{task: gap for (task, _), gap in needs.ended.items()} for needs in some]
+    common = set.intersection(*map(set, each))
+    return [(task, min(gaps[task] for gaps in each)) for task in sorted(common)]
+
+
+def find_own_states(
+    model: ScheduleModel, routes: list[Route], names: Mapping[str, Way]
+) -> list[OwnState]:
+    """Return the states that one traveller's stops alone change, and who sets and asks for what.
+
+    Assumes: what a stop sets is seen before its traveller does anything else; who asks for it
+    excludes that it is set at that time.
+    """
+    found = []
+    for number, route in enumerate(routes):
+        mine = {model.world.activities[name].index: names[name] for name, _ in route.stops}
+        for state in model.states.vars.values():
+            sets = _settled(model, state, mine, route.gap)
+            if sets and state.initial is not None:
+                found.append(OwnState(number, state.initial, sets, _asked(model, state, mine)))
+    return found
+
+
+def _settled(
+    model: ScheduleModel, state: StateVar, mine: Mapping[int, Way], gap: int
+) -> dict[Way, int]:
+    """Return what stops set a state to, if whatever changes it is one of ``mine`` (by activity's
+    index), sets it whenever it is there, and the next one sees that; else nothing.
+    """
+    sets: dict[Way, int] = {}
+    for write in state.writes:
+        if model.store.never(write.active):
             continue
-        for write in state.writes:
-            name = model.states.activity(write.owner or 0).name
-            if name in names and not write.value.terms:
-                needs[names[name]].sets.append((key, write.value.const))
-        for read in state.reads:
-            name = "" if read.owner is None else model.states.activity(read.owner).name
-            if name in names and read.allowed is not None:
-                needs[names[name]].reads.append((key, read.allowed))
+        owner = model.states.activity(write.owner or 0)
+        since = model.states.difference(write.time, owner.start)[0]
+        late = model.states.difference(write.time, owner.end)[1]
+        value = write.value.const
+        if (
+            write.owner is None
+            or write.owner not in mine
+            or write.active != owner.present
+            or (write.add or write.value.terms)
+            or (since < 0 or late > gap)
+            or sets.setdefault(mine[write.owner], value) != value
+        ):
+            return {}
+    return sets
+
+
+def _asked(
+    model: ScheduleModel, state: StateVar, mine: Mapping[int, Way]
+) -> dict[Way, frozenset[int]]:
+    """Return the values of which each stop, whenever it is there, finds a state to have one."""
+    found: dict[Way, frozenset[int]] = {}
+    for read in state.reads:
+        if read.owner is None or read.owner not in mine or read.allowed is None:
+            continue
+        owner = model.states.activity(read.owner)
+        since = model.states.difference(read.lo, owner.start)[0]
+        lasts = model.states.difference(read.hi, read.lo)[0]
+        own = state.by_owner().get(read.owner, ())
+        before = all(model.states.difference(w.time, read.lo)[0] >= 0 for w in own)
+        # at its last instant a loose one does not exclude that others set it
+        if read.active == owner.present and since >= 0 and lasts >= read.loose and before:
+            way = mine[read.owner]
+            found[way] = found.get(way, read.allowed) & read.allowed
+    return found
 
 
 def find_tasks(model: ScheduleModel, routes: list[Route]) -> list[RoutedTask]:

@@ -26,6 +26,7 @@ class LabelTable:
     ``done``: bits of the tasks. ``last``: the number of what it did last, as one traveller at one
     place (-1: nothing). ``free``: when it can do something again, where that was. ``ready`` (for
     each place, too): when it can do something there, or go on from there. Both are lower bounds.
+    ``own``: what it carries and has set (a number, see :mod:`.own_states`).
     ``turned``: who of its parent's travellers each one is (twins are exchanged). ``parent``: the
     row that it was made from, among the labels with one task less.
     """
@@ -34,6 +35,7 @@ class LabelTable:
     last: Any
     free: Any
     ready: Any
+    own: Any
     turned: Any
     parent: Any
 
@@ -50,14 +52,15 @@ class LabelTable:
         nothing = np.full((1, count), -1, dtype=np.int64)
         none = np.zeros(1, dtype=np.int64)
         own = np.arange(count)[None]
-        return LabelTable(none, nothing, zero, ready[None], own, none)
+        return LabelTable(none, nothing, zero, ready[None], zero, own, none)
 
     def rows(self, which: Any) -> LabelTable:
         """Return some of the labels (numbers or a mask)."""
         return LabelTable(*(column[which] for column in self._columns()))
 
     def _columns(self) -> tuple[Any, ...]:
-        return self.done, self.last, self.free, self.ready, self.turned, self.parent
+        columns = self.done, self.last, self.free, self.ready, self.own, self.turned, self.parent
+        return columns
 
     def numbered(self) -> LabelTable:
         """Return the labels as parents of those that are made from them."""
@@ -77,19 +80,20 @@ class LabelTable:
 
     def undominated(self, deadline: Deadline = Deadline.never()) -> LabelTable:
         """Return the labels without those that another one is at least as good as: the same is
-        done by the same, nothing later, nobody further on its way.
+        done by the same, who carry the same, nothing later, nobody further on its way.
 
         Each is compared with a few ones before it in an order in which better ones come first, so
         some that are dominated may be left; more of them, if the ``deadline`` comes.
         """
         sums = self.free.sum(1) + self.ready.sum((1, 2), dtype=np.int64)
-        mine = self.rows(np.lexsort((sums, *self.last.T, self.done)))
+        mine = self.rows(np.lexsort((sums, *self.own.T, *self.last.T, self.done)))
         return mine.rows(~mine._worse(deadline))
 
     def _worse(self, deadline: Deadline) -> Any:
         """Return which rows are dominated by one that is a few rows before."""
         worse = np.zeros(len(self), dtype=bool)
         same = (self.done[1:] == self.done[:-1]) & (self.last[1:] == self.last[:-1]).all(1)
+        same &= (self.own[1:] == self.own[:-1]).all(1)
         group = np.concatenate(([0], np.cumsum(~same)))
         for shift in range(1, min(_NEAR + 1, len(self))):
             near = group[shift:] == group[:-shift]
@@ -123,7 +127,8 @@ class Steps:
         choice = self.rules.choices[number]
         needs = self.rules.programme.before[choice.task]
         bit = 1 << choice.task
-        labels = labels.rows(((labels.done & bit) == 0) & ((needs & ~labels.done) == 0))
+        able = self.rules.own[labels.own[:, choice.traveller], number] >= 0
+        labels = labels.rows(able & ((labels.done & bit) == 0) & ((needs & ~labels.done) == 0))
         if not len(labels):
             return
         latest = self._latest(labels, number)
@@ -249,8 +254,10 @@ class Steps:
             last=labels.last.copy(),
             free=labels.free.copy(),
             ready=labels.ready.copy(),
+            own=labels.own.copy(),
         )
         found.last[:, axis] = number
+        found.own[:, axis] = self.rules.own[labels.own[:, axis], number]
         free = start + length + gap
         found.free[:, axis] = free
         costs = self.rules.ways[axis].travel[choice.place]
@@ -337,7 +344,7 @@ class Twins:
     def _turned(self, labels: LabelTable, rows: Any, turned: Any) -> LabelTable:
         """Return the labels with the travellers of some rows exchanged."""
         found = {}
-        for name in ("last", "free"):
+        for name in ("last", "free", "own"):
             found[name] = getattr(labels, name).copy()
             found[name][rows] = np.take_along_axis(found[name][rows], turned, axis=1)
         done = found["last"][rows]
@@ -366,7 +373,9 @@ def _are_alike(
         return False
     if (routes[one].gap, routes[one].step) != (routes[other].gap, routes[other].step):
         return False
-    return _hand_over_alike(rules.handovers, one, other) and _doors_alike(rules, one, other)
+    a, b = (rules.own[:, [mine[who][what] for what in mine[one]]] for who in (one, other))
+    alike = np.array_equal(a, b) and _hand_over_alike(rules.handovers, one, other)
+    return alike and _doors_alike(rules, one, other)
 
 
 def _hand_over_alike(handovers: Any, one: int, other: int) -> bool:

@@ -73,7 +73,7 @@ class Decoder:
             for unit in work.units:
                 if robot.here in unit.places_of(robot.route.key):
                     self.inside[unit] = number
-        self.states = dict(work.initial)
+        self.own = [state.initial for state in work.own]
         self._chosen: dict[int, int] = {}
 
     def run(self, sequence: list[Step]) -> CandidateSchedule:
@@ -112,14 +112,17 @@ class Decoder:
         levels = zip(self.robots[robot].left, self.work.levels[robot], strict=True)
         if not all(v.low <= left + v.gains.get(name, 0) <= v.high for left, v in levels):
             return False
-        needs = self.work.needs.get((number, way))
-        return needs is None or (
-            all(self.ways.get(t, w) == w for t, w in needs.along)
+        own = zip(self.work.own, self.own, strict=True)
+        needs = self.work.needs.get((number, way), WayNeeds())
+        fits = all(value in state.reads.get((number, way), (value,)) for state, value in own)
+        return (
+            fits
+            and all(self.ways.get(t, w) == w for t, w in needs.along)
             and all(
-                t in self.done or ((t, w) not in needs.along and self._chosen.get(t, w) not in (-1, w))
+                t in self.done
+                or ((t, w) not in needs.along and self._chosen.get(t, w) not in (-1, w))
                 for (t, w), _ in needs.first
             )
-            and all(self.states[key] in values for key, values in needs.reads)
         )
 
     def _do(self, number: int, depth: int) -> None:
@@ -143,9 +146,7 @@ class Decoder:
         start = max(robot.free, self._earliest(task))
         for (other, _), gap in needs.first:
             start = max(start, self.done[other][0] + gap if other in self.done else 0)
-        for entry in (
-            robot.route.entries.get(robot.here, ()) if robot.here != robot.route.initial else ()
-        ):
+        for entry in robot.route.entries_to(robot.here):
             since = self._provided(robot_number, entry, depth)
             start = max(start, since + entry.lead) if since is not None else start
         start = self._undisturbed(task, start)
@@ -154,7 +155,8 @@ class Decoder:
             self.times[name] = (start, start + task.length)
         for key, value, delay in task.changes:
             self.changed.setdefault(key, []).append((start + delay, value))
-        self.states.update(needs.sets)
+        for i, state in enumerate(self.work.own):
+            self.own[i] = state.sets.get((number, way), self.own[i])
         robot.free = start + task.length + robot.route.gap
         self.ways[number] = way
         self.order.append(number)
@@ -203,8 +205,8 @@ class Decoder:
             raise DeadEnd
         task = providers[0]
         if self._chosen.get(task, -1) < 0:
-            mine = [w for w, (r, _, _) in enumerate(self.work.tasks[task].ways) if r == number]
-            self._chosen[task] = mine[0] if mine else -1
+            ways = enumerate(self.work.tasks[task].ways)
+            self._chosen[task] = next((w for w, (r, _, _) in ways if r == number), -1)
         self._do(task, depth + 1)
         return self._provided(number, entry, depth + 1)
 
@@ -217,9 +219,8 @@ class Decoder:
             raise DeadEnd
         robot = self.robots[number]
         for place in sorted(places)[:1] if len(places) == 1 else ():
-            if place != robot.route.initial:
-                for entry in robot.route.entries.get(place, ()):
-                    self._provided(number, entry, depth + 1)
+            for entry in robot.route.entries_to(place):
+                self._provided(number, entry, depth + 1)
         if robot.here in places:
             return
         for level in range(len(robot.left)):
@@ -270,7 +271,7 @@ class Decoder:
     def _move(self, number: int, move: Move, depth: int) -> None:
         robot = self.robots[number]
         start = robot.free
-        for entry in robot.route.entries.get(move.to, ()) if move.to != robot.route.initial else ():
+        for entry in robot.route.entries_to(move.to):
             since = self._provided(number, entry, depth + 1)
             if since is not None:
                 start = max(start, since, since + entry.lead - robot.route.step - move.least)
@@ -344,11 +345,7 @@ def steps_of(work: RoutedWork, sequences: Sequences, found: Found) -> list[Step]
     numbers = {id(task): number for number, task in enumerate(work.tasks)}
     steps = []
     for choice in (rules.choices[number] for number, _ in found):
-        task = rules.programme.tasks[choice.task]
-        place = rules.ways[choice.traveller].places[choice.place]
-        ways = enumerate(task.ways)
-        way = next(w for w, (r, _, some) in ways if r == choice.traveller and place in some)
-        steps.append((numbers[id(task)], way))
+        steps.append((numbers[id(rules.programme.tasks[choice.task])], choice.way))
     return steps
 
 

@@ -122,6 +122,10 @@ class Route:
         """Return the same route with its visits among its stops."""
         return replace(self, stops=[*self.stops, *self.visits])
 
+    def entries_to(self, place: int) -> list[Entrance]:
+        """Return what must be open for the traveller to come to a place (to its first: nothing)."""
+        return [] if place == self.initial else self.entries.get(place, [])
+
     def rest(self, stop: str) -> int:
         """Return the time from the end of a move to a stop."""
         return self.gap if stop in self.late else self.step

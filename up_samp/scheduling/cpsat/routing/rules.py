@@ -13,6 +13,7 @@ import numpy as np
 from up_samp.model import Deadline
 from up_samp.scheduling.cpsat.encode.durations import INFINITE
 from up_samp.scheduling.cpsat.routing.dispatch import RoutedTask, RoutedWork
+from up_samp.scheduling.cpsat.routing.own_states import own_states_after
 from up_samp.scheduling.cpsat.routing.route import Route, way_back
 
 MOST_BITS = 62
@@ -169,12 +170,13 @@ def _ideals(before: list[int], most: int) -> list[list[int]] | None:
 
 @dataclass(frozen=True)
 class SequenceChoice:
-    """A task as one traveller does it at one place (by its number). ``late``: time by which it
-    may begin before the move there is seen to have ended. ``spot``: the place in tables. ``back``:
-    time from its end to that of everything, if it is the last one.
+    """A task as one traveller does it at one place (by its number), in one ``way``. ``late``: time
+    by which it may begin before the move there is seen to have ended. ``spot``: the place in
+    tables. ``back``: time from its end to that of everything, if it is the last one.
     """
 
     task: int
+    way: int
     traveller: int
     place: int
     spot: int
@@ -199,6 +201,7 @@ def choices_of(programme: Programme, ways: list[TravelTables]) -> list[SequenceC
     return [
         SequenceChoice(
             number,
+            way,
             axis,
             ways[axis].number[place],
             1 + programme.spots[axis].index(place),
@@ -206,7 +209,7 @@ def choices_of(programme: Programme, ways: list[TravelTables]) -> list[SequenceC
             way_back(programme.routes[axis], {place}, programme.routes[axis].final),
         )
         for number, task in enumerate(programme.tasks)
-        for axis, stop, places in task.ways
+        for way, (axis, stop, places) in enumerate(task.ways)
         for place in sorted(places)
     ]
 
@@ -261,9 +264,7 @@ def _shut(programme: Programme, ways: TravelTables, place: int, latest: int) -> 
     has come to a place: what opens the way there, if it cannot be later.
     """
     route, bits = ways.route, 0
-    if place == route.initial:
-        return 0
-    for entry in route.entries.get(place, ()):
+    for entry in route.entries_to(place):
         for number, task in enumerate(programme.tasks):
             delays = [d for k, _, d in task.changes if k == entry.state]
             if task.opens == entry.state and delays[0] > latest + route.step - entry.lead:
@@ -283,8 +284,7 @@ def doors_of(programme: Programme, ways: list[TravelTables]) -> list[list[tuple[
                 (axis, number, delays[0] + entry.lead)
                 for axis, some in enumerate(ways)
                 for place, number in some.number.items()
-                if place != some.route.initial
-                for entry in some.route.entries.get(place, ())
+                for entry in some.route.entries_to(place)
                 if task.opens is not None and entry.state == task.opens
             ]
         )
@@ -330,6 +330,8 @@ class SequenceRules:
     doors: list[list[tuple[int, int, int]]]
     """(traveller, place, time from the start) of each task: when the way there is open."""
     handovers: Any
+    own: Any
+    """What each traveller carries and has set, as :func:`own_states_after` has it."""
 
     @staticmethod
     def of(work: RoutedWork, programme: Programme, tables: dict[int, Any]) -> SequenceRules | None:
@@ -342,6 +344,9 @@ class SequenceRules:
         ordered, waits = waits_of(work, programme)
         sets = np.array(sorted(tables), dtype=np.int64)
         changes = [change_of(programme, ways, number) for number in range(len(programme.tasks))]
+        numbers = {id(task): number for number, task in enumerate(work.tasks)}
+        wanted = [numbers[id(task)] for task in programme.tasks]
+        done = [(c.traveller, (wanted[c.task], c.way)) for c in choices]
         return SequenceRules(
             programme,
             ways,
@@ -354,6 +359,7 @@ class SequenceRules:
             tables[0].shape,
             doors_of(programme, ways),
             handovers_of(work, ways),
+            own_states_after(work, wanted, done, len(tables) * tables[0].size),
         )
 
     def plain(self) -> SequenceRules:

@@ -1,0 +1,63 @@
+"""What robots carry and set, in sequences of tasks and quick schedules: bounds stay true."""
+
+import pytest
+
+from tests.scheduling.cpsat.carriers import carriers
+from tests.scheduling.cpsat.routing.test_sequences import optimum
+from tests.scheduling.cpsat.truth import bound_without_search
+from up_samp.fleet import Fleet
+from up_samp.fleet.starter import write_starter
+from up_samp.model import Deadline
+from up_samp.scheduling.cpsat.model import ScheduleModel
+from up_samp.scheduling.cpsat.routing.detection import find_routes
+from up_samp.scheduling.cpsat.routing.dispatch import find_work
+from up_samp.scheduling.cpsat.routing.list_scheduling import improve
+from up_samp.scheduling.cpsat.routing.workload import bound_by_work
+from up_samp.upio import read_problem, relax
+
+
+def compare(seeds, **drawn):
+    """Assert that no bound is above the optimum; return (bounds that are met, how many)."""
+    met = count = 0
+    for seed in seeds:
+        problem = carriers(seed, **drawn)
+        bound, best = bound_without_search(problem), optimum(problem)
+        if bound is not None and best is not None:
+            assert bound <= best, f"seed {seed}: bound {bound}, but {best} is possible"
+            count, met = count + 1, met + (bound == best)
+    return met, count
+
+
+def test_bounds_of_carriers():
+    met, count = compare(range(12))
+    assert count == 12
+    assert met >= 9
+
+
+def test_bounds_of_carriers_with_odd_forks():
+    _, count = compare(range(1000, 1012), odd=True)
+    assert count >= 6
+
+
+def test_the_starter_is_bounded_and_drawn_without_search(tmp_path):
+    """Two robots, three orders: who picks one up delivers it, one at a time."""
+    files = write_starter(tmp_path)
+    problem = Fleet.from_file(files[0]).problem
+    model = ScheduleModel(relax(problem, read_problem(problem)).problem)
+    work = find_work(model, find_routes(model))
+    assert work is not None
+    assert len(work.own) == 2
+    tour = improve(work, 300, 0, Deadline.never())
+    bound = bound_by_work(model, work).value
+    assert bound <= tour.schedule.makespan <= 1.5 * bound
+    times = tour.schedule.times
+    picks = {name: times[name] for name in times if name.startswith("pick")}
+    assert len(picks) == 3
+    for name, (_, end) in picks.items():
+        assert end <= times[name.replace("pick", "deliver")][0]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("block", range(10))
+def test_many_bounds_of_carriers(block):
+    compare(range(2000 + 100 * block, 2100 + 100 * block), odd=block % 2 == 1)
