@@ -72,7 +72,8 @@ def test_lateness_slack_and_what_will_be_missed(executor):
     executor.commands(0.0)
     planned = max(t.planned[1] for t in executor.state.graph.tasks.values())
     assert executor.predicted_makespan() <= planned + 0.5
-    executor.update("r0", progress=0.0, now=30.0)
+    for robot in ("r0", "r1"):
+        executor.update(robot, progress=0.0, now=30.0)
     assert executor.predicted_makespan() > planned + 10.0
     assert executor.late()[TO_BUTTON] > 20.0
     assert executor.missed()[f"duration of {TO_BUTTON}"] > 10.0

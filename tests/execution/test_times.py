@@ -100,3 +100,29 @@ def test_nobody_is_forecast_beyond_a_gate_before_it_opens(crossed):
     ahead = executor.retime()
     for gate in gates:
         assert ahead.times[watched.number[gate]] < ahead.times[watched.number[beyond]]
+
+
+def test_who_has_told_nothing_for_a_while_is_forecast_to_have_gone_on(crossed):
+    problem, plan, found = crossed
+    executor = Executor(plan, problem, dependencies=found)
+    executor.commands(0.0)
+    way = executor.state.of_object["r0"]
+    told = way.travel.time_at(1.0)
+    executor.update("r0", progress=1.0, now=told)
+    before = executor.retime()
+    ends = {Event(At.END, way.activity), *(e for e in found.graph.events if e.object == "r0")}
+    ahead = {e: before.times[found.graph.number[e]] for e in ends}
+    ahead = {e: time for e, time in ahead.items() if time > told + 1.0}
+    assert ahead
+    executor.commands(told + 1.0)
+    after = executor.retime()
+    assert {e: round(after.times[found.graph.number[e]], 6) for e in ahead} == {
+        e: round(time, 6) for e, time in ahead.items()
+    }
+    times, _ = tied(executor, [])
+    low = times.earliest()
+    for event, number in times.number.items():
+        if event in ahead and event.at is At.END:
+            assert abs(low[number] / SCALE - (ahead[event] - executor.now)) < 0.05
+    executor.update("r0", progress=1.0, now=executor.now)  # it stood
+    assert executor.retime().span(way.activity)[1] > before.span(way.activity)[1] + 0.9

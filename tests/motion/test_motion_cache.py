@@ -1,10 +1,21 @@
 """The cache of motions: what is remembered is used again, by other services, too."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tests.motion.oracle import RECTANGLE, ROBOT, box_map, smallest_clearance
-from up_samp.model import Body, Deadline, Kinematics, MotionModel, Outcome, PathQuery, Placed
+from up_samp.model import (
+    Body,
+    Deadline,
+    Kinematics,
+    MotionModel,
+    Outcome,
+    PathQuery,
+    Placed,
+    TrafficZone,
+)
 from up_samp.motion import Leg, LegQuery, MotionCache, MotionService
 
 GRID = box_map(20, 10, [(9, 0, 10, 4), (9, 6, 10, 10)])
@@ -12,11 +23,11 @@ POSES = ((4.0, 3.0, 0.0), (16.0, 7.0, 1.0))
 SLIDER = Body(RECTANGLE, Kinematics(MotionModel.SE2, 1.0, 1.5, 0.8, 0.7))
 
 
-def plan(cache, body=ROBOT, grid=GRID):
+def plan(cache, body=ROBOT, grid=GRID, whole=True):
     service = MotionService(grid, cache=cache)
     report = service.plan(PathQuery(body, POSES), Deadline.after(60))
     assert report.outcome is Outcome.FOUND
-    assert report.complete
+    assert report.complete or not whole
     return report.trajectory, service
 
 
@@ -31,6 +42,16 @@ def test_what_was_kept_is_used(body):
     back = turned.plan(PathQuery(body, POSES[::-1]), Deadline.after(60))
     assert turned.cache.hits == 2
     assert back.trajectory.duration == pytest.approx(first.duration, rel=1e-12)
+
+
+def test_a_finished_motion_is_not_sought_again(monkeypatch):
+    slow = TrafficZone(((9.0, 4.0), (10.0, 4.0), (10.0, 6.0), (9.0, 6.0)), v_max=0.2)
+    for kinematics in (ROBOT.kinematics, replace(ROBOT.kinematics, zones=(slow,))):
+        first, service = plan(MotionCache(), replace(ROBOT, kinematics=kinematics), whole=False)
+        monkeypatch.setattr(service, "legs", None)
+        query = PathQuery(replace(ROBOT, kinematics=kinematics), POSES)
+        again = service.plan(query, Deadline.after(60))
+        assert again.trajectory is first
 
 
 def test_a_leg_is_used_only_among_obstacles_that_it_clears():

@@ -19,7 +19,7 @@ class Standing(Day):
         self.settings, self.clock, self.site = Settings(), SimulatedClock(), fleet.records
         self.poses = {r: self._home(robot.start) for r, robot in self.site.robots.items()}
         self.meanings, self.jobs, self.away, self.placed, self.limits = {}, {}, {}, {}, {}
-        self.shut, self.aside, self.tried = {}, {}, {}
+        self.shut, self.aside, self.tried, self.areas = {}, {}, {}, {}
         self.stuck, self.carrying, self.ends = stuck, {}, {}
 
     def stranded(self):

@@ -375,3 +375,27 @@ def test_an_order_that_nobody_can_do_is_told_with_what_stands_in_its_way(tmp_pat
     day.until(lambda: "dropped" in day.story(), 60)
     assert "move_r0_dock0_to_rack0" in day.story()
     day.operation.close()
+
+
+def test_who_cannot_bring_its_order_now_waits_and_keeps_nobody_else_waiting(tmp_path):
+    day = Day(tmp_path, robots=3)
+    try:
+        places = day.fleet.records.places
+        day.order("o0", "rack0", "dock0", robots=["r0"])
+        day.until(lambda: "o0" in day.operation.on_board())
+        day.robots.put("r1", places["dock0"].pose)
+        day.operation.leave("r1", "broken down", places["dock0"].pose)
+        stop = day.clock.now() + 20.0
+        day.until(lambda: day.clock.now() > stop)
+        asked = len(day.operation.costs)
+        day.order("o1", "rack2", "dock2", robots=["r2"])
+        day.until(lambda: day.state("o1") == "done")
+        assert len(day.operation.costs) <= asked + 2, day.story()
+        assert day.operation.on_board() == {"o0": "r0"}
+        day.robots.put("r1", places["home1"].pose)
+        day.operation.join("r1", places["home1"].pose)
+        day.run()
+        assert day.state("o0") == "done"
+        assert day.verdict().good, day.story()
+    finally:
+        day.operation.close()

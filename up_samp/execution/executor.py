@@ -106,8 +106,6 @@ class Executor(Followed):
         self.drives = drives_of(self.dependencies.lives)
         """The robots' motions, by activity and robot."""
         self._drivers = {robot for _, robot in self.drives}
-        self._told: dict[str, float] = {}
-        """When each robot last told something that was believed (s)."""
         self._held: dict[str, str] = {}
         """Robots that have to hold until they tell where they are, and why."""
         self.withdrawn: dict[str, str] = {}
@@ -227,7 +225,8 @@ class Executor(Followed):
         if robot not in (self._drivers if pose is None else self.dependencies.lives):
             return Reply(Heard.IGNORED, f"the plan drives no '{robot}'")
         astray = self._strayed.get(robot)
-        last = max(self._told.get(robot, -math.inf), -math.inf if astray is None else astray.time)
+        known = self.state.heard.get(robot, -math.inf)
+        last = max(known, -math.inf if astray is None else astray.time)
         timed = self._time(now, last)
         if timed is not None:
             return timed
@@ -245,7 +244,7 @@ class Executor(Followed):
         if isinstance(at, str):
             self._held[robot] = at  # it may drive by what it tells
             return Reply(Heard.AGAIN, at)
-        self._told[robot] = now
+        self.state.heard[robot] = now
         return self._take(way, at)
 
     def _along(self, way: MotionUnderWay, progress: Any, pose: Any) -> float | Strayed | str:
@@ -354,8 +353,7 @@ class Executor(Followed):
 
     def _since_told(self, robot: str) -> float:
         """Return for how long (s) at most a robot may have driven since what it told last."""
-        since = max(0.0, self.now - self._told.get(robot, self.now))
-        return since + self._late[robot]
+        return self.state.silent(robot) + self._late[robot]
 
     def _near(self, robot: str) -> float:
         """Return how far (m) a robot may tell to be off its path, or its place."""
@@ -502,7 +500,7 @@ class Executor(Followed):
             state.fire(state.start_number[name], state.now)
             for way in ways:
                 state.of_object[way.object] = way
-                way.since = self._told[way.object] = state.now
+                way.since = state.heard[way.object] = state.now
                 state.move(way, 0.0)
 
     def _drive(self, way: MotionUnderWay) -> Command:
@@ -650,7 +648,7 @@ def saved(executor: Executor) -> dict[str, Any]:
         "motions": [
             {key: getattr(w, key) for key in ("activity", "object", *_KEPT)} for w in begun
         ],
-        "heard": dict(executor._told),
+        "heard": dict(executor.state.heard),
         "held": dict(executor._held),
         "strayed": {r: [*s.pose, s.off, s.time] for r, s in executor._strayed.items()},
         "sides": [[*k, side] for k, side in executor.sides.items() if not isinstance(k, int)],
@@ -691,7 +689,7 @@ def resume(executor: Executor, known: Mapping[str, Any], graph: Graph | None = N
         for key, kind in _KEPT.items():
             setattr(way, key, kind({"let": 0.0, **entry}[key]))
     _begun(executor, known["running"], known["done"])
-    executor._told = {robot: float(time) for robot, time in known["heard"].items()}
+    executor.state.heard = {robot: float(time) for robot, time in known["heard"].items()}
     executor._held = dict(known["held"])
     strayed = known.get("strayed", {}).items()
     executor._strayed = {r: Strayed((x, y, a), off, at) for r, (x, y, a, off, at) in strayed}
@@ -738,7 +736,7 @@ def join(
         start, end = times.get(name, (now, None))
         state.fired[Event(At.START, name)] = float(start)
         for way in state.ways_of[name]:
-            executor._told[way.object] = way.since = float(now)
+            executor.state.heard[way.object] = way.since = float(now)
             way.told = way.progress = here.get(name + way.object, way.length)
         if name in done:
             state.fired[Event(At.END, name)] = float(now if end is None else end)

@@ -116,21 +116,23 @@ def forecast(state: FloorState, routes: Routes, pace: Mapping[str, float]) -> Fo
 
 
 def _since_now(state: FloorState, pace: Mapping[str, float]) -> dict[int, float]:
-    """Return when motions under way come to their next events, and tasks under way end."""
+    """Return when motions under way come to their next events: they have gone on since they told
+    where they are.
+    """
     found, graph = {}, state.graph
     for way in state.ways.values():
         if state.phase[way.activity] is not TaskPhase.RUNNING:
             continue
         speed = pace.get(way.object, 1.0)
-        here = way.travel.time_at(way.progress)
+        here, silent = way.travel.time_at(way.progress), state.silent(way.object)
         ahead = [m for m in (way.marks[way.mark :], way.gates[way.gate :]) if m]
         # what comes after the first of them follows from it: it may have to wait there
         for progress, k in sorted((p[0] for p in ahead), key=lambda p: _on_path(graph, p[1]))[:1]:
-            left = max(0.0, way.travel.time_at(progress) - here)
-            found[k] = state.now + left / speed
+            left = (way.travel.time_at(progress) - here) / speed - silent
+            found[k] = state.now + max(0.0, left)
         end = state.end_number[way.activity]
-        left = way.travel.whole - here
-        found[end] = max(found.get(end, state.now), state.now + left / speed)
+        left = (way.travel.whole - here) / speed - silent
+        found[end] = max(found.get(end, state.now), state.now + left)
     # an end waits for the events on the way, too: only the first is taken from here
     for way in state.ways.values():
         if way.marks[way.mark :] or way.gates[way.gate :]:

@@ -97,6 +97,16 @@ class DriveCells:
         i = np.searchsorted(s, progress + TOLERANCES.arrived, side="right")
         return _between(times, s, np.clip(i, 0, len(s) - 1), progress)
 
+    def of_cells(self, path: Path) -> tuple[FloatArray, FloatArray]:
+        """Return when the plan enters and leaves each cell of its path, however that is cut (s)."""
+        if path not in self._of_cells:
+            self._of_cells[path] = self.left(path.edges[:-1]), self.reached(path.edges[1:])
+        return self._of_cells[path]
+
+    @cached_property
+    def _of_cells(self) -> dict[Path, tuple[FloatArray, FloatArray]]:
+        return {}
+
     @property
     def key(self) -> tuple[str, str]:
         """Activity and object."""

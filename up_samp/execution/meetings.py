@@ -203,7 +203,7 @@ def cell_times(piece: Piece, path: Path) -> tuple[FloatArray, FloatArray]:
     """Return when the plan enters and leaves each cell of a piece (s)."""
     if isinstance(piece, Stay):
         return np.array([piece.since]), np.array([piece.until])
-    return piece.left(path.edges[:-1]), piece.reached(path.edges[1:])
+    return piece.of_cells(path)
 
 
 def _numbered(meetings: list[Meeting]) -> list[Meeting]:

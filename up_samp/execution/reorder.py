@@ -174,7 +174,7 @@ def _too_soon(executor: Followed, ahead: Forecast, need: Precedence) -> bool:
     if event.at in (At.REACH, At.LEAVE):
         way = state.ways[event.activity, event.object]
         begun = state.phase[event.activity] is not TaskPhase.WAITING
-        here = way.travel.time_at(way.progress) if begun else 0.0
+        here = state.driven(way) if begun else 0.0
         brake = way.braked(way.travel.fastest)
         # who is under way may be at full speed from the point on where it counts
         let = brake * begun + max(brake, way.reach(executor.ahead))
@@ -344,12 +344,13 @@ class Times:
         begun = self.state.phase[way.activity] is TaskPhase.RUNNING
         here = way.travel.time_at(way.progress) if begun else 0.0
         last = NOW if begun else self.event(start)
+        gone = self.state.silent(way.object) if begun else 0.0
         for event in [*events, end]:
             there = way.travel.whole if event is end else way.travel.time_at(event.progress)
             number = self.event(event)
-            ticks = max(0, round((there - here) / pace * SCALE))
+            ticks = max(0, round(((there - here) / pace - gone) * SCALE))
             self.ties.append(Tie(last, number, ticks, 0))
-            last, here = number, there
+            last, here, gone = number, there, 0.0
 
     # ------------------------------------------------------------------ what follows
 

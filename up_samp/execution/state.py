@@ -164,6 +164,8 @@ class FloorState:
             key: MotionUnderWay(*key, length, travels[key]) for key, length in graph.lengths.items()
         }
         self.of_object: dict[str, MotionUnderWay] = {}
+        self.heard: dict[str, float] = {}
+        """When each object last told something that was believed (s)."""
         self.ways_of: dict[str, list[MotionUnderWay]] = {name: [] for name in graph.tasks}
         for way in self.ways.values():
             self.ways_of[way.activity].append(way)
@@ -231,6 +233,17 @@ class FloorState:
         self.now = max(self.now, now)
         while self.timers and self.timers[0][0] <= self.now + 1e-9:
             self.missing[heapq.heappop(self.timers)[1]] -= 1
+
+    def silent(self, name: str) -> float:
+        """Return for how long (s) an object has told nothing that was believed."""
+        return max(0.0, self.now - self.heard.get(name, self.now))
+
+    def driven(self, way: MotionUnderWay) -> float:
+        """Return for how long (s) a motion is driven by now, by its profile: a robot under way has
+        gone on since it told where it is.
+        """
+        begun = self.phase[way.activity] is TaskPhase.RUNNING
+        return way.travel.time_at(way.progress) + (self.silent(way.object) if begun else 0.0)
 
     def move(self, way: MotionUnderWay, told: float) -> None:
         """Note what was told of a motion. It never goes back, and whatever is told, it is believed

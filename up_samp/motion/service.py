@@ -69,7 +69,8 @@ class MotionService:
         self.seed = seed
         self.cache = MotionCache() if cache is None else cache
         self._flat: Memory[tuple[Placed, ...]] = Memory(1_000)
-        self._quickest: Memory[PathReport] = Memory(4_000)
+        self._final: Memory[PathReport] = Memory(4_000)
+        """Motions that no more time would change."""
         self.certifier = Certifier(self.scene)
         self.bounds = DurationBounds(self.scene, self.certifier)
         self.legs = Legs(self.scene, planner, seed, self.cache, self.certifier, self.certificate)
@@ -79,23 +80,35 @@ class MotionService:
         warm_up(query.body.kinematics.model)
         began = time.monotonic()
         query = replace(query, obstacles=self.met_by(query.body, query.obstacles))
+        key = (query.body, query.poses, obstacle_key(query.obstacles))
+        report = self._final.get(key)
+        if report is None:
+            report, final = self._planned(query, deadline)
+            if final:
+                self._final.put(key, report)
+        return _timed(report, began)
+
+    def _planned(self, query: PathQuery, deadline: Deadline) -> tuple[PathReport, bool]:
+        """Answer a query, and return whether a motion was found that no more time would change."""
         proof = self.certificate(query.body, query.poses, query.obstacles)
         if proof is not None:
-            return _timed(proof, began)
+            return proof, False
         found = self._find(query, deadline)
         if isinstance(found, PathReport):
-            return _timed(found, began)
+            return found, False
         used, legs = found
         whole, smooth = strung_at_full_speed(self.scene, query, legs)
         if query.body.kinematics.ways and used in parts("planners"):
             check_ways(query.body, whole, used)
         motion = slowed(whole, query.body)
         best = motion is whole and seconds_of(motion, query.body) == motion.duration
-        complete = smooth and best and all(leg.complete for leg in legs)
+        final = all(leg.complete for leg in legs)
+        complete = smooth and best and final
         report = PathReport(Outcome.FOUND, motion, planner=used, complete=complete)
-        if not best:
-            report = self._quicker(query, whole, report, deadline)
-        return _timed(report, began)
+        if best:
+            return report, final
+        report, all_sought = self._quicker(query, whole, report, deadline)
+        return report, final and all_sought
 
     def _find(self, query: PathQuery, deadline: Deadline) -> tuple[str, list[Leg]] | PathReport:
         """Return the legs of a query, and who planned the last one, or why there are none."""
@@ -112,17 +125,13 @@ class MotionService:
 
     def _quicker(
         self, query: PathQuery, whole: Trajectory, slow: PathReport, deadline: Deadline
-    ) -> PathReport:
+    ) -> tuple[PathReport, bool]:
         """Return the quickest of a way that zones, or a limit backwards, slow (``whole`` would be
-        its motion without them), one around these zones, and one without a stretch backwards; what
-        zones cost is counted.
+        its motion without them), one around these zones, and one without a stretch backwards, and
+        whether all of them were sought to the end; what zones cost is counted.
 
         It may not be the fastest that there is: what comes of it is never called complete.
         """
-        key = (query.body, query.poses, obstacle_key(query.obstacles))
-        known = self._quickest.get(key)
-        if known is not None:
-            return known
         zones = slowing_zones(whole, query.body)
         others = []
         if zones:
@@ -143,7 +152,7 @@ class MotionService:
             assert best.trajectory is not None
             if seconds_of(motion, query.body) < seconds_of(best.trajectory, query.body):
                 best = replace(best, trajectory=motion, planner=used)
-        return self._quickest.put(key, best) if final else best
+        return best, final
 
     def lower_bound(
         self,

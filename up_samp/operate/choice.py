@@ -19,11 +19,11 @@ from shapely.geometry import Polygon
 from up_samp.execution.executor import Executor
 from up_samp.execution.state import TaskPhase
 from up_samp.fleet.outlines import placed
-from up_samp.fleet.records import FleetRecords, Order, can_do, visited
+from up_samp.fleet.records import FleetRecords, Order, Stop, Task, can_do, visited
 from up_samp.fleet.statements import Kind, Meaning
 from up_samp.operate.clock import Clock
 from up_samp.operate.horizon import DELIVERS, Cut, Opened, cut_of, on_board
-from up_samp.operate.records import DayOrder, OrderState, Pose
+from up_samp.operate.records import DayOrder, OrderState, Pose, Shape
 from up_samp.operate.settings import Settings
 
 ASIDE = 30.0
@@ -54,6 +54,8 @@ class Day:
     """Robots that do nothing now, and why."""
     placed: dict[str, str]
     """Robots that stand where the plan does not have them, and why they stay until one does."""
+    areas: dict[str, Shape]
+    """Areas that nobody may enter now."""
     limits: dict[str, float]
     """How far (m) motions may go, where that is less than their whole length."""
     shut: dict[str, str]
@@ -109,19 +111,21 @@ class Day:
         return [r for r in self.site.robots if r not in self.away]
 
     def stranded(self) -> list[str]:
-        """Return robots that have nothing to do, and stand where they should not stay: with an
-        order, or not where they end.
+        """Return robots that have nothing to do, and stand where they should not stay: not where
+        they end, or with an order. Who cannot bring that to its end now waits.
         """
         if self.executor is None:
             return []
         cut = self.cut()
         left = (n for n in cut.kept if n not in cut.stops and not self._is_done(n))
         busy = {self.meanings[n].robot for n in left}
+        ends = {r: visited(self.jobs[o].record)[-1] for o, r in cut.carrying.items()}
         found = []
         for name in self.there():
             end = self.site.robots[name].end
             home = end is None or self._near(cut.poses[name], self._home(end))
-            if name not in busy and (name in cut.carrying.values() or not home):
+            wanted = _can_stop(self, ends[name]) if name in ends else not home
+            if name not in busy and wanted:
                 found.append(name)
         return found
 
@@ -346,16 +350,21 @@ def ready(day: Day, job: DayOrder) -> bool:
     before = (day.jobs.get(name) for name in job.record.after)
     if not all(b is None or b.state is not OrderState.WAITING for b in before):
         return False
-    return all(any(_reachable(day, p) for p in stop.at) for stop in visited(job.record))
+    return all(_can_stop(day, stop) for stop in visited(job.record))
 
 
-def _reachable(day: Day, place: str) -> bool:
-    """Return whether some robot could stand at a place beside those that do nothing now."""
-    there = [body_at(day.site, r, day.poses[r]) for r in day.away]
-    bodies = {day.site.robots[r].type: r for r in day.site.robots} if there else {}
-    here = (body_at(day.site, r, day.site.places[place].pose) for r in bodies.values())
+def _can_stop(day: Day, stop: Stop | Task) -> bool:
+    """Return whether some robot could stand at one of a stop's places, beside those that do nothing
+    now, and outside areas that are blocked.
+    """
+    apart = day.site.margin
+    there = [(body_at(day.site, r, day.poses[r]), apart) for r in day.away]
+    there += [(Polygon(shape), 0.0) for shape in day.areas.values()]
+    kinds = {day.site.robots[r].type: r for r in day.site.robots} if there else {}
+    poses = [day.site.places[place].pose for place in stop.at]
+    bodies = (body_at(day.site, r, pose) for r in kinds.values() for pose in poses)
     return not there or any(
-        all(body.distance(other) > day.site.margin for other in there) for body in here
+        all(body.distance(other) > apart for other, apart in there) for body in bodies
     )
 
 

@@ -192,8 +192,7 @@ class _Cutter:
             end = max(now, forecast.span(name)[1])
             if name in stops:
                 way, since = self.state.ways_of[name][0], max(now, forecast.span(name)[0])
-                here = way.travel.time_at(way.progress)
-                end = since + way.travel.time_at(stops[name]) - here + 1.0
+                end = since + way.travel.time_at(stops[name]) - self.state.driven(way) + 1.0
             free[who] = max(free.get(who, 0.0), end - now)
         starts = self._starts(listed)
         under_way = {n: w for n in listed for w in self.state.ways_of[n] if n in running}
@@ -331,7 +330,7 @@ class _Cutter:
             return None
         way, now = ways[0], self.state.now
         since = max(now, forecast.span(name)[0])
-        time = way.travel.time_at(way.progress) + max(0.0, now + ahead - since)
+        time = self.state.driven(way) + max(0.0, now + ahead - since)
         least = float(np.interp(time, way.travel.time, way.travel.progress))
         if self.state.phase[name] is TaskPhase.WAITING and now + ahead <= since:
             least = 0.0

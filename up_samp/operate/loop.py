@@ -41,7 +41,7 @@ from up_samp.operate.planner import (
     goals_of,
     leaf_at,
 )
-from up_samp.operate.records import DayOrder, OrderState, Pose, Report, Shape, job_record, since_now
+from up_samp.operate.records import DayOrder, OrderState, Pose, Report, job_record, since_now
 from up_samp.operate.settings import DAY, Settings
 from up_samp.operate.stitch import Kept, kept_of
 from up_samp.operate.store import Store
@@ -110,7 +110,7 @@ class Operation(Day):
         """Robots that are held where they are, and why."""
         self.unsure: dict[str, str] = {}
         """Robots that are held as they are less exact than planned with, and by how much."""
-        self.areas: dict[str, Shape] = {}
+        self.areas = {}
         self.commands: dict[str, Command] = {}
         self.wanted = ""
         """Why the rest is to be planned anew (``""``: it is not)."""
@@ -755,6 +755,7 @@ class Operation(Day):
             executor.update(robot, pose=where.pose, now=max(0.0, old.now - by))
         for robot, way in executor.state.of_object.items():
             before = old.state.of_object[robot]
+            executor.state.heard[robot] = old.state.heard[robot] - by
             gone = question.cut.starts.get(way.activity, 0.0)
             # it goes on to where it was told that it may, or where it can stand
             most = self.limits.get(way.activity, before.length)

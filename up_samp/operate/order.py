@@ -22,8 +22,6 @@ from up_samp.io.plan_dict import PlanDict
 from up_samp.model.execution_tuning import ExecutionTuning, ReorderTuning
 from up_samp.motion.fleet.paths import TIMES
 
-ROUNDS = 4
-"""How often who goes first is looked at again before a plan is told."""
 BESIDE = 0.8 * TOLERANCES.arrived
 """m between two samples that stand for coming to a point and leaving it: no rest for those who read
 the motion, which is to be driven without one if nobody is in the way by then.
@@ -59,9 +57,7 @@ def ordered(
 
     executor = under_way(told, gone)
     executor.goals, executor.lead = goals, lead
-    for _ in range(ROUNDS):
-        if propose(executor) is None:
-            break
+    propose(executor)
     # the plan's motions begin where they are cut, a moment behind where their robots are
     whole = under_way(replace(told, graph=executor.state.graph), {})
     return timed(plan, told, whole.retime())

@@ -5,6 +5,7 @@ budget, and put behind what is kept of the plan that is driven.
 from __future__ import annotations
 
 import contextlib
+import gc
 import math
 import os
 import pickle
@@ -56,6 +57,11 @@ LATE = 10.0
 """What a second of lateness costs beside one until an order is done."""
 RESTS = 2
 """Places at which who is in the way may rest."""
+WRITING, EACH_KEPT = 0.1, 0.03
+"""Seconds of a budget that writing a problem, and what comes of it, down takes; and for each
+activity that is kept: putting what is new behind it, and all of it in order."""
+LEAST = 0.25
+"""Share of a budget for which a plan is sought at least."""
 SAME = 1e-3
 """Poses closer than this (m, rad) are one place."""
 
@@ -366,10 +372,12 @@ def _plan(ask: Question, cache: MotionCache | None) -> PlanDict:
     if told.get("engine", "cpsat") == "cpsat" and told.get("workers", 1) == 1:
         params["reproducible"] = True  # whatever else this machine does
     params |= told
-    result = solve_problem(written, ask.seconds, params)
+    beside = WRITING + EACH_KEPT * len(ask.kept.activities)
+    seconds = max(LEAST * ask.seconds, ask.seconds - beside)
+    result = solve_problem(written, seconds, params)
     if result.plan is None:
         why = result.explain().removeprefix("no plan: ")
-        raise ProblemError(f"no plan within {ask.seconds:g} s: {why}")
+        raise ProblemError(f"no plan within {seconds:.3g} s: {why}")
     said = [o | records.senses(o["name"]) for o in result.data["objects"]]
     data = {**result.data, "objects": said}
     plan = with_dependencies(written.problem, data, localisation=ask.localisation)
@@ -408,6 +416,8 @@ def serve(source: BinaryIO, sink: BinaryIO) -> None:
     from up_samp.motion.cache import MotionCache
 
     cache = MotionCache()
+    gc.freeze()
+    gc.disable()
     while True:
         try:
             ask = pickle.load(source)
@@ -415,6 +425,7 @@ def serve(source: BinaryIO, sink: BinaryIO) -> None:
             return
         pickle.dump(answer(ask, cache), sink)
         sink.flush()
+        gc.collect()  # while nobody waits for it
 
 
 def main() -> None:

@@ -4,6 +4,7 @@ what these sweep.
 
 from __future__ import annotations
 
+import bisect
 import heapq
 import itertools
 import math
@@ -105,22 +106,25 @@ class Tensor:
         self, body: Body, xs: FloatArray, ys: FloatArray, headings: Sequence[float]
     ) -> None:
         self.body = body
-        self.xs, self.ys = xs, ys
-        self.headings = np.array(headings)
+        # one value of a list is found sooner than one of an array
+        self.xs, self.ys, self.headings = xs.tolist(), ys.tolist(), [*headings]
         self.sideways = body.mobility.sideways
         self._along = {way: self._headings_along(*way) for way in AXES}
+        self._angles = [
+            [abs(math.remainder(n - k, 2 * math.pi)) for n in self.headings] for k in self.headings
+        ]
 
     def pose(self, key: Key) -> Configuration:
         """Return the pose of a place."""
-        return float(self.xs[key[0]]), float(self.ys[key[1]]), float(self.headings[key[2]])
+        return self.xs[key[0]], self.ys[key[1]], self.headings[key[2]]
 
     def near(self, x: float, y: float) -> list[Key]:
         """Return the places around a point."""
         cols, rows = (
             [j for j in (i - 1, i) if 0 <= j < len(axis)]
             for i, axis in (
-                (int(np.searchsorted(self.xs, x)), self.xs),
-                (int(np.searchsorted(self.ys, y)), self.ys),
+                (bisect.bisect_left(self.xs, x), self.xs),
+                (bisect.bisect_left(self.ys, y), self.ys),
             )
         )
         return [(i, j, k) for i in cols for j in rows for k in range(len(self.headings))]
@@ -128,10 +132,10 @@ class Tensor:
     def moves(self, key: Key) -> list[LatticeMove]:
         """Return the moves from a place, map or no map."""
         i, j, k = key
-        count = len(self.headings)
+        count, angles = len(self.headings), self._angles[k]
         turns = [(i, j, n) for n in {(k + 1) % count, (k - 1) % count} - {k}]
         found: list[LatticeMove] = [
-            (n, 0.0, self._angle(k, n[2]), partial(self._straight, key, n)) for n in turns
+            (n, 0.0, angles[n[2]], partial(self._straight, key, n)) for n in turns
         ]
         for dx, dy in AXES:
             if not (0 <= i + dx < len(self.xs) and 0 <= j + dy < len(self.ys)):
@@ -140,15 +144,13 @@ class Tensor:
             # turning and driving off is one move: who is pushed has to get away at once
             for n in (k,) if self.sideways else self._along[dx, dy]:
                 there, make = (i + dx, j + dy, n), self._straight if n == k else self._turned
-                found.append((there, float(way), self._angle(k, n), partial(make, key, there)))
+                found.append((there, way, angles[n], partial(make, key, there)))
         return found
-
-    def _angle(self, k: int, n: int) -> float:
-        return abs(math.remainder(float(self.headings[n] - self.headings[k]), 2 * math.pi))
 
     def _headings_along(self, dx: int, dy: int) -> list[int]:
         """Return the headings at which the body may drive along an axis, one way."""
-        c, s = np.cos(self.headings), np.sin(self.headings)
+        headings = np.array(self.headings)
+        c, s = np.cos(headings), np.sin(headings)
         along = np.abs(dx * s - dy * c) < 1e-9
         if not self.body.kinematics.reverse:
             along &= dx * c + dy * s > 0.0
