@@ -66,9 +66,12 @@ class RandomShop:
         self._tasks()
         if rng.random() < 0.5:
             self._place_for_one(self.spots[1])
+        for r in self.robots:  # wherever it is then
+            if rng.random() < 0.4:
+                self.busy[r].append(self.problem.add_activity(f"rest{r}", rng.randint(1, 4)))
         for activities in self.busy.values():
             for a, b in itertools.combinations(activities, 2):
-                scope = [a.present, b.present]
+                scope = [x.present for x in (a, b) if x.optional]
                 self.problem.add_constraint(Or(LT(a.end, b.start), LT(b.end, a.start)), scope)
         self.problem.add_quality_metric(MinimizeMakespan())
 
@@ -225,7 +228,8 @@ def deliveries(seed):
     for name in rng.sample(list(places), len(places)):
         fleet.add_place(name, *places[name])
     for k in rng.sample((0, 1), 2):
-        fleet.add_robot(f"r{k}", "agv", f"h{k}", end=f"h{k}")
+        breaks = [{"duration": 20, "window": (0, 300)}] if seed % 2 and not k else []
+        fleet.add_robot(f"r{k}", "agv", f"h{k}", end=f"h{k}", breaks=breaks)
     for k in range(3):
         fleet.add_order(f"o{k}", *rng.sample("abc", 2), load={"totes": 1})
     return fleet
@@ -236,7 +240,9 @@ def test_tours_of_fleets_bring_what_they_fetched_and_charge_in_time(seed):
     samp = deliveries(seed).problem
     problem = relax(samp, read_problem(samp)).problem
     model = ScheduleModel(problem)
-    tour = improve(find_work(model, find_routes(model)), 40, 0, Deadline.never())
+    work = find_work(model, find_routes(model))
+    assert work is not None  # breaks are work, too
+    tour = improve(work, 40, 0, Deadline.never())
     assert tour is not None
     assert not validate_schedule(problem, build_schedule(problem, tour.schedule)).violations
     assert sum(name.startswith("deliver_") for name in tour.schedule.times) == 3

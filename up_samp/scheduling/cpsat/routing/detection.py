@@ -569,14 +569,17 @@ def _route(model: ScheduleModel, place: RoutePlace, lengths: Lengths) -> Route:
     moves = [move for change in bound for move in _moves(change, lengths)]
     never = frozenset(_name(model, w.owner) for w in state.writes if not _happens(model, w.owner))
     stops, late = _stops(model, place)
+    rests = _rests(model, place, stops)
+    anywhere = frozenset(state.values or ())
     route = Route(
         state.key,
         place.gap,
         state.initial or 0,
         _final(model, state),
         moves,
-        stops,
-        late,
+        [*stops, *((name, anywhere) for name in sorted(rests))],
+        rests,
+        late | rests,
         odd={name_of(c): why for c in place.changes if (why := c.odd or _may_stay(c, lengths))},
         free=place.free,
         never=never,
@@ -654,6 +657,16 @@ def _stops(
     late = frozenset(model.states.activity(i).name for i in places.keys() - early)
     # what needs two places at once never happens
     return [(model.states.activity(i).name, p) for i, p in sorted(places.items()) if p], late
+
+
+def _rests(
+    model: ScheduleModel, place: RoutePlace, stops: list[tuple[str, frozenset[int]]]
+) -> frozenset[str]:
+    """Return what a traveller surely does wherever it is: what takes its turn, and neither a stop
+    nor a move.
+    """
+    named, some = dict(stops), map(model.states.activity, place.members - place.owners)
+    return frozenset(a.name for a in some if a.present == TRUE and a.name not in named)
 
 
 def _inside(model: ScheduleModel, activity: ActivityVars, read: Read) -> bool:

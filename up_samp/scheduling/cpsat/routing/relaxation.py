@@ -199,9 +199,11 @@ class RoutingRelaxation:
     def _circuit(self, route: Route) -> None:
         store = self.model.store
         makespan = Lin(((self.model.world.makespan, 1),))
-        stops = [(self.model.world.activities[name], places) for name, places in route.stops]
+        made, rests = self.model.world.activities, route.rests
+        stops = [(made[name], places) for name, places in route.stops if name not in rests]
         circuit: list[tuple[int, int, Any]] = [(0, 0, store.raw(store.boolean()))]
-        load: list[tuple[Literal, int]] = []
+        # what is done anywhere is no stop on the way, and may begin before a move is seen to end
+        load = [(made[name].present, max(0, made[name].least - route.step)) for name in rests]
         for j, (stop, places) in enumerate(stops, 1):
             circuit.append((j, j, store.raw(~stop.present)))
             load.append((stop.present, stop.least))

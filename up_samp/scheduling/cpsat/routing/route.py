@@ -82,6 +82,8 @@ class Route:
     final: frozenset[int] | None
     moves: list[Move]
     stops: list[tuple[str, frozenset[int]]]
+    rests: frozenset[str] = frozenset()
+    """Stops that are there in every schedule and may be anywhere (breaks): their places are all."""
     late: frozenset[str] = frozenset()
     """Stops that need their place only after their start: a move may end when they begin."""
     entries: dict[int, list[Entrance]] = field(default_factory=dict)

@@ -73,13 +73,14 @@ def shares(work: RoutedWork) -> list[dict[int, TaskShare]]:
     wanted = [task for task in work.tasks if task.wanted]
     spots: dict[int, list[tuple[int, int]]] = {}
     for number, task in enumerate(wanted):
-        for route, _, places in task.ways:
-            spots.setdefault(route, []).extend((number, place) for place in places)
+        for route, stop, places in task.ways:
+            if stop not in work.routes[route].rests:  # from there on it comes from where it was
+                spots.setdefault(route, []).extend((number, place) for place in places)
     found = []
     for number, task in enumerate(wanted):
         mine: dict[int, TaskShare] = {}
         for axis, stop, places in task.ways:
-            share = _share(work.routes[axis], stop, places, number, spots[axis])
+            share = _share(work.routes[axis], stop, places, number, spots.get(axis, []))
             if share is not None:
                 mine[axis] = share.plus(task.length)
         found.append(mine)
