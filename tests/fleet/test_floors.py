@@ -75,6 +75,20 @@ def test_a_lift_takes_one_robot_at_a_time(tmp_path):
     assert not result.outcome.history.refused  # who comes waits until who rides is gone
 
 
+def test_who_comes_next_drives_up_while_the_cabin_rides(tmp_path):
+    fleet = house(tmp_path, robots=2, home=False)
+    fleet.add_place("other", 4, 6, floor="first")
+    for i, place in enumerate(("ward", "other")):
+        fleet.add_task(f"visit{i}", place, duration=2, robots=f"r{i}")
+    result, times = solved(fleet)
+    first, second = sorted(times[f"ride_r{i}_lift.ground_to_lift.first"] for i in range(2))
+    drives = [t for n, t in times.items() if n.startswith("move_") and "_to_lift.ground" in n]
+    assert all(end <= second[0] for _, end in drives)
+    assert first[0] < max(drives)[0] < first[1] < max(drives)[1]
+    # who has gone by the lift is away for the others, and back only upstairs
+    assert not result.outcome.history.refused
+
+
 def test_who_may_not_ride_stays_below(tmp_path):
     fleet = house(tmp_path, robots=1, skills=["tall"])
     fleet.add_robot("r9", "agv", [2, 6, 0], skills=["tall"])

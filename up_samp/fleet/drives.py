@@ -7,6 +7,7 @@ other keeps clear of it. So such a door is no thing that moves, and nobody waits
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -29,7 +30,7 @@ from up_samp.fleet.loads import (
     ridden,
 )
 from up_samp.fleet.outlines import area_of
-from up_samp.fleet.records import GROUND, RobotType
+from up_samp.fleet.records import GROUND, RobotType, corners_of
 from up_samp.fleet.site import Site
 from up_samp.fleet.statements import Kind, Meaning, at_start, present
 from up_samp.fleet.visits import Successions, moves_needed
@@ -55,6 +56,8 @@ class Drives:
         self._work = work
         self._meter = Meter(site.records, site.folder)
         self._airlocks: dict[str, Fluent] = {}
+        corners = (c for k in site.records.robot_types.values() for c in corners_of(k.footprint))
+        self._cabin = 2 * max(itertools.starmap(math.hypot, corners), default=0.0)
         self._rides: dict[str, list[_Ride]] = {}
 
     def add(self, robot: str) -> None:
@@ -89,7 +92,9 @@ class Drives:
         a.add_motion_effect(site.robots[robot], site.places[to])
         a.uses(site.lifts[origin])
         a.add_decrease_effect(a.start, site.stops[to], 1)
-        a.add_increase_effect(a.end, site.stops[origin], 1)
+        a.add_increase_effect(a.start, site.stops[origin], 1)  # who comes next may drive up
+        a.add_increase_effect(a.end, site.seats[origin], 1)
+        a.add_decrease_effect(a.end, site.seats[to], 1)
         a.add_condition(at_start(a), Equals(site.at[robot], site.spots[origin]))
         a.add_effect(a.end, site.at[robot], site.spots[to])
         self._share(_Ride(a, robot, site.lifts[origin], floors), self._rides.setdefault(lift, []))
@@ -141,14 +146,31 @@ class Drives:
         if amount:
             a.add_decrease_effect(a.start, site.batteries[robot], amount)
         if origin in site.stops:
-            a.add_increase_effect(a.end, site.stops[origin], 1)
+            a.add_increase_effect(a.start, site.stops[origin], 1)
         if to in site.stops:
-            a.add_decrease_effect(a.start, site.stops[to], 1)  # nobody is on the way out
+            a.add_decrease_effect(a.start, site.stops[to], 1)
+        leaves, comes = place_of(origin), place_of(to)
+        if site.seats and leaves != comes:
+            a.add_increase_effect(a.start + 1, site.seats[leaves], 1)
+            a.add_decrease_effect(a.end - self._inside(a, robot, to), site.seats[comes], 1)
         if order is not None:
             a.add_motion_effect(site.pallets[load_name(site.records, order)], site.stands[to])
         a.add_condition(at_start(a), Equals(site.at[robot], site.spots[origin]))
         a.add_effect(a.end, site.at[robot], site.spots[to])
         return a
+
+    def _inside(self, a: Activity, robot: str, to: str) -> int:
+        """Return how long (units) before its end a drive into a lift is where ``robot`` would touch
+        whoever stands in it; the whole drive lasts no less. (0 where it leads elsewhere.)
+        """
+        if to not in self._site.stops:
+            return 0
+        kind = self._site.kind_of(robot)
+        units = self._site.up(math.sqrt(2 * self._cabin / kind.a_max))
+        a.set_duration_bounds(
+            max(units, a.duration.lower.constant_value()), a.duration.upper.constant_value()
+        )
+        return units
 
     def _zones(self, a: Activity, robot: str, origin: str, to: str) -> list[MovableObject]:
         """Count a drive in the zones that it visits; return those that it goes around."""

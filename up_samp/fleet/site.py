@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from functools import cache
 from pathlib import Path
+from typing import cast
 
 from shapely.geometry import Polygon
 from unified_planning.model import (
@@ -134,10 +135,11 @@ class Site:
     ``at`` holds the fluents that tell where robots and doors are, ``spots`` their values by place
     (the poses themselves, unless they are on several floors: UP has a type of poses for each, and
     one type of values for a fluent), ``lifts`` what a ride takes, by the place where it begins,
-    ``stops`` by a lift's place how many more robots may be there or on the way, ``stands`` where a
-    load is while its robot is at a stand, ``pallets`` the loads by the first order that carries
-    each, ``rooms`` how many more robots fit into a zone. ``meanings`` fills as activities get
-    names.
+    ``stops`` by a lift's place how many more robots may be there or on the way, ``seats`` how many
+    more may be at a place where there are lifts (who rides is, until the ride ends), ``stands``
+    where a load is while its robot is at a stand, ``pallets`` the loads by the first order that
+    carries each, ``rooms`` how many more robots fit into a zone. ``meanings`` fills as activities
+    get names.
     """
 
     def __init__(self, records: FleetRecords, folder: Path) -> None:
@@ -150,6 +152,7 @@ class Site:
         self.spots: dict[str, Object] = {}
         self.lifts: dict[str, Fluent] = {}
         self.stops: dict[str, FNode] = {}
+        self.seats: dict[str, FNode] = {}
         self.metres: dict[str, float] = {}
         """How long drives are (by activity), where the objective asks for it."""
         self.places: dict[str, ConfigurationObject] = {}
@@ -263,13 +266,19 @@ class Site:
         starts = {robot.start for robot in self.records.robots.values()}
         for name, lift in self.records.lifts.items():
             for spot in range(spots_of(lift)):
-                number = f".{spot + 1}" if spot else ""
-                busy = self.problem.add_resource(f"busy{MARK}{name}{number}", 1)
-                self.lifts |= {stop_of(name, floor, spot): busy for floor in lift.stops}
-            for stop in (stop_of(name, f, n) for f, c in lift.stops.items() for n in range(len(c))):
-                room = Fluent(f"{stop}_room", IntType(0, 1))
-                self.problem.add_fluent(room, default_initial_value=int(stop not in starts))
-                self.stops[stop] = room()
+                busy = self.problem.add_resource(f"busy{MARK}{name}.{spot + 1}", 1)
+                for stop in (stop_of(name, floor, spot) for floor in lift.stops):
+                    self.lifts[stop] = busy
+                    self.stops[stop] = self._for_one(f"{stop}_room", stop not in starts)
+        # whom a ride brings, too, nobody counts but here
+        for place in self.records.places if self.lifts else ():
+            self.seats[place] = self._for_one(f"{place}_free", place not in starts)
+
+    def _for_one(self, name: str, free: bool) -> FNode:
+        """Return the fluent that tells whether one more robot may come."""
+        room = Fluent(name, IntType(0, 1))
+        self.problem.add_fluent(room, default_initial_value=int(free))
+        return cast(FNode, room())
 
     def _pallets(self) -> None:
         """Loads that travel with robots: they stand at their pickup at first."""

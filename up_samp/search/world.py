@@ -76,16 +76,15 @@ def _resting_at(facts: Facts, itinerary: Itinerary, name: str, start: int, end: 
     return current
 
 
-def rests_of(facts: Facts, itinerary: Itinerary, moving: frozenset[str]) -> tuple[Rest, ...]:
-    """Return all rests (s, plan time) of objects other than those in ``moving``.
+def rests_of(facts: Facts, itinerary: Itinerary) -> tuple[Rest, ...]:
+    """Return all rests (s, plan time) of all objects. One that drives rests where it comes from
+    until it has arrived.
 
     A load rests until its ride starts, and again from the ride's end on.
     """
     snapshot = facts.snapshot
     found = []
     for name in sorted(snapshot.initial):
-        if name in moving:
-            continue
         body = snapshot.objects[name].body
         leaves = {m.end: m.start for m in itinerary.motions if name in m.moved - {m.object}}
         periods = itinerary.places(snapshot, name)
@@ -107,10 +106,9 @@ def group_query(facts: Facts, itinerary: Itinerary, group: Sequence[ScheduledMot
     another body: it is that one from its activity's start to its end, and rests alone before and
     after.
     """
-    moving = frozenset(m.object for m in group)
     timed, alone = [], []
     for motion in group:
-        since, until = _presence(facts, group, motion)
+        since, until = _presence(facts, itinerary, group, motion)
         timed.append(
             TimedMotion(
                 name=motion_key(motion),
@@ -127,12 +125,14 @@ def group_query(facts: Facts, itinerary: Itinerary, group: Sequence[ScheduledMot
         if motion.loads:
             alone += _around(facts, group, motion, since, until)
     window = (group[0].start, max(m.end for m in group))
-    rests = tuple(
+    rests = [
         r
-        for r in (*rests_of(facts, itinerary, moving), *alone)
-        if r.since <= facts.seconds(window[1]) and r.until >= facts.seconds(window[0])
-    )
-    return GroupQuery(tuple(timed), rests)
+        for r in (*rests_of(facts, itinerary), *alone)
+        if r.since <= facts.seconds(window[1])
+        and r.until >= facts.seconds(window[0])
+        and not _is_held(r, timed)
+    ]
+    return GroupQuery(tuple(timed), tuple(dict.fromkeys(rests)))
 
 
 def _chain(
@@ -145,17 +145,24 @@ def _chain(
     return before, own[index + 1] if index + 1 < len(own) else None
 
 
+def _is_held(rest: Rest, timed: Sequence[TimedMotion]) -> bool:
+    """Return whether motions tell of a rest: an object is where they have it, while they do."""
+    mine = (m for m in timed if m.object == rest.name)
+    return any(m.present_from < rest.until and rest.since < m.present_until for m in mine)
+
+
 def _presence(
-    facts: Facts, group: Sequence[ScheduledMotion], motion: ScheduledMotion
+    facts: Facts, itinerary: Itinerary, group: Sequence[ScheduledMotion], motion: ScheduledMotion
 ) -> tuple[float, float]:
     """Return from when to when (s) the body of a motion is there."""
     before, after = _chain(group, motion)
     loads = {name for name, _ in motion.loads}
-    since, until = facts.seconds(motion.start), math.inf
-    if before is None:
-        since = -math.inf
-    if after is not None:
-        until = facts.seconds(after.start)
+    low, first = (-math.inf, -math.inf) if before is None else (before.end, motion.start)
+    high = math.inf if after is None else after.start
+    # what sets it down where it begins, or takes it away from where it ends
+    jumps = [c.time for c in itinerary.changes if c.object == motion.object]
+    since = facts.seconds(max((t for t in jumps if low <= t <= motion.start), default=first))
+    until = facts.seconds(min((t for t in jumps if motion.end <= t <= high), default=high))
     if not loads:
         return since, until
     # at rest beside its loads it is the same body, as long as nobody else takes one of them and
