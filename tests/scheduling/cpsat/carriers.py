@@ -18,7 +18,7 @@ from unified_planning.model import (
     Timing,
 )
 from unified_planning.model.scheduling import SchedulingProblem
-from unified_planning.shortcuts import LE, And, BoolType, Iff, Implies, Not, Or
+from unified_planning.shortcuts import LE, And, BoolType, Iff, Implies, IntType, Not, Or
 
 from tests.scheduling.cpsat.fleets import Fleet, FleetWriter
 
@@ -80,9 +80,8 @@ class CarrierWriter(FleetWriter):
             for pick, deliver in pairs:
                 yield lambda a=pick, b=deliver: self._same(a, b)
                 yield lambda a=pick, b=deliver: self._before(a, b)
-        if self.forks:
-            for q in self.at:
-                yield lambda q=q: self._fork(q)
+        for q in self.at if self.forks else ():
+            yield lambda q=q: self.draw.choice([self._fork, self._fork, self._room])(q)
 
     def by_robot(self, visit):
         return sorted(self.visits[visit], key=lambda a: int(a.name.split("by")[1].split("_")[0]))
@@ -114,6 +113,24 @@ class CarrierWriter(FleetWriter):
             self.problem.add_constraint(LE(a.start, b.start), [a.present, b.present])
         elif not self.odd or self.draw.random() < 0.9:
             super()._before(a, b)
+
+    def _room(self, q):
+        """Room for one or two loads; some take it all."""
+        room = self.problem.add_fluent(
+            f"{self.names.pop()}_room{q}", IntType(0, 2), default_initial_value=2
+        )
+        for visit, some in self.visits.items():
+            a = next((a for a in some if f"by{q}_" in a.name), None)
+            if a is None or (self.odd and self.draw.random() < 0.1):
+                continue
+            odd = self.draw.choice(list(SET)) if self.odd else ""
+            amount = random.Random(visit // 2).choice([1, 2, 2])
+            if visit % 2 == 0:
+                a.add_decrease_effect(SET[odd or "start"](a), room(), amount)
+            else:
+                a.add_increase_effect(SET[odd or "end"](a), room(), amount)
+        if self.odd and self.draw.random() < 0.15:
+            self.problem.add_increase_effect(GlobalStartTiming(self.draw.randint(1, 20)), room(), 1)
 
     def _fork(self, q):
         holds = self.problem.add_fluent(

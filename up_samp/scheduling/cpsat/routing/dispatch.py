@@ -309,14 +309,25 @@ class WayNeeds:
 @dataclass(frozen=True)
 class OwnState:
     """A state that the stops of one ``route`` (its number) alone change, each between its start and
-    the next thing that its traveller does. ``reads``: the values that ways to do tasks ask for, as
-    they begin.
+    the next thing that its traveller does: to a value, or (``adds``) by it. ``reads``: the values
+    that ways to do tasks ask for, as they begin.
     """
 
     route: int
     initial: int
-    sets: dict[Way, int]
+    least: int
+    most: int
+    adds: bool
+    changes: dict[Way, int]
     reads: dict[Way, frozenset[int]]
+
+    def after(self, value: int, way: Way) -> int | None:
+        """Return its value after a task is done in one way; ``None`` if it cannot be done."""
+        asked = self.reads.get(way)
+        change = self.changes.get(way, 0 if self.adds else value)
+        new = value + change if self.adds else change
+        fits = (asked is None or value in asked) and self.least <= new <= self.most
+        return new if fits else None
 
 
 @dataclass
@@ -435,19 +446,23 @@ def find_own_states(
     for number, route in enumerate(routes):
         mine = {model.world.activities[name].index: names[name] for name, _ in route.stops}
         for state in model.states.vars.values():
-            sets = _settled(model, state, mine, route.gap)
-            if sets and state.initial is not None:
-                found.append(OwnState(number, state.initial, sets, _asked(model, state, mine)))
+            changes, reads = _settled(model, state, mine, route.gap), _asked(model, state, mine)
+            if changes and state.initial is not None:
+                least, most = state.bounds
+                # what is given back and taken at one instant may be more meanwhile
+                most -= state.numeric * sum(min(0, change) for change in changes.values())
+                own = OwnState(number, state.initial, least, most, state.numeric, changes, reads)
+                found.append(own)
     return found
 
 
 def _settled(
     model: ScheduleModel, state: StateVar, mine: Mapping[int, Way], gap: int
 ) -> dict[Way, int]:
-    """Return what stops set a state to, if whatever changes it is one of ``mine`` (by activity's
-    index), sets it whenever it is there, and the next one sees that; else nothing.
+    """Return how stops change a state, if whatever changes it is one of ``mine`` (by activity's
+    index), does so once whenever it is there, and the next one sees that; else nothing.
     """
-    sets: dict[Way, int] = {}
+    changes: dict[Way, int] = {}
     for write in state.writes:
         if model.store.never(write.active):
             continue
@@ -455,16 +470,19 @@ def _settled(
         since = model.states.difference(write.time, owner.start)[0]
         late = model.states.difference(write.time, owner.end)[1]
         value = write.value.const
+        # what is taken is not taken at the instant at which the next one gives something back
+        soon = late < gap if write.add and value < 0 else late <= gap
         if (
             write.owner is None
             or write.owner not in mine
+            or mine[write.owner] in changes
             or write.active != owner.present
-            or (write.add or write.value.terms)
-            or (since < 0 or late > gap)
-            or sets.setdefault(mine[write.owner], value) != value
+            or (write.value.terms or write.add != state.numeric)
+            or not (since >= 0 and soon)
         ):
             return {}
-    return sets
+        changes[mine[write.owner]] = value
+    return changes
 
 
 def _asked(

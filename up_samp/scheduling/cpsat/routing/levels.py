@@ -1,6 +1,7 @@
 """What travellers have left on their way (batteries, tanks).
 
-A level is taken from by moves alone, and changed by stops, of one traveller.
+A level is taken from by moves alone, and changed by stops, of one traveller. (What stops alone
+change is its own state: see :mod:`.dispatch`.)
 """
 
 from __future__ import annotations
@@ -65,7 +66,7 @@ def _level(model: ScheduleModel, route: Route, state: StateVar) -> RouteLevel | 
             gains[name] = gains.get(name, 0) + write.value.const
         else:
             return None
-    if not (taken or gains) or state.initial is None:
+    if not taken or state.initial is None:
         return None
     return RouteLevel(state.initial, *state.bounds, gains, _ways(route, taken))
 

@@ -114,7 +114,7 @@ class Decoder:
             return False
         own = zip(self.work.own, self.own, strict=True)
         needs = self.work.needs.get((number, way), WayNeeds())
-        fits = all(value in state.reads.get((number, way), (value,)) for state, value in own)
+        fits = all(state.after(value, (number, way)) is not None for state, value in own)
         return (
             fits
             and all(self.ways.get(t, w) == w for t, w in needs.along)
@@ -155,8 +155,10 @@ class Decoder:
             self.times[name] = (start, start + task.length)
         for key, value, delay in task.changes:
             self.changed.setdefault(key, []).append((start + delay, value))
-        for i, state in enumerate(self.work.own):
-            self.own[i] = state.sets.get((number, way), self.own[i])
+        after = (s.after(v, (number, way)) for s, v in zip(self.work.own, self.own, strict=True))
+        self.own = [value for value in after if value is not None]
+        if len(self.own) < len(self.work.own):
+            raise DeadEnd  # something else was done on the way
         robot.free = start + task.length + robot.route.gap
         self.ways[number] = way
         self.order.append(number)
@@ -317,13 +319,13 @@ class Decoder:
         }
         options = []
         for (origin, to), moves in robot.route.hops.items():
-            if origin != robot.here or any(
+            full = any(
                 self.inside.get(u, number) != number
                 for u in self.work.units
                 if to in u.places_of(robot.route.key)
-            ):
-                continue
-            if any(self._closed(entry) for entry in robot.route.entries.get(to, ())):
+            )
+            shut = any(self._closed(entry) for entry in robot.route.entries.get(to, ()))
+            if origin != robot.here or full or shut:
                 continue
             options += [(to in wanted, m.least, m) for m in moves if m.name not in robot.used]
         if not options:
@@ -411,9 +413,10 @@ def improve(
     """
     rng = random.Random(seed)
     tours = (decode(work, start) if start else None, _greedy(work, rng, _GREEDY[rounds > 0]))
-    best = current = min((t for t in tours if t is not None), key=lambda t: t.cost, default=None)
-    if best is None or current is None:
+    best = min((t for t in tours if t is not None), key=lambda t: t.cost, default=None)
+    if best is None:
         return None
+    current = best
     heat = 0.08 * max(1.0, best.cost)
     cooling = 0.05 ** (1 / max(1, rounds))
     for _ in range(rounds):

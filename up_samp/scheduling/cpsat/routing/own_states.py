@@ -57,7 +57,7 @@ def own_states_after(
     columns, tables = [], []
     for axis in range(len(work.routes)):
         mine = {column: way for column, (who, way) in enumerate(choices) if who == axis}
-        states = [s for s in work.own if s.route == axis and {t for t, _ in s.sets} <= some]
+        states = [s for s in work.own if s.route == axis and {t for t, _ in s.changes} <= some]
         columns.append(list(mine))
         tables.append(_table(states, partners, list(mine.values()), most))
     after = np.full((max(map(len, tables)), len(choices)), -1, dtype=np.int64)
@@ -69,7 +69,8 @@ def own_states_after(
 def _table(states: list[OwnState], partners: Partners, ways: list[Way], most: int) -> Any:
     """Return the rows of one traveller (one row that tells nothing, if they are too many)."""
     first: Known = (tuple(s.initial for s in states), frozenset())
-    numbers, agenda = {first: 0}, [first]
+    agenda = [first]
+    numbers: dict[Known | None, int] = {first: 0}
     rows: list[list[int]] = []
     for known in agenda:
         row = []
@@ -78,7 +79,7 @@ def _table(states: list[OwnState], partners: Partners, ways: list[Way], most: in
             if following is not None and following not in numbers:
                 numbers[following] = len(numbers)
                 agenda.append(following)
-            row.append(-1 if following is None else numbers[following])
+            row.append(numbers.get(following, -1))
         rows.append(row)
         if len(numbers) > most:
             return np.zeros((1, len(ways)), dtype=np.int64)
@@ -88,8 +89,8 @@ def _table(states: list[OwnState], partners: Partners, ways: list[Way], most: in
 def _following(states: list[OwnState], partners: Partners, known: Known, way: Way) -> Known | None:
     """Return what is known after a task is done in one way; ``None`` if it cannot be done then."""
     values, begun = known
-    pairs = list(zip(states, values, strict=True))
     ended = partners.ends.get(way, frozenset())
-    if not ended <= begun or any(v not in s.reads.get(way, (v,)) for s, v in pairs):
-        return None
-    return tuple(s.sets.get(way, v) for s, v in pairs), begun - ended | partners.begun & {way}
+    after = [state.after(value, way) for state, value in zip(states, values, strict=True)]
+    now = tuple(value for value in after if value is not None)
+    fits = ended <= begun and len(now) == len(after)
+    return (now, begun - ended | partners.begun & {way}) if fits else None
