@@ -185,7 +185,9 @@ def _result(problem: SchedulingMotionProblem, said: Sequence[Said]) -> PlanGener
         bound = _bound(said, said[number])
         metrics |= {"lower_bound": str(bound.lower_bound), "bound_kind": bound.bound_kind}
         metrics |= {"makespan": str(makespan), "member": str(number)}
+        # whether a relative bound is enough is its own member's to say
         met = bool(problem.quality_metrics) and 0 < bound.lower_bound == makespan
+        met &= bound.bound_kind == ABSOLUTE
         optimal = met or said[number].status == Status.SOLVED_OPTIMALLY.name
         status = Status.SOLVED_OPTIMALLY if optimal else Status.SOLVED_SATISFICING
         return PlanGenerationResult(status, plan, "portfolio", metrics)

@@ -89,6 +89,11 @@ def _add_ends(parser: argparse.ArgumentParser) -> None:
         "with --timeout: go on to its end)",
     )
     parser.add_argument(
+        "--relative",
+        action="store_true",
+        help="call a plan optimal by the planner's own motions, however much shorter some may be",
+    )
+    parser.add_argument(
         "--timeout",
         type=_seconds,
         default=None,
@@ -200,6 +205,8 @@ def _solve(
         }
         if args.optimal:
             params["optimal"] = True
+        if args.relative:
+            params["relative"] = True
         if args.first:
             params["first_plan"] = True
         if args.patience is not None or args.timeout is not None:

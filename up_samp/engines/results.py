@@ -73,6 +73,9 @@ def result_of(
     if search.history.handed_over:
         handed = "; ".join(search.history.handed_over)
         messages.append(LogMessage(LogLevel.INFO, f"{name} was handed over {handed}"))
+    if search.history.may_be_shorter:
+        told = f"motions may be shorter than the planner's by {_most_shorter(search.history)}"
+        messages.append(LogMessage(LogLevel.INFO, told))
     messages += [LogMessage(LogLevel.ERROR, told) for told in search.history.refuted]
     result = SampResult(status, plan, name, metrics_of(params, search), messages)
     result.history = search.history
@@ -118,6 +121,8 @@ def metrics_of(params: Parameters, search: Search) -> dict[str, str]:
     }
     if bounds.relative and bounds.absolute > bounds.measure.least:
         metrics["absolute_bound"] = bounds.measure.told(bounds.absolute)
+    if history.may_be_shorter:
+        metrics["may_be_shorter"] = _most_shorter(history)
     if history.without_traffic is not None:
         metrics["without_traffic"] = str(history.without_traffic)
     if history.recognised or history.left_over:
@@ -135,6 +140,12 @@ def metrics_of(params: Parameters, search: Search) -> dict[str, str]:
         if bounds.measure.name == MAKESPAN:
             metrics["gap"] = f"{1 - bounds.lower / makespan if makespan else 0:.4f}"
     return metrics
+
+
+def _most_shorter(history: History) -> str:
+    """Return by how much the three motions in doubt most may be shorter, in words."""
+    most = list(history.may_be_shorter.items())[:3]
+    return "; ".join(f"{100 * share:.1f} % {name}" for name, share in most)
 
 
 def _bound(bounds: Bounds) -> dict[str, str]:

@@ -164,9 +164,11 @@ class MotionService:
         """Return seconds that no motion between the two poses can beat."""
         return self.bounds.through(body, (start, goal), self.met_by(body, obstacles))
 
-    def lower_bound_through(self, body: Body, poses: Sequence[Configuration]) -> float:
+    def lower_bound_through(
+        self, body: Body, poses: Sequence[Configuration], obstacles: Sequence[Placed] = ()
+    ) -> float:
         """Return seconds that no motion through ``poses`` can beat, stopping there or not."""
-        return self.bounds.through(body, poses)
+        return self.bounds.through(body, poses, self.met_by(body, obstacles))
 
     def certificate(
         self, body: Body, poses: Sequence[Configuration], obstacles: Sequence[Placed]

@@ -2,19 +2,32 @@
 
 from __future__ import annotations
 
+import contextlib
 import enum
 import logging
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from up_samp.model import CandidateSchedule, ScheduleReport, ScheduleStatus
+from up_samp.model import (
+    CandidateSchedule,
+    Deadline,
+    OutOfTimeError,
+    PathQuery,
+    ScheduledMotion,
+    ScheduleReport,
+    ScheduleStatus,
+    in_force,
+)
 from up_samp.model.refinement import Refinement, Strength
 from up_samp.scheduling.cpsat.doubt import refuted_by, sooner
 from up_samp.search.events import Phase
 from up_samp.search.history import SCHEDULING, TOLD, History
+from up_samp.search.knowledge import Cost
 from up_samp.search.proof import listed
 from up_samp.search.search import Search
+from up_samp.search.world import instant_obstacles
+from up_samp.upio import Itinerary, read_itinerary
 
 log = logging.getLogger(__name__)
 
@@ -205,6 +218,7 @@ def conclude(search: Search) -> SearchResult:
             "the motions of the last candidate do not fit, and nothing more was learned from it",
         )
     if not bounds.met:
+        tell_what_may_be_shorter(search)
         return SearchResult(Conclusion.SOLVED, _stopped_early(search))
     active, prover = search.knowledge.active, search.prover
     bound, cost, makespan = bounds.lower, bounds.upper, bounds.incumbent.schedule.makespan
@@ -212,9 +226,72 @@ def conclude(search: Search) -> SearchResult:
     believed = stands(search) if native else not prover.sooner_than(active, makespan)
     assert cost is not None
     if believed and bound <= cost:
-        return SearchResult(Conclusion.OPTIMAL)
+        return called_optimal(search, cost)
     bounds.forget()
     what = "plan" if bound > cost else "schedule that agrees with all that is known"
     return SearchResult(
         Conclusion.SOLVED, f"the lower bound {bound} is not believed: there is a better {what}"
     )
+
+
+# ------------------ Whether a bound that rests on the planner's motions is enough
+
+NEAR = 0.05
+"""A plan by a relative bound is called optimal where each of its motions takes no more than this
+share of its time longer than is proven to be needed.
+"""
+
+
+def called_optimal(search: Search, cost: Cost) -> SearchResult:
+    """Return how a search ends whose best plan meets the lower bound: with an optimal plan, unless
+    the bound rests on motions that may be much shorter, and nobody asked for a relative one.
+    """
+    tell_what_may_be_shorter(search)
+    worst = max(search.history.may_be_shorter.values(), default=0.0)
+    if search.relative or search.bounds.absolute >= cost or worst < NEAR:
+        return SearchResult(Conclusion.OPTIMAL)
+    why = f"no plan is better by the planner's own motions, not all of which are within {NEAR:.0%}"
+    return SearchResult(
+        Conclusion.SOLVED, f"{why} of what is proven to be needed (relative=True asks for no more)"
+    )
+
+
+def tell_what_may_be_shorter(search: Search, seconds: float = 2.0) -> None:
+    """Note which motions of the best plan, if a relative bound speaks of it, may be shorter than
+    the planner's own, and by what share of its time each (1: that is not known within ``seconds``).
+    """
+    best = search.bounds.incumbent
+    if best is None or not search.bounds.relative:
+        return
+    itinerary = read_itinerary(search.knowledge.relaxation, best.schedule)
+    found = {str(search.facts.case(motion)): 1.0 for motion in itinerary.motions}
+    counted = search.budget.deadline.work is not None
+    limit = Deadline.counted(seconds) if counted else Deadline.after(seconds)
+    with in_force(limit), contextlib.suppress(OutOfTimeError):
+        for motion in itinerary.motions:
+            found[str(search.facts.case(motion))] = _share_left(search, itinerary, motion, limit)
+    worst = sorted(found.items(), key=lambda item: (-item[1], item[0]))
+    search.history.may_be_shorter = {name: share for name, share in worst if share > 0}
+
+
+def _share_left(
+    search: Search, itinerary: Itinerary, motion: ScheduledMotion, limit: Deadline
+) -> float:
+    """Return by what share of its time a motion past what rests in its way may be shorter than the
+    planner's own. Where no unit would be saved that is 0; so it is where the planner's was not
+    finished, on which no bound rests.
+    """
+    facts, service = search.facts, search.motions.service
+    obstacles = instant_obstacles(facts, itinerary, motion)
+    query = PathQuery(facts.body(motion), motion.poses, obstacles)
+    report = service.plan(query, limit)
+    seconds = search.knowledge.durations.get((query.body, query.poses), 0.0)
+    if report.complete and report.trajectory is not None:
+        seconds = report.trajectory.duration
+    for among in ((), obstacles) if obstacles else ((),):
+        least = service.lower_bound_through(query.body, query.poses, among)
+        if facts.units(least) >= facts.units(seconds):
+            return 0.0
+        if 1 - least / seconds < NEAR:
+            break
+    return 1 - least / seconds

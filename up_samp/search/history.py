@@ -132,6 +132,11 @@ class History:
     refuted: list[str] = field(default_factory=list)
     """Claims of ours that were refuted: errors of the package."""
 
+    may_be_shorter: dict[str, float] = field(default_factory=dict)
+    """Motions of the best plan that may be shorter than the planner's own, which a relative bound
+    rests on: by what share of its time each is longer than is proven to be needed, worst first.
+    """
+
     without_traffic: int | None = None
     """The least makespan (units) found of a large problem in which robots heed each other at shared
     places only, each taken by one at a time with the least change-over that a plan has shown.

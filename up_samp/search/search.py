@@ -106,6 +106,8 @@ class Search:
     restarts: Restarts
     tell: Telling
     stop: Callable[[State], bool] | None = None
+    relative: bool = False
+    """Whether the planner's own motions are short enough for a proof (see :class:`Parameters`)."""
     seed: int = 0
     tuning: SearchTuning = field(default_factory=SearchTuning)
     cpsat: CpsatTuning = field(default_factory=CpsatTuning)

@@ -302,6 +302,7 @@ def assemble(
         restarts=Restarts(params.max_restarts),
         tell=tell,
         stop=params.stop,
+        relative=params.relative,
         seed=params.seed,
         tuning=tuning.search,
         cpsat=tuning.cpsat,

@@ -3,7 +3,7 @@
 A motion's path is at least as long as the shortest way of the footprint's inscribed disc (about
 the reference point) among what surely blocks it, and a car's at least as long as the shortest
 Reeds-Shepp curve (Dubins curve, if it drives ahead only); no speed profile from rest to rest beats
-the trapezoid over that length.
+the trapezoid over that length, and a car rests at each cusp (:mod:`up_samp.motion.proofs.runs`).
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from up_samp.motion.curves.reeds_shepp import run_time, shortest
 from up_samp.motion.curves.trapezoid import limits_of
 from up_samp.motion.guides.visibility import Visibility
 from up_samp.motion.proofs.certificates import Certifier
+from up_samp.motion.proofs.runs import fastest_roll, fastest_runs
 
 
 class DurationBounds:
@@ -44,8 +45,15 @@ class DurationBounds:
             return 0.0
         legs = list(itertools.pairwise(poses))
         length = sum(self.way(body, a, b, obstacles) for a, b in legs)
-        spin = sum(_turn(kin.mobility, a, b) for a, b in legs) / kin.omega_max
-        return max(run_time(length, kin.v_max, kin.a_max), spin) * (1 - 1e-9)
+        if kin.mobility.steers and len(legs) == 1:
+            return fastest_runs(*legs[0], limits_of(kin), length) * (1 - 1e-9)
+        least = max(
+            run_time(length, kin.v_max, kin.a_max),
+            sum(_turn(kin.mobility, a, b) for a, b in legs) / kin.omega_max,
+        )
+        if kin.mobility.rolls and len(legs) == 1:
+            least = fastest_roll(*legs[0], kin, least)
+        return least * (1 - 1e-9)
 
     def way(
         self,

@@ -12,8 +12,6 @@ from up_samp.search.facts import Facts, MotionCase
 from up_samp.search.knowledge import Knowledge
 from up_samp.search.motions import Motions
 
-TELL_EVERY = 10
-"""Progress is told once for so many motions."""
 QUERY = 2.0
 """s for one motion: what takes longer may never be needed."""
 PROBE = 30
@@ -67,7 +65,7 @@ def fastest_durations(
         spent = whole - deadline.remaining()
         if count >= PROBE and spent * len(signatures) > HOPELESS * whole * count:
             break
-        if count % TELL_EVERY == 0:
+        if count % 10 == 0:
             tell(count, len(signatures))
         limit = motions.budget.deadline.within(seconds)
         told = duration_of(motions, knowledge, cases, limit)
