@@ -155,6 +155,7 @@ def test_a_preset_is_a_list_of_components():
         "lower bounds on motions",
         "proofs of unreachability",
         "unary places",
+        "orders on rings",
         "unobstructed motions",
         "handing over places",
     ]

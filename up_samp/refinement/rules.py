@@ -6,6 +6,7 @@ units. Each function returns what to tell the scheduler, with its strength and i
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import starmap
@@ -76,6 +77,18 @@ def lasts(
 ) -> Refinement:
     """State that a motion takes at least ``units``."""
     return Refinement(Lasts(activity, units), layer, strength, why)
+
+
+def not_all_there(arrivals: Sequence[str], departures: Sequence[str], why: str) -> Refinement:
+    """State that objects do not rest at one time where ``arrivals`` bring them and others are from
+    the beginning: one does not come, or sets off (``departures``) before all are there.
+    """
+    left = itertools.product(dict.fromkeys(departures), dict.fromkeys(arrivals))
+    literals: tuple[Literal, ...] = (
+        *(Absent(activity) for activity in dict.fromkeys(arrivals)),
+        *(Apart(start_of(gone), end_of(come), 0) for gone, come in left),
+    )
+    return Refinement(Clause(literals), Layer.GEOMETRIC, Strength.PROVEN, why)
 
 
 def needs_open(activity: str, obstacle: str, configuration: str, why: str) -> Refinement:

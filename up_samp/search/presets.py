@@ -31,6 +31,7 @@ from up_samp.search.resolve import (
 from up_samp.search.search import Components, Search, Statement
 from up_samp.search.statements.durations import fastest_durations, lower_bounds
 from up_samp.search.statements.handovers import proven_handovers
+from up_samp.search.statements.kept_orders import kept_orders
 from up_samp.search.statements.unary_places import unary_places
 from up_samp.search.statements.unreachable import unreachable
 
@@ -64,6 +65,10 @@ def _statements() -> Sequence[tuple[Statement, Ideas]]:
         (
             Statement("unary places", lambda s: unary_places(s.motions)),
             ("certificates", "native"),
+        ),
+        (
+            Statement("orders on rings", lambda s: kept_orders(s.motions)),
+            ("certificates",),
         ),
         (Statement("unobstructed motions", durations), ("bounds_first",)),
         (

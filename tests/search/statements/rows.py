@@ -34,10 +34,11 @@ MODELS = (
 
 @dataclass(frozen=True)
 class Floor:
-    """Free boxes (m), and places along the way in their order."""
+    """Free boxes (m), and places along the way in their order; ``round``: a way without ends."""
 
     free: tuple[tuple[float, float, float, float], ...]
     places: tuple[tuple[float, float, float], ...]
+    round: bool = False
 
 
 def aisle(places: int, *, pocket: float = 0.0) -> Floor:
@@ -60,10 +61,30 @@ def bend(places: int) -> Floor:
     return Floor(free, (*low, *up))
 
 
+def ring(*, pocket: float = 0.0, wide: float = 6.0, high: float = 5.0) -> Floor:
+    """Return a way round; with a ``pocket`` so deep (m) beside it."""
+    x, y = 0.5 + wide, 0.5 + high
+    free = [
+        (0.5, 0.5, x, 0.5 + WIDE),
+        (0.5, y - WIDE, x, y),
+        (0.5, 0.5, 0.5 + WIDE, y),
+        (x - WIDE, 0.5, x, y),
+    ]
+    if pocket:
+        free.append((0.5 + wide / 2 - 0.7, y - WIDE, 0.5 + wide / 2 + 0.7, y + pocket))
+    low, left, right = 0.5 + WIDE / 2, 0.5 + WIDE / 2, x - WIDE / 2
+    side, middle, top = math.pi / 2, 0.5 + high / 2, y - WIDE / 2
+    at = [(2.3, low, 0.0), (0.5 + wide - 1.8, low, 0.0), (right, middle, side)]
+    at += [(0.5 + wide - 1.8, top, 0.0), (2.3, top, 0.0), (left, middle, side)]
+    return Floor(tuple(free), tuple(at), True)
+
+
 FLOORS = {
     "aisle": lambda: aisle(6),
     "bend": lambda: bend(6),
     "shallow pocket": lambda: aisle(6, pocket=0.1),
+    "ring": ring,
+    "ring with a shallow pocket": lambda: ring(pocket=0.1),
 }
 
 
@@ -91,6 +112,9 @@ class Row:
     def _keeps(self, ends) -> bool:
         before = [i for _, i in sorted(zip(self.starts, range(len(ends)), strict=True))]
         after = [i for _, i in sorted(zip(ends, range(len(ends)), strict=True))]
+        if self.floor.round:
+            turn = after.index(before[0])
+            after = after[turn:] + after[:turn]
         return before == after
 
 
@@ -101,7 +125,7 @@ def drawn(seed: int, floor: str) -> Row:
     count = rng.randint(2, 4)
     places = range(len(made.places))
     starts, goals = rng.sample(places, count), rng.sample(places, count)
-    model = 0 if floor == "bend" else rng.choice((0, 0, 1))
+    model = 0 if floor == "bend" or made.round else rng.choice((0, 0, 1))
     parked = frozenset({rng.randrange(count)} if rng.random() < 0.3 else ())
     return Row(made, tuple(starts), tuple(goals), parked, model)
 

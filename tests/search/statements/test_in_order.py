@@ -7,7 +7,7 @@ from unified_planning.engines import PlanGenerationResultStatus as Status
 from unified_planning.shortcuts import OneshotPlanner, get_environment
 
 from tests.motion.fleet.spacetime_oracle import room
-from tests.search.statements.rows import BOX, FLOORS, Row, aisle, drawn, problem_of
+from tests.search.statements.rows import BOX, FLOORS, Row, aisle, drawn, problem_of, ring
 from tests.soundness.known_plans import KnownPlan, NoPlanError
 from up_samp.geometry import load_map
 from up_samp.model import Body, Kinematics, MotionModel, Placed
@@ -75,9 +75,11 @@ def test_what_a_known_plan_does_is_never_called_impossible(seeds, tmp_path):
         service = MotionService(load_map(snapshot.map_file))
         body = snapshot.objects["r0"].body
         ends = [[tuple(map(float, d.motion.poses[k])) for d in world.drives] for k in (0, -1)]
-        for start, goal in zip(*(itertools.pairwise(e) for e in ends), strict=True):
-            apart = service.in_order([Placed("", body, pose) for pose in start], ())
-            assert apart is None or not apart(goal), seed
+        for count in (2, 3):
+            for some in itertools.combinations(zip(*ends, strict=True), count):
+                start, goal = zip(*some, strict=True)
+                apart = service.in_order([Placed("", body, pose) for pose in start], ())
+                assert apart is None or not apart(goal), seed
 
 
 @pytest.mark.parametrize("heights", [(0.5, 2.0), (2.0, 0.5)])
@@ -98,3 +100,39 @@ def test_who_is_low_lets_others_pass_below_what_hangs_there(heights, tmp_path):
     assert apart is None or not apart(goal)
     both = [Placed(one.name, Body(BOX, one.body.kinematics, height=2.0), one.pose) for one in start]
     assert service.in_order(both, [hangs])(goal)
+
+
+def on_a_ring(floor, count, model=MotionModel.SE2):
+    """Return what tells which of a ring's places so many robots do not reach together."""
+    body = Body(BOX, Kinematics(model))
+    start = [Placed(str(k), body, floor.places[2 * k]) for k in range(count)]
+    return MotionService(room(8, 8, floor.free)).in_order(start, ())
+
+
+@pytest.mark.parametrize("pocket", [0.0, 0.1])
+def test_three_on_a_ring_keep_who_is_between_whom(pocket):
+    floor = ring(pocket=pocket)
+    apart = on_a_ring(floor, 3)
+    for ends in itertools.permutations(range(6), 3):
+        turned = sorted(range(3), key=lambda k: ends[k])
+        kept = turned in ([0, 1, 2], [1, 2, 0], [2, 0, 1])
+        assert apart([floor.places[k] for k in ends]) != kept, ends
+
+
+def test_two_on_a_ring_come_everywhere():
+    floor = ring()
+    apart = on_a_ring(floor, 2)
+    assert not any(apart(ends) for ends in itertools.permutations(floor.places, 2))
+
+
+@pytest.mark.parametrize("pocket", [0.9, 1.2, 1.5])
+def test_who_has_a_bay_to_wait_in_may_come_in_any_order(pocket):
+    """The same ring with one place to pass: nothing is impossible."""
+    floor = ring(pocket=pocket)
+    apart = on_a_ring(floor, 3)
+    assert apart is None or not any(apart(e) for e in itertools.permutations(floor.places, 3))
+
+
+def test_three_that_pass_in_the_bay_of_a_ring_are_driven_or_nothing_is_said(tmp_path):
+    row = Row(ring(pocket=1.5), (0, 2, 4), (4, 2, 0))
+    assert solve(problem_of(row, tmp_path), 10.0).status is not Status.UNSOLVABLE_PROVEN

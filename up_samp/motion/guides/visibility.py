@@ -19,9 +19,6 @@ from up_samp.model.arrays import BoolArray, FloatArray, Int32Array
 MOST_CORNERS = 500
 EPS = 1e-9
 
-PLACES = 256
-"""So many places' ways to all corners are remembered."""
-
 
 @kernel
 def sees(sums: Int32Array, ax: float, ay: float, bx: float, by: float) -> bool:
@@ -116,7 +113,7 @@ class Visibility:
         np.cumsum(blocked, axis=1, out=self._sums[:, 1:])
         lengths = corner_matrix(self._sums, corners)
         self._between = shortest_ways(lengths)
-        self._known: Memory[tuple[FloatArray, FloatArray]] = Memory(PLACES)
+        self._known: Memory[tuple[FloatArray, FloatArray]] = Memory(256)  # places
 
     def distance(self, a: tuple[float, float], b: tuple[float, float]) -> float:
         """Return the shortest distance (m) between two points given in the original grid's cells.

@@ -37,10 +37,23 @@ from up_samp.model import (
 from up_samp.model.arrays import BoolArray, Int32Array, IntArray
 from up_samp.motion.cache import obstacle_key
 from up_samp.motion.proofs.heading_slices import separated
-from up_samp.motion.proofs.orders import Blocks, finer, joint_positions, reached, too_many
+from up_samp.motion.proofs.orders import (
+    Blocks,
+    Hub,
+    finer,
+    hubs_of,
+    joint_positions,
+    reached,
+    too_many,
+)
 from up_samp.motion.proofs.regions import Regions, box_of, links_of, mark_blocked
 
 Apart = Callable[[Sequence[Configuration]], bool]
+Rounds = Callable[[Sequence[Configuration]], set[int] | None]
+"""How much more often the first of two bodies may have gone round a hub than the second, when they
+come to some configurations together (None: nothing is known of these)."""
+PAIRS = ((0, 1), (1, 2), (0, 2))
+"""Of three bodies: what the first two tell adds up to what the last one does."""
 
 
 class Certifier:
@@ -154,16 +167,50 @@ class Certifier:
         return _impossible(reason, names)
 
     def in_order(self, placed: Sequence[Placed], obstacles: Sequence[Placed]) -> Apart | None:
-        """Return what tells whether no motions lead two bodies that keep clear of each other from
-        where they rest to other configurations, both at one time (None: nothing is proven): see
-        :mod:`up_samp.motion.proofs.orders`.
+        """Return what tells whether no motions lead two bodies, or three, that keep clear of each
+        other from where they rest to other configurations, all at one time (None: nothing is
+        proven): see :mod:`up_samp.motion.proofs.orders`.
         """
         if self.scene.grid is None:
             return None
+        least = min(shape_of(core_of(one.body)).inner[2] for one in placed)
+        if len(placed) == 2:
+            rounds = self._rounds(placed, obstacles, least, None)
+            return None if rounds is None else lambda goals: rounds(goals) == set()
+        hubs = range(len(self._hubs(least, obstacles)))
+        all_told = [self._rounds_of_pairs(placed, obstacles, least, number) for number in hubs]
+        told = [pairs for pairs in all_told if pairs is not None]
+        return (lambda goals: any(_none_agree(p, goals) for p in told)) if told else None
+
+    def _rounds_of_pairs(
+        self, placed: Sequence[Placed], obstacles: Sequence[Placed], least: float, number: int
+    ) -> list[Rounds] | None:
+        """Return the rounds of the ``PAIRS`` of three bodies (None: some pass each other)."""
+        found = []
+        for i, j in PAIRS:
+            rounds = self._rounds((placed[i], placed[j]), obstacles, least, number)
+            if rounds is None:
+                return None
+            found.append(rounds)
+        return found
+
+    def _rounds(
+        self,
+        placed: Sequence[Placed],
+        obstacles: Sequence[Placed],
+        least: float,
+        number: int | None,
+    ) -> Rounds | None:
+        """Return the rounds of two bodies about a hub (its ``number``; None: about none), or None:
+        nothing is proven, or they pass each other. ``least`` (m): radius of the least disc.
+        """
         cores = [core_of(one.body) for one in placed]
         radii = [shape_of(core).inner[2] for core in cores]
-        key = (*(round(radius, 9) for radius in radii), obstacle_key(obstacles))
-        fine, blocks, known = self._joint.get_or(key, lambda: (*self._blocks(radii, obstacles), []))
+        key = (*(round(r, 9) for r in (*radii, least)), obstacle_key(obstacles), number)
+        made = self._joint.get(key)
+        if made is None:
+            made = self._joint.put(key, (*self._blocks(radii, obstacles, least, number), []))
+        fine, blocks, known = made
 
         def at(poses: Sequence[Configuration]) -> tuple[int, ...]:
             each = zip(blocks, cores, poses, strict=False)  # there may be none
@@ -172,31 +219,55 @@ class Certifier:
         start = at([one.pose for one in placed])
         if min(start, default=-1) < 0:
             return None
-        seen = next((some for some in known if some[start]), None)
+        seen = next((some for some in known if some[start].any()), None)
         if seen is None:
             seen = reached(blocks, fine._in_cells(radii), start)
             known.append(seen)
-        return lambda goals: min(at(goals)) >= 0 and not seen[at(goals)]
+        if seen[..., [0, -1]].any():
+            return None
+        begun = int(np.argmax(seen[start]))  # never in two, unless they pass
+
+        def rounds(goals: Sequence[Configuration]) -> set[int] | None:
+            ends = at(goals)
+            return None if min(ends) < 0 else set((np.flatnonzero(seen[ends]) - begun).tolist())
+
+        return rounds
 
     def _in_cells(self, lengths: Sequence[float]) -> list[float]:
         """Return lengths (m) in cells."""
         assert self.scene.grid is not None
         return [length / self.scene.grid.resolution for length in lengths]
 
-    def _blocks(
-        self, radii: Sequence[float], obstacles: Sequence[Placed]
-    ) -> tuple[Certifier, list[Blocks]]:
-        """Return the blocks for joint positions of discs, on a finer grid: some centimetres decide
-        whether they pass each other.
+    def _finer(self, least: float, obstacles: Sequence[Placed]) -> Certifier | None:
+        """Return the same on a finer grid (some centimetres decide whether two discs pass each
+        other), or None where there are too many joint positions.
         """
         assert self.scene.grid is not None
-        barred = [self.blocked(radius, obstacles) for radius in radii]
-        if too_many(barred, self._in_cells(radii)):
+        barred = self.blocked(least, obstacles)
+        if too_many([barred, barred], self._in_cells([least, least])):
+            return None
+        return Certifier(Scene(finer(self.scene.grid, least), self.scene.margin))
+
+    def _hubs(self, least: float, obstacles: Sequence[Placed]) -> list[Hub]:
+        """Return the hubs of the islands on the finer grid."""
+        fine = self._finer(least, obstacles)
+        return [] if fine is None else hubs_of(fine.blocked(least, obstacles))
+
+    def _blocks(
+        self,
+        radii: Sequence[float],
+        obstacles: Sequence[Placed],
+        least: float,
+        number: int | None,
+    ) -> tuple[Certifier, list[Blocks]]:
+        """Return the blocks for joint positions of discs, on the finer grid."""
+        fine = self._finer(least, obstacles)
+        if fine is None:
             return self, []
-        fine = Certifier(Scene(finer(self.scene.grid, min(radii)), self.scene.margin))
+        hub = None if number is None else hubs_of(fine.blocked(least, obstacles))[number]
         barred = [fine.blocked(radius, obstacles) for radius in radii]
         assert fine.scene.grid is not None
-        return fine, joint_positions(fine.scene.grid.blocked, barred, fine._in_cells(radii))
+        return fine, joint_positions(fine.scene.grid.blocked, barred, fine._in_cells(radii), hub)
 
     def hits_map(self, body: Body, pose: Configuration) -> bool:
         """Return whether a pose surely overlaps the map's blocked cells or its outside."""
@@ -255,6 +326,18 @@ class Certifier:
             count += n
         rows, cols = np.nonzero(zone)
         return Regions(labels, sets, links_of(labels, rows + near[0].start, cols + near[1].start))
+
+
+def _none_agree(pairs: Sequence[Rounds], goals: Sequence[Configuration]) -> bool:
+    """Return whether no rounds of the ``PAIRS`` of three bodies, on their way to ``goals``, add up
+    to those of each body.
+    """
+    first, second, both = (
+        rounds([goals[i], goals[j]]) for rounds, (i, j) in zip(pairs, PAIRS, strict=True)
+    )
+    if first is None or second is None or both is None:
+        return False
+    return not any(a + b in both for a in first for b in second)
 
 
 def _impossible(reason: str, blockers: Iterable[str]) -> PathReport:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
 from dataclasses import replace
 from operator import itemgetter
 
@@ -22,7 +23,7 @@ def unary_places(motions: Motions) -> list[Refinement]:
     """State that configurations which overlap hold one driving object at a time, and so do those
     to which no motions lead two objects together.
     """
-    nodes = _resting_nodes(motions.facts)
+    nodes = resting_nodes(motions.facts)
     overlapping, in_order = _overlapping(motions, nodes), _in_order(motions, nodes)
     found = []
     for edges, named, why in (
@@ -41,7 +42,7 @@ def unary_places(motions: Motions) -> list[Refinement]:
     return found
 
 
-def _resting_nodes(facts: Facts) -> list[tuple[str, str]]:
+def resting_nodes(facts: Facts) -> list[tuple[str, str]]:
     """Return (object, configuration) for objects whose whole motion is known and heeds all."""
     snapshot = facts.snapshot
     nodes: set[tuple[str, str]] = set()
@@ -49,7 +50,7 @@ def _resting_nodes(facts: Facts) -> list[tuple[str, str]]:
     elsewise = snapshot.moved_otherwise
     for name in sorted(facts.drivers):
         tasks = [t for t in snapshot.tasks if t.object == name]
-        ends = [_places(facts, task, i) for task in tasks for i in (0, -1)]
+        ends = [places_of(facts, task, i) for task in tasks for i in (0, -1)]
         heeds = all(avoids(t.avoid, *(facts.drivers - {name})) for t in tasks)
         if all(ends) and heeds and name not in elsewise:
             nodes |= {(name, place) for places in ends for place in places}
@@ -57,7 +58,7 @@ def _resting_nodes(facts: Facts) -> list[tuple[str, str]]:
     return sorted(nodes)
 
 
-def _places(facts: Facts, task: MotionTask, which: int) -> dict[str, str | None]:
+def places_of(facts: Facts, task: MotionTask, which: int) -> dict[str, str | None]:
     """Return where a motion may begin (``which`` 0) or end (-1), with the variable that tells it
     (None: it is no choice).
     """
@@ -86,21 +87,33 @@ def _overlapping(motions: Motions, nodes: list[tuple[str, str]]) -> Edges:
 
 def _in_order(motions: Motions, nodes: list[tuple[str, str]]) -> Edges:
     """Return which two objects rest nowhere at one time as nobody passes anybody on the way."""
+    index = {node: i for i, node in enumerate(nodes)}
+    return {(index[one], index[other]) for one, other in never_together(motions, nodes, 2)}
+
+
+def never_together(
+    motions: Motions, nodes: list[tuple[str, str]], count: int
+) -> Iterator[tuple[tuple[str, str], ...]]:
+    """Yield so many (object, configuration) each, to which no motions lead these objects together,
+    as far as time allows.
+    """
     facts = motions.facts
     at, tasks = facts.snapshot.configurations, facts.snapshot.tasks
     # only what all of them heed
     fixed = [o for o in facts.fixed if all(avoids(t.avoid, o.name) for t in tasks)]
-    places: dict[str, list[int]] = {}
-    for i, (name, _) in enumerate(nodes):
-        places.setdefault(name, []).append(i)
-    edges: Edges = set()
-    for names in itertools.combinations(places, 2):
+    places: dict[str, list[tuple[str, str]]] = {}
+    for node in nodes:
+        places.setdefault(node[0], []).append(node)
+    deadline = motions.budget.part("orders that cannot change")
+    for names in itertools.combinations(places, count):
+        if deadline.expired():
+            return
         first = [facts.placed(name, facts.snapshot.initial[name]) for name in names]
         apart = motions.service.in_order(first, fixed)
         if apart is not None:
-            each = itertools.product(*(places[name] for name in names))
-            edges |= {(i, j) for i, j in each if apart((at[nodes[i][1]], at[nodes[j][1]]))}
-    return edges
+            for some in itertools.product(*(places[name] for name in names)):
+                if apart([at[place] for _, place in some]):
+                    yield some
 
 
 def _grow(pair: tuple[int, int], edges: Edges, nodes: list[tuple[str, str]]) -> set[int]:
@@ -120,7 +133,7 @@ def _place(facts: Facts, members: list[tuple[str, str]], name: str, why: str) ->
     decided: dict[int, set[tuple[str, str, str]]] = {0: set(), -1: set()}
     for task in facts.snapshot.tasks:
         for which in always:
-            for place, variable in _places(facts, task, which).items():
+            for place, variable in places_of(facts, task, which).items():
                 if (task.object, place) not in inside:
                     continue
                 if variable is None:
