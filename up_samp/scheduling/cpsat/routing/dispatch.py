@@ -323,10 +323,9 @@ class OwnState:
 
     def after(self, value: int, way: Way) -> int | None:
         """Return its value after a task is done in one way; ``None`` if it cannot be done."""
-        asked = self.reads.get(way)
-        change = self.changes.get(way, 0 if self.adds else value)
-        new = value + change if self.adds else change
-        fits = (asked is None or value in asked) and self.least <= new <= self.most
+        kept = self.adds * value
+        new = kept + self.changes.get(way, value - kept)
+        fits = value in self.reads.get(way, (value,)) and self.least <= new <= self.most
         return new if fits else None
 
 
@@ -341,6 +340,13 @@ class RoutedWork:
     levels: list[list[RouteLevel]] = field(default_factory=list)
     needs: dict[Way, WayNeeds] = field(default_factory=dict)
     own: list[OwnState] = field(default_factory=list)
+    others: dict[str, bool] = field(default_factory=dict)
+    """Activities on no route, and whether it is one of those of which some must be done."""
+
+    @property
+    def is_all(self) -> bool:
+        """Whether nothing else must be done."""
+        return not any(self.others.values())
 
     def providers(self, state: Key, allowed: frozenset[int]) -> list[int]:
         """Return the tasks that bring a state variable to one of ``allowed``."""
@@ -367,19 +373,17 @@ class RoutedWork:
         ]
 
 
-def find_work(model: ScheduleModel, routes: list[Route]) -> RoutedWork | None:
-    """Return the tasks of ``routes``; ``None`` if something else must be done, too.
+def find_work(model: ScheduleModel, routes: list[Route]) -> RoutedWork:
+    """Return the tasks of ``routes``.
 
-    Assumes: what must be there in every schedule is done on the routes.
+    Assumes: schedules of them alone are made whole by who also decides about what is on no route.
     """
-    stops = {n for r in routes for n, _ in r.stops}
-    others = [
-        a
+    routed = {n for r in routes for n in (*r.movers, *dict(r.stops))}
+    others = {
+        a.name: a.present == TRUE or a.present in model.exact
         for a in model.world.activities.values()
-        if a.name not in stops and not model.store.never(a.present)
-    ]
-    if any(a.present == TRUE or a.present in model.exact for a in others):
-        return None
+        if a.name not in routed and not model.store.never(a.present)
+    }
     initial = {key: state.initial for key, state in model.states.vars.items()}
     tasks, units = find_tasks(model, routes), find_unit_places(model, routes)
     levels = [find_levels(model, route) for route in routes]
@@ -394,7 +398,7 @@ def find_work(model: ScheduleModel, routes: list[Route]) -> RoutedWork | None:
         ways = (needs.get((number, way), WayNeeds()) for way in range(len(task.ways)))
         task.after += _before_whoever_does_it(list(ways))
     own = find_own_states(model, routes, names)
-    return RoutedWork(routes, tasks, units, initial, levels, needs, own)
+    return RoutedWork(routes, tasks, units, initial, levels, needs, own, others)
 
 
 def find_needs(model: ScheduleModel, names: Mapping[str, Way]) -> dict[Way, WayNeeds]:

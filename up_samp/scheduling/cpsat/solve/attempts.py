@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -214,14 +214,18 @@ class Attempts:
         profile = profiles.CP_SATS_OWN if optimal else profiles.LINEARIZATION
         self.improve(self.cap, profile, effort)
 
-    def realize(self, guess: CandidateSchedule) -> bool:
+    def realize(self, guess: CandidateSchedule, others: Iterable[str] = ()) -> bool:
         """Try to make a schedule of a relaxed one; return whether that worked.
 
-        Who is present is taken over; times may shift, for what the relaxation left out.
+        Who is present is taken over, but for ``others``, of which it says nothing; times may
+        shift, for what the relaxation left out.
         """
         hints = hint_values(self.model, guess)
+        activities = self.model.world.activities
+        for name in others:
+            hints.pop(activities[name].present, None)
         self.known.update(hints)
-        presences = {abs(a.present) for a in self.model.world.activities.values()} - {TRUE}
+        presences = {abs(a.present) for a in activities.values()} - {TRUE}
         caps = [int(f * guess.makespan) + (2 if f > 1 else 0) for f in _CAPS]
         if self.best is not None:
             # any better one will do, if there is none as short as the guess

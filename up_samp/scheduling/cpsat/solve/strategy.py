@@ -164,7 +164,7 @@ def _follow_the_bound(search: Solve) -> None:
     if not _realize_one(search, search.sequences):
         tour = decode(_work(search), _steps(search))
         if tour is not None and tour.schedule.makespan < search.whole.value:
-            search.whole.realize(tour.schedule)
+            search.whole.realize(tour.schedule, _work(search).others)
 
 
 def _realize_one(search: Solve, sequences: Sequences) -> bool:
@@ -174,7 +174,7 @@ def _realize_one(search: Solve, sequences: Sequences) -> bool:
         guess = times_of(whole.model, _work(search), sequences, found)
         if whole.over() or guess.makespan >= whole.value:
             break
-        if whole.realize(guess):
+        if whole.realize(guess, _work(search).others):
             return True
     return False
 
@@ -214,7 +214,7 @@ def _anneal_tours(search: Solve) -> None:
     seed, bound = search.whole.orders.seed, search.whole.bound
     tour = improve(work, rounds, seed, deadline, start=_steps(search), enough=bound)
     if tour is not None:
-        search.whole.realize(tour.schedule)
+        search.whole.realize(tour.schedule, work.others)
         search.expected = max(search.expected, search.whole.value)
 
 
@@ -225,7 +225,8 @@ def _is_worth_relaxing(search: Solve) -> bool:
     """
     content = not search.optimal and search.whole.best is not None
     large = search.whole.size > _LARGE
-    told = search.work is not None and not (search.optimal and search.sequences is None)
+    work = search.work
+    told = work is not None and work.is_all and not (search.optimal and search.sequences is None)
     return bool(search.routes) and not told and not (content and large)
 
 
