@@ -19,7 +19,7 @@ from up_samp.export import export_plan
 from up_samp.io import contradictions, plan_from_dict, read_plan, result_to_dict, write_plan
 from up_samp.io.files import check_plan
 from up_samp.io.floors import maps_of, side_by_side
-from up_samp.model import ProblemError, UnsupportedError
+from up_samp.model import ProblemError
 from up_samp.model.frames import Frame
 from up_samp.plotting.background import ground_of
 from up_samp.plotting.tracks import tracks_of
@@ -193,9 +193,13 @@ def test_what_is_left_of_a_plan_on_floors(house, solved, moment):
             assert np.allclose(pose[:2], last[1:3], atol=2e-3)
 
 
-def test_exports_of_floors_are_refused(solved, tmp_path):
-    with pytest.raises(UnsupportedError, match=r"low\.yaml"):
-        export_plan(solved, "vda5050", tmp_path)
+def test_nodes_of_orders_are_in_the_frames_of_their_maps(house, solved, tmp_path):
+    export_plan(with_dependencies(house.problem, solved), "vda5050", tmp_path)
+    orders = [json.loads(f.read_text()) for f in sorted((tmp_path / "r0").glob("*.json"))]
+    told = [n["nodePosition"] for order in orders for n in order["nodes"]]
+    ends = {(p["mapId"], round(p["x"], 2), round(p["y"], 2)) for p in told}
+    own = {("low", 1.5, 0.85), ("low", 10.5, 0.85), ("high", 10.5, 0.85), ("high", 1.5, 0.85)}
+    assert own <= ends
 
 
 def test_frames_turn_both_ways():

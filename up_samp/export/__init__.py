@@ -12,8 +12,7 @@ from pathlib import Path
 
 from up_samp.execution.check import check_motions
 from up_samp.io import PlanDict
-from up_samp.io.floors import maps_of, moved
-from up_samp.model import ProblemError, UnsupportedError
+from up_samp.model import ProblemError
 
 FORMATS = {
     "csv": ("tables", "export"),
@@ -28,7 +27,7 @@ FORMATS = {
 def export_plan(plan: PlanDict, to: str, folder: str | PathLike[str]) -> list[Path]:
     """Write a plan in the format ``to`` (one of :data:`FORMATS`) into a folder; return the files.
 
-    Tables are in the world frame, the others in that of the map's file.
+    Tables and recordings are in the world frame, the others in that of the map's file.
 
     Raises :class:`ProblemError` for a format that is not known, and
     :class:`~up_samp.model.UnsupportedError` for what a format cannot say.
@@ -39,14 +38,6 @@ def export_plan(plan: PlanDict, to: str, folder: str | PathLike[str]) -> list[Pa
     export: Callable[[PlanDict, Path], list[Path]]
     export = getattr(importlib.import_module(f"up_samp.export.{module}"), function)
     check_motions(plan)
-    maps = maps_of(plan)
-    if len(maps) > 1 and to != "csv":
-        named = ", ".join(m.label for m in maps)
-        raise UnsupportedError(f"the format '{to}' holds one map; this plan has {named}")
-    if maps and to != "csv" and not maps[0].frame.is_identity:
-        # others take a map as its file has it
-        own = moved(plan, [maps[0].frame.inverse])
-        plan = {**own, "map": {"yaml": maps[0].file}}
     home = Path(folder)
     if home.exists() and not home.is_dir():
         raise ProblemError(f"'{home}' is a file; name a folder to write into")

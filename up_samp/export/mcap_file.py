@@ -7,6 +7,7 @@ Times are seconds from the plan's start. Needs the extra ``[mcap]``.
 
 from __future__ import annotations
 
+import bisect
 import math
 from collections.abc import Iterator
 from importlib import resources
@@ -19,7 +20,9 @@ import numpy as np
 from up_samp.export.legs import motions_of, quaternion, robots_of
 from up_samp.geometry.maps import OccupancyGrid, load_map
 from up_samp.io import PlanDict
+from up_samp.io.floors import map_number, maps_of, named_maps
 from up_samp.io.precision import PRECISION
+from up_samp.model.frames import PlacedMap
 from up_samp.plotting.tracks import ObjectTrack, horizon, tracks_of
 from up_samp.system.imports import extra
 
@@ -81,8 +84,10 @@ def export(plan: PlanDict, folder: Path) -> list[Path]:
 
 def messages(plan: PlanDict) -> Iterator[Timed]:
     """Yield all messages, topic by topic."""
-    if plan["map"].get("yaml") is not None:
-        yield 0.0, "/map", "nav_msgs/msg/OccupancyGrid", _grid(load_map(plan["map"]["yaml"]))
+    maps = maps_of(plan)
+    for placed, name in zip(maps, named_maps(plan), strict=False):
+        topic = f"/map/{name}" if len(maps) > 1 else "/map"
+        yield 0.0, topic, "nav_msgs/msg/OccupancyGrid", _grid(load_map(placed.file), placed)
     tracks = tracks_of(plan)
     for robot in robots_of(plan):
         yield 0.0, f"/{robot}/path", "nav_msgs/msg/Path", _path(plan, robot)
@@ -101,20 +106,35 @@ def _header(time: float, frame: str = FRAME) -> Message:
     return {"stamp": _stamp(time), "frame_id": frame}
 
 
-def _pose(x: float, y: float, yaw: float) -> Message:
+def _pose(x: float, y: float, yaw: float, z: float = 0.0) -> Message:
     qx, qy, qz, qw = quaternion(yaw)
     return {
-        "position": {"x": x, "y": y, "z": 0.0},
+        "position": {"x": x, "y": y, "z": z},
         "orientation": {"x": qx, "y": qy, "z": qz, "w": qw},
     }
 
 
-def _grid(grid: OccupancyGrid) -> Message:
+def _heights(plan: PlanDict) -> dict[str, list[tuple[float, float]]]:
+    """Return for each object since when (s) it is how high (m): floors lie above each other."""
+    heights = [m.height for m in maps_of(plan)] or [0.0]
+    found = {o["name"]: [(-math.inf, heights[map_number(o)])] for o in plan["objects"]}
+    for motion in plan["motions"]:
+        found[motion["object"]].append((motion["samples"][0][0], heights[map_number(motion)]))
+    for change in plan["changes"]:
+        found[change["object"]].append((change["time"], heights[map_number(change)]))
+    return {name: sorted(events) for name, events in found.items()}
+
+
+def _at(events: list[tuple[float, float]], time: float) -> float:
+    return events[bisect.bisect(events, (time, math.inf)) - 1][1]
+
+
+def _grid(grid: OccupancyGrid, placed: PlacedMap) -> Message:
     cells = grid.occupied.astype(np.int8)
     cells *= 100
     cells[grid.unknown] = -1
     rows, cols = grid.occupied.shape
-    x, y, yaw = (float(v) for v in grid.origin)
+    x, y, yaw = placed.frame.of(grid.origin)
     return {
         "header": _header(0.0),
         "info": {
@@ -122,7 +142,7 @@ def _grid(grid: OccupancyGrid) -> Message:
             "resolution": float(grid.resolution),
             "width": cols,
             "height": rows,
-            "origin": _pose(x, y, yaw),
+            "origin": _pose(x, y, yaw, placed.height),
         },
         "data": cells.ravel().tolist(),
     }
@@ -131,7 +151,10 @@ def _grid(grid: OccupancyGrid) -> Message:
 def _path(plan: PlanDict, robot: str) -> Message:
     rows = [row for motion in motions_of(plan, robot) for row in motion["samples"]]
     flat = [(row[0], row[1], row[2], row[3] if len(row) == 4 else 0.0) for row in rows]
-    poses = [{"header": _header(t), "pose": _pose(x, y, yaw)} for t, x, y, yaw in flat]
+    high = _heights(plan)[robot]
+    poses = [
+        {"header": _header(t), "pose": _pose(x, y, yaw, _at(high, t))} for t, x, y, yaw in flat
+    ]
     return {"header": _header(0.0), "poses": poses}
 
 
@@ -159,14 +182,14 @@ def _outline(number: int, track: ObjectTrack) -> Message:
 
 def _transforms(plan: PlanDict, tracks: list[ObjectTrack]) -> Iterator[Timed]:
     """Yield who is where, at steps of ``PRECISION.step`` s; in between viewers interpolate."""
-    end = horizon(plan)
+    end, heights = horizon(plan), _heights(plan)
     for k in range(math.ceil(end / PRECISION.step) + 1):
         time = min(k * PRECISION.step, end)
         placed = []
         for track in tracks:
             pose = track.at(time)
             if pose is not None:
-                at = _pose(*pose)
+                at = _pose(*pose, _at(heights[track.name], time))
                 move = {"translation": at["position"], "rotation": at["orientation"]}
                 placed.append(
                     {"header": _header(time), "child_frame_id": track.name, "transform": move}

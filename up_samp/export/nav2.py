@@ -8,7 +8,7 @@ path's stamps are when the plan has the robot there, from its start; Nav2 does n
 from __future__ import annotations
 
 import math
-from itertools import starmap
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from up_samp.export.legs import FloatArray, quaternion
 from up_samp.export.steps import RobotStep, steps_of
 from up_samp.export.vda5050 import file_names
 from up_samp.io import PlanDict
+from up_samp.io.floors import named_maps
 from up_samp.io.precision import PRECISION
 
 
@@ -26,27 +27,32 @@ def export(plan: PlanDict, folder: Path) -> list[Path]:
     """Write ``ROBOT.yaml`` for each robot, and ``others.yaml`` where activities need none."""
     written = []
     everything = steps_of(plan)
-    names = file_names(everything)
+    names, maps = file_names(everything), named_maps(plan)
     for robot, steps in everything.items():
-        legs = list(starmap(_leg, enumerate(steps)))
+        legs = [_leg(number, step, list(maps)) for number, step in enumerate(steps)]
         path = folder / f"{names[robot]}.yaml"
-        text = yaml.safe_dump({"robot": robot, "frame_id": "map", "legs": legs}, sort_keys=False)
+        whole = {"robot": robot, "frame_id": "map", "maps": maps, "legs": legs}
+        text = yaml.safe_dump(whole, sort_keys=False)
         path.write_text(text, encoding="utf-8")
         written.append(path)
     return written
 
 
-def _leg(number: int, step: RobotStep) -> dict[str, Any]:
+def _leg(number: int, step: RobotStep, maps: Sequence[str]) -> dict[str, Any]:
     leg: dict[str, Any] = {
         "leg": number,
         "activity": step.activity,
         "wait_for": [{"event": list(w.event), "seconds": w.lag, "why": w.why} for w in step.waits],
         "happens": [list(e) for e in step.happens],
     }
+    if step.lands:
+        row = np.array([0.0, *step.lands])
+        leg["lands"] = {"map": maps[step.floor], "pose": _pose(row)["pose"]}
     if step.piece is None:
         return leg | {"do": step.activity, "seconds": step.seconds}
     poses = [_pose(row) for row in _spaced(step.piece.rows)]
     return leg | {
+        "map": maps[step.floor],
         "direction": step.piece.direction,
         "top_speed": round(step.piece.top_speed, 3),
         "path": {"header": poses[0]["header"], "poses": poses},

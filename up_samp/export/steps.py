@@ -23,6 +23,7 @@ from up_samp.execution.files import dependencies_from_plan
 from up_samp.execution.state import told_places
 from up_samp.export.legs import FloatArray, PathPiece, pieces_of
 from up_samp.io import PlanDict
+from up_samp.io.floors import map_number, own_frames
 from up_samp.io.precision import PRECISION
 from up_samp.model import ProblemError
 
@@ -44,7 +45,8 @@ class RobotStep:
     """``piece`` is None for an activity on the spot, which then lasts ``seconds``.
 
     ``happens`` are the events, in the plan file's words, that are true when the step is done;
-    ``begins`` those that are true once it has begun.
+    ``begins`` those that are true once it has begun. An activity that puts the robot elsewhere (a
+    lift) ``lands`` it at a pose. Both, and a piece, are on the map number ``floor``.
     """
 
     robot: str
@@ -54,10 +56,13 @@ class RobotStep:
     happens: tuple[tuple[Any, ...], ...]
     piece: PathPiece | None = None
     seconds: float = 0.0
+    floor: int = 0
+    lands: tuple[float, ...] = ()
 
 
 def steps_of(plan: PlanDict) -> dict[str, list[RobotStep]]:
-    """Return each robot's steps in order; under "" the activities that no robot does.
+    """Return each robot's steps in order, in the frames of the maps' files; under "" the activities
+    that no robot does.
 
     Raises :class:`ProblemError` for plans without dependencies: nobody could follow them safely
     without keeping to their times.
@@ -102,6 +107,9 @@ class _StepReader:
         self.waits: dict[tuple[Any, ...], list[StepWait]] = {}
         self.points: dict[tuple[str, str], dict[tuple[Any, ...], float]] = {}
         self.tasks = {t["activity"]: t for t in plan["dependencies"]["tasks"]}
+        self.frames = own_frames(plan)
+        self.puts = {(c["activity"], c["object"]): c for c in plan["changes"]}
+        self.drivers = {m["object"] for m in plan["motions"]}
         self.motions: dict[str, list[Mapping[str, Any]]] = {}
         for motion in plan["motions"]:
             self.motions.setdefault(motion["activity"], []).append(motion)
@@ -140,6 +148,7 @@ class _StepReader:
         for activity in sorted(self.plan["activities"], key=lambda a: (a["start"], a["end"])):
             name = activity["name"]
             moves = {m["object"] for m in self.motions.get(name, ())}
+            moves |= {o for a, o in self.puts if a == name} & self.drivers
             for robot in sorted(moves | set(self.tasks[name]["who"])) or [""]:
                 steps = self._steps(robot, activity)
                 waits = (*late.pop(robot, ()), *steps[0].waits)
@@ -155,15 +164,24 @@ class _StepReader:
         begin = tuple(self.waits.get(("start", name), ()))
         started, done = ("start", name), ("end", name)
         if motion is None:
-            return [RobotStep(robot, name, begin, (started,), (done,), None, seconds)]
+            put = self.puts.get((name, robot), {})
+            floor = map_number(put)
+            lands = self.frames[floor].of(put["configuration"]) if put else ()
+            shared = robot, name, begin, (started,), (done,), None, seconds
+            return [RobotStep(*shared, floor, lands)]
         steps: list[RobotStep] = []
         points = set(self.points.get((name, robot), {}).values())
+        floor = map_number(motion)
         for piece, low, high in stretches_of(motion, points):
+            rows = piece.rows.copy()
+            rows[:, 1:3] = self.frames[floor].points(rows[:, 1:3])
+            rows[:, 3] += self.frames[floor].yaw
             waits = () if steps else begin
             waits += self._at("leave", name, robot, low)
             begins = tuple(self._events("leave", name, robot, low))
             happens = tuple(self._events("reach", name, robot, high))
-            steps.append(RobotStep(robot, name, waits, begins, happens, piece))
+            own = PathPiece(name, rows, piece.direction)
+            steps.append(RobotStep(robot, name, waits, begins, happens, own, 0.0, floor))
         if not steps:  # it stays where it is
             return [RobotStep(robot, name, begin, (started,), (done,), None, seconds)]
         steps[0] = replace(steps[0], begins=(started, *steps[0].begins))

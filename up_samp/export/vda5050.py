@@ -21,6 +21,7 @@ import numpy as np
 from up_samp.export.legs import FloatArray, PathPiece, simplified, wrapped
 from up_samp.export.steps import RobotStep, StepWait, localisation_of, steps_of
 from up_samp.io import PlanDict
+from up_samp.io.floors import map_number, named_maps, own_frames
 from up_samp.io.precision import PRECISION
 from up_samp.model import ProblemError
 
@@ -44,13 +45,12 @@ def export(plan: PlanDict, folder: Path, version: str = VERSION) -> list[Path]:
     """Write ``ROBOT/order-NNN.json`` for each robot and ``releases.json``."""
     steps = steps_of(plan)
     others = steps.pop("", [])
-    map_id = Path(plan["map"]["yaml"] or "plane").stem
     seen = _where_seen(steps)
     names = file_names(steps)
     written: list[Path] = []
     releases: list[Release] = []
     for robot, own in steps.items():
-        for number, (message, waits) in enumerate(_messages(plan, robot, own, map_id)):
+        for number, (message, waits) in enumerate(_messages(plan, robot, own)):
             name = Path(names[robot]) / f"order-{number:03d}.json"
             (folder / name.parent).mkdir(parents=True, exist_ok=True)
             written.append(_write(folder / name, later(message) if version == LATER else message))
@@ -65,6 +65,7 @@ def export(plan: PlanDict, folder: Path, version: str = VERSION) -> list[Path]:
             {
                 "localisation": error,
                 "narrow": less,
+                "maps": named_maps(plan),
                 "messages": _sorted(releases, seen, others),
                 "activities": [
                     {"activity": s.activity, "after": [_condition(w, seen) for w in s.waits]}
@@ -142,24 +143,27 @@ def _write(path: Path, data: Any) -> Path:
 
 # ------------------------------------------------------------------------------ nodes and edges
 def _whole(
-    plan: PlanDict, robot: str, steps: Sequence[RobotStep], map_id: str
+    plan: PlanDict, robot: str, steps: Sequence[RobotStep]
 ) -> tuple[list[Message], list[Message]]:
-    """Return all nodes and edges of a robot's order: an edge for each step, to the node after."""
-    entry = next((o for o in plan["objects"] if o["name"] == robot), None)
-    first = next((s.piece.rows[0, 1:] for s in steps if s.piece is not None), None)
-    if first is None:
-        if entry is None or entry["initial"] is None:
-            raise ProblemError(f"the plan does not say where '{robot}' is")
-        first = np.asarray(entry["initial"], dtype=np.float64)
-    pose: FloatArray = first
-    nodes, edges = [node_of(robot, 0, pose, map_id)], []
+    """Return all nodes and edges of a robot's order: an edge for each step, to the node after. By a
+    lift a robot goes along an edge, and spawns at a node on the map of the other floor.
+    """
+    maps = list(named_maps(plan))
+    entry: Mapping[str, Any] = next((o for o in plan["objects"] if o["name"] == robot), {})
+    if entry.get("initial") is None:
+        raise ProblemError(f"the plan does not say where '{robot}' is")
+    floor = map_number(entry)
+    pose: FloatArray = np.array(own_frames(plan)[floor].of(entry["initial"]))
+    nodes, edges = [node_of(robot, 0, pose, maps[floor])], []
     for number, step in enumerate(steps, start=1):
         if step.piece is not None:
-            pose = step.piece.rows[-1, 1:]
-        node = node_of(robot, number, pose, map_id)
+            pose, floor = step.piece.rows[-1, 1:], step.floor
+        elif step.lands:
+            pose, floor = np.asarray(step.lands, dtype=np.float64), step.floor
+        node, edge = node_of(robot, number, pose, maps[floor]), edge_of(robot, number, step.piece)
         if step.piece is None:
-            node["actions"] = [_action(step)]
-        edges.append(edge_of(robot, number, step.piece))
+            (edge if step.lands else node)["actions"] = [_action(step)]
+        edges.append(edge)
         nodes.append(node)
     return nodes, edges
 
@@ -231,14 +235,14 @@ def nurbs(points: FloatArray) -> Message:
 
 # ---------------------------------------------------------------------------------- messages
 def _messages(
-    plan: PlanDict, robot: str, steps: Sequence[RobotStep], map_id: str
+    plan: PlanDict, robot: str, steps: Sequence[RobotStep]
 ) -> Iterator[tuple[Message, tuple[StepWait, ...]]]:
     """Yield a robot's messages and what each waits for: the order first, then its updates.
 
     The order releases what waits for nothing; each update releases one more stretch, up to the
     next step that waits. An update begins with the last node that is released already.
     """
-    nodes, edges = _whole(plan, robot, steps, map_id)
+    nodes, edges = _whole(plan, robot, steps)
     gates = [k for k, s in enumerate(steps) if s.waits]
     cuts = zip([0, *gates], [*gates, len(steps)], strict=True)
     for number, (begin, until) in enumerate(cuts):

@@ -86,15 +86,9 @@ class Crowd:
         mine = self._records.robots[robot]
         return self._inside(mine.type, mine.start)
 
-    def lift_inside(self) -> str | None:
-        """Return a stop of a lift at which robots would touch the zone."""
-        stops = (
-            stop_of(name, self.floor, spot)
-            for name, lift in self._records.lifts.items()
-            for spot in range(len(lift.stops.get(self.floor, ())))
-        )
-        kinds = self._records.robot_types
-        return next((stop for stop in stops if any(self._inside(k, stop) for k in kinds)), None)
+    def holds(self, place: str) -> bool:
+        """Return whether robots of some type touch the zone at a place."""
+        return any(self._inside(kind, place) for kind in self._records.robot_types)
 
     def passing(self, robot: str, origin: str, to: str) -> Passing:
         """Return what the drive of ``robot`` from ``origin`` to ``to`` has to do with the zone,
@@ -337,7 +331,7 @@ class Site:
     def _room(self, name: str, area: MovableObject, most: int) -> None:
         """How many more robots may come into a zone."""
         inside = sum(self.crowds[-1].starts_inside(r) for r in self.records.robots)
-        stop = self.crowds[-1].lift_inside()
+        stop = next(filter(self.crowds[-1].holds, self.stops), None)
         if stop is not None:
             what = f"robots at the lift's stop '{stop}' would be in it: a ride is not counted"
             raise FleetError([Fault(("zones", name, "max_robots"), what)])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import starmap
+from pathlib import Path
 from typing import Any
 
 from up_samp.io.precision import PRECISION
@@ -37,6 +38,22 @@ def maps_of(plan: Mapping[str, Any]) -> list[PlacedMap]:
         for e in entries
         if e.get("yaml") is not None
     ]
+
+
+def named_maps(plan: Mapping[str, Any]) -> dict[str, str]:
+    """Return the maps' files by names for other tools, in order (none: "plane"): a file's own name,
+    with the map's number where another has that.
+    """
+    found: dict[str, str] = {}
+    for k, placed in enumerate(maps_of(plan)):
+        stem = Path(placed.file).stem
+        found[f"{stem}-{k}" if stem in found else stem] = placed.file
+    return found or {"plane": ""}
+
+
+def own_frames(plan: Mapping[str, Any]) -> list[Frame]:
+    """Return for each map (at least one) what takes poses to the frame of its file."""
+    return [m.frame.inverse for m in maps_of(plan)] or [Frame()]
 
 
 def map_entries(plan: Mapping[str, Any]) -> list[dict[str, Any]]:
