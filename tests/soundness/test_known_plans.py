@@ -71,3 +71,17 @@ def test_a_motion_far_from_its_bound_makes_no_optimum_but_where_that_is_asked_fo
     said = any("relative=True" in m.message for m in result.log_messages)
     status = Status.SOLVED_OPTIMALLY if relative else Status.SOLVED_SATISFICING
     assert (result.status, said) == (status, not relative)
+
+
+def test_a_bound_that_needs_no_motion_is_absolute(tmp_path):
+    """What lasts longest is no motion: whatever these may take, the plan is optimal."""
+    world = KnownPlan(157, tmp_path)
+    world.problem.add_activity("work", 400)
+    with OneshotPlanner(
+        name="samp-refine[cpsat]", params={"seconds_per_unit": SECONDS, "optimal": True}
+    ) as planner:
+        result = planner.solve(world.problem, timeout=20)
+    told = result.metrics
+    assert (result.status, told["makespan"]) == (Status.SOLVED_OPTIMALLY, "400")
+    assert told["bound_kind"] == "absolute"
+    assert "may_be_shorter" not in told

@@ -14,6 +14,7 @@ from up_samp.model.refinement import Refinement
 PARTS = {
     "proof": (0.3, 20.0),
     "doubt": (0.2, 2.0),
+    "bound by proven facts": (0.3, 10.0),
     "unobstructed motions": (0.2, 30.0),
     "interaction profile": (0.05, 6.0),
     "orders that cannot change": (0.2, 10.0),

@@ -247,8 +247,15 @@ def called_optimal(search: Search, cost: Cost) -> SearchResult:
     the bound rests on motions that may be much shorter, and nobody asked for a relative one.
     """
     tell_what_may_be_shorter(search)
-    worst = max(search.history.may_be_shorter.values(), default=0.0)
-    if search.relative or search.bounds.absolute >= cost or worst < NEAR:
+    bounds, worst = search.bounds, max(search.history.may_be_shorter.values(), default=0.0)
+    if search.relative or bounds.absolute >= cost or worst < NEAR:
+        return SearchResult(Conclusion.OPTIMAL)
+    assert bounds.incumbent is not None
+    known = None if isinstance(bounds.absolute, float) else bounds.absolute
+    facts = search.knowledge.proven  # which may be enough: what counts need not be motions
+    bounds.raise_absolute(search.prover.bound_by(facts, bounds.incumbent.schedule, known))
+    if bounds.absolute >= cost:
+        search.history.may_be_shorter.clear()
         return SearchResult(Conclusion.OPTIMAL)
     why = f"no plan is better by the planner's own motions, not all of which are within {NEAR:.0%}"
     return SearchResult(

@@ -131,6 +131,13 @@ class Bounds:
             self.absolute = max(self.absolute, cost)
         self.lower = max(self.lower, cost)
 
+    def raise_absolute(self, cost: Number | None) -> None:
+        """Take note of a bound that does not rest on the planner's durations, as far as one does
+        that holds anyhow.
+        """
+        if cost is not None:
+            self.absolute = max(self.absolute, min(cost, self.lower))
+
     def told_lower(self) -> Number | None:
         """Return the lower bound, if there is one."""
         return None if isinstance(self.lower, float) else self.lower

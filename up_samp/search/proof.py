@@ -13,7 +13,13 @@ from typing import Any, TypeVar
 from unified_planning.model import FNode, TimeInterval
 from unified_planning.model.scheduling import SchedulingProblem
 
-from up_samp.model import Deadline, ScheduleReport, ScheduleStatus, UnsupportedError
+from up_samp.model import (
+    CandidateSchedule,
+    Deadline,
+    ScheduleReport,
+    ScheduleStatus,
+    UnsupportedError,
+)
 from up_samp.model.refinement import (
     Absent,
     Apart,
@@ -32,6 +38,7 @@ from up_samp.scheduling.cpsat.tuning import CpsatTuning
 from up_samp.search.budget import Budget
 from up_samp.upio import Relaxation, write_refinement
 from up_samp.upio.expressions import walk
+from up_samp.upio.objective import Number
 
 
 @dataclass(frozen=True)
@@ -157,6 +164,23 @@ class Prover:
         deadline = self.budget.part("doubt")
         report = self._schedule(facts, (), deadline, before=makespan)
         return report is not None and report.schedule is not None
+
+    def bound_by(
+        self, facts: Sequence[Refinement], best: CandidateSchedule, known: Number | None
+    ) -> Number | None:
+        """Return a lower bound on what a schedule costs with these facts alone (None: not found),
+        at least what is ``known``; ``best`` is one of them.
+        """
+        deadline = self.budget.part("bound by proven facts")
+        if deadline.expired():
+            return None
+        session = CpsatSession(
+            self.problem_with(facts), seed=self.seed, workers=1, tuning=self.cpsat, plain=self.plain
+        )
+        try:
+            return session.solve(deadline, hint=best, lower_bound=known).bound
+        except UnsupportedError:
+            return None
 
     def few_of(
         self, facts: Sequence[Refinement], given: Sequence[Refinement] = ()
