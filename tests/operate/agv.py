@@ -156,7 +156,7 @@ class Agv:
         found, here, whole = [], self.pose[2], sum(map(math.dist, line, line[1:]))
         turn, gone = math.remainder(goal["theta"] - here, math.tau), 0.0
         for a, b in itertools.pairwise(line):
-            if math.dist(a, b) < 1e-6:
+            if math.dist(a, b) < 1e-3:
                 continue
             gone += math.dist(a, b)
             # who is told neither a trajectory nor a heading drives head first

@@ -2,6 +2,7 @@
 let drive by that, and held where they are more wrong than was planned with.
 """
 
+import math
 from dataclasses import replace
 from functools import partial
 
@@ -157,6 +158,61 @@ def test_an_agv_that_does_not_know_where_it_is_tells_no_pose(tmp_path):
         stop = day.clock.now() + 2.0
         day.until(lambda: day.clock.now() > stop)
         assert all(r.pose is None for r in day.robots.reports(day.clock.now()))
+    finally:
+        day.operation.close()
+
+
+def test_an_agv_that_misses_its_end_is_planned_from_where_it_stands(tmp_path):
+    day = Day(tmp_path, robots=1, mishaps=NONE, floor=partial(AgvFloor, lost=0.0, twice=0.0))
+    try:
+        agv = day.robots.agvs["r0"]
+        points, orders = agv.points, []
+
+        def missed(edge, node):
+            orders.append(agv.order["orderId"])
+            *found, (x, y, theta) = points(edge, node)
+            last = not agv.horizon and agv.ahead[-1][1] is node
+            if last and orders[-1] == orders[0]:  # the end of its first motion
+                x, y = x - 0.07 * math.cos(theta), y - 0.07 * math.sin(theta)
+            return [*found, (x, y, theta)]
+
+        agv.points = missed
+        day.order("o0", "rack0", "dock1")
+        day.run()
+        assert day.state("o0") == "done"
+        assert "robot r0 stands elsewhere" in day.story()
+        assert day.verdict().contacts == (), day.story()
+    finally:
+        day.operation.close()
+
+
+class Pushed(AgvFloor):
+    """AGVs that are pushed by up to 8 cm each way, once where they stand, now and then."""
+
+    def step(self, now, seconds):
+        super().step(now, seconds)
+        self.pushed = getattr(self, "pushed", set(self.agvs))
+        for name, agv in self.agvs.items():
+            if agv.way or agv.ahead:
+                self.pushed.discard(name)
+            elif name not in self.pushed and agv.random.random() < 0.02:
+                self.pushed.add(name)
+                agv.pose[0] += agv.random.uniform(-0.08, 0.08)
+                agv.pose[1] += agv.random.uniform(-0.08, 0.08)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(2))
+def test_a_day_of_agvs_that_are_pushed_off_their_places(tmp_path, seed):
+    floor = partial(Pushed, lost=0.05, twice=0.05)
+    settings = Settings(stretch=5.0, tick=0.4)
+    day = Day(tmp_path, robots=3, mishaps=NONE, floor=floor, seed=seed, settings=settings)
+    try:
+        for k in range(5):
+            day.order(f"o{k}")
+        day.run(1200)
+        assert {day.state(f"o{k}") for k in range(5)} == {"done"}
+        assert day.verdict().contacts == (), day.story()
     finally:
         day.operation.close()
 

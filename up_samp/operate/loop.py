@@ -123,7 +123,7 @@ class Operation(Day):
         self._not_before = 0.0
         self._forecast = 0.0
         self._faults = 0
-        self._off: dict[str, tuple[float, Pose]] = {}
+        self._off: dict[str, tuple[float, Pose | None]] = {}
         """Since when, and where, robots tell to stand that are not where their plan has them."""
         self._load([*fleet.records.jobs])
 
@@ -451,47 +451,65 @@ class Operation(Day):
         # what it did at its place is done, wherever that is
         return who not in self.unsure or (report.done and not ways.get(report.activity, True))
 
-    def _hear(self, report: Report) -> Reply | None:
-        if self.executor is None:
-            return None
+    def _hear(self, report: Report) -> None:
+        executor, name = self.executor, report.robot
+        if executor is None or (name in self.placed and report.pose is None):
+            return  # of what was ended by hand
         at = report.time - self.origin
-        if report.robot in self.placed and report.pose is None:
-            return None  # of what was ended by hand
         if report.done:
-            return self.executor.done(report.activity, at)
-        if report.activity and self.executor.state.of_object.get(report.robot) is None:
-            return None  # of a motion that is over, or of a plan before
+            reply = executor.done(report.activity, at)
+            if reply.heard is Heard.AGAIN and name not in self.off_plan():
+                self._fell_short(report)
+            return
+        if report.activity and executor.state.of_object.get(name) is None:
+            return  # of a motion that is over, or of a plan before
         where: dict[str, Any] = {"pose": report.pose}
         if report.progress is not None:
             where = {"progress": report.progress - self.gone.get(report.activity, 0.0)}
-        reply = self.executor.update(report.robot, now=at, motion=report.activity or None, **where)  # type: ignore[arg-type]
-        if reply.heard is Heard.HELD:
-            self.store.note(report.time, "report", report.robot, "is held", reply.why)
-        if report.robot in self.away.keys() - self.placed.keys():
+        reply = executor.update(name, now=at, motion=report.activity or None, **where)
+        if name in self.away.keys() - self.placed.keys():
             self._see(report, reply)
-        elif report.robot not in self.placed:
+        elif name not in self.placed:
             self._find(report, reply)
-        return reply
 
     def _find(self, report: Report, reply: Reply) -> None:
         """Let a robot wait for a plan from where it stands that stands elsewhere than its plan has
         it for a while: an order never came, or messages of where it stopped.
         """
         name, here = report.robot, report.pose
-        if reply.heard is not Heard.HELD or here is None:
+        if reply.heard is not Heard.HELD:
             self._off.pop(name, None)
             return
+        if name not in self._off:
+            self.store.note(report.time, "report", name, "is held", reply.why)
         since, there = self._off.get(name, (report.time, here))
-        if math.dist(here, there) > 2 * self.error(name):
+        if here is None or there is None or math.dist(here, there) > 2 * self.error(name):
             since, there = report.time, here
         self._off[name] = since, there
-        if report.time >= since + RETRY:
-            del self._off[name]
-            self.poses[name], self.placed[name] = here, PLACED
-            self._keep_fleet()
-            self._keep_snapshot()
-            self.store.note(report.time, "robot", name, "stands elsewhere", reply.why)
-            self.want(f"robot '{name}' stands elsewhere than its plan has it")
+        if here is not None and report.time >= since + RETRY:
+            self._stands_elsewhere(report, here, reply.why)
+
+    def _fell_short(self, report: Report) -> None:
+        """Let a robot wait for a plan from where it stands that says that it is at the end of its
+        motion, and for a while tells to stand before that: it missed it, or was pushed.
+        """
+        state = self.executor.state if self.executor is not None else None
+        way = None if state is None else state.of_object.get(report.robot)
+        if state is None or way is None or way.activity != report.activity:
+            return
+        waits = state.closed(way) is not None or state.arrived(way)
+        if not waits and report.time - self.origin >= way.since + RETRY:
+            why = f"it is {way.length - way.told:.2f} m from the end of '{way.activity}'"
+            self._stands_elsewhere(report, self._told_pose(report.robot), why)
+
+    def _stands_elsewhere(self, report: Report, here: Pose, why: str) -> None:
+        name = report.robot
+        self._off.pop(name, None)
+        self.poses[name], self.placed[name] = here, PLACED
+        self._keep_fleet()
+        self._keep_snapshot()
+        self.store.note(report.time, "robot", name, "stands elsewhere", why)
+        self.want(f"robot '{name}' stands elsewhere than its plan has it")
 
     def _see(self, report: Report, reply: Reply) -> None:
         """Note where a robot is that does nothing: it still brakes, say."""
@@ -755,7 +773,7 @@ class Operation(Day):
             executor.update(robot, pose=where.pose, now=max(0.0, old.now - by))
         for robot, way in executor.state.of_object.items():
             before = old.state.of_object[robot]
-            executor.state.heard[robot] = old.state.heard[robot] - by
+            executor.state.heard[robot], way.since = old.state.heard[robot] - by, before.since - by
             gone = question.cut.starts.get(way.activity, 0.0)
             # it goes on to where it was told that it may, or where it can stand
             most = self.limits.get(way.activity, before.length)

@@ -352,9 +352,9 @@ class MasterControl:
             last, at = agv.nodes[-1] if agv.nodes else (0, 0.0)
             whole = at >= self._lengths.get(agv.activity, math.inf) - NEAR
             there = agv.state.get("lastNodeSequenceId") == last
-            return (
-                whole and there and not agv.state.get("driving") and not agv.state.get("nodeStates")
-            )
+            # what was never released of a way that ends early is no part of it
+            left = any(n.get("released") for n in agv.state.get("nodeStates") or ())
+            return whole and there and not agv.state.get("driving") and not left
         if agv.done != "FINISHED":
             return False
         return agv.activity not in self._charging or self._charged(agv, now)
