@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from shapely.geometry import Polygon
 
@@ -41,29 +41,11 @@ from up_samp.operate.planner import (
     goals_of,
     leaf_at,
 )
-from up_samp.operate.records import DayOrder, OrderState, Pose, Report, job_record, since_now
+from up_samp.operate.records import DayOrder, OrderState, Pose, Report, Robots, since_now
+from up_samp.operate.records import job_record as record_of
 from up_samp.operate.settings import DAY, Settings
 from up_samp.operate.stitch import Kept, kept_of
 from up_samp.operate.store import Store
-
-
-class Robots(Protocol):
-    """The robots as the loop sees them: simulated ones, or those behind a broker."""
-
-    faults: list[tuple[str, str]]
-    """(robot, in words) what is wrong with robots, as it is found out."""
-    levels: dict[str, float]
-    """Of batteries (shares of a full one), of the robots that tell them."""
-
-    def reports(self, now: float) -> Iterable[Report]:
-        """Return what robots have told since the last call."""
-
-    def tell(self, commands: Mapping[str, Command], now: float) -> None:
-        """Tell everybody what to do: robots by name, activities of nobody by theirs."""
-
-    def follow(self, executor: Executor) -> None:
-        """Take note that commands speak of the motions of another plan from now on."""
-
 
 SNAPSHOT = 60.0
 """Seconds after which all that has happened is kept as a whole, so that a restart is quick."""
@@ -186,7 +168,7 @@ class Operation(Day):
         :raises ProblemError: where it has begun, or is done.
         """
         if isinstance(record, Mapping):
-            record = job_record(record)
+            record = record_of(record)
         check_job(record)
         self._note_begun()
         every = each_time(record)
@@ -493,12 +475,12 @@ class Operation(Day):
         """Let a robot wait for a plan from where it stands that says that it is at the end of its
         motion, and for a while tells to stand before that: it missed it, or was pushed.
         """
-        state = self.executor.state if self.executor is not None else None
-        way = None if state is None else state.of_object.get(report.robot)
-        if state is None or way is None or way.activity != report.activity:
+        assert self.executor is not None
+        state = self.executor.state
+        way = state.of_object.get(report.robot)
+        if way is None or way.activity != report.activity or state.closed(way) is not None:
             return
-        waits = state.closed(way) is not None or state.arrived(way)
-        if not waits and report.time - self.origin >= way.since + RETRY:
+        if not state.arrived(way) and report.time - self.origin >= way.since + RETRY:
             why = f"it is {way.length - way.told:.2f} m from the end of '{way.activity}'"
             self._stands_elsewhere(report, self._told_pose(report.robot), why)
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
+from up_samp.execution.executor import Executor
+from up_samp.execution.reports import Command
 from up_samp.fleet.files import read_record
 from up_samp.fleet.records import Order, Task, Windows
 
@@ -107,3 +109,21 @@ class Report:
     pose: Pose | None = None
     done: bool = False
     error: float | None = None
+
+
+class Robots(Protocol):
+    """The robots as the loop sees them: simulated ones, or those behind a broker."""
+
+    faults: list[tuple[str, str]]
+    """(robot, in words) what is wrong with robots, as it is found out."""
+    levels: dict[str, float]
+    """Of batteries (shares of a full one), of the robots that tell them."""
+
+    def reports(self, now: float) -> Iterable[Report]:
+        """Return what robots have told since the last call."""
+
+    def tell(self, commands: Mapping[str, Command], now: float) -> None:
+        """Tell everybody what to do: robots by name, activities of nobody by theirs."""
+
+    def follow(self, executor: Executor) -> None:
+        """Take note that commands speak of the motions of another plan from now on."""
