@@ -96,6 +96,7 @@ def test_an_operator_sees_robots_and_holds_them(floor, browser):  # noqa: F811
     until(lambda: page._server.started, "the server")
     day.order("o0", "rack0", "dock1", due=100.0)
     day.order("o1", "shelf2", "dock0", due=40.0)
+    day.order("later", "rack1", "dock0", release=1000.0)
     day.until(lambda: day.state("o0") == "planned" and day.state("o1") == "planned")
     stop = day.clock.now() + 6.0
     day.until(lambda: day.clock.now() >= stop)
@@ -113,6 +114,7 @@ def test_an_operator_sees_robots_and_holds_them(floor, browser):  # noqa: F811
     until(seen(lambda: find("id", "link").text == "live"), "the page is live")
     until(seen(lambda: "o1" in find("id", "orders").text), "the orders")
     assert "people" in find("id", "areas").text
+    assert "waiting, released in 16 min" in find("id", "orders").text
     if "PAGE_PICTURE" in os.environ:
         browser.save_screenshot(os.environ["PAGE_PICTURE"])
     find("id", "stop").click()

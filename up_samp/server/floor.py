@@ -305,6 +305,7 @@ def floor_data(day: Operation) -> dict[str, Any]:
                 "id": j.id,
                 "state": j.state.value,
                 "robot": j.robot or ends.get(j.id, ("", 0.0))[0],
+                "release": round(j.record.release - now) if j.record.release > now else None,
                 "due": None if j.record.due is None else round(j.record.due - now),
                 "forecast": round(ends[j.id][1] - now) if j.id in ends and j.state.open else None,
                 "late": round(j.tardiness),
