@@ -1,5 +1,6 @@
 """Orders come in, plans are made, robots drive; judged on what was driven."""
 
+import os
 from dataclasses import replace
 
 import pytest
@@ -7,8 +8,10 @@ import pytest
 from tests.operate.days import Day
 from tests.operate.sites import hall
 from up_samp.execution.simulate import Delays
+from up_samp.fleet.faults import FleetError
 from up_samp.model import ProblemError
 from up_samp.operate import Operation, SimulatedClock, Store
+from up_samp.operate.order_file import OrderFile
 from up_samp.operate.simulated import Mishaps, SimulatedRobots
 
 
@@ -71,5 +74,44 @@ def test_an_order_begins_no_earlier_than_it_is_released_and_recurs(tmp_path):
         with pytest.raises(ProblemError, match="'bin' is done: it cannot be changed"):
             day.order("bin", "shelf1", "dock0", repeat={"every": 60.0, "times": 3})
         assert "bin_3" not in day.operation.jobs
+    finally:
+        day.operation.close()
+
+
+def test_orders_of_a_file_are_added_changed_and_cancelled_as_it_changes(tmp_path):
+    day, file = Day(tmp_path, robots=1), tmp_path / "orders.yaml"
+
+    def write(text):
+        before = file.stat().st_mtime_ns if file.exists() else 0
+        file.write_text(text)
+        os.utime(file, ns=(before + 10**9, before + 10**9))
+
+    try:
+        with pytest.raises(FleetError, match=r"orders\.yaml"):
+            OrderFile(day.operation, file)
+        one = "- {id: a, pickup: shelf0, delivery: dock0}\n"
+        write(one + "- {id: b, pickup: rack0, delivery: dock1, release: 500}\n")
+        orders = OrderFile(day.operation, file)
+        assert orders.look() == orders.look() == []
+        assert [*day.operation.jobs] == ["a", "b"]
+        write(one + "- {id: b, pickup: rack1, delivery: dock1, release: 500}\n")
+        assert orders.look() == []
+        assert day.operation.jobs["b"].record.pickup.at == ("rack1",)
+        assert day.operation.jobs["a"].came == 0.0
+        write(one + "- {id: c, pickup: nowhere, delivery: dock1}\n")
+        (refused,) = orders.look()
+        assert "nowhere" in refused
+        assert day.state("b") == "cancelled"
+        day.until(lambda: day.state("a") == "begun")
+        day.restart()
+        orders = OrderFile(day.operation, file)
+        assert len(orders.look()) == 1  # still c
+        write("orders:\n- {id: d, pickup: shelf1, delivery: dock1}\n")
+        assert orders.look() == ["'a' is begun: it cannot be cancelled"]
+        write("- {id: d")
+        (refused,) = orders.look()
+        assert "orders.yaml" in refused
+        day.run()
+        assert (day.state("a"), day.state("d")) == ("done", "done")
     finally:
         day.operation.close()

@@ -55,6 +55,10 @@ def add_operate(parser: argparse.ArgumentParser) -> None:
         help="of nodes, for robots that drive straight from node to node",
     )  # fmt: skip
     parser.add_argument(
+        "--orders", type=Path, metavar="FILE",
+        help="orders, listed as in a site file: looked at again whenever it changes",
+    )  # fmt: skip
+    parser.add_argument(
         "--http", type=int, metavar="PORT", help="the floor's page, on this machine"
     )
     parser.add_argument("--host", default="127.0.0.1", help="(default: %(default)s)")
@@ -122,6 +126,9 @@ def _behind_broker(args: argparse.Namespace, fleet: Fleet):  # type: ignore[no-u
 
 
 def _until(day, args: argparse.Namespace) -> int:  # type: ignore[no-untyped-def]
+    from up_samp.operate.order_file import OrderFile
+
+    orders = None if args.orders is None else OrderFile(day, args.orders)
     page = None
     if args.http is not None:
         with extra("the floor's page", "server", "fastapi uvicorn"):
@@ -134,6 +141,8 @@ def _until(day, args: argparse.Namespace) -> int:  # type: ignore[no-untyped-def
         while stop is None or time.monotonic() < stop:
             if page is not None:
                 page.serve()
+            for words in () if orders is None else orders.look():
+                print(f"note: {words}", flush=True)
             day.step()
     finally:
         if page is not None:

@@ -36,6 +36,7 @@ from up_samp.operate.choice import BACK, OUT
 from up_samp.operate.horizon import DELIVERS
 from up_samp.operate.loop import Operation
 from up_samp.operate.planner import is_open
+from up_samp.operate.records import DayOrder
 from up_samp.operate.remote import RemoteRobots, RobotTold
 from up_samp.operate.store import clock_text
 from up_samp.server.guard import LOCAL, Guard
@@ -305,7 +306,7 @@ def floor_data(day: Operation) -> dict[str, Any]:
                 "id": j.id,
                 "state": j.state.value,
                 "robot": j.robot or ends.get(j.id, ("", 0.0))[0],
-                "release": round(j.record.release - now) if j.record.release > now else None,
+                "release": _ahead(j, now),
                 "due": None if j.record.due is None else round(j.record.due - now),
                 "forecast": round(ends[j.id][1] - now) if j.id in ends and j.state.open else None,
                 "late": round(j.tardiness),
@@ -313,6 +314,12 @@ def floor_data(day: Operation) -> dict[str, Any]:
             for j in jobs
         ],
     }
+
+
+def _ahead(job: DayOrder, now: float) -> int | None:
+    """Return in how many seconds an order that is to be done is released (None: it is)."""
+    later = job.record.release - now
+    return round(later) if job.state.open and later > 0.0 else None
 
 
 def _forecast(day: Operation) -> dict[str, tuple[str, float]]:
