@@ -230,6 +230,12 @@ TABLES: dict[str, tuple[str, Callable[[Rows], str]]] = {
     )),
     "growth": ("scale", growth),
     "better-plans": ("better-plans", better_plans),
+    "sites": ("sites", plain(
+        "site", Column("plan, s", "makespan", "g"), Column("lower bound, s", "bound", "g"),
+        Column("over it", lambda r: r["makespan"] / r["bound"] - 1, ".0%"),
+        Column("routing without traffic, s", "without_traffic", "g"),
+        Column("over that", lambda r: r["makespan"] / r["without_traffic"] - 1, ".0%"),
+    )),
     "tight-places": ("tight-places", tight_places),
     "traffic": ("traffic", plain(
         "map, body, robots, seed", Column("first plan after CPU s", "cpu", ".1f"),

@@ -145,6 +145,8 @@ DAYS = (
 can do at most by each of three ways to plan, of thirty robots, whole ones, and a short one. On
 Nav2's map only where ``NAV2_MAPS`` says in which folder it is.
 """
+PLACES = ("hospital", "factory", *["nav2_warehouse"] * ("NAV2_MAPS" in os.environ))
+"""Examples whose plans are looked at beside those of a routing solver."""
 IDEAS = (
     *("bounds-first", "certificates", "small-cuts", "equivalents", "profiles", "incumbents"),
     *("slack", "single-geometric", "single-temporal"),
@@ -207,6 +209,10 @@ FIGURES = (
     ), (), 7200, (
         Value("valid", "", "higher"), Value("makespan", "units", tolerance=0.03),
         Value("without_traffic", "units"), Value("bound", "units", "higher"),
+    )),
+    Figure("sites", "site", PLACES, PLACES[:1], 900, (
+        Value("makespan", "s", tolerance=0.05), Value("bound", "s", "higher"),
+        Value("without_traffic", "s", "", 0.0),
     )),
     Figure("tight-places", "tight_place", tuple(
         f"{case}, {body}" for case, bodies in TIGHT.items() for body in bodies

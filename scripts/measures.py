@@ -339,6 +339,15 @@ def drives(case: str) -> Values:
     return told | {"ratio": statistics.median(ratios), "worst": max(ratios)}
 
 
+# --- sites
+
+
+def site(case: str) -> Values:
+    """The best plan of an example's site within 60 s of computing, and the routing solver's."""
+    found: Values = helper("benchmarks/fleet", "sites").measured(case, 60.0)
+    return found
+
+
 # --- days
 
 
@@ -599,7 +608,7 @@ MEASURES: dict[str, Callable[[str], Values]] = {
     function.__name__: function
     for function in (
         *(warm_up, first_plan, aries_plan, drawn_anew, proof, preset),
-        *(warehouse_plan, better_plans),
+        *(warehouse_plan, better_plans, site),
         *(tight_place, errands, drives, floor, day, clairvoyant, replan),
         *(executor_time, start_up, memory, house, scheduler, relaxation, resolving),
     )

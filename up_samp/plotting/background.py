@@ -20,6 +20,8 @@ from up_samp.plotting.tracks import ObjectTrack, tracks_of
 
 Extent = tuple[float, float, float, float]
 """(left, right, bottom, top) in m, world frame."""
+Floor = tuple[Extent, Frame]
+"""Where a floor lies in a picture, and where its own coordinates went."""
 Drawn = tuple[npt.NDArray[np.uint8], Extent]
 """Pixels of shape (rows, cols, 3), row 0 at the top, and what they show."""
 
@@ -28,8 +30,8 @@ Drawn = tuple[npt.NDArray[np.uint8], Extent]
 class Backdrop:
     """A plan laid out for a picture: ``plan`` with its floors side by side, the ``pixels`` (rows,
     cols, 3), row 0 at the top, of what is under it within ``extent``, and ``shifts``, where the
-    maps of each height went. ``labels`` name floors, with the point (m) of their upper left corner;
-    with one floor there is none.
+    maps of each height went. ``labels`` name floors, with the point (m) of their upper left corner,
+    and ``floors`` say which part of the picture each is; with one floor there is none.
     """
 
     plan: dict[str, Any]
@@ -37,6 +39,7 @@ class Backdrop:
     extent: Extent
     shifts: Mapping[float, Frame] = field(default_factory=dict)
     labels: tuple[tuple[str, tuple[float, float]], ...] = ()
+    floors: tuple[Floor, ...] = ()
 
     def image(self, widest: int) -> Image.Image:
         """Return the picture, at most ``widest`` pixels wide and high."""
@@ -74,7 +77,8 @@ def ground_of(plan: dict[str, Any]) -> Backdrop:
         drawn[k] = pixels, extent
     labels = tuple((m.label, (at[0], at[3])) for m, (_, at) in zip(maps, drawn, strict=True))
     shifts = {m.height: frame for m, frame in zip(maps, frames, strict=True)}
-    return Backdrop(laid, *_joined(drawn), shifts, labels)
+    floors = tuple((at, frame) for (_, at), frame in zip(drawn, frames, strict=True))
+    return Backdrop(laid, *_joined(drawn), shifts, labels, floors)
 
 
 def _joined(parts: Sequence[Drawn]) -> Drawn:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Polygon
 from matplotlib.transforms import Bbox
 
-from up_samp.plotting.background import Backdrop, ground_of
+from up_samp.plotting.background import Backdrop, Floor, ground_of
 from up_samp.plotting.gantt import title_of
 from up_samp.plotting.style import (
     AREA_FILL,
@@ -86,9 +86,24 @@ def map_axes(laid: Backdrop, ax: Axes | None) -> Axes:
     ax.imshow(laid.pixels, extent=laid.extent, interpolation="nearest", zorder=0)
     ax.set(xlim=(left, right), ylim=(bottom, top), xlabel="x [m]", ylabel="y [m]")
     ax.set_aspect("equal")
+    if laid.floors:
+        _own_ticks(ax, laid.floors)
     for name, corner in laid.labels:
         ax.text(*corner, name, fontsize=8, color=INK, va="top", bbox=_PLATE, zorder=6)
     return ax
+
+
+def _own_ticks(ax: Axes, floors: Sequence[Floor]) -> None:
+    """Write at each floor's part of the axes the coordinates that places have on it."""
+    wide = max(extent[1] - extent[0] for extent, _ in floors)
+    step = max(1.0, 5.0 * round(wide / 30.0))
+    for axis, side in ((ax.xaxis, 0), (ax.yaxis, 1)):
+        told: dict[float, float] = {}
+        for extent, frame in floors:
+            low, high, shift = extent[2 * side], extent[2 * side + 1], (frame.x, frame.y)[side]
+            own = np.arange(math.ceil((low - shift) / step) * step, high - shift + 1e-9, step)
+            told |= {float(value) + shift: float(value) for value in own}
+        axis.set_ticks(list(told), [f"{value:g}" for value in told.values()])
 
 
 def label_of(text: str, outline: FloatArray, color: str, *, bold: bool = False) -> PlacedLabel:
