@@ -99,3 +99,10 @@ def test_any_listing_has_the_same_optimum(tmp_path):
         told = shuffled_fleet(fleet.records, seed)
         again = Fleet.from_file(write_problem_file(tmp_path / "other.yaml", told.records))
         assert solved(again)[0].makespan == best
+
+
+def test_loads_that_several_robots_carry_are_refused_by_name():
+    fleet = one_room(robots=2)
+    for options in ({"crew": 2}, {"attached": {"footprint": (3, 1), "crew": 2}}):
+        with pytest.raises(FleetError, match="no load is carried by several robots together"):
+            fleet.add_order("beam", "a", "b", **options)

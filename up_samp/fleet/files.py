@@ -144,11 +144,15 @@ def _shown(value: Any) -> str:
     return text if len(text) <= 40 else f"{text[:37]}..."
 
 
+NOT_HERE = {"crew": "only tasks have one: no load is carried by several robots together"}
+"""What is said of keys that are asked for elsewhere, and are not there yet."""
+
+
 def no_such_key(name: str) -> str:
     """Say that there is no such key, and which one may have been meant."""
     known = {field.name for kind in RECORDS for field in fields(kind)}
     if name in known:
-        return "there is no such key here; it belongs to something else"
+        return NOT_HERE.get(name, "there is no such key here; it belongs to something else")
     near = get_close_matches(name, sorted(known), 1, 0.7)
     return f"there is no such key; did you mean '{near[0]}'?" if near else "there is no such key"
 
