@@ -89,6 +89,22 @@ def test_an_order_grows_from_update_to_update(plan, tmp_path):
         assert base == whole, f"{robot} is never released to its end"
 
 
+def test_only_what_waits_is_done_at_the_end_of_an_edge_without_a_way(plan, tmp_path):
+    export_plan(plan, "vda5050", tmp_path)
+    for robot, steps in steps_of(plan).items():
+        if not robot:
+            continue
+        message = read(tmp_path / file_names([robot])[robot] / "order-000.json")
+        still = [e for e in message["edges"] if e["length"] == 0.0 and "rotationAllowed" not in e]
+        here = [s.activity for s in steps if s.piece is None]
+        waiting = [s.activity for s in steps if s.piece is None and s.waits]
+        assert len(still) == len(waiting)
+        actions = [a["actionType"] for n in message["nodes"] for a in n["actions"]]
+        assert actions == here
+        most = next(o["v_max"] for o in plan["objects"] if o["name"] == robot)
+        assert all(e.get("maxSpeed", 0.0) <= most for e in message["edges"])
+
+
 def test_the_robots_drive_what_the_plan_says(plan, tmp_path):
     """Joined, the edges of an order are the robot's way, within a centimetre."""
     export_plan(plan, "vda5050", tmp_path)

@@ -10,7 +10,9 @@ Source: VDA 5050, Interface for the communication between AGV and a master contr
 
 from __future__ import annotations
 
+import itertools
 import json
+import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -145,8 +147,8 @@ def _write(path: Path, data: Any) -> Path:
 def _whole(
     plan: PlanDict, robot: str, steps: Sequence[RobotStep]
 ) -> tuple[list[Message], list[Message]]:
-    """Return all nodes and edges of a robot's order: an edge for each step, to the node after. By a
-    lift a robot goes along an edge, and spawns at a node on the map of the other floor.
+    """Return all nodes and edges of a robot's order, an edge to each node but the first. By a lift
+    a robot goes along an edge, and spawns at a node on the map of the other floor.
     """
     maps = list(named_maps(plan))
     entry: Mapping[str, Any] = next((o for o in plan["objects"] if o["name"] == robot), {})
@@ -155,17 +157,25 @@ def _whole(
     floor = map_number(entry)
     pose: FloatArray = np.array(own_frames(plan)[floor].of(entry["initial"]))
     nodes, edges = [node_of(robot, 0, pose, maps[floor])], []
-    for number, step in enumerate(steps, start=1):
+    for number, step in zip(_nodes_of(steps), steps, strict=True):
         if step.piece is not None:
             pose, floor = step.piece.rows[-1, 1:], step.floor
         elif step.lands:
             pose, floor = np.asarray(step.lands, dtype=np.float64), step.floor
-        node, edge = node_of(robot, number, pose, maps[floor]), edge_of(robot, number, step.piece)
+        if number == len(nodes):
+            edges.append(edge_of(robot, number, step.piece, entry.get("v_max", math.inf)))
+            nodes.append(node_of(robot, number, pose, maps[floor]))
         if step.piece is None:
-            (edge if step.lands else node)["actions"] = [_action(step)]
-        edges.append(edge)
-        nodes.append(node)
+            (edges if step.lands else nodes)[-1]["actions"].append(_action(step))
     return nodes, edges
+
+
+def _nodes_of(steps: Sequence[RobotStep]) -> list[int]:
+    """Return the number of the node at which each step is over. What waits for nothing is an action
+    of the node come to before; what waits has a node of its own, for nodes are what is released.
+    """
+    moves = (int(bool(s.waits or s.lands or s.piece is not None)) for s in steps)
+    return list(itertools.accumulate(moves))
 
 
 def node_of(robot: str, number: int, pose: FloatArray, map_id: str) -> Message:
@@ -193,8 +203,10 @@ def _action(step: RobotStep) -> Message:
     }
 
 
-def edge_of(robot: str, number: int, piece: PathPiece | None) -> Message:
-    """Return the edge that leads to a node, along a piece of a path; it is not released."""
+def edge_of(robot: str, number: int, piece: PathPiece | None, v_max: float = math.inf) -> Message:
+    """Return the edge that leads to a node, along a piece of a path that is driven no faster than
+    ``v_max`` (m/s); it is not released.
+    """
     edge: Message = {
         "edgeId": f"{robot}-e{number}",
         "sequenceId": 2 * number - 1,
@@ -208,7 +220,8 @@ def edge_of(robot: str, number: int, piece: PathPiece | None) -> Message:
     edge |= {"length": round(piece.length, 6)}
     if piece.direction == "turn":
         return edge | {"rotationAllowed": True}
-    edge |= {"maxSpeed": round(piece.top_speed, 6), "trajectory": nurbs(piece.rows[:, 1:3])}
+    speed = min(round(piece.top_speed, 6), v_max)
+    edge |= {"maxSpeed": speed, "trajectory": nurbs(piece.rows[:, 1:3])}
     if piece.direction in ("forward", "backward"):
         turned = 0.0 if piece.direction == "forward" else 3.141592
         edge |= {"orientationType": "TANGENTIAL", "orientation": turned, "rotationAllowed": False}
@@ -243,9 +256,9 @@ def _messages(
     next step that waits. An update begins with the last node that is released already.
     """
     nodes, edges = _whole(plan, robot, steps)
-    gates = [k for k, s in enumerate(steps) if s.waits]
-    cuts = zip([0, *gates], [*gates, len(steps)], strict=True)
-    for number, (begin, until) in enumerate(cuts):
+    gates = [(n - 1, s.waits) for n, s in zip(_nodes_of(steps), steps, strict=True) if s.waits]
+    ends = [*(until for until, _ in gates), len(edges)]
+    for number, ((begin, waits), until) in enumerate(zip([(0, ()), *gates], ends, strict=True)):
         message: Message = {
             "headerId": number,
             "timestamp": EPOCH,
@@ -257,7 +270,7 @@ def _messages(
             "nodes": [{**nodes[k], "released": k <= until} for k in range(begin, len(nodes))],
             "edges": [{**edges[k], "released": k < until} for k in range(begin, len(edges))],
         }
-        yield message, steps[begin].waits if number else ()
+        yield message, waits
 
 
 # ---------------------------------------------------------------------------------- releases
@@ -271,7 +284,7 @@ def _where_seen(steps_of_all: Mapping[str, Sequence[RobotStep]]) -> dict[Event, 
     """Return how each event of the plan's dependencies shows in the robots' states."""
     seen: dict[Event, list[Seen]] = {}
     for robot, steps in steps_of_all.items():
-        for number, step in enumerate(steps, start=1):
+        for number, step in zip(_nodes_of(steps), steps, strict=True):
             # begun is known for sure once it is over; a drive that has begun is not reported
             for events, status in ((step.begins, "RUNNING"), (step.happens, "FINISHED")):
                 sign: Message = {"lastNodeSequenceId": 2 * number}
