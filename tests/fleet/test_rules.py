@@ -36,7 +36,7 @@ def one_room(robots=1, capacity=1, **options):
 
 
 def solved(fleet, **params):
-    result = fleet.solve(optimal=True, **params)
+    result = fleet.solve(optimal=True, **{"relative": True, **params})
     assert result.status == "SOLVED_OPTIMALLY", result.explain()
     assert validate_plan(fleet.problem, result.plan, seconds_per_unit=result.seconds_per_unit).valid
     return result, {a["name"]: (a["start"], a["end"]) for a in result.data["activities"]}
