@@ -224,6 +224,8 @@ def problem_of(
             check=wrapped.check,
             environment=problem.environment,
         )
+        if wrapped.native:
+            scheduler.soon = True  # better schedules are driven before more is proven of them
         if wrapped.native or not params.incumbents:
             return scheduler
         from up_samp.scheduling.thinned import ThinnedScheduler  # and all compilers

@@ -47,7 +47,8 @@ class CpsatSession:
     :param plain: recognise nothing in the problem. It takes longer, and rests on less.
 
     ``doubts``: what rests on what was recognised is doubted before it is told; what is refuted is
-    told as an error of ours, and the answer is one with nothing recognised.
+    told as an error of ours, and the answer is one with nothing recognised. ``soon``: a schedule
+    better than the hint is told before more is proven, but not twice for hints as good.
     """
 
     def __init__(
@@ -63,6 +64,7 @@ class CpsatSession:
         self.problem = problem
         self.plain = plain
         self.doubts = False
+        self.soon = False
         self.seed, self.workers = seed, workers or os.cpu_count() or 1
         self.effort = effort
         self.tuning = tuning or CpsatTuning()
@@ -72,6 +74,7 @@ class CpsatSession:
         self._model: ScheduleModel | None = None
         self._last: CandidateSchedule | None = None
         self._bounded = False  # whether bounds were sought with all effort
+        self._soonest = math.inf  # guesses that end before have had no better one told soon
         self.explanation: tuple[tuple[str, ...], tuple[str, ...]] = (), ()
         """What was recognised, and left over, when the model was last built."""
         self._interrupted = threading.Event()
@@ -137,9 +140,13 @@ class CpsatSession:
         start = None if math.isinf(self.bound) else math.ceil(self.bound * model.scale)
         whole = Attempts(model, orders, deadline, start, left=self.effort)
         guess = hint if hint is not None else self._last
-        search = Solve(whole, guess, again=self._bounded)
+        # nothing may come of what was found for a guess soon: once is enough
+        soon = self.soon and guess is not None and guess.makespan < self._soonest
+        search = Solve(whole, guess, again=self._bounded, soon=soon)
         if not deadline.expired():
             solve(search)
+        if guess is not None and search.better:
+            self._soonest = min(self._soonest, guess.makespan)
         self._bounded |= search.bounded
         if search.routes is not None:
             self.explanation = explain(model, search.routes)

@@ -40,6 +40,8 @@ _LABELS_ASIDE = 50_000
 _BEAM = 500
 """Beginnings of each length among which sequences are sought that end before the schedule in hand:
 a fifth of them where the optimum is not asked for."""
+_AGAIN, _LONGER, _TIMES = 0.5, 5, 30
+"""Of annealing for better schedules: share of the time, how much longer it takes, how often."""
 _FEW_TASKS = 8
 """Up to so many, a greedy tour will do: the proof finds the best one."""
 _RELAXED_PROOF = 20.0
@@ -69,6 +71,10 @@ class Solve:
     expected: int = 0
     again: bool = False
     bounded: bool = False
+    soon: bool = False
+    """Whoever asks would look at a schedule better than the guess before more is proven ..."""
+    better: bool = False
+    """... and there is one."""
     done: list[str] = field(default_factory=list)
     """The stages that were run."""
 
@@ -101,7 +107,7 @@ def solve(search: Solve) -> None:
         if stage.applies(search):
             search.done.append(stage.name)
             stage.run(search)
-        if search.whole.over():
+        if search.whole.over() or (search.soon and search.better):
             return
 
 
@@ -218,6 +224,21 @@ def _anneal_tours(search: Solve) -> None:
         search.expected = max(search.expected, search.whole.value)
 
 
+def _anneal_again(search: Solve) -> None:
+    """Anneal tours from other random numbers, each longer, for schedules better than the one in
+    hand, as long as a share of the time lasts.
+    """
+    whole, work = search.whole, _work(search)
+    rounds = _LONGER * whole.orders.tuning.tour_rounds * len(work.tasks)
+    deadline, seed = search.share(_AGAIN), whole.orders.seed + whole.value
+    for number in range(_TIMES):
+        if whole.over() or deadline.expired():
+            return
+        tour = improve(work, rounds, seed + number, deadline, enough=whole.bound)
+        if tour is not None and tour.schedule.makespan < whole.value:
+            search.better |= whole.realize(tour.schedule)
+
+
 def _is_worth_relaxing(search: Solve) -> bool:
     """Whether the routing relaxation may tell more. Where all tasks are on the routes, sequences of
     them bound better (they may be too many for a proof); where some schedule is at hand and no
@@ -291,6 +312,11 @@ STAGES = (
     Stage(QUICKLY, _is_near, lambda s: s.whole.prove_quickly()),
     Stage("look for routes", lambda s: True, _find_routes),
     Stage("bound by work", lambda s: s.work is not None, _bound_by_work),
+    Stage(
+        "anneal tours again",
+        lambda s: s.optimal and s.work is not None and s.whole.best is not None,
+        _anneal_again,
+    ),
     Stage("prove it after all", _is_still_to_prove, lambda s: s.whole.prove_quickly()),
     Stage(
         "follow the bound",
