@@ -251,9 +251,8 @@ def called_optimal(search: Search, cost: Cost) -> SearchResult:
     if search.relative or bounds.absolute >= cost or worst < NEAR:
         return SearchResult(Conclusion.OPTIMAL)
     assert bounds.incumbent is not None
-    known = None if isinstance(bounds.absolute, float) else bounds.absolute
     facts = search.knowledge.proven  # which may be enough: what counts need not be motions
-    bounds.raise_absolute(search.prover.bound_by(facts, bounds.incumbent.schedule, known))
+    bounds.raise_absolute(search.prover.bound_by(facts, bounds.incumbent.schedule))
     if bounds.absolute >= cost:
         search.history.may_be_shorter.clear()
         return SearchResult(Conclusion.OPTIMAL)
@@ -295,7 +294,7 @@ def _share_left(
     seconds = search.knowledge.durations.get((query.body, query.poses), 0.0)
     if report.complete and report.trajectory is not None:
         seconds = report.trajectory.duration
-    for among in ((), obstacles) if obstacles else ((),):
+    for among in ((), obstacles):
         least = service.lower_bound_through(query.body, query.poses, among)
         if facts.units(least) >= facts.units(seconds):
             return 0.0

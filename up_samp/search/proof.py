@@ -165,11 +165,9 @@ class Prover:
         report = self._schedule(facts, (), deadline, before=makespan)
         return report is not None and report.schedule is not None
 
-    def bound_by(
-        self, facts: Sequence[Refinement], best: CandidateSchedule, known: Number | None
-    ) -> Number | None:
-        """Return a lower bound on what a schedule costs with these facts alone (None: not found),
-        at least what is ``known``; ``best`` is one of them.
+    def bound_by(self, facts: Sequence[Refinement], best: CandidateSchedule) -> Number | None:
+        """Return a lower bound on what a schedule costs with these facts alone (None: not found);
+        ``best`` is one of them.
         """
         deadline = self.budget.part("bound by proven facts")
         if deadline.expired():
@@ -178,7 +176,7 @@ class Prover:
             self.problem_with(facts), seed=self.seed, workers=1, tuning=self.cpsat, plain=self.plain
         )
         try:
-            return session.solve(deadline, hint=best, lower_bound=known).bound
+            return session.solve(deadline, hint=best).bound
         except UnsupportedError:
             return None
 
