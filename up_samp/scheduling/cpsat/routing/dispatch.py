@@ -7,6 +7,7 @@ model: order, machines, doors, unary places.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -404,28 +405,29 @@ def find_work(model: ScheduleModel, routes: list[Route]) -> RoutedWork:
 def find_needs(model: ScheduleModel, names: Mapping[str, Way]) -> dict[Way, WayNeeds]:
     """Return what the ways to do tasks ask of each other; ``names`` are those of the stops."""
     activities = model.world.activities
-    ways = {activities[name].present: way for name, way in names.items()}
     needs = {way: WayNeeds() for way in names.values()}
-    starts = {way: activities[name].start.terms[0][0] for name, way in names.items()}
+    present = {way: activities[name].present for name, way in names.items()}
+    ways, starting = dict[int, list[Way]](), dict[int, list[Way]]()
+    for name, way in names.items():
+        ways.setdefault(present[way], []).append(way)
+        starting.setdefault(activities[name].start.terms[0][0], []).append(way)
+    for some in ways.values():
+        for way in some:
+            needs[way].along += [other for other in some if other != way]
     for form in model.stated:
-        parts = form[1:] if form.__class__ is tuple and form[0] == "|" else ()
+        parts = form[1:] if form.__class__ is tuple and form[0] == "|" else (form,)
         literals = [part for part in parts if part.__class__ is int]
         stated = [part for part in parts if part.__class__ is not int]
-        told = [difference_told(part) for part in stated]
-        if len(literals) != 2 or len(told) > 1:
-            continue
-        for one, other in (literals, literals[::-1]):
-            before = ways.get(~one)
-            if before is None:
-                continue
-            if not told and other in ways:
-                needs[before].along.append(ways[other])
-            then = ways.get(~other)
-            if told and told[0] is not None and then is not None:
-                first, last, gap = told[0]
-                alone = set(stated[0].needs) <= {~one, ~other}
-                if (starts[before], starts[then]) == (first, last) and alone:
-                    needs[then].first.append((before, gap))
+        told = difference_told(stated[0]) if len(stated) == 1 else None
+        if told is not None:
+            asked = {~literal for literal in literals}.union(stated[0].needs)
+            for before, then in itertools.product(*(starting.get(v, ()) for v in told[:2])):
+                if asked <= {present[before], present[then]}:
+                    needs[then].first.append((before, told[2]))
+        elif not stated and len(literals) == 2:
+            for one, other in (literals, literals[::-1]):
+                for way in ways.get(~one, ()):
+                    needs[way].along += ways.get(other, ())
     return needs
 
 
