@@ -261,12 +261,24 @@ def told_together(constraints: Iterable[Constraint]) -> Iterator[tuple[str, str]
                     yield one, other
 
 
+def _told_by_halves(constraints: Iterable[Constraint]) -> list[tuple[str, str]]:
+    """Return the two of each pair of clauses ``not a or b`` and ``not b or a``."""
+    halves: dict[tuple[str, str], None] = {}
+    for constraint, scope, _ in constraints:
+        for clause in decisions(constraint, scope):
+            pair = {sign: name for name, sign in clause}
+            if len(pair) == len(clause) == 2:
+                halves[pair[False], pair[True]] = None
+    return [pair for pair in halves if pair[::-1] in halves]
+
+
 def find_presences(
     constraints: Iterable[Constraint], optional: list[str], variables: list[str]
 ) -> Presences:
-    """Return what unconditional ``Iff(a, b)`` between presences and bool variables decide together.
+    """Return what unconditional ``Iff(a, b)`` between presences and bool variables decide together,
+    or ``Implies(a, b)`` with ``Implies(b, a)``, however these are written.
 
-    Assumes: ``Iff`` is said without a condition, of presences and bool variables of the problem
+    Assumes: they are said without a condition, of presences and bool variables of the problem
     itself.
 
     :param optional: names of the optional activities, in order.
@@ -274,7 +286,7 @@ def find_presences(
     """
     rank = {name: i for i, name in enumerate([*optional, *variables])}
     together: dict[str, set[str]] = {}
-    for one, other in told_together(constraints):
+    for one, other in (*told_together(constraints), *_told_by_halves(constraints)):
         if one in rank and other in rank and one != other:
             names = together.get(one, {one}) | together.get(other, {other})
             together.update(dict.fromkeys(names, names))
