@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from unified_planning.model import FNode
@@ -28,7 +28,7 @@ from up_samp.scheduling.cpsat.encode.forms import (
 from up_samp.scheduling.cpsat.encode.recognition import Unary
 from up_samp.scheduling.cpsat.encode.store import ModelStore
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
-from up_samp.scheduling.cpsat.normal import Presences, decisions, told_together
+from up_samp.scheduling.cpsat.normal import Presences, decided, decisions, told_together
 from up_samp.scheduling.cpsat.problem import Additions
 from up_samp.upio.expressions import end_before_start, walk
 
@@ -60,7 +60,10 @@ def find_groups(parts: Additions, presences: Presences | None = None) -> list[Al
                 exclusive |= members.products(names)
     groups, taken = [], set[str]()
     for names in named | wanted:
-        apart = all(frozenset(pair) in exclusive for pair in itertools.combinations(names, 2))
+        apart = all(
+            frozenset(pair) in exclusive or members.differ(*pair)
+            for pair in itertools.combinations(names, 2)
+        )
         same = {lengths.get(n) for n in names}
         alike = len(same) == 1 and None not in same
         if apart and alike and not taken.intersection(names):
@@ -79,6 +82,9 @@ class _Members:
         for name, leader in presences.items():
             self._of[leader] += [name] if name in optional else []
         together = {name for names in self._of.values() if len(names) > 1 for name in names}
+        self._asked: dict[str, dict[FNode, FNode]] = {}
+        for name, variable, value in _asked_values(parts):
+            self._asked.setdefault(presences.get(name, name), {})[variable] = value
         self._kinds = _kinds(parts, together)
         self._own = _own_decisions(parts, optional)
 
@@ -86,6 +92,11 @@ class _Members:
         """Return the activities that are there exactly when ``name`` is."""
         leader = self._presences.get(name, name)
         return self._of.get(leader, [name])
+
+    def differ(self, one: str, other: str) -> bool:
+        """Return whether two are never there together, for one variable has a value of each."""
+        a, b = (self._asked.get(self._presences.get(name, name), {}) for name in (one, other))
+        return any(a[variable] != b[variable] for variable in a.keys() & b.keys())
 
     def named(self, names: tuple[str, ...]) -> list[tuple[str, ...]]:
         """Return the tuple of activities that ``names`` are meant to decide about, if any is."""
@@ -98,10 +109,16 @@ class _Members:
         the only ones of one length.
         """
         lists = [self.of(name) for name in names]
-        kinds = dict.fromkeys(self._kinds.get(name) for name in lists[0])
+        spoken = [frozenset().union(*map(self._constants, some)) for some in lists]
+        # who does it is no part of what it is like
+        shared = frozenset.intersection(*spoken)
+        kinds = [[(self._length(n), self._constants(n) & shared) for n in some] for some in lists]
         found: list[tuple[str, ...]] = []
-        for kind in kinds:
-            alike = [[n for n in some if self._kinds.get(n) == kind] for some in lists]
+        for kind in dict.fromkeys(kinds[0]):
+            alike = [
+                [n for n, its in zip(some, theirs, strict=True) if its == kind]
+                for some, theirs in zip(lists, kinds, strict=True)
+            ]
             found += zip(*alike, strict=False)
         lengths = dict.fromkeys(map(self._length, lists[0]))
         done = {name for some in found for name in some}
@@ -113,13 +130,30 @@ class _Members:
         return found
 
     def _length(self, name: str) -> int | None:
-        kind = self._kinds.get(name)
-        return None if kind is None else kind[0]
+        return self._kinds.get(name, (None, None))[0]
+
+    def _constants(self, name: str) -> frozenset[str]:
+        return self._kinds.get(name, (None, frozenset[str]()))[1]
 
     def products(self, pair: tuple[str, ...]) -> set[frozenset[str]]:
         """Return the pairs of activities that exclude each other because ``pair`` does."""
         one, other = (self.of(name) for name in pair)
         return {frozenset((a, b)) for a in one for b in other if a != b}
+
+
+def _asked_values(parts: Additions) -> Iterator[tuple[str, FNode, FNode]]:
+    """Yield (activity or bool variable, variable, value) where the one, if it is there, asks for
+    that value of the other.
+    """
+    for node, scope, _ in parts.constraints:
+        when = list(scope)
+        if node.is_implies():
+            node, when = node.arg(1), [*when, node.arg(0)]
+        names = [decided(asked) for asked in when if not asked.is_true()]
+        if node.is_equals() and len(names) == 1 and names[0] is not None:
+            for variable, value in (node.args, node.args[::-1]):
+                if variable.is_parameter_exp() and value.is_constant():
+                    yield names[0], variable, value
 
 
 def _kinds(parts: Additions, names: set[str]) -> dict[str, tuple[int | None, frozenset[str]]]:
