@@ -8,11 +8,11 @@ model: order, machines, doors, unary places.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from up_samp.scheduling.cpsat.encode.forms import TRUE, Literal, difference_told
+from up_samp.scheduling.cpsat.encode.forms import TRUE, Form, Literal, difference_told
 from up_samp.scheduling.cpsat.encode.states import Key, StateVar, Write
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.model import ScheduleModel
@@ -411,24 +411,61 @@ def find_needs(model: ScheduleModel, names: Mapping[str, Way]) -> dict[Way, WayN
     for name, way in names.items():
         ways.setdefault(present[way], []).append(way)
         starting.setdefault(activities[name].start.terms[0][0], []).append(way)
-    for some in ways.values():
-        for way in some:
-            needs[way].along += [other for other in some if other != way]
+    both = {(one, other) for form in model.stated for one, other in _implied(form)}
+    for one, other in sorted(both | {(literal, literal) for literal in ways}):
+        for way in ways.get(one, ()):
+            needs[way].along += [w for w in ways.get(other, ()) if w != way]
+    for asked, gaps in _gaps_told(model).items():
+        for first in gaps.keys() & starting.keys():
+            for last, gap in (_later(gaps, first) if asked else gaps[first]).items():
+                pairs = itertools.product(starting[first], starting.get(last, ()))
+                for before, then in pairs:
+                    if asked <= {present[before], present[then]}:
+                        needs[then].first.append((before, gap))
+    return needs
+
+
+def _implied(form: Form) -> Iterator[tuple[Literal, Literal]]:
+    """Yield the pairs of literals of which the first one implies the other, by a clause of two."""
+    if form.__class__ is tuple and form[0] == "|" and [f.__class__ for f in form[1:]] == [int, int]:
+        _, one, other = form
+        yield from ((~one, other), (~other, one))
+
+
+Gaps = dict[int, dict[int, int]]
+"""(time, time) -> how much later than the first the other is, at least."""
+
+
+def _gaps_told(model: ScheduleModel) -> dict[frozenset[int], Gaps]:
+    """Return the gaps between times that are stated, by the presences that they hang on."""
+    found: dict[frozenset[int], Gaps] = {}
+    for activity in model.world.activities.values():
+        start, end = activity.start, activity.end
+        if start.terms != end.terms:
+            lasts = activity.least + start.const - end.const
+            gaps = found.setdefault(frozenset({activity.present} - {TRUE}), {})
+            gaps.setdefault(start.terms[0][0], {})[end.terms[0][0]] = lasts
     for form in model.stated:
         parts = form[1:] if form.__class__ is tuple and form[0] == "|" else (form,)
-        literals = [part for part in parts if part.__class__ is int]
         stated = [part for part in parts if part.__class__ is not int]
         told = difference_told(stated[0]) if len(stated) == 1 else None
         if told is not None:
-            asked = {~literal for literal in literals}.union(stated[0].needs)
-            for before, then in itertools.product(*(starting.get(v, ()) for v in told[:2])):
-                if asked <= {present[before], present[then]}:
-                    needs[then].first.append((before, told[2]))
-        elif not stated and len(literals) == 2:
-            for one, other in (literals, literals[::-1]):
-                for way in ways.get(~one, ()):
-                    needs[way].along += ways.get(other, ())
-    return needs
+            first, last, gap = told
+            asked = {~part for part in parts if part.__class__ is int} | {*stated[0].needs}
+            then = found.setdefault(frozenset(asked), {}).setdefault(first, {})
+            then[last] = max(gap, then.get(last, gap))
+    return found
+
+
+def _later(gaps: Gaps, first: int) -> dict[int, int]:
+    """Return how much later other times are than one, by all gaps between some."""
+    later = {first: 0}
+    for _ in gaps:
+        for one, then in gaps.items():
+            for other, gap in then.items() if one in later else ():
+                later[other] = max(later[one] + gap, later.get(other, 0))
+    del later[first]
+    return later
 
 
 def _before_whoever_does_it(some: list[WayNeeds]) -> list[tuple[int, int]]:
