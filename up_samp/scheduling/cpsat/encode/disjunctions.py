@@ -24,6 +24,7 @@ from up_samp.scheduling.cpsat.encode.forms import (
     difference_told,
     disjunction,
     indicator_sum,
+    parts_of,
 )
 from up_samp.scheduling.cpsat.encode.recognition import Unary
 from up_samp.scheduling.cpsat.encode.store import ModelStore
@@ -222,7 +223,7 @@ def _read(
     form: Form, groups: dict[Literal, tuple[Literal, ...]]
 ) -> tuple[tuple[object, ...], frozenset[Literal]]:
     """Split a form into what it says and for which members of groups it says it."""
-    parts = form[1:] if form.__class__ is tuple and form[0] == "|" else (form,)
+    parts = parts_of("|", form)
     comparisons = [p for p in parts if p.__class__ is Cmp]
     if not comparisons or any(p.__class__ not in (int, Cmp) for p in parts):
         return (form,), frozenset()

@@ -161,6 +161,11 @@ def difference_told(form: Form) -> tuple[int, int, int] | None:
     return (v, u, form.const) if (one, other) == (-1, 1) else None
 
 
+def parts_of(op: str, form: Form) -> tuple[Form, ...]:
+    """Return the parts of a form that is joined by ``op`` ("&", "|"); itself, if it is not."""
+    return form[1:] if form.__class__ is tuple and form[0] == op else (form,)
+
+
 def conjunction(forms: Iterable[Form]) -> Form:
     """Return the conjunction of ``forms``, flattened and folded."""
     return _combine("&", TRUE, FALSE, forms)

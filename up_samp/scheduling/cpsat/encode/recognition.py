@@ -17,6 +17,7 @@ from up_samp.scheduling.cpsat.encode.forms import (
     Literal,
     constant,
     difference_told,
+    parts_of,
     value_told,
 )
 from up_samp.scheduling.cpsat.encode.states import Key, Read, States, StateVar, Write
@@ -376,7 +377,7 @@ class _ClauseReader:
 
     def _after(self, part: Form) -> tuple[tuple[int, int], ActivityVars, Lin] | None:
         """Return ((helper, gap), activity, its time) of "the helper is there and has ended"."""
-        parts = part[1:] if part.__class__ is tuple and part[0] == "&" else (part,)
+        parts = parts_of("&", part)
         present = {p for p in parts if p.__class__ is int}
         order = [p for p in parts if p.__class__ is Cmp]
         if len(order) != 1 or len(present) + 1 < len(parts):

@@ -21,6 +21,7 @@ from up_samp.scheduling.cpsat.encode.forms import (
     Literal,
     compare,
     constant,
+    parts_of,
 )
 from up_samp.scheduling.cpsat.encode.store import ModelStore
 from up_samp.scheduling.cpsat.encode.terms import (
@@ -269,7 +270,7 @@ class States:
     def _literals(self, form: Form, opposite: Form) -> list[Literal]:
         """Return literals that together are true exactly if a form of parameters holds."""
         found = []
-        for part in form[1:] if form.__class__ is tuple and form[0] == "&" else (form,):
+        for part in parts_of("&", form):
             one = part.terms[0] if part.__class__ is Cmp and len(part.terms) == 1 else (0, 0)
             if abs(one[1]) != 1 or part.op != "==":
                 return [self.store.equivalent(form, opposite)]

@@ -18,6 +18,7 @@ from up_samp.scheduling.cpsat.encode.forms import (
     Form,
     Lin,
     Literal,
+    parts_of,
     value_told,
     variables_in,
 )
@@ -284,8 +285,7 @@ def find_visits(model: ScheduleModel, route: Route) -> None:
     for move in route.moves:
         if move.name not in route.odd:
             moves.setdefault(model.world.activities[move.name].present, []).append(move)
-    clauses = [form[1:] if form.__class__ is tuple and form[0] == "|" else (form,)
-               for form in model.stated]  # fmt: skip
+    clauses = [parts_of("|", form) for form in model.stated]
     clauses += [*model.exact.values(), *((p,) for p in moves if p == TRUE)]
     visited = set()
     for every in clauses:
@@ -309,7 +309,7 @@ def _leading(
     """Return where the traveller has come if ``part`` holds: "this move is made" (with these
     values of its parameters); nowhere, if it cannot hold; ``None``, if it says anything else.
     """
-    parts = part[1:] if part.__class__ is tuple and part[0] == "&" else (part,)
+    parts = parts_of("&", part)
     literals = [p for p in parts if p.__class__ is int]
     values = [v for p in parts if (v := value_told(p, "==")) is not None]
     if any(model.store.never(literal) for literal in literals):

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from up_samp.scheduling.cpsat.encode.forms import TRUE, Form, Literal, difference_told
+from up_samp.scheduling.cpsat.encode.forms import TRUE, Form, Literal, difference_told, parts_of
 from up_samp.scheduling.cpsat.encode.states import Key, StateVar, Write
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.model import ScheduleModel
@@ -341,6 +341,8 @@ class RoutedWork:
     levels: list[list[RouteLevel]] = field(default_factory=list)
     needs: dict[Way, WayNeeds] = field(default_factory=dict)
     own: list[OwnState] = field(default_factory=list)
+    made_for: dict[str, frozenset[Way]] = field(default_factory=dict)
+    """Moves that are made only where some ways to do tasks are taken."""
     others: dict[str, bool] = field(default_factory=dict)
     """Activities on no route, and whether it is one of those of which some must be done."""
 
@@ -394,16 +396,22 @@ def find_work(model: ScheduleModel, routes: list[Route]) -> RoutedWork:
         for way, (_, name, _) in enumerate(task.ways)
         if not task.visit
     }
-    needs = find_needs(model, names)
+    implied = [pair for form in model.stated for pair in _implied(form)]
+    needs = find_needs(model, names, implied)
     for number, task in enumerate(tasks):
         ways = (needs.get((number, way), WayNeeds()) for way in range(len(task.ways)))
         task.after += _before_whoever_does_it(list(ways))
     own = find_own_states(model, routes, names)
-    return RoutedWork(routes, tasks, units, initial, levels, needs, own, others)
+    made_for = find_made_for(model, routes, names, implied)
+    return RoutedWork(routes, tasks, units, initial, levels, needs, own, made_for, others)
 
 
-def find_needs(model: ScheduleModel, names: Mapping[str, Way]) -> dict[Way, WayNeeds]:
-    """Return what the ways to do tasks ask of each other; ``names`` are those of the stops."""
+def find_needs(
+    model: ScheduleModel, names: Mapping[str, Way], implied: list[tuple[Literal, Literal]]
+) -> dict[Way, WayNeeds]:
+    """Return what the ways to do tasks ask of each other; ``names`` are those of the stops,
+    ``implied`` are pairs of which the first implies the other.
+    """
     activities = model.world.activities
     needs = {way: WayNeeds() for way in names.values()}
     present = {way: activities[name].present for name, way in names.items()}
@@ -411,8 +419,7 @@ def find_needs(model: ScheduleModel, names: Mapping[str, Way]) -> dict[Way, WayN
     for name, way in names.items():
         ways.setdefault(present[way], []).append(way)
         starting.setdefault(activities[name].start.terms[0][0], []).append(way)
-    both = {(one, other) for form in model.stated for one, other in _implied(form)}
-    for one, other in sorted(both | {(literal, literal) for literal in ways}):
+    for one, other in sorted({*implied, *((literal, literal) for literal in ways)}):
         for way in ways.get(one, ()):
             needs[way].along += [w for w in ways.get(other, ()) if w != way]
     for asked, gaps in _gaps_told(model).items():
@@ -425,10 +432,29 @@ def find_needs(model: ScheduleModel, names: Mapping[str, Way]) -> dict[Way, WayN
     return needs
 
 
+def find_made_for(
+    model: ScheduleModel,
+    routes: list[Route],
+    names: Mapping[str, Way],
+    implied: list[tuple[Literal, Literal]],
+) -> dict[str, frozenset[Way]]:
+    """Return the moves that come with ways to do tasks alone: the drive of one order."""
+    activities = model.world.activities
+    ways: dict[int, set[Way]] = {}
+    for name, way in names.items():
+        ways.setdefault(activities[name].present, set()).add(way)
+    coming = {literal: set(some) for literal, some in ways.items()}
+    for one, other in implied:
+        coming.setdefault(one, set()).update(ways.get(other, ()))
+    moves = {move.name: activities[move.name].present for r in routes for move in r.moves}
+    return {name: frozenset(some) for name, p in moves.items() if (some := coming.get(p))}
+
+
 def _implied(form: Form) -> Iterator[tuple[Literal, Literal]]:
     """Yield the pairs of literals of which the first one implies the other, by a clause of two."""
-    if form.__class__ is tuple and form[0] == "|" and [f.__class__ for f in form[1:]] == [int, int]:
-        _, one, other = form
+    parts = parts_of("|", form)
+    if [part.__class__ for part in parts] == [int, int]:
+        one, other = parts
         yield from ((~one, other), (~other, one))
 
 
@@ -446,7 +472,7 @@ def _gaps_told(model: ScheduleModel) -> dict[frozenset[int], Gaps]:
             gaps = found.setdefault(frozenset({activity.present} - {TRUE}), {})
             gaps.setdefault(start.terms[0][0], {})[end.terms[0][0]] = lasts
     for form in model.stated:
-        parts = form[1:] if form.__class__ is tuple and form[0] == "|" else (form,)
+        parts = parts_of("|", form)
         stated = [part for part in parts if part.__class__ is not int]
         told = difference_told(stated[0]) if len(stated) == 1 else None
         if told is not None:

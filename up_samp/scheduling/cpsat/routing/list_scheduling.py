@@ -75,6 +75,7 @@ class Decoder:
                     self.inside[unit] = number
         self.own = [state.initial for state in work.own]
         self._chosen: dict[int, int] = {}
+        self._doing: Way | None = None
 
     def run(self, sequence: list[Step]) -> CandidateSchedule:
         """Return the schedule of a sequence (:class:`DeadEnd` if there is none)."""
@@ -123,6 +124,7 @@ class Decoder:
                 or ((t, w) not in needs.along and self._chosen.get(t, w) not in (-1, w))
                 for (t, w), _ in needs.first
             )
+            and self._can_come((number, way))
         )
 
     def _do(self, number: int, depth: int) -> None:
@@ -140,6 +142,7 @@ class Decoder:
         robot_number, name, places = task.ways[way]
         robot = self.robots[robot_number]
         if robot.here not in places:
+            self._doing = number, way
             self._go(robot_number, places, depth)
         for i, level in enumerate(self.work.levels[robot_number]):
             robot.left[i] += level.gains.get(name, 0)
@@ -231,11 +234,27 @@ class Decoder:
 
     def _drive(self, number: int, places: frozenset[int], depth: int) -> None:
         robot = self.robots[number]
-        found = robot.route.way(robot.here, places, robot.used)
+        found = robot.route.way(robot.here, places, robot.used | self._barred(self._doing))
         if found is None:
             raise DeadEnd
         for move in found[1]:
             self._move(number, move, depth)
+
+    def _barred(self, doing: Way | None) -> set[str]:
+        """Return the moves that are made for other tasks than the one that is to be done."""
+        done = set(self.ways.items())
+        made_for = self.work.made_for.items()
+        return {m for m, some in made_for if doing not in some and not some <= done}
+
+    def _can_come(self, doing: Way) -> bool:
+        """Return whether moves lead to where a task is done, where many are made for one task."""
+        number, _, places = self.work.tasks[doing[0]].ways[doing[1]]
+        robot = self.robots[number]
+        return (
+            not self.work.made_for
+            or robot.here in places
+            or robot.route.way(robot.here, places, robot.used | self._barred(doing)) is not None
+        )
 
     def _fill(
         self, number: int, level: int, places: frozenset[int], depth: int, *, last: bool
@@ -318,6 +337,7 @@ class Decoder:
             if r == number and task.wanted
         }
         options = []
+        banned = robot.used | self._barred(None)
         for (origin, to), moves in robot.route.hops.items():
             full = any(
                 self.inside.get(u, number) != number
@@ -327,7 +347,7 @@ class Decoder:
             shut = any(self._closed(entry) for entry in robot.route.entries.get(to, ()))
             if origin != robot.here or full or shut:
                 continue
-            options += [(to in wanted, m.least, m) for m in moves if m.name not in robot.used]
+            options += [(to in wanted, m.least, m) for m in moves if m.name not in banned]
         if not options:
             raise DeadEnd
         self._move(number, min(options, key=lambda o: o[:2])[2], depth)
@@ -345,10 +365,8 @@ def steps_of(work: RoutedWork, sequences: Sequences, found: Found) -> list[Step]
     """Return who does which task, in the order of a sequence."""
     rules = sequences.rules
     numbers = {id(task): number for number, task in enumerate(work.tasks)}
-    steps = []
-    for choice in (rules.choices[number] for number, _ in found):
-        steps.append((numbers[id(rules.programme.tasks[choice.task])], choice.way))
-    return steps
+    tasks, choices = rules.programme.tasks, rules.choices
+    return [(numbers[id(tasks[choices[n].task])], choices[n].way) for n, _ in found]
 
 
 def times_of(

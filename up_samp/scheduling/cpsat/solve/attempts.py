@@ -214,26 +214,19 @@ class Attempts:
         profile = profiles.CP_SATS_OWN if optimal else profiles.LINEARIZATION
         self.improve(self.cap, profile, effort)
 
-    def realize(
-        self,
-        guess: CandidateSchedule,
-        others: Iterable[str] = (),
-        *,
-        loosely: bool = False,
-    ) -> bool:
+    def realize(self, guess: CandidateSchedule, others: Iterable[str] = ()) -> bool:
         """Try to make a schedule of a relaxed one; return whether that worked.
 
         Who is present is taken over, but for ``others``, of which it says nothing; times may
-        shift, for what the relaxation left out. ``loosely``: quickly, and not as short as can be.
+        shift, for what the relaxation left out.
         """
-        caps_over, effort = (_CAPS[2:3], 0.1 * _REALIZE) if loosely else (_CAPS, _REALIZE)
         hints = hint_values(self.model, guess)
         activities = self.model.world.activities
         for name in others:
             hints.pop(activities[name].present, None)
         self.known.update(hints)
         presences = {abs(a.present) for a in activities.values()} - {TRUE}
-        caps = [int(f * guess.makespan) + (2 if f > 1 else 0) for f in caps_over]
+        caps = [int(f * guess.makespan) + (2 if f > 1 else 0) for f in _CAPS]
         if self.best is not None:
             # any better one will do, if there is none as short as the guess
             caps = [cap for cap in caps if cap < self.value - 1] + [self.value - 1]
@@ -249,7 +242,7 @@ class Attempts:
             if self.tiny:
                 answer = self._run(model, profiles.NO_PRESOLVE, NO_PRESOLVE, first=True)
             if answer is None or answer.status == cp_model.UNKNOWN:
-                answer = self._run(model, profiles.NO_LINEARIZATION, effort, first=True)
+                answer = self._run(model, profiles.NO_LINEARIZATION, _REALIZE, first=True)
             if answer.values is not None or self.over():
                 return answer.values is not None
         return False

@@ -221,10 +221,6 @@ def _anneal_tours(search: Solve) -> None:
     tour = improve(work, rounds, seed, deadline, start=_steps(search), enough=bound)
     if tour is not None:
         search.whole.realize(tour.schedule, work.others)
-        if search.whole.best is None:
-            # some moves may be made for some tasks only: which ones is left open, too
-            moves = {move.name for route in work.routes for move in route.moves}
-            search.whole.realize(tour.schedule, moves.union(work.others), loosely=True)
         # a tour that is no schedule tells how long one is, not how short one may be
         value = search.whole.value or 4 * tour.schedule.makespan // 3
         search.expected = max(search.expected, value)
@@ -242,7 +238,7 @@ def _anneal_again(search: Solve) -> None:
             return
         tour = improve(work, rounds, seed + number, deadline, enough=whole.bound)
         if tour is not None and tour.schedule.makespan < whole.value:
-            search.better |= whole.realize(tour.schedule)
+            search.better |= whole.realize(tour.schedule, work.others)
 
 
 def _is_worth_relaxing(search: Solve) -> bool:
