@@ -17,8 +17,8 @@ from unified_planning.model import (
     TimePointInterval,
     Timing,
 )
-from unified_planning.model.scheduling import SchedulingProblem
-from unified_planning.shortcuts import LE, And, BoolType, Iff, Implies, IntType, Not, Or
+from unified_planning.model.scheduling import Activity, SchedulingProblem
+from unified_planning.shortcuts import LE, LT, And, BoolType, Equals, Iff, Implies, IntType, Not, Or
 
 from tests.scheduling.cpsat.fleets import Fleet, FleetWriter
 
@@ -68,10 +68,25 @@ class CarrierWriter(FleetWriter):
         self.draw, self.odd = random.Random(seed + 10**6), odd
         self.optional = [odd and self.draw.random() < 0.3 for _ in fleet.able[::2]]
         self.forks = self.draw.random() < 0.8
+        self.by_variable = self.draw.random() < 0.3
+        pairs = [(2 * k, q) for k, some in enumerate(fleet.able[::2]) for q in some]
+        self.driven = [p for p in pairs if self.draw.random() < 0.4]
+        """(pickup, robot) of loads that are brought by a drive of their own."""
+        self.drives: dict[tuple[int, int], Activity] = {}
         super().__init__(fleet, seed)
 
     def _activities(self):
         yield from (made for made in super()._activities() if len(made) < 4 or made[2] != made[3])
+        for visit, q in self.driven:
+            yield self._drive, visit, q
+
+    def _drive(self, visit, q):
+        a, b = self.fleet.spots[visit : visit + 2]
+        length = max(1, abs(a - b))
+        m = self._here(q, a, f"bring{visit}with{q}", length)
+        m.set_duration_bounds(length, length + 3)
+        m.add_effect(m.end, self.at[q](), self.places[b])
+        self.drives[visit, q] = m
 
     def _statements(self):
         yield from super()._statements()
@@ -79,7 +94,15 @@ class CarrierWriter(FleetWriter):
             pairs = zip(self.by_robot(2 * load), self.by_robot(2 * load + 1), strict=True)
             for pick, deliver in pairs:
                 yield lambda a=pick, b=deliver: self._same(a, b)
-                yield lambda a=pick, b=deliver: self._before(a, b)
+                drive = self.drives.get((2 * load, int(pick.name.split("by")[1].split("_")[0])))
+                if drive is None:
+                    yield lambda a=pick, b=deliver: self._before(a, b)
+                    continue
+                yield lambda a=pick, b=drive: self._same(a, b)
+                for one, other in ((pick, drive), (drive, deliver)):
+                    yield lambda a=one, b=other: self.problem.add_constraint(
+                        LT(a.end, b.start), self.listed([a.present, b.present])
+                    )
         for q in self.at if self.forks else ():
             yield lambda q=q: self.draw.choice([self._fork, self._fork, self._room])(q)
 
@@ -87,12 +110,27 @@ class CarrierWriter(FleetWriter):
         return sorted(self.visits[visit], key=lambda a: int(a.name.split("by")[1].split("_")[0]))
 
     def _exactly_one(self, some):
-        load = next(v for v, found in self.visits.items() if found is some) // 2
-        if self.optional[load]:
+        visit = next(v for v, found in self.visits.items() if found is some)
+        load = visit // 2
+        if self.by_variable and not self.optional[load]:
+            self._told_by_a_variable(visit, some)
+        elif self.optional[load]:
             for i, a in enumerate(some):
                 for b in some[:i]:
                     self.problem.add_constraint(Not(And(a.present, b.present)))
         else:
+            super()._exactly_one(some)
+
+    def _told_by_a_variable(self, visit, some):
+        """Say it of who picks up alone, where who delivers is the same."""
+        if visit % 2 == 0:
+            who = self.problem.add_variable(f"{self.names.pop()}_who", IntType(0, 5))
+            self.problem.add_constraint(Or([a.present for a in some]))
+            for q, a in enumerate(self.by_robot(visit)):
+                # odd: two have the same number
+                number = 0 if self.odd and self.draw.random() < 0.2 else q
+                self.problem.add_constraint(Equals(who, number), [a.present])
+        elif self.odd:
             super()._exactly_one(some)
 
     def _same(self, pick, deliver):
