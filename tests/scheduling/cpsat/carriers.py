@@ -18,7 +18,19 @@ from unified_planning.model import (
     Timing,
 )
 from unified_planning.model.scheduling import Activity, SchedulingProblem
-from unified_planning.shortcuts import LE, LT, And, BoolType, Equals, Iff, Implies, IntType, Not, Or
+from unified_planning.shortcuts import (
+    LE,
+    LT,
+    And,
+    BoolType,
+    Equals,
+    Iff,
+    Implies,
+    IntType,
+    Minus,
+    Not,
+    Or,
+)
 
 from tests.scheduling.cpsat.fleets import Fleet, FleetWriter
 
@@ -100,9 +112,7 @@ class CarrierWriter(FleetWriter):
                     continue
                 yield lambda a=pick, b=drive: self._same(a, b)
                 for one, other in ((pick, drive), (drive, deliver)):
-                    yield lambda a=one, b=other: self.problem.add_constraint(
-                        LT(a.end, b.start), self.listed([a.present, b.present])
-                    )
+                    yield lambda a=one, b=other: self._after_it(a, b)
         for q in self.at if self.forks else ():
             yield lambda q=q: self.draw.choice([self._fork, self._fork, self._room])(q)
 
@@ -151,6 +161,12 @@ class CarrierWriter(FleetWriter):
             self.problem.add_constraint(LE(a.start, b.start), [a.present, b.present])
         elif not self.odd or self.draw.random() < 0.9:
             super()._before(a, b)
+
+    def _after_it(self, a, b):
+        """Say that one comes after another (odd: not long before it)."""
+        soon = self.draw.choice([4, 9]) if self.odd and self.draw.random() < 0.4 else 0
+        said = LE(Minus(a.end, soon), b.start) if soon else LT(a.end, b.start)
+        self.problem.add_constraint(said, self.listed([a.present, b.present]))
 
     def _room(self, q):
         """Room for one or two loads; some take it all."""

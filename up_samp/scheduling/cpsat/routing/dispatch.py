@@ -427,7 +427,7 @@ def find_needs(
             for last, gap in (_later(gaps, first) if asked else gaps[first]).items():
                 pairs = itertools.product(starting[first], starting.get(last, ()))
                 for before, then in pairs:
-                    if asked <= {present[before], present[then]}:
+                    if gap >= 0 and asked <= {present[before], present[then]}:
                         needs[then].first.append((before, gap))
     return needs
 
@@ -489,7 +489,8 @@ def _later(gaps: Gaps, first: int) -> dict[int, int]:
     for _ in gaps:
         for one, then in gaps.items():
             for other, gap in then.items() if one in later else ():
-                later[other] = max(later[one] + gap, later.get(other, 0))
+                least = later[one] + gap
+                later[other] = max(least, later.get(other, least))
     del later[first]
     return later
 

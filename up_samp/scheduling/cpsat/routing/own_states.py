@@ -69,17 +69,17 @@ def own_states_after(
 def _table(states: list[OwnState], partners: Partners, ways: list[Way], most: int) -> Any:
     """Return the rows of one traveller (one row that tells nothing, if they are too many)."""
     first: Known = (tuple(s.initial for s in states), frozenset())
-    agenda = [first]
-    numbers: dict[Known | None, int] = {first: 0}
+    agenda: list[Any] = [first]
+    numbers: dict[Known | None, int] = {None: -1, first: 0}
     rows: list[list[int]] = []
     for known in agenda:
         row = []
         for way in ways:
             following = _following(states, partners, known, way)
-            if following is not None and following not in numbers:
-                numbers[following] = len(numbers)
+            if following not in numbers:
+                numbers[following] = len(agenda)
                 agenda.append(following)
-            row.append(numbers.get(following, -1))
+            row.append(numbers[following])
         rows.append(row)
         if len(numbers) > most:
             return np.zeros((1, len(ways)), dtype=np.int64)
