@@ -93,6 +93,33 @@ def both_may_be_made():
     return trip.done()
 
 
+def told_apart_by_who_may_be_absent():
+    """Each of two asks for a value of its own of what is chosen for a third, which is not there."""
+    trip, one, other = pair(apart=False, lengths=(3, 3), stops="BB")
+    third = trip.problem.add_activity("third", 2, optional=True)
+    chosen = third.add_parameter("chosen", IntType(0, 3))
+    trip.problem.add_constraint(Or(one.present, other.present))
+    for value, stop in enumerate((one, other)):
+        trip.problem.add_constraint(Equals(chosen, value), [stop.present, third.present])
+        trip.problem.add_constraint(Implies(stop.present, Or(one.present, other.present)))
+    trip.problem.add_constraint(one.present)
+    trip.problem.add_constraint(other.present)
+    return trip.done()
+
+
+def told_apart_by_a_parameter():
+    """The same, where nothing is said of the third."""
+    trip, one, other = pair(apart=False)
+    third = trip.problem.add_activity("third", 2, optional=True)
+    chosen = third.add_parameter("chosen", IntType(0, 3))
+    trip.problem.add_constraint(Or(one.present, other.present))
+    for value, stop in enumerate((one, other)):
+        trip.problem.add_constraint(Equals(chosen, value), [stop.present])
+    trip.problem.add_constraint(one.present)
+    trip.problem.add_constraint(other.present)
+    return trip.done()
+
+
 def other_lengths():
     return pair(lengths=(3, 1))[0].done()
 
@@ -465,7 +492,13 @@ def to_one_after_the_other():
 LINE = ((3, 30), (9, 21), (2, 4), ((0, 1), (0, 1)))
 BROKEN = {
     "find_presences": [together_on_a_condition],
-    "find_groups": [both_may_be_made, other_lengths, none_need_be_made],
+    "find_groups": [
+        both_may_be_made,
+        other_lengths,
+        none_need_be_made,
+        told_apart_by_who_may_be_absent,
+        told_apart_by_a_parameter,
+    ],
     "merge_forms": [said_of_one_alternative],
     "domains": [value_left_to_some],
     "find_histories": [helpers_that_overlap],

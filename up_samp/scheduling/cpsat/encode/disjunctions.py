@@ -144,8 +144,10 @@ class _Members:
 
 def _asked_values(parts: Additions) -> Iterator[tuple[str, FNode, FNode]]:
     """Yield (activity or bool variable, variable, value) where the one, if it is there, asks for
-    that value of the other.
+    that value of the other, which is the problem's own: what is chosen for an activity that is not
+    there says nothing.
     """
+    own = {v.environment.expression_manager.ParameterExp(v) for v in parts.variables}
     for node, scope, _ in parts.constraints:
         when = list(scope)
         if node.is_implies():
@@ -153,7 +155,7 @@ def _asked_values(parts: Additions) -> Iterator[tuple[str, FNode, FNode]]:
         names = [decided(asked) for asked in when if not asked.is_true()]
         if node.is_equals() and len(names) == 1 and names[0] is not None:
             for variable, value in (node.args, node.args[::-1]):
-                if variable.is_parameter_exp() and value.is_constant():
+                if variable in own and value.is_constant():
                     yield names[0], variable, value
 
 

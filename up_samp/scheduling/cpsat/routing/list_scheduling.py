@@ -470,13 +470,9 @@ def _tails(work: RoutedWork) -> list[int]:
     """Return the length of the longest chain from each task's start on."""
     tails = [task.length for task in work.tasks]
     for _ in work.tasks:
-        changed = False
         for i, task in enumerate(work.tasks):
             for before, gap in task.after:
-                if tails[before] < gap + tails[i]:
-                    tails[before], changed = gap + tails[i], True
-        if not changed:
-            break
+                tails[before] = max(tails[before], gap + tails[i])
     return tails
 
 
