@@ -103,14 +103,20 @@ class Routes:
         order = self.records.order_of[what]
         return float((order.pickup if kind is Kind.PICKUP else order.delivery).service)
 
+    def given(self, node: int) -> float:
+        """Return how many metres of a battery a node gives back."""
+        kind, _, _, _, place = self.nodes[node]
+        charger = self.records.places[place].charger if kind is Kind.CHARGE else None
+        return 0.0 if charger is None else (charger.per_second or 0.0) * charger.step
+
     def cost(self, r: int, i: int, j: int, *, metres: bool) -> int:
         """Return the ticks from one node to another for a robot: of time, or of a battery."""
         a, b = self.manager.IndexToNode(i), self.manager.IndexToNode(j)
         here, there = self.place(r, a), self.place(r, b)
         way = self.travel(self.robots[r], here, there) if here and there else (0.0, 0.0)
         if metres:
-            given = self.nodes[a][0] is Kind.CHARGE if a < len(self.nodes) else False
-            return math.floor(TICKS * (way[1] - (80.0 if given else 0.0)))
+            given = self.given(a) if a < len(self.nodes) else 0.0
+            return math.floor(TICKS * (way[1] - given))
         return math.floor(TICKS * (self.service(a) + way[0]))
 
     def solved(self, seconds: float) -> float:
@@ -213,8 +219,9 @@ class Routes:
         if not charges or any(kind.battery is None for kind in kinds):
             return
         told = [self._told(r, metres=True) for r in range(len(self.robots))]
+        slack = int(TICKS * max(self.given(self.manager.IndexToNode(i)) for i in charges))
         most = int(TICKS * max(k.battery.capacity - k.battery.reserve for k in kinds))  # type: ignore[union-attr]
-        self.routing.AddDimensionWithVehicleTransits(told, 80 * TICKS, most, False, "taken")
+        self.routing.AddDimensionWithVehicleTransits(told, slack, most, False, "taken")
         used = self.routing.GetDimensionOrDie("taken")
         for i in range(self.routing.Size()):
             if i not in charges:

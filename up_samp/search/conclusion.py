@@ -218,7 +218,8 @@ def conclude(search: Search) -> SearchResult:
             "the motions of the last candidate do not fit, and nothing more was learned from it",
         )
     if not bounds.met:
-        tell_what_may_be_shorter(search)
+        if not search.budget.whole.expired():
+            tell_what_may_be_shorter(search)
         return SearchResult(Conclusion.SOLVED, _stopped_early(search))
     active, prover = search.knowledge.active, search.prover
     bound, cost, makespan = bounds.lower, bounds.upper, bounds.incumbent.schedule.makespan
@@ -264,15 +265,15 @@ def called_optimal(search: Search, cost: Cost) -> SearchResult:
 
 def tell_what_may_be_shorter(search: Search, seconds: float = 2.0) -> None:
     """Note which motions of the best plan, if a relative bound speaks of it, may be shorter than
-    the planner's own, and by what share of its time each (1: that is not known within ``seconds``).
+    the planner's own, and by what share of its time each (1: that is not known within ``seconds``
+    and the time that is left).
     """
     best = search.bounds.incumbent
     if best is None or not search.bounds.relative:
         return
     itinerary = read_itinerary(search.knowledge.relaxation, best.schedule)
     found = {str(search.facts.case(motion)): 1.0 for motion in itinerary.motions}
-    counted = search.budget.deadline.work is not None
-    limit = Deadline.counted(seconds) if counted else Deadline.after(seconds)
+    limit = search.budget.whole.within(seconds)
     with in_force(limit), contextlib.suppress(OutOfTimeError):
         for motion in itinerary.motions:
             found[str(search.facts.case(motion))] = _share_left(search, itinerary, motion, limit)

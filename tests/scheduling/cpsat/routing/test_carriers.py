@@ -3,8 +3,7 @@
 import pytest
 
 from tests.scheduling.cpsat.carriers import carriers
-from tests.scheduling.cpsat.routing.test_sequences import optimum
-from tests.scheduling.cpsat.truth import bound_without_search
+from tests.scheduling.cpsat.routing.test_sequences import compare
 from up_samp.fleet import Fleet
 from up_samp.fleet.starter import write_starter
 from up_samp.model import Deadline
@@ -16,26 +15,18 @@ from up_samp.scheduling.cpsat.routing.workload import bound_by_work
 from up_samp.upio import read_problem, relax
 
 
-def compare(seeds, **drawn):
-    """Assert that no bound is above the optimum; return (bounds that are met, how many)."""
-    met = count = 0
-    for seed in seeds:
-        problem = carriers(seed, **drawn)
-        bound, best = bound_without_search(problem), optimum(problem)
-        if bound is not None and best is not None:
-            assert bound <= best, f"seed {seed}: bound {bound}, but {best} is possible"
-            count, met = count + 1, met + (bound == best)
-    return met, count
+def some(seeds, **drawn):
+    return ((seed, carriers(seed, **drawn)) for seed in seeds)
 
 
 def test_bounds_of_carriers():
-    met, count = compare(range(12))
+    met, count = compare(some(range(12)))
     assert count == 12
     assert met >= 7
 
 
 def test_bounds_of_carriers_with_odd_forks():
-    _, count = compare(range(1000, 1012), odd=True)
+    _, count = compare(some(range(1000, 1012), odd=True))
     assert count >= 6
 
 
@@ -66,4 +57,4 @@ def test_the_starter_is_bounded_and_drawn_without_search(tmp_path):
 @pytest.mark.long
 @pytest.mark.parametrize("block", range(10))
 def test_many_bounds_of_carriers(block):
-    compare(range(2000 + 100 * block, 2100 + 100 * block), odd=block % 2 == 1)
+    compare(some(range(2000 + 100 * block, 2100 + 100 * block), odd=block % 2 == 1))

@@ -396,32 +396,47 @@ def find_work(model: ScheduleModel, routes: list[Route]) -> RoutedWork:
         for way, (_, name, _) in enumerate(task.ways)
         if not task.visit
     }
-    implied = [pair for form in model.stated for pair in _implied(form)]
-    needs = find_needs(model, names, implied)
+    activities, coming = model.world.activities, _ways_with(model, names)
+    needs = find_needs(model, names, coming)
     for number, task in enumerate(tasks):
         ways = (needs.get((number, way), WayNeeds()) for way in range(len(task.ways)))
         task.after += _before_whoever_does_it(list(ways))
     own = find_own_states(model, routes, names)
-    made_for = find_made_for(model, routes, names, implied)
+    made_for = {
+        move.name: frozenset(some)
+        for route in routes
+        for move in route.moves
+        if (some := coming.get(activities[move.name].present))
+    }
     return RoutedWork(routes, tasks, units, initial, levels, needs, own, made_for, others)
 
 
+def _ways_with(model: ScheduleModel, names: Mapping[str, Way]) -> dict[Literal, list[Way]]:
+    """Return which ways to do tasks come with a literal (of a presence, say): by clauses of two.
+    ``names`` are those of the stops.
+    """
+    own: dict[Literal, list[Way]] = {}
+    for name, way in names.items():
+        own.setdefault(model.world.activities[name].present, []).append(way)
+    found = {literal: [*some] for literal, some in own.items()}
+    for form in model.stated:
+        for one, other in _implied(form):
+            found.setdefault(one, []).extend(own.get(other, ()))
+    return found
+
+
 def find_needs(
-    model: ScheduleModel, names: Mapping[str, Way], implied: list[tuple[Literal, Literal]]
+    model: ScheduleModel, names: Mapping[str, Way], coming: Mapping[Literal, list[Way]]
 ) -> dict[Way, WayNeeds]:
-    """Return what the ways to do tasks ask of each other; ``names`` are those of the stops,
-    ``implied`` are pairs of which the first implies the other.
+    """Return what the ways to do tasks ask of each other; ``names`` are those of the stops, and
+    ``coming`` with each literal.
     """
     activities = model.world.activities
-    needs = {way: WayNeeds() for way in names.values()}
     present = {way: activities[name].present for name, way in names.items()}
-    ways, starting = dict[int, list[Way]](), dict[int, list[Way]]()
+    needs = {w: WayNeeds([o for o in coming[p] if o != w]) for w, p in present.items()}
+    starting: dict[int, list[Way]] = {}
     for name, way in names.items():
-        ways.setdefault(present[way], []).append(way)
         starting.setdefault(activities[name].start.terms[0][0], []).append(way)
-    for one, other in sorted({*implied, *((literal, literal) for literal in ways)}):
-        for way in ways.get(one, ()):
-            needs[way].along += [w for w in ways.get(other, ()) if w != way]
     for asked, gaps in _gaps_told(model).items():
         for first in gaps.keys() & starting.keys():
             for last, gap in (_later(gaps, first) if asked else gaps[first]).items():
@@ -430,24 +445,6 @@ def find_needs(
                     if gap >= 0 and asked <= {present[before], present[then]}:
                         needs[then].first.append((before, gap))
     return needs
-
-
-def find_made_for(
-    model: ScheduleModel,
-    routes: list[Route],
-    names: Mapping[str, Way],
-    implied: list[tuple[Literal, Literal]],
-) -> dict[str, frozenset[Way]]:
-    """Return the moves that come with ways to do tasks alone: the drive of one order."""
-    activities = model.world.activities
-    ways: dict[int, set[Way]] = {}
-    for name, way in names.items():
-        ways.setdefault(activities[name].present, set()).add(way)
-    coming = {literal: set(some) for literal, some in ways.items()}
-    for one, other in implied:
-        coming.setdefault(one, set()).update(ways.get(other, ()))
-    moves = {move.name: activities[move.name].present for r in routes for move in r.moves}
-    return {name: frozenset(some) for name, p in moves.items() if (some := coming.get(p))}
 
 
 def _implied(form: Form) -> Iterator[tuple[Literal, Literal]]:

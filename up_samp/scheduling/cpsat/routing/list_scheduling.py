@@ -75,7 +75,6 @@ class Decoder:
                     self.inside[unit] = number
         self.own = [state.initial for state in work.own]
         self._chosen: dict[int, int] = {}
-        self._doing: Way | None = None
 
     def run(self, sequence: list[Step]) -> CandidateSchedule:
         """Return the schedule of a sequence (:class:`DeadEnd` if there is none)."""
@@ -91,7 +90,7 @@ class Decoder:
             self._do(ready, 0)
         for number, robot in enumerate(self.robots):
             if robot.route.home is not None and robot.here not in robot.route.home:
-                self._go(number, robot.route.home, 0, last=True)
+                self._go(number, robot.route.home, 0, None)
         return CandidateSchedule(dict(self.times))
 
     # -- tasks ---------------------------------------------------------------------------------
@@ -142,8 +141,7 @@ class Decoder:
         robot_number, name, places = task.ways[way]
         robot = self.robots[robot_number]
         if robot.here not in places:
-            self._doing = number, way
-            self._go(robot_number, places, depth)
+            self._go(robot_number, places, depth, (number, way))
         for i, level in enumerate(self.work.levels[robot_number]):
             robot.left[i] += level.gains.get(name, 0)
         start = max(robot.free, self._earliest(task))
@@ -216,9 +214,9 @@ class Decoder:
         return self._provided(number, entry, depth + 1)
 
     # -- moves ---------------------------------------------------------------------------------
-    def _go(self, number: int, places: frozenset[int], depth: int, *, last: bool = False) -> None:
+    def _go(self, number: int, places: frozenset[int], depth: int, doing: Way | None) -> None:
         """Drive a robot to one of ``places``, with the doors opened and levels filled up before.
-        ``last``: it goes nowhere from there.
+        ``doing``: what it does there (None: nothing, and it goes nowhere from there).
         """
         if depth > _DEEP:
             raise DeadEnd
@@ -229,12 +227,12 @@ class Decoder:
         if robot.here in places:
             return
         for level in range(len(robot.left)):
-            self._fill(number, level, places, depth, last=last)
-        self._drive(number, places, depth)
+            self._fill(number, level, places, depth, last=doing is None)
+        self._drive(number, places, depth, doing)
 
-    def _drive(self, number: int, places: frozenset[int], depth: int) -> None:
+    def _drive(self, number: int, places: frozenset[int], depth: int, doing: Way | None) -> None:
         robot = self.robots[number]
-        found = robot.route.way(robot.here, places, robot.used | self._barred(self._doing))
+        found = robot.route.way(robot.here, places, robot.used | self._barred(doing))
         if found is None:
             raise DeadEnd
         for move in found[1]:
@@ -281,7 +279,7 @@ class Decoder:
             raise DeadEnd
         where = min(refills.values(), key=lambda at: robot.route.between({robot.here}, at))
         if robot.here not in where:
-            self._drive(number, where, depth)
+            self._drive(number, where, depth, None)
         for (task, way), at in refills.items():
             if at == where and self._is_open(task, way) and (self.full or not lasts()):
                 self._chosen[task] = way
