@@ -108,11 +108,9 @@ def code_lines(nodes: list[ast.AST], source: str) -> list[str]:
 
 
 def tunables(node: ast.ClassDef) -> int:
-    """Return how many numbers a class of tunables holds."""
-    if not any("Tunables" in ast.unparse(base) for base in node.bases):
-        return 0
+    """Return how many numbers a class holds that ``tunable`` makes."""
     parts = (n.value for n in node.body if isinstance(n, ast.AnnAssign) and n.value is not None)
-    return sum("field(" not in ast.unparse(value) for value in parts)
+    return sum(ast.unparse(value).startswith("tunable(") for value in parts)
 
 
 def measure_file(figures: Figures, nodes: list[ast.AST], source: str, file: Path) -> list[str]:

@@ -1,12 +1,12 @@
 """Try other values of the tunables on short cases, and keep what each of them shows.
 
     python scripts/sweep.py                        # what is not in the kept file yet
-    python scripts/sweep.py --only cpsat search.exchanges    # parts or tunables, anew
+    python scripts/sweep.py --only scheduling/cpsat exchanges    # rooms or tunables, anew
     python scripts/sweep.py --reads                # only which case reads which tunable
     python scripts/sweep.py --parts                # stages and ideas left out, one at a time
 
 A tunable is tried at a quarter and at four times its default (a share nearer to nothing and to
-all), in every case that reads it; a whole part of tunables first, and each of them alone only where
+all), in every case that reads it; all tunables of a room first, and each of them alone only where
 the part changes anything. Each run is a process of its own, forked where all is imported and the
 kernels are compiled. What is compared is what does not hang on the machine: plans found, their
 ends, bounds, rounds; and CPU time with a wide margin. Results go to
@@ -36,8 +36,7 @@ ROOT = Path(__file__).resolve().parent.parent
 KEPT = ROOT / "benchmarks" / "figures" / "sweep.json"
 sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks" / "scheduling")]
 
-from up_samp.model.tunable import Tunables  # noqa: E402
-from up_samp.tuning import Tuning  # noqa: E402
+from up_samp.tuning import Tuning, tuning_of  # noqa: E402
 
 Table = dict[str, Any]
 Values = dict[str, Any]
@@ -105,7 +104,7 @@ def fleet(size: str, tuning: Table) -> Values:
     from up_samp.benchmarks.warehouse import warehouse
 
     robots, orders = map(int, size.split("x"))
-    tuning = {**tuning, "search": {**tuning.get("search", {}), "large": 1}}
+    tuning = {**tuning, "large": 1}
     return solved(warehouse(robots, orders, encoding="compact"), tuning, optimal=False)
 
 
@@ -170,7 +169,7 @@ def arrivals(traffic: Any, tuning: Table) -> Values:
     from up_samp.motion.fleet import coordinate
     from up_samp.motion.service import MotionService
 
-    service = MotionService(traffic.grid, tuning=Tuning.read(tuning).motion)
+    service = MotionService(traffic.grid, tuning=tuning_of(tuning))
     report = coordinate(service, traffic.query, Deadline.after(60.0))
     found = report.outcome is Outcome.FOUND
     ends = {"arrivals": sum(t.end for t in report.trajectories.values())} if found else {}
@@ -199,7 +198,7 @@ def runs(name: str, tuning: Table) -> Values:
     """A plan executed with delays of 30 %, orders looked at again."""
     from up_samp.execution import Delays, dependencies_from_plan, simulate
 
-    plan, read = _plan_of(name), Tuning.read(tuning).execution
+    plan, read = _plan_of(name), tuning_of(tuning)
     fine, delays = dependencies_from_plan(plan), Delays.of_share(0.3)
     done = [
         simulate(fine, plan, delays, seed, policy="reorder", tuning=read)
@@ -271,21 +270,17 @@ def cases() -> Iterator[str]:
 # --- runs
 
 
-def _watch_reads(seen: set[tuple[str, str]]) -> None:
-    """Note which tunables are read from now on, by class and name."""
-    names: dict[type, frozenset[str]] = {}
+def _watch_reads(seen: set[str]) -> None:
+    """Note which tunables are read from now on."""
+    names = frozenset(tunables())
 
-    def read(self: Tunables, name: str) -> Any:
-        value = object.__getattribute__(self, name)
-        kind = type(self)
-        if kind not in names:
-            names[kind] = frozenset(f.name for f in dataclasses.fields(kind))
-        if name in names[kind] and not isinstance(value, Tunables):
-            seen.add((kind.__name__, name))
-        return value
+    def read(self: Tuning, name: str) -> Any:
+        if name in names:
+            seen.add(name)
+        return object.__getattribute__(self, name)
 
-    Tunables.__post_init__ = lambda self: None  # type: ignore[method-assign]
-    Tunables.__getattribute__ = read  # type: ignore[method-assign, assignment]
+    Tuning.__post_init__ = lambda self: None  # type: ignore[method-assign]
+    Tuning.__getattribute__ = read  # type: ignore[method-assign, assignment]
 
 
 def _count_cpu_time() -> None:
@@ -399,37 +394,16 @@ def other(field: dataclasses.Field[Any], value: Any, factor: float) -> Any:
     return None if new == value else new
 
 
-def tunables() -> dict[str, tuple[Tunables, dataclasses.Field[Any]]]:
-    """Return every tunable by its full name."""
-    return {
-        f"{path}.{field.name}": (part, field)
-        for path, part in Tuning().walk()
-        for field in dataclasses.fields(part)
-    }
-
-
-def nested(values: dict[str, Any]) -> Table:
-    """Return full names and values as a nested table."""
-    table: Table = {}
-    for name, value in values.items():
-        *parts, last = name.split(".")
-        inner = table
-        for part in parts:
-            inner = inner.setdefault(part, {})
-        inner[last] = value
-    return table
+def tunables() -> dict[str, dataclasses.Field[Any]]:
+    """Return every tunable by its name."""
+    return {field.name: field for field in dataclasses.fields(Tuning)}
 
 
 def setting(names: Iterable[str], factor: float) -> Table:
     """Return the table in which these tunables have other values."""
     known = tunables()
-    found = {}
-    for name in names:
-        part, field = known[name]
-        new = other(field, getattr(part, field.name), factor)
-        if new is not None:
-            found[name] = new
-    return nested(found)
+    found = {name: other(known[name], known[name].default, factor) for name in names}
+    return {name: new for name, new in found.items() if new is not None}
 
 
 def differences(base: Values, now: Values) -> list[str]:
@@ -482,7 +456,7 @@ class Sweep:
             if case in self.kept["base"]:
                 continue
             values = run(case, {}, 120.0, reads=True)
-            self.kept["reads"][case] = [".".join(pair) for pair in values.pop("reads", [])]
+            self.kept["reads"][case] = values.pop("reads", [])
             print(case, values, f"{len(self.kept['reads'][case])} tunables read", flush=True)
             self.kept["base"][case] = values
             self.save()
@@ -491,9 +465,8 @@ class Sweep:
         """Return the cases that read any of these tunables: the ``AT_MOST`` cheapest, of several
         kinds if there are.
         """
-        known = tunables()
-        keys = {f"{type(known[n][0]).__name__}.{known[n][1].name}" for n in names}
-        found = [c for c, read in self.kept["reads"].items() if keys & set(read)]
+        wanted = set(names)
+        found = [c for c, read in self.kept["reads"].items() if wanted & set(read)]
         found.sort(key=lambda c: self.kept["base"][c]["cpu"])
         kinds: dict[str, int] = {}
         turns = []
@@ -537,7 +510,7 @@ class Sweep:
         print(part, json.dumps(shown), flush=True)
 
     def screen(self, path: str, names: list[str]) -> None:
-        """Try a part of the tunables at once, and each alone if that shows anything."""
+        """Try all tunables of a room at once, and each alone if that shows anything."""
         tried = self.kept["tried"]
         read = [n for n in names if self.readers([n])]
         for name in set(names) - set(read):
@@ -557,7 +530,7 @@ class Sweep:
 def main() -> None:
     """Sweep."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--only", nargs="+", default=[], help="parts or tunables, tried anew")
+    parser.add_argument("--only", nargs="+", default=[], help="rooms or tunables, tried anew")
     parser.add_argument("--reads", action="store_true", help="only the defaults")
     parser.add_argument("--parts", action="store_true", help="leave parts out")
     parser.add_argument("--cases", nargs="+", default=None, help="kinds of cases")
@@ -582,14 +555,14 @@ def main() -> None:
     if args.reads or args.parts:
         return
     groups: dict[str, list[str]] = {}
-    for name in tunables():
-        groups.setdefault(name.rpartition(".")[0], []).append(name)
-    for name in [
-        n for n in sweep.kept["tried"] if any(f"{n}.".startswith(f"{o}.") for o in args.only)
-    ]:
-        del sweep.kept["tried"][name]
+    for name, field in tunables().items():
+        groups.setdefault(field.metadata["room"], []).append(name)
+    for room, names in groups.items():
+        for name in (room, *names):
+            if name in args.only or room in args.only:
+                sweep.kept["tried"].pop(name, None)
     for path, names in groups.items():
-        if args.only and not any(path == o or path.startswith(f"{o}.") for o in args.only):
+        if args.only and path not in args.only:
             for name in [n for n in names if n in args.only]:
                 sweep.attempt(name, [name])
         elif not all(n in sweep.kept["tried"] for n in (path, *names)):

@@ -1,4 +1,4 @@
-"""Write docs/tuning.md from the classes that it is about, and from what ``scripts/sweep.py`` has
+"""Write docs/tuning.md from the class that it is about, and from what ``scripts/sweep.py`` has
 found out: ``python scripts/tuning.py``.
 """
 
@@ -17,7 +17,7 @@ PAGE = ROOT / "docs" / "tuning.md"
 SWEEP = ROOT / "benchmarks" / "figures" / "sweep.json"
 INTRO = """# Tuning
 
-Made by `python scripts/tuning.py` from the classes in `up_samp/*/**/*tuning.py` and from what
+Made by `python scripts/tuning.py` from `up_samp/tuning.py` and from what
 `python scripts/sweep.py` has kept in `benchmarks/figures/sweep.json`.
 
 These numbers decide how hard something is tried: efforts, shares of the time, sizes up to which a
@@ -31,10 +31,7 @@ constant beside its use.
 A TOML file names what it changes; the rest stays as it is:
 
 ```toml
-[search]
 stale = 4000
-
-[motion.fleet]
 knots = [80000, 300000]
 ```
 
@@ -44,8 +41,8 @@ up-samp simulate plan.json --tuning mine.toml
 up-samp bench run paper --tuning mine.toml other.toml --out runs   # the defaults, and each file
 ```
 
-From Python: `params={"tuning": "mine.toml"}`, a nested dictionary, or a `up_samp.tuning.Tuning`;
-engines `samp-refine[...]` and `cpsat` take it; `Executor` and `simulate` take its part `execution`.
+From Python: `params={"tuning": "mine.toml"}`, a dictionary, or a `up_samp.tuning.Tuning`;
+engines `samp-refine[...]` and `cpsat` take it; `Executor` and `simulate` take a `Tuning`.
 A name that is unknown is an error, with the nearest known one; so is a value that makes no sense.
 """
 
@@ -60,11 +57,7 @@ def shown(value: object) -> str:
 def bounds(about: Any) -> str:
     """Return which values make sense."""
     low, high = about["least"], about["most"]
-    if low is None and high is None:
-        return "any"
-    if high is None:
-        return f"{low:g} or more"
-    return f"{low:g} to {high:g}" if low is not None else f"{high:g} or less"
+    return f"{low:g} or more" if high is None else f"{low:g} to {high:g}"
 
 
 def told(swept: dict[str, Any], name: str) -> str:
@@ -85,20 +78,15 @@ def page() -> str:
     """Return the page."""
     swept = json.loads(SWEEP.read_text(encoding="utf-8"))["tried"]
     lines = [INTRO]
-    for path, part in Tuning().walk():
-        what = " ".join((type(part).__doc__ or "").split()).replace("``", "`")
-        lines += [f"## {path}", "", what, ""]
-        lines += ["| name | default | unit | what | values | what a sweep shows |"]
-        lines += ["|---|---|---|---|---|---|"]
-        for field in dataclasses.fields(part):
-            about = field.metadata
-            value = shown(getattr(part, field.name))
-            lines.append(
-                f"| `{field.name}` | {value} | {about['unit']} | {about['what']} | {bounds(about)} "
-                f"| {told(swept, f'{path}.{field.name}')} |"
-            )
-        lines.append("")
-    return "\n".join(lines)
+    lines += ["| name | default | unit | what | read in | values | what a sweep shows |"]
+    lines += ["|---|---|---|---|---|---|---|"]
+    for field in dataclasses.fields(Tuning):
+        about = field.metadata
+        lines.append(
+            f"| `{field.name}` | {shown(field.default)} | {about['unit']} | {about['what']} "
+            f"| `{about['room']}` | {bounds(about)} | {told(swept, field.name)} |"
+        )
+    return "\n".join([*lines, ""])
 
 
 if __name__ == "__main__":

@@ -1,23 +1,23 @@
-"""All tunables in one place: read from TOML, handed to engines, commands and child processes.
+"""Tunables: numbers that decide how hard something is tried, not what is true.
 
-``docs/tuning.md`` lists them. :class:`up_samp.model.tunable.Tunables` says what a tunable is.
+None of them may change what a plan or a proof means: with other values a search takes longer, or
+finds less. A number is one only as long as ``scripts/sweep.py`` shows that it matters; else it is a
+constant beside its use. ``docs/tuning.md`` lists them.
 """
 
 from __future__ import annotations
 
+import dataclasses
+import difflib
+import math
 import os
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from up_samp.model.errors import ProblemError, short
-from up_samp.model.execution_tuning import ExecutionTuning
-from up_samp.model.tunable import Tunables
-from up_samp.motion.tuning import MotionTuning
-from up_samp.scheduling.cpsat.tuning import CpsatTuning
-from up_samp.search.tuning import SearchTuning
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -25,35 +25,157 @@ else:
     import tomli as tomllib
 
 
+def tunable(
+    default: Any,
+    unit: str,
+    what: str,
+    room: str,
+    *,
+    least: float,
+    most: float | None = None,
+) -> Any:
+    """Return a dataclass field: its default, unit, meaning, the room whose code reads it, and the
+    values that make sense.
+
+    A whole default takes whole numbers only; a tuple takes as many numbers as one likes.
+    """
+    told = {"unit": unit, "what": what, "room": room, "least": least, "most": most}
+    return dataclasses.field(default=default, metadata=told)
+
+
+_FLEET, _GROUP = "search/fleet", "motion/fleet"
+_CPSAT, _FLOOR = "scheduling/cpsat", "execution"
+
+
 @dataclass(frozen=True)
-class Tuning(Tunables):
-    """The tunables of all components."""
+class Tuning:
+    """All tunables. Raises :class:`ProblemError` for values that make no sense."""
 
-    search: SearchTuning = field(default_factory=SearchTuning)
-    motion: MotionTuning = field(default_factory=MotionTuning)
-    cpsat: CpsatTuning = field(default_factory=CpsatTuning)
-    execution: ExecutionTuning = field(default_factory=ExecutionTuning)
+    large: int = tunable(
+        240, "optional activities", "from which on jobs are dealt out first", _FLEET, least=1
+    )
+    deals: int = tunable(8, "shares of the jobs", "at most, until there is a plan", _FLEET, least=1)
+    exchanges: int = tunable(
+        2000, "changes a job", "of annealing over who does what", _FLEET, least=0
+    )
+    cold: float = tunable(
+        0.0003,
+        "share",
+        "of all cost, by which a change may be worse in the end",
+        _FLEET,
+        least=0,
+        most=1,
+    )
+    rounds: int = tunable(
+        16, "rounds", "in which all tours are decided in the order of time", _FLEET, least=0
+    )
+    stale: int = tunable(
+        1_000, "changes", "of tours in a row that may bring nothing", _FLEET, least=1
+    )
+    first: int = tunable(
+        20,
+        "motions",
+        "planned for each one of a group, with who is in the way ejected",
+        _GROUP,
+        least=0,
+    )
+    again: int = tunable(
+        30,
+        "motions",
+        "planned again for each one where somebody is late, or all much later than alone",
+        _GROUP,
+        least=0,
+    )
+    enough: float = tunable(
+        1.15,
+        "factor",
+        "of the arrivals alone with which a group on time is content",
+        _GROUP,
+        least=1,
+    )
+    knots: tuple[int, ...] = tunable(
+        (40_000, 150_000),
+        "moves",
+        "looked at in one search for joint moves, on all roadmaps in turn",
+        _GROUP,
+        least=1,
+    )
+    tiny: int = tunable(
+        2_000,
+        "constraints",
+        "up to so many, a search without presolve is tried first",
+        _CPSAT,
+        least=0,
+    )
+    relaxed_content: float = tunable(
+        0.4,
+        "CP-SAT's deterministic time",
+        "for the routing relaxation, where no optimum is asked for",
+        _CPSAT,
+        least=0,
+    )
+    tour_rounds: int = tunable(
+        60, "rounds a task", "of annealing over tours before CP-SAT is asked", _CPSAT, least=0
+    )
+    doubted: int = tunable(
+        150,
+        "constraints",
+        "of the problem as it is written, up to which claims that rest on what was recognised are "
+        "doubted: the plain model is asked for a schedule that cannot be",
+        _CPSAT,
+        least=0,
+    )
+    labels: int = tunable(
+        4_000_000,
+        "labels",
+        "beginnings of sequences of tasks that proofs may look at, where the optimum is asked for "
+        "(some 10 microseconds each)",
+        _CPSAT,
+        least=0,
+    )
+    horizon: float = tunable(60.0, "s", "ahead, within which decisions come up", _FLOOR, least=0)
+    threshold: float = tunable(
+        1.5,
+        "s",
+        "by which the predicted makespan has to grow before orders are looked at",
+        _FLOOR,
+        least=0,
+    )
+    tick: float = tunable(0.1, "s", "between two looks at a simulated floor", _FLOOR, least=0.001)
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            _check(field, getattr(self, field.name))
+
+    def changes(self) -> dict[str, Any]:
+        """Return what is not the default, by name."""
+        default = dataclasses.asdict(Tuning())
+        return {name: x for name, x in dataclasses.asdict(self).items() if x != default[name]}
 
 
-def changes(tuning: Tuning) -> dict[str, Any]:
-    """Return what is not the default, as a nested table."""
-
-    def differing(given: Mapping[str, Any], default: Mapping[str, Any]) -> dict[str, Any]:
-        found: dict[str, Any] = {}
-        for name, value in given.items():
-            if isinstance(value, Mapping):
-                inner = differing(value, default[name])
-                found |= {name: inner} if inner else {}
-            elif value != default[name]:
-                found[name] = value
-        return found
-
-    return differing(tuning.table(), Tuning().table())
+def _check(field: dataclasses.Field[Any], value: object) -> None:
+    told: Mapping[str, Any] = field.metadata
+    default: Any = field.default
+    several = isinstance(default, tuple)
+    if several and (not isinstance(value, tuple) or not value):
+        raise ProblemError(f"'{field.name}' must be a list of numbers, not {short(value)}")
+    first = default[0] if several else default
+    for number in cast(tuple[object, ...], value) if several else (value,):
+        whole = isinstance(first, int)
+        good = isinstance(number, int if whole else int | float) and not isinstance(number, bool)
+        if not good or not math.isfinite(cast(float, number)):
+            kind = "a whole number" if whole else "a finite number"
+            raise ProblemError(f"'{field.name}' must be {kind}, not {short(number)}")
+        low, high = told["least"], told["most"]
+        if cast(float, number) < low:
+            raise ProblemError(f"'{field.name}' must be {low:g} or more, not {number}")
+        if high is not None and cast(float, number) > high:
+            raise ProblemError(f"'{field.name}' must be {high:g} or less, not {number}")
 
 
 def tuning_of(given: object) -> Tuning:
-    """Return tunables from themselves, a nested table, the path of a TOML file, or None (the
-    defaults).
+    """Return tunables from themselves, a table by name, the path of a TOML file, or None (the
+    defaults); what is not named has its default.
 
     Raises :class:`ProblemError` for anything else, for names that are unknown and for values that
     make no sense; the error names the file and the tunable.
@@ -63,17 +185,27 @@ def tuning_of(given: object) -> Tuning:
     if isinstance(given, Tuning):
         return given
     if isinstance(given, Mapping):
-        return Tuning.read(given)
+        return _named(given)
     if isinstance(given, str | os.PathLike):
         return read_tuning(Path(given))
     raise ProblemError(f"'tuning' must be a table or the path of a TOML file, not {short(given)}")
 
 
+def _named(table: Mapping[str, Any]) -> Tuning:
+    known = [f.name for f in dataclasses.fields(Tuning)]
+    for name in table:
+        if name not in known:
+            near = difflib.get_close_matches(name, known, n=1)
+            hint = f"did you mean '{near[0]}'?" if near else f"known: {', '.join(known)}"
+            raise ProblemError(f"unknown tunable '{name}' ({hint})")
+    values: Any = {n: tuple(x) if isinstance(x, list) else x for n, x in table.items()}
+    return Tuning(**values)
+
+
 def read_tuning(path: Path) -> Tuning:
     """Return the tunables of a TOML file; what it does not name has its default."""
     try:
-        table: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
-        return Tuning.read(table)
+        return _named(tomllib.loads(path.read_text(encoding="utf-8")))
     except OSError as error:
         raise ProblemError(f"tuning file '{path}': {error.strerror}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, ProblemError) as error:

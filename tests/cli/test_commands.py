@@ -342,11 +342,11 @@ def test_simulate_takes_tunables(made, tmp_path, capsys):
         with_dependencies(made.problem, plan_to_dict(made.problem, made.plan)),
     )
     file = tmp_path / "mine.toml"
-    file.write_text("[execution.floor]\ntick = 0.5\n")
+    file.write_text("tick = 0.5\n")
     assert main(["simulate", str(plan), "--runs", "1", "--tuning", str(file)]) == 0
-    file.write_text("[execution.floor]\ntick = 0\n")
+    file.write_text("tick = 0\n")
     assert main(["simulate", str(plan), "--runs", "1", "--tuning", str(file)]) == 2
-    assert "execution.floor.tick" in capsys.readouterr().err
+    assert "'tick' must be 0.001 or more" in capsys.readouterr().err
 
 
 def test_a_command_loads_what_it_needs_and_no_other():

@@ -51,7 +51,7 @@ def test_names_of_classes_rooms_and_tunables(house, tmp_path):
     write(
         tmp_path,
         one="class Work:\n    pass\n\n\nclass Only:\n    pass\n",
-        two="class Work:\n    x: int = 1\n\n\nclass T(Tunables):\n    a: int = 1\n    b: int\n",
+        two="class Work:\n    x: int = 1\n\n\nclass T:\n    a: int = tunable(1)\n    b: int\n",
     )
     room = tmp_path / "up_samp" / "room"
     room.mkdir()

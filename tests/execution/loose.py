@@ -106,7 +106,7 @@ def run_loose(found, problem, plan, seed, *, executor=None):
     r = random.Random(seed)
     executor = executor or Executor(plan, problem, dependencies=found)
     drawn = draw(Delays(slow=0.3), found, seed)
-    floor = LooseFloor(executor, found, *drawn, executor.tuning.floor)
+    floor = LooseFloor(executor, found, *drawn)
     names = sorted(floor.robots)
     floor.loose = Loose(
         r.choice(names), r.uniform(0.0, 0.6) * found.graph.planned, r.choice((-1, 1)) *

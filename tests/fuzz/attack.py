@@ -28,7 +28,7 @@ from up_samp.validation import validate_plan
 
 get_environment().credits_stream = None
 PROVEN = (Status.SOLVED_OPTIMALLY, Status.UNSOLVABLE_PROVEN)
-DOUBTED = {"cpsat": {"doubted": 10**6}}
+DOUBTED = {"doubted": 10**6}
 """Whatever rests on what was recognised is doubted, however large the problem."""
 SLACK = 2.0
 """Seconds that a run may take beyond its limit, waiting for a processor not counted."""

@@ -104,9 +104,9 @@ def _run(args: argparse.Namespace) -> int:
 
 def _tuning(path: Path) -> str:
     """Return what a tuning file changes, as JSON."""
-    from up_samp.tuning import changes, read_tuning
+    from up_samp.tuning import read_tuning
 
-    return json.dumps(changes(read_tuning(path)), sort_keys=True)
+    return json.dumps(read_tuning(path).changes(), sort_keys=True)
 
 
 def _report(args: argparse.Namespace) -> int:

@@ -70,7 +70,7 @@ def _simulate(args: argparse.Namespace) -> int:
     policies = POLICIES if "all" in policies else policies
     named = args.problem is not None
     problem = problem_of_plan(args.problem, args.encoding, plan) if named else None
-    tuning = tuning_of(args.tuning).execution
+    tuning = tuning_of(args.tuning)
     found = dependencies_from_plan(plan, problem)
     runs: list[Simulation] = []
     for policy in policies:

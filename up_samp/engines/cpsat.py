@@ -194,7 +194,7 @@ class CpsatEngine(DirectFace, Engine, OneshotPlannerMixin, AnytimePlannerMixin):
         from up_samp.scheduling.cpsat import CpsatSession
         from up_samp.tuning import tuning_of
 
-        tuning = tuning_of(self.tuning).cpsat
+        tuning = tuning_of(self.tuning)
         session = CpsatSession(problem, seed=self.seed, workers=self.workers, tuning=tuning)
         session.doubts = True
         return session

@@ -17,7 +17,6 @@ from up_samp.execution.replan import (
 )
 from up_samp.execution.reports import Command, Do, Go, Heard, Hold, Reply
 from up_samp.execution.simulate import Delays, Reorderer, Simulation, simulate
-from up_samp.model.execution_tuning import ExecutionTuning
 
 __all__ = [
     "At",
@@ -28,7 +27,6 @@ __all__ = [
     "Do",
     "Edge",
     "Event",
-    "ExecutionTuning",
     "Executor",
     "Go",
     "Graph",

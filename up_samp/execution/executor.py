@@ -43,7 +43,7 @@ from up_samp.execution.tolerances import TOLERANCES
 from up_samp.execution.travel import Along, along, away, pose_at
 from up_samp.io.plan_dict import PlanDict, plan_to_dict
 from up_samp.model import ProblemError
-from up_samp.model.execution_tuning import ExecutionTuning
+from up_samp.tuning import Tuning
 
 
 class Executor(Followed):
@@ -75,7 +75,7 @@ class Executor(Followed):
         latency: float = 0.0,
         ahead: float | None = None,
         dependencies: Dependencies | None = None,
-        tuning: ExecutionTuning = ExecutionTuning(),
+        tuning: Tuning = Tuning(),
     ):
         _check("m", localisation=localisation, tolerance=tolerance)
         _check("s", latency=latency, ahead=ahead)

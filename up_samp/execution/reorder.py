@@ -20,7 +20,7 @@ from up_samp.execution.lives import Stay
 from up_samp.execution.meetings import Meeting, switched
 from up_samp.execution.state import FloorState, RobotPace, TaskPhase
 from up_samp.model import ProblemError
-from up_samp.model.execution_tuning import ExecutionTuning
+from up_samp.tuning import Tuning
 
 
 def planned_sides(dependencies: Dependencies) -> dict[Component, bool]:
@@ -83,7 +83,7 @@ class Followed:
     dependencies: Dependencies
     state: FloorState
     routes: Routes
-    tuning: ExecutionTuning
+    tuning: Tuning
     pace: RobotPace
     sides: dict[Key, bool]
     """What was decided anew."""
@@ -434,13 +434,12 @@ class Proposal:
 def propose(executor: Followed) -> Proposal | None:
     """Return an order that is forecast to end sooner than the present one, if one is found.
 
-    Which decisions are looked at, and for how long, is said by ``executor.tuning.reorder``. The
+    Which decisions are looked at, and for how long, is said by ``executor.tuning``. The
     executor is used up: it is left with whatever order was tried last.
     """
-    tuning = executor.tuning.reorder
     base = dict(executor.sides)
     before = executor.retime()
-    decisions = open_decisions(executor, before, tuning.horizon, _MOST)
+    decisions = open_decisions(executor, before, executor.tuning.horizon, _MOST)
     if not decisions:
         return None
     chosen = _solve(executor, before, decisions)

@@ -20,7 +20,7 @@ from up_samp.execution.tolerances import TOLERANCES
 from up_samp.execution.travel import TravelProfile
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import ProblemError
-from up_samp.model.execution_tuning import ExecutionTuning, FloorTuning
+from up_samp.tuning import Tuning
 
 _PATIENCE = 30.0
 """Times as long as planned, and 60 s more, may a run take."""
@@ -319,7 +319,6 @@ class Floor:
     dependencies: Dependencies
     luck: Mapping[str, Luck]
     longer: Mapping[str, float]
-    tuning: FloorTuning = field(default_factory=FloorTuning)
     by_clock: bool = False
     """Whether robots drive by the plan's clock: never ahead of it, waiting for nobody."""
     now: float = 0.0
@@ -330,6 +329,8 @@ class Floor:
     idle: float = 0.0
 
     def __post_init__(self) -> None:
+        self.tick = self.executive.tuning.tick
+        """Seconds between two looks."""
         self.travels = self.dependencies.travels
         self.robots = {
             life.object: SimulatedRobot(life.object, self.luck[life.object])
@@ -338,11 +339,6 @@ class Floor:
         }
         self.waiting: dict[str, float] = dict.fromkeys(self.robots, 0.0)
         self.last: dict[str, float] = dict.fromkeys(self.robots, 0.0)
-
-    @property
-    def tick(self) -> float:
-        """Seconds between two looks."""
-        return self.tuning.tick
 
     @property
     def goes_on(self) -> bool:
@@ -445,7 +441,7 @@ class Floor:
 
 class Reorderer:
     """Reorders when the predicted makespan has grown by more than a threshold since it last did,
-    but not too often (``executor.tuning.reorder``).
+    but not too often (``executor.tuning``).
     """
 
     def __init__(self) -> None:
@@ -454,13 +450,12 @@ class Reorderer:
 
     def __call__(self, executor: Executor) -> int:
         """Look at the executor; return how many orders were changed."""
-        tuning = executor.tuning.reorder
         if executor.now < self.since + _PAUSE:
             return 0
         ahead = executor.predicted_makespan()
         if self.known is None:
             self.known = min(ahead, executor.state.graph.planned)
-        if ahead < self.known + tuning.threshold:
+        if ahead < self.known + executor.tuning.threshold:
             return 0
         self.since = executor.now
         changed = executor.reorder()
@@ -471,7 +466,7 @@ class Reorderer:
 def floor_of(executor: Executor, delays: Delays, seed: int) -> Floor:
     """Return a floor on which an executor is followed, with the delays of ``seed``."""
     found = executor.dependencies
-    return Floor(executor, found, *draw(delays, found, seed), executor.tuning.floor)
+    return Floor(executor, found, *draw(delays, found, seed))
 
 
 def simulate(
@@ -482,7 +477,7 @@ def simulate(
     *,
     policy: Policy = "staircase",
     judged: bool = True,
-    tuning: ExecutionTuning = ExecutionTuning(),
+    tuning: Tuning = Tuning(),
     watch: Callable[[Executor], int] | None = None,
 ) -> Simulation:
     """Execute a plan once with the delays of ``seed``, which are the same for every policy.
@@ -499,7 +494,7 @@ def simulate(
     if policy == "reorder" and watch is None:
         watch = Reorderer()
     drawn = draw(delays, dependencies, seed)
-    floor = Floor(executive, dependencies, *drawn, tuning.floor, by_clock)
+    floor = Floor(executive, dependencies, *drawn, by_clock)
     reorders = 0
     looked = 0.0
     while floor.goes_on:

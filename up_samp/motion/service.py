@@ -36,7 +36,7 @@ from up_samp.motion.legs import Legs, check_ways, strung, strung_at_full_speed
 from up_samp.motion.proofs.bounds import DurationBounds
 from up_samp.motion.proofs.certificates import Apart, Certifier
 from up_samp.motion.protocol import Leg, LegQuery
-from up_samp.motion.tuning import MotionTuning
+from up_samp.tuning import Tuning
 
 
 class MotionService:
@@ -59,7 +59,7 @@ class MotionService:
         margin: float = 0.01,
         seed: int = 0,
         cache: MotionCache | None = None,
-        tuning: MotionTuning = MotionTuning(),
+        tuning: Tuning = Tuning(),
         proofs: bool = True,
     ) -> None:
         self.tuning, self.proofs = tuning, proofs

@@ -19,8 +19,8 @@ from up_samp.execution.lives import DriveCells, drives_of
 from up_samp.execution.reorder import Goal, propose
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.io.plan_dict import PlanDict
-from up_samp.model.execution_tuning import ExecutionTuning, ReorderTuning
 from up_samp.motion.fleet.paths import TIMES
+from up_samp.tuning import Tuning
 
 BESIDE = 0.8 * TOLERANCES.arrived
 """m between two samples that stand for coming to a point and leaving it: no rest for those who read
@@ -44,8 +44,7 @@ def ordered(
     """
 
     def under_way(told: Dependencies, gone: Mapping[str, float]) -> Executor:
-        tuning = ExecutionTuning(reorder=ReorderTuning(horizon=1e6))
-        executor = Executor(plan, dependencies=told, tuning=tuning, ahead=ahead)
+        executor = Executor(plan, dependencies=told, tuning=Tuning(horizon=1e6), ahead=ahead)
         here = {n: s for n, s in begun.items() if n in told.graph.tasks}
         ways = executor.state.ways_of
         executor.join(

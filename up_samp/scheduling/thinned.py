@@ -14,8 +14,8 @@ from up_samp.model import (
     UnsupportedError,
 )
 from up_samp.scheduling.cpsat import CpsatSession
-from up_samp.scheduling.cpsat.tuning import CpsatTuning
 from up_samp.scheduling.engine_scheduler import EngineScheduler
+from up_samp.tuning import Tuning
 from up_samp.upio import Relaxation
 from up_samp.upio.objective import only_makespan
 from up_samp.upio.restrict import parts_for_engines, restrict
@@ -42,7 +42,7 @@ class ThinnedScheduler(CpsatSession):
         relaxation: Relaxation,
         *,
         seed: int = 0,
-        tuning: CpsatTuning | None = None,
+        tuning: Tuning | None = None,
     ) -> None:
         super().__init__(relaxation.problem, seed=seed, tuning=tuning)
         self.engine, self.relaxation = engine, relaxation

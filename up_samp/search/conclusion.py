@@ -137,7 +137,7 @@ def stands(search: Search, *, nothing: Sequence[Refinement] | None = None) -> bo
             claim,
             search.budget.part("doubt"),
             seed=search.seed,
-            tuning=search.cpsat,
+            tuning=search.tuning,
         )
     if found is None:
         bounds.stood = max(bounds.stood, bounds.lower)

@@ -34,8 +34,8 @@ from up_samp.model.refinement import (
     Statement,
 )
 from up_samp.scheduling.cpsat import CpsatSession
-from up_samp.scheduling.cpsat.tuning import CpsatTuning
 from up_samp.search.budget import Budget
+from up_samp.tuning import Tuning
 from up_samp.upio import Relaxation, write_refinement
 from up_samp.upio.expressions import walk
 from up_samp.upio.objective import Number
@@ -145,7 +145,7 @@ class Prover:
     relax: Callable[[], Relaxation]
     budget: Budget
     seed: int
-    cpsat: CpsatTuning = field(default_factory=CpsatTuning)
+    tuning: Tuning = field(default_factory=Tuning)
     plain: bool = False
     """Nothing is recognised in the problem."""
 
@@ -173,7 +173,11 @@ class Prover:
         if deadline.expired():
             return None
         session = CpsatSession(
-            self.problem_with(facts), seed=self.seed, workers=1, tuning=self.cpsat, plain=self.plain
+            self.problem_with(facts),
+            seed=self.seed,
+            workers=1,
+            tuning=self.tuning,
+            plain=self.plain,
         )
         try:
             return session.solve(deadline, hint=best).bound
@@ -247,7 +251,7 @@ class Prover:
             for activity in problem.activities:
                 activity.add_constraint(manager.LT(activity.end, before))
         session = CpsatSession(
-            problem, seed=self.seed, workers=1, tuning=self.cpsat, plain=self.plain
+            problem, seed=self.seed, workers=1, tuning=self.tuning, plain=self.plain
         )
         try:
             return session.solve(deadline, optimal=False)

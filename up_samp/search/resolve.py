@@ -65,7 +65,7 @@ class Subproblem:
         self.activities: Mapping[str, Activity] = {a.name: a for a in problem.activities}
         self.told = set[str]()
         self.session = CpsatSession(
-            problem, seed=search.seed, workers=1, effort=effort, tuning=search.cpsat
+            problem, seed=search.seed, workers=1, effort=effort, tuning=search.tuning
         )
 
     def schedule(

@@ -12,7 +12,6 @@ from up_samp.model import CandidateSchedule, Refusal, Trajectory
 from up_samp.model.refinement import Refinement, Strength
 from up_samp.scheduling import Scheduler
 from up_samp.scheduling.cpsat import CpsatSession
-from up_samp.scheduling.cpsat.tuning import CpsatTuning
 from up_samp.search.budget import Budget, Restarts, SchedulerPace
 from up_samp.search.check import Check, CheckAlone, Checker
 from up_samp.search.cuts.small import SmallCuts
@@ -22,7 +21,7 @@ from up_samp.search.history import VALIDATING, History
 from up_samp.search.knowledge import Bounds, Incumbent, Knowledge
 from up_samp.search.motions import Motions
 from up_samp.search.proof import Prover
-from up_samp.search.tuning import SearchTuning
+from up_samp.tuning import Tuning
 from up_samp.upio import Itinerary, Relaxation, SampSchedule
 from up_samp.upio.objective import Measure
 
@@ -109,8 +108,7 @@ class Search:
     relative: bool = False
     """Whether the planner's own motions are short enough for a proof (see :class:`Parameters`)."""
     seed: int = 0
-    tuning: SearchTuning = field(default_factory=SearchTuning)
-    cpsat: CpsatTuning = field(default_factory=CpsatTuning)
+    tuning: Tuning = field(default_factory=Tuning)
     """Of our own scheduler, whatever engine is wrapped."""
     start: CandidateSchedule | None = None
     """What to begin from: see :mod:`up_samp.search.resolve`."""

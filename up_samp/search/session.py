@@ -27,7 +27,6 @@ from up_samp.model import (
 from up_samp.model.snapshot import Snapshot
 from up_samp.motion import MotionService
 from up_samp.scheduling import Scheduler, open_scheduler
-from up_samp.scheduling.cpsat.tuning import CpsatTuning
 from up_samp.search.budget import Budget, Restarts
 from up_samp.search.check import Checker
 from up_samp.search.conclusion import SearchResult
@@ -45,7 +44,7 @@ from up_samp.search.presets import components_of
 from up_samp.search.proof import Prover
 from up_samp.search.resolve import start_of
 from up_samp.search.search import Problem, Search, Statement
-from up_samp.tuning import tuning_of
+from up_samp.tuning import Tuning, tuning_of
 from up_samp.upio import Relaxation, SampSchedule, build_plan, read_problem, relax, trajectory_key
 from up_samp.upio.objective import Number, measure_of, only_makespan
 
@@ -135,7 +134,7 @@ def open_search(
         check_start_poses(snapshot, service)
 
     measure = measure_of(problem, wrapped.worth)
-    asked = problem_of(problem, snapshot, wrapped, params, tuning_of(params.tuning).cpsat)
+    asked = problem_of(problem, snapshot, wrapped, params, tuning_of(params.tuning))
     asked = replace(asked, measure=measure)
     with stages.of(READING):
         search = assemble(asked, service, params, deadline)
@@ -204,7 +203,7 @@ def problem_of(
     snapshot: Snapshot,
     wrapped: Wrapped,
     params: Parameters,
-    tuning: CpsatTuning,
+    tuning: Tuning,
 ) -> Problem:
     """Return what a search asks of a problem (by the makespan); ``tuning``: of our own engine. It
     draws what another one is handed over, but where the preset asks nothing of ours.
@@ -247,10 +246,8 @@ def open_thin(
     """Return a search on a problem with few alternatives, for some plan soon: little is stated
     before, motions are decided one after the other, and nobody is told. The plan is not judged.
     """
-    tuning = tuning_of(params.tuning)
-    hasty = replace(tuning.cpsat, tour_rounds=_TOUR_ROUNDS, labels=0)
-    quick = replace(tuning, cpsat=hasty)
-    mine = replace(params, tuning=quick, progress=None, trace=None, observers=())
+    hasty = replace(tuning_of(params.tuning), tour_rounds=_TOUR_ROUNDS, labels=0)
+    mine = replace(params, tuning=hasty, progress=None, trace=None, observers=())
     usual = components_of(mine, native=True)
     components = replace(
         usual,
@@ -298,7 +295,7 @@ def assemble(
             thorough=bool(components.repairs),
             seed=params.seed,
         ),
-        prover=Prover(problem.relax, budget, params.seed, tuning.cpsat),
+        prover=Prover(problem.relax, budget, params.seed, tuning),
         scheduler=problem.schedule(relaxation, 0),
         components=components,
         restarts=Restarts(params.max_restarts),
@@ -306,8 +303,7 @@ def assemble(
         stop=params.stop,
         relative=params.relative,
         seed=params.seed,
-        tuning=tuning.search,
-        cpsat=tuning.cpsat,
+        tuning=tuning,
     )
 
 
@@ -347,7 +343,7 @@ def open_service(
         margin=params.margin,
         seed=params.seed,
         cache=params.cache,
-        tuning=tuning_of(params.tuning).motion,
+        tuning=tuning_of(params.tuning),
         proofs=params.certificates,
     )
 

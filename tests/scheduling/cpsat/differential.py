@@ -6,13 +6,13 @@ from tests.oracles.brute_force_schedule import solve as brute_force
 from tests.scheduling.cpsat.random_problems import HORIZON, random_problem
 from up_samp.model import Deadline, ScheduleStatus
 from up_samp.scheduling.cpsat import CpsatSession
-from up_samp.scheduling.cpsat.tuning import CpsatTuning
+from up_samp.tuning import Tuning
 from up_samp.upio.plan import build_schedule
 from up_samp.validation.metrics import evaluate_metric
 from up_samp.validation.schedule import judge_schedule
 
 
-def disagreement(seed: int, workers: int = 1, tuning: CpsatTuning | None = None) -> str | None:
+def disagreement(seed: int, workers: int = 1, tuning: Tuning | None = None) -> str | None:
     """Return what differs on the problem of ``seed`` (``None``: nothing)."""
     problem = random_problem(seed)
     best = brute_force(problem, HORIZON)

@@ -1,12 +1,12 @@
 import pytest
 
 from tests.scheduling.cpsat.differential import disagreement, grown_disagreement
-from up_samp.scheduling.cpsat.tuning import CpsatTuning
+from up_samp.tuning import Tuning
 
 FEW = 120
 MANY = 3000
 # problems this small would be solved at once
-NONE_TINY = CpsatTuning(tiny=0)
+NONE_TINY = Tuning(tiny=0)
 
 
 @pytest.mark.parametrize("block", range(5))

@@ -12,7 +12,7 @@ from up_samp.scheduling.cpsat.routing.dispatch import find_work
 from up_samp.scheduling.cpsat.routing.relaxation import RoutingRelaxation
 from up_samp.scheduling.cpsat.routing.workload import bound_by_assignment, bound_by_work
 from up_samp.scheduling.cpsat.solve.attempts import Attempts, Orders
-from up_samp.scheduling.cpsat.tuning import CpsatTuning
+from up_samp.tuning import Tuning
 from up_samp.upio.plan import build_schedule
 from up_samp.validation import validate_schedule
 
@@ -37,7 +37,7 @@ def answer(problem, *, plain=False):
     return report.status, report.schedule.makespan
 
 
-ORDERS = Orders(0, 1, True, CpsatTuning(), threading.Event())
+ORDERS = Orders(0, 1, True, Tuning(), threading.Event())
 
 
 def bound_without_search(problem):

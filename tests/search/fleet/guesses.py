@@ -6,7 +6,7 @@ from up_samp.model import Deadline
 from up_samp.search.fleet.assignment import assign
 from up_samp.search.fleet.evaluator import AssignmentEvaluator
 from up_samp.search.fleet.travel_times import TravelTimeModel
-from up_samp.search.tuning import SearchTuning
+from up_samp.tuning import Tuning
 
 
 def along_the_axes(body, a, b):
@@ -18,4 +18,4 @@ def along_the_axes(body, a, b):
 
 def dealt_out(jobs, snapshot, lasts=along_the_axes, seed=0, **tuning):
     rehearsal = AssignmentEvaluator(TravelTimeModel(snapshot, lasts), jobs)
-    return assign(rehearsal, Deadline.never(), random.Random(seed), SearchTuning(**tuning))
+    return assign(rehearsal, Deadline.never(), random.Random(seed), Tuning(**tuning))

@@ -12,7 +12,7 @@ from up_samp.model import Deadline
 from up_samp.search.fleet import improve
 from up_samp.search.fleet.improve import FleetLNS, other_ways, plan_tours
 from up_samp.search.fleet.tours import Priorities
-from up_samp.search.tuning import SearchTuning
+from up_samp.tuning import Tuning
 from up_samp.validation import validate_plan
 
 
@@ -32,7 +32,7 @@ def toured():
 
 
 def search_of(found, dealt, *, stale=12, seed=0):
-    dealt = replace(dealt, tuning=SearchTuning(stale=stale))
+    dealt = replace(dealt, tuning=Tuning(stale=stale))
     rest = lambda *_: None, random.Random(seed)  # no others to do jobs
     return FleetLNS(dealt, *found, *rest)
 

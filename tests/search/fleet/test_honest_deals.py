@@ -14,7 +14,7 @@ from up_samp.search.fleet.evaluator import AssignmentEvaluator
 from up_samp.search.fleet.evaluator_kernel import CostWeights
 from up_samp.search.fleet.jobs import Jobs, find_jobs
 from up_samp.search.fleet.travel_times import ENOUGH, TravelTimeModel, pauses_of
-from up_samp.search.tuning import SearchTuning
+from up_samp.tuning import Tuning
 from up_samp.upio import read_problem
 
 
@@ -54,7 +54,7 @@ def test_jobs_that_are_due_are_dealt_to_those_that_really_make_them(problem, sna
     drives, rules = slow_to_turn(snapshot), CostWeights(traffic=1.0)
     free = find_jobs(problem, snapshot)
     real = AssignmentEvaluator(TravelTimeModel(snapshot, drives), free, rules)
-    made = assign(real, Deadline.never(), random.Random(9), SearchTuning())
+    made = assign(real, Deadline.never(), random.Random(9), Tuning())
     latest = max(end for end, _ in real.ends(made.tours).values())
     jobs = all_due(free, math.ceil(1.05 * latest))
 
@@ -62,7 +62,7 @@ def test_jobs_that_are_due_are_dealt_to_those_that_really_make_them(problem, sna
         guess = TravelTimeModel(snapshot, along_the_axes, drives)
         some = AssignmentEvaluator(guess, jobs, rules)
         rng = random.Random(seed)
-        return assign(some, Deadline.never(), rng, SearchTuning(), rounds=rounds)
+        return assign(some, Deadline.never(), rng, Tuning(), rounds=rounds)
 
     misled, honest = dealt(0), dealt(6)
     late = misled.rehearsal.ends(misled.tours).values()

@@ -16,7 +16,7 @@ from up_samp.upio import read_problem
 from up_samp.upio.restrict import thinned
 from up_samp.validation import validate_plan
 
-SOON = {"search": {"large": 1}}
+SOON = {"large": 1}
 FIRST = {"tuning": SOON, "first_plan": True}
 
 
@@ -98,7 +98,7 @@ def test_plans_of_large_fleets_get_better(monkeypatch):
     problem = warehouse(3, 6, encoding="compact")
     # a first plan that leaves something to be done better: a poor share, whole tours, best ways
     monkeypatch.setattr(tours, "_PAST", 0)
-    tuning = {"search": {"large": 1, "stale": 30, "exchanges": 0, "rounds": 0}}
+    tuning = {"large": 1, "stale": 30, "exchanges": 0, "rounds": 0}
     with AnytimePlanner(name="samp-refine[cpsat]", params={"tuning": tuning}) as planner:
         found = []
         for result in planner.get_solutions(problem, timeout=60):

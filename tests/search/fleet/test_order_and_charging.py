@@ -35,7 +35,7 @@ def test_dealt_out_jobs_keep_priorities_and_robots_charge_for_them():
         fleet.add_robot(f"r{i}", "small", f"home{i}", end=f"home{i}")
     for i, (there, back) in enumerate([("a", "d"), ("b", "c"), ("d", "a"), ("c", "b")]):
         fleet.add_order(f"o{i}", there, back, priority=i)
-    result = fleet.solve(timeout=60, first_plan=True, tuning={"search": {"large": 1}})
+    result = fleet.solve(timeout=60, first_plan=True, tuning={"large": 1})
     assert result.plan is not None, result.explain()
     assert result.outcome.history.rounds == []  # found as it was dealt out
     assert validate_plan(fleet.problem, result.plan).valid

@@ -13,7 +13,7 @@ from up_samp.io import dump_plan, result_to_dict
 from up_samp.model import deadline
 
 JUMPS = (0.05, 0.6, 3.0)
-LARGE = {"tuning": {"search": {"large": 1}}}
+LARGE = {"tuning": {"large": 1}}
 
 
 def first_plan(problem, *, timeout, anytime=False):

@@ -104,7 +104,7 @@ def test_what_is_of_use_to_two_jobs_counts_once():
 def test_a_search_for_better_plans_tells_both_bounds():
     get_environment().credits_stream = None
     problem = warehouse(3, 8, encoding="compact")  # with fewer orders both are the same
-    tuning = {"search": {"large": 1, "exchanges": 0}}
+    tuning = {"large": 1, "exchanges": 0}
     with AnytimePlanner(name="samp-refine[cpsat]", params={"tuning": tuning}) as planner:
         told = next(iter(planner.get_solutions(problem, timeout=60))).metrics
     absolute, lower = int(told["absolute_bound"]), int(told["lower_bound"])

@@ -55,7 +55,7 @@ from up_samp.motion.legs import strung
 from up_samp.motion.models import MODELS, made_by
 from up_samp.motion.protocol import Leg, LegQuery, MotionPlanner
 from up_samp.motion.registry import PLANNERS
-from up_samp.motion.tuning import FleetTuning, MotionTuning
+from up_samp.tuning import Tuning
 
 
 def is_cleared(path: Path, rest: Path) -> bool:
@@ -111,12 +111,6 @@ class PathPlanner(Protocol):
         ...
 
 
-def fleet_tuning(service: PathPlanner) -> FleetTuning:
-    """Return a service's tunables for several robots (the defaults, where it has none)."""
-    found = getattr(service, "tuning", None)
-    return found.fleet if isinstance(found, MotionTuning) else FleetTuning()
-
-
 @dataclass
 class KnownPaths:
     """Paths from pose to pose that were of use, by number, how often others were looked for, and
@@ -136,7 +130,7 @@ class Workspace:
     """Paths and their conflicts, remembered across queries of one motion service."""
 
     def __init__(self, service: PathPlanner) -> None:
-        self.tuning: FleetTuning = fleet_tuning(service)
+        self.tuning: Tuning = getattr(service, "tuning", Tuning())
         self._service = weakref.ref(service)  # the service owns its workspace, not the other way
         self.truncated = 0
         """How often a path's search was cut short; what came of it is not remembered."""

@@ -12,7 +12,7 @@ from unified_planning.model.scheduling import SchedulingProblem
 from up_samp.model import CandidateSchedule, Deadline, OutOfTimeError, UnsupportedError
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.solve.attempts import NO_PRESOLVE, Attempts, Orders
-from up_samp.scheduling.cpsat.tuning import CpsatTuning
+from up_samp.tuning import Tuning
 from up_samp.upio.objective import Number
 
 
@@ -22,7 +22,7 @@ def sooner(
     deadline: Deadline,
     *,
     seed: int,
-    tuning: CpsatTuning,
+    tuning: Tuning,
 ) -> CandidateSchedule | None:
     """Return a schedule that costs less (ends before a time; ``None``: any schedule), if the plain
     model of a problem has one that is found with little effort. Large problems are not looked at.

@@ -22,7 +22,7 @@ from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.problem import Watcher
 from up_samp.scheduling.cpsat.solve.attempts import Attempts, Orders
 from up_samp.scheduling.cpsat.solve.strategy import Solve, solve
-from up_samp.scheduling.cpsat.tuning import CpsatTuning
+from up_samp.tuning import Tuning
 from up_samp.upio.objective import Number, plain_number
 
 log = logging.getLogger(__name__)
@@ -58,7 +58,7 @@ class CpsatSession:
         seed: int = 0,
         workers: int | None = None,
         effort: float | None = None,
-        tuning: CpsatTuning | None = None,
+        tuning: Tuning | None = None,
         plain: bool = False,
     ) -> None:
         self.problem = problem
@@ -67,7 +67,7 @@ class CpsatSession:
         self.soon = False
         self.seed, self.workers = seed, workers or os.cpu_count() or 1
         self.effort = effort
-        self.tuning = tuning or CpsatTuning()
+        self.tuning = tuning or Tuning()
         self.bound: float | Fraction = -math.inf
         self.rebuilds = 0
         self._watcher = Watcher(problem)

@@ -24,7 +24,7 @@ from up_samp.search.fleet.evaluator import AssignmentEvaluator, Step
 from up_samp.search.fleet.evaluator_kernel import anneal, drawn, insert
 from up_samp.search.fleet.jobs import Jobs
 from up_samp.search.fleet.travel_times import OneDrive, TravelTimeModel
-from up_samp.search.tuning import SearchTuning
+from up_samp.tuning import Tuning
 
 ROUNDS = 4
 """In which the drives of a share are planned and jobs dealt out anew, at most."""
@@ -51,7 +51,7 @@ class Assignment:
 
     rehearsal: AssignmentEvaluator
     tours: dict[str, list[Step]]
-    tuning: SearchTuning = field(default_factory=SearchTuning)
+    tuning: Tuning = field(default_factory=Tuning)
 
     @property
     def guess(self) -> TravelTimeModel:
@@ -72,7 +72,7 @@ def assign(
     rehearsal: AssignmentEvaluator,
     deadline: Deadline,
     rng: random.Random,
-    tuning: SearchTuning,
+    tuning: Tuning,
     *,
     rounds: int = ROUNDS,
 ) -> Assignment:

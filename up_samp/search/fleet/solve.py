@@ -46,7 +46,7 @@ from up_samp.search.history import BUILDING, STATING
 from up_samp.search.knowledge import Incumbent
 from up_samp.search.loop import get_schedule, solve, state_what_is_known
 from up_samp.search.search import Search
-from up_samp.search.tuning import SearchTuning
+from up_samp.tuning import Tuning
 from up_samp.upio import Itinerary, read_itinerary
 from up_samp.upio.restrict import thinned
 
@@ -73,7 +73,7 @@ class LargeProblem:
     snapshot: Snapshot
     jobs: Jobs
     open_thin: OpenThin
-    tuning: SearchTuning
+    tuning: Tuning
 
     @cached_property
     def beside(self) -> frozenset[Stop]:

@@ -22,7 +22,7 @@ from up_samp.scheduling.cpsat.routing.list_scheduling import decode, steps_of, t
 from up_samp.scheduling.cpsat.routing.sequences import Sequences, raised
 from up_samp.scheduling.cpsat.routing.workload import WorkBound, bound_by_work
 from up_samp.scheduling.cpsat.solve import strategy
-from up_samp.scheduling.cpsat.tuning import CpsatTuning
+from up_samp.tuning import Tuning
 from up_samp.upio.plan import build_schedule
 from up_samp.validation import validate_schedule
 
@@ -181,7 +181,7 @@ def test_what_needs_too_much_effort_is_not_proven():
     model = ScheduleModel(problem)
     work = find_work(model, find_routes(model))
     none, few, many = (
-        bound_by_work(model, work, tuning=CpsatTuning(labels=n)).value for n in (0, 10, 10**6)
+        bound_by_work(model, work, tuning=Tuning(labels=n)).value for n in (0, 10, 10**6)
     )
     assert none < few < many
 

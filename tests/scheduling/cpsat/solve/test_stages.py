@@ -16,11 +16,11 @@ from up_samp.scheduling.cpsat.model import FAMILIES, ScheduleModel
 from up_samp.scheduling.cpsat.solve.attempts import Attempts, Orders
 from up_samp.scheduling.cpsat.solve.runner import run
 from up_samp.scheduling.cpsat.solve.strategy import STAGES, Solve, solve
-from up_samp.scheduling.cpsat.tuning import CpsatTuning
+from up_samp.tuning import Tuning
 
 
 def solved(problem, *, guess=None, optimal=True, **tuning):
-    orders = Orders(0, 1, optimal, CpsatTuning(**tuning), threading.Event())
+    orders = Orders(0, 1, optimal, Tuning(**tuning), threading.Event())
     whole = Attempts(ScheduleModel(problem), orders, Deadline.after(60), 0)
     search = Solve(whole, guess)
     solve(search)

@@ -13,7 +13,7 @@ from up_samp.scheduling.cpsat.routing.dispatch import RoutedWork
 from up_samp.scheduling.cpsat.routing.route import Route, way_back
 from up_samp.scheduling.cpsat.routing.rules import Programme, SequenceRules, cost
 from up_samp.scheduling.cpsat.routing.sequences import Sequences, raised
-from up_samp.scheduling.cpsat.tuning import CpsatTuning
+from up_samp.tuning import Tuning
 
 _STATES = 2_000_000
 """States of the dynamic programme over sets of tasks; with more it is only asked who does what."""
@@ -240,7 +240,7 @@ def bound_by_work(
     deadline: Deadline = Deadline.never(),
     *,
     value: int = 0,
-    tuning: CpsatTuning = CpsatTuning(),
+    tuning: Tuning = Tuning(),
 ) -> WorkBound:
     """Return a lower bound on the makespan; of large fleets, by who does what alone.
 

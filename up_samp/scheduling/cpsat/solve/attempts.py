@@ -17,7 +17,7 @@ from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.solve import options as profiles
 from up_samp.scheduling.cpsat.solve.options import Profile
 from up_samp.scheduling.cpsat.solve.runner import SolverAnswer, run
-from up_samp.scheduling.cpsat.tuning import CpsatTuning
+from up_samp.tuning import Tuning
 
 
 def schedule_of(model: ScheduleModel, value: Callable[[int], int]) -> CandidateSchedule:
@@ -98,7 +98,7 @@ class Orders:
     seed: int
     workers: int
     optimal: bool
-    tuning: CpsatTuning
+    tuning: Tuning
     interrupted: threading.Event
     progress: Progress | None = None
 
