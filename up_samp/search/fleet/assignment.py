@@ -20,7 +20,7 @@ from unified_planning.model.scheduling import Activity
 
 from up_samp.model import Configuration, Deadline
 from up_samp.model.snapshot import TermKind
-from up_samp.search.fleet.evaluator import AssignmentEvaluator, Step
+from up_samp.search.fleet.evaluator import AssignmentEvaluator, Step, Stop
 from up_samp.search.fleet.evaluator_kernel import anneal, drawn, insert
 from up_samp.search.fleet.jobs import Jobs
 from up_samp.search.fleet.travel_times import OneDrive, TravelTimeModel
@@ -37,10 +37,6 @@ NOISE = 0.06
 _WARM_AGAIN, _EXCHANGES_AGAIN = 0.1, 0.25
 """Shares of the warmth and of the changes at first, when jobs are dealt out again with what was
 learned."""
-
-
-Stop = tuple[str, Configuration]
-"""A robot, and where it may stand."""
 
 
 @dataclass

@@ -7,6 +7,7 @@ others come later has to go on from there. Aisles, and who waits where, are left
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -16,10 +17,13 @@ import numpy as np
 
 from up_samp.model import Body, Configuration
 from up_samp.model.arrays import FloatArray
+from up_samp.search.fleet.duties import BatteryUse
 from up_samp.search.fleet.evaluator_kernel import (
+    BatteryTables,
     CostWeights,
     TourArrays,
     WorkTables,
+    beside,
     ends_of,
 )
 from up_samp.search.fleet.jobs import Jobs, WorkMode
@@ -27,6 +31,8 @@ from up_samp.search.fleet.travel_times import TravelTimeModel
 
 Step = tuple[int, int]
 """A job and which of its options is taken."""
+Stop = tuple[str, Configuration]
+"""A robot, and where it may stand."""
 
 
 @dataclass
@@ -94,7 +100,9 @@ class AssignmentEvaluator:
         starts = {r: snapshot.configurations[snapshot.initial[r]] for r in self.robots}
         stops = [stops_of(option) for option in options]
         homes = [self.guess.home(option) for option in options]
+        goals = self.guess.duties.ends
         poses = {p for o in options for p in (o.entry, o.exit)} | set(starts.values())
+        poses |= set(goals.values())
         number = {pose: n for n, pose in enumerate(sorted(poses))}
         drives, stays = [], []
         for step, option, places in zip(self._steps, options, stops, strict=True):
@@ -104,6 +112,7 @@ class AssignmentEvaluator:
             drives += [0.0, *legs]
             stays += [each] * len(places)
         kinds, rides = self._rides(options, starts, number)
+        rests = self.guess.duties.rests
         return WorkTables(
             of=np.array([j for j, _ in self._steps]),
             robot=np.array([self._numbers[o.robot] for o in options]),
@@ -112,7 +121,7 @@ class AssignmentEvaluator:
             exit=np.array([number[o.exit] for o in options]),
             home=np.array(
                 [
-                    -1.0 if home is None else ride(o.robot, o.exit, home)
+                    -1.0 if home is None or o.robot in goals else ride(o.robot, o.exit, home)
                     for o, home in zip(options, homes, strict=True)
                 ]
             ),
@@ -124,6 +133,9 @@ class AssignmentEvaluator:
             start=np.array([number[starts[r]] for r in self.robots]),
             kind=np.array(kinds),
             rides=rides,
+            goal=np.array([number[goals[r]] if r in goals else -1 for r in self.robots]),
+            rests=np.array([rests.get(r, 0.0) for r in self.robots]),
+            cells=self._cells(options, kinds, number, rides),
         )
 
     def _rides(
@@ -133,21 +145,64 @@ class AssignmentEvaluator:
         number: Mapping[Configuration, int],
     ) -> tuple[list[int], FloatArray]:
         """Return which row of rides is each robot's, and those rides (kind, from, to; s): from
-        where robots of a kind are at first, and where their jobs end, to where others begin.
+        where robots of a kind are at first, and where their jobs end, to where others begin and
+        where they have to be in the end.
         """
-        objects = self.guess.snapshot.objects
-        kinds: dict[Body, str] = {}
+        kinds: dict[tuple[Body, float], list[str]] = {}
         for robot in self.robots:
-            kinds.setdefault(objects[robot].body, robot)
+            kinds.setdefault(self._kind(robot), []).append(robot)
+        goals = self.guess.duties.ends
         rides = np.full((len(kinds), len(number), len(number)), np.inf)
-        for kind, (body, example) in enumerate(kinds.items()):
-            mine = [o for o in options if objects[o.robot].body == body]
-            begins = {pose for r, pose in starts.items() if objects[r].body == body}
-            for a in sorted(begins | {o.exit for o in mine}):
-                for b in sorted({o.entry for o in mine}):
-                    rides[kind, number[a], number[b]] = self.guess.ride(example, a, b)
-        order = {body: kind for kind, body in enumerate(kinds)}
-        return [order[objects[robot].body] for robot in self.robots], rides
+        for kind, some in enumerate(kinds.values()):
+            mine = [o for o in options if o.robot in some]
+            ends = {goals[r] for r in some if r in goals}
+            for a in sorted({starts[r] for r in some} | {o.exit for o in mine}):
+                for b in sorted(ends | {o.entry for o in mine}):
+                    rides[kind, number[a], number[b]] = self.guess.ride(some[0], a, b)
+        order = {key: kind for kind, key in enumerate(kinds)}
+        return [order[self._kind(robot)] for robot in self.robots], rides
+
+    def _kind(self, robot: str) -> tuple[Body, float]:
+        """Return what robots have in common that drive alike: a body, and a size of battery."""
+        return self.guess.snapshot.objects[robot].body, self._battery(robot).full
+
+    def _battery(self, robot: str) -> BatteryUse:
+        return self.guess.duties.batteries.get(robot, BatteryUse(math.inf, 0.0))
+
+    def charging(self, tours: Mapping[str, Sequence[Step]]) -> frozenset[Stop]:
+        """Return who has to charge on a tour, with where that may be."""
+        shares, work = self.shares(tours), self.work()
+        rows = enumerate(zip(shares.tours, shares.counts, strict=True))
+        often = [beside(work, r, tour, count)[1] for r, (tour, count) in rows]
+        some = [robot for robot, many in zip(self.robots, often, strict=True) if many]
+        return frozenset((robot, pose) for robot in some for pose in self._battery(robot).given)
+
+    def _cells(
+        self,
+        options: Sequence[WorkMode],
+        kinds: Sequence[int],
+        number: Mapping[Configuration, int],
+        rides: FloatArray,
+    ) -> BatteryTables:
+        """Return what drives take from batteries, and how far chargers are out of the way. Drives
+        that no robot makes take all that there is.
+        """
+        ride, told = self.guess.ride, self.guess.duties.taken
+        taken, detour = np.zeros_like(rides), np.zeros_like(rides)
+        batteries = [self._battery(robot) for robot in self.robots]
+        for kind, robot, battery in zip(kinds, self.robots, batteries, strict=True):
+            late = self.rules.late * battery.full  # where nobody can charge
+            made = itertools.product(number.items(), repeat=2) if battery.full else ()
+            for (a, i), (b, j) in made if not taken[kind].any() else ():
+                taken[kind, i, j] = told.get((*self._kind(robot), a, b), battery.full * (i != j))
+                by_way = (ride(robot, a, c) + ride(robot, c, b) for c in battery.given)
+                detour[kind, i, j] = min(by_way, default=late) - ride(robot, a, b)
+        uses = [
+            math.fsum(told.get((*self._kind(o.robot), *leg), 0.0) for leg in o.legs)
+            for o in options
+        ]
+        level, full, pace = np.array([(b.first, b.full, b.pace) for b in batteries]).T
+        return BatteryTables(level, full, pace, np.array(uses), taken, detour)
 
 
 def stops_of(option: WorkMode) -> list[Configuration]:

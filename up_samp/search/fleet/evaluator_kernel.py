@@ -13,6 +13,21 @@ from up_samp.geometry.records import inner, kernel
 from up_samp.model.arrays import FloatArray, IntArray
 
 
+class BatteryTables(NamedTuple):
+    """What robots' batteries hold: ``level`` at first (``inf``: they never run out), ``full``
+    at most, and how long charging a unit takes (``pace``, s). Options take ``uses`` of it,
+    rides ``taken`` (kind, from, to), and ``detour`` (s) is how much longer a ride takes by way of
+    a charger.
+    """
+
+    level: FloatArray
+    full: FloatArray
+    pace: FloatArray
+    uses: FloatArray
+    taken: FloatArray
+    detour: FloatArray
+
+
 class WorkTables(NamedTuple):
     """What options ask for. Option ``o`` is one of ``of[o]``, a job, by ``robot[o]``; those of job
     ``j`` are ``first[j]:first[j + 1]``. It is entered at ``entry[o]`` and ends at ``exit[o]``;
@@ -21,7 +36,8 @@ class WorkTables(NamedTuple):
     that others need, too (-1: nobody does), and how long it ``stays``.
 
     ``start`` and ``kind`` are where robots are at first, and which row of ``rides`` (kind, from,
-    to) is theirs.
+    to) is theirs; ``goal`` is where they have to be in the end (-1: anywhere), ``rests`` how long
+    they are at rest in between.
     """
 
     of: IntArray
@@ -38,6 +54,9 @@ class WorkTables(NamedTuple):
     start: IntArray
     kind: IntArray
     rides: FloatArray
+    goal: IntArray
+    rests: FloatArray
+    cells: BatteryTables
 
 
 class CostWeights(NamedTuple):
@@ -109,7 +128,31 @@ def ends_of(work: WorkTables, rules: CostWeights, shares: TourArrays, places: in
             place = work.place[work.head[option + 1] - 1]
             if work.home[option] >= 0.0 and place >= 0 and last[place] != r:
                 found[r, 0] += work.home[option]
+        found[r, 0] += beside(work, r, shares.tours[r], shares.counts[r])[0]
     return found
+
+
+@kernel
+def beside(work: WorkTables, r: int, tour: IntArray, count: int) -> tuple[float, int]:
+    """Return how long (s) a robot does what belongs to no job of its tour, and how often it
+    charges: where that is least out of its way since it did so last.
+    """
+    cells, kind, here = work.cells, work.kind[r], work.start[r]
+    seconds, charges, left, detour = work.rests[r], 0, cells.level[r], np.inf
+    for number in range(count + (work.goal[r] >= 0)):
+        there = work.goal[r] if number == count else work.entry[tour[number]]
+        left -= cells.taken[kind, here, there]
+        detour = min(detour, cells.detour[kind, here, there])
+        if number == count:
+            seconds += work.rides[kind, here, there]
+        else:
+            left -= cells.uses[tour[number]]
+            here = work.exit[tour[number]]
+        if left + charges * cells.full[r] < 0.0:
+            charges += 1
+            seconds += detour
+            detour = np.inf
+    return seconds + max(0.0, -left) * cells.pace[r], charges
 
 
 @inner
@@ -145,7 +188,7 @@ def _alone(work: WorkTables, rules: CostWeights, r: int, tour: IntArray, count: 
         if work.due[o] < np.inf:
             late += max(0.0, rules.traffic * time - work.due[o])
         here = work.exit[o]
-    return time + rules.late * late
+    return time + rules.late * late + beside(work, r, tour, count)[0]
 
 
 @kernel

@@ -27,14 +27,14 @@ from up_samp.search.events import Phase
 from up_samp.search.fleet.assignment import (
     NOISE,
     Assignment,
-    Stop,
     assign,
     biased,
     decided_by,
     in_stated_order,
     state_order,
 )
-from up_samp.search.fleet.evaluator import AssignmentEvaluator
+from up_samp.search.fleet.duties import duties_of
+from up_samp.search.fleet.evaluator import AssignmentEvaluator, Stop
 from up_samp.search.fleet.evaluator_kernel import CostWeights
 from up_samp.search.fleet.improve import FleetLNS, plan_tours, undecided_tours
 from up_samp.search.fleet.jobs import Jobs, activity_locations, earlier_jobs
@@ -161,7 +161,8 @@ def guess_of(search: Search, large: LargeProblem) -> TravelTimeModel:
         return None if report.trajectory is None else report.trajectory.duration
 
     pauses = pauses_of(large.problem, large.jobs)
-    return TravelTimeModel(large.snapshot, service.lower_bound, drives, pauses)
+    duties = duties_of(large.problem, large.snapshot, large.jobs)
+    return TravelTimeModel(large.snapshot, service.lower_bound, drives, pauses, duties)
 
 
 Found = tuple[Incumbent, FleetLNS]
@@ -210,10 +211,10 @@ def homes_of(jobs: Jobs) -> frozenset[str]:
 def candidate_of(
     large: LargeProblem, dealt: Assignment, deadline: Deadline
 ) -> tuple[Search, Itinerary] | None:
-    """Return a search on the problem thinned to what was dealt out, and its candidate: without what
-    else may be done, or with it where nothing comes of that.
+    """Return a search on the problem thinned to what was dealt out, and its candidate: with what it
+    takes for who has to charge, or with all that may be done beside where nothing comes of that.
     """
-    for beside in dict.fromkeys((frozenset[Stop](), large.beside)):
+    for beside in dict.fromkeys((dealt.rehearsal.charging(dealt.tours), large.beside)):
         opened = _candidate(large, dealt, deadline, beside)
         if opened is not None:
             return opened

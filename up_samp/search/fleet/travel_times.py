@@ -18,6 +18,7 @@ from unified_planning.model.motion import SchedulingMotionProblem
 
 from up_samp.model import Body, Configuration, Deadline
 from up_samp.model.snapshot import Snapshot, TermKind
+from up_samp.search.fleet.duties import Duties
 from up_samp.search.fleet.jobs import Jobs, WorkMode, stated_precedences
 
 ENOUGH = 12
@@ -25,6 +26,7 @@ ENOUGH = 12
 _CLOSE = 1.1
 """...which they do if how far they are off differs by no more than this factor."""
 
+_NONE = Duties()
 Lasts = Callable[[Body, Configuration, Configuration], float]
 """How long a body takes at least from one pose to another (s)."""
 Drives = Callable[[Body, Configuration, Configuration, Deadline], float | None]
@@ -37,6 +39,7 @@ class TravelTimeModel:
     """What work takes a robot, from place to place: ``lasts`` at least, ``drives`` really.
 
     :param pauses: units between the activities of an option at least, by its leader.
+    :param duties: what robots have to do beside their jobs.
     """
 
     def __init__(
@@ -45,8 +48,9 @@ class TravelTimeModel:
         lasts: Lasts,
         drives: Drives | None = None,
         pauses: Mapping[str, int] | None = None,
+        duties: Duties = _NONE,
     ) -> None:
-        self.snapshot = snapshot
+        self.snapshot, self.duties = snapshot, duties
         self._lasts, self._drives = lasts, drives
         self._pauses = pauses or {}
         self._known: dict[tuple[Body, Configuration, Configuration], float] = {}
@@ -113,9 +117,12 @@ class TravelTimeModel:
         return found
 
     def home(self, option: WorkMode) -> Configuration | None:
-        """Return where a robot may go when it has done a job and others need its place."""
+        """Return where a robot has to be when all is done, or may go when it has done a job and
+        others need its place.
+        """
         ways = [self._ways_on[n] for n in sorted(option.extras) if n in self._ways_on]
-        return next((b for a, b in ways if a == option.exit and b != a), None)
+        aside = next((b for a, b in ways if a == option.exit and b != a), None)
+        return self.duties.ends.get(option.robot, aside)
 
 
 def pauses_of(problem: SchedulingMotionProblem, jobs: Jobs) -> dict[str, int]:

@@ -1,0 +1,141 @@
+"""What robots have to do beside the jobs that are dealt out: rest, charge, be somewhere in the end.
+
+Who leaves that out deals most to those who have least time for it. As all that is known before any
+schedule it is a guess: batteries are levels from which drives take and to which stops at certain
+places give, so many units a second.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import defaultdict
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field
+
+from unified_planning.model import FNode
+from unified_planning.model.motion import SchedulingMotionProblem
+from unified_planning.model.operators import OperatorKind as Op
+from unified_planning.model.scheduling import Activity
+
+from up_samp.model import Body, Configuration
+from up_samp.model.snapshot import Snapshot, TermKind
+from up_samp.scheduling.cpsat.encode.durations import least
+from up_samp.search.fleet.jobs import Jobs, activity_locations, held_by, stand_told
+from up_samp.upio.spans import conditions_of
+from up_samp.upio.whereabouts import whereabouts
+
+
+@dataclass(frozen=True)
+class BatteryUse:
+    """A robot's battery: at most ``full``, ``first`` at first (units); ``given``: a second, where
+    it is charged.
+    """
+
+    first: float
+    full: float
+    given: Mapping[Configuration, float] = field(default_factory=dict)
+
+    @property
+    def pace(self) -> float:
+        """How long charging a unit takes (s; 0 where nobody can)."""
+        return 1.0 / max(self.given.values(), default=math.inf)
+
+
+Taken = Mapping[tuple[Body, float, Configuration, Configuration], float]
+"""(body, size of its battery, from, to) -> what a drive takes (units)."""
+
+
+@dataclass(frozen=True)
+class Duties:
+    """By robot: where it has to be in the ``ends``, how long it ``rests`` (s), its battery; and
+    what drives take.
+    """
+
+    ends: Mapping[str, Configuration] = field(default_factory=dict)
+    rests: Mapping[str, float] = field(default_factory=dict)
+    batteries: Mapping[str, BatteryUse] = field(default_factory=dict)
+    taken: Taken = field(default_factory=dict)
+
+
+def duties_of(problem: SchedulingMotionProblem, snapshot: Snapshot, jobs: Jobs) -> Duties:
+    """Return what robots have to do beside all jobs.
+
+    Assumes: a robot does one thing at a time where what it does holds a resource that all its
+    drives hold, and batteries are told by numbers that only its own activities change.
+    """
+    drives = defaultdict[str, list[str]](list)
+    for task in snapshot.tasks:
+        drives[task.object].append(task.activity)
+    work = {n for o in itertools.chain(*jobs.options) for n in o.members}
+    own = [a for a in problem.activities if not a.optional and a.name not in work]
+    taken: dict[tuple[Body, float, Configuration, Configuration], float] = {}
+    batteries = dict(_batteries(problem, snapshot, drives, taken))
+    ends = dict(_ends(problem, snapshot))
+    return Duties(ends, dict(_rests(problem, snapshot, own, drives)), batteries, taken)
+
+
+def _ends(
+    problem: SchedulingMotionProblem, snapshot: Snapshot
+) -> Iterator[tuple[str, Configuration]]:
+    """Yield robots with the one place where they have to be in the end."""
+    whose = whereabouts(problem)
+    for span, conditions in conditions_of(problem._base).items():
+        stands = [stand_told(c, whose) for c in conditions if span.lower.is_from_end()]
+        for robot, place in filter(None, stands):
+            yield robot, snapshot.configurations[place]
+
+
+def _rests(
+    problem: SchedulingMotionProblem,
+    snapshot: Snapshot,
+    own: Collection[Activity],
+    drives: Mapping[str, Collection[str]],
+) -> Iterator[tuple[str, float]]:
+    """Yield how long (s) robots do what is part of any plan, and of no job."""
+    held = held_by(problem)
+    for robot, names in drives.items():
+        busy = frozenset.intersection(*map(held.__getitem__, names))
+        mine = [least(a.duration) for a in own if busy & held[a.name] and a.name not in names]
+        yield robot, float(sum(mine)) * snapshot.seconds_per_unit
+
+
+def _batteries(
+    problem: SchedulingMotionProblem,
+    snapshot: Snapshot,
+    drives: Mapping[str, Collection[str]],
+    taken: dict[tuple[Body, float, Configuration, Configuration], float],
+) -> Iterator[tuple[str, BatteryUse]]:
+    """Yield robots with the level that their drives take from, and tell what is ``taken``."""
+    pose, changes = snapshot.configurations, _changes(problem)
+    lasts = {a.name: float(least(a.duration)) for a in problem.activities}
+    stands = defaultdict[str, dict[str, Configuration]](dict)
+    for name, (robot, place) in activity_locations(problem, snapshot).items():
+        stands[robot][name] = pose[place]
+    for robot, level in itertools.product(drives, changes):
+        by = changes[level]
+        driven = {n: by[n] for n in drives[robot] if n in by}
+        given = {n: by[n] for n in stands[robot] if n in by}
+        if by.keys() > driven.keys() | given.keys() or max(driven.values(), default=0.0) >= 0.0:
+            continue
+        body, full = snapshot.objects[robot].body, float(level.type.upper_bound)
+        for task in snapshot.tasks:
+            if task.activity in driven and task.terms[0].kind is TermKind.CONSTANT:
+                a, b = (pose[task.terms[i].name] for i in (0, -1))
+                taken[body, full, a, b] = -driven[task.activity]
+        unit, first = snapshot.seconds_per_unit, problem.initial_value(level).constant_value()
+        paces = {stands[robot][n]: more / (lasts[n] * unit) for n, more in given.items()}
+        yield robot, BatteryUse(float(first), full, paces)
+
+
+def _changes(problem: SchedulingMotionProblem) -> dict[FNode, dict[str, float]]:
+    """Return the numbers that activities change, and by how much each does in all (what is set
+    counts as given).
+    """
+    found = defaultdict[FNode, dict[str, float]](lambda: defaultdict(float))
+    for _, effect, activity in problem.all_effects():
+        if effect.value.node_type in (Op.INT_CONSTANT, Op.REAL_CONSTANT):
+            sign = -1.0 if effect.is_decrease() else 1.0
+            name = "" if activity is None else activity.name
+            found[effect.fluent][name] += sign * float(effect.value.constant_value())
+    return found
