@@ -8,9 +8,8 @@ import itertools
 import math
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -24,7 +23,6 @@ from up_samp.model import (
 )
 from up_samp.model.arrays import IntArray
 from up_samp.motion.budget import WorkBudget
-from up_samp.motion.fleet.detours import pass_by
 from up_samp.motion.fleet.neighbourhoods import MovingGroup, Runs, first_runs, improve
 from up_samp.motion.fleet.one_robot import Attempt, failed, nothing, plan_one
 from up_samp.motion.fleet.paths import TIMES, Path
@@ -205,17 +203,13 @@ def _eject(group: MovingGroup, alone: Runs, seed: int, anytime: bool) -> None:
     group.ended = f"{ratio:.2f} times the arrivals alone: {end}"
 
 
-def climb(
-    group: MovingGroup, alone: Runs, conflicts: Sequence[Pair], *, coupled: bool = True
-) -> None:
-    """Search until nobody is later than alone: orders, lanes of two that pass each other; where
-    nothing is found and that is wanted, move those together that meet (``coupled``).
+def climb(group: MovingGroup, alone: Runs, conflicts: Sequence[Pair]) -> None:
+    """Search until nobody is later than alone: orders; where nothing is found, move those together
+    that meet.
     """
-    group.least = group.lateness(alone)
     one_after_another(group)
-    if group.finished() or group.deadline.expired():
-        return
-    _together(group, alone, conflicts, coupled=coupled)
+    if group.best is None and not group.deadline.expired():
+        _together(group, alone, conflicts)
 
 
 def one_after_another(group: MovingGroup) -> None:
@@ -253,24 +247,20 @@ def _in_order(group: MovingGroup, order: Sequence[str]) -> tuple[str | None, dic
     return max(late, key=lambda name: late[name], default=None), runs
 
 
-def _together(group: MovingGroup, alone: Runs, conflicts: Sequence[Pair], *, coupled: bool) -> None:
-    """Move those that meet together: two pass each other, each in a lane of its own; where that
-    does not work, and no order of them was found, by joint moves (``coupled``), or else everybody.
-    """
+def _together(group: MovingGroup, alone: Runs, conflicts: Sequence[Pair]) -> None:
+    """Move those that meet together, or else everybody."""
     counts = Counter(motion.object for motion in group.motions.values())
     parts = tied_by(conflicts)
     if any(counts[group.motions[n].object] > 1 for part in parts for n in part):
         return  # the same object's other motions would have to give way, too
-    coupled = coupled and group.best is None
-    by = partial(couple, deadline=group.deadline) if coupled else pass_by
     runs: Runs | None = alone
     for part in parts:
-        runs = None if runs is None else _moved_together(group, alone, runs, part, by)
+        runs = None if runs is None else _moved_together(group, alone, runs, part)
     everybody = parts == [set(group.motions)]
-    if coupled and runs is None and not everybody and len(counts) == len(group.motions):
-        runs = _moved_together(group, alone, alone, set(group.motions), by)
+    if runs is None and not everybody and len(counts) == len(group.motions):
+        runs = _moved_together(group, alone, alone, set(group.motions))
     if runs is not None:
-        group.keep(_polished(group, runs) if coupled else runs)
+        group.keep(_polished(group, runs))
 
 
 def tied_by(conflicts: Iterable[tuple[str, str]]) -> list[set[str]]:
@@ -288,12 +278,11 @@ def _moved_together(
     alone: Runs,
     runs: Runs,
     part: set[str],
-    by: Callable[..., dict[str, TimedPath] | None],
 ) -> Runs | None:
     """Return ``runs`` with those of a ``part`` moved together among the others, if found."""
     motions = [group.motions[n] for n in group.order if n in part]
     world = [*group.world, *(runs[n] for n in sorted(runs) if n not in part)]
-    found = by(group.workspace, motions, alone, world)
+    found = couple(group.workspace, motions, alone, world, group.deadline)
     return None if found is None else {**runs, **found}
 
 
@@ -386,7 +375,8 @@ def _fails(
         return False
     chosen = {n: group.motions[n] for n in group.motions if n in names}
     part = MovingGroup(group.workspace, chosen, group.world, WorkBudget(group.deadline))
-    climb(part, {n: alone[n] for n in chosen}, some, coupled=False)
+    part.least = part.lateness({n: alone[n] for n in chosen})
+    one_after_another(part)
     return _is_bad(part) and not group.deadline.expired()
 
 
