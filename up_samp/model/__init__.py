@@ -20,7 +20,6 @@ from up_samp.model.errors import (
     UnsupportedError,
 )
 from up_samp.model.motion import (
-    FixedMotion,
     GroupQuery,
     GroupReport,
     Outcome,
@@ -49,7 +48,6 @@ __all__ = [
     "ControlLaw",
     "Deadline",
     "EngineError",
-    "FixedMotion",
     "GroupQuery",
     "GroupReport",
     "Kinematics",

@@ -190,20 +190,6 @@ class TimedMotion:
 
 
 @dataclass(frozen=True)
-class FixedMotion:
-    """An already decided motion: ``object`` with ``body`` follows ``trajectory``; it is there
-    only during ``[present_from, present_until]`` (resting before and after its samples).
-    """
-
-    name: str
-    object: str
-    body: Body
-    trajectory: Trajectory
-    present_from: float = -math.inf
-    present_until: float = math.inf
-
-
-@dataclass(frozen=True)
 class GroupQuery:
     """Motions that may meet: find trajectories for all ``motions`` that keep clear of each other
     and of the resting ``rests``.

@@ -7,8 +7,6 @@ from functools import cached_property
 
 from up_samp.model import (
     Deadline,
-    FixedMotion,
-    Outcome,
     PathQuery,
     PathReport,
     TimedMotion,
@@ -53,19 +51,17 @@ class Motions:
     def arrival(
         self,
         motion: TimedMotion,
-        ahead: FixedMotion,
+        leader: TimedMotion,
+        drive: Trajectory,
         enough: float,
         deadline: Deadline,
     ) -> float | None:
-        """Return the motion's earliest arrival (s) behind another one that is there alone, or any
-        by ``enough`` (s); None if none was found.
+        """Return the motion's earliest arrival (s) behind another one's ``drive``, or any by
+        ``enough`` (s), with nobody else there; None if none was found.
         """
         early = replace(motion, due=enough)
         limit = deadline.within(self.budget.query_seconds)
-        report = earliest_arrival(self.service, early, ahead, limit)
-        # what a search that was cut short found need not be the earliest: it says nothing
-        found = report.outcome is Outcome.FOUND and report.complete
-        return report.trajectory.end if found and report.trajectory is not None else None
+        return earliest_arrival(self.service, early, leader, drive, limit)
 
     def order_decides(self, first: TimedMotion, second: TimedMotion) -> bool:
         """Return whether it decides everything which of two motions goes first where they meet."""

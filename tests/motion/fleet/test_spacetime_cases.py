@@ -8,7 +8,6 @@ import pytest
 from tests.motion.fleet.spacetime_oracle import CAR, Straight, judge, motion, room
 from up_samp.model import (
     Deadline,
-    FixedMotion,
     GroupQuery,
     GroupReport,
     Outcome,
@@ -198,14 +197,14 @@ def test_same_seed_same_answer():
 
 def test_earliest_arrival_among_movers():
     service = MotionService(room(40, 12, [(1, 1, 39, 11)]))
-    b = solve(service, [motion("b", (20, 2.5, UP), (20, 9.5, UP))]).trajectories["b"]
     a = motion("a", (3, 6, 0), (37, 6, 0), 0, 30)
-    found = earliest_arrival(service, a, FixedMotion("b", "B", CAR, b))
-    assert found.outcome is Outcome.FOUND
-    both = {"a": found.trajectory, "b": b}
-    from tests.motion.fleet.spacetime_oracle import clearance
-
-    assert clearance([a, motion("b", (20, 2.5, UP), (20, 9.5, UP))], both) > 0
+    alone = solve(service, [a]).trajectories["a"].end
+    delays = []
+    for release in (0.0, alone / 2 - 4.0, alone):  # before it, across its way, after it
+        b = motion("b", (20, 2.5, UP), (20, 9.5, UP), release)
+        drive = solve(service, [b]).trajectories["b"]
+        delays.append(earliest_arrival(service, a, b, drive) - alone)
+    assert delays[0] == delays[2] == 0.0 < delays[1] < drive.end - drive.start
 
 
 LONG = (1, 1, 99, 3)

@@ -8,22 +8,21 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 from up_samp.model import (
     Deadline,
-    FixedMotion,
     Outcome,
     PathReport,
     Placed,
     TimedMotion,
+    Trajectory,
 )
 from up_samp.motion.fleet.detours import is_good, met_at_full_speed, with_detours
-from up_samp.motion.fleet.paths import Path
+from up_samp.motion.fleet.paths import Path, path_of
 from up_samp.motion.fleet.speed import fit, parked_all_the_time
-from up_samp.motion.fleet.timed_path import TimedPath, fixed_run
+from up_samp.motion.fleet.timed_path import TimedPath, Timing
 from up_samp.motion.fleet.workspace import PathPlanner, Workspace, workspace_of
 
 
@@ -72,34 +71,22 @@ def _lasts(placed: Placed, others: Iterable[TimedPath]) -> bool:
 def earliest_arrival(
     service: PathPlanner,
     motion: TimedMotion,
-    ahead: FixedMotion,
+    leader: TimedMotion,
+    drive: Trajectory,
     deadline: Deadline = Deadline.never(),
-) -> PathReport:
-    """Return the earliest found arrival of one motion among nothing but one that is decided.
-
-    The trajectory is in plan time and may end after the motion's due. ``IMPOSSIBLE`` is a proof
-    by what rests there for good. ``complete`` where no search was cut short.
+) -> float | None:
+    """Return the earliest found arrival (s) of one motion among nothing but a ``leader``, who is
+    there as long as its decided ``drive``; None where none was found, or a search was cut short:
+    what that found need not be the earliest.
     """
-    began = time.monotonic()
     workspace = workspace_of(service)
     truncated = workspace.truncated
-    attempt = plan_one(workspace, motion, [fixed_run(ahead)], deadline)
-    seconds = time.monotonic() - began
-    complete = not deadline.expired() and workspace.truncated == truncated
-    if attempt.run is not None:
-        found = attempt.run.timing.trajectory
-        return PathReport(
-            Outcome.FOUND, found, planner="space-time", seconds=seconds, complete=complete
-        )
-    report = attempt.report
-    return PathReport(
-        failed(attempt, deadline),
-        blockers=attempt.met,
-        reason=report.reason if report else "no safe timing or detour found",
-        planner="space-time",
-        seconds=seconds,
-        complete=complete,
-    )
+    path = path_of(drive, leader.body, decided=True)
+    timing = Timing(drive, path.natural_s)
+    ahead = TimedPath(leader.name, leader.object, path, timing, drive.start, drive.end, None)
+    run = plan_one(workspace, motion, [ahead], deadline).run
+    cut = deadline.expired() or workspace.truncated != truncated
+    return None if run is None or cut else run.arrival
 
 
 def failed(attempt: Attempt, deadline: Deadline) -> Outcome:

@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from up_samp.geometry.records import inner, kernel
-from up_samp.model import Configuration, FixedMotion, TimedMotion, Trajectory, avoids
+from up_samp.model import Configuration, TimedMotion, Trajectory, avoids
 from up_samp.model.arrays import FloatArray, IntArray
-from up_samp.motion.fleet.paths import A_AVOIDS, B_AVOIDS, TIMES, Path, occupancy, path_of
+from up_samp.motion.fleet.paths import A_AVOIDS, B_AVOIDS, TIMES, Path, occupancy
 
 
 class Speeds(NamedTuple):
@@ -195,15 +195,6 @@ def pair_flags(
 
 NOBODY: frozenset[str] = frozenset()
 """A resting body keeps clear of nobody: it does not move."""
-
-
-def fixed_run(motion: FixedMotion) -> TimedPath:
-    """Return an already decided motion as a run."""
-    path = path_of(motion.trajectory, motion.body, decided=True)
-    timing = Timing(motion.trajectory, path.natural_s)
-    return TimedPath(
-        motion.name, motion.object, path, timing, motion.present_from, motion.present_until, None
-    )
 
 
 def run_of(motion: TimedMotion, path: Path, timing: Timing) -> TimedPath:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 
-from up_samp.model import Deadline, FixedMotion, TimedMotion
+from up_samp.model import Deadline, TimedMotion
 from up_samp.model.refinement import Refinement, Strength
 from up_samp.refinement import rules
 from up_samp.search.cuts.protocol import Failure
@@ -54,7 +54,6 @@ def _behind(
     def end(offset: int) -> int:
         if drive is None:
             return 0
-        ahead = FixedMotion(leader.name, leader.object, leader.body, drive, drive.start, drive.end)
         release = facts.seconds(offset)
         moved = replace(
             follower,
@@ -63,7 +62,7 @@ def _behind(
             present_from=release,
             present_until=math.inf,
         )
-        arrival = motions.arrival(moved, ahead, facts.seconds(slack), deadline)
+        arrival = motions.arrival(moved, leader, drive, facts.seconds(slack), deadline)
         return 0 if arrival is None else facts.units(arrival)
 
     return end
