@@ -39,7 +39,7 @@ WRONG = [
     ("shelf1: [25,", "shelf1: [25:30,", r"'25:30' is no number: .* base 60, as 1530"),
     ("shelf1: [25,", "shelf1: [025,", r"'025' is no number: .* base 8, as 21"),
     ("seconds: 2", "seconds: off", r"gate\.seconds: should be a number, and is no, off or false"),
-    ("start: home1", "start: no", r"should be a name, or text, and is no, .*quote a name"),
+    ("start: home1", "start: no", r"should be a name .*, or text, and is no, .*quote a name"),
     ("orders:\n", "zones:\n  z: {polygon: [[1, 1]], max_robots: 1}\norders:\n", "needs 3 or more"),
     ("orders:\n", "orders: " + "[" * 40_000 + "\n", "nested too deeply"),
     (

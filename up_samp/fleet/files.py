@@ -117,7 +117,7 @@ _WANTED = {
         ("int_type", "int_parsing", "int_from_float", "int_parsing_size"), "a whole number"
     ),
     **dict.fromkeys(("bool_type", "bool_parsing"), "true or false"),
-    "string_type": "a name, or text",
+    "string_type": "a name (beginning with a letter), or text",
 }
 """What a value should be, by the kind of pydantic's error."""
 

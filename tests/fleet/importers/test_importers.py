@@ -2,6 +2,7 @@
 
 import json
 import math
+import random
 from pathlib import Path
 
 import numpy as np
@@ -299,6 +300,39 @@ def _is_the_drawn_hall(site):
     assert state_at(site, 6.2, -5.0) == "free"
     assert state_at(site, 10.0, -3.0) == "occupied"
     assert state_at(site, 10.0, -7.0) == "free"
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_hall_of_lines_with_zones_places_and_blocks(tmp_path, seed):
+    ezdxf = pytest.importorskip("ezdxf")
+    drawing = ezdxf.new(units=4)  # mm
+    space, rng = drawing.modelspace(), random.Random(seed)
+    rack = drawing.blocks.new("rack")
+    rack.add_lwpolyline([(0, 0), (2000, 0), (2000, 1000), (0, 1000)], close=True)
+    drawing.blocks.new("row").add_blockref("rack", (3000, 0))
+    drawing.blocks.new("DOCK 1").add_line((0, 0), (500, 0))
+    corners = [(0, 0), (20000, 0), (20000, 12000), (0, 12000)]
+    walls = list(zip(corners, [*corners[1:], corners[0]], strict=True))
+    square = [(8000, 7000), (12000, 7000), (12000, 11000), (8000, 11000)]
+    shown = [
+        *(lambda wall=wall: space.add_line(*rng.sample(wall, 2)) for wall in walls),
+        lambda: space.add_lwpolyline(square, close=True, dxfattribs={"layer": "ZONE_wet floor"}),
+        lambda: space.add_blockref("row", (2000, 2000)),
+        lambda: space.add_blockref(
+            "DOCK 1", (10000, 3000), dxfattribs={"layer": "Places", "rotation": 90}
+        ),
+    ]
+    for draw in rng.sample(shown, len(shown)):
+        draw()
+    drawing.saveas(tmp_path / "hall.dxf")
+    records = read_problem_file(import_file(tmp_path / "hall.dxf", tmp_path / "out").problem)
+    assert list(records.zones) == ["wet_floor"]
+    assert records.places["DOCK_1"].pose == pytest.approx((10.0, 3.0, math.pi / 2))
+    site = grid(tmp_path / "out")
+    assert site.size == pytest.approx((20.05, 12.05), abs=0.1)
+    assert state_at(site, 10.0, 9.0) == "free"
+    assert state_at(site, 6.0, 2.5) == "occupied"  # the rack in the row
+    assert state_at(site, 10.0, 3.0) == "free"
 
 
 @pytest.mark.parametrize(

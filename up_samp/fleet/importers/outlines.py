@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -14,9 +15,17 @@ import numpy as np
 import shapely
 from shapely.geometry import LineString, Polygon
 from shapely.geometry.base import BaseGeometry
-from shapely.ops import unary_union
+from shapely.ops import polygonize, unary_union
 
-from up_samp.fleet.importers.common import Imported, Options, finish, number_of, wrong
+from up_samp.fleet.importers.common import (
+    Imported,
+    Options,
+    finish,
+    listed,
+    name_of,
+    number_of,
+    wrong,
+)
 from up_samp.fleet.records import FILE_LIMITS
 from up_samp.fleet.tables import check_size
 from up_samp.geometry.maps import write_map
@@ -55,9 +64,21 @@ def map_from_polygons(
     return write_map(folder, name, occupied, cell, (origin[0], origin[1], 0.0))
 
 
+@dataclass
+class _Drawn:
+    """What a drawing shows (m): closed outlines, lines, and by name what is there to be known."""
+
+    rings: list[list[tuple[float, float]]] = field(default_factory=list)
+    lines: list[list[tuple[float, float]]] = field(default_factory=list)
+    zones: dict[str, list[tuple[float, float]]] = field(default_factory=dict)
+    places: dict[str, list[float]] = field(default_factory=dict)
+
+
 def import_dxf(source: Path, folder: Path, options: Options) -> Imported:
-    """Import a DXF drawing: the largest closed polyline is the floor, other closed ones and circles
-    are in the way, lines and open polylines are walls. Its unit comes from the drawing.
+    """Import a DXF drawing: the largest outline is the floor, closed or made of lines that meet;
+    what else is closed is in the way, lines are walls, blocks are what they consist of. Blocks on
+    layers ``place...`` are places named after the block, closed outlines on layers ``zone...``
+    zones named after the layer. Its unit comes from the drawing.
     """
     with extra("DXF", "drawings", "ezdxf"):
         import ezdxf
@@ -72,19 +93,42 @@ def import_dxf(source: Path, folder: Path, options: Options) -> Imported:
         scale = float(conversion_factor(drawing.units, 6))  # 6: metres
     else:
         notes.append("the drawing has no unit: taken as m")
-    rings: list[list[tuple[float, float]]] = []
-    lines: list[list[tuple[float, float]]] = []
-    made = 0
-    for entity in drawing.modelspace().query("LWPOLYLINE POLYLINE LINE CIRCLE ARC SPLINE ELLIPSE"):
-        path = make_path(entity)
-        for v in (path.start, *path.control_vertices()):
-            number_of(scale * v.x), number_of(scale * v.y)  # before many points are made of them
-        points = [(scale * v.x, scale * v.y) for v in path.flattening(0.01 / scale)]
-        made += len(points)
+    found, made = _Drawn(), 0
+    for entity in _entities(drawing.modelspace()):
+        layer, points = str(entity.dxf.layer), list[tuple[float, float]]()
+        if entity.dxftype() == "INSERT":
+            x, y, _ = entity.dxf.insert
+            pose = [number_of(scale * x), number_of(scale * y), math.radians(entity.dxf.rotation)]
+            found.places[name_of(entity.dxf.name, found.places)] = pose
+        elif entity.dxftype() in _SHAPES:
+            path = make_path(entity)
+            for v in (path.start, *path.control_vertices()):
+                number_of(scale * v.x), number_of(scale * v.y)  # before many points are made
+            points = [(scale * v.x, scale * v.y) for v in path.flattening(0.01 / scale)]
+            if path.is_closed and layer.lower().startswith(_ZONE):
+                found.zones[name_of(layer[len(_ZONE) :], found.zones, _ZONE)] = points
+            else:
+                (found.rings if path.is_closed else found.lines).append(points)
+        made += 1 + len(points)
         if made > FILE_LIMITS.pieces:
             raise wrong(source, None, f"its lines have more than {FILE_LIMITS.pieces} points")
-        (rings if path.is_closed else lines).append(points)
-    return _finish(source, folder, rings, lines, notes)
+    return _finish(source, folder, found, notes)
+
+
+_SHAPES = ("LWPOLYLINE", "POLYLINE", "LINE", "CIRCLE", "ARC", "SPLINE", "ELLIPSE")
+_ZONE, _PLACE = "zone", "place"
+"""How layers begin whose outlines are zones, and whose blocks are places."""
+
+
+def _entities(space: Iterable[Any]) -> Iterator[Any]:
+    """Yield what a drawing consists of, and blocks, each followed by what it consists of, however
+    deep, but where they mark a place.
+    """
+    for entity in space:
+        if entity.dxftype() != "INSERT" or entity.dxf.layer.lower().startswith(_PLACE):
+            yield entity
+        else:
+            yield from _entities(entity.virtual_entities())
 
 
 def import_svg(source: Path, folder: Path, options: Options) -> Imported:
@@ -96,15 +140,14 @@ def import_svg(source: Path, folder: Path, options: Options) -> Imported:
         drawing = svgelements.SVG.parse(str(source), ppi=96)
     except (OSError, SyntaxError) as error:
         raise wrong(source, None, f"not readable as SVG: {error}") from error
-    rings: list[list[tuple[float, float]]] = []
-    lines: list[list[tuple[float, float]]] = []
+    found = _Drawn()
     for shape in drawing.elements(lambda e: isinstance(e, svgelements.Shape)):
         for part in svgelements.Path(shape).as_subpaths():
             path = svgelements.Path(part)
             points = _flat(path, options.cell)
             closed = len(points) > 3 and math.dist(points[0], points[-1]) < 1e-6
-            (rings if closed else lines).append(points)
-    return _finish(source, folder, rings, lines, [f"a unit of the drawing is {options.cell:g} m"])
+            (found.rings if closed else found.lines).append(points)
+    return _finish(source, folder, found, [f"a unit of the drawing is {options.cell:g} m"])
 
 
 def _check_pieces(source: Path, root: ElementTree.Element) -> None:
@@ -158,23 +201,25 @@ def _flat(path: Any, unit: float) -> list[tuple[float, float]]:
     return points
 
 
-def _finish(
-    source: Path,
-    folder: Path,
-    rings: Iterable[Sequence[tuple[float, float]]],
-    lines: Iterable[Sequence[tuple[float, float]]],
-    notes: list[str],
-) -> Imported:
-    shapes = [shapely.make_valid(Polygon(r)) for r in rings if len(r) >= 3]
+def _finish(source: Path, folder: Path, drawn: _Drawn, notes: list[str]) -> Imported:
+    shapes = [shapely.make_valid(Polygon(r)) for r in drawn.rings if len(r) >= 3]
+    lines = [LineString(points) for points in drawn.lines if len(points) > 1]
+    # walls that meet enclose a floor, too
+    around = unary_union(list(polygonize(unary_union(lines))))
+    shapes += [Polygon(part.exterior) for part in getattr(around, "geoms", [around])]
     shapes = [s for s in shapes if s.area > 0]
     if not shapes:
         raise wrong(source, None, "no closed outline: one has to be the floor")
     floor = max(shapes, key=lambda s: s.area)
     inside = [s for s in shapes if s is not floor]
-    walls = [LineString(points).buffer(DRAWN_WALL / 2) for points in lines if len(points) > 1]
-    free = floor.difference(unary_union([*inside, *walls])) if inside or walls else floor
+    walls = [line.buffer(DRAWN_WALL / 2) for line in lines]
+    free = floor.difference(unary_union([*inside, *walls]))
     map_from_polygons(free, folder)
     kind = {"footprint": [1.0, 0.7], "model": "omni"}
     notes.append(f"the floor is the largest outline; {len(inside)} others are in the way")
     notes.append("robots' footprint and limits are assumed; add places, robots and orders")
-    return finish(folder, {"map": "map.yaml", "robot_types": {"agv": kind}}, notes)
+    notes += listed({"zones say nothing yet, being as quick as robots are": drawn.zones})
+    data: dict[str, Any] = {"map": "map.yaml", "robot_types": {"agv": kind}}
+    data["places"] = drawn.places
+    data["zones"] = {n: {"polygon": points, "v_max": 1.0} for n, points in drawn.zones.items()}
+    return finish(folder, data, notes)
