@@ -417,7 +417,7 @@ SORTS = {
     "floors": ("floor", "stops"),
     "lifts": (),
     "resources": (),
-    "jobs": ("id", "task", "after", "attached"),
+    "jobs": ("id", "task", "after", "attached", "together"),
     "skills": (),
     "kinds": ("load", "capacity"),
     "modes": (),

@@ -7,6 +7,9 @@ from tests.shuffled import shuffled_fleet
 from up_samp.execution import Delays, dependencies_of, simulate
 from up_samp.fleet import Fleet, FleetError
 from up_samp.fleet.files import write_problem_file
+from up_samp.fleet.statements import Kind
+from up_samp.fleet.visits import ENDS
+from up_samp.validation import validate_plan
 
 
 def parts(result, task):
@@ -101,8 +104,83 @@ def test_any_listing_has_the_same_optimum(tmp_path):
         assert solved(again)[0].makespan == best
 
 
-def test_loads_that_several_robots_carry_are_refused_by_name():
+def planned(fleet):
+    """Return a valid plan."""
+    result = fleet.solve(first_plan=True)
+    assert result.plan is not None, result.explain()
+    assert validate_plan(result.problem, result.plan).valid
+    return result
+
+
+def beam(robots=2, capacity=2, **options):
+    """A beam that two robots carry, each one end of it, and something that lies on the way."""
+    fleet = one_room(robots=robots, capacity=capacity)
+    fleet.add_place("d", 12, 3)
+    fleet.add_order("front", "a", {"at": "c", "service": 3}, **options)
+    fleet.add_order("back", "d", {"at": "b", "service": 3}, together="front", **options)
+    return fleet
+
+
+def ends_of(result, *orders):
+    """Who picks orders up and delivers them, and when that starts: by kind, in their order."""
+    done = result.written.happening(result.data["activities"])
+    found = {(m.what, m.kind): (m.robot, a["start"]) for m, a in done}
+    return {kind: [found[order, kind] for order in orders] for kind in ENDS}
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_two_robots_take_a_load_up_and_put_it_down_together(tmp_path, seed):
+    fleet = beam()
+    fleet.add_order("box", "a", "c")
+    fleet.add_task("look", "b", duration=2)
+    told = shuffled_fleet(fleet.records, seed)
+    result = planned(Fleet.from_file(write_problem_file(tmp_path / "other.yaml", told.records)))
+    names = {old: new for (sort, new), old in told.names.items() if sort == "jobs"}
+    front, back, *others = (names[name] for name in ("front", "back", "box", "look"))
+    spans = {}
+    for kind, ((one, start), (other, same)) in ends_of(result, front, back).items():
+        assert one != other
+        assert start == same
+        spans[kind] = start
+    for meaning, a in result.written.happening(result.data["activities"]):
+        if meaning.what in others:
+            assert a["end"] <= spans[Kind.PICKUP] or a["start"] >= spans[Kind.DELIVERY]
+
+
+def test_a_beam_waits_on_the_floor_for_who_is_late():
+    result = planned(beam())
+    found = dependencies_of(result.problem, result.data)
+    apart = set()
+    for seed in range(3):
+        run = simulate(found, result.data, Delays(slow=0.5, stops=9.0), seed)
+        assert run.finished
+        assert (run.broken, run.contacts) == ((), ())
+        starts = [a["start"] for a in run.record["activities"] if a["name"].startswith("deliver")]
+        assert starts[0] == pytest.approx(starts[1], abs=0.2)  # one step of the clock
+        apart.add(starts[0])
+    assert len(apart) > 1
+
+
+@pytest.mark.parametrize(("penalty", "left"), [(1, ["back", "front"]), (900, [])])
+def test_a_beam_is_carried_by_all_or_left_where_it_is(penalty, left):
+    result, _ = solved(beam(optional=True, penalty=penalty))
+    assert sorted(result.left_out) == left
+
+
+def test_a_beam_that_comes_again_is_carried_together_each_time():
+    result = planned(beam(repeat={"every": 40, "times": 2}))
+    for orders in (("front", "back"), ("front_2", "back_2")):
+        for (_, start), (_, same) in ends_of(result, *orders).values():
+            assert start == same
+
+
+def test_what_is_wrong_with_orders_that_belong_together_is_told():
+    with pytest.raises(FleetError, match=r"\.together: 1 of 2 robots may do it \(r0\)"):
+        beam(robots=1)
     fleet = one_room(robots=2)
-    for options in ({"crew": 2}, {"attached": {"footprint": (3, 1), "crew": 2}}):
-        with pytest.raises(FleetError, match="no load is carried by several robots together"):
-            fleet.add_order("beam", "a", "b", **options)
+    with pytest.raises(FleetError, match=r"\.together: no order 'front'"):
+        fleet.add_order("back", "a", "b", together="front")
+    with pytest.raises(FleetError, match="name the other orders that 'o' is carried with"):
+        fleet.add_order("o", "a", "b", together="o")
+    with pytest.raises(FleetError, match=r"write an order for each robot, `together`"):
+        fleet.add_order("o", "a", "b", crew=2)

@@ -135,7 +135,8 @@ def named_by(job: Order | Task) -> set[str]:
     """Return the jobs that one names: those whose load it takes on, too."""
     stops = (job.pickup, job.delivery) if isinstance(job, Order) else ()
     taken = [job.attached] if isinstance(job, Order) and isinstance(job.attached, str) else []
-    return {*job.after, *taken, *(s.task for s in stops if s.task is not None)}
+    named = {*job.after, *taken, *(s.task for s in stops if s.task is not None)}
+    return named.union(getattr(job, "together", ()))
 
 
 NAMED = (
@@ -235,6 +236,8 @@ RULES: tuple[tuple[type, str, Callable[[Any], object], str], ...] = (
     (Resource, "setup", lambda r: _shortcut(r),
      "takes longer from one kind to another than by way of a third one; say all set-ups"),
     (FleetJob, "after", lambda j: j.id in j.after, "'{0.id}' cannot come after itself"),
+    (Order, "together", lambda o: {o.id} & {*o.together} or len({*o.together}) < len(o.together),
+     "name the other orders that '{0.id}' is carried with, each once"),
     (FleetJob, "penalty", lambda j: j.optional and j.penalty is None,
      "say how many seconds of makespan leaving it out counts as (penalty: 100)"),
     (FleetJob, "penalty", lambda j: j.penalty is not None and not j.optional,
@@ -485,19 +488,24 @@ def _taken_on(records: FleetRecords, order: Order, name: str, path: Path) -> Ite
 
 def _job(records: FleetRecords, job: Order | Task, path: Path) -> Iterator[Fault]:
     """What an order or a task asks of robots and of other jobs."""
-    known = [*records.order_of, *records.task_of]
-    for name in job.after:
-        if name not in records.order_of and name not in records.task_of:
-            yield Fault((*path, "after"), missing("order or task", name, known))
+    for key, what, known in (
+        ("after", "order or task", records.job_of),
+        ("together", "order", records.order_of),
+    ):
+        for name in getattr(job, key, ()):
+            if name not in known:
+                yield Fault((*path, key), missing(what, name, known))
     if records.robots and needs_robot(job) and not able(records, job):
         text = f"it needs {_and(job.skills)}, which "
         text += f"{_and(job.robots)} does not have" if job.robots else "no robot has"
         yield Fault((*path, "skills"), text)
+    others = [records.order_of.get(name, job) for name in getattr(job, "together", ())]
+    fit = dict.fromkeys(r for one in (job, *others) for r in able(records, one))
+    many = getattr(job, "crew", 1 + len(others))
+    if records.robots and 0 < len(fit) < many:
+        text = f"{len(fit)} of {many} robots may do it ({', '.join(fit)})"
+        yield Fault((*path, "together" if others else "crew"), text)
     if isinstance(job, Task):
-        fit = able(records, job)
-        if job.crew > 1 and records.robots and 0 < len(fit) < job.crew:
-            text = f"{len(fit)} of {job.crew} robots may do it ({', '.join(fit)})"
-            yield Fault((*path, "crew"), text)
         return
     for key, stop in (("pickup", job.pickup), ("delivery", job.delivery)):
         if stop.task is not None:

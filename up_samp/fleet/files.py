@@ -144,7 +144,7 @@ def _shown(value: Any) -> str:
     return text if len(text) <= 40 else f"{text[:37]}..."
 
 
-NOT_HERE = {"crew": "only tasks have one: no load is carried by several robots together"}
+NOT_HERE = {"crew": "only tasks have one; write an order for each robot, `together` with the first"}
 """What is said of keys that are asked for elsewhere, and are not there yet."""
 
 

@@ -35,7 +35,7 @@ from up_samp.fleet.statements import (
     present,
     together,
 )
-from up_samp.fleet.visits import ENDS, fits
+from up_samp.fleet.visits import ENDS, JOBS, fit
 from up_samp.fleet.work import Work
 
 
@@ -44,9 +44,8 @@ def add_loads(site: Site, work: Work, robot: str) -> None:
     kind = site.kind_of(robot)
     mine = {v.what for v in work.visits[robot] if v.kind is Kind.PICKUP}
     orders = [o for o in site.records.orders if o.id in mine]
-    if len(orders) > 1 and not any(
-        fits(pair, kind.capacity) for pair in itertools.combinations(orders, 2)
-    ):
+    pairs = itertools.combinations(orders, 2)
+    if len(orders) > 1 and not any(fit(site.records, pair, kind.capacity) for pair in pairs):
         _one_order(site, work, robot, orders)
         return  # one at a time comes off in any order
     for load in sorted({k for o in orders for k in o.load}):
@@ -88,13 +87,12 @@ def _level(site: Site, work: Work, robot: str, load: str, orders: Sequence[Order
     capacity = site.kind_of(robot).capacity[load]
     fluent = Fluent(f"{robot}_room_{load}", IntType(0, capacity))
     site.problem.add_fluent(fluent, default_initial_value=capacity)
-    for order in orders:
-        amount = order.load.get(load, 0)
+    for order in (o for o in orders if load in o.load):
         picks, delivers = work.sides(robot, order.id)
-        for pick in picks if amount else ():
-            pick.add_decrease_effect(pick.start, fluent(), amount)
-        for deliver in delivers if amount else ():
-            deliver.add_increase_effect(deliver.end, fluent(), amount)
+        for pick in picks:
+            pick.add_decrease_effect(pick.start, fluent(), order.load[load])
+        for deliver in delivers:
+            deliver.add_increase_effect(deliver.end, fluent(), order.load[load])
 
 
 # ------------------ What binds activities to jobs
@@ -114,6 +112,7 @@ class JobRules:
         """State all rules of jobs."""
         self._done()
         self._linked()
+        self._together()
         self._released()
         self._after()
         self._priorities()
@@ -137,10 +136,10 @@ class JobRules:
     def _done(self) -> None:
         """Each job is done by exactly one robot, and orders are delivered by whom picked them."""
         for order in self._records.orders:
-            sides = [self._work.sides(r, order.id) for r in self._able(order)]
-            self._done_once(order, [p for picks, _ in sides for p in picks], "pick")
-            self._done_once(order, [d for _, delivers in sides for d in delivers], "deliver")
-            for picks, delivers in sides:
+            self._done_once(order, self._work.of(order.id, Kind.PICKUP), "pick")
+            self._done_once(order, self._work.of(order.id, Kind.DELIVERY), "deliver")
+            for robot in self._records.robots:
+                picks, delivers = self._work.sides(robot, order.id)
                 together(self._problem, picks, delivers)
                 for pick, deliver in itertools.product(picks, delivers):
                     ends_before(self._problem, pick, deliver)
@@ -159,11 +158,25 @@ class JobRules:
         for a, b in itertools.product(some, others):
             self._problem.add_constraint(Equals(a.start, b.start), present(a, b))
 
-    def _able(self, order: Order) -> list[str]:
-        """Return the robots that may do an order."""
-        visits = self._work.activities
-        found = [v.robot for v in visits if v.what == order.id and v.kind is Kind.PICKUP]
-        return list(dict.fromkeys(found))
+    def _together(self) -> None:
+        """Orders that belong together are picked up at once and delivered at once."""
+        for order in self._records.orders:
+            for other, kind in itertools.product(order.together, ENDS):
+                some, others = self._work.of(order.id, kind), self._work.of(other, kind)
+                self._at_once(some, others)
+                together(self._problem, some, others)
+        crews = (o.id for o in self._records.orders if o.id in self._records.crews)
+        for name, robot in itertools.product(crews, self._records.robots):
+            self._all_the_way(robot, name)
+
+    def _all_the_way(self, robot: str, order: str) -> None:
+        """Who has picked up an order does nothing for others before it is delivered."""
+        picks, delivers = self._work.sides(robot, order)
+        visits = ((v, self._work.activities[v]) for v in self._work.visits[robot] if v.kind in JOBS)
+        mine = [a for v, a in visits if v.what != order]
+        for a, pick, deliver in itertools.product(mine, picks, delivers):
+            apart = Or(LE(a.end, pick.start), LE(deliver.end, a.start))
+            self._problem.add_constraint(apart, present(a, pick, deliver))
 
     def _linked(self) -> None:
         """Parts are where their machines are, and loads are taken on where they were put."""

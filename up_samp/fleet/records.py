@@ -523,8 +523,9 @@ class Order(FleetJob):
 
     ``load``: how many of each kind it takes up of the robot's capacity. ``attached``: it has a
     footprint, stands on the floor, and is one body with the robot that carries it; or the id of
-    another order, whose load is taken on from where that one puts it. Beside that see
-    :class:`FleetJob`.
+    another order, whose load is taken on from where that one puts it. ``together`` with other
+    orders: each by a robot of its own, all picked up and all delivered at the same times, and
+    nobody does anything else in between. Beside that see :class:`FleetJob`.
     """
 
     __pydantic_config__ = STRICT
@@ -532,6 +533,7 @@ class Order(FleetJob):
     delivery: AnyStop
     load: Mapping[Name, Count] = field(default_factory=lambda: {"item": 1})
     attached: Attached | Name | None = None
+    together: Names = ()
 
 
 @dataclass(frozen=True)
@@ -713,6 +715,11 @@ class FleetRecords:
             if order.delivery.task is not None:
                 found[order.delivery.task] = (*found.get(order.delivery.task, ()), order)
         return found
+
+    @cached_property
+    def crews(self) -> frozenset[str]:
+        """The orders that are carried together with others."""
+        return frozenset(n for o in self.orders if o.together for n in (o.id, *o.together))
 
     @cached_property
     def takers(self) -> Mapping[str, tuple[Order, ...]]:

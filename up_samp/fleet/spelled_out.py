@@ -107,6 +107,7 @@ def _copy(
         task = None if stop.task is None else named(stop.task, number)
         window = _later(stop.window, later)
         changes[side] = dataclasses.replace(stop, task=task, window=window)
+    changes["together"] = tuple(named(name, number) for name in job.together)
     if isinstance(job.attached, str):
         changes["attached"] = named(job.attached, number)
     return dataclasses.replace(job, **changes)

@@ -8,7 +8,8 @@ activity that happens once at most, so there are as many of it as may be needed,
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from up_samp.fleet.faults import earlier_than
@@ -56,6 +57,7 @@ WORK = (Kind.PICKUP, Kind.DELIVERY, Kind.TASK, Kind.OPEN, Kind.CHARGE)
 """Kinds that are activities; at the others a robot only is."""
 
 ENDS = (Kind.PICKUP, Kind.DELIVERY)
+JOBS = (*ENDS, Kind.TASK)
 
 
 def visits_of(records: FleetRecords, robot: str) -> list[Visit]:
@@ -163,16 +165,18 @@ class Successions:
 
     def together(self, a: str, b: str) -> bool:
         """Return whether the robot can carry both orders' loads at the same time."""
-        return fits([self._orders[a], self._orders[b]], self._capacity)
+        return fit(self._records, (self._orders[a], self._orders[b]), self._capacity)
 
 
-def fits(orders: Iterable[Order], capacity: Mapping[str, int]) -> bool:
-    """Return whether the loads of all ``orders`` fit at a time."""
-    total: dict[str, int] = {}
-    for order in orders:
-        for kind, amount in order.load.items():
-            total[kind] = total.get(kind, 0) + amount
-    return all(amount <= capacity.get(kind, 0) for kind, amount in total.items())
+def fit(records: FleetRecords, some: tuple[Order, Order], capacity: Mapping[str, int]) -> bool:
+    """Return whether a robot can carry two orders' loads at the same time: they have room, and none
+    of them is carried together with other robots.
+    """
+    total = Counter[str]()
+    for order in some:
+        total.update(order.load)
+    alone = records.crews.isdisjoint(order.id for order in some)
+    return alone and all(amount <= capacity.get(kind, 0) for kind, amount in total.items())
 
 
 def moves_needed(visits: list[Visit], successions: Successions) -> dict[tuple[str, str], int]:

@@ -20,7 +20,7 @@ from up_samp.fleet.statements import (
     present,
     while_there,
 )
-from up_samp.fleet.visits import WORK, Visit, visits_of
+from up_samp.fleet.visits import ENDS, WORK, Visit, visits_of
 
 
 class Work:
@@ -68,9 +68,9 @@ class Work:
 
     def sides(self, robot: str, order: str) -> tuple[list[Activity], list[Activity]]:
         """Return a robot's pickups and deliveries of an order: one of each happens, or none."""
-        mine = [(v, self.activities[v]) for v in self.visits[robot] if v.what == order]
-        picks = [a for v, a in mine if v.kind is Kind.PICKUP]
-        return picks, [a for v, a in mine if v.kind is Kind.DELIVERY]
+        mine = [v for v in self.visits[robot] if v.what == order]
+        picks, delivers = ([self.activities[v] for v in mine if v.kind is kind] for kind in ENDS)
+        return picks, delivers
 
     def option(self, order: str, kind: Kind, name: str) -> list[Activity]:
         """Return the activities of one option of an order's pickup or delivery."""

@@ -135,7 +135,7 @@ def _changes(problem: SchedulingMotionProblem) -> dict[FNode, dict[str, float]]:
     found = defaultdict[FNode, dict[str, float]](lambda: defaultdict(float))
     for _, effect, activity in problem.all_effects():
         if effect.value.node_type in (Op.INT_CONSTANT, Op.REAL_CONSTANT):
-            sign = -1.0 if effect.is_decrease() else 1.0
-            name = "" if activity is None else activity.name
-            found[effect.fluent][name] += sign * float(effect.value.constant_value())
+            amount = float(effect.value.constant_value())
+            name = getattr(activity, "name", "")
+            found[effect.fluent][name] += -amount if effect.is_decrease() else amount
     return found

@@ -172,9 +172,9 @@ class AssignmentEvaluator:
     def charging(self, tours: Mapping[str, Sequence[Step]]) -> frozenset[Stop]:
         """Return who has to charge on a tour, with where that may be."""
         shares, work = self.shares(tours), self.work()
-        rows = enumerate(zip(shares.tours, shares.counts, strict=True))
-        often = [beside(work, r, tour, count)[1] for r, (tour, count) in rows]
-        some = [robot for robot, many in zip(self.robots, often, strict=True) if many]
+        rows = enumerate(zip(self.robots, shares.tours, shares.counts, strict=True))
+        often = {robot: beside(work, r, *tour)[1] for r, (robot, *tour) in rows}
+        some = filter(often.__getitem__, often)
         return frozenset((robot, pose) for robot in some for pose in self._battery(robot).given)
 
     def _cells(
@@ -190,10 +190,11 @@ class AssignmentEvaluator:
         ride, told = self.guess.ride, self.guess.duties.taken
         taken, detour = np.zeros_like(rides), np.zeros_like(rides)
         batteries = [self._battery(robot) for robot in self.robots]
-        for kind, robot, battery in zip(kinds, self.robots, batteries, strict=True):
+        for kind, robot in dict(zip(kinds, self.robots, strict=True)).items():
+            battery = self._battery(robot)
             late = self.rules.late * battery.full  # where nobody can charge
             made = itertools.product(number.items(), repeat=2) if battery.full else ()
-            for (a, i), (b, j) in made if not taken[kind].any() else ():
+            for (a, i), (b, j) in made:
                 taken[kind, i, j] = told.get((*self._kind(robot), a, b), battery.full * (i != j))
                 by_way = (ride(robot, a, c) + ride(robot, c, b) for c in battery.given)
                 detour[kind, i, j] = min(by_way, default=late) - ride(robot, a, b)
