@@ -56,12 +56,12 @@ def straight_move(start: FloatArray, goal: FloatArray, kinematics: Kinematics) -
 
 def arc_moves(start: FloatArray, arcs: FloatArray, kinematics: Kinematics) -> list[ShortMove]:
     """Return a car's drive along ``arcs``, one move for each run between its cusps."""
-    _, v, a, _ = limits_of(kinematics)
+    car = limits_of(kinematics)
     moves = []
     for run in runs_of(arcs):
         run = np.ascontiguousarray(run)
         rows = nodes_of(start, run)
-        moves.append(ShortMove(rows, float(run_time(length_of(run), v, a)), run))
+        moves.append(ShortMove(rows, float(run_time(length_of(run), car.v, car.a)), run))
         start = np.ascontiguousarray(rows[-1])
     return moves
 
@@ -71,7 +71,7 @@ def steer(body: Body, start: Configuration, goal: Configuration) -> list[ShortMo
     kin, able = body.kinematics, body.mobility
     p, q = (np.array(pose[:3], dtype=np.float64) for pose in (start, goal))
     if not able.pivots:
-        return arc_moves(p, fastest(start, goal, *limits_of(kin))[1], kin)
+        return arc_moves(p, fastest(start, goal, limits_of(kin))[1], kin)
     marks = [p]
     if able.sideways:
         marks.append(np.array([p[0], p[1], q[2]]))

@@ -5,7 +5,9 @@ import pytest
 
 from up_samp.geometry.kernels import advance
 from up_samp.motion.curves.arcs import merged, nodes_of, path_time, reversed_arcs
-from up_samp.motion.curves.reeds_shepp import fastest, run_time, shortest
+from up_samp.motion.curves.reeds_shepp import CarLimits, fastest, run_time, shortest
+
+CAR = CarLimits(1.0, 2.0, 0.5)
 
 
 def end_of(start, arcs):
@@ -41,9 +43,9 @@ def test_curves_end_where_they_should():
         for radius in (1.0, 2.5):
             _, arcs = shortest(start, goal, radius)
             assert away(end_of(start, arcs), goal) < 1e-9
-            time, arcs = fastest(start, goal, radius, 2.0, 0.5)
+            time, arcs = fastest(start, goal, CarLimits(radius, 2.0, 0.5))
             assert away(end_of(start, arcs), goal) < 1e-9
-            assert time == pytest.approx(path_time(arcs, 2.0, 0.5), abs=1e-9)
+            assert time == pytest.approx(path_time(arcs, CarLimits(radius, 2.0, 0.5)), abs=1e-9)
             assert np.all(np.abs(arcs[:, 0]) <= 1 / radius + 1e-12)
 
 
@@ -78,7 +80,7 @@ def test_lengths_ahead_only_agree_with_ompl():
         assert length == pytest.approx(apart, abs=1e-6)
         assert away(end_of(start, arcs), goal) < 1e-9
         assert np.all(arcs[:, 1] > 0)
-        assert fastest(start, goal, 1.0, 2.0, 0.5, 1.0)[0] == run_time(length, 2.0, 0.5)
+        assert fastest(start, goal, CarLimits(1.0, 2.0, 0.5, 1.0))[0] == run_time(length, 2.0, 0.5)
         assert length >= shortest(start, goal, 1.0)[0] - 1e-9
         # a search from the goal drives the same curve from its end
         back, arcs = shortest(goal, start, 1.0, -1.0)
@@ -88,16 +90,16 @@ def test_lengths_ahead_only_agree_with_ompl():
 
 def test_the_fastest_is_never_slower_than_the_shortest():
     for start, goal in random_pairs(500, seed=2):
-        time, _ = fastest(start, goal, 1.0, 2.0, 0.5)
+        time, _ = fastest(start, goal, CAR)
         length, arcs = shortest(start, goal, 1.0)
-        assert time <= path_time(arcs, 2.0, 0.5) + 1e-9
+        assert time <= path_time(arcs, CAR) + 1e-9
         assert time >= run_time(length, 2.0, 0.5) - 1e-9
 
 
 def test_symmetries():
     for start, goal in random_pairs(300, seed=3):
-        forth = fastest(start, goal, 1.0, 2.0, 0.5)[0]
-        assert fastest(goal, start, 1.0, 2.0, 0.5)[0] == pytest.approx(forth, abs=1e-9)
+        forth = fastest(start, goal, CAR)[0]
+        assert fastest(goal, start, CAR)[0] == pytest.approx(forth, abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -119,7 +121,7 @@ def test_a_detour_beats_a_stop():
     """Turning round on the spot: three cusps are shorter, a loop without a stop is faster."""
     start, goal = (0.0, 0.0, 0.0), (6.0, 1.0, math.pi)
     _, short = shortest(start, goal, 1.0)
-    _, fast = fastest(start, goal, 1.0, 2.0, 0.1)  # a stop costs 20 s
+    _, fast = fastest(start, goal, CarLimits(1.0, 2.0, 0.1))  # a stop costs 20 s
     assert np.any(short[:, 1] < 0)
     assert len({float(s) for s in np.sign(fast[:, 1])}) == 1
 

@@ -61,7 +61,7 @@ def test_no_drive_is_faster(seed):
         seconds, sign = seconds + run_time(length, v, a), -sign
     told = fastest_runs(start, goal, car, shortest(start, goal, radius)[0])
     assert told <= seconds + 1e-9
-    assert told <= fastest(start, goal, radius, v, a)[0] + 1e-9
+    assert told <= fastest(start, goal, car)[0] + 1e-9
     assert told >= run_time(shortest(start, goal, radius)[0], v, a)
 
 
@@ -73,7 +73,7 @@ def test_a_turn_in_one_run_is_known_to_be_fastest():
         CarLimits(1.28, 20, 1),
     )
     length = shortest(start, goal, 1.28)[0]
-    best = fastest(start, goal, *car[:3])[0]
+    best = fastest(start, goal, car)[0]
     assert run_time(length, 20, 1) < 0.94 * best
     assert fastest_runs(start, goal, car, length) > 0.97 * best
 

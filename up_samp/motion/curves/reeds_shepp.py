@@ -25,15 +25,19 @@ Pose = tuple[float, float, float]
 class CarLimits(NamedTuple):
     """What a car can do: turning ``radius`` (m), top speed ``v`` (m/s), acceleration ``a``
     (m/s^2). ``sense``: 0 if it drives both ways, 1 ahead only, -1 backwards only (how a search that
-    begins at the goal drives a car that goes ahead only).
+    begins at the goal drives a car that goes ahead only). ``omega`` (rad/s): how fast it turns on
+    the spot, which is an arc of the curvature ``SPOT`` (0: it does not).
     """
 
     radius: float
     v: float
     a: float
     sense: float = 0.0
+    omega: float = 0.0
 
 
+SPOT = 1e6
+"""Curvature (1/m) of turns on the spot: hardly a micrometre is driven, be it backwards."""
 MAX_ARCS = 5
 MAX_WORDS = 12
 TINY = 1e-10
@@ -52,12 +56,22 @@ def run_time(length: float, v: float, a: float) -> float:
 
 
 @inner
-def driven_on(time: float, run: float, s: float, v: float, a: float) -> tuple[float, float]:
+def on_spot(kappa: float, car: CarLimits) -> bool:
+    """Return whether an arc is a turn on the spot."""
+    return car.omega > 0.0 and abs(kappa) >= SPOT
+
+
+@inner
+def driven_on(
+    time: float, run: float, kappa: float, s: float, car: CarLimits
+) -> tuple[float, float]:
     """Return the time (s) of the closed runs, and the signed length (m) of the open one, after
-    another ``s`` m: where it turns back, the run before is closed.
+    another ``s`` m: where it turns back or on the spot, the run before is closed.
     """
+    if on_spot(kappa, car):
+        return time + run_time(abs(run), car.v, car.a) + abs(kappa * s) / car.omega, 0.0
     if run * s < 0.0:
-        return time + run_time(abs(run), v, a), s
+        return time + run_time(abs(run), car.v, car.a), s
     return time, run + s
 
 
@@ -194,7 +208,7 @@ def _time_of(
         if abs(s) > TINY:
             if car.sense * s < 0.0 and k < MAX_ARCS:
                 return 1e300
-            time, run = driven_on(time, run, s, car.v, car.a)
+            time, run = driven_on(time, run, 0.0, s, car)
     return time + run_time(abs(run), car.v, car.a)
 
 
@@ -239,23 +253,15 @@ def shortest(
     start: tuple[float, ...], goal: tuple[float, ...], radius: float, sense: float = 0.0
 ) -> tuple[float, FloatArray]:
     """Return length (m) and arcs (n, 2: curvature 1/m, signed length m) of the shortest curve."""
-    return fastest(start, goal, radius, 1.0, math.inf, sense)
+    return fastest(start, goal, CarLimits(radius, 1.0, math.inf, sense))
 
 
 def fastest(
-    start: tuple[float, ...],
-    goal: tuple[float, ...],
-    radius: float,
-    v: float,
-    a: float,
-    sense: float = 0.0,
+    start: tuple[float, ...], goal: tuple[float, ...], car: CarLimits
 ) -> tuple[float, FloatArray]:
-    """Return time (s) and arcs (n, 2) of the fastest curve from rest to rest (rest at cusps).
-
-    The limits are those of :class:`CarLimits`, in order.
-    """
+    """Return time (s) and arcs (n, 2) of the fastest curve from rest to rest (rest at cusps)."""
     out = np.empty((MAX_ARCS, 2))
-    car = CarLimits(float(radius), float(v), float(a), float(sense))
+    car = CarLimits(*map(float, car))
     (x0, y0, th0), (x1, y1, th1) = (map(float, pose[:3]) for pose in (start, goal))
     cost, n = connect((x0, y0, th0), (x1, y1, th1), car, (0.0, 0.0), out)
     return float(cost), out[:n].copy()

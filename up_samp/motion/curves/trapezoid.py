@@ -113,7 +113,7 @@ def trajectory_of(
     The car rests at each pose. It starts and passes exactly at the poses (theta modulo 2 pi, but
     continuous).
     """
-    _, v, a, _ = limits_of(kinematics)
+    v, a = limits_of(kinematics)[1:3]
     times = [np.zeros(1)]
     rows = [np.array([poses[0][:3]], dtype=np.float64)]
     now = 0.0

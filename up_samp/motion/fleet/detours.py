@@ -440,7 +440,7 @@ def _steered(
     marks.append(poses[1])
     found = []
     for p, q in itertools.pairwise(marks):
-        arcs = fastest(p, q, *car)[1]
+        arcs = fastest(p, q, car)[1]
         if np.abs(arcs[:, 1]).sum() > 2.0 * math.dist(p[:2], q[:2]) + 6 * car.radius:
             return None
         found.append(arcs)

@@ -152,7 +152,7 @@ def _curves(poses: FloatArray, ways: FloatArray, car: CarLimits) -> list[FloatAr
     """Return the arcs from pose to pose, if none is much longer than its part (m) of the path."""
     found = []
     for (a, b), way in zip(itertools.pairwise(poses), ways, strict=True):
-        curve = fastest(tuple(a), tuple(b), *car)[1]
+        curve = fastest(tuple(a), tuple(b), car)[1]
         if np.abs(curve[:, 1]).sum() > 2.0 * way + 6 * car.radius:
             return None
         found.append(curve)

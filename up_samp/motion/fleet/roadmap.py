@@ -224,7 +224,7 @@ def _primitives(kin: Kinematics, cell: float) -> tuple[tuple[Primitive, ...], ..
                 continue
             n = (k + turn) % HEADINGS
             goal = (i * cell, j * cell, n * 2 * math.pi / HEADINGS)
-            seconds, arcs = fastest(start, goal, *limits_of(kin))
+            seconds, arcs = fastest(start, goal, limits_of(kin))
             length = length_of(arcs)
             longest = STRAIGHTER * math.hypot(i * cell, j * cell)
             if len(runs_of(arcs)) != 1 or length > longest:
@@ -433,10 +433,9 @@ class Roadmap:
         estimate: Callable[[int], float],
         allowed: Callable[[RoadmapEdge], bool] | None = None,
         limit: float = math.inf,
-        most: int | None = None,
-    ) -> tuple[tuple[RoadmapEdge, ...] | None, int]:
-        """Return a cheap way between two places (A*), and the places looked at (``most``: as many
-        at most). ``estimate``: cost to go from a place; ``limit``: cost at most.
+    ) -> tuple[RoadmapEdge, ...] | None:
+        """Return a cheap way between two places (A*). ``estimate``: cost to go from a place;
+        ``limit``: cost at most.
         """
         start, goal = ends
         best: dict[int, tuple[float, RoadmapEdge | None]] = {start: (0.0, None)}
@@ -448,8 +447,6 @@ class Roadmap:
             if node in closed:
                 continue
             closed.add(node)
-            if most is not None and len(closed) > most:
-                return None, len(closed)
             for edge in self.moves(node):
                 after = best[node][0] + edge.cost
                 if edge.target in best and best[edge.target][0] <= after:
@@ -463,13 +460,13 @@ class Roadmap:
                 best[edge.target] = after, edge
                 heapq.heappush(queue, (ahead, edge.target))
         if goal not in best:
-            return None, len(closed)
+            return None
         way: list[RoadmapEdge] = []
         at = goal
         while (last := best[at][1]) is not None:
             way.append(last)
             at = last.source
-        return tuple(way[::-1]), len(closed)
+        return tuple(way[::-1])
 
     def _lattice_place(self, key: Key) -> int:
         if key not in self._nodes:

@@ -18,9 +18,6 @@ MARGIN_SHARES = (1.0, 0.25, 0.06, 0.015, 0.004, 0.001)
 TOUCHES = "the start or the goal touches the map or an obstacle"
 """Why there is no motion where not even the least of these can be kept."""
 
-MOST_KEYS = 20_000_000
-
-
 BEAT = 0.995
 """Share of the best time that an estimate must beat."""
 
@@ -44,11 +41,6 @@ class Space(NamedTuple):
     near: float = 0.0
     beat: float = BEAT
     weight: float = 1.0
-
-    @property
-    def keys(self) -> int:
-        """Number of discrete states, with two directions of driving each."""
-        return 2 * self.cols * self.rows * self.bins
 
 
 def widest_shape(
@@ -90,12 +82,8 @@ def pose_space(
     cell: float,
     bins: int,
 ) -> Space:
-    """Return the box and the resolution of a search (``cell`` m, or coarser on large maps)."""
+    """Return the box and the resolution of a search (``cell`` m)."""
     low, high = search_box(scene, poses, obstacles, reach)
-    while True:
-        cols, rows = np.ceil((high - low) / cell).astype(int) + 1
-        if cols * rows * bins * 2 <= MOST_KEYS:
-            break
-        cell *= 1.3
+    cols, rows = np.ceil((high - low) / cell).astype(int) + 1
     corner = float(low[0]), float(low[1]), float(cell)
     return Space(*corner, int(cols), int(rows), bins)

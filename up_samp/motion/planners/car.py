@@ -14,7 +14,7 @@ from up_samp.model import Deadline
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.budget import WorkBudget
 from up_samp.motion.curves.arcs import merged, path_time, reversed_arcs
-from up_samp.motion.curves.reeds_shepp import CarLimits, fastest
+from up_samp.motion.curves.reeds_shepp import SPOT, CarLimits, fastest
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
 from up_samp.motion.guides.cost_to_go import Fields, least_value
 from up_samp.motion.guides.search_space import TOUCHES, pose_space, widest_shape
@@ -36,16 +36,22 @@ class CarSettings:
     """How hard a car's path is sought: by hybrid A* with arc primitives of ``levels`` (turning
     radii, coarse to fine), each with a tree of so many ``nodes``, and ``extra`` expansions after
     its first solution; then by ``rounds`` of shortening, so many (``patience``) without a gain.
+    From the level ``thin`` on a level is for ways as thin as a hair: it is left out but where the
+    one before ran dry within the ``few``th part of its own nodes, for it has about as many times
+    the states.
 
     ``near`` (turning radii) the goal Reeds-Shepp times guide, and the distance to go has a
     ``weight``. The clock is looked at once in a ``slice`` of expansions; a level is given up after
     so many of them that came no nearer (``stuck``). Where a body turns tighter, the ``least`` share
-    of its inner radius counts as its turning radius. Who runs dry within ``narrow`` expansions was
+    of its inner radius counts as its turning radius, and no more than so many (``most``) of them
+    do where it turns on the spot, too. Who runs dry within ``narrow`` expansions was
     trapped where it began.
     """
 
-    levels: tuple[float, ...] = (0.7, 0.35, 0.18)
-    nodes: tuple[int, ...] = (60_000, 250_000, 400_000)
+    levels: tuple[float, ...] = (0.7, 0.35, 0.18, 0.09, 0.045)
+    nodes: tuple[int, ...] = (60_000, 250_000, 400_000, 400_000, 400_000)
+    thin: int = 3
+    few: int = 8
     extra: int = 400
     near: float = 10.0
     weight: float = 2.5
@@ -54,7 +60,12 @@ class CarSettings:
     slice: int = 4000
     stuck: int = 6
     least: float = 0.5
+    most: float = 4.0
     narrow: int = 300
+
+
+QUICK = CarSettings((0.7,), (8_000,), rounds=400, patience=120)
+"""Little work, for detours."""
 
 
 def _primitives(car: CarLimits, unit: float, share: float) -> list[tuple[float, float]]:
@@ -69,7 +80,10 @@ def _primitives(car: CarLimits, unit: float, share: float) -> list[tuple[float, 
         lengths |= {1 / unit: step, -1 / unit: step}
     arcs = [(kappa, s) for kappa, length in lengths.items() for s in (length, -length)]
     arcs += [(0.0, 4 * step), (0.0, -4 * step)]
-    return [(kappa, s) for kappa, s in arcs if s * car.sense >= 0.0]
+    arcs = [(kappa, s) for kappa, s in arcs if s * car.sense >= 0.0]
+    if car.omega > 0.0:
+        arcs += [(side * SPOT, share / SPOT) for side in (1.0, -1.0)]
+    return arcs
 
 
 class CarPlanner:
@@ -92,7 +106,7 @@ class CarPlanner:
     @classmethod
     def quick(cls, scene: Scene, seed: int = 0) -> CarPlanner:
         """Return a planner that gives up after little work, for detours."""
-        return cls(scene, seed, CarSettings((0.7,), (8_000,), rounds=400, patience=120))
+        return cls(scene, seed, QUICK)
 
     def leg(self, query: LegQuery, deadline: Deadline) -> Leg:
         """Return a fast motion between two poses among resting obstacles."""
@@ -104,21 +118,27 @@ class CarPlanner:
         motion = trajectory_of((query.start, query.goal), (arcs,), query.body.kinematics)
         return Leg(motion, reason, budget.used, complete)
 
-    def path(self, query: LegQuery, budget: WorkBudget) -> tuple[FloatArray | None, str]:
-        """Return arcs (n, 2) or None, and what happened."""
+    def path(
+        self, query: LegQuery, budget: WorkBudget, car: CarLimits | None = None
+    ) -> tuple[FloatArray | None, str]:
+        """Return arcs (n, 2) or None, and what happened; ``car``: what the body can do, if not what
+        its own motion model says.
+        """
         body, start, goal, obstacles = query.body, query.start, query.goal, query.obstacles
         shape = widest_shape(self.scene, body, (start, goal), obstacles)
         if shape is None:
             return None, TOUCHES
-        car = limits_of(body.kinematics)
+        car = car or limits_of(body.kinematics)
         world = self.scene.world(shape, obstacles)
         direct = _direct(world, query, car)
         if direct is not None:
             return direct, ""
         best: FloatArray | None = None
-        dry = False
+        count, dry = 0, False
         sides = [False, True]  # the search from the goal's side ends in other local optima
-        for level in range(len(self.settings.levels)):
+        for level, nodes in enumerate(self.settings.nodes):
+            if level >= self.settings.thin and self.settings.few * count > nodes:
+                break
             for turned in tuple(sides):
                 if budget.spent():
                     break
@@ -130,9 +150,7 @@ class CarPlanner:
                 if arcs is not None:
                     arcs = self._smooth(self.scene.world(form, obstacles), asked, arcs, driver)
                     arcs = reversed_arcs(arcs) if turned else arcs
-                    if best is None or path_time(arcs, car.v, car.a) < path_time(
-                        best, car.v, car.a
-                    ):
+                    if best is None or path_time(arcs, car) < path_time(best, car):
                         best = arcs
                 elif dry:  # trapped, at this resolution; begin at the narrower end next time
                     sides = (
@@ -152,7 +170,7 @@ class CarPlanner:
     ) -> tuple[FloatArray | None, int, bool]:
         """Run hybrid A* at one resolution; return arcs or None, expansions, whether it ran dry."""
         problem = self._problem(query, car, shape, level)
-        tree = self._tree(self.settings.nodes[level], problem.space.keys)
+        tree = self._tree(self.settings.nodes[level])
         target = np.array(problem.goal)
         hybrid.plant(tree, np.array(query.start[:3], dtype=np.float64))
         state, looked, nearest, idle = 0, 0, math.inf, 0
@@ -181,6 +199,8 @@ class CarPlanner:
         """Return what one search is about, at one resolution."""
         settings, finest = self.settings, self.settings.levels[level]
         unit = max(car.radius, settings.least * shape.inner[2])
+        if car.omega > 0.0:
+            unit = min(unit, settings.most * shape.inner[2])
         step = finest * unit
         ends, obstacles = (query.start, query.goal), query.obstacles
         reach = 8 * unit + 2 * shape.circumscribed
@@ -194,8 +214,8 @@ class CarPlanner:
         world = self.scene.world(shape, obstacles)
         return hybrid.CarProblem(world, car, (x, y, th), field, space, steps)
 
-    def _tree(self, nodes: int, keys: int) -> hybrid.Tree:
-        return self._trees.get_or((nodes, keys), lambda: hybrid.new_tree(nodes, keys))
+    def _tree(self, nodes: int) -> hybrid.Tree:
+        return self._trees.get_or((nodes,), lambda: hybrid.new_tree(nodes))
 
     def _smooth(
         self, world: WorldData, query: LegQuery, arcs: FloatArray, car: CarLimits
@@ -204,12 +224,12 @@ class CarPlanner:
         origin, target = (np.array(p[:3], dtype=np.float64) for p in (query.start, query.goal))
         effort = Effort(self.settings.rounds, self.settings.patience, self.seed)
         found = improve(world, origin, arcs, car, effort)
-        better = path_time(found, car.v, car.a) < path_time(arcs, car.v, car.a)
+        better = path_time(found, car) < path_time(arcs, car)
         return found if better and settle(origin, target, found) < 1e-7 else arcs
 
 
 def _direct(world: WorldData, query: LegQuery, car: CarLimits) -> FloatArray | None:
     """Return the fastest unobstructed curve if it happens to be free."""
-    _, arcs = fastest(query.start, query.goal, *car)
+    _, arcs = fastest(query.start, query.goal, car)
     origin = np.array(query.start[:3], dtype=np.float64)
     return arcs if sweeps.path_free(world, origin, arcs) < 0 else None

@@ -12,7 +12,15 @@ from up_samp.geometry.records import WorldData, inner, kernel
 from up_samp.geometry.sweeps import first_blocked
 from up_samp.model.arrays import FloatArray, IntArray
 from up_samp.motion.curves.arcs import ends_of, merged, nodes_of, path_time
-from up_samp.motion.curves.reeds_shepp import TINY, CarLimits, Pose, connect, driven_on, run_time
+from up_samp.motion.curves.reeds_shepp import (
+    TINY,
+    CarLimits,
+    Pose,
+    connect,
+    driven_on,
+    on_spot,
+    run_time,
+)
 
 
 class Effort(NamedTuple):
@@ -49,19 +57,18 @@ def _side(
     """
     run, time = part, 0.0
     first = abs(part) > TINY
+    in_first = not on_spot(arcs[i, 0], car)
+    if not in_first:
+        run, time = 0.0, abs(arcs[i, 0] * part) / car.omega
     open_run = run
     k = i + 1 if forward else i - 1
-    in_first = True
     while 0 <= k < arcs.shape[0]:
-        s = arcs[k, 1]
-        if run * s < 0.0:
-            if in_first:
-                open_run, in_first = run, False
-            else:
-                time += run_time(abs(run), car.v, car.a)
-            run = s
-        else:
-            run += s
+        before = time
+        time, after = driven_on(time, run, arcs[k, 0], arcs[k, 1], car)
+        if in_first and time > before:  # what ends the run at the cut: that one's time is no part
+            open_run, in_first = run, False
+            time -= run_time(abs(run), car.v, car.a)
+        run = after
         k = k + 1 if forward else k - 1
     if in_first:
         return run if first or abs(run) > TINY else 0.0, 0.0
@@ -170,7 +177,7 @@ def _over(
     _copy(out, n1, new, 0)
     time, run = 0.0, first.run
     for k in range(n1):
-        time, run = driven_on(time, run, new[k, 1], car.v, car.a)
+        time, run = driven_on(time, run, new[k, 0], new[k, 1], car)
     rest, n2 = connect(via, last.pose, car, (run, last.run), out)
     _copy(out, n2, new, n1)
     return time + rest, n1 + n2
@@ -190,7 +197,7 @@ def improve(
     for _ in range(8):
         random_share(state)
     new = np.empty((10, 2))
-    best = path_time(arcs, car.v, car.a)
+    best = path_time(arcs, car)
     nodes = nodes_of(start, arcs)
     ends = ends_of(arcs)
     idle = 0
@@ -213,7 +220,7 @@ def improve(
         sooner = first.time + time + last.time < best - 1e-4
         if sooner and first_blocked(world, first.pose, new, n) < 0:
             arcs = _spliced(arcs, first, last, new, n)
-            best = path_time(arcs, car.v, car.a)
+            best = path_time(arcs, car)
             nodes = nodes_of(start, arcs)
             ends = ends_of(arcs)
             idle = 0

@@ -28,8 +28,9 @@ class Tree(NamedTuple):
     """A search tree and its open list, kept between calls.
 
     ``nodes`` (cap, 6): x, y, theta, time of closed runs, signed length of the open run, estimate.
-    ``arcs`` (cap, 2): the arc from the parent. ``links`` (cap, 2): parent, key. ``heap`` (cap,)
-    node numbers ordered by estimate. ``table`` float32 (keys,): best time per key.
+    ``arcs`` (cap, 2): the arc from the parent. ``links`` (cap, 2): parent, slot. ``heap`` (cap,)
+    node numbers ordered by estimate. ``keys`` (slots,): which state has a slot (-1: none), by open
+    addressing; ``table`` float32 (slots,): its best time.
     ``counters``: nodes, heap size, expansions, best node, expansions at the first solution.
     ``best``: (time of the best solution). ``tail`` (5, 2): its Reeds-Shepp arcs, ``counters[5]``.
     """
@@ -38,6 +39,7 @@ class Tree(NamedTuple):
     arcs: FloatArray
     links: IntArray
     heap: IntArray
+    keys: IntArray
     table: npt.NDArray[np.float32]
     counters: IntArray
     best: FloatArray
@@ -58,16 +60,24 @@ class CarProblem(NamedTuple):
 
 
 @inner
-def key_of(space: Space, x: float, y: float, th: float, backwards: bool) -> int:
-    """Return the table index of a state; -1 outside."""
+def slot_of(
+    tree: Tree, space: Space, x: float, y: float, th: float, backwards: bool
+) -> tuple[int, int]:
+    """Return the slot of a state and its key; -1 outside."""
     col = math.floor((x - space.x) / space.cell)
     row = math.floor((y - space.y) / space.cell)
     if col < 0 or row < 0 or col >= space.cols or row >= space.rows:
-        return -1
+        return -1, -1
     turn = (th % (2.0 * math.pi)) / (2.0 * math.pi)
     k = int(turn * space.bins + 0.5) % space.bins
     index = (int(row) * space.cols + int(col)) * space.bins + k
-    return 2 * index + (1 if backwards else 0)
+    key = 2 * index + (1 if backwards else 0)
+    mask = tree.keys.shape[0] - 1
+    # Fibonacci hashing (Knuth, The Art of Computer Programming 3, section 6.4)
+    slot = ((key * 11400714819323) >> 20) & mask
+    while tree.keys[slot] >= 0 and tree.keys[slot] != key:
+        slot = (slot + 1) & mask
+    return slot, key
 
 
 @inner
@@ -92,7 +102,7 @@ def _estimate(problem: CarProblem, pose: Pose, closed: float, run: float, out: F
 def add_node(
     tree: Tree, pose: Pose, link: tuple[int, int], times: tuple[float, float, float]
 ) -> int:
-    """Add a node to the tree and to its open list; return its number. ``link``: parent and key;
+    """Add a node to the tree and to its open list; return its number. ``link``: parent and slot;
     ``times``: of closed runs, the open run, the estimate.
     """
     n = tree.counters[0]
@@ -138,21 +148,21 @@ def _grow(
     """Add the child reached by one arc, if it is free and better than what is known there."""
     x0, y0, th0 = tree.nodes[node, 0], tree.nodes[node, 1], tree.nodes[node, 2]
     x, y, th = advance(x0, y0, th0, kappa, s)
-    key = key_of(problem.space, x, y, th, s < 0.0)
-    if key < 0:
-        return
     car = problem.car
-    closed, run = driven_on(tree.nodes[node, 3], tree.nodes[node, 4], s, car.v, car.a)
+    closed, run = driven_on(tree.nodes[node, 3], tree.nodes[node, 4], kappa, s, car)
+    slot, key = slot_of(tree, problem.space, x, y, th, run < 0.0)
+    if slot < 0:
+        return
     time = closed + run_time(abs(run), car.v, car.a)
-    if time >= tree.table[key] - 1e-4:
+    if time >= tree.table[slot] - 1e-4:
         return
     estimate = _estimate(problem, (x, y, th), closed, run, out)
     if estimate >= tree.best[0] * problem.space.beat or estimate == math.inf:
         return
     if not arc_free(problem.world, x0, y0, th0, kappa, s):
         return
-    tree.table[key] = time
-    n = add_node(tree, (x, y, th), (node, key), (closed, run, estimate))
+    tree.keys[slot], tree.table[slot] = key, time
+    n = add_node(tree, (x, y, th), (node, slot), (closed, run, estimate))
     tree.arcs[n, 0], tree.arcs[n, 1] = kappa, s
 
 
@@ -197,19 +207,21 @@ def solution(tree: Tree) -> FloatArray:
 
 def clear(tree: Tree) -> None:
     """Forget the tree's nodes in the table, so that the arrays can be used again."""
-    keys = tree.links[: tree.counters[0], 1]
-    tree.table[keys[keys >= 0]] = math.inf
+    slots = tree.links[1 : tree.counters[0], 1]
+    tree.table[slots], tree.keys[slots] = math.inf, -1
     tree.counters[:] = 0
 
 
-def new_tree(nodes: int, keys: int) -> Tree:
-    """Return an empty tree for up to ``nodes`` nodes over ``keys`` discrete states."""
+def new_tree(nodes: int) -> Tree:
+    """Return an empty tree for up to ``nodes`` nodes."""
+    slots = 1 << (2 * nodes).bit_length()
     return Tree(
         np.empty((nodes, 6)),
         np.empty((nodes, 2)),
         np.empty((nodes, 2), dtype=np.int64),
         np.empty(nodes, dtype=np.int64),
-        np.full(keys, np.inf, dtype=np.float32),
+        np.full(slots, -1, dtype=np.int64),
+        np.full(slots, np.inf, dtype=np.float32),
         np.zeros(6, dtype=np.int64),
         np.full(1, np.inf),
         np.empty((5, 2)),

@@ -177,7 +177,7 @@ class PlanarPlanner:
         if straight_free(self.scene.world(shape, query.obstacles), (x, y, th), way):
             return np.array([origin, [target[0], target[1], origin[2] + turn]]), False
         problem = self._problem(query, shape, grain)
-        tree = hybrid.new_tree(grain.nodes, problem.space.keys)
+        tree = hybrid.new_tree(grain.nodes)
         hybrid.plant(tree, origin)
         state = 0
         while state == 0 and not budget.spent():

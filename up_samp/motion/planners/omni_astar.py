@@ -17,7 +17,7 @@ from up_samp.motion.guides.cost_to_go import Field, field_value
 from up_samp.motion.guides.heap import pop
 from up_samp.motion.guides.search_space import Space
 from up_samp.motion.planners.car_shortcuts import random_share
-from up_samp.motion.planners.hybrid_astar import Tree, add_node, key_of
+from up_samp.motion.planners.hybrid_astar import Tree, add_node, slot_of
 
 Move = tuple[float, float, float]
 """A straight move (dx m, dy m, turn rad): the body goes straight and turns evenly."""
@@ -113,17 +113,17 @@ def _grown(tree: Tree, problem: PlanarProblem, node: int, move: Move) -> bool:
     """
     pose = tree.nodes[node, 0], tree.nodes[node, 1], tree.nodes[node, 2]
     x, y, th = pose[0] + move[0], pose[1] + move[1], pose[2] + move[2]
-    key = key_of(problem.space, x, y, th, False)
-    if key < 0:
+    slot, key = slot_of(tree, problem.space, x, y, th, False)
+    if slot < 0:
         return True
     time = tree.nodes[node, 3] + _cost(move, problem.limits)
-    if time >= tree.table[key] - 1e-4:
+    if time >= tree.table[slot] - 1e-4:
         return True
     rest = _to_go(problem, x, y, th)
     if rest == math.inf or not straight_free(problem.world, pose, move):
         return False
-    tree.table[key] = time
-    add_node(tree, (x, y, th), (node, key), (time, 0.0, time + problem.space.weight * rest))
+    tree.keys[slot], tree.table[slot] = key, time
+    add_node(tree, (x, y, th), (node, slot), (time, 0.0, time + problem.space.weight * rest))
     return True
 
 

@@ -236,9 +236,7 @@ def _drive(
     effort = Effort(ROUNDS, PATIENCE, seed)
     best = None
     for arcs in (raw, improve(world.data, origin, raw, limits, effort)):
-        faster = best is None or path_time(arcs, limits.v, limits.a) < path_time(
-            best, limits.v, limits.a
-        )
+        faster = best is None or path_time(arcs, limits) < path_time(best, limits)
         if settle(origin, target, arcs) < 1e-7 and faster:
             best = arcs
     if best is None:

@@ -1,0 +1,68 @@
+"""Ways as thin as a hair, on which each motion that is known was drawn before the walls."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.motion.oracle import smallest_clearance
+from tests.soundness.known_plans import SECONDS, KnownPlan
+from up_samp.geometry.maps import load_map
+from up_samp.model import Deadline, Outcome, PathQuery
+from up_samp.motion.planners.car import CarPlanner, CarSettings
+from up_samp.motion.planners.pivoting import PivotPlanner
+from up_samp.motion.protocol import LegQuery
+from up_samp.motion.service import MotionService
+from up_samp.upio import read_problem
+from up_samp.validation.kinematics import motion_violations
+from up_samp.validation.limits import limits_of
+
+PLANNERS = {"car": CarPlanner, "differential": PivotPlanner}
+
+
+def drives(seed, folder):
+    """Yield the drives of a world's known plan, its map, and the robots that drive them."""
+    world = KnownPlan(seed, folder)
+    grid = load_map(folder / f"known{seed}.yaml")
+    snapshot = read_problem(world.problem, SECONDS)
+    for number, drive in enumerate(world.drives):
+        name = f"r{number}"
+        ends = tuple(snapshot.configurations[f"{end}{number}"] for end in ("from", "to"))
+        limits = limits_of(world.problem.object(name))
+        yield world.kind, grid, snapshot.objects[name].body, ends, limits, drive
+
+
+@pytest.mark.parametrize("seed", [2, 5, 7, 8, 28, 31, 56])
+def test_what_is_known_to_be_driven_is_found_hardly_slower(seed, tmp_path):
+    for kind, grid, body, ends, limits, known in drives(seed, tmp_path):
+        service = MotionService(grid)
+        planner = PLANNERS[kind](service.scene)
+        motion = planner.leg(LegQuery(body, *ends), Deadline.never()).trajectory
+        assert motion is not None
+        assert motion.duration <= known.motion.duration * 1.1
+        assert motion.duration >= service.lower_bound(body, *ends) - 1e-9
+        assert not list(motion_violations("m", limits, motion.times, motion.poses))
+        assert smallest_clearance(motion, body, grid, ()) > -1e-6
+        for pose, end in zip(motion.poses[[0, -1]], ends, strict=True):
+            assert np.allclose(pose[:2], end[:2], atol=1e-7)
+            assert abs(math.remainder(pose[2] - end[2], 2 * math.pi)) < 1e-7
+
+
+def test_the_finest_levels_are_for_what_few_states_are_left_of(tmp_path):
+    """A level is left out where the one before had looked at much: it would not come to an end."""
+    _, grid, body, ends, _, _ = next(drives(8, tmp_path))
+    service, sought = MotionService(grid), []
+    for few in (8, math.inf):
+        leg = CarPlanner(service.scene, 0, CarSettings(few=few)).leg(
+            LegQuery(body, *ends), Deadline.never()
+        )
+        sought.append(leg)
+    assert [leg.trajectory is None for leg in sought] == [False, True]
+    assert sought[1].complete  # asking again would give the same
+
+
+def test_a_thread_is_planned_by_the_service_without_a_second_opinion(tmp_path):
+    for kind, grid, body, ends, _, _ in drives(7, tmp_path):
+        report = MotionService(grid).plan(PathQuery(body, ends), Deadline.after(60))
+        assert report.outcome is Outcome.FOUND
+        assert report.planner == {"car": "car", "differential": "pivot"}[kind]
