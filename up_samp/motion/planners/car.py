@@ -111,7 +111,7 @@ class CarPlanner:
     def leg(self, query: LegQuery, deadline: Deadline) -> Leg:
         """Return a fast motion between two poses among resting obstacles."""
         budget = WorkBudget(deadline, query.effort)
-        arcs, reason = self.path(query, budget)
+        arcs, reason = self.path(query, budget, limits_of(query.body.kinematics))
         complete = not budget.cut
         if arcs is None:
             return Leg(None, reason, budget.used, complete)
@@ -119,21 +119,18 @@ class CarPlanner:
         return Leg(motion, reason, budget.used, complete)
 
     def path(
-        self, query: LegQuery, budget: WorkBudget, car: CarLimits | None = None
+        self, query: LegQuery, budget: WorkBudget, car: CarLimits
     ) -> tuple[FloatArray | None, str]:
-        """Return arcs (n, 2) or None, and what happened; ``car``: what the body can do, if not what
-        its own motion model says.
-        """
+        """Return arcs (n, 2) or None, and what happened; ``car``: what the body can do."""
         body, start, goal, obstacles = query.body, query.start, query.goal, query.obstacles
         shape = widest_shape(self.scene, body, (start, goal), obstacles)
         if shape is None:
             return None, TOUCHES
-        car = car or limits_of(body.kinematics)
         world = self.scene.world(shape, obstacles)
         direct = _direct(world, query, car)
         if direct is not None:
             return direct, ""
-        best: FloatArray | None = None
+        found: list[FloatArray] = []
         count, dry = 0, False
         sides = [False, True]  # the search from the goal's side ends in other local optima
         for level, nodes in enumerate(self.settings.nodes):
@@ -149,9 +146,7 @@ class CarPlanner:
                 arcs, count, dry = self._search(asked, driver, form, level, budget)
                 if arcs is not None:
                     arcs = self._smooth(self.scene.world(form, obstacles), asked, arcs, driver)
-                    arcs = reversed_arcs(arcs) if turned else arcs
-                    if best is None or path_time(arcs, car) < path_time(best, car):
-                        best = arcs
+                    found.append(reversed_arcs(arcs) if turned else arcs)
                 elif dry:  # trapped, at this resolution; begin at the narrower end next time
                     sides = (
                         [turned, not turned]
@@ -159,11 +154,11 @@ class CarPlanner:
                         else [not turned, turned]
                     )
                     break
-            if best is not None or budget.cut:
+            if found or budget.cut:
                 break
-        if best is None:
+        if not found:
             return None, _CUT if budget.cut else _DRY if dry else _STUCK
-        return best, ""
+        return min(found, key=lambda arcs: float(path_time(arcs, car))), ""
 
     def _search(
         self, query: LegQuery, car: CarLimits, shape: Shape, level: int, budget: WorkBudget

@@ -36,14 +36,7 @@ class Effort(NamedTuple):
 @inner
 def _locate(ends: FloatArray, p: float) -> int:
     """Return the arc in which the position ``p`` (m along the path) lies."""
-    low, high = 0, ends.shape[0] - 1
-    while low < high:
-        mid = (low + high) // 2
-        if ends[mid] < p:
-            low = mid + 1
-        else:
-            high = mid
-    return low
+    return min(int(np.searchsorted(ends, p)), ends.shape[0] - 1)
 
 
 @inner
@@ -56,7 +49,6 @@ def _side(
     ``forward``.
     """
     run, time = part, 0.0
-    first = abs(part) > TINY
     in_first = not on_spot(arcs[i, 0], car)
     if not in_first:
         run, time = 0.0, abs(arcs[i, 0] * part) / car.omega
@@ -71,7 +63,7 @@ def _side(
         run = after
         k = k + 1 if forward else k - 1
     if in_first:
-        return run if first or abs(run) > TINY else 0.0, 0.0
+        return run if abs(run) > TINY else 0.0, 0.0
     return open_run, time + run_time(abs(run), car.v, car.a)
 
 

@@ -79,9 +79,8 @@ class PivotPlanner:
                 p, q = (tuple(float(v) for v in rows[at]) for at in (a, b))
                 moves = steer(query.body, p, q)
                 seconds = rolling_time(rows[a : b + 1], query.body.kinematics)
-                if sum(m.seconds for m in moves) > seconds - 1e-6:
-                    continue
-                if self._is_free(shape, query, moves):
+                sooner = sum(m.seconds for m in moves) <= seconds - 1e-6
+                if sooner and self._is_free(shape, query, moves):
                     rows = _spliced(rows, a, b, corners_of(moves))
                     rests = _rests(rows, query.body.kinematics)
                     break
