@@ -1,17 +1,18 @@
-"""Nothing slower than the plan that a world was built around is called optimal."""
+"""Worlds that were built around a plan have one, and nothing slower is called optimal."""
 
 import pytest
 from unified_planning.engines import PlanGenerationResultStatus as Status
 from unified_planning.shortcuts import OneshotPlanner, get_environment
 
 from tests.soundness.known_plans import SECONDS, KnownPlan, NoPlanError
+from up_samp.model.deadline import computing_time
 from up_samp.validation import validate_plan
 
 SHARE = 1.05
 """What a claim that rests on the planner's own motions may be too long by."""
 
 
-def beaten(seed, folder, seconds=15.0):
+def beaten(seed, folder, seconds=30.0):
     """Return what is wrong with the answer to the world of a seed (None: nothing)."""
     try:
         world = KnownPlan(seed, folder)
@@ -20,10 +21,13 @@ def beaten(seed, folder, seconds=15.0):
     verdict = validate_plan(world.problem, world.plan(), seconds_per_unit=SECONDS)
     assert verdict.valid, verdict.violations
     settings = {"seconds_per_unit": SECONDS, "optimal": True}
-    with OneshotPlanner(name="samp-refine[cpsat]", params=settings) as planner:
+    with (
+        computing_time(),
+        OneshotPlanner(name="samp-refine[cpsat]", params=settings) as planner,
+    ):
         result = planner.solve(world.problem, timeout=seconds)
     if result.plan is None:
-        return None if result.status is Status.TIMEOUT else f"{result.status.name}: there is a plan"
+        return f"{result.status.name}: there is a plan"
     if not validate_plan(world.problem, result.plan, seconds_per_unit=SECONDS).valid:
         return "an invalid plan"
     told, makespan = result.metrics, int(result.metrics["makespan"])
@@ -40,7 +44,7 @@ def _silent(monkeypatch):
     monkeypatch.setattr(get_environment(), "credits_stream", None)
 
 
-@pytest.mark.parametrize("seed", [0, 9, 17, 64, 77, 85, 150, 157])
+@pytest.mark.parametrize("seed", [0, 2, 9, 17, 22, 27, 64, 77, 85, 150, 157])
 def test_what_is_called_optimal_is_not_beaten_by_the_plan_that_is_known(seed, tmp_path):
     assert beaten(seed, tmp_path) is None
 
