@@ -12,12 +12,14 @@ from unified_planning.shortcuts import OneshotPlanner
 
 from tests.export.plans import door_plan
 from tests.fuzz.problems import SECONDS, build, random_case
+from up_samp import Fleet
+from up_samp.cli import main
 from up_samp.execution import with_dependencies
 from up_samp.export import export_plan
 from up_samp.export.mcap_file import DEFINITIONS
 from up_samp.export.steps import steps_of
 from up_samp.export.vda5050 import file_names, nurbs
-from up_samp.io import result_to_dict
+from up_samp.io import result_to_dict, write_plan
 from up_samp.model import ProblemError
 
 SCHEMAS = Path(__file__).parents[3] / "shared" / "data" / "vda5050"
@@ -284,3 +286,41 @@ def test_every_robot_has_a_file_of_its_own():
     names = file_names(robots)
     assert len({n.lower() for n in names.values()}) == len(robots)
     assert not any("/" in n or n.startswith(".") for n in names.values())
+
+
+def site(tmp_path):
+    """Return a problem file whose words are not those of the package, and a plan of it."""
+    fleet = Fleet("examples/maps/two_rooms.yaml", name="words")
+    fleet.add_robot_type("agv", (0.8, 0.6), model="diff")
+    for name, (x, y) in {"home": (3, 3), "rack": (10, 3), "dock": (10, 12)}.items():
+        fleet.add_place(name, x, y)
+    fleet.add_robot("r1", "agv", "home", end="home")
+    fleet.add_order("o1", {"at": "rack", "action": "liftShelf"}, "dock")
+    fleet.add_task("scan", "home", duration=3, action="readBarcodes", after="o1")
+    file = fleet.save(tmp_path / "problem.yaml")
+    fleet = Fleet.from_file(file)
+    result = fleet.solve(first_plan=True)
+    write_plan(tmp_path / "plan.json", with_dependencies(fleet.problem, result.data))
+    return file
+
+
+def test_orders_speak_the_words_of_the_site(tmp_path):
+    file = site(tmp_path)
+    export = ["export", str(tmp_path / "plan.json"), "--to", "vda5050", "--out", str(tmp_path)]
+    assert main([*export, "--problem", str(file)]) == 0
+    nodes = [n for _, m in messages_of(tmp_path) for n in m["nodes"]]
+    edges = [e for _, m in messages_of(tmp_path) for e in m["edges"]]
+    actions = {a["actionType"]: a for n in nodes for a in n["actions"]}
+    assert actions.keys() == {"liftShelf", "drop", "readBarcodes"}
+    told = {p["key"]: p["value"] for p in actions["liftShelf"]["actionParameters"]}
+    assert told["for"] == "o1"
+    assert actions["drop"]["actionId"] == "r1:deliver_o1_r1"
+    at = {n["nodeId"]: n["nodePosition"] for n in nodes if "nodeDescription" in n}
+    assert {name: (p["x"], p["y"]) for name, p in at.items()} == {
+        "home": (3, 3), "rack": (10, 3), "dock": (10, 12)
+    }  # fmt: skip
+    assert {e[end] for e in edges for end in ("startNodeId", "endNodeId")} >= {"home", "rack"}
+    for message in (m for _, m in messages_of(tmp_path)):
+        ids = [n["nodeId"] for n in message["nodes"]]
+        assert [e["startNodeId"] for e in message["edges"]] == ids[:-1]
+        assert [e["endNodeId"] for e in message["edges"]] == ids[1:]

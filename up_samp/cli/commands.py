@@ -97,7 +97,8 @@ def add_export(parser: argparse.ArgumentParser) -> None:
         "--problem",
         default=None,
         metavar="PROBLEM",
-        help="the plan's problem, as for 'up-samp solve': the plan's graph is checked against it",
+        help="the plan's problem, as for 'up-samp solve': the plan's graph is checked against it, "
+        "and orders have its words for places and actions",
     )
     parser.add_argument("--encoding", choices=ENCODINGS, default="fluents")
     parser.set_defaults(run=_export)
@@ -107,6 +108,8 @@ def _export(args: argparse.Namespace) -> int:
     plan = read_plan(args.plan)
     if args.problem is not None:
         refuse(dependency_faults(problem_of_plan(args.problem, args.encoding, plan), plan), plan)
+        fleet = fleet_of(args.problem, {"seconds_per_unit": plan["seconds_per_unit"]})
+        plan |= {} if fleet is None else {"words": fleet.words()}
     files = export_plan(plan, args.to, args.out)
     print("\n".join(str(f) for f in files))
     return 0

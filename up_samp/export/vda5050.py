@@ -23,7 +23,7 @@ import numpy as np
 from up_samp.export.legs import FloatArray, PathPiece, simplified, wrapped
 from up_samp.export.steps import RobotStep, StepWait, localisation_of, steps_of
 from up_samp.io import PlanDict
-from up_samp.io.floors import map_number, named_maps, own_frames
+from up_samp.io.floors import map_number, maps_of, named_maps, own_frames
 from up_samp.io.precision import PRECISION
 from up_samp.model import ProblemError
 
@@ -166,8 +166,25 @@ def _whole(
             edges.append(edge_of(robot, number, step.piece, entry.get("v_max", math.inf)))
             nodes.append(node_of(robot, number, pose, maps[floor]))
         if step.piece is None:
-            (edges if step.lands else nodes)[-1]["actions"].append(_action(step))
+            (edges if step.lands else nodes)[-1]["actions"].append(_action(step, plan))
+    _call_by_place(plan, nodes, edges)
     return nodes, edges
+
+
+def _call_by_place(plan: PlanDict, nodes: list[Message], edges: list[Message]) -> None:
+    """Call nodes as the site calls the places where they lie."""
+    maps, heights = [*named_maps(plan)], [m.height for m in maps_of(plan)]
+    for name, place in plan.get("words", {}).get("places", {}).items():
+        number = heights.index(place["height"])
+        x, y, theta = own_frames(plan)[number].of(place["pose"])
+        for node in nodes:
+            at = node["nodePosition"]
+            near = math.hypot(at["x"] - x, at["y"] - y) <= PRECISION.nurbs
+            alike = math.cos(at["theta"] - theta) >= math.cos(PRECISION.nurbs)
+            if near and alike and at["mapId"] == maps[number]:
+                node |= {"nodeId": name, "nodeDescription": name}
+    for edge, (a, b) in zip(edges, itertools.pairwise(nodes), strict=True):
+        edge |= {"startNodeId": a["nodeId"], "endNodeId": b["nodeId"]}
 
 
 def _nodes_of(steps: Sequence[RobotStep]) -> list[int]:
@@ -194,12 +211,15 @@ def node_of(robot: str, number: int, pose: FloatArray, map_id: str) -> Message:
     }
 
 
-def _action(step: RobotStep) -> Message:
+def _action(step: RobotStep, plan: PlanDict) -> Message:
+    """Return an action, in the site's words where the plan has some."""
+    told = plan.get("words", {}).get("actions", {}).get(step.activity, {})
+    parameters = {"duration": step.seconds, **told.get("parameters", {})}
     return {
-        "actionType": step.activity,
+        "actionType": told.get("type", step.activity),
         "actionId": f"{step.robot}:{step.activity}",
         "blockingType": "HARD",
-        "actionParameters": [{"key": "duration", "value": step.seconds}],
+        "actionParameters": [{"key": key, "value": value} for key, value in parameters.items()],
     }
 
 

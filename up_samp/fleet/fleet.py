@@ -41,8 +41,9 @@ from up_samp.fleet.records import (
     Zone,
 )
 from up_samp.fleet.result import FleetResult, saved, solve_problem
-from up_samp.fleet.spelled_out import ids_of
+from up_samp.fleet.spelled_out import ids_of, spelled_out
 from up_samp.fleet.statements import Written
+from up_samp.fleet.words import words_of
 from up_samp.io.plan_dict import PlanDict
 from up_samp.io.precision import PRECISION
 
@@ -262,6 +263,10 @@ class Fleet:
         """
         told = self.records, self._as_written(), plan
         return [*tell_levels(*told), *tell_lateness(*told)]
+
+    def words(self) -> dict[str, Any]:
+        """Return what the site calls what is done, and where: a plan's ``words`` for exports."""
+        return words_of(spelled_out(self.records), self._as_written())
 
     def with_settings(self, **settings: float) -> Fleet:
         """Return the same problem with other ``seconds_per_unit`` or another ``margin``."""

@@ -441,6 +441,7 @@ class Stop:
 
     ``window``: it begins no earlier and ends no later; where there are several, within one of them.
     ``task`` instead of ``at``: at the machine at which that task is done (see :class:`Mode`).
+    ``action``: what robots call it (for VDA 5050).
     """
 
     __pydantic_config__ = STRICT
@@ -449,6 +450,7 @@ class Stop:
     service: Seconds = 1.0
     window: Windows = ()
     resources: Names = ()
+    action: Name | None = None
 
 
 def _stop(value: Any) -> Any:
@@ -562,6 +564,7 @@ class Task(FleetJob):
 
     ``crew``: so many robots do it together, from its start to its end: one at each of the places
     ``at``. ``modes`` instead of ``duration``: it is done by one of several machines, by name.
+    ``action``: what robots call it (for VDA 5050).
     Beside that see :class:`FleetJob`.
     """
 
@@ -572,6 +575,7 @@ class Task(FleetJob):
     modes: Mapping[Name, Mode] = field(default_factory=dict)
     resources: Names = ()
     window: Windows = ()
+    action: Name | None = None
 
 
 @dataclass(frozen=True)
