@@ -4,6 +4,7 @@ import math
 import random
 
 import pytest
+from unified_planning.shortcuts import IntType
 
 from tests.search.fleet.guesses import along_the_axes
 from up_samp import Fleet
@@ -121,3 +122,16 @@ def test_who_rests_gets_less_to_do():
     unaware = assign(free, Deadline.never(), random.Random(0), Tuning(), rounds=0)
     honest = rehearsal.ends(unaware.tours)
     assert max(end for end, _ in ends.values()) < max(end for end, _ in honest.values())
+
+
+def test_what_drives_count_without_a_limit_is_no_battery():
+    problem = site(0)
+    metres = problem.add_fluent("r0_metres_left", default_initial_value=0, typename=IntType())
+    for activity in problem.activities:
+        if activity.name.startswith("move_r0"):
+            activity.add_decrease_effect(activity.end, metres(), 7)
+    snapshot = read_problem(problem)
+    duties = duties_of(problem, snapshot, find_jobs(problem, snapshot))
+    assert {robot: battery.given for robot, battery in duties.batteries.items()} == {
+        robot: battery.given for robot, battery in rehearsed(0).guess.duties.batteries.items()
+    }

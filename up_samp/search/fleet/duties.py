@@ -12,6 +12,7 @@ import math
 from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from unified_planning.model import FNode
 from unified_planning.model.motion import SchedulingMotionProblem
@@ -95,7 +96,7 @@ def _rests(
     """Yield how long (s) robots do what is part of any plan, and of no job."""
     held = held_by(problem)
     for robot, names in drives.items():
-        busy = frozenset.intersection(*map(held.__getitem__, names))
+        busy = frozenset.intersection(*(held.get(n, frozenset()) for n in names))
         mine = [least(a.duration) for a in own if busy & held[a.name] and a.name not in names]
         yield robot, float(sum(mine)) * snapshot.seconds_per_unit
 
@@ -114,17 +115,19 @@ def _batteries(
         stands[robot][name] = pose[place]
     for robot, level in itertools.product(drives, changes):
         by = changes[level]
+        most: Any = getattr(level.type, "upper_bound", None)
         driven = {n: by[n] for n in drives[robot] if n in by}
         given = {n: by[n] for n in stands[robot] if n in by}
-        if by.keys() > driven.keys() | given.keys() or max(driven.values(), default=0.0) >= 0.0:
+        shared = most is None or by.keys() > driven.keys() | given.keys()
+        if shared or max(driven.values(), default=0.0) >= 0.0:
             continue
-        body, full = snapshot.objects[robot].body, float(level.type.upper_bound)
+        body, full = snapshot.objects[robot].body, float(most)
         for task in snapshot.tasks:
             if task.activity in driven and task.terms[0].kind is TermKind.CONSTANT:
                 a, b = (pose[task.terms[i].name] for i in (0, -1))
                 taken[body, full, a, b] = -driven[task.activity]
         unit, first = snapshot.seconds_per_unit, problem.initial_value(level).constant_value()
-        paces = {stands[robot][n]: more / (lasts[n] * unit) for n, more in given.items()}
+        paces = {stands[robot][n]: more / (max(lasts[n], 1.0) * unit) for n, more in given.items()}
         yield robot, BatteryUse(float(first), full, paces)
 
 
