@@ -319,6 +319,35 @@ def test_moves_are_as_many_as_may_be_needed():
     assert ("a", "c") not in needed
 
 
+def test_nobody_comes_back_to_its_start_where_nobody_may_park():
+    fleet = one_room()
+    fleet.add_place("corner", 12, 3, park=0)
+    fleet.add_robot("r1", "agv", "corner", end="home0")
+    fleet.add_order("o", "a", "b")
+    records = fleet.records
+    needed = moves_needed(visits_of(records, "r1"), Successions(records, "r1"))
+    assert {to for _, to in needed} == {"a", "b", "home0"}
+
+
+@pytest.mark.parametrize(
+    ("options", "drives"),
+    [
+        ({"robots": "extra"}, False),
+        ({}, True),
+        ({"robots": "extra", "optional": True, "penalty": 9}, True),
+    ],
+)
+def test_who_has_work_that_nobody_else_may_do_does_not_drive_home_first(options, drives):
+    fleet = one_room(2)
+    fleet.add_place("corner", 12, 3, park=0)
+    fleet.add_robot("extra", "agv", "corner", end="c")
+    fleet.add_order("o", "a", "b", **options)
+    fleet.add_order("other", "a", "b", robots="r0")
+    needed = moves_needed(visits_of(fleet.records, "extra"), Successions(fleet.records, "extra"))
+    assert (("corner", "c") in needed) == drives
+    assert ("b", "c") in needed
+
+
 def test_a_zone_in_which_too_many_start_is_refused():
     fleet = one_room(2)
     fleet.add_zone("all", [(0, 0), (14, 0), (14, 15), (0, 15)], max_robots=1)

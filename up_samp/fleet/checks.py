@@ -253,8 +253,8 @@ class _Checker:
     def _too_late(self, job: Order | Task) -> str | None:
         """Return why no robot can do a job in time, even by the shortest drives."""
         stops, robots = self._stops(job), self._fit(job)
-        shifts = {r: self.records.robots[r].shift for r in robots}
-        if not any(windows for *_, windows in stops) and not any(shifts.values()):
+        ends = {r: self.records.robots[r].hours[1] for r in robots}
+        if not any(windows for *_, windows in stops) and {*ends.values()} <= {math.inf}:
             return None
         courses = {robot: self._earliest(robot, job, stops) for robot in robots}
         for number, (what, *_, windows) in enumerate(stops):
@@ -262,8 +262,7 @@ class _Checker:
             if windows and ready > windows[-1][1] + 1e-6:
                 text = f"the window of its {what} closes at {windows[-1][1]:g} s; by the shortest "
                 return text + f"drives it ends at {ready:.1f} s or later"
-        over = {r: shift[1] for r, shift in shifts.items() if shift is not None}
-        if robots and all(r in over and courses[r][-1] > over[r] + 1e-6 for r in robots):
+        if robots and all(courses[r][-1] > ends[r] + 1e-6 for r in robots):
             first = min(course[-1] for course in courses.values())
             text = f"by the shortest drives it ends at {first:.1f} s or later: the shifts of "
             return text + f"{', '.join(robots)} end before they could"
@@ -289,7 +288,7 @@ class _Checker:
         straight there, through all doors, and nobody is in its way.
         """
         mine = self.records.robots[robot]
-        at, done = [(0.0 if mine.shift is None else mine.shift[0], mine.start)], []
+        at, done = [(mine.hours[0], mine.start)], []
         for _, places, lasts, windows in stops:
             came = [(min(t + self._least(robot, p, to) for t, p in at), to) for to in places]
             at = [(_begin(windows, max(t, job.release), lasts) + lasts, to) for t, to in came]

@@ -6,6 +6,7 @@ Lengths in m, angles in rad, times in s; poses are ``(x, y, theta)`` in the map'
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -269,6 +270,11 @@ class Robot:
     localisation: Clearance | None = None
     latency: Moment | None = None
 
+    @property
+    def hours(self) -> tuple[float, float]:
+        """From when until when (s) it works: always, where it has no shift."""
+        return self.shift or (0.0, math.inf)
+
 
 GROUND = "ground"
 """The floor whose map is the problem's own."""
@@ -315,7 +321,8 @@ class Lift:
 @dataclass(frozen=True)
 class Place:
     """A pose at which something is done, on a ``floor``. ``park``: how often each robot may come to
-    rest here without doing anything, to be out of the way. ``charger``: robots with batteries
+    rest here without doing anything, to be out of the way (where that is not said, who starts here
+    may, once). ``charger``: robots with batteries
     charge here. ``room``: of so many orders the loads may be here at a time, from when a delivery
     begins until a pickup ends; ``holds``: so many are here at first. Where it is a machine's, what
     was brought is gone as its task begins, and what is fetched is there as that ends.
@@ -324,7 +331,7 @@ class Place:
     __pydantic_config__ = STRICT
     pose: Pose
     floor: Name = GROUND
-    park: Annotated[int, Ge(0), Le(FILE_LIMITS.visits), NUMBER] = 0
+    park: Annotated[int, Ge(0), Le(FILE_LIMITS.visits), NUMBER] | None = None
     charger: Charger | None = None
     room: Count | None = None
     holds: Some = 0

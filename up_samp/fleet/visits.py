@@ -83,8 +83,7 @@ def visits_of(records: FleetRecords, robot: str) -> list[Visit]:
     ]
     for place, charger in chargers_of(records, robot):
         visits += [Visit(robot, Kind.CHARGE, place, (place,), i) for i in range(charger.times)]
-    for place in _parking(records, robot):
-        times = max(1, records.places[place].park)
+    for place, times in _parking(records, robot).items():
         visits += [Visit(robot, Kind.PARK, place, (place,), i) for i in range(times)]
     if mine.end is not None:
         visits.append(Visit(robot, Kind.END, mine.end, (mine.end,)))
@@ -98,11 +97,12 @@ def chargers_of(records: FleetRecords, robot: str) -> list[tuple[str, Charger]]:
     return [(name, p.charger) for name, p in records.places.items() if p.charger is not None]
 
 
-def _parking(records: FleetRecords, robot: str) -> list[str]:
-    """Return where a robot may rest: its own start, and what is for parking."""
-    own = records.robots[robot].start
-    places = [p for p, place in records.places.items() if place.park]
-    return list(dict.fromkeys([own, *places]))
+def _parking(records: FleetRecords, robot: str) -> dict[str, int]:
+    """Return where a robot may rest, and how often: what is for parking, and its own start, once,
+    where that says nothing of it.
+    """
+    own = {records.robots[robot].start: 1}
+    return own | {p: place.park for p, place in records.places.items() if place.park is not None}
 
 
 NEVER = frozenset(
@@ -127,10 +127,18 @@ class Successions:
         self._orders = records.order_of
         self._after = {j.id: set(earlier_than(records, j)) for j in records.jobs}
         self._capacity = kind.capacity
+        others = records.robots.keys() - {robot}
+        alone = (
+            not any(can_do(records, other, job) for other in others)
+            for job in filter(needs_robot, records.jobs)
+            if not job.optional and can_do(records, robot, job)
+        )
+        # who has work that nobody else may do does not end its day first
+        self._never = NEVER | ({(Kind.START, Kind.END)} if any(alone) else frozenset())
 
     def possible(self, a: Visit, b: Visit) -> bool:
         """Return whether ``b`` may be the next visit after ``a``."""
-        if a == b or (a.kind, b.kind) in NEVER:
+        if a == b or (a.kind, b.kind) in self._never:
             return False
         if a.kind is b.kind is Kind.TASK and a.what == b.what:
             return False

@@ -58,8 +58,8 @@ class Work:
         may do is there.
         """
         for robot, mine in self._records.robots.items():
-            shift = () if mine.shift is None else (mine.shift,)
-            for a in self.busy[robot] if shift else ():
+            shift = tuple(filter(None, (mine.shift,)))
+            for a in self.busy[robot]:
                 self._limit(a, shift, ())
 
     def of(self, what: str, *kinds: Kind) -> list[Activity]:
