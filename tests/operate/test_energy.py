@@ -10,9 +10,9 @@ from tests.operate.days import Day
 from tests.operate.sites import hall
 from tests.operate.wire import AgvFloor
 from up_samp.model import ProblemError, UnsupportedError
-from up_samp.operate.energy import NOWHERE, Cells, charge_task, low, start_levels, with_levels
 from up_samp.operate.planner import check_site
 from up_samp.operate.settings import Settings
+from up_samp.operate.upkeep import NOWHERE, Cells, charge_task, low, start_levels, with_levels
 
 BATTERY = {"capacity": 100.0, "per_metre": 0.5, "per_second": 0.05, "reserve": 10.0, "level": 60.0}
 PATIENT = Settings(stretch=20.0)

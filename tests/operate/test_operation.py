@@ -47,6 +47,16 @@ def test_orders_that_come_all_the_time_are_done_once(day):
     assert len(taken) >= 3
 
 
+def test_a_plan_counts_on_being_followed_a_tick_after_it_is_there(day):
+    """Robots drive on meanwhile: who is to wait by it has to be where it still can."""
+    day.order("o0", "rack0", "dock0")
+    day.until(lambda: day.operation._asked is not None)
+    question, since, _ = day.operation._asked
+    day.until(lambda: day.operation.costs)
+    there, *_ = day.operation.costs[0]
+    assert there + day.settings.tick <= since + question.lead
+
+
 def test_a_robot_may_start_at_a_pose_of_its_own(tmp_path):
     fleet = hall(tmp_path, robots=1)
     fleet.add_robot("late", "agv", [3, 11, 0])

@@ -8,10 +8,6 @@ from up_samp.operate.planner import check_site
 
 REFUSED = {
     "lifts": (lambda f: f.add_floor("first", "hall.yaml", 4.0), "floor 'first'"),
-    "shifts": (
-        lambda f: f.add_robot("late", "agv", [3, 11, 0], shift=(9, 99)),
-        "robot 'late' has a shift",
-    ),
     "timetables": (
         lambda f: f.add_automatic_door("gate", [(1, 1), (2, 1), (2, 2)], shut=(9, 99)),
         "automatic door 'gate' has a timetable",

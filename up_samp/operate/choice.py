@@ -66,20 +66,24 @@ class Day:
     """Until when (s of the day) orders and robots are put aside that no plan was found for."""
     again: float = 0.0
     """When (s of the day) those may be tried again, where there is nothing else."""
-    tried: dict[tuple[str, str], int]
-    """How often no plan was found for an order (by name) and a robot that was to do it."""
+    tried: dict[tuple[str, str], float]
+    """How often no plan was found for an order (by name) and a robot that was to do it; half as
+    often where only time was too short.
+    """
 
-    def put_aside(self, orders: Sequence[str], robots: Sequence[str]) -> None:
+    def put_aside(self, orders: Sequence[str], robots: Sequence[str], hasty: bool = False) -> None:
         """Put aside, for longer each time, what no plan was found for: there may be none for long,
-        and others are not to wait for that.
+        and others are not to wait for that. Where time was over (``hasty``) it is asked for as it
+        is once more, now that its motions are known.
         """
         now = self.clock.now()
         for pair in itertools.product(orders or [""], robots):
-            self.tried[pair] = self.tried.get(pair, 0) + 1
+            self.tried[pair] = self.tried.get(pair, 0.0) + (0.5 if hasty else 1.0)
         self.aside = {name: until for name, until in self.aside.items() if until > now}
         for name in (*orders, *robots):
             count = sum(n for pair, n in self.tried.items() if name in pair)
-            self.aside[name] = now + ASIDE * 2.0 ** min(count - 1, 4)
+            if count >= 1.0:
+                self.aside[name] = now + ASIDE * 2.0 ** min(count - 1.0, 4.0)
 
     def turns(self) -> tuple[float, ...]:
         """Return until when (s of the day) what is planned now may have been put aside: first what
@@ -87,6 +91,11 @@ class Day:
         """
         now = self.clock.now()
         return (now, math.inf) if now >= self.again else (now,)
+
+    @property
+    def lead(self) -> float:
+        """In how many seconds a plan that is asked for now is followed, at the latest."""
+        return self.settings.budget + self.settings.grace + 2 * self.settings.tick
 
     def error(self, robot: str) -> float:
         """Return how far (m) from where it tells to be a robot may be."""
@@ -117,8 +126,7 @@ class Day:
         if self.executor is None:
             return []
         cut = self.cut()
-        left = (n for n in cut.kept if n not in cut.stops and not self._is_done(n))
-        busy = {self.meanings[n].robot for n in left}
+        busy = self.busy(cut)
         ends = {r: visited(self.jobs[o].record)[-1] for o, r in cut.carrying.items()}
         found = []
         for name in self.there():
@@ -128,6 +136,11 @@ class Day:
             if name not in busy and wanted:
                 found.append(name)
         return found
+
+    def busy(self, cut: Cut) -> set[str]:
+        """Return the robots that are still to do something of what a cut keeps."""
+        left = (n for n in cut.kept if n not in cut.stops and not self._is_done(n))
+        return {self.meanings[n].robot for n in left}
 
     def over(self) -> dict[str, str]:
         """Return what is not to begin any more of what the plan says, and why: its order was
@@ -168,13 +181,13 @@ class Day:
         """Return where the plan can be cut now, so that there is time to plan; ``opened``: the
         robots that are planned anew (None: nobody).
         """
-        now, s = self.clock.now(), self.settings
+        now = self.clock.now()
         if self.executor is None:
             free = dict.fromkeys(self.site.robots, 0.0)
             return Cut(0.0, poses=self.poses, free=free, away=self.off_plan())
         found = cut_of(
             self.executor,
-            s.budget + s.grace + 2 * s.tick,
+            self.lead,
             broken={r: self.poses[r] for r in self.off_plan()},
             limits=self._limits(self.executor),
             opened=opened or {},
@@ -228,10 +241,11 @@ def choose(day: Day) -> OpenWork | None:
     ago is put aside while there is anything else.
     """
     now, stuck = day.clock.now(), day.stranded() or day.stale()
-    waiting = [j for j in (*day.waiting(), *day.dropped()) if ready(day, j)]
+    there = standing(day)
+    waiting = [j for j in (*day.waiting(), *day.dropped()) if ready(day, j, there)]
     for until in day.turns():
         if robots := [r for r in stuck if day.aside.get(r, now) <= until][:2]:
-            in_vain = max(day.tried.get(("", r), 0) for r in robots)
+            in_vain = int(max(day.tried.get(("", r), 0) for r in robots))
             beside = tuple(_beside(day, robots, _bound_for(day, robots), in_vain))
             opened = dict.fromkeys((*robots, *beside), Opened.ALL)
             # what was sought twice in vain is not to keep a robot where it stands
@@ -252,7 +266,7 @@ def _bound_for(day: Day, robots: Iterable[str]) -> list[str]:
 
 def _tries(day: Day, job: DayOrder, robots: Iterable[str]) -> int:
     """Return how often no plan was found for an order that one of some robots was to do."""
-    return max((day.tried.get((job.id, r), 0) for r in robots), default=0)
+    return int(max((day.tried.get((job.id, r), 0) for r in robots), default=0))
 
 
 def _dispatched(day: Day, waiting: Sequence[DayOrder]) -> OpenWork | None:
@@ -265,7 +279,7 @@ def _dispatched(day: Day, waiting: Sequence[DayOrder]) -> OpenWork | None:
     """
     free = {r: f for r, f in day.free_at().items() if f[0] <= day.settings.soon}
     for robot in sorted(free, key=lambda r: (free[r][0], r)):
-        left = [j for j in waiting if can_do(day.site, robot, j.record)]
+        left = [j for j in waiting if may_do(day, j, robot, *free[robot])]
         if not left:
             continue
         job = max(left, key=lambda j: _worth(day, j, robot, *free[robot]))
@@ -312,11 +326,20 @@ def first_there(day: Day, job: DayOrder, free: Mapping[str, tuple[float, Pose]])
     now = day.clock.now()
 
     def key(robot: str) -> tuple[int, bool, float, str]:
-        in_vain = day.tried.get((job.id, robot), 0)
+        in_vain = int(day.tried.get((job.id, robot), 0))
         aside = day.aside.get(robot, now) > now
         return in_vain, aside, _there(day, job, robot, *free[robot]), robot
 
-    return min((r for r in free if can_do(day.site, r, job.record)), key=key)
+    return min((r for r in free if may_do(day, job, r, *free[r])), key=key)
+
+
+def may_do(day: Day, job: DayOrder, robot: str, when: float, pose: Pose) -> bool:
+    """Return whether a robot can do an order before its shift ends: by straight lines, and with a
+    way home that is as long as the way there.
+    """
+    takes = 2 * _there(day, job, robot, 0.0, pose) + _handling(day, job, robot)
+    in_time = day.clock.now() + when + takes <= day.site.robots[robot].hours[1]
+    return in_time and can_do(day.site, robot, job.record)
 
 
 def _worth(
@@ -341,31 +364,39 @@ def _handling(day: Day, job: DayOrder, robot: str) -> float:
     return record.pickup.service + way / speed + record.delivery.service
 
 
-def ready(day: Day, job: DayOrder) -> bool:
+def standing(day: Day) -> list[Polygon]:
+    """Return the bodies of robots at the ends of their plans that are not free soon: they stand
+    there for good, and nobody is planned with them.
+    """
+    free, ends = day.free_at(), day.cut().poses
+    late = {r for r in free if free[r][0] > day.settings.soon} | {*day.there()} - free.keys()
+    return [body_at(day.site, r, ends[r]) for r in sorted(late)]
+
+
+def ready(day: Day, job: DayOrder, there: Sequence[Polygon] = ()) -> bool:
     """Return whether an order can be planned: it may begin soon, what comes before it is in the
-    plan, or over, and nobody stands for good where it is picked up or delivered.
+    plan, or over, and nobody stands for good (as those ``there`` do) where it is picked up or
+    delivered.
     """
     if job.record.release > day.clock.now() + day.settings.soon:
         return False
     before = (day.jobs.get(name) for name in job.record.after)
     if not all(b is None or b.state is not OrderState.WAITING for b in before):
         return False
-    return all(_can_stop(day, stop) for stop in visited(job.record))
+    return all(_can_stop(day, stop, there) for stop in visited(job.record))
 
 
-def _can_stop(day: Day, stop: Stop | Task) -> bool:
+def _can_stop(day: Day, stop: Stop | Task, there: Sequence[Polygon] = ()) -> bool:
     """Return whether some robot could stand at one of a stop's places, beside those that do nothing
-    now, and outside areas that are blocked.
+    now or are ``there``, and outside areas that are blocked.
     """
-    apart = day.site.margin
-    there = [(body_at(day.site, r, day.poses[r]), apart) for r in day.away]
-    there += [(Polygon(shape), 0.0) for shape in day.areas.values()]
-    kinds = {day.site.robots[r].type: r for r in day.site.robots} if there else {}
+    away = (body_at(day.site, r, day.poses[r]) for r in day.away)
+    taken = [*zip((*there, *away), itertools.repeat(day.site.margin))]
+    taken += [(Polygon(shape), 0.0) for shape in day.areas.values()]
+    kinds = {day.site.robots[r].type: r for r in day.site.robots}
     poses = [day.site.places[place].pose for place in stop.at]
     bodies = (body_at(day.site, r, pose) for r in kinds.values() for pose in poses)
-    return not there or any(
-        all(body.distance(other) > apart for other, apart in there) for body in bodies
-    )
+    return any(all(body.distance(other) > apart for other, apart in taken) for body in bodies)
 
 
 def body_at(site: FleetRecords, robot: str, pose: Pose) -> Polygon:

@@ -14,12 +14,11 @@ import numpy as np
 
 from up_samp.execution.simulate import Delays
 from up_samp.fleet.fleet import Fleet
-from up_samp.fleet.records import FleetRecords, Order, Task
+from up_samp.fleet.records import Break, FleetRecords, Order, Task
 from up_samp.fleet.spelled_out import with_places
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import ProblemError
 from up_samp.operate.clock import SimulatedClock
-from up_samp.operate.energy import is_charge
 from up_samp.operate.judge import DayVerdict, judge_day, record_of_day
 from up_samp.operate.loop import Operation
 from up_samp.operate.records import DayOrder, OrderState
@@ -32,6 +31,7 @@ from up_samp.operate.simulated import (
     driven_until,
 )
 from up_samp.operate.store import Store
+from up_samp.operate.upkeep import BREAK, CHARGE
 
 NOTICED = 5.0
 """Seconds after which somebody has seen that a robot has broken down."""
@@ -141,7 +141,7 @@ def simulate_day(
 ) -> DayResult:
     """Simulate a day on a site and judge it."""
     begun, site = time.monotonic(), with_places(fleet.records)
-    empty = _without_jobs(fleet)
+    empty = _without_jobs(fleet, plan.hours)
     robots = SimulatedRobots(
         {n: site.places[r.start].pose for n, r in site.robots.items()},
         mishaps_of(site, plan),
@@ -172,10 +172,21 @@ def simulate_day(
         day.close()
 
 
-def _without_jobs(fleet: Fleet) -> Fleet:
+def _without_jobs(fleet: Fleet, hours: float) -> Fleet:
+    """Return a fleet without orders and tasks, and with the breaks that begin in a day of so many
+    hours.
+    """
+
+    def soon(rest: Break) -> bool:
+        return rest.window[0] < 3600.0 * hours
+
     empty = Fleet.__new__(Fleet)
     empty._folder = fleet.folder
-    empty._hold(dataclasses.replace(fleet.records, orders=(), tasks=()))
+    robots = {
+        name: replace(robot, breaks=tuple(filter(soon, robot.breaks)))
+        for name, robot in fleet.records.robots.items()
+    }
+    empty._hold(dataclasses.replace(fleet.records, orders=(), tasks=(), robots=robots))
     return empty
 
 
@@ -218,7 +229,7 @@ def figures_of(
 ) -> DayFigures:
     """Return the figures of a day that ends now."""
     now, costs = day.clock.now(), day.costs
-    jobs = [j for j in day.jobs.values() if not is_charge(j.id)]
+    jobs = [j for j in day.jobs.values() if not j.id.startswith((BREAK, CHARGE))]
     done = [j for j in jobs if j.state is OrderState.DONE and j.done is not None]
     ended = [*done, *(replace(j, done=now) for j in jobs if j.state.open)]
     driven = waited = metres = 0.0
@@ -235,10 +246,10 @@ def figures_of(
         done=len(done),
         hours=round(hours, 3),
         per_hour=round(len(done) / hours, 2),
-        tardiness=round(statistics.fmean([j.tardiness for j in ended] or [0.0]), 1),
-        in_time=round(statistics.fmean([j.tardiness <= 0.0 for j in ended] or [1.0]), 3),
-        flow=round(statistics.fmean([(j.done or 0.0) - j.came for j in ended] or [0.0]), 1),
-        waiting=round(waited / driven, 4) if driven else 0.0,
+        tardiness=round(_mean([j.tardiness for j in ended], 0.0), 1),
+        in_time=round(_mean([j.tardiness <= 0.0 for j in ended], 1.0), 3),
+        flow=round(_mean([(j.done or 0.0) - j.came for j in ended], 0.0), 1),
+        waiting=round(waited / max(driven, 1e-9), 4),
         kilometres=round(metres / 1000.0, 3),
         plans=len(costs),
         plans_taken=sum(c[4] for c in costs),
@@ -246,6 +257,10 @@ def figures_of(
         steps=_quantiles(steps),
         seconds=round(seconds, 1),
     )
+
+
+def _mean(values: Sequence[float], otherwise: float) -> float:
+    return statistics.fmean(values or [otherwise])
 
 
 def _quantiles(values: Sequence[float]) -> tuple[float, float, float]:

@@ -26,9 +26,9 @@ from up_samp.fleet.records import Order, Task
 from up_samp.fleet.spelled_out import with_places
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import ProblemError, SampError
+from up_samp.operate import upkeep
 from up_samp.operate.choice import OUT, Day, OpenWork, body_at, choose
 from up_samp.operate.clock import Clock
-from up_samp.operate.energy import CHARGE, charge_task, is_charge, low, start_levels
 from up_samp.operate.horizon import DELIVERS, first_inside, meanings_of, pose_of
 from up_samp.operate.planner import (
     Answer,
@@ -101,13 +101,11 @@ class Operation(Day):
         self._asked: tuple[Question, float, str] | None = None
         self._changed: set[str] = set()
         """Orders that were changed or cancelled since the planner was asked."""
-        self._planned_at = self._snapshot_at = 0.0
-        self._not_before = 0.0
-        self._forecast = 0.0
+        self._planned_at = self._snapshot_at = self._not_before = self._forecast = 0.0
         self._faults = 0
         self._off: dict[str, tuple[float, Pose | None]] = {}
         """Since when, and where, robots tell to stand that are not where their plan has them."""
-        self._load([*fleet.records.jobs])
+        self._load([*upkeep.breaks_of(self.site), *fleet.records.jobs])
 
     # ------------------------------------------------------------------ a day begins, or goes on
 
@@ -343,14 +341,14 @@ class Operation(Day):
         (name,) = self._some(robot)
         if name in self.charging():
             raise ProblemError(f"'{name}' is to charge already")
-        number = sum(is_charge(job) for job in self.jobs)
+        number = sum(upkeep.is_charge(job) for job in self.jobs)
         level = self.robots.levels.get(name, 0.0)
-        named = f"{CHARGE}{name}.{number}"
-        return self.add(charge_task(self.site, name, level, named, self.clock.now()))
+        named = f"{upkeep.CHARGE}{name}.{number}"
+        return self.add(upkeep.charge_task(self.site, name, level, named, self.clock.now()))
 
     def charging(self) -> set[str]:
         """Return the robots that are to charge, or do so."""
-        some = (j for j in self.jobs.values() if is_charge(j.id) and j.state.open)
+        some = (j for j in self.jobs.values() if upkeep.is_charge(j.id) and j.state.open)
         return {robot for job in some for robot in job.record.robots}
 
     def _limit(self) -> None:
@@ -388,8 +386,11 @@ class Operation(Day):
     def step(self) -> None:
         """Do what is to be done now, and let a tick pass."""
         now = self.clock.now()
-        for robot in {*low(self.site, self.robots.levels, self.settings.low)} - self.charging():
+        low = {*upkeep.low(self.site, self.robots.levels, self.settings.low)}
+        for robot in low - self.charging():
             self.charge(robot)
+        for robot, begins in upkeep.shift_changes(self).items():
+            self.join(robot) if begins else self.leave(robot, upkeep.OFF)
         with self.store:
             for report in filter(self._sure, self.robots.reports(now)):
                 self.store.put_report(report)
@@ -628,7 +629,7 @@ class Operation(Day):
         self.number += 1
         question = Question(
             number=self.number,
-            site=self.site,
+            site=upkeep.from_now(self.site, now),
             folder=self.folder,
             cut=cut,
             kept=kept,
@@ -639,13 +640,13 @@ class Operation(Day):
             on_board=self.on_board(),
             areas=self.areas,
             shut=frozenset(n for n, state in self.shut.items() if state == OUT),
-            levels=start_levels(
+            levels=upkeep.start_levels(
                 self.site, self.robots.levels, self.executor, self.meanings, cut.kept
             ),
             kept_jobs=tuple(since_now(j.record, now, j.came) for j in staying),
             seconds=s.budget * (s.stretch if self.clock.waits else 1.0),
             computing=self.clock.waits,
-            lead=s.budget + s.grace,
+            lead=self.lead,
             seed=s.seed,
             localisation=s.localisation,
             ahead=s.ahead,
@@ -673,7 +674,7 @@ class Operation(Day):
         why.
         """
         if answer.plan is None:
-            self.put_aside([j.id for j in question.jobs], question.robots)
+            self.put_aside([j.id for j in question.jobs], question.robots, answer.hasty)
             return False, answer.why
         if question.cut.away != self.off_plan():
             return False, "a robot has gone, or is back, since it was asked for"

@@ -40,13 +40,13 @@ from up_samp.fleet.records import (
 from up_samp.fleet.spelled_out import without_repeats
 from up_samp.fleet.statements import Meaning, Written
 from up_samp.io.plan_dict import PlanDict
-from up_samp.model import ProblemError, SampError, UnsupportedError
+from up_samp.model import OutOfTimeError, ProblemError, SampError, UnsupportedError
 from up_samp.model.deadline import computing_time
-from up_samp.operate.energy import charger_of, is_charge, with_levels
 from up_samp.operate.horizon import DELIVERS, Cut
 from up_samp.operate.order import ordered
 from up_samp.operate.records import Pose, Shape
 from up_samp.operate.stitch import BUSY, CommonNeeds, Kept, stitched
+from up_samp.operate.upkeep import charger_of, is_charge, with_levels
 from up_samp.operate.zones import still_counted
 from up_samp.system.child import ProcessGroup, command, environment
 
@@ -60,7 +60,7 @@ RESTS = 2
 WRITING, EACH_KEPT = 0.1, 0.03
 """Seconds of a budget that writing a problem, and what comes of it, down takes; and for each
 activity that is kept: putting what is new behind it, and all of it in order."""
-LEAST = 0.25
+LEAST = 0.5
 """Share of a budget for which a plan is sought at least."""
 SAME = 1e-3
 """Poses closer than this (m, rad) are one place."""
@@ -113,6 +113,9 @@ class Answer:
     why: str = ""
     seconds: float = 0.0
     cpu: float = 0.0
+    hasty: bool = False
+    """Whether there is none only because time was over: the motions that were planned by then are
+    kept, so there may be one when it is asked for again."""
 
 
 def _by_machine(job: Order | Task) -> object:
@@ -124,8 +127,6 @@ def _by_machine(job: Order | Task) -> object:
 
 NOT_YET: tuple[tuple[str, Callable[[Any, FleetRecords], object], str], ...] = (
     ("floors", lambda *_: True, "floor '{}': one floor is operated, the ground"),
-    ("robots", lambda robot, _: robot.shift is not None or robot.breaks,
-     "robot '{}' has a shift or breaks: let it leave and join"),
     ("doors", lambda door, _: door.closes is not None,
      "door '{}' closes by itself: not operated yet"),
     ("doors", lambda door, _: door.second, "door '{}' has two leaves: not operated yet"),
@@ -222,15 +223,18 @@ def problem_records(ask: Question) -> FleetRecords:
             continue
         spot = place_at(places, ask.cut.poses[name], name)
         there = name in ask.robots
-        robots[name] = replace(robot, start=spot, end=robot.end if there else None)
+        robots[name] = replace(robot, start=spot, end=robot.end if there else None, shift=None)
     loaded = {name for name, _ in ask.held}
     idle = [r for r in ask.robots if r not in loaded]
     orders: list[Order] = []
     tasks: list[Task] = []
     for job in ask.jobs:
-        able = tuple(r for r in idle if can_do(site, r, job))
+        able = tuple(r for r in idle if can_do(site, r, job) and _time_left(ask, r) > 0.0)
         if not able:
             raise ProblemError(f"nobody is there to do '{job.id}'")
+        for name in able:  # home too; whom nothing is given goes there late rather than never
+            shift = site.robots[name].shift and (0.0, _time_left(ask, name))
+            robots[name] = replace(robots[name], shift=shift)
         known = {j.id for j in ask.jobs}
         mine = replace(job, robots=able, after=tuple(n for n in job.after if n in known))
         if isinstance(mine, Order):
@@ -256,6 +260,11 @@ def problem_records(ask: Question) -> FleetRecords:
         doors=doors,
     )  # fmt: skip
     return with_levels(left, ask.levels, (r for t in tasks if is_charge(t.id) for r in t.robots))
+
+
+def _time_left(ask: Question, robot: str) -> float:
+    """Return how long (s) before a robot's shift ends the new plan begins, for that robot."""
+    return ask.site.robots[robot].hours[1] - max(ask.lead, ask.cut.free.get(robot, 0.0))
 
 
 def _still_leaves(ask: Question) -> dict[str, Shape]:
@@ -285,7 +294,7 @@ def place_at(places: dict[str, Place], pose: Pose, who: str) -> str:
         if max(gap, abs(math.remainder(place.pose[2] - pose[2], math.tau))) <= SAME:
             return name
     name = f"now.{who}"
-    places[name] = Place(pose=pose)
+    places[name] = Place(pose=pose, park=0)  # nobody comes back to where it happens to stand
     return name
 
 
@@ -305,7 +314,7 @@ def _let_rest(ask: Question, places: dict[str, Place], pose: Pose) -> None:
         if all(math.dist(place.pose[:2], other[:2]) > apart for other in taken)
     ]
     for _, name in sorted(free)[:RESTS]:
-        places[name] = replace(places[name], park=max(1, places[name].park))
+        places[name] = replace(places[name], park=1)
 
 
 def _brought(order: Order, robot: str) -> Task:
@@ -348,16 +357,15 @@ def answer(ask: Question, cache: MotionCache | None = None) -> Answer:
     """Plan; what goes wrong is the answer's ``why``. ``cache``: what keeps motions."""
     begun, cpu = time.monotonic(), time.process_time()
 
-    def said(plan: PlanDict | None, why: str = "") -> Answer:
-        return Answer(
-            ask.number, plan, why, time.monotonic() - begun, time.process_time() - cpu
-        )  # fmt: skip
+    def said(plan: PlanDict | None, why: str = "", hasty: bool = False) -> Answer:
+        seconds, computed = time.monotonic() - begun, time.process_time() - cpu
+        return Answer(ask.number, plan, why, seconds, computed, hasty)
 
     try:
         with computing_time() if ask.computing else contextlib.nullcontext():
             return said(_plan(ask, cache))
     except SampError as error:
-        return said(None, " ".join(str(error).split())[:500])
+        return said(None, " ".join(str(error).split())[:500], isinstance(error, OutOfTimeError))
 
 
 def _plan(ask: Question, cache: MotionCache | None) -> PlanDict:
@@ -368,16 +376,17 @@ def _plan(ask: Question, cache: MotionCache | None) -> PlanDict:
     records = problem_records(ask)
     written = write_problem(records, ask.folder)
     params: dict[str, Any] = {"seed": ask.seed, "cache": cache, "patience": 0.0}
-    told = records.settings
-    if told.get("engine", "cpsat") == "cpsat" and told.get("workers", 1) == 1:
-        params["reproducible"] = True  # whatever else this machine does
-    params |= told
+    told = {"engine": "cpsat", "workers": 1, **records.settings}
+    # whatever else this machine does
+    params["reproducible"] = (told["engine"], told["workers"]) == ("cpsat", 1)
+    params |= records.settings
     beside = WRITING + EACH_KEPT * len(ask.kept.activities)
     seconds = max(LEAST * ask.seconds, ask.seconds - beside)
     result = solve_problem(written, seconds, params)
     if result.plan is None:
         why = result.explain().removeprefix("no plan: ")
-        raise ProblemError(f"no plan within {seconds:.3g} s: {why}")
+        error = OutOfTimeError if result.status == "TIMEOUT" else ProblemError
+        raise error(f"no plan within {seconds:.3g} s: {why}")
     said = [o | records.senses(o["name"]) for o in result.data["objects"]]
     data = {**result.data, "objects": said}
     plan = with_dependencies(written.problem, data, localisation=ask.localisation)

@@ -24,9 +24,9 @@ from up_samp.fleet.files import read_record
 from up_samp.fleet.records import NUMBER, STRICT, FleetRecords, Pose
 from up_samp.model import ProblemError
 from up_samp.motion.fleet.paths import Path
-from up_samp.operate.energy import action_of
 from up_samp.operate.records import Report
 from up_samp.operate.stitch import whole_motion
+from up_samp.operate.upkeep import action_of
 from up_samp.operate.zones import stretches_told
 
 Message = dict[str, Any]

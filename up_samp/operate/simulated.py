@@ -17,8 +17,8 @@ from up_samp.execution.executor import Executor
 from up_samp.execution.reports import Command, Do, Go, Hold
 from up_samp.execution.simulate import Delays, Luck, SimulatedRobot
 from up_samp.fleet.records import FleetRecords
-from up_samp.operate.energy import NOWHERE, Cells, is_charge
 from up_samp.operate.records import Pose, Report
+from up_samp.operate.upkeep import NOWHERE, Cells, is_charge
 
 OFTEN, SELDOM = 0.4, 1.0
 """Seconds between two reports of a robot that drives, and of one that stands."""

@@ -38,9 +38,9 @@ from up_samp.export.vda5050 import LATER, earlier, edge_of, later, node_of
 from up_samp.fleet.records import FleetRecords, corners_of
 from up_samp.model import ProblemError
 from up_samp.motion.fleet.paths import Path
-from up_samp.operate.energy import action_of
 from up_samp.operate.records import Pose, Report
 from up_samp.operate.stitch import whole_motion
+from up_samp.operate.upkeep import action_of
 from up_samp.operate.zones import stretches_told
 
 Message = dict[str, Any]

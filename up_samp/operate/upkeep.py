@@ -1,25 +1,29 @@
-"""Batteries over a day: who is to charge, for how long, and with what level a plan begins.
+"""When robots do no orders: batteries, breaks and shifts over a day.
 
-Charging is a task at a charger that only its robot may do, so it is planned, kept and killed like
-any other. Plans themselves charge nobody: they only keep levels above the reserve.
+Charging is a task at a charger that only its robot may do, and a break one where it ends its day,
+so they are planned, kept and killed like any other. Plans themselves charge nobody: they only keep
+levels above the reserve. Who is off its shift stands where it is, as any robot that does nothing.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 
 from up_samp.execution.executor import Executor
 from up_samp.fleet.batteries import first_level
-from up_samp.fleet.records import Battery, Charger, FleetRecords, Task
+from up_samp.fleet.records import Battery, Charger, FleetRecords, Robot, Task
 from up_samp.fleet.statements import Meaning
 from up_samp.model import ProblemError
+from up_samp.operate.choice import Day
 
 NOWHERE = FleetRecords(map="")
 """A site without anybody."""
-CHARGE = "charge."
-"""What the names of tasks begin with in which a robot charges."""
+CHARGE, BREAK = "charge.", "break."
+"""What the names of tasks begin with in which a robot charges, or rests."""
+OFF = "off its shift"
+"""Why such a robot does nothing."""
 
 
 def is_charge(job: str) -> bool:
@@ -149,3 +153,48 @@ def with_levels(
     robots = {n: replace(r, level=begins.get(n)) for n, r in site.robots.items()}
     places = {n: replace(p, charger=None) for n, p in site.places.items()}
     return replace(site, robots=robots, places=places)
+
+
+# ------------------ Breaks and shifts
+
+
+def breaks_of(site: FleetRecords) -> Iterator[Task]:
+    """Yield the breaks of a site's robots as tasks of the day: as soon as they may begin, and late
+    rather than never.
+    """
+    for name, robot in site.robots.items():
+        for number, rest in enumerate(robot.breaks, 1):
+            opens, closes = rest.window
+            yield Task(
+                id=f"{BREAK}{name}.{number}",
+                at=(robot.end or robot.start,),
+                duration=rest.duration,
+                robots=(name,),
+                release=opens,
+                due=closes,
+                weight=50.0,
+            )
+
+
+def shift_changes(day: Day) -> dict[str, bool]:
+    """Return the robots whose shift has begun by now (``True``), or is over, of whom that is not
+    told yet. Who is still to do something, or to go home, ends its shift after that.
+    """
+    now, robots = day.clock.now(), day.site.robots
+    off = {n for n, robot in robots.items() if not robot.hours[0] <= now < robot.hours[1]}
+    over = off - day.away.keys()
+    busy = {*day.stranded(), *day.busy(day.cut())} if over else set()
+    away = {name for name, why in day.away.items() if why == OFF}
+    return dict.fromkeys(sorted(away - off), True) | dict.fromkeys(sorted(over - busy), False)
+
+
+def from_now(site: FleetRecords, now: float) -> FleetRecords:
+    """Return a site whose robots' shifts are on the clock of a plan that begins ``now``; breaks are
+    none of it.
+    """
+
+    def moved(robot: Robot) -> Robot:
+        shift = robot.shift and (max(0.0, robot.shift[0] - now), robot.shift[1] - now)
+        return replace(robot, shift=shift, breaks=())
+
+    return replace(site, robots={name: moved(robot) for name, robot in site.robots.items()})
