@@ -297,10 +297,10 @@ def _count_cpu_time() -> None:
 def parts() -> list[str]:
     """Return what can be left out: stages of a solve, and ideas of a search."""
     from up_samp.scheduling.cpsat.solve.strategy import STAGES
-    from up_samp.search.params import SWITCHES
+    from up_samp.search.params import IDEAS
 
     stages = [f"stage: {stage.name}" for stage in STAGES]
-    return stages + [f"idea: {name}" for name in SWITCHES if name != "refine"]
+    return stages + [f"idea: {name}" for name in IDEAS if name != "refine"]
 
 
 def _leave_out(part: str) -> None:
@@ -316,7 +316,7 @@ def _leave_out(part: str) -> None:
 
         def without(given: Any) -> Any:
             found, rest = split(given)
-            return dataclasses.replace(found, **{name: not getattr(found, name)}), rest
+            return dataclasses.replace(found, without=(*found.without, name)), rest
 
         samp.split_parameters = without
 

@@ -8,7 +8,7 @@ from tests.faults.stage import Outcome
 
 BEST = "11"
 """Makespan of the best plan of the problem ``rooms``."""
-SLOWLY = {"bounds_first": False, "optimal": True}
+SLOWLY = {"without": ("bounds_first",), "optimal": True}
 """With these the best plan of ``rooms`` is the third candidate, and the second is a plan, too."""
 LATE = 2.0
 

@@ -98,7 +98,7 @@ def attack(
 
 ATTACKERS = (
     Attacker("cpsat", {"query_seconds": 4.0}),
-    Attacker("cpsat", {"bounds_first": False, "certificates": False}),
+    Attacker("cpsat", {"without": ("bounds_first", "certificates")}),
     Attacker("aries", {}),
     Attacker("cpsat", {"seed": 7, "query_seconds": 4.0}),
 )

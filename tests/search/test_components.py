@@ -102,7 +102,7 @@ def test_a_plan_is_built_once_for_each_incumbent(tmp_path, monkeypatch):
     original = session.build_plan
     monkeypatch.setattr(session, "build_plan", build)
     recorder = Recorder()
-    params = {"observers": [recorder], "tidy": False}
+    params = {"observers": [recorder], "without": ("tidy",)}
     with AnytimePlanner(name="samp-refine[cpsat]", params=params) as planner:
         results = list(planner.get_solutions(crossing(tmp_path), timeout=60))
     plans = recorder.named("on_plan")

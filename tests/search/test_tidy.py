@@ -63,7 +63,7 @@ def test_a_needed_move_stays(tmp_path):
 
 def test_the_makespan_is_the_same_without_tidying(tmp_path):
     hall = idle_fleet(tmp_path)
-    tidy, loose = solve(hall.problem), solve(hall.problem, tidy=False)
+    tidy, loose = solve(hall.problem), solve(hall.problem, without=("tidy",))
     assert tidy.metrics["makespan"] == loose.metrics["makespan"]
     assert tidy.status is loose.status is Status.SOLVED_OPTIMALLY
     assert present(tidy) <= present(loose) | {"open", "open_again"}

@@ -21,11 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Parameters:
-    """Parameters of ``samp-refine``; everything else goes to the wrapped engine.
-
-    The switches from ``refine`` on are the ideas that presets and ablations turn on and off;
-    docs/architecture.md says where each of them lives.
-    """
+    """Parameters of ``samp-refine``; everything else goes to the wrapped engine."""
 
     preset: str = "default"
     seed: int = 0
@@ -66,33 +62,12 @@ class Parameters:
     runtime: float = math.inf
     """Longest search (s), as ``timeout`` says it where UP takes one; it ends what is under way."""
     components: Components | None = None
-    """What the search is made of, instead of what the preset and its switches say."""
+    """What the search is made of, instead of what the preset says."""
     tuning: Tuning | Mapping[str, Any] | str | os.PathLike[str] | None = None
     """Tunables (:mod:`up_samp.tuning`), or a table or TOML file of them."""
     path_planner: str = "default"
-
-    refine: bool = True
-    """Learn from failed checks (off: the sequential pipeline of schedule, then motions)."""
-    bounds_first: bool = True
-    """Motion durations known before the first schedule."""
-    certificates: bool = True
-    """Proofs of unreachability (stated before the first schedule, too) and unary places."""
-    small_cuts: bool = True
-    """Failed groups shrunk to the motions that conflict, with only the rivals that matter."""
-    equivalents: bool = True
-    """Refinements stated for all equivalent objects."""
-    profiles: bool = True
-    """Pairs of motions that meet learned for whole ranges of start offsets."""
-    incumbents: bool = True
-    """Candidate schedules repaired into plans."""
-    slack: bool = True
-    """Motions given what time the candidate's makespan leaves them."""
-    tidy: bool = True
-    """Optional motions that nothing needs left out of the plan that is returned."""
-    single_geometric: bool = True
-    """Layer 1, geometric: a path for each motion alone, first."""
-    single_temporal: bool = True
-    """Layer 1, temporal: a duration for each motion alone, first."""
+    without: tuple[str, ...] = ()
+    """The :data:`IDEAS` that are left out."""
 
     def __post_init__(self) -> None:
         self._check_types()
@@ -130,9 +105,28 @@ def _finite(value: Any) -> bool:
     return _of(int, float)(value) and math.isfinite(value)
 
 
+def _are_ideas(value: Any) -> bool:
+    return isinstance(value, tuple) and set(value) <= IDEAS.keys()
+
+
 def _observe(value: Any) -> bool:
     return isinstance(value, Sequence) and all(isinstance(o, Observer) for o in value)
 
+
+IDEAS: Mapping[str, str] = {
+    "refine": "learn from failed checks (else: the sequential pipeline of schedule, then motions)",
+    "bounds_first": "motion durations known before the first schedule",
+    "certificates": "proofs of unreachability (stated before the first schedule), unary places",
+    "small_cuts": "failed groups shrunk to the motions that conflict, with the rivals that matter",
+    "equivalents": "refinements stated for all equivalent objects",
+    "profiles": "pairs of motions that meet learned for whole ranges of start offsets",
+    "incumbents": "candidate schedules repaired into plans",
+    "slack": "motions given what time the candidate's makespan leaves them",
+    "tidy": "optional motions that nothing needs left out of the plan that is returned",
+    "single_geometric": "layer 1, geometric: a path for each motion alone, first",
+    "single_temporal": "layer 1, temporal: a duration for each motion alone, first",
+}
+"""What presets and ablations leave out; docs/architecture.md says where each of them lives."""
 
 _KINDS: Mapping[str, tuple[Callable[[Any], bool], str]] = {
     **dict.fromkeys(("seconds_per_unit", "query_seconds", "margin"), (_finite, "a finite number")),
@@ -144,6 +138,7 @@ _KINDS: Mapping[str, tuple[Callable[[Any], bool], str]] = {
     ),
     **dict.fromkeys(("progress", "stop"), (callable, "a function")),
     "observers": (_observe, "a sequence of observers"),
+    "without": (_are_ideas, f"a tuple of ideas ({', '.join(IDEAS)})"),
     # it is checked where it is read: that imports what is not needed here
     "tuning": (lambda value: True, ""),
     "components": (dataclasses.is_dataclass, "components of a search"),
@@ -152,48 +147,16 @@ _KINDS: Mapping[str, tuple[Callable[[Any], bool], str]] = {
 """What parameters may be, by name; the others are switches."""
 
 
-_ALL_OFF = dict.fromkeys(
-    (
-        "bounds_first",
-        "certificates",
-        "small_cuts",
-        "profiles",
-        "incumbents",
-        "slack",
-        "tidy",
-    ),
-    False,
-)
-"""Our own ideas, all switched off."""
-
+_OURS = ("bounds_first", "certificates", "small_cuts", "profiles", "incumbents", "slack", "tidy")
 PRESETS: Mapping[str, Mapping[str, Any]] = {
     "default": {},
-    "paper": {**_ALL_OFF, "path_planner": "RRT", "relative": True},
-    "sequential": {"refine": False, **_ALL_OFF},
+    "paper": {"without": _OURS, "path_planner": "RRT", "relative": True},
+    "sequential": {"without": ("refine", *_OURS)},
 }
-
-
-SWITCHES = (
-    "refine",
-    "bounds_first",
-    "certificates",
-    "small_cuts",
-    "equivalents",
-    "profiles",
-    "incumbents",
-    "slack",
-    "tidy",
-    "single_geometric",
-    "single_temporal",
-)
-"""The ideas that presets and ablations turn on and off."""
-
 ABLATIONS: Mapping[str, Mapping[str, Any]] = {
-    f"without-{switch.replace('_', '-')}": {switch: False}
-    for switch in SWITCHES
-    if switch != "refine"
+    f"without-{idea.replace('_', '-')}": {"without": (idea,)} for idea in IDEAS if idea != "refine"
 }
-"""The default preset with one idea switched off; presets too, for measurements."""
+"""The default preset with one idea left out; presets too, for measurements."""
 
 
 def split_parameters(given: Mapping[str, Any]) -> tuple[Parameters, dict[str, Any]]:

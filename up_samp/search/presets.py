@@ -1,7 +1,7 @@
-"""Presets: which components a search is made of, by the ideas that are switched on.
+"""Presets: which components a search is made of, by the ideas that are not left out.
 
 Each part names the ideas that it belongs to; a preset (or an ablation) without one of them leaves
-the part out. This is the only place that reads the switches.
+the part out. This is nearly the only place that asks for ideas.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from up_samp.search.cuts.small import Attempt, SmallCuts
 from up_samp.search.events import Phase
 from up_samp.search.facts import Facts, just_this
 from up_samp.search.fleet.improve import in_order, in_order_at_last
-from up_samp.search.params import SWITCHES, Parameters
+from up_samp.search.params import IDEAS, Parameters
 from up_samp.search.resolve import (
     least_work,
     prune_motions,
@@ -91,7 +91,7 @@ def components_of(params: Parameters, *, native: bool) -> Components:
     """
     if params.components is not None:
         return params.components
-    ideas = {name for name in SWITCHES if getattr(params, name)} | ({"native"} if native else set())
+    ideas = IDEAS.keys() - params.without | ({"native"} if native else set())
 
     # what parts from outside know comes first
     outside = tuple(parts("cuts").values()) if "refine" in ideas else ()

@@ -139,12 +139,12 @@ def open_search(
     with stages.of(READING):
         search = assemble(asked, service, params, deadline)
         whole = params.components is not None or not only_makespan(problem)
-        if params.incumbents and not whole and start is None:
+        if "incumbents" not in params.without and not whole and start is None:
             inner = partial(open_thin, wrapped, params, service)
             _look_for_jobs(search, problem, snapshot, inner)
     search.history.stages = stages
     search.start = None if start is None else start_of(problem, start)
-    if params.incumbents and start is None and snapshot.tasks:
+    if "incumbents" not in params.without and start is None and snapshot.tasks:
         search.easier = easier_of(problem, wrapped, params)
     return search
 
@@ -225,14 +225,14 @@ def problem_of(
         )
         if wrapped.native:
             scheduler.soon = True  # better schedules are driven before more is proven of them
-        if wrapped.native or not params.incumbents:
+        if wrapped.native or "incumbents" in params.without:
             return scheduler
         from up_samp.scheduling.thinned import ThinnedScheduler  # and all compilers
 
         return ThinnedScheduler(scheduler, relaxation, seed=seed, tuning=tuning)
 
     build = partial(to_plan, problem, snapshot, params.margin)
-    native = wrapped.native or params.incumbents
+    native = wrapped.native or "incumbents" not in params.without
     return Problem(relax_anew, scheduler_for, build, wrapped.judge, native)
 
 
@@ -344,7 +344,7 @@ def open_service(
         seed=params.seed,
         cache=params.cache,
         tuning=tuning_of(params.tuning),
-        proofs=params.certificates,
+        proofs="certificates" not in params.without,
     )
 
 

@@ -23,7 +23,6 @@ from up_samp.motion.planners.ompl import PLANNERS, explore
 
 BODIES = pytest.mark.parametrize("body", [CAR, OMNI], ids=["car", "omni"])
 EACH = pytest.mark.parametrize("planner", PLANNERS)
-SLOW = {"FMT", "BFMT", "SORRTstar"}
 SCENE = oracle.hall_scene()
 WALLS = oracle.walls(SCENE.grid)
 CLOSED = oracle.hall_scene(gap=False)
@@ -53,8 +52,6 @@ def ends_exactly(trajectory, poses):
 @BODIES
 @EACH
 def test_through_the_gap(planner, body):
-    if planner in SLOW and body is CAR:
-        pytest.skip("slow; see the long test")
     query = PathQuery(body, (START, GOAL), (CRATE,))
     report = plan_with_ompl(SCENE, query, Deadline.after(20), planner=planner, seed=3)
     assert report.outcome is Outcome.FOUND
@@ -70,7 +67,7 @@ def test_through_the_gap(planner, body):
 @EACH
 def test_many_seeds(planner, body):
     world = WALLS.union(oracle.obstacles_of([CRATE]))
-    for seed in range(1 if planner in SLOW else 3):
+    for seed in range(3):
         query = PathQuery(body, (START, GOAL, START), (CRATE,))
         report = plan_with_ompl(SCENE, query, Deadline.after(60), planner=planner, seed=seed)
         assert report.outcome is Outcome.FOUND

@@ -24,7 +24,7 @@ from up_samp.model import (
 from up_samp.model.arrays import IntArray
 from up_samp.motion.budget import WorkBudget
 from up_samp.motion.fleet.neighbourhoods import MovingGroup, Runs, first_runs, improve
-from up_samp.motion.fleet.one_robot import Attempt, failed, nothing, plan_one
+from up_samp.motion.fleet.one_robot import Attempt, nothing, plan_one
 from up_samp.motion.fleet.paths import TIMES, Path
 from up_samp.motion.fleet.timed_path import TimedPath
 from up_samp.motion.fleet.together import couple
@@ -131,7 +131,7 @@ def _coordinated(
     group = _group_of(workspace, query, deadline)
     alone, attempt, name = _alone(group)
     if len(alone) < len(group.motions):
-        return _hopeless(name, attempt, deadline, time.monotonic() - began)
+        return _hopeless(name, attempt, time.monotonic() - began)
     group.least = group.lateness(alone)
     conflicts = _meetings(group, alone)
     if conflicts:
@@ -388,14 +388,14 @@ def _group_of(workspace: Workspace, query: GroupQuery, deadline: Deadline) -> Mo
     return MovingGroup(workspace, motions, world, WorkBudget(deadline))
 
 
-def _hopeless(name: str, attempt: Attempt, deadline: Deadline, seconds: float) -> GroupReport:
+def _hopeless(name: str, attempt: Attempt, seconds: float) -> GroupReport:
     report = attempt.report
-    reason = report.reason if report else "no safe timing or detour found"
+    assert report is not None
     return GroupReport(
-        failed(attempt, deadline),
+        report.outcome,
         conflict=frozenset({name}),
-        blockers=report.blockers if report else attempt.met,
-        reason=f"{name}: {reason}",
+        blockers=report.blockers,
+        reason=f"{name}: {report.reason}",
         seconds=seconds,
     )
 

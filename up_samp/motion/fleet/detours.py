@@ -212,12 +212,11 @@ def pass_by(
     alone: Mapping[str, TimedPath],
     world: Sequence[TimedPath],
 ) -> dict[str, TimedPath] | None:
-    """Return runs of two motions in lanes beside their best paths (``alone``: their runs without
-    each other), those in which the last one arrives soonest; None if none are found.
+    """Return runs of two motions from pose to pose in the plane in lanes beside their best paths
+    (``alone``: their runs without each other), those in which the last one arrives soonest; None if
+    none are found, or there are not two.
     """
-    if len(motions) != 2 or any(m.name not in alone or len(m.poses) != 2 for m in motions):
-        return None
-    if any(m.body.flies for m in motions):
+    if len(motions) != 2:
         return None
     runs = [alone[m.name] for m in motions]
     at, _, _ = workspace.meeting(*runs)

@@ -59,7 +59,9 @@ def plan_one(
         return Attempt(best)
     met = met_at_full_speed(workspace, motion, first, others)
     best = with_detours(workspace, motion, first, best, others, static, deadline)
-    return Attempt(best, None, frozenset(o.object for o, _, _ in met))
+    names = frozenset(o.object for o, _, _ in met)
+    why = PathReport(nothing(deadline), blockers=names, reason="no safe timing or detour found")
+    return Attempt(best, why, names)
 
 
 def _lasts(placed: Placed, others: Iterable[TimedPath]) -> bool:
@@ -87,11 +89,6 @@ def earliest_arrival(
     run = plan_one(workspace, motion, [ahead], deadline).run
     cut = deadline.expired() or workspace.truncated != truncated
     return None if run is None or cut else run.arrival
-
-
-def failed(attempt: Attempt, deadline: Deadline) -> Outcome:
-    """Return what a failed attempt is worth: a proof only if the path planner has one."""
-    return nothing(deadline) if attempt.report is None else attempt.report.outcome
 
 
 def nothing(deadline: Deadline) -> Outcome:

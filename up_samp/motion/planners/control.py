@@ -134,8 +134,7 @@ def _search(
         return bool(left <= state.getX() <= right and lower <= state.getY() <= upper)
 
     si.setStateValidityChecker(Validity(si, inside))
-    # OMPL 1.7 wants it typed
-    si.setStatePropagator(getattr(oc, "StatePropagatorFn", lambda f: f)(propagate))
+    si.setStatePropagator(propagate)
     si.setPropagationStepSize(world.step)
     si.setMinMaxControlDuration(1, 12)
     si.setup()

@@ -191,21 +191,11 @@ def search(
     pdef = ob.ProblemDefinition(si)
     # the goal is the pose itself: OMPL must only be told that it may hit it exactly
     pdef.setStartAndGoalStates(state_of(si, start), state_of(si, goal), 1e-9)
-    samples = 1000
     set_seed(seed)
-    while True:
-        method = getattr(og, name)(si)
-        if hasattr(method, "setRange"):
-            method.setRange(reach)
-        if hasattr(method, "setNumSamples"):
-            method.setNumSamples(samples)
-        # SORRT* samples ever smaller sets by rejection: after a good path it hardly gets on
-        polish = 1 if name == "SORRTstar" else POLISH
-        states, status = solve(method, pdef, budget, polish=polish, read=_read)
-        one_shot = hasattr(method, "setNumSamples")
-        if states is not None or not one_shot or budget.deadline.expired():
-            break
-        samples *= 2  # a planner of one batch of samples may need more of them
+    method = getattr(og, name)(si)
+    if hasattr(method, "setRange"):
+        method.setRange(reach)
+    states, status = solve(method, pdef, budget, polish=POLISH, read=_read)
     poses = vertices(method, _read) if tree else []
     reached = np.array(poses, dtype=np.float64).reshape(-1, 3)
     if states is None:
