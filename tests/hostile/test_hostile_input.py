@@ -194,7 +194,7 @@ def test_odd_problems_are_refused_by_name(kind, tmp_path):
      dict(seconds_per_unit=math.nan), dict(seconds_per_unit="1"), dict(margin=math.inf),
      dict(query_seconds=math.nan), dict(max_restarts=2.5), dict(optimal="yes"), dict(cache=3),
      dict(trace=b"x"), dict(progress=4), dict(path_planner=None), dict(preset=7),
-     dict(without=("order",)), dict(without="tidy"), dict(without=["tidy"])],
+     dict(without=("order",)), dict(without="tidy"), dict(without=[["tidy"]])],
     ids=str,
 )  # fmt: skip
 def test_wrong_parameters_are_refused_by_name(given):

@@ -32,9 +32,7 @@ from up_samp.plotting.style import (
 )
 
 
-def draw_fleet(
-    records: FleetRecords, folder: Path, findings: Iterable[Finding] = (), ax: Axes | None = None
-) -> Axes:
+def draw_fleet(records: FleetRecords, folder: Path, findings: Iterable[Finding] = ()) -> Axes:
     """Draw what ``records`` say; what errors and warnings are about is red. Returns the axes."""
     records = spelled_out(records)
     maps = [
@@ -46,7 +44,7 @@ def draw_fleet(
     records = _laid_out(records, backdrop.shifts)
     corners = (corner for _, corner in backdrop.labels)
     named = tuple(zip((GROUND, *records.floors), corners, strict=False))
-    ax = map_axes(dataclasses.replace(backdrop, labels=named), ax)
+    ax = map_axes(dataclasses.replace(backdrop, labels=named), None)
     told = [f for f in findings if f.level is not Level.NOTE]
     bad = {f.subject for f in told}
     labels = [*_draw_fixtures(ax, records), *_draw_places(ax, records, bad)]

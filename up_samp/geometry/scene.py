@@ -124,9 +124,9 @@ class Scene:
         x, y, th = map(float, pose[:3])
         return float(kernels.clearance(self.world(shape, obstacles), x, y, th))
 
-    def map_free(self, body: Body, pose: Configuration, margin: float = 0.0) -> bool:
-        """Return whether ``body`` at ``pose`` touches no blocked cell (``margin`` m away)."""
-        return self.pose_free(body, pose, (), margin)
+    def map_free(self, body: Body, pose: Configuration) -> bool:
+        """Return whether ``body`` at ``pose`` touches no blocked cell."""
+        return self.pose_free(body, pose, (), 0.0)
 
     def overlap(
         self, body_a: Body, pose_a: Configuration, body_b: Body, pose_b: Configuration

@@ -83,11 +83,11 @@ class CachedLeg:
 class MotionCache:
     """Legs by (map, planner, margin, body, start, goal), each with the obstacles it was planned
     among; a leg and its reverse share an entry (for reversible planners). The pairs that were used
-    longest ago are forgotten beyond ``size``.
+    longest ago are forgotten beyond 20,000.
     """
 
-    def __init__(self, size: int = 20_000) -> None:
-        self._entries: Memory[list[CachedLeg]] = Memory(size)
+    def __init__(self) -> None:
+        self._entries: Memory[list[CachedLeg]] = Memory(20_000)
         self.hits = 0
 
     def __len__(self) -> int:

@@ -17,17 +17,16 @@ WAIT = "#C1121F"
 """Colour of waiting for somebody."""
 
 
-def plot_executed(plan: dict[str, Any], record: dict[str, Any], ax: Axes | None = None) -> Axes:
+def plot_executed(plan: dict[str, Any], record: dict[str, Any]) -> Axes:
     """Draw each object's planned activities above what was really done, with who waited for whom.
 
     ``plan`` is a plan dictionary, ``record`` that of a run (``Simulation.record``). The
-    time axis is in seconds. Returns the axes; without ``ax``, those of a new figure.
+    time axis is in seconds. Returns the axes of a new figure.
     """
     planned = {row.name: row for row in rows_of(plan)}
     real = {row.name: row for row in rows_of(record)}
     names = list(planned)
-    if ax is None:
-        ax = figure_axes(13.0, min(1.6 + 0.8 * len(names), 40.0))
+    ax = figure_axes(13.0, min(1.6 + 0.8 * len(names), 40.0))
     end = max(horizon(plan), horizon(record))
     ax.set_xlim(-0.004 * end, 1.012 * end)
     ax.set_ylim(len(names), 0.0)

@@ -263,17 +263,17 @@ def called_optimal(search: Search, cost: Cost) -> SearchResult:
     )
 
 
-def tell_what_may_be_shorter(search: Search, seconds: float = 2.0) -> None:
+def tell_what_may_be_shorter(search: Search) -> None:
     """Note which motions of the best plan, if a relative bound speaks of it, may be shorter than
-    the planner's own, and by what share of its time each (1: that is not known within ``seconds``
-    and the time that is left).
+    the planner's own, and by what share of its time each (1: that is not known within 2 s and
+    the time that is left).
     """
     best = search.bounds.incumbent
     if best is None or not search.bounds.relative:
         return
     itinerary = read_itinerary(search.knowledge.relaxation, best.schedule)
     found = {str(search.facts.case(motion)): 1.0 for motion in itinerary.motions}
-    limit = search.budget.whole.within(seconds)
+    limit = search.budget.whole.within(2.0)
     with in_force(limit), contextlib.suppress(OutOfTimeError):
         for motion in itinerary.motions:
             found[str(search.facts.case(motion))] = _share_left(search, itinerary, motion, limit)

@@ -106,7 +106,7 @@ def _finite(value: Any) -> bool:
 
 
 def _are_ideas(value: Any) -> bool:
-    return isinstance(value, tuple) and set(value) <= IDEAS.keys()
+    return isinstance(value, tuple | list) and set(map(str, value)) <= IDEAS.keys()
 
 
 def _observe(value: Any) -> bool:

@@ -1,5 +1,5 @@
-"""Other paths: around whom the best one would meet, past the places where others may stand, and for
-two robots that meet on one line; and what a body can drive of a way.
+"""Other paths: in a lane beside the best one, around whom it would meet, past the places where
+others may stand, and for two robots that meet on one line; and what a body can drive of a way.
 """
 
 from __future__ import annotations
@@ -29,11 +29,13 @@ from up_samp.motion.curves.reeds_shepp import CarLimits, fastest
 from up_samp.motion.curves.rolling import rolled, rolling_radius, thinned
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
 from up_samp.motion.fleet.conflicts import ROOM
+from up_samp.motion.fleet.lanes import lane_offsets
 from up_samp.motion.fleet.paths import (
     TIMES,
     Path,
     path_of,
     safe_intervals,
+    shared_stretch,
 )
 from up_samp.motion.fleet.speed import fit, tune
 from up_samp.motion.fleet.timed_path import TimedPath, natural_timing, run_of
@@ -41,7 +43,7 @@ from up_samp.motion.fleet.workspace import Workspace
 from up_samp.motion.guides.search_space import widest_shape
 
 ROUNDS = 4
-"""Of paths around what the last path met."""
+"""Of paths around, and of lanes beside, what the last path met."""
 COPIES = 0.8
 """Radii of a mover between the copies of it that a detour keeps clear of."""
 BESIDE = (1.0, 1.4)
@@ -70,6 +72,52 @@ def met_at_full_speed(
             found.append((at, other.object, cell, other))
     found.sort(key=lambda item: item[:3])
     return [(other, cell, at) for at, _, cell, other in found]
+
+
+def with_lanes(
+    workspace: Workspace,
+    motion: TimedMotion,
+    path: Path,
+    best: TimedPath | None,
+    others: Sequence[TimedPath],
+) -> TimedPath | None:
+    """Return the best of ``best`` and of paths that change lanes where ``path`` meets somebody.
+
+    Tight places, errands and first plans end as well without; proofs need it, of three robots
+    through a doorway (``tests/search/test_strengths.py``) and of published job shops.
+    """
+    for _ in range(ROUNDS):
+        met = met_at_full_speed(workspace, motion, path, others)
+        if not met or len(motion.poses) != 2:
+            break
+        options = []
+        for lane in _lanes(workspace, motion, path, met[0][0]):
+            best = fit(workspace, motion, lane, others, best)
+            if is_good(best, motion):
+                return best
+            # go on from the lane that gets furthest at full speed
+            again = met_at_full_speed(workspace, motion, lane, others)
+            options.append((-again[0][2] if again else -math.inf, lane.number, lane))
+        if not options:
+            break
+        path = min(options, key=lambda option: option[:2])[2]
+    return best
+
+
+def _lanes(
+    workspace: Workspace, motion: TimedMotion, path: Path, other: TimedPath
+) -> Iterator[Path]:
+    """Yield versions of ``path`` that pass ``other`` sideways where it would be met."""
+    run = run_of(motion, path, natural_timing(path, motion.release))
+    at, _, _ = workspace.meeting(run, other)
+    runs = workspace.conflicts(path, other.path)
+    first, last = shared_stretch(runs, run.held, other.held, at)
+    if workspace.scene is None or first < 1 or last > path.cells:
+        return
+    for offset in lane_offsets(path, other.path):
+        lane = workspace.lane(path, float(path.edges[first - 1]), float(path.edges[last]), offset)
+        if lane is not None:
+            yield lane
 
 
 def with_detours(

@@ -24,6 +24,12 @@ EXACT = 1e-7
 """Metres, or rad, by which a lane may miss the path that it comes back to."""
 
 
+def lane_offsets(path: Path, other: Path) -> list[float]:
+    """Return the sideways offsets (m) worth a try to pass ``other``, small ones first."""
+    width = path.radius + other.radius
+    return [side * share * width for share in (0.5, 0.8, 1.15) for side in (-1.0, 1.0)]
+
+
 def shifted_lane(scene: Scene, path: Path, first: float, last: float, offset: float) -> Path | None:
     """Return ``path`` moved sideways by ``offset`` m (left > 0) on [first, last] (m along it), if
     the map allows it. For a path without waypoints.

@@ -1,8 +1,8 @@
 """One robot among movers: a ladder from the best path at full speed to new ways round.
 
 1. the best path among what rests there all the time, begun as soon as its planner's own timing
-   meets nothing; 2. its speed tuned; 3. other paths, around parked robots and the places where it
-   would meet the movers, each tuned.
+   meets nothing; 2. its speed tuned; 3. other paths, in a lane beside it, around parked robots and
+   the places where it would meet the movers, each tuned.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from up_samp.model import (
     TimedMotion,
     Trajectory,
 )
-from up_samp.motion.fleet.detours import is_good, met_at_full_speed, with_detours
+from up_samp.motion.fleet.detours import is_good, met_at_full_speed, with_detours, with_lanes
 from up_samp.motion.fleet.paths import Path, path_of
 from up_samp.motion.fleet.speed import fit, parked_all_the_time
 from up_samp.motion.fleet.timed_path import TimedPath, Timing
@@ -58,7 +58,9 @@ def plan_one(
     if is_good(best, motion):
         return Attempt(best)
     met = met_at_full_speed(workspace, motion, first, others)
-    best = with_detours(workspace, motion, first, best, others, static, deadline)
+    best = with_lanes(workspace, motion, first, best, others)
+    if not is_good(best, motion):
+        best = with_detours(workspace, motion, first, best, others, static, deadline)
     names = frozenset(o.object for o, _, _ in met)
     why = PathReport(nothing(deadline), blockers=names, reason="no safe timing or detour found")
     return Attempt(best, why, names)

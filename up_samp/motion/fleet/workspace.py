@@ -267,11 +267,9 @@ class Workspace:
         return wished(self.scene)
 
     def lane(self, path: Path, first: float, last: float, offset: float) -> Path | None:
-        """Return ``path``, of a body in the plane of a map, moved sideways by ``offset`` m on
-        [first, last] m, if the map allows.
-        """
+        """Return ``path`` moved sideways by ``offset`` m on [first, last] m, if the map allows."""
         scene = self.scene
-        if scene is None or last - first > LANE:
+        if scene is None or path.body.flies or last - first > LANE:
             return None
         key = (path.number, first, last, offset)
         return self._lanes.get_or(key, lambda: shifted_lane(scene, path, first, last, offset))

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from itertools import starmap
 from typing import Any
 
-from unified_planning.environment import Environment, get_environment
+from unified_planning.environment import get_environment
 from unified_planning.model import (
     Fluent as UpFluent,
 )
@@ -64,13 +64,13 @@ def _short(letter: str, names: Iterable[str]) -> dict[str, str]:
 
 
 class ProblemWriter:
-    """Writes ``plain`` as the UP problem ``up`` (in the global environment if none is given), and
-    reads names in its schedules back.
+    """Writes ``plain`` as the UP problem ``up`` in the global environment, and reads names in its
+    schedules back.
     """
 
-    def __init__(self, plain: PlainProblem, environment: Environment | None = None):
+    def __init__(self, plain: PlainProblem):
         self.plain = plain
-        self.environment = environment or get_environment()
+        self.environment = get_environment()
         self.manager = self.environment.expression_manager
         self.up = SchedulingProblem("p", self.environment)
         self._names = {

@@ -349,7 +349,7 @@ class ScheduleModel:
         delays += [int(abs(s.upper.delay)) for s in timed]
         self.states.far = constant(self.limit + max(delays, default=0) + 2)
         for var in self.time_variables():
-            self.store.rebound(var, 0, self.limit)
+            self.store.rebound(var, self.limit)
 
     def _unary(self, draft: ModelDraft) -> None:
         """Take what is said by resources, levels and states that are for one as disjunctions."""

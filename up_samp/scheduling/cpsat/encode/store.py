@@ -35,10 +35,10 @@ class ModelStore:
         self.bounds.append((low, high))
         return len(self.bounds) - 1
 
-    def rebound(self, var: int, low: int, high: int) -> None:
-        """Change the domain of a variable, unless a constraint uses it already."""
+    def rebound(self, var: int, high: int) -> None:
+        """Let a variable be 0 to ``high``, unless a constraint uses it already."""
         if var not in self._made:
-            self.bounds[var] = (low, high)
+            self.bounds[var] = (0, high)
 
     def var(self, index: int) -> Any:
         """Return the OR-Tools variable."""
