@@ -236,7 +236,7 @@ FIGURES = (
         for name in (FLOORS if share == 30 else FLOORS[:4])
     ), ("logistics-do-oc-r3-i4, 30 %",), 1800, (
         Value("unsafe"), Value("staircase", tolerance=0.02), Value("reorder", tolerance=0.02),
-        Value("coarse", "", ""), Value("timed", "", ""), Value("timed_collided", "", ""),
+        Value("timed", "", ""), Value("timed_collided", "", ""),
     )),
     Figure("days", "day", DAYS, (DAYS[-1],), 7200, (
         Value("done", "", "higher"), Value("wrong"), Value("tardiness", "s", tolerance=0.2),

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from up_samp.execution import Simulation
 
 
-POLICIES = ("timed", "coarse", "staircase", "reorder")
+POLICIES = ("timed", "staircase", "reorder")
 
 
 def add_simulate(parser: argparse.ArgumentParser) -> None:
@@ -58,7 +58,7 @@ def add_simulate(parser: argparse.ArgumentParser) -> None:
 
 
 def _simulate(args: argparse.Namespace) -> int:
-    from up_samp.execution import Delays, coarse, dependencies_from_plan, simulate
+    from up_samp.execution import Delays, dependencies_from_plan, simulate
     from up_samp.execution.check import check_motions
 
     if args.runs < 1:
@@ -74,9 +74,8 @@ def _simulate(args: argparse.Namespace) -> int:
     found = dependencies_from_plan(plan, problem)
     runs: list[Simulation] = []
     for policy in policies:
-        graph = coarse(found) if policy == "coarse" else found
         for seed in range(args.seed, args.seed + args.runs):
-            runs.append(simulate(graph, plan, delays, seed, policy=policy, tuning=tuning))
+            runs.append(simulate(found, plan, delays, seed, policy=policy, tuning=tuning))
     print(_table(policies, runs))
     if args.out is not None:
         files = write_runs(plan, runs, args.out)

@@ -1,7 +1,7 @@
 """Plans that survive the floor: what depends on what, and what to do now."""
 
 from up_samp.execution.astray import Overrun
-from up_samp.execution.build import Dependencies, coarse, dependencies_of
+from up_samp.execution.build import Dependencies, dependencies_of
 from up_samp.execution.executor import Executor
 from up_samp.execution.files import (
     dependencies_from_plan,
@@ -39,7 +39,6 @@ __all__ = [
     "Reply",
     "Simulation",
     "Surprise",
-    "coarse",
     "dependencies_from_plan",
     "dependencies_of",
     "dependency_faults",

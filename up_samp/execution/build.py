@@ -187,34 +187,6 @@ class Draft:
         for step in steps_of(meeting):
             self._edge(step.first, step.then, 0.0, MEETING, step.why)
 
-    def coarsen(self, meetings: Iterable[Meeting]) -> None:
-        """Let motions that meet wait for each other as a whole, where one goes first all the way
-        and no cycle comes of it.
-        """
-        self._settle()
-        graph = self.full(0.0)
-        after: dict[Event, list[Event]] = {}
-        for first, then in graph.implied:
-            after.setdefault(graph.events[first], []).append(graph.events[then])
-        for one, two in self.edges:
-            after.setdefault(one, []).append(two)
-        for meeting in meetings:
-            whole = self._whole(steps_of(meeting))
-            if whole is not None and not _leads(after, whole.then, whole.first):
-                self.put(whole.first, whole.then, 0.0, MEETING, whole.why)
-                after.setdefault(whole.first, []).append(whole.then)
-
-    def _whole(self, steps: list[Precedence]) -> Precedence | None:
-        """Return one step for a whole meeting, if one of the two goes first everywhere: the second
-        may not begin before the first has ended.
-        """
-        if len({(s.first.activity, s.then.activity) for s in steps}) != 1:
-            return None
-        last = max(steps, key=lambda s: self.time(s.first))
-        first, then = Event(At.END, last.first.activity), last.then
-        begun = Event(At.START, then.activity) if then.at is At.LEAVE else then
-        return replace(last, first=first, then=begun)
-
     def _edge(self, first: Event, then: Event, lag: float, kind: str, why: str) -> None:
         task = self.tasks.get(then.activity)
         if (
@@ -600,18 +572,6 @@ def with_sides(dependencies: Dependencies, sides: Sides) -> Graph:
         for step in steps_by(meeting, sides):
             draft.put(step.first, step.then, 0.0, MEETING, step.why)
     return draft.graph(dependencies.graph.margin)
-
-
-def coarse(dependencies: Dependencies) -> Dependencies:
-    """Return the baseline in which motions that meet wait for each other as a whole, wherever one
-    of them goes first all the way and no cycle comes of it.
-    """
-    draft = _orders_again(dependencies, {})
-    for meeting in dependencies.meetings:
-        draft.add_meeting(meeting)
-    draft.coarsen(dependencies.meetings)
-    graph = draft.graph(dependencies.graph.margin)
-    return replace(dependencies, graph=graph)
 
 
 def timed(dependencies: Dependencies) -> Dependencies:

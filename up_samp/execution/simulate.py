@@ -271,7 +271,7 @@ class SimulatedRobot:
 # ------------------ Plans on a simulated floor with delays
 
 
-Policy = Literal["timed", "coarse", "staircase", "reorder"]
+Policy = Literal["timed", "staircase", "reorder"]
 
 
 @dataclass(frozen=True)
@@ -482,9 +482,8 @@ def simulate(
 ) -> Simulation:
     """Execute a plan once with the delays of ``seed``, which are the same for every policy.
 
-    ``policy``: "timed" follows the clock; "staircase" the graph; "coarse" is the same on a graph
-    made with ``coarse=True``; "reorder" also changes who goes first. ``judged``: look for
-    collisions. ``tuning`` are the numbers of docs/tuning.md.
+    ``policy``: "timed" follows the clock; "staircase" the graph; "reorder" also changes who
+    goes first. ``judged``: look for collisions. ``tuning`` are the numbers of docs/tuning.md.
     ``watch`` is called about every second with the executor and returns how often it changed an
     order.
     """

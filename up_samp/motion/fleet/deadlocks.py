@@ -72,7 +72,7 @@ class Joint:
         self.together = together
         self.agents, self.heeds, self.margin = agents, heeds, margin
         self.rng = random.Random(0)
-        self.expanded = self.work = 0
+        self.work = 0
         self.dry = False
         self._conflicts: dict[tuple[int, int, int, int], bool] = {}
         self._overlaps: dict[tuple[int, int, int, int], bool] = {}
@@ -95,7 +95,6 @@ class Joint:
             if not node.tree:
                 stack.pop()
                 continue
-            self.expanded += 1
             forced = node.tree.popleft()
             if len(forced) < count:
                 robot = node.order[len(forced)]

@@ -340,9 +340,9 @@ def _goal_free(safe: Safe, goal: int) -> float:
 
 
 @kernel
-def search(lattice: Lattice, task: Errand, safe: Safe, most: int) -> tuple[FloatArray, int]:
-    """Return the rows (place, arrival s) of a way from the start to the goal (none: not found), and
-    how many states were expanded, ``most`` at most.
+def search(lattice: Lattice, task: Errand, safe: Safe, most: int) -> FloatArray:
+    """Return the rows (place, arrival s) of a way from the start to the goal (none: not found) with
+    ``most`` states expanded.
 
     ``safe``: when places are free, then the start, the goal. A state is a safe interval in which
     the body moves, in the direction in which it first came, or stands (odd). Of those that may
@@ -362,7 +362,7 @@ def search(lattice: Lattice, task: Errand, safe: Safe, most: int) -> tuple[Float
         done, r, d = done + 1, key // 2, ahead[key]
         place, until = place_of[r], safe.intervals[r, 1]
         if place == places + 1:
-            return _traced(place_of, best, parent, key), done
+            return _traced(place_of, best, parent, key)
         halted, stood = key + 1, t + task.stop
         if d != still and stood <= until and stood < best[halted] - 1e-9:
             best[halted], parent[halted] = stood, key
@@ -389,7 +389,7 @@ def search(lattice: Lattice, task: Errand, safe: Safe, most: int) -> tuple[Float
                     continue
                 best[2 * q], parent[2 * q], ahead[2 * q] = after, key, e
                 heapq.heappush(queue, (max(after + EAGER * to_go, soonest), to_go, after, 2 * q))
-    return np.empty((0, 2)), done
+    return np.empty((0, 2))
 
 
 # ------------------ The lattice of a floor
@@ -426,7 +426,6 @@ class Proposer:
         self._tasks: Memory[tuple[Links, Links, FloatArray]] = Memory(4_000)
         self._paths: Memory[Path | None] = Memory(8_000)
         self._seen: WeakKeyDictionary[TimedPath, Seen] = WeakKeyDictionary()
-        self.expanded = 0
 
     def propose(
         self,
@@ -459,8 +458,7 @@ class Proposer:
         for flip in _sides(motion, able):
             times = float(motion.release), float(until)
             task = _timed_task(motion, lattice, times, (source, target, to_go), flip)
-            rows, done = search(lattice, task, safe, most)
-            self.expanded += done
+            rows = search(lattice, task, safe, most)
             if len(rows):
                 path = self._drivable(motion, lattice, rows, safe, flip)
                 if path is not None:
