@@ -3,8 +3,9 @@
 import pytest
 
 from tests.operate.sites import hall
+from up_samp.fleet.records import Order, Stop, Task
 from up_samp.model import UnsupportedError
-from up_samp.operate.planner import check_site
+from up_samp.operate.planner import check_job, check_site
 
 REFUSED = {
     "lifts": (lambda f: f.add_floor("first", "hall.yaml", 4.0), "floor 'first'"),
@@ -41,3 +42,15 @@ def test_it_is_refused_by_name(what, tmp_path):
     add(fleet)
     with pytest.raises(UnsupportedError, match=text):
         check_site(fleet.records)
+
+
+@pytest.mark.parametrize(
+    "job",
+    [
+        Order(id="beam", pickup=Stop(("a",)), delivery=Stop(("b",)), together=("front",)),
+        Task(id="beam", at=("a", "b"), duration=3.0, crew=2),
+    ],
+)
+def test_what_several_robots_do_together_is_refused_by_name(job):
+    with pytest.raises(UnsupportedError, match="'beam' is done by a crew"):
+        check_job(job)
