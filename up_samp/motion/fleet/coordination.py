@@ -23,9 +23,11 @@ from up_samp.model import (
 )
 from up_samp.model.arrays import IntArray
 from up_samp.motion.budget import WorkBudget
+from up_samp.motion.fleet.detours import virtual_obstacles
 from up_samp.motion.fleet.neighbourhoods import MovingGroup, Runs, first_runs, improve
 from up_samp.motion.fleet.one_robot import Attempt, nothing, plan_one
 from up_samp.motion.fleet.paths import TIMES, Path
+from up_samp.motion.fleet.speed import parked_all_the_time
 from up_samp.motion.fleet.timed_path import TimedPath
 from up_samp.motion.fleet.together import couple
 from up_samp.motion.fleet.workspace import PathPlanner, Workspace, rest_run, workspace_of
@@ -205,11 +207,13 @@ def _eject(group: MovingGroup, alone: Runs, seed: int, anytime: bool) -> None:
 
 def climb(group: MovingGroup, alone: Runs, conflicts: Sequence[Pair]) -> None:
     """Search until nobody is later than alone: orders; where nothing is found, move those together
-    that meet.
+    that meet, or look harder for ways past each other.
     """
     one_after_another(group)
-    if group.best is None and not group.deadline.expired():
-        _together(group, alone, conflicts)
+    for attempt in (_together, _past_each_other):
+        if group.best is not None or group.deadline.expired():
+            return
+        attempt(group, alone, conflicts)
 
 
 def one_after_another(group: MovingGroup) -> None:
@@ -261,6 +265,26 @@ def _together(group: MovingGroup, alone: Runs, conflicts: Sequence[Pair]) -> Non
         runs = _moved_together(group, alone, alone, set(group.motions))
     if runs is not None:
         group.keep(_polished(group, runs))
+
+
+def _past_each_other(group: MovingGroup, alone: Runs, conflicts: Sequence[Pair]) -> None:
+    """Plan with ejection again, now that each of two that meet knows a way around where they do, be
+    it as thin as the robot.
+    """
+    workspace, found = group.workspace, []
+    for name, other in itertools.chain.from_iterable((pair, pair[::-1]) for pair in conflicts):
+        motion, path = group.motions[name], alone[name].path
+        _, _, cell = workspace.meeting(alone[name], alone[other])
+        copies = virtual_obstacles(workspace, path, [(alone[other], cell, 0.0)])
+        copies = copies[len(copies) // 2 :][:1]  # more of them might close both ways
+        static = parked_all_the_time(motion, group.world)
+        way = workspace.path(motion.body, motion.poses, (*static, *copies), group.deadline)
+        if isinstance(way, Path):
+            group.ways[name].append(way)
+            found.append(way)
+    if found:
+        group.budget = WorkBudget(group.deadline, workspace.tuning.first * len(alone))
+        group.best = first_runs(group)
 
 
 def tied_by(conflicts: Iterable[tuple[str, str]]) -> list[set[str]]:

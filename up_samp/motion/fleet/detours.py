@@ -137,7 +137,7 @@ def with_detours(
     copies: list[Placed] = []
     for _ in range(ROUNDS):
         met = met_at_full_speed(workspace, motion, path, others)
-        virtual = _virtual_obstacles(workspace, path, met[:2])
+        virtual = virtual_obstacles(workspace, path, met[:2])
         if not virtual or deadline.expired():
             break
         copies += virtual
@@ -178,7 +178,7 @@ def _paths_in(
             yield path
 
 
-def _virtual_obstacles(
+def virtual_obstacles(
     workspace: Workspace,
     path: Path,
     met: Sequence[tuple[TimedPath, int, float]],
