@@ -174,6 +174,13 @@ def test_a_preset_is_a_list_of_components():
     assert set(PRESETS) == {"default", "paper", "sequential"}
 
 
+def test_ideas_are_left_out_beside_those_of_the_preset():
+    params, rest = split_parameters({"preset": "paper", "without": ["equivalents"], "workers": 1})
+    assert set(params.without) == {*PRESETS["paper"]["without"], "equivalents"}
+    assert rest == {"workers": 1}
+    assert split_parameters({"without": ("tidy",)})[0].without == ("tidy",)
+
+
 def test_components_of_ones_own(tmp_path):
     """A search told by a statement of one's own that a drive lasts longer."""
     from up_samp.refinement import rules

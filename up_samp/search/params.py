@@ -67,7 +67,7 @@ class Parameters:
     """Tunables (:mod:`up_samp.tuning`), or a table or TOML file of them."""
     path_planner: str = "default"
     without: tuple[str, ...] = ()
-    """The :data:`IDEAS` that are left out."""
+    """The :data:`IDEAS` that are left out, beside those that the preset leaves out."""
 
     def __post_init__(self) -> None:
         self._check_types()
@@ -168,4 +168,6 @@ def split_parameters(given: Mapping[str, Any]) -> tuple[Parameters, dict[str, An
     settings = {**PRESETS, **ABLATIONS}.get(preset)
     if settings is None:
         raise ProblemError(_unknown(preset))
-    return Parameters(**{**settings, **ours}), rest
+    asked = Parameters(**{**settings, **ours})
+    without = dict.fromkeys((*settings.get("without", ()), *asked.without))
+    return dataclasses.replace(asked, without=tuple(without)), rest

@@ -341,8 +341,8 @@ def _goal_free(safe: Safe, goal: int) -> float:
 
 @kernel
 def search(lattice: Lattice, task: Errand, safe: Safe, most: int) -> FloatArray:
-    """Return the rows (place, arrival s) of a way from the start to the goal (none: not found) with
-    ``most`` states expanded.
+    """Return the rows (place, arrival s) of a way from the start to the goal (none: not found with
+    ``most`` states expanded).
 
     ``safe``: when places are free, then the start, the goal. A state is a safe interval in which
     the body moves, in the direction in which it first came, or stands (odd). Of those that may
