@@ -10,6 +10,7 @@ from tests.soundness.known_plans import SECONDS, KnownPlan
 from up_samp.geometry.maps import load_map
 from up_samp.model import Deadline, Outcome, PathQuery
 from up_samp.motion.planners.car import CarPlanner, CarSettings
+from up_samp.motion.planners.omni import PlanarPlanner
 from up_samp.motion.planners.pivoting import PivotPlanner
 from up_samp.motion.protocol import LegQuery
 from up_samp.motion.service import MotionService
@@ -17,7 +18,7 @@ from up_samp.upio import read_problem
 from up_samp.validation.kinematics import motion_violations
 from up_samp.validation.limits import limits_of
 
-PLANNERS = {"car": CarPlanner, "differential": PivotPlanner}
+PLANNERS = {"car": CarPlanner, "differential": PivotPlanner, "omni": PlanarPlanner}
 
 
 def drives(seed, folder):
@@ -32,14 +33,16 @@ def drives(seed, folder):
         yield world.kind, grid, snapshot.objects[name].body, ends, limits, drive
 
 
-@pytest.mark.parametrize("seed", [2, 5, 7, 8, 28, 31, 56])
-def test_what_is_known_to_be_driven_is_found_hardly_slower(seed, tmp_path):
+@pytest.mark.parametrize(
+    ("seed", "most"), [*((seed, 1.1) for seed in (2, 5, 7, 8, 28, 31, 56)), (30, 1.3)]
+)
+def test_what_is_known_to_be_driven_is_found(seed, most, tmp_path):
     for kind, grid, body, ends, limits, known in drives(seed, tmp_path):
         service = MotionService(grid)
         planner = PLANNERS[kind](service.scene)
         motion = planner.leg(LegQuery(body, *ends), Deadline.never()).trajectory
         assert motion is not None
-        assert motion.duration <= known.motion.duration * 1.1
+        assert motion.duration <= known.motion.duration * most
         assert motion.duration >= service.lower_bound(body, *ends) - 1e-9
         assert not list(motion_violations("m", limits, motion.times, motion.poses))
         assert smallest_clearance(motion, body, grid, ()) > -1e-6

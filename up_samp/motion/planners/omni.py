@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from up_samp.geometry import Scene, Shape
-from up_samp.model import Configuration, Deadline, Trajectory
+from up_samp.model import Configuration, Deadline, MotionModel, Trajectory
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.budget import WorkBudget
 from up_samp.motion.curves.blending import chain_time, moved_corner, pieces
@@ -27,6 +27,7 @@ from up_samp.motion.planners.omni_astar import (
     shortened,
     straight_free,
 )
+from up_samp.motion.planners.pivoting import PivotPlanner
 from up_samp.motion.protocol import Leg, LegQuery
 
 GAIN = 1e-3
@@ -59,7 +60,8 @@ class PlanarSettings:
     """Effort of the planar planner: the searches, in the order in which they are tried.
     ``roundabout``: what takes longer than so many times the shortest way of a disc is sought from
     its goal as well, where the steps fall elsewhere. ``tries``: how often a way is cut short by
-    ``rounds`` random shortcuts; the fastest counts.
+    ``rounds`` random shortcuts; the fastest counts. ``bends`` (inner radii of the footprint): of
+    those who are driven along their heading.
     """
 
     grains: tuple[PlanarGrain, ...] = (
@@ -74,6 +76,7 @@ class PlanarSettings:
     slice: int = 4000
     roundabout: float = 1.15
     tries: int = 4
+    bends: float = 4.0
 
 
 class PlanarPlanner:
@@ -104,6 +107,8 @@ class PlanarPlanner:
         if shape is None:
             return Leg(None, TOUCHES, complete=True)
         leg = self._one_way(query, shape, budget)
+        if leg.trajectory is None and query.effort is None:
+            leg = self._on_wheels(query, shape, budget) or leg
         if not leg.complete or leg.trajectory is None:
             return leg
         if not self._is_roundabout(query, shape, leg.trajectory):
@@ -113,6 +118,20 @@ class PlanarPlanner:
         if back.trajectory is None or back.trajectory.duration > leg.trajectory.duration - GAIN:
             return replace(leg, effort=budget.used, complete=not budget.cut)
         return back.turned()
+
+    def _on_wheels(self, query: LegQuery, shape: Shape, budget: WorkBudget) -> Leg | None:
+        """Return a motion that always leads along the heading, or turns on the spot: in bends as
+        thin as the body there are no straight moves, and no others.
+        """
+        kin, radius = query.body.kinematics, self.settings.bends * shape.inner[2]
+        # the acceleration is shared by what leads ahead and what leads round
+        push = float(kin.a_max) / math.sqrt(2)
+        v = min(float(kin.v_max), math.sqrt(push * radius), float(kin.omega_max) * radius)
+        wheels = replace(kin, model=MotionModel.PIVOT, v_max=v, a_max=push, omega_max=v / radius)
+        asked = replace(query, body=replace(query.body, kinematics=wheels))
+        leg = PivotPlanner(self.scene, self.seed).leg(asked, budget.deadline)
+        budget.used += leg.effort
+        return None if leg.trajectory is None else replace(leg, effort=budget.used)
 
     def _is_roundabout(self, query: LegQuery, shape: Shape, motion: Trajectory) -> bool:
         """Return whether a motion takes much longer than the shortest way of the disc in the body
