@@ -73,12 +73,12 @@ class Day:
 
     def put_aside(self, orders: Sequence[str], robots: Sequence[str], hasty: bool = False) -> None:
         """Put aside, for longer each time, what no plan was found for: there may be none for long,
-        and others are not to wait for that. Where time was over (``hasty``) it is asked for as it
-        is once more, now that its motions are known.
+        and others are not to wait for that. Where time was over (``hasty``) orders are asked for as
+        they are once more, now that their motions are known.
         """
-        now = self.clock.now()
+        now, times = self.clock.now(), 0.5 if hasty and orders else 1.0
         for pair in itertools.product(orders or [""], robots):
-            self.tried[pair] = self.tried.get(pair, 0.0) + (0.5 if hasty else 1.0)
+            self.tried[pair] = self.tried.get(pair, 0.0) + times
         self.aside = {name: until for name, until in self.aside.items() if until > now}
         for name in (*orders, *robots):
             count = sum(n for pair, n in self.tried.items() if name in pair)
