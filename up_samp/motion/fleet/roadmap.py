@@ -324,11 +324,9 @@ class Roadmap:
         ends: Sequence[Configuration],
         static: tuple[Placed, ...],
         cell: float,
-        box: Box | None = None,
     ) -> None:
-        """``ends``: where the robots of this body start and go; ``cell``: grain of the lattice (m);
-        ``box``: what the lattice covers (x low, y low, x high, y high; by default what is around
-        the ends).
+        """``ends``: where the robots of this body start and go; ``cell``: grain of the lattice
+        (m), which covers what is around the ends.
         """
         shape = widest_shape(scene, body, ends, static)
         self.scene, self.body, self.hull = scene, body, hull_of(body)
@@ -347,7 +345,7 @@ class Roadmap:
         self._places: dict[Key, bool] = {}
         self._free: dict[int, bool] = {}
         self.cell = cell
-        self._box = box or box_around(ends, self.hull.radius, body.kinematics.bend_radius)
+        self._box = box_around(ends, self.hull.radius, body.kinematics.bend_radius)
         self.lattice = lattice_of(body, ends, self._box, self.cell)
         self.places: dict[Configuration, int] = {}
         self._rests: dict[int, RoadmapEdge] = {}
