@@ -19,16 +19,13 @@ class Standing(Day):
         self.poses = {r: self._home(robot.start) for r, robot in self.site.robots.items()}
         self.meanings, self.jobs, self.away, self.placed, self.limits = {}, {}, {}, {}, {}
         self.shut, self.aside, self.tried, self.areas = {}, {}, {}, {}
-        self.stuck, self.carrying, self.ends, self.late = stuck, {}, {}, {}
+        self.stuck, self.carrying, self.ends = stuck, {}, {}
 
     def stranded(self):
         return ["r0"] if self.stuck else []
 
     def cut(self, opened=None):
         return SimpleNamespace(carrying=self.carrying, poses=self.ends or self.poses)
-
-    def free_at(self):
-        return {r: (self.late.get(r, 0.0), pose) for r, (_, pose) in super().free_at().items()}
 
     def take(self, name, state=OrderState.WAITING, **options):
         record = job_record({"id": name, "pickup": "rack0", "delivery": "dock0", **options})
@@ -49,22 +46,6 @@ def test_so_many_more_are_planned_each_time_that_no_plan_was_found_and_then_fewe
     assert max(found) <= day.settings.most
 
 
-@pytest.mark.parametrize("stuck", [False, True])
-def test_orders_that_only_time_was_too_short_for_are_asked_for_once_more_as_they_are(
-    tmp_path, stuck
-):
-    day, found = Standing(hall(tmp_path, 7), stuck), []
-    if not stuck:
-        day.take("o0")
-    for _ in range(3):
-        choice = choose(day)
-        found.append((choice.beside, bool(day.aside)))
-        day.put_aside([j.id for j in choice.jobs], [*choice.opened], hasty=True)
-    # who only stands, with no order, is put aside at once
-    wanted = [(0, False), (1, True), (2, True)] if stuck else [(0, False), (0, False), (1, True)]
-    assert [(len(beside), aside) for beside, aside in found] == wanted
-
-
 def test_who_stands_where_a_stranded_robot_brings_its_order_is_planned_with_it(tmp_path):
     day = Standing(hall(tmp_path, 4), stuck=True)
     assert not choose(day).beside
@@ -82,16 +63,4 @@ def test_who_only_passes_where_an_order_goes_is_not_planned_with_it(tmp_path):
     day.ends, day.poses = day.poses, {**day.poses, "r2": day.site.places["dock0"].pose}
     assert not choose(day).beside
     day.ends = {}
-    assert choose(day).beside == ("r2",)
-
-
-def test_an_order_waits_where_somebody_stands_for_good_who_is_not_free_soon(tmp_path):
-    """Its plan ends there as something is in its way home, say: nobody is planned with it yet."""
-    day = Standing(hall(tmp_path, 4))
-    day.take("o0", robots=["r0", "r1"])
-    day.take("o1", delivery="dock2", robots=["r0", "r1"])
-    day.ends = {**day.poses, "r2": day.site.places["dock0"].pose}
-    day.late = {"r2": 60.0}
-    assert [job.id for job in choose(day).jobs] == ["o1"]
-    day.late = {"r2": 10.0}
     assert choose(day).beside == ("r2",)

@@ -1,7 +1,6 @@
 """Robots break down, join and are held; areas are blocked; orders are changed and cancelled."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from up_samp.execution.reports import Hold
 from up_samp.model import ProblemError
 from up_samp.operate.choice import body_at
 from up_samp.operate.judge import where
-from up_samp.operate.planner import answer
 from up_samp.operate.simulated import Mishaps
 
 
@@ -332,20 +330,6 @@ def test_nobody_is_planned_to_go_where_somebody_stands_for_good(day, end):
     day.run()
     assert day.state("covered") == "done"
     assert day.verdict().good, day.story()
-
-
-def test_an_answer_tells_whether_only_time_was_too_short(day):
-    day.order("o", "rack0", "dock0", robots=["r0"])
-    day.step()
-    asked, *_ = day.operation._asked
-    late = answer(replace(asked, seconds=1e-3))
-    assert late.plan is None
-    assert late.hasty, late.why
-    x, y, _ = day.fleet.records.places["rack0"].pose
-    shut = {"crate": ((x - 1, y - 1), (x + 1, y - 1), (x + 1, y + 1), (x - 1, y + 1))}
-    never = answer(replace(asked, areas=shut))
-    assert never.plan is None
-    assert not never.hasty, never.why
 
 
 def test_what_no_plan_was_found_for_is_put_aside_longer_each_time(day):

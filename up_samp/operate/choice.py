@@ -66,24 +66,20 @@ class Day:
     """Until when (s of the day) orders and robots are put aside that no plan was found for."""
     again: float = 0.0
     """When (s of the day) those may be tried again, where there is nothing else."""
-    tried: dict[tuple[str, str], float]
-    """How often no plan was found for an order (by name) and a robot that was to do it; half as
-    often where only time was too short.
-    """
+    tried: dict[tuple[str, str], int]
+    """How often no plan was found for an order (by name) and a robot that was to do it."""
 
-    def put_aside(self, orders: Sequence[str], robots: Sequence[str], hasty: bool = False) -> None:
+    def put_aside(self, orders: Sequence[str], robots: Sequence[str]) -> None:
         """Put aside, for longer each time, what no plan was found for: there may be none for long,
-        and others are not to wait for that. Where time was over (``hasty``) orders are asked for as
-        they are once more, now that their motions are known.
+        and others are not to wait for that.
         """
-        now, times = self.clock.now(), 0.5 if hasty and orders else 1.0
+        now = self.clock.now()
         for pair in itertools.product(orders or [""], robots):
-            self.tried[pair] = self.tried.get(pair, 0.0) + times
+            self.tried[pair] = self.tried.get(pair, 0) + 1
         self.aside = {name: until for name, until in self.aside.items() if until > now}
         for name in (*orders, *robots):
             count = sum(n for pair, n in self.tried.items() if name in pair)
-            if count >= 1.0:
-                self.aside[name] = now + ASIDE * 2.0 ** min(count - 1.0, 4.0)
+            self.aside[name] = now + ASIDE * 2.0 ** min(count - 1, 4)
 
     def turns(self) -> tuple[float, ...]:
         """Return until when (s of the day) what is planned now may have been put aside: first what
@@ -241,11 +237,10 @@ def choose(day: Day) -> OpenWork | None:
     ago is put aside while there is anything else.
     """
     now, stuck = day.clock.now(), day.stranded() or day.stale()
-    there = standing(day)
-    waiting = [j for j in (*day.waiting(), *day.dropped()) if ready(day, j, there)]
+    waiting = [j for j in (*day.waiting(), *day.dropped()) if ready(day, j)]
     for until in day.turns():
         if robots := [r for r in stuck if day.aside.get(r, now) <= until][:2]:
-            in_vain = int(max(day.tried.get(("", r), 0) for r in robots))
+            in_vain = max(day.tried.get(("", r), 0) for r in robots)
             beside = tuple(_beside(day, robots, _bound_for(day, robots), in_vain))
             opened = dict.fromkeys((*robots, *beside), Opened.ALL)
             # what was sought twice in vain is not to keep a robot where it stands
@@ -266,7 +261,7 @@ def _bound_for(day: Day, robots: Iterable[str]) -> list[str]:
 
 def _tries(day: Day, job: DayOrder, robots: Iterable[str]) -> int:
     """Return how often no plan was found for an order that one of some robots was to do."""
-    return int(max((day.tried.get((job.id, r), 0) for r in robots), default=0))
+    return max((day.tried.get((job.id, r), 0) for r in robots), default=0)
 
 
 def _dispatched(day: Day, waiting: Sequence[DayOrder]) -> OpenWork | None:
@@ -326,7 +321,7 @@ def first_there(day: Day, job: DayOrder, free: Mapping[str, tuple[float, Pose]])
     now = day.clock.now()
 
     def key(robot: str) -> tuple[int, bool, float, str]:
-        in_vain = int(day.tried.get((job.id, robot), 0))
+        in_vain = day.tried.get((job.id, robot), 0)
         aside = day.aside.get(robot, now) > now
         return in_vain, aside, _there(day, job, robot, *free[robot]), robot
 
@@ -364,34 +359,24 @@ def _handling(day: Day, job: DayOrder, robot: str) -> float:
     return record.pickup.service + way / speed + record.delivery.service
 
 
-def standing(day: Day) -> list[Polygon]:
-    """Return the bodies of robots at the ends of their plans that are not free soon: they stand
-    there for good, and nobody is planned with them.
-    """
-    free, ends = day.free_at(), day.cut().poses
-    late = {r for r in free if free[r][0] > day.settings.soon} | {*day.there()} - free.keys()
-    return [body_at(day.site, r, ends[r]) for r in sorted(late)]
-
-
-def ready(day: Day, job: DayOrder, there: Sequence[Polygon] = ()) -> bool:
+def ready(day: Day, job: DayOrder) -> bool:
     """Return whether an order can be planned: it may begin soon, what comes before it is in the
-    plan, or over, and nobody stands for good (as those ``there`` do) where it is picked up or
-    delivered.
+    plan, or over, and nobody stands for good where it is picked up or delivered.
     """
     if job.record.release > day.clock.now() + day.settings.soon:
         return False
     before = (day.jobs.get(name) for name in job.record.after)
     if not all(b is None or b.state is not OrderState.WAITING for b in before):
         return False
-    return all(_can_stop(day, stop, there) for stop in visited(job.record))
+    return all(_can_stop(day, stop) for stop in visited(job.record))
 
 
-def _can_stop(day: Day, stop: Stop | Task, there: Sequence[Polygon] = ()) -> bool:
+def _can_stop(day: Day, stop: Stop | Task) -> bool:
     """Return whether some robot could stand at one of a stop's places, beside those that do nothing
-    now or are ``there``, and outside areas that are blocked.
+    now, and outside areas that are blocked.
     """
     away = (body_at(day.site, r, day.poses[r]) for r in day.away)
-    taken = [*zip((*there, *away), itertools.repeat(day.site.margin))]
+    taken = [*zip(away, itertools.repeat(day.site.margin))]
     taken += [(Polygon(shape), 0.0) for shape in day.areas.values()]
     kinds = {day.site.robots[r].type: r for r in day.site.robots}
     poses = [day.site.places[place].pose for place in stop.at]

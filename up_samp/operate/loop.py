@@ -674,7 +674,7 @@ class Operation(Day):
         why.
         """
         if answer.plan is None:
-            self.put_aside([j.id for j in question.jobs], question.robots, answer.hasty)
+            self.put_aside([j.id for j in question.jobs], question.robots)
             return False, answer.why
         if question.cut.away != self.off_plan():
             return False, "a robot has gone, or is back, since it was asked for"

@@ -40,7 +40,7 @@ from up_samp.fleet.records import (
 from up_samp.fleet.spelled_out import without_repeats
 from up_samp.fleet.statements import Meaning, Written
 from up_samp.io.plan_dict import PlanDict
-from up_samp.model import OutOfTimeError, ProblemError, SampError, UnsupportedError
+from up_samp.model import ProblemError, SampError, UnsupportedError
 from up_samp.model.deadline import computing_time
 from up_samp.operate.horizon import DELIVERS, Cut
 from up_samp.operate.order import ordered
@@ -60,7 +60,7 @@ RESTS = 2
 WRITING, EACH_KEPT = 0.1, 0.03
 """Seconds of a budget that writing a problem, and what comes of it, down takes; and for each
 activity that is kept: putting what is new behind it, and all of it in order."""
-LEAST = 0.5
+LEAST = 0.25
 """Share of a budget for which a plan is sought at least."""
 SAME = 1e-3
 """Poses closer than this (m, rad) are one place."""
@@ -113,9 +113,6 @@ class Answer:
     why: str = ""
     seconds: float = 0.0
     cpu: float = 0.0
-    hasty: bool = False
-    """Whether there is none only because time was over: the motions that were planned by then are
-    kept, so there may be one when it is asked for again."""
 
 
 def _by_machine(job: Order | Task) -> object:
@@ -357,15 +354,15 @@ def answer(ask: Question, cache: MotionCache | None = None) -> Answer:
     """Plan; what goes wrong is the answer's ``why``. ``cache``: what keeps motions."""
     begun, cpu = time.monotonic(), time.process_time()
 
-    def said(plan: PlanDict | None, why: str = "", hasty: bool = False) -> Answer:
+    def said(plan: PlanDict | None, why: str = "") -> Answer:
         seconds, computed = time.monotonic() - begun, time.process_time() - cpu
-        return Answer(ask.number, plan, why, seconds, computed, hasty)
+        return Answer(ask.number, plan, why, seconds, computed)
 
     try:
         with computing_time() if ask.computing else contextlib.nullcontext():
             return said(_plan(ask, cache))
     except SampError as error:
-        return said(None, " ".join(str(error).split())[:500], isinstance(error, OutOfTimeError))
+        return said(None, " ".join(str(error).split())[:500])
 
 
 def _plan(ask: Question, cache: MotionCache | None) -> PlanDict:
@@ -385,8 +382,7 @@ def _plan(ask: Question, cache: MotionCache | None) -> PlanDict:
     result = solve_problem(written, seconds, params)
     if result.plan is None:
         why = result.explain().removeprefix("no plan: ")
-        error = OutOfTimeError if result.status == "TIMEOUT" else ProblemError
-        raise error(f"no plan within {seconds:.3g} s: {why}")
+        raise ProblemError(f"no plan within {seconds:.3g} s: {why}")
     said = [o | records.senses(o["name"]) for o in result.data["objects"]]
     data = {**result.data, "objects": said}
     plan = with_dependencies(written.problem, data, localisation=ask.localisation)

@@ -20,7 +20,7 @@ from up_samp.validation import validate_plan
 )
 def test_tours_follow_one_order_of_all_jobs(tours, earlier, told):
     steps = {robot: [(j, 0) for j in tour] for robot, tour in tours.items()}
-    found = in_stated_order(Assignment(None, steps), earlier)
+    found = in_stated_order(Assignment(None, steps), earlier, {})
     assert {robot: [j for j, _ in tour] for robot, tour in found.tours.items()} == told
 
 

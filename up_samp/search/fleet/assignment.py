@@ -138,12 +138,18 @@ def exchanged(
     return replace(found, tours=rehearsal.tours(best))
 
 
-def in_stated_order(assign: Assignment, earlier: Mapping[int, set[int]]) -> Assignment:
+def in_stated_order(
+    assign: Assignment, earlier: Mapping[int, set[int]], crews: Mapping[int, int]
+) -> Assignment:
     """Return the same share with all tours in one order of all jobs: each comes after those that
-    are ``earlier``, else as it was dealt out; as it is where nobody could follow such an order.
+    are ``earlier``, else as it was dealt out, those of one crew one after the other; as it is where
+    nobody could follow such an order.
     """
     place = {j: at for tour in assign.tours.values() for at, (j, _) in enumerate(tour)}
-    left, rank = sorted(place, key=lambda j: (place[j], j)), dict[int, int]()
+    first = dict[int, tuple[int, int]]()
+    for j in sorted(place, key=lambda j: (place[j], j)):
+        first.setdefault(crews.get(j, -1 - j), (place[j], j))
+    left, rank = sorted(place, key=lambda j: (*first[crews.get(j, -1 - j)], j)), dict[int, int]()
     while left:
         waits = [bool(place.keys() & earlier.get(j, set()) - rank.keys()) for j in left]
         if all(waits):

@@ -130,6 +130,7 @@ class AssignmentEvaluator:
             drive=np.array(drives, dtype=float),
             place=np.array([self._shared.get(pose, -1) for places in stops for pose in places]),
             stays=np.array(stays, dtype=float),
+            crew=np.array([self.jobs.crews.get(j, -1) for j, _ in self._steps]),
             start=np.array([number[starts[r]] for r in self.robots]),
             kind=np.array(kinds),
             rides=rides,

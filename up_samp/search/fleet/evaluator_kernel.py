@@ -35,6 +35,8 @@ class WorkTables(NamedTuple):
     is ``due[o]``. Its stops are ``head[o]:head[o + 1]``: ``drive`` from the one before, ``place``
     that others need, too (-1: nobody does), and how long it ``stays``.
 
+    No robot does two of one ``crew`` (-1: none).
+
     ``start`` and ``kind`` are where robots are at first, and which row of ``rides`` (kind, from,
     to) is theirs; ``goal`` is where they have to be in the end (-1: anywhere), ``rests`` how long
     they are at rest in between.
@@ -51,6 +53,7 @@ class WorkTables(NamedTuple):
     drive: FloatArray
     place: IntArray
     stays: FloatArray
+    crew: IntArray
     start: IntArray
     kind: IntArray
     rides: FloatArray
@@ -135,7 +138,8 @@ def ends_of(work: WorkTables, rules: CostWeights, shares: TourArrays, places: in
 @kernel
 def beside(work: WorkTables, r: int, tour: IntArray, count: int) -> tuple[float, int]:
     """Return how long (s) a robot does what belongs to no job of its tour, and how often it
-    charges: where that is least out of its way since it did so last.
+    charges: where that is least out of its way since it did so last. What it cannot do at once
+    counts as very long.
     """
     cells, kind, here = work.cells, work.kind[r], work.start[r]
     seconds, charges, left, detour = work.rests[r], 0, cells.level[r], np.inf
@@ -152,7 +156,21 @@ def beside(work: WorkTables, r: int, tour: IntArray, count: int) -> tuple[float,
             charges += 1
             seconds += detour
             detour = np.inf
+    seconds += _of_one_crew(work, tour, count)
     return seconds + max(0.0, -left) * cells.pace[r], charges
+
+
+@inner
+def _of_one_crew(work: WorkTables, tour: IntArray, count: int) -> float:
+    """Return what counts as very long (1e4 s) for each two options of a tour that belong to one
+    crew.
+    """
+    seconds = 0.0
+    for number in range(count):
+        crew = work.crew[tour[number]]
+        for other in range(number if crew >= 0 else 0):
+            seconds += 1e4 * (work.crew[tour[other]] == crew)
+    return seconds
 
 
 @inner

@@ -12,10 +12,10 @@ import itertools
 import math
 from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from graphlib import CycleError, TopologicalSorter
 
-from unified_planning.model import FNode
+from unified_planning.model import FNode, TimepointKind
 from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.model.operators import OperatorKind as Op
 from unified_planning.model.scheduling import Activity
@@ -223,6 +223,8 @@ class Jobs:
     options: tuple[tuple[WorkMode, ...], ...]
     needs: Mapping[str, frozenset[str]]
     """Activity -> those that have to be present with it."""
+    crews: Mapping[int, int] = field(default_factory=dict)
+    """Job -> the crew that it belongs to: see :func:`crews_of`."""
 
     def drawn(self, name: str) -> set[str]:
         """Return what has to be present with an activity, itself included."""
@@ -279,7 +281,9 @@ def find_jobs(problem: SchedulingMotionProblem, snapshot: Snapshot) -> Jobs | No
         if work not in known:  # a pick and its delivery draw each other along: one job
             known.add(work)
             found.append(tuple(o for o in options if o is not None))
-    return _with_extras(Jobs(tuple(found), table), dues, ways) if found else None
+    jobs = Jobs(tuple(found), table)
+    jobs = replace(jobs, crews=crews_of(problem, jobs))
+    return _with_extras(jobs, dues, ways) if found else None
 
 
 def _with_extras(jobs: Jobs, dues: Mapping[str, float], ways: set[str]) -> Jobs:
@@ -296,7 +300,7 @@ def _with_extras(jobs: Jobs, dues: Mapping[str, float], ways: set[str]) -> Jobs:
             due = min((dues.get(m, math.inf) for m in option.members), default=math.inf)
             whole.append(replace(option, due=due, extras=frozenset(extras)))
         found.append(tuple(whole))
-    return Jobs(tuple(found), jobs.needs)
+    return replace(jobs, options=tuple(found))
 
 
 def _dues(problem: SchedulingMotionProblem) -> dict[str, float]:
@@ -326,6 +330,24 @@ def _clauses(
                 if known.issuperset(name for name, _ in clause):
                     names = tuple(name for name, positive in clause if positive)
                     yield names, tuple(name for name, positive in clause if not positive)
+
+
+def crews_of(problem: SchedulingMotionProblem, jobs: Jobs) -> dict[int, int]:
+    """Return the crews that jobs belong to: those of which a part begins as a part of another one
+    does, so that no robot can do two of them.
+    """
+    of = {n: j for j, options in enumerate(jobs.options) for o in options for n in o.members}
+    crews = list(range(len(jobs.options)))
+    for owner in (problem._base, *problem.activities):
+        for constraint, _ in owner._constraints:
+            if not constraint.is_equals() or not all(a.is_timing_exp() for a in constraint.args):
+                continue
+            ends = [a.timing() for a in constraint.args]
+            mine = [crews[of[n]] for e in ends if (n := e.timepoint.container) in of]
+            begin = {(e.timepoint.kind, e.delay) for e in ends} == {(TimepointKind.START, 0)}
+            if begin and len(mine) == 2:
+                crews = [min(mine) if crew in mine else crew for crew in crews]
+    return {j: crew for j, crew in enumerate(crews) if crews.count(crew) > 1}
 
 
 def earlier_jobs(problem: SchedulingMotionProblem, jobs: Jobs) -> dict[int, set[int]]:

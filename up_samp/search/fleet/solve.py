@@ -146,7 +146,8 @@ def deals_of(search: Search, large: LargeProblem, deadline: Deadline) -> Iterato
         bias = biased(large.jobs, NOISE * min(number, 5), rng)
         soon = deadline.within(_DEALING * deadline.remaining())
         rehearsal = AssignmentEvaluator(guess, large.jobs, careful, bias)
-        yield in_stated_order(assign(rehearsal, soon, rng, large.tuning), earlier)
+        share = assign(rehearsal, soon, rng, large.tuning)
+        yield in_stated_order(share, earlier, large.jobs.crews)
 
 
 def guess_of(search: Search, large: LargeProblem) -> TravelTimeModel:
