@@ -128,7 +128,7 @@ def test_an_rmf_building(tmp_path):
     assert records.places["tiny_charger"].charger.per_second == 0.05
     assert records.places["pantry"].charger is None
     assert any("once robots have a battery: tiny_charger" in note for note in found.notes)
-    assert records.places["pantry"].park == 0
+    assert records.places["pantry"].park is None
     site = grid(tmp_path)
     assert state_at(site, 15.0, -6.0) == "occupied"
     assert state_at(site, 15.0, -10.0) == "free"  # the doorway
