@@ -301,3 +301,13 @@ def test_where_nobody_drives_nothing_is_simulated_or_exported(full, tmp_path, ca
         assert main(["export", still, "--to", form, "--out", str(tmp_path)]) == 2
     said = capsys.readouterr().err
     assert said.count("has no motions: nobody drives") == 5
+
+
+def test_a_plan_of_another_problem_is_refused_by_name(yaml, full):
+    other = sites.Site(yaml)
+    other.robot("r0", (2.0, 2.0, 0.0))
+    other.drive("alone_r0", "r0", (2.0, 2.0, 0.0), [(3.0, 0.0)], 0)
+    with pytest.raises(
+        ProblemError, match=r"is not the plan's problem: it has no activity 'in_r0'"
+    ):
+        dependency_faults(other.problem, full)

@@ -515,11 +515,20 @@ def _places(activity: Activity) -> Iterator[tuple[str, FNode]]:
 
 
 def with_avoid(plan: PlanDict, snapshot: Snapshot) -> PlanDict:
-    """Return the plan with what each motion must keep clear of (``avoid``; absent: everything)."""
+    """Return the plan with what each motion must keep clear of (``avoid``; absent: everything).
+
+    Raises :class:`ProblemError` where it is not a plan of the snapshot's problem.
+    """
     avoid = {(t.activity, t.object): t.avoid for t in snapshot.tasks}
     motions = []
     for motion in plan["motions"]:
-        listed = avoid[motion["activity"], motion["object"]]
+        key = motion["activity"], motion["object"]
+        if key not in avoid:
+            raise ProblemError(
+                f"'{snapshot.name}' is not the plan's problem: it has no activity "
+                f"'{key[0]}' in which '{key[1]}' moves"
+            )
+        listed = avoid[key]
         entry = {k: v for k, v in motion.items() if k != "avoid"}
         if listed is not None:
             entry["avoid"] = sorted(listed)

@@ -378,10 +378,12 @@ def _can_stop(day: Day, stop: Stop | Task) -> bool:
     away = (body_at(day.site, r, day.poses[r]) for r in day.away)
     taken = [*zip(away, itertools.repeat(day.site.margin))]
     taken += [(Polygon(shape), 0.0) for shape in day.areas.values()]
-    kinds = {day.site.robots[r].type: r for r in day.site.robots}
+    kinds = {day.site.robots[r].type: r for r in day.site.robots} if taken else {}
     poses = [day.site.places[place].pose for place in stop.at]
     bodies = (body_at(day.site, r, pose) for r in kinds.values() for pose in poses)
-    return any(all(body.distance(other) > apart for other, apart in taken) for body in bodies)
+    return not taken or any(
+        all(body.distance(other) > apart for other, apart in taken) for body in bodies
+    )
 
 
 def body_at(site: FleetRecords, robot: str, pose: Pose) -> Polygon:

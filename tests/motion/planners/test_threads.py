@@ -69,3 +69,12 @@ def test_a_thread_is_planned_by_the_service_without_a_second_opinion(tmp_path):
         report = MotionService(grid).plan(PathQuery(body, ends), Deadline.after(60))
         assert report.outcome is Outcome.FOUND
         assert report.planner == {"car": "car", "differential": "pivot"}[kind]
+
+
+@pytest.mark.parametrize(("seed", "number"), [(7, 0), (8, 0), (30, 2)])
+def test_a_quick_planner_gives_up_where_only_a_thread_leads(seed, number, tmp_path):
+    kind, grid, body, ends, _, _ = [*drives(seed, tmp_path)][number]
+    planner = PLANNERS[kind].quick(MotionService(grid).scene)
+    leg = planner.leg(LegQuery(body, *ends), Deadline.never())
+    assert leg.trajectory is None
+    assert leg.effort <= 20_000

@@ -36,8 +36,8 @@ class CarSettings:
     """How hard a car's path is sought: by hybrid A* with arc primitives of ``levels`` (turning
     radii, coarse to fine), each with a tree of so many ``nodes``, and ``extra`` expansions after
     its first solution; then by ``rounds`` of shortening, so many (``patience``) without a gain.
-    From the level ``thin`` on a level is for ways as thin as a hair: it is left out but where the
-    one before ran dry within the ``few``th part of its own nodes, for it has about as many times
+    From the level ``thin`` on a level is for ways as thin as the body: it is left out but where the
+    one before gave up within the ``few``th part of this one's nodes, for it has about as many times
     the states.
 
     ``near`` (turning radii) the goal Reeds-Shepp times guide, and the distance to go has a

@@ -61,7 +61,7 @@ class PlanarSettings:
     ``roundabout``: what takes longer than so many times the shortest way of a disc is sought from
     its goal as well, where the steps fall elsewhere. ``tries``: how often a way is cut short by
     ``rounds`` random shortcuts; the fastest counts. ``bends`` (inner radii of the footprint): of
-    those who are driven along their heading.
+    those who are driven along their heading (0: nobody is).
     """
 
     grains: tuple[PlanarGrain, ...] = (
@@ -97,7 +97,7 @@ class PlanarPlanner:
     def quick(cls, scene: Scene, seed: int = 0) -> PlanarPlanner:
         """Return a planner that gives up after little work, for detours."""
         few = PlanarSettings((PlanarGrain(1.0, 16, 20_000),), rounds=200, shifts=(0.25,), tries=1)
-        return cls(scene, seed, replace(few, roundabout=math.inf))
+        return cls(scene, seed, replace(few, roundabout=math.inf, bends=0.0))
 
     def leg(self, query: LegQuery, deadline: Deadline) -> Leg:
         """Return a fast motion between two poses among resting obstacles."""
@@ -107,7 +107,7 @@ class PlanarPlanner:
         if shape is None:
             return Leg(None, TOUCHES, complete=True)
         leg = self._one_way(query, shape, budget)
-        if leg.trajectory is None and query.effort is None:
+        if leg.trajectory is None and query.effort is None and self.settings.bends > 0.0:
             leg = self._on_wheels(query, shape, budget) or leg
         if not leg.complete or leg.trajectory is None:
             return leg

@@ -16,11 +16,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from up_samp.geometry import Scene, Shape, sweeps
-from up_samp.model import Body, Deadline, Trajectory
+from up_samp.model import Body, Deadline, Kinematics, Trajectory
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.budget import WorkBudget
-from up_samp.motion.curves.rolling import rolled, rolling_radius, rolling_time, rows_of
-from up_samp.motion.curves.straight import timed_chain
+from up_samp.motion.curves.rolling import (
+    moves_on,
+    rolled,
+    rolling_radius,
+    rolling_time,
+    rolls_of,
+    rows_of,
+)
 from up_samp.motion.curves.trajectories import at_rest
 from up_samp.motion.curves.trapezoid import limits_of
 from up_samp.motion.fleet.roadmap import Roadmap, cells_of
@@ -36,13 +42,15 @@ class PivotSettings:
     """How hard the path of a body that turns on the spot is sought: A* looks at so many ``places``
     of the lattice of each grain, with a ``weight`` on what is left to drive, and as far around all
     that is known as ``reach`` (radii of the body) where there is no map; a way along ``arcs``, as a
-    car drives, has so many expansions.
+    car drives, has so many expansions. ``thin``: where none is found, ways as thin as the body are
+    sought to the end.
     """
 
     places: tuple[int, ...] = (10_000, 20_000, 40_000, 60_000)
     weight: float = 1.2
     reach: float = 16.0
     arcs: int = 8_000
+    thin: bool = True
 
 
 class PivotPlanner:
@@ -57,14 +65,14 @@ class PivotPlanner:
         self.scene = scene
         self.settings = settings
         self.fields = Fields(scene)
-        # there is another way, with stops
+        # there are other ways, with stops
         self._car = CarPlanner.quick(scene, seed)
         self._thread = CarPlanner(scene, seed)
 
     @classmethod
     def quick(cls, scene: Scene, seed: int = 0) -> PivotPlanner:
         """Return a planner that gives up after little work, for detours."""
-        return cls(scene, seed, PivotSettings(places=(400, 1, 1, 1)))
+        return cls(scene, seed, PivotSettings(places=(400, 1, 1, 1), thin=False))
 
     def leg(self, query: LegQuery, deadline: Deadline) -> Leg:
         """Return a fast motion between two poses among resting obstacles."""
@@ -78,18 +86,18 @@ class PivotPlanner:
             moves, effort, cut = self._search(shape, query, deadline)
         found: list[FloatArray] = []
         if moves is not None:
-            found.append(self._shortened(shape, query, corners_of(moves), deadline))
-        budget = WorkBudget(deadline, self.settings.arcs)
+            found.append(corners_of(moves))
+        arcs, thin = WorkBudget(deadline, self.settings.arcs), WorkBudget(deadline)
         if self.settings.arcs > 0:
-            found += self._along_arcs(self._car, query, budget, 0.0)
-        if not found and query.effort is None and self.settings.arcs > 0:
-            budget.effort = None
-            found += self._along_arcs(self._thread, query, budget, body.kinematics.omega_max)
-        effort += budget.used
+            found += self._along_arcs(self._car, query, arcs, 0.0)
+        if self.settings.thin and query.effort is None and not found:
+            found += self._along_arcs(self._thread, query, thin, body.kinematics.omega_max)
+        effort += arcs.used + thin.used
         whole = not cut and not deadline.expired()
         if not found:
             reason = "no path at the finest resolution" if whole else "out of time"
             return Leg(None, reason, effort, complete=whole)
+        found = [self._shortened(shape, query, rows, deadline) for rows in found]
         rows = min(found, key=lambda rows: rolling_time(rows, body.kinematics))
         return Leg(_timed(body, query, rows), "", effort, complete=whole)
 
@@ -135,22 +143,24 @@ class PivotPlanner:
         return None, effort, False
 
     def _shortened(
-        self, shape: Shape, query: LegQuery, nodes: FloatArray, deadline: Deadline
+        self, shape: Shape, query: LegQuery, rows: FloatArray, deadline: Deadline
     ) -> FloatArray:
-        """Return the poses (n, 3) at which it rests, without those that it need not go through."""
-        i = 0
-        while i < len(nodes) - 2 and not deadline.expired():
-            for j in range(len(nodes) - 1, i + 1, -1):
-                p, q = (tuple(float(v) for v in nodes[k]) for k in (i, j))
+        """Return poses (n, 3), driven straight between some of their rests where that is faster."""
+        kin, rows = query.body.kinematics, rows[moves_on(rows)]
+        rests, i = _rests(rows, kin), 0
+        while i < len(rests) - 1 and not deadline.expired():
+            for k in range(len(rests) - 1, i, -1):
+                a, b = rests[i], rests[k]
+                p, q = (tuple(float(v) for v in rows[at]) for at in (a, b))
                 moves = steer(query.body, p, q)
-                seconds = float(timed_chain(nodes[i : j + 1], query.body.kinematics).duration)
-                if sum(m.seconds for m in moves) > seconds - 1e-6:
-                    continue
-                if self._is_free(shape, query, moves):
-                    nodes = _spliced(nodes, i, j, corners_of(moves))
+                seconds = rolling_time(rows[a : b + 1], kin)
+                sooner = sum(m.seconds for m in moves) <= seconds - 1e-6
+                if sooner and self._is_free(shape, query, moves):
+                    rows = _spliced(rows, a, b, corners_of(moves))
+                    rests = _rests(rows, kin)
                     break
             i += 1
-        return nodes
+        return rows
 
     def _is_free(self, shape: Shape, query: LegQuery, moves: Sequence[ShortMove]) -> bool:
         return all(self._sweeps_free(shape, query, m.rows) for m in moves)
@@ -159,6 +169,13 @@ class PivotPlanner:
         world = self.scene.world(shape, query.obstacles)
         least = 1e-3 * float(shape.data.slack[2])
         return bool(sweeps.samples_free(world, rows, least) < 0)
+
+
+def _rests(rows: FloatArray, kinematics: Kinematics) -> list[int]:
+    """Return at which of its poses (n, 3) a way rests."""
+    kinds = rolls_of(rows, kinematics).kinds
+    stops = np.flatnonzero((np.diff(kinds) != 0) | (np.abs(kinds[1:]) == 2)) + 1
+    return [0, *map(int, stops), len(rows) - 1]
 
 
 def _spliced(nodes: FloatArray, i: int, j: int, part: FloatArray) -> FloatArray:
