@@ -136,6 +136,21 @@ def test_who_is_to_drive_through_an_open_door_that_goes_out_of_order_drives_home
         day.operation.close()
 
 
+def test_a_day_may_be_stopped_after_any_step(tmp_path):
+    """Time alone lets drives end and begin, too: who goes on knows of it without a report."""
+    day = Day(tmp_path, fleet=two_rooms(tmp_path, robots=1))
+    try:
+        day.order("o0", "rack0", "dock0")
+        day.until(lambda: day.robots.handled and day.robots.pose("r0")[0] > 7.8, 300)
+        day.operation.close_door("gate")
+        for _ in range(60):
+            day.step()
+            day.restart()
+        day.until(lambda: day.robots.pose("r0")[0] < 2.0, 60)
+    finally:
+        day.operation.close()
+
+
 @pytest.mark.parametrize("x", [8.2, 9.5])
 def test_who_is_before_or_in_a_door_that_is_mended_at_once_keeps_clear_of_its_leaf(tmp_path, x):
     day = Day(tmp_path, fleet=two_rooms(tmp_path, robots=2))

@@ -82,17 +82,15 @@ class Operation(Day):
         self.store, self.robots, self.clock = store, robots, clock
         self.planner = planner or Planner()
         self.settings = settings
-        self.meanings = {}
+        self.meanings, self.tried, self.shut, self.areas = {}, {}, {}, {}
         self.gone: dict[str, float] = {}
         """How much (m) of motions was driven when their plan began: robots count all of it."""
         self.poses = {n: self._home(r.start) for n, r in self.site.robots.items()}
         self.jobs, self.away, self.placed, self.limits, self.aside = {}, {}, {}, {}, {}
-        self.tried, self.shut = {}, {}
         self.held: dict[str, str] = {}
         """Robots that are held where they are, and why."""
         self.unsure: dict[str, str] = {}
         """Robots that are held as they are less exact than planned with, and by how much."""
-        self.areas = {}
         self.commands: dict[str, Command] = {}
         self.wanted = ""
         """Why the rest is to be planned anew (``""``: it is not)."""
@@ -399,7 +397,10 @@ class Operation(Day):
                 self.store.note(now, "robot", robot, "fault", words)
             self._faults = len(self.robots.faults)
             if self.executor is not None:
+                known = len(self.executor.state.fired)
                 self.executor.commands(now - self.origin)
+                if len(self.executor.state.fired) > known:
+                    self._snapshot_at = -math.inf  # no report tells what time lets begin
             self._happened()
             self._plan(now)
             if now - self._snapshot_at >= SNAPSHOT:

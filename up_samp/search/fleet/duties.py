@@ -62,8 +62,9 @@ class Duties:
 def duties_of(problem: SchedulingMotionProblem, snapshot: Snapshot, jobs: Jobs) -> Duties:
     """Return what robots have to do beside all jobs.
 
-    Assumes: a robot does one thing at a time where what it does holds a resource that all its
-    drives hold, and batteries are told by numbers that only its own activities change.
+    A guess, which only says who gets which jobs: a robot does one thing at a time where what it
+    does holds a resource that all its drives hold, and batteries are told by numbers that only
+    its own activities change.
     """
     drives = defaultdict[str, list[str]](list)
     for task in snapshot.tasks:
