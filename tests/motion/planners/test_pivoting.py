@@ -23,7 +23,7 @@ from up_samp.model import (
     ProblemError,
 )
 from up_samp.motion.legs import parking_clears
-from up_samp.motion.planners.pivoting import PivotPlanner, PivotSettings
+from up_samp.motion.planners.pivoting import PivotPlanner
 from up_samp.motion.protocol import LegQuery
 from up_samp.motion.service import MotionService
 from up_samp.upio.read_maps import read_movable
@@ -131,7 +131,7 @@ def test_who_stands_along_a_wall_leaves_it_and_comes_to_it_on_arcs(side, reverse
     # no room to turn anywhere along the walls; the way leads round the one in the middle
     body = Body(RING, replace(BODY.kinematics, reverse=reverse))
     service = MotionService(hall())
-    planner = PivotPlanner(service.scene, 0, PivotSettings(arcs=0))
+    planner = PivotPlanner(service.scene)
     along = math.pi / 2
     start, goal = (0.55, 4.0, side * along), (15.45, 3.0, -side * along)
     for ends in ((start, goal), (goal, start)):

@@ -433,7 +433,7 @@ def _route(
     def allowed(edge: RoadmapEdge) -> bool:
         return not any(joint.overlap(robot, edge, j, rests[j]) for j in near)
 
-    return roadmap.route(ends, estimate, allowed, limit)[0]
+    return roadmap.route(ends, estimate, allowed, limit)
 
 
 # ------------------ Knots solved by construction

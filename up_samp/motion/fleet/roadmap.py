@@ -324,11 +324,9 @@ class Roadmap:
         ends: Sequence[Configuration],
         static: tuple[Placed, ...],
         cell: float,
-        box: Box | None = None,
     ) -> None:
-        """``ends``: where the robots of this body start and go; ``cell``: grain of the lattice (m);
-        ``box``: what the lattice covers (x low, y low, x high, y high; by default what is around
-        the ends).
+        """``ends``: where the robots of this body start and go; ``cell``: grain of the lattice
+        (m), which covers what is around the ends.
         """
         shape = widest_shape(scene, body, ends, static)
         self.scene, self.body, self.hull = scene, body, hull_of(body)
@@ -347,7 +345,7 @@ class Roadmap:
         self._places: dict[Key, bool] = {}
         self._free: dict[int, bool] = {}
         self.cell = cell
-        self._box = box or box_around(ends, self.hull.radius, body.kinematics.bend_radius)
+        self._box = box_around(ends, self.hull.radius, body.kinematics.bend_radius)
         self.lattice = lattice_of(body, ends, self._box, self.cell)
         self.places: dict[Configuration, int] = {}
         self._rests: dict[int, RoadmapEdge] = {}
@@ -433,10 +431,9 @@ class Roadmap:
         estimate: Callable[[int], float],
         allowed: Callable[[RoadmapEdge], bool] | None = None,
         limit: float = math.inf,
-        most: int | None = None,
-    ) -> tuple[tuple[RoadmapEdge, ...] | None, int]:
-        """Return a cheap way between two places (A*), and the places looked at (``most``: as many
-        at most). ``estimate``: cost to go from a place; ``limit``: cost at most.
+    ) -> tuple[RoadmapEdge, ...] | None:
+        """Return a cheap way between two places (A*). ``estimate``: cost to go from a place;
+        ``limit``: cost at most.
         """
         start, goal = ends
         best: dict[int, tuple[float, RoadmapEdge | None]] = {start: (0.0, None)}
@@ -448,8 +445,6 @@ class Roadmap:
             if node in closed:
                 continue
             closed.add(node)
-            if most is not None and len(closed) > most:
-                return None, len(closed)
             for edge in self.moves(node):
                 after = best[node][0] + edge.cost
                 if edge.target in best and best[edge.target][0] <= after:
@@ -463,13 +458,13 @@ class Roadmap:
                 best[edge.target] = after, edge
                 heapq.heappush(queue, (ahead, edge.target))
         if goal not in best:
-            return None, len(closed)
+            return None
         way: list[RoadmapEdge] = []
         at = goal
         while (last := best[at][1]) is not None:
             way.append(last)
             at = last.source
-        return tuple(way[::-1]), len(closed)
+        return tuple(way[::-1])
 
     def _lattice_place(self, key: Key) -> int:
         if key not in self._nodes:
