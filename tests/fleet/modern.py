@@ -1,7 +1,7 @@
 """Random small fleets as ``buildings`` draws them, with what sites asked for since: doors that open
 by themselves, airlocks, rules of driving by zone, cars, robots that do not back up or slowly, lifts
 for several robots, swapped batteries and charging curves, crews, several windows, resources,
-set-ups, batches, buffers of limited room, and objectives in an order.
+set-ups, batches, buffers of limited room, objectives in an order, and loads on board at first.
 """
 
 import copy
@@ -32,6 +32,8 @@ class Modern(buildings.Building):
         self.rng = random.Random(f"{seed}, and of late")
         for part in ("setups", "batches", "buffers", "turns", "stops"):
             getattr(self, f"_more_{part}")()
+        self.rng = random.Random(f"{seed}, and aboard")
+        self._more_aboard()
 
     def _chance(self, share):
         return self.rng.random() < share
@@ -181,6 +183,20 @@ class Modern(buildings.Building):
                 holds = self.rng.randint(0, there)
                 place |= {"room": max(1, holds + self.rng.choice([0, 1])), "holds": holds}
 
+    def _more_aboard(self):
+        kind = self.spec["types"]["agv"]
+        most = 1 if kind["unloading"] == "lifo" else kind["capacity"]["item"]
+        room = dict.fromkeys(self.spec["robots"], most)
+        said = ("attached", "together", "optional", "repeat", "robots")
+        for order in self.spec["orders"]:
+            robots = [name for name, left in room.items() if left and self._may(name, order)]
+            if robots and not any(order.get(k) for k in said) and self._chance(0.3):
+                order["pickup"] = {"on": self.rng.choice(robots)}
+                room[order["pickup"]["on"]] -= 1
+
+    def _may(self, robot, order):
+        return set(order.get("skills", ())) <= set(self.spec["robots"][robot].get("skills", ()))
+
     def _more_turns(self):
         kind = self.spec["types"]["agv"]
         if kind["model"] == "diff" and self._chance(0.3):
@@ -199,7 +215,7 @@ class Modern(buildings.Building):
 
 
 def _at(stop):
-    at = stop["at"] if isinstance(stop, dict) else stop
+    at = stop.get("at", []) if isinstance(stop, dict) else stop
     return [at] if isinstance(at, str) else at
 
 

@@ -151,6 +151,7 @@ class Physics:
                 kinds = [
                     (k, _stop(job[k2])["at"])
                     for k, k2 in (("pick", "pickup"), ("deliver", "delivery"))
+                    if "on" not in _stop(job[k2])
                 ]
             if left and not job.get("optional"):
                 yield f"{job['id']} is left out and must not be"
@@ -168,6 +169,9 @@ class Physics:
                     if job.get("robots") and d.robot not in _listed(job["robots"]):
                         yield f"{d}: the robot is none of those named"
             picks, delivers = self._of("pick", job["id"]), self._of("deliver", job["id"])
+            carrier = _carrier(job)
+            if carrier and (picks or any(d.robot != carrier for d in delivers)):
+                yield f"{job['id']} is on {carrier}: picked {picks}, delivered {delivers}"
             for a, b in zip(picks, delivers, strict=False):
                 if a.robot != b.robot or a.end > b.start + 1e-6:
                     yield f"{job['id']}: picked {a}, delivered {b}"
@@ -194,7 +198,8 @@ class Physics:
 
     def _orders(self):
         jobs = {j["id"]: j for j in [*self.spec["orders"], *self.spec["tasks"]]}
-        begins = {j: self._of("pick", j) + self._of("task", j) for j in jobs}
+        first = {j: "deliver" if _carrier(job) else "pick" for j, job in jobs.items()}
+        begins = {j: self._of(first[j], j) + self._of("task", j) for j in jobs}
         ends = {j: self._of("deliver", j) + self._of("task", j) for j in jobs}
         for name, job in jobs.items():
             before = [*_listed(job.get("after", ()))]
@@ -224,14 +229,16 @@ class Physics:
     def _room(self):
         for robot in self.spec["robots"]:
             room = self.kind(robot).get("capacity", {"item": 1})
-            for t in [d.start for d in self.done if d.kind == "pick" and d.robot == robot]:
+            for t in [0.0, *(d.start for d in self.done if (d.kind, d.robot) == ("pick", robot))]:
                 held = {}
                 for job in self.spec["orders"]:
-                    for a in self._of("pick", job["id"]):
-                        b = next(iter(self._of("deliver", job["id"])), None)
-                        if a.robot == robot and a.start <= t and (b is None or t < b.end - 1e-6):
-                            for k, n in job.get("load", {"item": 1}).items():
-                                held[k] = held.get(k, 0) + n
+                    since = [d.start for d in self._of("pick", job["id"]) if d.robot == robot]
+                    if _carrier(job) == robot:
+                        since = [0.0]
+                    b = next(iter(self._of("deliver", job["id"])), None)
+                    if since and since[0] <= t and (b is None or t < b.end - 1e-6):
+                        for k, n in job.get("load", {"item": 1}).items():
+                            held[k] = held.get(k, 0) + n
                 for k, n in held.items():
                     if n > room.get(k, 0):
                         yield f"{robot} holds {n} {k} at {t}"
@@ -384,6 +391,11 @@ def _first(stop):
 
 def _stop(value):
     return value if isinstance(value, dict) else {"at": value}
+
+
+def _carrier(job):
+    """Return who has a load on board at first."""
+    return _stop(job.get("pickup", {})).get("on")
 
 
 def _listed(value):

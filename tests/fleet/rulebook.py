@@ -143,7 +143,8 @@ class Rulebook:
             self.fault(robot, "ends elsewhere")
 
     def _load(self, robot):
-        kind, loaded = self.spec["types"]["agv"], []
+        kind = self.spec["types"]["agv"]
+        loaded = [o["id"] for o in self.spec["orders"] if _carrier(o) == robot]
         moved = [
             (low if what.kind.value == "pick" else high, what.kind.value == "pick", what.what)
             for what, _, low, high in self._of(robot)
@@ -154,7 +155,7 @@ class Rulebook:
                 loaded.append(item)
                 if len(loaded) > kind["capacity"]["item"]:
                     self.fault(robot, "is overfull", loaded)
-            elif item not in loaded:
+            elif item not in loaded:  # nor at first
                 self.fault(robot, "delivers what it has not", item)
             else:
                 if kind["unloading"] == "lifo" and loaded[-1] != item:
@@ -217,6 +218,7 @@ class Rulebook:
                 self.fault("left out:", name)
         if "pickup" in job:
             parts = [("pick", _stop(job["pickup"]), 1.0), ("deliver", _stop(job["delivery"]), 1.0)]
+            parts = parts[bool(_carrier(job)) :]
         else:
             parts = [("task", job, job["duration"])]
         found, crew = [], job.get("crew", 1)
@@ -367,6 +369,11 @@ def _seats(lift, floor):
 
 def _stop(value):
     return value if isinstance(value, dict) else {"at": value}
+
+
+def _carrier(job):
+    """Return who has a load on board at first."""
+    return _stop(job.get("pickup", {})).get("on")
 
 
 def _charged(charger, battery):

@@ -54,7 +54,7 @@ def test_the_snippets_on_orders_make_one_problem(tmp_path, monkeypatch):
     scope = {}
     exec("\n".join(blocks("python", ORDERS)), scope)
     fleet = scope["fleet"]
-    assert len(fleet.records.orders) == 9
+    assert len(fleet.records.orders) == 10
     assert {a.name for a in fleet.problem.activities} >= {
         "pick_pallet_r1",
         "open_gate_r1",

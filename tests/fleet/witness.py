@@ -65,6 +65,7 @@ class Maker:
         self.open = False
         self.windows: list = []
         self.more, self.begun = random.Random(-1 - seed), []
+        self.driven, self.aboard = set(), random.Random(f"{seed}, aboard")
         self._people()
         self._jobs()
         self._wider()
@@ -127,6 +128,7 @@ class Maker:
             self._open(robot)
             if self.at[robot] == to:
                 return
+        self.driven.add(robot)
         poses = [tuple(self.spec["places"][p]["pose"]) for p in (self.at[robot], to)]
         others = self._in_the_way(robot, to, load)
         rides = load is not None and self.at[robot] == self.loads.get(load)
@@ -255,7 +257,7 @@ class Maker:
         """More that may be asked for without a change of the witness: other places to choose from,
         who begins no later than whom, and what no robot does.
         """
-        orders = [j for j in self.begun if "pickup" in j and "attached" not in j]
+        orders = [j for j in self.begun if "at" in j.get("pickup", ()) and "attached" not in j]
         if orders and self.more.random() < 0.3 and "zone" not in self.features:
             stop = self.more.choice(orders)[self.more.choice(["pickup", "delivery"])]
             if "button" not in stop["at"] and "button" in self.spec["places"]:
@@ -282,6 +284,9 @@ class Maker:
         return job
 
     def _pick(self, robot, job) -> None:
+        if robot not in self.driven and "attached" not in job and self.aboard.random() < 0.3:
+            job["pickup"] = {"on": robot}
+            return
         self.begun.append(job)
         load = job["id"] if "attached" in job else None
         if load is None and any(p in (job["pickup"]["at"][0],) for p in self.loads.values()):
@@ -290,6 +295,8 @@ class Maker:
         self._stop("pickup", job, self.rng.choice([1, 2, 5]))
 
     def _deliver(self, robot, job) -> None:
+        if "on" in job["pickup"]:
+            self.begun.append(job)
         load = job["attached"] if isinstance(job.get("attached"), str) else job["id"]
         if (
             "attached" in job
@@ -324,6 +331,8 @@ class Maker:
             job["skills"] = ["lift"]
         if "after" in self.features and before and rng.random() < 0.5:
             job["after"] = [rng.choice(before)["id"]]
+        if "on" in job.get("pickup", ()):
+            return
         if "robots" in self.features and rng.random() < 0.4:
             job["robots"] = [robot]
         if "optional" in self.features and rng.random() < 0.4 and "attached" not in job:

@@ -100,13 +100,8 @@ def _options(found: re.Match[str]) -> dict[str, Any]:
 def _listed(family: str) -> list[str]:
     """Return the names of a family's instances."""
     if family == "logistics":
-        return [
-            f"logistics-d{door}-{sides}-r{robots}-i{items}"
-            for sides in ("oc", "all")
-            for door in ("o", "c")
-            for robots in (1, 2, 3)
-            for items in range(1, 9)
-        ]
+        drawn = itertools.product(("oc", "all"), ("o", "c"), (1, 2, 3), range(1, 9))
+        return [f"logistics-d{door}-{sides}-r{r}-i{i}" for sides, door, r, i in drawn]
     if family == "jobshop":
         sizes = itertools.product((1, 2, 4, 6), (1, 2, 3), (1, 2, 3))
         return [f"jobshop-r{r}-j{j}-m{m}" for m, r, j in sizes]

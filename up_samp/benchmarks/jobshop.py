@@ -166,9 +166,9 @@ def job_shop(
     data.floor.check(shop_poses(data))
     title = instance_name(robots, jobs, machines) + (f"-s{seed}" if seed else "")
     form, starts, stands, buttons = shop_form(title, data, encoding, metric)
-    for robot in form.robots:
-        for origin, to in itertools.permutations([*stands, *starts, *buttons], 2):
-            form.move(robot, origin, to)
+    ways = itertools.permutations([*stands, *starts, *buttons], 2)
+    for robot, (origin, to) in itertools.product(form.robots, ways):
+        form.move(robot, origin, to)
     form.openings()
     _operations(form, data, stands)
     return form.finish()

@@ -8,6 +8,7 @@ Space-Time Motion Abstractions", Experimental Evaluation); what its text leaves 
 
 from __future__ import annotations
 
+import itertools
 import random
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -187,9 +188,8 @@ def _moves(
 ) -> None:
     for place in (*poses, *buttons):
         form.move(robot, robot.start, place)
-    for button in buttons:
-        for place in poses:
-            form.move(robot, button, place)
+    for button, place in itertools.product(buttons, poses):
+        form.move(robot, button, place)
     for place in (*poses, *buttons):
         form.move(robot, place, robot.start)
 

@@ -116,7 +116,8 @@ def select(names: Sequence[str], seeds: Sequence[int] = (0,)) -> list[Instance]:
                 raise ProblemError(f"no instance matches {name!r}")
         else:
             found = [instance(name)]
-        drawn = (instance(f"{i.name}-s{seed}") if seed else i for seed in seeds for i in found)
+        both = itertools.product(seeds, found)
+        drawn = (instance(f"{i.name}-s{seed}") if seed else i for seed, i in both)
         chosen.update((i.name, i) for i in drawn)
     return list(chosen.values())
 

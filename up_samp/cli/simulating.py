@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import itertools
 import statistics
 from collections.abc import Sequence
 from pathlib import Path
@@ -73,9 +74,8 @@ def _simulate(args: argparse.Namespace) -> int:
     tuning = tuning_of(args.tuning)
     found = dependencies_from_plan(plan, problem)
     runs: list[Simulation] = []
-    for policy in policies:
-        for seed in range(args.seed, args.seed + args.runs):
-            runs.append(simulate(found, plan, delays, seed, policy=policy, tuning=tuning))
+    for policy, seed in itertools.product(policies, range(args.seed, args.seed + args.runs)):
+        runs.append(simulate(found, plan, delays, seed, policy=policy, tuning=tuning))
     print(_table(policies, runs))
     if args.out is not None:
         files = write_runs(plan, runs, args.out)

@@ -281,6 +281,7 @@ class _Checker:
         return [
             _Halt(what, tuple(map(place_of, places)), stop.service, stop.window)
             for what, places, stop in ends
+            if places
         ]
 
     def _earliest(self, robot: str, job: Order | Task, stops: Sequence[_Halt]) -> list[float]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import itertools
 import re
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
@@ -217,8 +218,17 @@ RULES: tuple[tuple[type, str, Callable[[Any], object], str], ...] = (
      "keep_out, max_robots and how to drive are several zones; write each"),
     (Zone, "robot_types", lambda z: z.robot_types and not z.has_rules,
      "is who heeds rules of driving; there are none"),
-    (Stop, "", lambda s: bool(s.at) == (s.task is not None),
-     "name a place, or several (at), or the task to whose machine it belongs"),
+    (Stop, "", lambda s: [bool(s.at), s.task is not None, s.on is not None].count(True) != 1,
+     "name a place, or several (at), the task to whose machine it belongs, or, of a pickup, "
+     "the robot on which the load is at first (on)"),
+    (Order, "delivery", lambda o: o.delivery.on is not None,
+     "says where the load goes; only a pickup is on a robot"),
+    (Order, "pickup", lambda o: o.pickup.on is not None and o.pickup != Stop(on=o.pickup.on),
+     "has happened: beside on: {0.pickup.on} there is nothing to say of it"),
+    (Order, "pickup",
+     lambda o: o.pickup.on and any((o.attached, o.together, o.optional, o.repeat, o.robots)),
+     "is on {0.pickup.on}: what is on board at first has no footprint (attached), is delivered by "
+     "that robot alone (robots, together), once (repeat), and is not optional"),
     (Task, "duration", lambda t: (t.duration is None) == (not t.modes),
      "say how long it lasts (duration), or give it modes"),
     (Task, "modes", lambda t: t.modes and t.at,
@@ -247,7 +257,7 @@ RULES: tuple[tuple[type, str, Callable[[Any], object], str], ...] = (
 
 REFERENCES: Mapping[str, Mapping[type, tuple[str, ...]]] = {
     "robot_types": {Robot: ("type",), Zone: ("keep_out", "robot_types")},
-    "robots": {FleetJob: ("robots",)},
+    "robots": {FleetJob: ("robots",), Stop: ("on",)},
     "places": {
         Robot: ("start", "end"), Door: ("opened_from",), Stop: ("at",), Task: ("at",),
         Mode: ("input", "output"),
@@ -495,7 +505,7 @@ def _job(records: FleetRecords, job: Order | Task, path: Path) -> Iterator[Fault
         for name in getattr(job, key, ()):
             if name not in known:
                 yield Fault((*path, key), missing(what, name, known))
-    if records.robots and needs_robot(job) and not able(records, job):
+    if records.robots and job.skills and needs_robot(job) and not able(records, job):
         text = f"it needs {_and(job.skills)}, which "
         text += f"{_and(job.robots)} does not have" if job.robots else "no robot has"
         yield Fault((*path, "skills"), text)
@@ -518,10 +528,28 @@ def _job(records: FleetRecords, job: Order | Task, path: Path) -> Iterator[Fault
 def _loads(records: FleetRecords, order: Order, path: Path) -> Iterator[Fault]:
     types = {records.robots[r].type for r in able(records, order) if r in records.robots}
     known = [records.robot_types[t] for t in sorted(types) if t in records.robot_types]
-    if known and not any(carries(t, order) for t in known):
+    if known and not any(carries(t, order.load) for t in known):
         load = ", ".join(f"{n} {k}" for k, n in order.load.items())
         text = f"no robot that may do it can carry {load}; see capacity of its robot type"
         yield Fault((*path, "load"), text)
+
+
+def _on_board(records: FleetRecords) -> Iterator[Fault]:
+    """What is on a robot at first fits on it, and it is clear what is unloaded first."""
+    for name, robot in records.robots.items():
+        kind, mine = records.robot_types.get(robot.type), records.on_board(name)
+        if kind is None or not mine:
+            continue
+        load = sum((Counter(order.load) for order in mine), Counter[str]())
+        if not carries(kind, load):
+            there = ", ".join(f"{amount} {what}" for what, amount in load.items())
+            text = f"has {there} on board at first; see capacity of its robot type"
+            yield Fault(("robots", name), text)
+        for one, other in itertools.combinations(mine, 2):
+            free = one.id not in other.after and other.id not in one.after
+            if kind.unloading == "lifo" and free:
+                text = f"which lies above, '{one.id}' or '{other.id}'? Say of the one below that "
+                yield Fault(("robots", name), text + "it is delivered after it: after")
 
 
 def _and(names: Iterable[str]) -> str:
@@ -582,6 +610,7 @@ CHECKS: tuple[Callable[[FleetRecords], Iterator[Fault]], ...] = (
     _skills,
     _airlocks,
     _jobs,
+    _on_board,
     _circles,
     _weights,
 )

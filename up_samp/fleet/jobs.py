@@ -42,7 +42,7 @@ from up_samp.fleet.work import Work
 def add_loads(site: Site, work: Work, robot: str) -> None:
     """State what fits on a robot at a time."""
     kind = site.kind_of(robot)
-    mine = {v.what for v in work.visits[robot] if v.kind is Kind.PICKUP}
+    mine = {v.what for v in work.visits[robot] if v.kind is Kind.DELIVERY}
     orders = [o for o in site.records.orders if o.id in mine]
     pairs = itertools.combinations(orders, 2)
     if len(orders) > 1 and not any(fit(site.records, pair, kind.capacity) for pair in pairs):
@@ -57,14 +57,18 @@ def add_loads(site: Site, work: Work, robot: str) -> None:
 
 
 def _last_in_first_out(site: Site, work: Work, robot: str, below: Order, above: Order) -> None:
-    """What is picked up while ``below`` is on the robot lies above it, and goes first."""
+    """What is picked up while ``below`` is on the robot lies above it, and goes first. What is on
+    board when the plan begins lies below all that is picked up.
+    """
     under, over = work.sides(robot, below.id), work.sides(robot, above.id)
-    for pick, deliver, pick_2, deliver_2 in itertools.product(*under, *over):
-        off = LE(deliver.end, pick_2.start)  # below has gone when above comes
-        first = LE(deliver_2.end, deliver.start)
-        before = LE(pick_2.end, pick.start)  # above lies below: the other permutation's case
-        everything = present(pick, deliver, pick_2, deliver_2)
-        site.problem.add_constraint(Or(off, first, before), everything)
+    picks: Sequence[Activity | None] = under[0] or [None]
+    for pick, deliver, pick_2, deliver_2 in itertools.product(picks, under[1], *over):
+        # below has gone when above comes, or above goes first
+        ways = [LE(deliver.end, pick_2.start), LE(deliver_2.end, deliver.start)]
+        if pick is not None:  # above lies below: the other permutation's case
+            ways.append(LE(pick_2.end, pick.start))
+        everything = filter(None, (pick, deliver, pick_2, deliver_2))
+        site.problem.add_constraint(Or(ways), present(*everything))
 
 
 def _one_order(site: Site, work: Work, robot: str, orders: Sequence[Order]) -> None:
@@ -72,7 +76,8 @@ def _one_order(site: Site, work: Work, robot: str, orders: Sequence[Order]) -> N
     its end, which is seen from its end on: the next pickup may begin then.
     """
     fluent = Fluent(f"{robot}_free", BoolType())
-    site.problem.add_fluent(fluent, default_initial_value=TRUE())
+    free = FALSE() if site.records.on_board(robot) else TRUE()
+    site.problem.add_fluent(fluent, default_initial_value=free)
     for order in orders:
         picks, delivers = work.sides(robot, order.id)
         for pick in picks:
@@ -86,7 +91,8 @@ def _level(site: Site, work: Work, robot: str, load: str, orders: Sequence[Order
     """Room for loads of a kind: taken as a pickup begins, given back as a delivery ends."""
     capacity = site.kind_of(robot).capacity[load]
     fluent = Fluent(f"{robot}_room_{load}", IntType(0, capacity))
-    site.problem.add_fluent(fluent, default_initial_value=capacity)
+    taken = sum(order.load.get(load, 0) for order in site.records.on_board(robot))
+    site.problem.add_fluent(fluent, default_initial_value=capacity - taken)
     for order in (o for o in orders if load in o.load):
         picks, delivers = work.sides(robot, order.id)
         for pick in picks:
@@ -136,8 +142,10 @@ class JobRules:
     def _done(self) -> None:
         """Each job is done by exactly one robot, and orders are delivered by whom picked them."""
         for order in self._records.orders:
-            self._done_once(order, self._work.of(order.id, Kind.PICKUP), "pick")
             self._done_once(order, self._work.of(order.id, Kind.DELIVERY), "deliver")
+            if order.pickup.on is not None:
+                continue
+            self._done_once(order, self._work.of(order.id, Kind.PICKUP), "pick")
             for robot in self._records.robots:
                 picks, delivers = self._work.sides(robot, order.id)
                 together(self._problem, picks, delivers)
@@ -255,8 +263,7 @@ class JobRules:
         if self._records.weighed:
             return
         last = set(self._leaving.values())
-        for leaving in self._leaving.values():
-            for a in self._problem.activities:
-                if a not in last:
-                    ends_before(self._problem, a, leaving)
+        others = [a for a in self._problem.activities if a not in last]
+        for leaving, a in itertools.product(self._leaving.values(), others):
+            ends_before(self._problem, a, leaving)
         one_at_a_time(self._problem, "nobody", list(self._leaving.values()))

@@ -56,6 +56,8 @@ def _options(records: FleetRecords, order: Order, stop: Stop, into: bool) -> Opt
     if stop.task is not None:
         modes = records.task_of[stop.task].modes
         return {n: mode.input if into else mode.fetched_at for n, mode in modes.items()}
+    if stop.on is not None:
+        return {}
     if order.attached is None:
         return {"": stop.at}
     load = load_name(records, order)

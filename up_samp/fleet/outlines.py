@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import cmath
+import itertools
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -96,7 +97,8 @@ def swept(outline: Outline, first: Pose, last: Pose) -> list[tuple[float, float]
         wide = 1 / math.cos(turn / parts / 2)  # what chords cut off the arcs
         leaf = [wide * (complex(x, y) - hinge) for x, y in placed(outline, first)]
         steps = range(-parts if abs(turn) > math.pi - HALF else 0, parts + 1)
-        swung = [hinge + cmath.exp(1j * turn * k / parts) * z for k in steps for z in leaf]
+        both = itertools.product(steps, leaf)
+        swung = [hinge + cmath.exp(1j * turn * k / parts) * z for k, z in both]
         corners = [(z.real, z.imag) for z in swung]
     return list(convex_hull(corners))
 

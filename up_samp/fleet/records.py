@@ -448,12 +448,14 @@ class Stop:
 
     ``window``: it begins no earlier and ends no later; where there are several, within one of them.
     ``task`` instead of ``at``: at the machine at which that task is done (see :class:`Mode`).
+    ``on`` instead of it: the load is on that robot when the plan begins.
     ``action``: what robots call it (for VDA 5050).
     """
 
     __pydantic_config__ = STRICT
     at: Names = ()
     task: Name | None = None
+    on: Name | None = None
     service: Seconds = 1.0
     window: Windows = ()
     resources: Names = ()
@@ -718,6 +720,10 @@ class FleetRecords:
         """Orders and tasks by their ids."""
         return {**self.order_of, **self.task_of}
 
+    def on_board(self, robot: str) -> tuple[Order, ...]:
+        """Return the orders whose loads are on a robot at first, in the order of listing."""
+        return tuple(order for order in self.orders if order.pickup.on == robot)
+
     @cached_property
     def bringers(self) -> Mapping[str, tuple[Order, ...]]:
         """By task, the orders that bring parts to its machine."""
@@ -745,9 +751,9 @@ class FleetRecords:
 # ------------------ Which robots can do which jobs
 
 
-def carries(kind: RobotType, order: Order) -> bool:
-    """Return whether a robot of this type can carry the order's load."""
-    return all(kind.capacity.get(k, 0) >= n for k, n in order.load.items())
+def carries(kind: RobotType, load: Mapping[str, int]) -> bool:
+    """Return whether a robot of this type can carry so many of each kind."""
+    return all(kind.capacity.get(k, 0) >= n for k, n in load.items())
 
 
 def needs_robot(job: Order | Task) -> bool:
@@ -775,9 +781,10 @@ def able(records: FleetRecords, job: Order | Task) -> list[str]:
 def can_do(records: FleetRecords, robot: str, job: Order | Task) -> bool:
     """Return whether a robot may do a job, and can carry what it is about."""
     kind = records.robot_types[records.robots[robot].type]
-    return _may_do(records, robot, job) and (isinstance(job, Task) or carries(kind, job))
+    return _may_do(records, robot, job) and (isinstance(job, Task) or carries(kind, job.load))
 
 
 def _may_do(records: FleetRecords, robot: str, job: Order | Task) -> bool:
-    named = not job.robots or robot in job.robots
+    on_board = job.pickup.on if isinstance(job, Order) else None
+    named = (not job.robots or robot in job.robots) and on_board in (None, robot)
     return named and set(job.skills) <= set(records.robots[robot].skills)

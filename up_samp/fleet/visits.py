@@ -135,9 +135,12 @@ class Successions:
         )
         # who has work that nobody else may do does not end its day first
         self._never = NEVER | ({(Kind.START, Kind.END)} if any(alone) else frozenset())
+        self._on_board = {order.id for order in records.on_board(robot)}
 
     def possible(self, a: Visit, b: Visit) -> bool:
         """Return whether ``b`` may be the next visit after ``a``."""
+        if a.kind is Kind.START and b.what in self._on_board:
+            return True
         if a == b or (a.kind, b.kind) in self._never:
             return False
         if a.kind is b.kind is Kind.TASK and a.what == b.what:

@@ -85,7 +85,9 @@ class Work:
         """Return the activities of which one begins a job."""
         if job in self.machines:
             return list(self.machines[job].values())
-        return self._led(job, Kind.PICKUP)
+        order = self._records.order_of.get(job)
+        on_board = order is not None and order.pickup.on is not None
+        return self._led(job, Kind.DELIVERY if on_board else Kind.PICKUP)
 
     def ends(self, job: str) -> list[Activity]:
         """Return the activities of which one ends a job."""

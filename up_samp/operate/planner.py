@@ -145,6 +145,8 @@ NOT_YET: tuple[tuple[str, Callable[[Any, FleetRecords], object], str], ...] = (
 JOBS_NOT_YET: tuple[tuple[Callable[[Any], object], str], ...] = (
     (lambda job: isinstance(job, Order) and job.attached is not None,
      "'{}' has a load with a footprint: not operated yet"),
+    (lambda job: isinstance(job, Order) and job.pickup.on,
+     "'{}' is on a robot at first: not operated yet"),
     (lambda job: job.together if isinstance(job, Order) else job.crew > 1,
      "'{}' is done by a crew: not operated yet"),
     (_by_machine, "'{}' is done by a machine: not operated yet"),

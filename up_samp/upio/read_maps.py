@@ -4,6 +4,7 @@ its motion.
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 from collections.abc import Mapping, Sequence
@@ -320,23 +321,21 @@ def _bicycle_curvature(name: str, function: Any, given: Mapping[str, Any]) -> fl
     """Return the largest curvature both ways (1/m) if ``function`` is a kinematic bicycle."""
     largest = []
     steer = (float(given.get("phi_min", -given["phi_max"])), float(given["phi_max"]))
-    for phi in steer:
-        for theta in (0.0, 0.7, -2.1):
-            for speed in (1.0, 0.4):
-                rate = [0.0, 0.0, 0.0]
-                try:
-                    function([0.3, -0.2, theta], [speed, phi], rate)
-                except (TypeError, IndexError):
-                    return None
-                except Exception as error:  # a user's code may raise anything
-                    raise ProblemError(
-                        f"object '{name}': its control_model raised {type(error).__name__}: {error}"
-                    ) from error
-                straight = (speed * math.cos(theta), speed * math.sin(theta))
-                miss = math.hypot(rate[0] - straight[0], rate[1] - straight[1])
-                if not (miss <= 1e-9 and math.isfinite(rate[2])):
-                    return None
-                largest.append(abs(rate[2]) / speed)
+    for phi, theta, speed in itertools.product(steer, (0.0, 0.7, -2.1), (1.0, 0.4)):
+        rate = [0.0, 0.0, 0.0]
+        try:
+            function([0.3, -0.2, theta], [speed, phi], rate)
+        except (TypeError, IndexError):
+            return None
+        except Exception as error:  # a user's code may raise anything
+            raise ProblemError(
+                f"object '{name}': its control_model raised {type(error).__name__}: {error}"
+            ) from error
+        straight = (speed * math.cos(theta), speed * math.sin(theta))
+        miss = math.hypot(rate[0] - straight[0], rate[1] - straight[1])
+        if not (miss <= 1e-9 and math.isfinite(rate[2])):
+            return None
+        largest.append(abs(rate[2]) / speed)
     by_phi = largest[:6], largest[6:]
     if any(max(part) - min(part) > 1e-9 for part in by_phi):
         return None

@@ -357,10 +357,8 @@ def _meet(joint: Joint, a: Stage, b: Stage) -> bool:
     """Return whether any moves of two stages come too close to each other."""
     return any(
         joint.overlap(t.robot, e, u.robot, f)
-        for t in a
-        for u in b
-        for e in t.edges
-        for f in u.edges
+        for t, u in itertools.product(a, b)
+        for e, f in itertools.product(t.edges, u.edges)
     ) or bool({t.robot for t in a} & {t.robot for t in b} and len(a) + len(b) > 2)
 
 

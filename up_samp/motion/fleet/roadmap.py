@@ -127,7 +127,7 @@ class Tensor:
                 (bisect.bisect_left(self.ys, y), self.ys),
             )
         )
-        return [(i, j, k) for i in cols for j in rows for k in range(len(self.headings))]
+        return [*itertools.product(cols, rows, range(len(self.headings)))]
 
     def moves(self, key: Key) -> list[LatticeMove]:
         """Return the moves from a place, map or no map."""
@@ -186,7 +186,7 @@ class LatticeState:
         i, j = round((x - self.origin[0]) / self.cell), round((y - self.origin[1]) / self.cell)
         reach = math.ceil(1.5 * self.body.kinematics.turning_radius / self.cell)
         span, headings = range(-reach, reach + 1), range(HEADINGS)
-        return [(i + a, j + b, k) for a in span for b in span for k in headings]
+        return [(i + a, j + b, k) for a, b, k in itertools.product(span, span, headings)]
 
     @property
     def _primitives(self) -> tuple[tuple[Primitive, ...], ...]:

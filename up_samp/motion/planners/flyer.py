@@ -110,7 +110,7 @@ class FlyerWorld:
         grid = self._scene.grid
         if grid is not None:
             rows, cols = grid.shape
-            corners = [(r, c) for r in (-0.5, rows - 0.5) for c in (-0.5, cols - 0.5)]
+            corners = itertools.product((-0.5, rows - 0.5), (-0.5, cols - 0.5))
             flat = np.array(list(itertools.starmap(grid.point_of, corners)))
             low[:2], high[:2] = flat.min(axis=0), flat.max(axis=0)
         return low, high
