@@ -69,11 +69,11 @@ def test_a_turning_radius_of_0_turns_on_the_spot():
         limits_of(robot(turning_radius=0, v_max=0))
 
 
-def test_it_turns_drives_and_turns():
+def test_it_turns_while_it_comes_to_rest():
     motion = planned(MotionService(None), (0.0, 0.0, 0.0), (3.0, 0.0, math.pi / 2))
     top = 1.5**2 / 0.7
     drive = 3.0 / 1.5 + 1.5 / 0.7 if top < 3.0 else 2 * math.sqrt(3.0 / 0.7)
-    assert motion.duration == pytest.approx(drive + math.pi / 2 / 0.8, abs=1e-6)
+    assert drive < motion.duration < drive + 0.5 * math.pi / 2 / 0.8
     back = planned(MotionService(None), (0.0, 0.0, 0.0), (-3.0, 0.0, 0.0))
     assert back.duration == pytest.approx(drive, abs=1e-6)  # backwards, without turning round
 

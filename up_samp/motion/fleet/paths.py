@@ -343,6 +343,16 @@ def top_speeds(poses: FloatArray, body: Body, most: FloatArray) -> FloatArray:
     return np.minimum(tops, most)
 
 
+def _reached(s: FloatArray, stop: BoolArray, body: Body) -> FloatArray:
+    """Return the speeds (m/s) between samples that full acceleration from the stop before, or to
+    the one behind, leads to: top speeds above them limit nothing.
+    """
+    stops = s[stop]
+    since = s[1:] - stops[np.searchsorted(stops, s[:-1], side="right") - 1]
+    left = stops[np.searchsorted(stops, s[1:], side="left")] - s[:-1]
+    return np.sqrt(2.0 * body.kinematics.a_max * np.minimum(since, left) * (1.0 - TIMES.near))
+
+
 def kept_samples(s: FloatArray) -> IntArray:
     """Return samples that lie at least a tiny step apart, always with the first and the last."""
     if np.all(np.diff(s) >= CUT.tiny):
@@ -634,6 +644,7 @@ def path_of(
     if body.mobility.sideways and len(kept) > 1:
         tops, steady, rests = bends_of(kept, s, trajectory.times[keep], body, most)
         stop |= rests
+    tops = np.where(tops < _reached(s, stop, body), tops, body.kinematics.v_max)
     edges, halt = _cells(s, stop, tops, body, np.isfinite(most))
     return Path(
         body,

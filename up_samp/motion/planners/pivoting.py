@@ -8,15 +8,16 @@ replaced where turning, driving straight and turning again is faster.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
 from up_samp.geometry import Scene, Shape, sweeps
-from up_samp.model import Deadline, Kinematics, Trajectory
+from up_samp.model import Configuration, Deadline, Kinematics, Trajectory
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.budget import WorkBudget
-from up_samp.motion.curves.reeds_shepp import CarLimits
+from up_samp.motion.curves.involute import swerves
+from up_samp.motion.curves.reeds_shepp import CarLimits, run_time
 from up_samp.motion.curves.rolling import (
     moves_on,
     rolled,
@@ -28,7 +29,7 @@ from up_samp.motion.curves.rolling import (
 from up_samp.motion.curves.trajectories import at_rest
 from up_samp.motion.curves.trapezoid import limits_of
 from up_samp.motion.guides.search_space import TOUCHES, widest_shape
-from up_samp.motion.moves import ShortMove, corners_of, steer
+from up_samp.motion.moves import corners_of, steer
 from up_samp.motion.planners.car import QUICK, CarPlanner, CarSettings
 from up_samp.motion.protocol import Leg, LegQuery
 
@@ -56,8 +57,7 @@ class PivotPlanner:
             return Leg(None, TOUCHES, complete=True)
         budget = WorkBudget(deadline, query.effort)
         arcs, reason = self._car.path(query, budget, rolling_limits(body.kinematics))
-        moves = steer(body, *ends)
-        found = [corners_of(moves)] if self._is_free(shape, query, moves) else []
+        found = [*self._straight(shape, query, *ends)]
         if arcs is not None:
             rows = rows_of(np.array(query.start[:3], dtype=np.float64), arcs)
             found.append(self._shortened(shape, query, rows, deadline))
@@ -77,21 +77,39 @@ class PivotPlanner:
             for k in range(len(rests) - 1, i, -1):
                 a, b = rests[i], rests[k]
                 p, q = (tuple(float(v) for v in rows[at]) for at in (a, b))
-                moves = steer(query.body, p, q)
                 seconds = rolling_time(rows[a : b + 1], query.body.kinematics)
-                if sum(m.seconds for m in moves) > seconds - 1e-6:
-                    continue
-                if self._is_free(shape, query, moves):
-                    rows = _spliced(rows, a, b, corners_of(moves))
+                better = next(self._straight(shape, query, p, q, seconds - 1e-6), None)
+                if better is not None:
+                    rows = _spliced(rows, a, b, better)
                     rests = _rests(rows, query.body.kinematics)
                     break
             i += 1
         return rows
 
-    def _is_free(self, shape: Shape, query: LegQuery, moves: Sequence[ShortMove]) -> bool:
-        world = self.scene.world(shape, query.obstacles)
+    def _straight(
+        self,
+        shape: Shape,
+        query: LegQuery,
+        start: Configuration,
+        goal: Configuration,
+        most: float = math.inf,
+    ) -> Iterator[FloatArray]:
+        """Yield free ways along a line between two rests that take less than ``most`` s: turning
+        on the spot at its ends, or as it sets off and comes to rest.
+        """
+        world, kin = self.scene.world(shape, query.obstacles), query.body.kinematics
         least = 1e-3 * float(shape.data.slack[2])
-        return all(sweeps.samples_free(world, m.rows, least) < 0 for m in moves)
+
+        def free(rows: FloatArray) -> bool:
+            return bool(sweeps.samples_free(world, rows, least) < 0)
+
+        nearest = run_time(math.dist(start[:2], goal[:2]), kin.v_max, kin.a_max)
+        turning = corners_of(steer(query.body, start, goal))
+        line = turning[1:-1] if len(turning) == 4 else turning[:1]
+        if nearest < most and free(line):
+            for rows in (*swerves(start, goal, kin), turning):
+                if rolling_time(rows, kin) < most and free(rows):
+                    yield rows
 
 
 def rolling_limits(kinematics: Kinematics) -> CarLimits:

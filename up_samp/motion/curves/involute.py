@@ -1,0 +1,120 @@
+"""Ways from rest to rest of what turns at will, along a line: it turns while it sets off, and while
+it comes to its rest.
+
+Speeding up at ``a`` from a rest and turning by ``omega`` all the while, a body has driven
+``R theta^2 / 2`` when it has turned by theta, with ``R = a / omega^2``: its way is the involute of
+a circle of radius R (Lawrence, "A catalog of special plane curves", 1972). At its top speed v it
+goes on along an arc of radius ``v / omega``. Nothing turns as much sooner, or is farther by then.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import numpy.typing as npt
+
+from up_samp.model import Configuration, Kinematics
+from up_samp.model.arrays import FloatArray
+from up_samp.motion.curves.rolling import NOWHERE, moves_on, rolling_time
+from up_samp.motion.curves.trapezoid import MOST_TURN
+
+ComplexArray = npt.NDArray[np.complex128]
+
+GRAIN = 0.1
+"""An involute is as many arcs as take as long as turns of so many rad: each is as tight as what it
+drives at its end allows, so full acceleration from the rest needs no look at turn rates.
+"""
+
+
+def swerves(start: Configuration, goal: Configuration, kinematics: Kinematics) -> list[FloatArray]:
+    """Return such ways, poses (n, 3) with constant twists between, the fastest one first: ahead,
+    and backwards where the body may drive so. What it has no room for is turned on the spot.
+    """
+    found = [*_both(start, goal, kinematics, (0.0, 0.0))]
+    if not found:
+        shares = itertools.product((0.0, 0.5, 1.0), (0.0, 0.5, 1.0))
+        found = [rows for spot in shares for rows in _both(start, goal, kinematics, spot)]
+    return sorted(found, key=lambda rows: rolling_time(rows, kinematics))
+
+
+def _both(
+    start: Configuration, goal: Configuration, kinematics: Kinematics, spot: tuple[float, float]
+) -> Iterator[FloatArray]:
+    """Yield such a way ahead and one backwards; ``spot``: shares of both turns on the spot."""
+    p, q = (np.array(pose[:3], dtype=np.float64) for pose in (start, goal))
+    for back in (0.0, math.pi) if kinematics.reverse else (0.0,):
+        turned = np.array([0.0, 0.0, back])
+        way = _line(p + turned, q + turned, kinematics, spot)
+        if way is not None:
+            # it comes to its rest as it would set off backwards from it
+            off = _setting_off(p + turned, way, spot[0], kinematics, 1.0)
+            on = _setting_off(q + turned, way, spot[1], kinematics, -1.0)
+            rows = np.concatenate([off, on[::-1]]) - turned
+            rows[:, 2] = np.unwrap(rows[:, 2])
+            yield rows[moves_on(rows)]
+
+
+def _line(
+    p: FloatArray, q: FloatArray, kinematics: Kinematics, spot: tuple[float, float]
+) -> float | None:
+    """Return the heading of the line of such a way ahead (rad), by fixed points; None if there is
+    none.
+    """
+    way = math.atan2(q[1] - p[1], q[0] - p[0])
+    for _ in range(50):  # it comes nearer each time, soon by far, or never
+        first, last = (
+            complex(*pose[:2]) + ahead * _end(pose[2], way, share, kinematics)
+            for pose, share, ahead in ((p, spot[0], 1.0), (q, spot[1], -1.0))
+        )
+        line = last - first
+        before, way = way, math.atan2(line.imag, line.real)
+        if abs(math.remainder(way - before, 2 * math.pi)) < NOWHERE:
+            return way
+    return None
+
+
+def _end(theta: float, way: float, share: float, kinematics: Kinematics) -> complex:
+    """Return where a body is that looks along ``theta`` at first, from its place then, when it has
+    set off along a line; the ``share`` of its turn is one on the spot.
+    """
+    turn = math.remainder(way - theta, 2 * math.pi)
+    here = complex(_driven((1.0 - share) * abs(turn), kinematics)[0][-1])
+    start = theta + share * turn
+    return (here if turn >= 0.0 else here.conjugate()) * complex(math.cos(start), math.sin(start))
+
+
+def _setting_off(
+    pose: FloatArray, way: float, share: float, kinematics: Kinematics, ahead: float
+) -> FloatArray:
+    """Return the poses (n, 3) of a body that does so, ``ahead`` (1) or backwards (-1)."""
+    turn = math.remainder(way - float(pose[2]), 2 * math.pi)
+    side, start = math.copysign(1.0, turn), pose[2] + share * turn
+    there, turned = _driven((1.0 - share) * abs(turn), kinematics)
+    there = (there.real + 1j * side * there.imag) * ahead * np.exp(1j * start)
+    rows = np.column_stack((there.real, there.imag, start + side * turned))
+    rows[:, :2] += pose[:2]
+    return np.concatenate([pose[None], rows])
+
+
+def _driven(turn: float, kinematics: Kinematics) -> tuple[ComplexArray, FloatArray]:
+    """Return where a body is (n,), as complex numbers, and by how much it has turned (n,), that
+    sets off along the real axis and turns left by ``turn`` rad: along arcs, each of which it may
+    drive as fast as it is at its end.
+    """
+    v, a, omega = kinematics.v_max, kinematics.a_max, kinematics.omega_max
+    # turns (rad) by so many arcs that take as long as a turn of GRAIN
+    number = np.arange(1, 1 + int(v * omega / (a * GRAIN)))
+    each = 1.0 - 0.5 / number
+    most = min(len(number), 1 + int(np.searchsorted(GRAIN * np.cumsum(each), turn)))
+    number, each = number[:most], each[:most]
+    grain = min(GRAIN, turn / each.sum()) if most else 0.0
+    left = max(turn - grain * float(each.sum()), 0.0)  # at top speed
+    arcs = math.ceil(left / MOST_TURN)
+    turns = np.concatenate([grain * each, np.full(arcs, left / max(arcs, 1))])
+    radii = np.concatenate([a / omega**2 * grain * number, np.full(arcs, v / omega)])
+    turned = np.concatenate([[0.0], np.cumsum(turns)])
+    chords = 2.0 * radii * np.sin(0.5 * turns) * np.exp(1j * (turned[:-1] + 0.5 * turns))
+    return np.concatenate([[0.0], np.cumsum(chords)]), turned
