@@ -14,13 +14,10 @@ import numpy as np
 
 from up_samp.model import Kinematics, Trajectory
 from up_samp.model.arrays import BoolArray, FloatArray, IntArray
-from up_samp.motion.curves.rolling import rolled, thinned
+from up_samp.motion.curves.rolling import SAME, rolled, thinned
 from up_samp.motion.curves.trajectories import joined
 from up_samp.motion.curves.trapezoid import time_of_distance
 from up_samp.motion.curves.twists import twists
-
-KINK = 1e-6
-"""Change of curvature (1/m) that ends an arc."""
 
 STRAIGHT = 1e-7
 """Change of direction that counts as none."""
@@ -34,7 +31,7 @@ def driven_through(parts: Sequence[Trajectory], kinematics: Kinematics) -> Traje
     moves = twists(whole.poses)
     ways = np.copysign(np.hypot(moves[:, 0], moves[:, 1]), moves[:, 0])
     cusps = np.flatnonzero(ways[:-1] * ways[1:] < 0.0) + 1
-    bends = np.abs(np.diff(moves[:, 2] / ways)) > KINK
+    bends = np.abs(np.diff(moves[:, 2] / ways)) > SAME
     return _retimed(
         whole,
         np.abs(ways),
