@@ -23,9 +23,9 @@ from up_samp.motion.curves.trapezoid import MOST_TURN
 
 ComplexArray = npt.NDArray[np.complex128]
 
-GRAIN = 0.1
-"""An involute is as many arcs as take as long as turns of so many rad: each is as tight as what it
-drives at its end allows, so full acceleration from the rest needs no look at turn rates.
+GRAIN, SLOWER = 0.1, 0.99
+"""An involute is as many arcs as take as long as turns of so many rad: each is as tight as its speed
+at its end allows, a little ``SLOWER``, so full acceleration from a rest needs no look at turn rates.
 """
 
 
@@ -102,9 +102,9 @@ def _setting_off(
 def _driven(turn: float, kinematics: Kinematics) -> tuple[ComplexArray, FloatArray]:
     """Return where a body is (n,), as complex numbers, and by how much it has turned (n,), that
     sets off along the real axis and turns left by ``turn`` rad: along arcs, each of which it may
-    drive as fast as it is at its end.
+    drive a little faster than it is at its end (samples are rounded where they are kept).
     """
-    v, a, omega = kinematics.v_max, kinematics.a_max, kinematics.omega_max
+    v, a, omega = kinematics.v_max, kinematics.a_max, SLOWER * kinematics.omega_max
     # turns (rad) by so many arcs that take as long as a turn of GRAIN
     number = np.arange(1, 1 + int(v * omega / (a * GRAIN)))
     each = 1.0 - 0.5 / number
