@@ -24,8 +24,9 @@ from up_samp.motion.curves.trapezoid import MOST_TURN
 ComplexArray = npt.NDArray[np.complex128]
 
 GRAIN, SLOWER = 0.1, 0.99
-"""An involute is as many arcs as take as long as turns of so many rad: each is as tight as its speed
-at its end allows, a little ``SLOWER``, so full acceleration from a rest needs no look at turn rates.
+"""An involute is as many arcs as take as long as turns of so many rad: each is as tight as its
+speed at its end allows, a little ``SLOWER``, so full acceleration from a rest needs no look at turn
+rates.
 """
 
 
