@@ -220,6 +220,8 @@ def body_of(entry: Mapping[str, Any]) -> Body:
         omega_max=float(entry.get("omega_max", 1.0)),
         reverse=bool(entry.get("reverse", True)),
         v_back=float(entry.get("reverse_v_max", math.inf)),
+        lateral_a_max=float(entry.get("lateral_a_max", math.inf)),
+        alpha_max=float(entry.get("alpha_max", math.inf)),
         zones=tuple(_zone(zone) for zone in entry.get("zones", ())),
     )
     return Body(corners, limits, entry.get("mesh"), float(entry.get("height", math.inf)))

@@ -143,7 +143,7 @@ def travel_of(path: Path) -> TravelProfile:
     Where the body's speed cannot be chosen freely (hard bends, equations of its own) it is bounded
     by that of the planned trajectory.
     """
-    kin = path.body.kinematics
+    push = path.push
     rests = path.s[path.stop]
     stops = tuple(float(x) for x in rests[rests > 1e-9]) or (path.length,)
     count = max(2, int(np.ceil(path.length / STEP)) + 1)
@@ -154,17 +154,17 @@ def travel_of(path: Path) -> TravelProfile:
         cap = np.minimum(cap, _planned_speed(path, grid))
     gaps = np.diff(grid)
     for i in range(len(gaps) - 1, -1, -1):  # who comes to where it has to be slow slows down before
-        cap[i] = min(cap[i], np.sqrt(cap[i + 1] ** 2 + 2 * kin.a_max * gaps[i]))
+        cap[i] = min(cap[i], np.sqrt(cap[i + 1] ** 2 + 2 * push * gaps[i]))
     speed = cap.copy()
     speed[np.isin(grid, [0.0, *stops])] = 0.0
     for i in range(len(gaps)):
-        speed[i + 1] = min(speed[i + 1], np.sqrt(speed[i] ** 2 + 2 * kin.a_max * gaps[i]))
+        speed[i + 1] = min(speed[i + 1], np.sqrt(speed[i] ** 2 + 2 * push * gaps[i]))
     for i in range(len(gaps) - 1, -1, -1):
-        speed[i] = min(speed[i], np.sqrt(speed[i + 1] ** 2 + 2 * kin.a_max * gaps[i]))
+        speed[i] = min(speed[i], np.sqrt(speed[i + 1] ** 2 + 2 * push * gaps[i]))
     mean = 0.5 * (speed[1:] + speed[:-1])
-    slow = np.sqrt(kin.a_max * gaps) / 2  # from rest to rest within one stretch
+    slow = np.sqrt(push * gaps) / 2  # from rest to rest within one stretch
     time = np.concatenate([[0.0], np.cumsum(gaps / np.maximum(mean, slow))])
-    return TravelProfile(grid, speed, time, cap, kin.a_max, stops)
+    return TravelProfile(grid, speed, time, cap, push, stops)
 
 
 def travels_of(lives: Mapping[str, Life]) -> dict[tuple[str, str], TravelProfile]:

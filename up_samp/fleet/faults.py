@@ -195,6 +195,8 @@ RULES: tuple[tuple[type, str, Callable[[Any], object], str], ...] = (
      "an omni drives in any direction; this is for car and diff"),
     (RobotType, "reverse", lambda t: (t.reverse == "slow") != (t.reverse_v_max is not None),
      "reverse: slow goes with reverse_v_max, in m/s"),
+    (RobotType, "", lambda t: t.model == "omni" and (t.lateral_a_max or t.alpha_max),
+     "lateral_a_max and alpha_max are for car and diff; give an omni less v_max, a_max, omega_max"),
     (RobotType, "pivoting", lambda t: t.model == "omni" and t.pivoting != "free",
      "an omni may turn where it drives; forbid it to turn on the spot in zones"),
     (Battery, "curve", lambda b: b.curve and any(x >= y for x, y in itertools.pairwise(_levels(b))),

@@ -62,8 +62,8 @@ def movable(
 
 def _limits(kind: RobotType) -> dict[str, Any]:
     limits = {"v_max": kind.v_max, "a_max": kind.a_max, "reverse": kind.reverse != "never"}
-    if kind.reverse_v_max is not None:
-        limits["reverse_v_max"] = kind.reverse_v_max
+    more = ("reverse_v_max", "lateral_a_max", "alpha_max")
+    limits |= {key: most for key in more if (most := getattr(kind, key)) is not None}
     if kind.model == "car":
         return limits | {"turning_radius": kind.turning_radius}
     if kind.model == "diff":

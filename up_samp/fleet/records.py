@@ -199,7 +199,9 @@ class RobotType:
     ``diff`` has two driven wheels (it drives along its heading and turns on the spot); ``omni``
     drives in any direction. ``turning_radius`` is for cars, ``omega_max`` for the others.
     ``reverse``: ``free``; ``slow``: at ``reverse_v_max`` (m/s) at most; or ``never``: it drives
-    ahead only, as what looks ahead only should (a ``diff`` still turns on the spot). ``pivoting``:
+    ahead only, as what looks ahead only should (a ``diff`` still turns on the spot).
+    ``lateral_a_max`` (m/s^2) limits the speed in bends, ``alpha_max`` (rad/s^2) how fast the turn
+    rate changes, of cars and diffs; none: no limit. ``pivoting``:
     a ``diff`` that never turns on the spot drives on curves no tighter than it can at top speed
     (``v_max / omega_max``). ``capacity``: how many loads of a kind fit on it at a time;
     ``unloading``: in any order, or ``lifo``: what was picked up last is delivered first.
@@ -218,6 +220,8 @@ class RobotType:
     omega_max: Positive = 1.0
     reverse: Literal["free", "slow", "never"] = "free"
     reverse_v_max: Positive | None = None
+    lateral_a_max: Positive | None = None
+    alpha_max: Positive | None = None
     pivoting: Literal["free", "never"] = "free"
     capacity: Mapping[Name, Count] = field(default_factory=lambda: {"item": 1})
     unloading: Literal["any", "lifo"] = "any"

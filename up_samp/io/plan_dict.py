@@ -215,8 +215,9 @@ def _object(movable: Movable, snapshot: Snapshot) -> dict[str, Any]:
         entry["omega_max"] = _plain(limits.omega_max)
     if not limits.reverse:
         entry["reverse"] = False
-    if math.isfinite(limits.v_back):
-        entry["reverse_v_max"] = _plain(limits.v_back)
+    most = {"reverse_v_max": limits.v_back, "lateral_a_max": limits.lateral_a_max}
+    most["alpha_max"] = limits.alpha_max
+    entry |= {key: _plain(value) for key, value in most.items() if math.isfinite(value)}
     if limits.zones:
         entry["zones"] = [_zone(zone) for zone in limits.zones]
     if math.isfinite(movable.body.height):

@@ -114,8 +114,10 @@ class Kinematics:
     ``omega_max`` in rad/s; ``omega_max`` binds all but cars: a car's turn rate follows from its
     speed and turning radius. ``reverse``: whether it may be driven against its heading, and
     ``v_back`` the top speed (m/s) then; a body that moves in any direction, or by equations of its
-    own, has nothing to forbid. ``zones``: rules of places, for bodies in the plane that have no
-    equations of their own.
+    own, has nothing to forbid; nor has it a limit of the lateral acceleration in bends
+    (``lateral_a_max``, m/s^2), or of changes of the turn rate (``alpha_max``, rad/s^2), which both
+    are infinite where nothing is said. ``zones``: rules of places, for bodies in the plane that
+    have no equations of their own.
     """
 
     model: MotionModel
@@ -126,6 +128,8 @@ class Kinematics:
     control: ControlLaw | None = None
     reverse: bool = True
     v_back: float = math.inf
+    lateral_a_max: float = math.inf
+    alpha_max: float = math.inf
     zones: tuple[TrafficZone, ...] = ()
 
     def __post_init__(self) -> None:
@@ -133,11 +137,17 @@ class Kinematics:
             value = getattr(self, name)
             if not (isinstance(value, (int, float)) and math.isfinite(value) and value > 0):
                 raise ValueError(f"{name} must be a positive finite number, not {value!r}")
-        if not self.v_back > 0:
-            raise ValueError(f"the top speed backwards must be positive, not {self.v_back!r}")
+        for name in ("v_back", "lateral_a_max", "alpha_max"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be positive, not {getattr(self, name)!r}")
         along = self.mobility.steers or self.mobility.rolls
         if not (along or (self.reverse and math.isinf(self.v_back))):
             raise ValueError("only who drives along its heading can be kept from reversing")
+        if self.heeds_turns and not along:
+            raise ValueError(
+                "only who drives along its heading has a lateral_a_max or an alpha_max: "
+                "leave them out, or state less v_max, a_max or omega_max"
+            )
         if self.zones and (self.mobility.flies or self.mobility.own_law):
             raise ValueError("zones are for bodies in the plane without equations of their own")
 
@@ -145,6 +155,11 @@ class Kinematics:
     def mobility(self) -> Mobility:
         """What a body with these limits can do."""
         return self.model.mobility
+
+    @property
+    def heeds_turns(self) -> bool:
+        """Whether its lateral acceleration, or that of its turns, is limited."""
+        return math.isfinite(self.lateral_a_max) or math.isfinite(self.alpha_max)
 
     @cached_property
     def ways(self) -> tuple[TrafficZone, ...]:

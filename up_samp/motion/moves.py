@@ -136,8 +136,7 @@ def _shares_of(move: ShortMove, kinematics: Kinematics) -> tuple[float, float]:
     if kinematics.mobility.rolls:
         rolls = rolls_of(move.rows, kinematics)
         size = float(rolls.sizes[0])
-        a = math.inf if abs(rolls.kinds[0]) == 2 else kinematics.a_max / size
-        return float(rolls.tops[0]) / size, a
+        return float(rolls.tops[0]) / size, float(rolls.pushes[0]) / size
     _, speed, acceleration = leg_profile(move.rows[0], move.rows[-1], kinematics)
     return speed, acceleration
 

@@ -22,7 +22,7 @@ from up_samp.fleet.statements import Kind
 from up_samp.operate.records import DayOrder, OrderState, Pose
 from up_samp.operate.simulated import Drive, Handled
 from up_samp.validation.collisions import JudgedShape, placed
-from up_samp.validation.kinematics import driven_backwards
+from up_samp.validation.kinematics import speeds_on_way
 from up_samp.validation.limits import limits_of
 from up_samp.validation.zones import zone_violations
 
@@ -118,7 +118,7 @@ def unruly(site: FleetRecords, drives: Sequence[Drive]) -> Iterable[str]:
         rows, what = np.reshape(drive.rows, (-1, 4)), f"{drive.robot} in '{drive.activity}'"
         times, poses = rows[:, 0], rows[:, 1:]
         parts = [(JudgedShape(drive.robot, np.array(corners_of(kind.footprint))), poses)]
-        found = [*driven_backwards(what, limits, times, poses)]
+        found = [*speeds_on_way(what, limits, times, poses)]
         found += zone_violations(what, limits, parts, 0.0, times, poses)
         yield from (v.what for v in found)
 

@@ -29,7 +29,7 @@ from up_samp.export.steps import stretches_of
 from up_samp.fleet.records import FleetRecords, Zone
 from up_samp.model import ProblemError
 from up_samp.model.frames import Frame
-from up_samp.motion.curves.slowing import allowed_speeds
+from up_samp.motion.curves.slowing import ruled_speeds
 from up_samp.motion.fleet.paths import Path
 from up_samp.operate.choice import body_at
 from up_samp.operate.records import Pose
@@ -187,7 +187,7 @@ def stretches_told(
     path, cut at ``points`` (m) and where other limits of speed begin, with their ends (m) and how
     fast (m/s) they may be driven.
     """
-    most = allowed_speeds(path.poses, path.body)
+    most = ruled_speeds(path.poses, path.body)
     s = path.s + motion.get("from", 0.0)
     cuts = s[1:-1][most[1:] != most[:-1]].tolist()
     for piece, low, high in stretches_of(motion, {*points, *cuts}):

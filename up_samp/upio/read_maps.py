@@ -123,6 +123,7 @@ _PARAMETERS = ("turning_radius", "v_max", "a_max", "omega_max")
 _HEIGHT = "height"
 _REVERSE = "reverse"
 _V_BACK = "reverse_v_max"
+_TURNS = ("lateral_a_max", "alpha_max")
 _ZONES = "zones"
 _BICYCLE = {"v_min", "v_max", "phi_min", "phi_max"}
 
@@ -183,7 +184,7 @@ def _corners(
 
 
 def _read_kinematics(obj: MovableObject, model: MotionModel) -> Kinematics:
-    own = (_HEIGHT, _REVERSE, _V_BACK, _ZONES)
+    own = (_HEIGHT, _REVERSE, _V_BACK, *_TURNS, _ZONES)
     given = {k: v for k, v in (obj.motion_parameters or {}).items() if k not in own}
     if obj.control_model is None:
         # UP's own examples put the turning radius there
@@ -229,6 +230,16 @@ def _with_rules(obj: MovableObject, limits: Kinematics) -> Kinematics:
         limits = replace(limits, reverse=reverse, v_back=float(back))
     except ValueError as error:
         raise UnsupportedError(f"object '{obj.name}': {told}: {error}") from error
+    turns: dict[str, Any] = {key: own[key] for key in _TURNS if key in own}
+    for key, most in turns.items():
+        if not isinstance(most, (int, float)) or isinstance(most, bool) or not most > 0:
+            raise ProblemError(
+                f"object '{obj.name}': '{key}' is a positive number, not {short(most)}"
+            )
+    try:
+        limits = replace(limits, **turns)
+    except ValueError as error:
+        raise UnsupportedError(f"object '{obj.name}': {error}") from error
     zones = _read_zones(obj.name, own.get(_ZONES, ()))
     try:
         return replace(limits, zones=zones)

@@ -43,7 +43,8 @@ def motion_violations(
         i = int(turns.argmax())
         text = f"{what}: turns by {turns[i]:.3f} rad between two samples at {times[i]:.3f} s"
         yield Violation("sampling", text)
-    yield from driven_backwards(what, limits, times, poses)
+    yield from speeds_on_way(what, limits, times, poses)
+    yield from _turn_acceleration(what, limits, times, pieces)
     if limits.law is not None:
         yield from breaks_law(what, limits, times, poses, pieces)
     elif limits.model == "REEDSSHEPP":
@@ -101,6 +102,46 @@ def _car(what: str, limits: Limits, times: FloatArray, pieces: Pieces) -> Iterat
     # an S-bend inside a piece makes its arc look shorter than its way by length^3 / (96 radius^2)
     fuzz = TOLERANCES.noise + length**3 / (96 * radius**2)
     yield from _acceleration(what, limits, times, dt, speed[:, None], fuzz, pieces.at_rest)
+
+
+def speeds_on_way(
+    what: str, limits: Limits, times: FloatArray, poses: FloatArray
+) -> Iterator[Violation]:
+    """A body is not too fast backwards, nor in bends (speed times turn rate is what pulls it
+    outwards); also asked of what was driven.
+    """
+    yield from driven_backwards(what, limits, times, poses)
+    if math.isinf(limits.lateral):
+        return
+    pieces, noise = pieces_of(times, poses), TOLERANCES.noise
+    speed, rate = pieces.length / pieces.dt, np.abs(pieces.turn) / pieces.dt
+    slack = noise * (speed + rate + noise / pieces.dt) / pieces.dt
+    yield from _worst(
+        what, "lateral-acceleration", "m/s^2", times, speed * rate, limits.lateral, slack
+    )
+
+
+def _turn_acceleration(
+    what: str, limits: Limits, times: FloatArray, pieces: Pieces
+) -> Iterator[Violation]:
+    """The turn rate changes no faster than it may, from rest to rest, over any time: since any
+    piece before, by no more than is allowed between the pieces' middles and in one ``turn_step``.
+    """
+    if math.isinf(limits.alpha):
+        return
+    alpha = limits.alpha * (1 + TOLERANCES.limits)
+    middle = np.concatenate((times[:1], (times[1:] + times[:-1]) / 2, times[-1:]))
+    rate = np.concatenate(([0.0], pieces.turn / pieces.dt, [0.0]))
+    off = np.concatenate(([0.0], TOLERANCES.noise / pieces.dt, [0.0]))
+    for way in (rate, -rate):
+        grown = way - alpha * middle
+        excess = grown - off - np.minimum.accumulate(grown + off)
+        i = int(excess.argmax())
+        if excess[i] > alpha * TOLERANCES.turn_step:
+            text = f"{what}: the turn rate comes to {rate[i]:.4g} rad/s at {middle[i]:.3f} s too"
+            text = f"{text} soon, at most {limits.alpha:.4g} rad/s^2 allowed"
+            yield Violation("turn-acceleration", text)
+            return
 
 
 def driven_backwards(

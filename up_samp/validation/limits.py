@@ -15,6 +15,7 @@ _KNOWN = ("turning_radius", "v_max", "a_max", "omega_max")
 _HEIGHT = "height"
 _REVERSE = "reverse"
 _V_BACK = "reverse_v_max"
+_TURNS = ("lateral_a_max", "alpha_max")
 _ZONES = "zones"
 
 
@@ -24,7 +25,8 @@ class Limits:
 
     ``model``: REEDSSHEPP with ``turning_radius`` 0 is called PIVOT: it turns on the spot.
 
-    ``v_back`` is the largest speed backwards: 0 where ``reverse`` is False. ``law`` with
+    ``v_back`` is the largest speed backwards: 0 where ``reverse`` is False. ``lateral`` (m/s^2) and
+    ``alpha`` (rad/s^2): the largest lateral acceleration and change of the turn rate. ``law`` with
     ``controls`` (low, high for each) is set for control models that are no bicycle: ``law(q, u,
     qdot)`` fills ``qdot``. ``zones``: the rules of places that it is given.
     """
@@ -39,6 +41,8 @@ class Limits:
     law: Callable[[Any, Any, Any], None] | None = None
     controls: tuple[tuple[float, float], ...] = ()
     zones: tuple[TrafficZone, ...] = ()
+    lateral: float = math.inf
+    alpha: float = math.inf
 
 
 def limits_of(item: Any) -> Limits:
@@ -53,12 +57,13 @@ def limits_of(item: Any) -> Limits:
     if reverse not in allowed:
         words = " or ".join(map(str, allowed))
         raise ProblemError(f"object {item.name}: its reverse must be {words}, not {reverse}")
-    back = own.get(_V_BACK, math.inf)
-    if not (isinstance(back, (int, float)) and back > 0 and (along or back == math.inf)):
-        raise ProblemError(f"object {item.name}: its {_V_BACK} cannot be {back}")
-    return replace(
-        limits, v_back=min(limits.v_back, back) * reverse, zones=_zones(item.name, limits, own)
-    )
+    most = [own.get(key, math.inf) for key in (_V_BACK, *_TURNS)]
+    for key, value in zip((_V_BACK, *_TURNS), most, strict=True):
+        if not (isinstance(value, (int, float)) and value > 0 and (along or value == math.inf)):
+            raise ProblemError(f"object {item.name}: its {key} cannot be {value}")
+    back, lateral, alpha = most
+    back, zones = min(limits.v_back, back) * reverse, _zones(item.name, limits, own)
+    return replace(limits, v_back=back, zones=zones, lateral=lateral, alpha=alpha)
 
 
 def _zones(name: str, limits: Limits, own: Mapping[str, Any]) -> tuple[TrafficZone, ...]:
@@ -86,7 +91,7 @@ def _limits(item: Any) -> Limits:
     as motions start and end at rest), and its curvature is at most what the model itself gives
     for the steering limits.
     """
-    own = (_HEIGHT, _REVERSE, _V_BACK, _ZONES)
+    own = (_HEIGHT, _REVERSE, _V_BACK, *_TURNS, _ZONES)
     given = {k: v for k, v in (item.motion_parameters or {}).items() if k not in own}
     if item.control_model is None:
         # parameters without a control model are motion parameters too (UP's examples do so)

@@ -15,7 +15,7 @@ import numpy as np
 from up_samp.model import ProblemError, Trajectory, UnsupportedError, check_time
 from up_samp.validation.collisions import JudgedShape, hits_map
 from up_samp.validation.judged import JudgedMotion, Obstacle
-from up_samp.validation.kinematics import driven_backwards, motion_violations
+from up_samp.validation.kinematics import motion_violations, speeds_on_way
 from up_samp.validation.lives import (
     FloatArray,
     Piece,
@@ -104,7 +104,7 @@ def judge_executed(
             last = ends.get(key, poses[-1])
             counted[task.name] = times, np.concatenate([poses[:-1], [last]])
             limits = scene.limits[task.object]
-            found.extend(driven_backwards(task.what, limits, times, poses))
+            found.extend(speeds_on_way(task.what, limits, times, poses))
     lives = build_lives(scene, counted, seconds, found)
     found.extend(_zones(scene, lives, motions))
     for task in scene.tasks:

@@ -21,6 +21,9 @@ class Tolerances:
     """Positions (m) and angles (rad) may be off by this much."""
     sampling: float = 0.1
     """Samples are at most this far apart (s) while the body moves."""
+    turn_step: float = 0.1
+    """A turn rate may change at once by what the limit makes good in this time (s): between two
+    samples nobody sees how it changed."""
     slip_window: float = 2.0
     """Side slip may not add up to more than ``limits`` of any such stretch of way (m)."""
     wrong_way: float = 1e-3

@@ -1,9 +1,11 @@
 """Timing of bodies that drive along their heading and turn at will (two driven wheels).
 
 Their way is a list of poses with a constant twist from each to the next: a line or an arc that is
-driven ahead or backwards, or a turn on the spot. They turn by ``omega_max`` at most and need no
-time to begin that, so an arc of radius r is driven at ``min(v_max, omega_max r)``, straight on from
-a line. They rest where they turn on the spot, and where their direction changes.
+driven ahead or backwards, or a turn on the spot. They turn by ``omega_max`` at most, so an
+arc of radius r is driven at ``min(v_max, omega_max r)``. They rest where they turn on the spot, and
+where their direction changes. Without a limit ``alpha_max`` they need no time to begin a turn: arcs
+are driven straight on from a line; with one, turns on the spot are trapezoids of the turn rate (for
+arcs see :mod:`.turning`).
 """
 
 from __future__ import annotations
@@ -11,6 +13,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -32,16 +35,35 @@ NOWHERE = 1e-12
 """Poses that differ by no more (m, rad) are one."""
 
 
+@dataclass(frozen=True)
+class TurnShares:
+    """How ``alpha_max`` is used along a way: the share ``along`` for changes of curvature, the rest
+    for changes of speed in a bend. What it makes good within a ``step`` (s) needs no ramp of its
+    own; headings may be off by ``noise`` (rad). A body rests where the curvature jumps so that it
+    could pass with less than ``slow`` of its top speed only.
+    """
+
+    along: float = 0.5
+    step: float = 0.05
+    noise: float = 1e-7
+    slow: float = 0.3
+
+
+SHARES = TurnShares()
+
+
 class Rolls(NamedTuple):
     """The pieces of a way: their ``sizes`` (m; rad on the spot), ``turns`` (rad), what each is
-    (``kinds``: 1 ahead, -1 backwards, 2 and -2 turns on the spot), its top speed (m/s; rad/s on
-    the spot).
+    (``kinds``: odd ahead, negative backwards, 2 and -2 turns on the spot; it rests between two
+    kinds), its top speed (m/s; rad/s on the spot), and its acceleration (``pushes``: m/s^2; rad/s^2
+    on the spot, infinite: at once).
     """
 
     sizes: FloatArray
     turns: FloatArray
     kinds: IntArray
     tops: FloatArray
+    pushes: FloatArray
 
 
 def rolls_of(rows: FloatArray, kinematics: Kinematics) -> Rolls:
@@ -54,7 +76,16 @@ def rolls_of(rows: FloatArray, kinematics: Kinematics) -> Rolls:
     slow = (size > 0.0) & (bound < kinematics.v_max * (1.0 - SAME))
     tops = np.where(slow, bound, kinematics.v_max)
     tops = np.where(on_spot, kinematics.omega_max, tops)
-    return Rolls(np.where(on_spot, size, way), turns, kinds, tops)
+    pushes = np.where(on_spot, kinematics.alpha_max, pushes_of(way, size, kinematics))
+    return Rolls(np.where(on_spot, size, way), turns, kinds, tops, pushes)
+
+
+def pushes_of(ways: FloatArray, turns: FloatArray, kinematics: Kinematics) -> FloatArray:
+    """Return the accelerations (m/s^2) on arcs of such ``ways`` (m) and ``turns`` (rad, > 0)."""
+    most = (1.0 - SHARES.along) * kinematics.alpha_max
+    return np.asarray(
+        np.minimum(kinematics.a_max, most * np.maximum(ways, NOWHERE) / np.maximum(turns, NOWHERE))
+    )
 
 
 def rolling_radius(kinematics: Kinematics) -> float:
@@ -74,7 +105,7 @@ def rows_of(start: FloatArray, arcs: FloatArray) -> FloatArray:
 def rolling_time(rows: FloatArray, kinematics: Kinematics) -> float:
     """Return how long (s) the way through ``rows`` (n, 3) takes from rest to rest."""
     rolls = rolls_of(rows[moves_on(rows)], kinematics)
-    return sum(p[0] for phases in _phases(rolls, kinematics.a_max) for p in phases)
+    return sum(p[0] for phases in _phases(rolls) for p in phases)
 
 
 def rolled(rows: FloatArray, kinematics: Kinematics) -> Trajectory:
@@ -83,7 +114,7 @@ def rolled(rows: FloatArray, kinematics: Kinematics) -> Trajectory:
     Samples are all of them, and at most ``Trajectory.MAX_STEP`` s and ``MOST_TURN`` rad apart.
     """
     rows = rows[moves_on(rows)]
-    times, at, shares = sampled_rolls(rolls_of(rows, kinematics), kinematics.a_max)
+    times, at, shares = sampled_rolls(rolls_of(rows, kinematics))
     return through_rows(rows, times, at, shares)
 
 
@@ -103,7 +134,7 @@ def through_rows(
 
 
 def sampled_rolls(
-    rolls: Rolls, a: float, held: BoolArray | None = None
+    rolls: Rolls, held: BoolArray | None = None
 ) -> tuple[FloatArray, IntArray, FloatArray]:
     """Return the samples of a way's fastest motion from rest to rest: times (s), the pieces that
     they are on and the shares of these; ``held`` pieces are driven at one speed, as their
@@ -111,7 +142,7 @@ def sampled_rolls(
     """
     times, pieces, shares = [0.0], [0], [0.0]
     now = 0.0
-    for i, phases in enumerate(_phases(rolls, a, held)):
+    for i, phases in enumerate(_phases(rolls, held)):
         size, turn = float(rolls.sizes[i]), abs(float(rolls.turns[i]))
         done = 0.0
         for seconds, speed, push in phases:
@@ -136,7 +167,8 @@ def thinned(rows: FloatArray, kinematics: Kinematics, kept: BoolArray | None = N
     """
     distinct = moves_on(rows)
     rows, kept = rows[distinct], None if kept is None else kept[distinct]
-    _, _, kinds, _ = rolls = rolls_of(rows, kinematics)
+    rolls = rolls_of(rows, kinematics)
+    kinds = rolls.kinds
     bends = np.where(np.abs(kinds) == 2, 0.0, kinds * rolls.turns / rolls.sizes)
     changes = (np.diff(kinds) != 0) | (np.abs(np.diff(bends)) > SAME)
     stay = [0]
@@ -158,13 +190,13 @@ def moves_on(rows: FloatArray) -> BoolArray:
     return np.append(True, np.abs(np.diff(rows, axis=0)).max(axis=1) > NOWHERE)
 
 
-def _phases(rolls: Rolls, a: float, held: BoolArray | None = None) -> Iterator[tuple[_Phase, ...]]:
-    """Yield the phases of each piece of a way, driven at the acceleration ``a`` (m/s^2)."""
-    sizes, kinds, tops = rolls.sizes.tolist(), rolls.kinds.tolist(), rolls.tops.tolist()
-    steady = [False] * len(sizes) if held is None else held.tolist()
-    speeds = _speeds(sizes, kinds, tops, steady, a)
-    for i, (size, kind, top) in enumerate(zip(sizes, kinds, tops, strict=True)):
-        if abs(kind) == 2:
+def _phases(rolls: Rolls, held: BoolArray | None = None) -> Iterator[tuple[_Phase, ...]]:
+    """Yield the phases of each piece of a way."""
+    steady = [False] * len(rolls.sizes) if held is None else held.tolist()
+    speeds = _speeds(rolls, steady)
+    pieces = zip(rolls.sizes.tolist(), rolls.tops.tolist(), rolls.pushes.tolist(), strict=True)
+    for i, (size, top, a) in enumerate(pieces):
+        if a == math.inf:
             yield ((size / top, top, 0.0),)
         elif steady[i] and min(speeds[i : i + 2]) > 0.0:
             speed = min(speeds[i : i + 2])
@@ -174,23 +206,19 @@ def _phases(rolls: Rolls, a: float, held: BoolArray | None = None) -> Iterator[t
             yield (rise, speeds[i], a), (cruise, peak, 0.0), (fall, peak, -a)
 
 
-def _speeds(
-    sizes: Sequence[float],
-    kinds: Sequence[int],
-    tops: Sequence[float],
-    steady: Sequence[bool],
-    a: float,
-) -> list[float]:
-    """Return the largest speeds (m/s) at the ends of all pieces."""
+def _speeds(rolls: Rolls, steady: Sequence[bool]) -> list[float]:
+    """Return the largest speeds (m/s; rad/s) at the ends of all pieces."""
+    kinds, tops = rolls.kinds.tolist(), rolls.tops.tolist()
     speeds = [0.0]
     for i, (before, after) in enumerate(itertools.pairwise(kinds)):
-        rolls_on = before == after and abs(before) == 1
-        speeds.append(min(tops[i], tops[i + 1]) if rolls_on else 0.0)
+        speeds.append(min(tops[i], tops[i + 1]) if before == after else 0.0)
     speeds.append(0.0)
     # no change of speed within a piece that is held, but from a rest or to one
     gains = [
-        0.0 if h and min(speeds[i], speeds[i + 1]) > 0.0 else 2.0 * a * size
-        for i, (size, h) in enumerate(zip(sizes, steady, strict=True))
+        0.0 if h and min(speeds[i], speeds[i + 1]) > 0.0 else gain
+        for i, (gain, h) in enumerate(
+            zip((2.0 * rolls.pushes * rolls.sizes).tolist(), steady, strict=True)
+        )
     ]
     for i, gain in enumerate(gains):
         speeds[i + 1] = min(speeds[i + 1], math.sqrt(speeds[i] ** 2 + gain))

@@ -1,5 +1,5 @@
-"""Limits of speed that hang on where a body is, and on whether it drives backwards: what a way
-allows, and motions slowed to that.
+"""Limits of speed that hang on where a body is, on whether it drives backwards, and on how its way
+bends: what a way allows, and motions slowed to that.
 
 The one place that knows of them: a planner may find its way as if they were not there, and whoever
 times a way again takes its top speeds from here.
@@ -28,10 +28,12 @@ from up_samp.motion.curves.rolling import (
     ON_SPOT,
     Rolls,
     moves_on,
+    pushes_of,
     rolls_of,
     sampled_rolls,
     through_rows,
 )
+from up_samp.motion.curves.turning import speeds_in_bends, turns_evenly
 from up_samp.motion.curves.twists import partway, twists
 
 OVER = 1e-3
@@ -39,9 +41,14 @@ OVER = 1e-3
 
 
 def allowed_speeds(poses: FloatArray, body: Body) -> FloatArray:
-    """Return the top speeds (m/s; inf: no rule) between poses (n, 3) that the body's zones, and its
-    limit backwards, allow: on a whole step if any part of it may be in a zone.
+    """Return the top speeds (m/s; inf: no rule) between poses (n, 3) that the body's zones, its
+    limit backwards, and the way's bends allow: on a whole step if any part of it may be in a zone.
     """
+    return np.minimum(ruled_speeds(poses, body), speeds_in_bends(poses, body.kinematics)[0])
+
+
+def ruled_speeds(poses: FloatArray, body: Body) -> FloatArray:
+    """Return :func:`allowed_speeds` whatever the way's bends."""
     most = np.full(len(poses) - 1, math.inf)
     kin = body.kinematics
     if math.isfinite(kin.v_back):
@@ -112,33 +119,60 @@ def slowed(trajectory: Trajectory, body: Body) -> Trajectory:
     along it allow (waits are left out); the motion itself where it keeps them.
     """
     kin = body.kinematics
-    if not (kin.zones or math.isfinite(kin.v_back)) or len(trajectory.times) < 2:
+    limited = kin.zones or math.isfinite(kin.v_back) or kin.heeds_turns
+    if not limited or len(trajectory.times) < 2:
         return trajectory
     most = allowed_speeds(trajectory.poses, body)
     moves = twists(trajectory.poses)
     way = np.hypot(moves[:, 0], moves[:, 1])
-    if not np.any(way > most * np.diff(trajectory.times) * (1.0 + OVER)):
+    fast = np.any(way > most * np.diff(trajectory.times) * (1.0 + OVER))
+    if not fast and turns_evenly(trajectory, kin):
         return trajectory
     keep = moves_on(trajectory.poses)
     rows = trajectory.poses[keep]
-    most = allowed_speeds(rows, body)
     begin = trajectory.start
     if kin.mobility.sideways:
+        most = allowed_speeds(rows, body)
         found = _eased(Trajectory(trajectory.times[keep], rows.copy()), body, most)
     else:
-        rolls = _driven(rows, body)
-        tops = np.where(np.abs(rolls.kinds) == 2, rolls.tops, np.minimum(rolls.tops, most))
-        found = through_rows(rows, *sampled_rolls(rolls._replace(tops=tops), kin.a_max))
+        found = driven(rows, body)
     return found if begin == 0.0 else found.shifted(begin)
 
 
-def _driven(rows: FloatArray, body: Body) -> Rolls:
+def driven(rows: FloatArray, body: Body) -> Trajectory:
+    """Return the fastest motion along a way (n, 3), from time 0, that keeps to the limits along it,
+    of a body that drives along its heading.
+    """
+    rolls, most = _rolls(rows, body), allowed_speeds(rows, body)
+    rests = speeds_in_bends(rows, body.kinematics)[1]
+    spot = np.abs(rolls.kinds) == 2
+    tops = np.where(spot, rolls.tops, np.minimum(rolls.tops, most))
+    # pieces before a rest and after it are of other kinds
+    after = np.append(0, np.cumsum(rests)) % 2
+    kinds = np.where(spot, rolls.kinds, rolls.kinds * (1 + 2 * after))
+    return through_rows(rows, *sampled_rolls(rolls._replace(tops=tops, kinds=kinds)))
+
+
+def push_along(rows: FloatArray, body: Body) -> float:
+    """Return the acceleration (m/s^2) that a way (n, 3) along the heading allows everywhere; where
+    it turns on the spot, a metre is what it turns while it could drive that at top speed.
+    """
+    kin = body.kinematics
+    if math.isinf(kin.alpha_max) or len(rows) < 2:
+        return kin.a_max
+    rolls = _rolls(rows, body)
+    metres = np.where(np.abs(rolls.kinds) == 2, kin.v_max / kin.omega_max, 1.0)
+    return float(min(kin.a_max, (rolls.pushes * metres).min()))
+
+
+def _rolls(rows: FloatArray, body: Body) -> Rolls:
     """Return the pieces of a way that is driven along the heading."""
     if body.mobility.rolls:
         return rolls_of(rows, body.kinematics)
     ahead, across, turns = twists(rows).T
-    tops = np.full(len(ahead), body.kinematics.v_max)
-    return Rolls(np.hypot(ahead, across), turns, np.sign(ahead).astype(np.int64), tops)
+    ways, tops = np.hypot(ahead, across), np.full(len(ahead), body.kinematics.v_max)
+    pushes = pushes_of(ways, np.abs(turns), body.kinematics)
+    return Rolls(ways, turns, np.sign(ahead).astype(np.int64), tops, pushes)
 
 
 def _eased(motion: Trajectory, body: Body, most: FloatArray) -> Trajectory:
@@ -152,7 +186,8 @@ def _eased(motion: Trajectory, body: Body, most: FloatArray) -> Trajectory:
     # pieces before a rest and after it are of other kinds
     kinds = np.where(spot, 2, 1 - 2 * (np.cumsum(rests[:-1]) % 2))
     tops = np.where(spot, kin.omega_max, tops)
-    times, at, shares = sampled_rolls(Rolls(sizes, turns, kinds, tops), kin.a_max, held)
+    pushes = np.where(spot, math.inf, kin.a_max)
+    times, at, shares = sampled_rolls(Rolls(sizes, turns, kinds, tops, pushes), held)
     poses = between_bends(rows, s, ways_at(rows, s), at, shares)
     poses[0], poses[-1] = rows[0], rows[-1]
     return Trajectory(times, poses)

@@ -30,7 +30,7 @@ def leg_profile(a: FloatArray, b: FloatArray, kinematics: Kinematics) -> tuple[f
     1) of the straight motion from ``a`` to ``b``; speeds and accelerations in shares.
 
     Distance and turn share the trapezoid, so that ``v_max``, ``a_max`` and ``omega_max`` all hold.
-    A turn on the spot runs at a constant rate: the model has no limit on angular acceleration.
+    A turn on the spot runs at a constant rate where nothing limits ``alpha_max``.
     """
     size = 2 if len(a) == 3 else 3
     way, turn = float(np.linalg.norm(b[:size] - a[:size])), turn_between(a, b)
@@ -38,7 +38,8 @@ def leg_profile(a: FloatArray, b: FloatArray, kinematics: Kinematics) -> tuple[f
         if turn < 1e-12:
             return 0.0, 0.0, 0.0
         speed = kinematics.omega_max / turn
-        return 1.0 / speed, speed, math.inf
+        acceleration = kinematics.alpha_max / turn
+        return float(run_time(1.0, speed, acceleration)), speed, acceleration
     speed = kinematics.v_max / way
     if turn > 1e-12:
         speed = min(speed, kinematics.omega_max / turn)

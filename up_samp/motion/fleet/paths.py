@@ -22,7 +22,8 @@ from up_samp.model import Body, Configuration, Trajectory
 from up_samp.model.arrays import BoolArray, FloatArray, IntArray
 from up_samp.motion.curves.bends import CUT, bends_of, between_bends, ways_at
 from up_samp.motion.curves.rolling import ON_SPOT, rolls_of
-from up_samp.motion.curves.slowing import allowed_speeds, slowed, steps_in
+from up_samp.motion.curves.slowing import allowed_speeds, push_along, slowed, steps_in
+from up_samp.motion.curves.turning import speeds_in_bends
 from up_samp.motion.curves.twists import partway, twists
 from up_samp.motion.fleet.conflicts import Hull, Swept, sweep_table
 from up_samp.motion.fleet.flyers import ROUND, SweptSolid
@@ -474,6 +475,8 @@ class Path:
     """Top speeds (m/s) between samples, shape (n - 1,): tight arcs have lower ones."""
     steady: BoolArray
     """Between which samples the body keeps to one speed, shape (n - 1,)."""
+    push: float
+    """The acceleration (m/s^2) that it may have all along."""
     cleared: set[tuple[Solid, Configuration]] = field(default_factory=set)
     """Resting bodies that the path's planner has proven it keeps clear of."""
     number: int = field(default_factory=lambda: next(_numbers))
@@ -637,6 +640,7 @@ def path_of(
     tunable = not (body.mobility.own_law or body.flies)
     if tunable:
         stop |= _pauses(trajectory, natural_s, s)
+        stop[1:-1] |= speeds_in_bends(kept, body.kinematics)[1]
         kink |= stop | _waypoints(trajectory, natural_s, s, waypoints[1:-1])
     most = np.full(len(kept) - 1, math.inf)
     if tunable and len(kept) > 1:
@@ -646,7 +650,8 @@ def path_of(
         tops, steady, rests = bends_of(kept, s, trajectory.times[keep], body, most)
         stop |= rests
     tops = np.where(tops < _reached(s, stop, body), tops, body.kinematics.v_max)
-    edges, halt = _cells(s, stop, tops, body, np.isfinite(most))
+    push = push_along(kept, body)
+    edges, halt = _cells(s, stop, tops, body, push, np.isfinite(most))
     return Path(
         body,
         kept,
@@ -660,6 +665,7 @@ def path_of(
         natural_s,
         tops,
         steady,
+        push,
     )
 
 
@@ -727,7 +733,7 @@ def _cell_length(body: Body) -> float:
 
 
 def _cells(
-    s: FloatArray, stop: BoolArray, tops: FloatArray, body: Body, ruled: BoolArray
+    s: FloatArray, stop: BoolArray, tops: FloatArray, body: Body, push: float, ruled: BoolArray
 ) -> tuple[FloatArray, BoolArray]:
     """Cut every stretch between two stops into an even number of equally long cells.
 
@@ -743,9 +749,9 @@ def _cells(
         size = wish
         if top < kin.v_max:  # cells so short that there are speeds below the slowest arc's
             least = 1 if body.mobility.sideways else CUT.least
-            size = min(wish, top**2 / (2 * kin.a_max * least))
+            size = min(wish, top**2 / (2 * push * least))
         if ruled[low:high].any():
-            most = top**2 / (2 * kin.a_max) * (1.0 - TIMES.near)
+            most = top**2 / (2 * push) * (1.0 - TIMES.near)
             size = most / math.ceil(most / size)
         count = 2 * max(1, math.ceil(length / size / 2))
         edges.append(np.linspace(s[low], s[high], count + 1)[:-1])

@@ -333,7 +333,7 @@ def tune(
     It leaves not before ``release`` and arrives not before ``goal_free`` nor after ``horizon`` (s).
     """
     kin = path.body.kinematics
-    can = Speeds(kin.v_max * SHARE, kin.a_max * SHARE)
+    can = Speeds(kin.v_max * SHARE, path.push * SHARE)
     waits = np.append(path.entries[1:-1] == np.arange(1, path.cells + 1), True)
     least = (~(path.halt | waits)).astype(np.int64)
     way = TunedPath(path.edges, path.halt, path.caps * SHARE, path.held, waits, least)
