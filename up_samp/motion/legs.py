@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -26,9 +27,11 @@ from up_samp.model.arrays import FloatArray
 from up_samp.motion.cache import CachedLeg, MotionCache, obstacle_key
 from up_samp.motion.curves.blending import TINY
 from up_samp.motion.curves.passing import driven_through, flown_through, pivoted_through
+from up_samp.motion.curves.ramps import with_ramps
 from up_samp.motion.curves.slowing import slowed
 from up_samp.motion.curves.trajectories import at_rest, joined
 from up_samp.motion.curves.twists import twists
+from up_samp.motion.guides.search_space import widest_shape
 from up_samp.motion.proofs.certificates import Certifier
 from up_samp.motion.protocol import Leg, LegQuery, MotionPlanner
 from up_samp.motion.registry import (
@@ -60,12 +63,12 @@ def strung(scene: Scene, query: PathQuery, legs: Sequence[Leg]) -> tuple[Traject
 
     A car stops where its direction changes, and what turns on the spot where it turns; bodies that
     can turn their velocity should stop only to turn back, and with their own law of motion nobody
-    knows; who is slowed by zones, or backwards, might take another way. Raises
+    knows; who is slowed by zones, backwards, or in bends might take another way. Raises
     :class:`UnsupportedError` where a planner drives back what must not.
     """
     whole, smooth = strung_at_full_speed(scene, query, legs)
     slow = slowed(whole, query.body)
-    return slow, smooth and slow is whole
+    return slow, smooth and slow is whole and not query.body.kinematics.heeds_turns
 
 
 def check_ways(body: Body, motion: Trajectory, planner: str) -> None:
@@ -232,11 +235,26 @@ class Legs:
         last must not depend on which of the two was asked for first.
         """
         _, swap = self._key(name, query)
-        if not swap:
-            return self._ask_one_way(name, query, deadline)
-        turned = replace(query, start=query.goal, goal=query.start)
-        answer = self._ask_one_way(name, turned, deadline)
-        return answer if isinstance(answer, PathReport) else answer.turned()
+        if swap:
+            query = replace(query, start=query.goal, goal=query.start)
+        answer = self._ask_one_way(name, query, deadline)
+        if isinstance(answer, PathReport) or answer.trajectory is None:
+            return answer
+        if math.isfinite(query.body.kinematics.alpha_max):
+            answer = replace(answer, trajectory=self._ramped(query, answer.trajectory))
+        return answer.turned() if swap else answer
+
+    def _ramped(self, query: LegQuery, motion: Trajectory) -> Trajectory:
+        """Return a motion with ramps of the curvature where there is room for them."""
+        ends = query.start, query.goal
+        shape = widest_shape(self.scene, query.body, ends, query.obstacles)
+        if shape is None:
+            return motion
+        world = self.scene.world(shape, query.obstacles)
+        least = 1e-3 * float(shape.data.slack[2])
+        return with_ramps(
+            motion, query.body, lambda rows: int(sweeps.samples_free(world, rows, least))
+        )
 
     def _ask_one_way(self, name: str, query: LegQuery, deadline: Deadline) -> Leg | PathReport:
         """Ask a planner; where it finds nothing soon, look for a stronger proof in between."""

@@ -102,6 +102,7 @@ class MotionService:
             check_ways(query.body, whole, used)
         motion = slowed(whole, query.body)
         best = motion is whole and seconds_of(motion, query.body) == motion.duration
+        best = best and not query.body.kinematics.heeds_turns
         final = all(leg.complete for leg in legs)
         complete = smooth and best and final
         report = PathReport(Outcome.FOUND, motion, planner=used, complete=complete)

@@ -9,13 +9,58 @@ moment; where that is too slow, the body rests. :mod:`.ramps` makes small steps 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from up_samp.model import Kinematics, Trajectory
-from up_samp.model.arrays import BoolArray, FloatArray
+from up_samp.model.arrays import BoolArray, FloatArray, IntArray
 from up_samp.motion.curves.rolling import ON_SPOT, SAME, SHARES
 from up_samp.motion.curves.twists import twists
+
+
+class Bends(NamedTuple):
+    """How a way bends, by piece: signed ``ways`` (m), ``turns`` (rad), ``bends`` (1/m; 0 on the
+    spot), and which pieces are one ``arc``; by inner pose: by how much the curvature ``jumps``
+    where the body need not rest (1/m).
+    """
+
+    ways: FloatArray
+    turns: FloatArray
+    bends: FloatArray
+    arc: IntArray
+    jumps: FloatArray
+
+    @staticmethod
+    def of(ways: FloatArray, turns: FloatArray) -> Bends:
+        """Return how pieces of such signed ``ways`` and ``turns`` bend."""
+        spot = np.abs(ways) <= ON_SPOT * np.abs(turns)
+        bends = np.where(spot, 0.0, turns / np.where(spot, 1.0, ways))
+        drives = np.where(spot, 0.0, ways)
+        passes = drives[:-1] * drives[1:] > 0.0
+        least = np.where(passes, np.minimum(*np.abs([ways[:-1], ways[1:]])), 1.0)
+        jumps = np.where(passes, np.abs(np.diff(bends)), 0.0)
+        jumps[jumps <= SAME + SHARES.noise / least] = 0.0
+        turns_on = spot[:-1] & spot[1:] & (turns[:-1] * turns[1:] > 0.0)
+        cut = (jumps > 0.0) | ~(passes | turns_on)
+        arc = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(cut)])
+        return Bends(drives, turns, bends, arc, jumps)
+
+    @property
+    def whole(self) -> Bends:
+        """The same way with the pieces of each arc as one."""
+        ways, turns = (np.add.reduceat(a, self.firsts) for a in (self.ways, self.turns))
+        return Bends.of(ways, turns)
+
+    @property
+    def firsts(self) -> IntArray:
+        """The first piece of each arc."""
+        return np.flatnonzero(np.diff(self.arc, prepend=-1))
+
+    def tops(self, kinematics: Kinematics) -> FloatArray:
+        """Return the speeds (m/s) that the lateral acceleration, v^2 k on a curvature k, allows."""
+        tight = np.maximum(np.abs(self.bends), SAME)
+        return np.sqrt(np.where(tight > SAME, kinematics.lateral_a_max, math.inf) / tight)
 
 
 def speeds_in_bends(poses: FloatArray, kinematics: Kinematics) -> tuple[FloatArray, BoolArray]:
@@ -23,42 +68,22 @@ def speeds_in_bends(poses: FloatArray, kinematics: Kinematics) -> tuple[FloatArr
     changes, shape (n - 1,), and at which inner poses it changes so much that the body rests there,
     shape (n - 2,).
 
-    The lateral acceleration on a curvature k is v^2 k. A step dk of the curvature over l m turns
-    faster by v^2 dk / l, and has a share of ``alpha_max`` (``TurnShares``); the rest is for
-    speeding up in bends, see :func:`up_samp.motion.curves.rolling.pushes_of`.
+    A step dk of the curvature over l m turns faster by v^2 dk / l, and has a share of ``alpha_max``
+    (``TurnShares``); the rest is for speeding up in bends, see
+    :func:`up_samp.motion.curves.rolling.pushes_of`.
     """
-    most, rests = (
-        np.full(len(poses) - 1, math.inf),
-        np.zeros(max(len(poses) - 2, 0), dtype=np.bool_),
-    )
-    if not kinematics.heeds_turns:
-        return most, rests
-    ahead, _, turns = twists(poses).T
-    ways = np.abs(ahead)
-    spot = ways <= ON_SPOT * np.abs(turns)
-    bends = np.where(spot, 0.0, turns / np.where(spot, 1.0, ahead))
-    tight = np.abs(bends) > SAME
-    most[tight] = np.sqrt(kinematics.lateral_a_max / np.abs(bends[tight]))
-    if math.isinf(kinematics.alpha_max):
-        return most, rests
-    one, other = slice(None, -1), slice(1, None)
-    passes = ~spot[one] & ~spot[other] & (ahead[one] * ahead[other] > 0.0)
-    jumps = np.where(passes, np.abs(np.diff(bends)), 0.0)
-    least = np.where(passes, np.minimum(ways[one], ways[other]), 1.0)
-    jumps[jumps <= SAME + SHARES.noise / least] = 0.0
-    arc = np.concatenate([[0], np.cumsum(~passes | (jumps > 0.0))])
-    whole = np.bincount(arc, ways)[arc]
-    push = SHARES.along * kinematics.alpha_max
-    size = np.where(jumps > 0.0, jumps, 1.0)
-    speeds = np.minimum(
-        np.sqrt(push * np.minimum(whole[one], whole[other]) / size), push * SHARES.step / size
-    )
-    speeds[jumps == 0.0] = math.inf
-    fast = np.minimum(kinematics.v_max, np.minimum(most[one], most[other]))
-    rests = speeds < SHARES.slow * fast
+    if not kinematics.heeds_turns or len(poses) < 2:
+        return np.full(len(poses) - 1, math.inf), np.zeros(max(len(poses) - 2, 0), dtype=np.bool_)
+    way = Bends.of(*twists(poses).T[[0, 2]])
+    most, push = way.tops(kinematics), SHARES.along * kinematics.alpha_max
+    length = np.abs(np.bincount(way.arc, way.ways))[way.arc]
+    steps = np.where(way.jumps > 0.0, way.jumps, SAME**2)
+    speeds = np.sqrt(push * np.minimum(length[:-1], length[1:]) / steps)
+    speeds = np.where(way.jumps > 0.0, np.minimum(speeds, push * SHARES.step / steps), math.inf)
+    rests = speeds < SHARES.slow * np.minimum(kinematics.v_max, np.minimum(most[:-1], most[1:]))
     speeds[rests] = math.inf
-    for side in (one, other):
-        most[side] = np.minimum(most[side], speeds)
+    most[:-1] = np.minimum(most[:-1], speeds)
+    most[1:] = np.minimum(most[1:], speeds)
     return most, rests
 
 
