@@ -13,7 +13,6 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -33,23 +32,6 @@ SHORTEST = 1e-7
 """Phases of a motion shorter than this (s) have no sample of their own."""
 NOWHERE = 1e-12
 """Poses that differ by no more (m, rad) are one."""
-
-
-@dataclass(frozen=True)
-class TurnShares:
-    """How ``alpha_max`` is used along a way: the share ``along`` for changes of curvature, the rest
-    for changes of speed in a bend. What it makes good within a ``step`` (s) needs no ramp of its
-    own; headings may be off by ``noise`` (rad). A body rests where the curvature jumps so that it
-    could pass with less than ``slow`` of its top speed only.
-    """
-
-    along: float = 0.5
-    step: float = 0.05
-    noise: float = 1e-7
-    slow: float = 0.3
-
-
-SHARES = TurnShares()
 
 
 class Rolls(NamedTuple):
@@ -76,16 +58,8 @@ def rolls_of(rows: FloatArray, kinematics: Kinematics) -> Rolls:
     slow = (size > 0.0) & (bound < kinematics.v_max * (1.0 - SAME))
     tops = np.where(slow, bound, kinematics.v_max)
     tops = np.where(on_spot, kinematics.omega_max, tops)
-    pushes = np.where(on_spot, kinematics.alpha_max, pushes_of(way, size, kinematics))
+    pushes = np.where(on_spot, kinematics.alpha_max, kinematics.a_max)
     return Rolls(np.where(on_spot, size, way), turns, kinds, tops, pushes)
-
-
-def pushes_of(ways: FloatArray, turns: FloatArray, kinematics: Kinematics) -> FloatArray:
-    """Return the accelerations (m/s^2) on arcs of such ``ways`` (m) and ``turns`` (rad, > 0)."""
-    most = (1.0 - SHARES.along) * kinematics.alpha_max
-    return np.asarray(
-        np.minimum(kinematics.a_max, most * np.maximum(ways, NOWHERE) / np.maximum(turns, NOWHERE))
-    )
 
 
 def rolling_radius(kinematics: Kinematics) -> float:

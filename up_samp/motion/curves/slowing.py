@@ -28,12 +28,11 @@ from up_samp.motion.curves.rolling import (
     ON_SPOT,
     Rolls,
     moves_on,
-    pushes_of,
     rolls_of,
     sampled_rolls,
     through_rows,
 )
-from up_samp.motion.curves.turning import speeds_in_bends, turns_evenly
+from up_samp.motion.curves.turning import limits_in_bends, turns_evenly
 from up_samp.motion.curves.twists import partway, twists
 
 OVER = 1e-3
@@ -44,7 +43,7 @@ def allowed_speeds(poses: FloatArray, body: Body) -> FloatArray:
     """Return the top speeds (m/s; inf: no rule) between poses (n, 3) that the body's zones, its
     limit backwards, and the way's bends allow: on a whole step if any part of it may be in a zone.
     """
-    return np.minimum(ruled_speeds(poses, body), speeds_in_bends(poses, body.kinematics)[0])
+    return np.minimum(ruled_speeds(poses, body), limits_in_bends(poses, body.kinematics).tops)
 
 
 def ruled_speeds(poses: FloatArray, body: Body) -> FloatArray:
@@ -143,12 +142,12 @@ def driven(rows: FloatArray, body: Body) -> Trajectory:
     """Return the fastest motion along a way (n, 3), from time 0, that keeps to the limits along it,
     of a body that drives along its heading.
     """
-    rolls, most = _rolls(rows, body), allowed_speeds(rows, body)
-    rests = speeds_in_bends(rows, body.kinematics)[1]
+    rolls, bends = _rolls(rows, body), limits_in_bends(rows, body.kinematics)
+    most = np.minimum(ruled_speeds(rows, body), bends.tops)
     spot = np.abs(rolls.kinds) == 2
     tops = np.where(spot, rolls.tops, np.minimum(rolls.tops, most))
     # pieces before a rest and after it are of other kinds
-    after = np.append(0, np.cumsum(rests)) % 2
+    after = np.append(0, np.cumsum(bends.rests)) % 2
     kinds = np.where(spot, rolls.kinds, rolls.kinds * (1 + 2 * after))
     return through_rows(rows, *sampled_rolls(rolls._replace(tops=tops, kinds=kinds)))
 
@@ -166,13 +165,19 @@ def push_along(rows: FloatArray, body: Body) -> float:
 
 
 def _rolls(rows: FloatArray, body: Body) -> Rolls:
-    """Return the pieces of a way that is driven along the heading."""
+    """Return the pieces of a way that is driven along the heading, with the accelerations that its
+    bends allow.
+    """
+    kin = body.kinematics
     if body.mobility.rolls:
-        return rolls_of(rows, body.kinematics)
-    ahead, across, turns = twists(rows).T
-    ways, tops = np.hypot(ahead, across), np.full(len(ahead), body.kinematics.v_max)
-    pushes = pushes_of(ways, np.abs(turns), body.kinematics)
-    return Rolls(ways, turns, np.sign(ahead).astype(np.int64), tops, pushes)
+        rolls = rolls_of(rows, kin)
+    else:
+        ahead, across, turns = twists(rows).T
+        tops, pushes = np.full((2, len(ahead)), [[kin.v_max], [kin.a_max]])
+        kinds = np.sign(ahead).astype(np.int64)
+        rolls = Rolls(np.hypot(ahead, across), turns, kinds, tops, pushes)
+    least = np.minimum(rolls.pushes, limits_in_bends(rows, kin).pushes)
+    return rolls._replace(pushes=np.where(np.abs(rolls.kinds) == 2, rolls.pushes, least))
 
 
 def _eased(motion: Trajectory, body: Body, most: FloatArray) -> Trajectory:

@@ -9,14 +9,32 @@ moment; where that is too slow, the body rests. :mod:`.ramps` makes small steps 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from up_samp.model import Kinematics, Trajectory
 from up_samp.model.arrays import BoolArray, FloatArray, IntArray
-from up_samp.motion.curves.rolling import ON_SPOT, SAME, SHARES
+from up_samp.motion.curves.rolling import ON_SPOT, SAME
 from up_samp.motion.curves.twists import twists
+
+
+@dataclass(frozen=True)
+class TurnShares:
+    """How ``alpha_max`` is used along a way: at most the share ``along`` for changes of curvature,
+    what is left for changes of speed. What it makes good within a ``step`` (s) needs no ramp of its
+    own; headings may be off by ``noise`` (rad). A body rests where the curvature jumps so that it
+    could pass with less than ``slow`` of its top speed only.
+    """
+
+    along: float = 0.5
+    step: float = 0.05
+    noise: float = 1e-7
+    slow: float = 0.3
+
+
+SHARES = TurnShares()
 
 
 class Bends(NamedTuple):
@@ -63,28 +81,44 @@ class Bends(NamedTuple):
         return np.sqrt(np.where(tight > SAME, kinematics.lateral_a_max, math.inf) / tight)
 
 
-def speeds_in_bends(poses: FloatArray, kinematics: Kinematics) -> tuple[FloatArray, BoolArray]:
-    """Return the top speeds (m/s; inf: no limit) between poses (n, 3) in bends and where curvature
-    changes, shape (n - 1,), and at which inner poses it changes so much that the body rests there,
-    shape (n - 2,).
-
-    A step dk of the curvature over l m turns faster by v^2 dk / l, and has a share of ``alpha_max``
-    (``TurnShares``); the rest is for speeding up in bends, see
-    :func:`up_samp.motion.curves.rolling.pushes_of`.
+class TurnLimits(NamedTuple):
+    """What a way's bends allow: top speeds ``tops`` (m/s) and accelerations ``pushes`` (m/s^2)
+    between poses, infinite where they say nothing; and at which inner poses a body ``rests``.
     """
-    if not kinematics.heeds_turns or len(poses) < 2:
-        return np.full(len(poses) - 1, math.inf), np.zeros(max(len(poses) - 2, 0), dtype=np.bool_)
+
+    tops: FloatArray
+    pushes: FloatArray
+    rests: BoolArray
+
+
+def limits_in_bends(poses: FloatArray, kinematics: Kinematics) -> TurnLimits:
+    """Return what the bends of a way (n, 3) allow.
+
+    A step dk of the curvature over l m turns faster by v^2 dk / l, which takes at most a share of
+    ``alpha_max`` (``TurnShares``), and half of it on either side. What the steps beside an arc of
+    curvature k leave of ``alpha_max`` is for speeding up in it, which takes k a.
+    """
+    n = len(poses) - 1
+    if not kinematics.heeds_turns or n < 1:
+        free = np.full(n, math.inf)
+        return TurnLimits(free, free, np.zeros(max(n - 1, 0), dtype=np.bool_))
     way = Bends.of(*twists(poses).T[[0, 2]])
-    most, push = way.tops(kinematics), SHARES.along * kinematics.alpha_max
-    length = np.abs(np.bincount(way.arc, way.ways))[way.arc]
-    steps = np.where(way.jumps > 0.0, way.jumps, SAME**2)
-    speeds = np.sqrt(push * np.minimum(length[:-1], length[1:]) / steps)
-    speeds = np.where(way.jumps > 0.0, np.minimum(speeds, push * SHARES.step / steps), math.inf)
-    rests = speeds < SHARES.slow * np.minimum(kinematics.v_max, np.minimum(most[:-1], most[1:]))
-    speeds[rests] = math.inf
+    most, alpha = way.tops(kinematics), kinematics.alpha_max
+    length = np.maximum(np.abs(np.bincount(way.arc, way.ways)), SAME)[way.arc]
+    least = np.minimum(length[:-1], length[1:])
+    jumps = way.jumps if math.isfinite(alpha) else np.zeros(n - 1)
+    steps = np.where(jumps > 0.0, jumps, SAME**2)
+    push = SHARES.along * alpha
+    speeds = np.minimum(np.sqrt(push * least / steps), push * SHARES.step / steps)
+    fast = np.minimum(kinematics.v_max, np.minimum(most[:-1], most[1:]))
+    rests = (jumps > 0.0) & (speeds < SHARES.slow * fast)
+    speeds = np.where(rests | (jumps == 0.0), math.inf, speeds)
     most[:-1] = np.minimum(most[:-1], speeds)
     most[1:] = np.minimum(most[1:], speeds)
-    return most, rests
+    used = np.where(np.isinf(speeds), 0.0, 0.5 * np.minimum(speeds, fast) ** 2 * jumps)
+    taken = np.bincount(way.arc[:-1], used, n) + np.bincount(way.arc[1:], used, n)
+    left = alpha - taken[way.arc] / length
+    return TurnLimits(most, left / np.maximum(np.abs(way.bends), SAME**2), rests)
 
 
 def turns_evenly(motion: Trajectory, kinematics: Kinematics) -> bool:

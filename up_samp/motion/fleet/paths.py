@@ -23,7 +23,7 @@ from up_samp.model.arrays import BoolArray, FloatArray, IntArray
 from up_samp.motion.curves.bends import CUT, bends_of, between_bends, ways_at
 from up_samp.motion.curves.rolling import ON_SPOT, rolls_of
 from up_samp.motion.curves.slowing import allowed_speeds, push_along, slowed, steps_in
-from up_samp.motion.curves.turning import speeds_in_bends
+from up_samp.motion.curves.turning import limits_in_bends
 from up_samp.motion.curves.twists import partway, twists
 from up_samp.motion.fleet.conflicts import Hull, Swept, sweep_table
 from up_samp.motion.fleet.flyers import ROUND, SweptSolid
@@ -640,7 +640,7 @@ def path_of(
     tunable = not (body.mobility.own_law or body.flies)
     if tunable:
         stop |= _pauses(trajectory, natural_s, s)
-        stop[1:-1] |= speeds_in_bends(kept, body.kinematics)[1]
+        stop[1:-1] |= limits_in_bends(kept, body.kinematics).rests
         kink |= stop | _waypoints(trajectory, natural_s, s, waypoints[1:-1])
     most = np.full(len(kept) - 1, math.inf)
     if tunable and len(kept) > 1:
