@@ -31,7 +31,7 @@ from up_samp.motion.curves.ramps import with_ramps
 from up_samp.motion.curves.slowing import slowed
 from up_samp.motion.curves.trajectories import at_rest, joined
 from up_samp.motion.curves.twists import twists
-from up_samp.motion.guides.search_space import widest_shape
+from up_samp.motion.guides.search_space import MARGIN_SHARES
 from up_samp.motion.proofs.certificates import Certifier
 from up_samp.motion.protocol import Leg, LegQuery, MotionPlanner
 from up_samp.motion.registry import (
@@ -245,11 +245,10 @@ class Legs:
         return answer.turned() if swap else answer
 
     def _ramped(self, query: LegQuery, motion: Trajectory) -> Trajectory:
-        """Return a motion with ramps of the curvature where there is room for them."""
-        ends = query.start, query.goal
-        shape = widest_shape(self.scene, query.body, ends, query.obstacles)
-        if shape is None:
-            return motion
+        """Return a motion with ramps of the curvature where there is room for them: ways often lead
+        along corners as near as the margin lets them, and a ramp may come a little nearer.
+        """
+        shape = self.scene.shape(query.body, MARGIN_SHARES[1] * self.scene.margin)
         world = self.scene.world(shape, query.obstacles)
         least = 1e-3 * float(shape.data.slack[2])
         return with_ramps(

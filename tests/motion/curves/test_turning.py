@@ -13,7 +13,7 @@ from up_samp.motion.curves.reeds_shepp import fastest, run_time
 from up_samp.motion.curves.rolling import rolled, rows_of
 from up_samp.motion.curves.slowing import allowed_speeds, push_along, slowed
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
-from up_samp.motion.curves.turning import speeds_in_bends, turns_evenly
+from up_samp.motion.curves.turning import limits_in_bends, turns_evenly
 from up_samp.motion.fleet.paths import path_of, safe_intervals
 from up_samp.motion.fleet.speed import tune
 from up_samp.motion.planners.pivoting import rolling_limits
@@ -143,11 +143,10 @@ def test_who_has_no_room_for_a_ramp_rests_where_the_curvature_jumps():
     free = trajectory_of(((0, 0, 0), end), (arcs,), replace(kin, alpha_max=INF))
     body = Body(RING, kin)
     motion = with_ramps(free, body, lambda rows: -1)
-    assert push_along(free.poses, body) == pytest.approx(0.5)
-    # speeding up in the bend has half of alpha_max
-    assert motion.duration == pytest.approx(run_time(2.0, 1.0, 1.0) + run_time(1.0, 1.0, 0.5))
+    assert push_along(free.poses, body) == pytest.approx(1.0)
+    assert motion.duration == pytest.approx(run_time(2.0, 1.0, 1.0) + run_time(1.0, 1.0, 1.0))
     assert path_of(free, body).stop.sum() == 3
-    assert speeds_in_bends(free.poses, kin)[1].sum() == 1
+    assert limits_in_bends(free.poses, kin).rests.sum() == 1
 
 
 def test_without_limits_nothing_changes():

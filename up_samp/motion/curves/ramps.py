@@ -22,9 +22,6 @@ from up_samp.motion.curves.trapezoid import MOST_TURN
 from up_samp.motion.curves.turning import SHARES, Bends
 from up_samp.motion.curves.twists import twists
 
-TRIES = 30
-"""Ways that are looked at from each size of ramps on."""
-
 
 def with_ramps(motion: Trajectory, body: Body, blocked: Callable[[FloatArray], int]) -> Trajectory:
     """Return the motion of a body that drives along its heading, from time 0, as its limits allow:
@@ -69,7 +66,7 @@ def _ramped(
 ) -> FloatArray | None:
     """Return a way with ramps over at most such ``windows`` (m) that is free, if there is one."""
     step = SHARES.step * SHARES.slow * kinematics.v_max
-    for _ in range(TRIES):
+    for k in range(SHARES.tries):
         windows = np.where(windows > step, windows, 0.0)
         if not windows.any():
             return None
@@ -82,7 +79,8 @@ def _ramped(
             return found[0]
         poses, joints = found
         far = np.hypot(*(poses[joints, :2] - poses[hit, :2]).T)
-        windows[far <= np.maximum(0.5 * windows, far[windows > 0.0].min())] *= 0.5
+        least = max(float(far[windows > 0.0].min()), 0.3 * k)
+        windows[far <= np.maximum(0.5 * windows, least)] *= 0.5
     return None
 
 

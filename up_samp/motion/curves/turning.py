@@ -25,13 +25,15 @@ class TurnShares:
     """How ``alpha_max`` is used along a way: at most the share ``along`` for changes of curvature,
     what is left for changes of speed. What it makes good within a ``step`` (s) needs no ramp of its
     own; headings may be off by ``noise`` (rad). A body rests where the curvature jumps so that it
-    could pass with less than ``slow`` of its top speed only.
+    could pass with less than ``slow`` of its top speed only. Ramps are shortened so many times
+    (``tries``) where they are not free.
     """
 
     along: float = 0.5
     step: float = 0.05
     noise: float = 1e-7
     slow: float = 0.3
+    tries: int = 30
 
 
 SHARES = TurnShares()
