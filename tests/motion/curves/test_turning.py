@@ -122,7 +122,7 @@ def test_lateral_acceleration_bounds_the_speed_on_an_arc():
     free = trajectory_of(((0, 0, 0), (0, 4, math.pi)), (np.array([[0.5, 2 * math.pi]]),), kin)
     assert np.allclose(allowed_speeds(free.poses, body), 1.0)
     assert slowed(free, body).duration == pytest.approx(run_time(2 * math.pi, 1.0, 1.0), rel=1e-6)
-    assert travel_of(path_of(free, body)).fastest == pytest.approx(1.0)
+    assert travel_of(path_of(free, body)).speed.max() == pytest.approx(1.0)
 
 
 def test_a_turn_on_the_spot_is_a_trapezoid_of_the_turn_rate():

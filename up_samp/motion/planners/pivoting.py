@@ -107,7 +107,9 @@ class PivotPlanner:
         turning = corners_of(steer(query.body, start, goal))
         line = turning[1:-1] if len(turning) == 4 else turning[:1]
         if nearest < most and free(line):
-            for rows in (*swerves(start, goal, kin), turning):
+            # with a limit to how fast a turn begins there are no such bends at a rest
+            bent = swerves(start, goal, kin) if math.isinf(kin.alpha_max) else []
+            for rows in (*bent, turning):
                 if rolling_time(rows, kin) < most and free(rows):
                     yield rows
 
