@@ -216,7 +216,7 @@ def test_releases_come_in_an_order_that_works(plan, tmp_path):
 
 def test_legs_for_nav2_tell_paths_and_what_to_wait_for(plan, tmp_path):
     steps = steps_of(plan)
-    files = export_plan(plan, "nav2", tmp_path)
+    files = [f for f in export_plan(plan, "nav2", tmp_path) if f.suffix == ".yaml"]
     assert {f.stem for f in files} == {r or "others" for r in steps}
     for file in files:
         data = yaml.safe_load(file.read_text())
@@ -247,6 +247,7 @@ def test_paths_for_nav2_are_messages_of_their_type(plan, tmp_path):
     paths = [
         leg["path"]
         for file in export_plan(plan, "nav2", tmp_path)
+        if file.suffix == ".yaml"
         for leg in yaml.safe_load(file.read_text())["legs"]
         if "path" in leg
     ]

@@ -2,15 +2,20 @@
 
 Each leg holds a ``nav_msgs/Path`` (for ``FollowPath``), field by field, or an activity to do. A
 path's stamps are when the plan has the robot there, from its start; Nav2 does not heed them, so
-``wait_for`` says what has to happen first.
+``wait_for`` says what has to happen first. Legs that nobody waits between are one behaviour tree,
+in a file of its own: nodes and ports are those of Nav2's ``nav2_tree_nodes.xml``, paths are written
+as ``convertFromString`` of its ``bt_utils.hpp`` reads them. :mod:`up_samp.export.follow_legs` drives
+the legs without trees, and goes along as it is.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence, Set
+from importlib import resources
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import yaml
@@ -24,18 +29,74 @@ from up_samp.io.precision import PRECISION
 
 
 def export(plan: PlanDict, folder: Path) -> list[Path]:
-    """Write ``ROBOT.yaml`` for each robot, and ``others.yaml`` where activities need none."""
+    """Write ``ROBOT.yaml`` for each robot, and ``others.yaml`` where activities need none; the
+    robots' trees, ``ROBOT/tree-NNN.xml``; and ``follow_legs.py``.
+    """
     written = []
     everything = steps_of(plan)
     names, maps = file_names(everything), named_maps(plan)
+    awaited = {w.event for steps in everything.values() for step in steps for w in step.waits}
     for robot, steps in everything.items():
         legs = [_leg(number, step, list(maps)) for number, step in enumerate(steps)]
+        for number, tree in enumerate(_trees(steps, awaited) if robot else ()):
+            path = folder / names[robot] / f"tree-{number:03}.xml"
+            path.parent.mkdir(exist_ok=True)
+            path.write_text(_tree([legs[k] for k in tree]), encoding="utf-8")
+            written.append(path)
+            for k in tree:
+                legs[k]["tree"] = f"{names[robot]}/{path.name}"
         path = folder / f"{names[robot]}.yaml"
         whole = {"robot": robot, "frame_id": "map", "maps": maps, "legs": legs}
         text = yaml.safe_dump(whole, sort_keys=False)
         path.write_text(text, encoding="utf-8")
         written.append(path)
+    script = resources.files("up_samp.export").joinpath("follow_legs.py").read_text("utf-8")
+    written.append(folder / "follow_legs.py")
+    written[-1].write_text(script, encoding="utf-8")
     return written
+
+
+def _trees(steps: Sequence[RobotStep], awaited: Set[tuple[Any, ...]]) -> list[list[int]]:
+    """Return the numbers of the steps of each tree: it waits for others before its first step
+    alone, and others for nothing but its begin and its end. Rides are in none: no node of Nav2's
+    changes maps.
+    """
+    found: list[list[int]] = []
+    joined = False
+    for number, step in enumerate(steps):
+        if step.lands:
+            joined = False
+            continue
+        if joined and not step.waits and awaited.isdisjoint(step.begins):
+            found[-1].append(number)
+        else:
+            found.append([number])
+        joined = awaited.isdisjoint(step.happens)
+    return found
+
+
+def _tree(legs: Sequence[Mapping[str, Any]]) -> str:
+    """Return legs as a tree of BehaviorTree.CPP 4; what is done on the spot is waited for."""
+    root = ElementTree.Element("root", BTCPP_format="4", main_tree_to_execute="legs")
+    tree = ElementTree.SubElement(root, "BehaviorTree", ID="legs")
+    sequence = ElementTree.SubElement(tree, "Sequence")
+    for leg in legs:
+        title = f"leg {leg['leg']}: {leg['activity']}"
+        if "path" not in leg:
+            seconds = str(leg["seconds"])
+            ElementTree.SubElement(sequence, "Wait", name=title, wait_duration=seconds)
+            continue
+        poses = [";".join(map(str, _fields(p["pose"]))) for p in leg["path"]["poses"]]
+        path = ";".join(["0", "map", *poses])
+        ElementTree.SubElement(sequence, "FollowPath", name=title, path=path)
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def _fields(pose: Mapping[str, Any]) -> list[Any]:
+    """Return a stamp of no time, a frame, a position and a quaternion, as trees have poses."""
+    at, turn = pose["position"], pose["orientation"]
+    return [0, "map", at["x"], at["y"], 0.0, 0.0, 0.0, turn["z"], turn["w"]]
 
 
 def _leg(number: int, step: RobotStep, maps: Sequence[str]) -> dict[str, Any]:
@@ -43,6 +104,7 @@ def _leg(number: int, step: RobotStep, maps: Sequence[str]) -> dict[str, Any]:
         "leg": number,
         "activity": step.activity,
         "wait_for": [{"event": list(w.event), "seconds": w.lag, "why": w.why} for w in step.waits],
+        "begins": [list(e) for e in step.begins],
         "happens": [list(e) for e in step.happens],
     }
     if step.lands:
