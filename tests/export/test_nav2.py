@@ -123,14 +123,14 @@ def nav2(monkeypatch):
                 raise AttributeError(call)
             return lambda *given: calls.append((self.name, call, given))
 
-        def followPath(self, path, controller_id="", goal_checker_id=""):  # noqa: N802
+        def followPath(self, path, controller_id="", goal_checker_id=""):
             calls.append((self.name, "followPath", path))
             return True
 
-        def isTaskComplete(self):  # noqa: N802
+        def isTaskComplete(self):
             return True
 
-        def getResult(self):  # noqa: N802
+        def getResult(self):
             return nav2.result
 
         def create_publisher(self, kind, topic, qos):

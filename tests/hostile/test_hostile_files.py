@@ -163,7 +163,7 @@ def altered_words(text, rng):
 
 
 SOURCES = ("small.lif.json", "small.building.yaml", "small.json", "small.jsp", "small.fjs",
-           "small.map", "small.scen", "small.svg")  # fmt: skip
+           "small.map", "small.scen", "small.svg", "layers.svg")  # fmt: skip
 
 
 @pytest.mark.parametrize("sample", SOURCES)

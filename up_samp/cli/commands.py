@@ -177,7 +177,10 @@ def add_import(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("source", type=Path, metavar="FILE")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR")
     parser.add_argument("--kind", default=None, help="what it is, where its name does not tell")
-    parser.add_argument("--cell", type=float, default=1.0, metavar="M", help="a cell or unit, in m")
+    parser.add_argument(
+        "--cell", "--metres-per-unit", type=float, default=1.0, metavar="M",
+        help="a cell, or a unit of a drawing, in m",
+    )  # fmt: skip
     parser.add_argument("--map", type=Path, default=None, metavar="MAP.yaml", help="for LIF")
     parser.add_argument("--robots", type=int, default=2, metavar="N", help="take so many at most")
     parser.add_argument("--jobs", type=int, default=4, metavar="N", help="take so many at most")

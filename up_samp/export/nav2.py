@@ -3,9 +3,9 @@
 Each leg holds a ``nav_msgs/Path`` (for ``FollowPath``), field by field, or an activity to do. A
 path's stamps are when the plan has the robot there, from its start; Nav2 does not heed them, so
 ``wait_for`` says what has to happen first. Legs that nobody waits between are one behaviour tree,
-in a file of its own: nodes and ports are those of Nav2's ``nav2_tree_nodes.xml``, paths are written
-as ``convertFromString`` of its ``bt_utils.hpp`` reads them. :mod:`up_samp.export.follow_legs` drives
-the legs without trees, and goes along as it is.
+in a file of its own: nodes and ports are those of Nav2's ``nav2_tree_nodes.xml``, and paths are
+written as ``convertFromString`` of its ``bt_utils.hpp`` reads them.
+:mod:`up_samp.export.follow_legs` drives the legs without trees, and goes along as it is.
 """
 
 from __future__ import annotations

@@ -282,6 +282,35 @@ def test_an_svg_outline(tmp_path):
     _is_the_drawn_hall(grid(tmp_path))
 
 
+def test_layers_of_an_svg_drawing(tmp_path):
+    """Its paper is 20 cm wide: what counts is its ``viewBox``, of which a unit is 5 cm."""
+    pytest.importorskip("svgelements")
+    source, out = str(SAMPLES / "layers.svg"), tmp_path / "out"
+    assert main(["import", source, "--out", str(out), "--metres-per-unit", "0.05"]) == 0
+    records = read_problem_file(out / "problem.yaml")
+    poses = {name: place.pose for name, place in records.places.items()}
+    assert poses == {
+        "dock_1": pytest.approx((1.0, -11.0, math.pi / 2)),
+        "bay": pytest.approx((18.0, -10.0, 0.0)),
+    }
+    assert list(records.zones) == ["wet", "slow"]
+    assert records.zones["slow"].polygon[0] == pytest.approx((5.0, -8.0))
+    site = grid(out)
+    assert site.size == pytest.approx((20.1, 12.1))
+    full = [(2.5, -4.0), (15.0, -3.0), (15.0, -3.9), (10.0, -3.0)]  # shelf, round one, wall
+    free = [(4.5, -3.5), (15.0, -4.5), (10.0, -9.0), (13.5, -9.5), (18.0, -10.0)]
+    assert [state_at(site, *at) for at in full] == ["occupied"] * 4
+    assert [state_at(site, *at) for at in free] == ["free"] * 5
+
+
+def test_a_zone_that_is_not_closed_is_refused(tmp_path):
+    pytest.importorskip("svgelements")
+    text = (SAMPLES / "layers.svg").read_text().replace("<polygon", "<polyline")
+    (tmp_path / "x.svg").write_text(text)
+    with pytest.raises(ProblemError, match=r"x\.svg: layer 'zone wet': zones are closed outlines"):
+        import_file(tmp_path / "x.svg", tmp_path / "out")
+
+
 def test_a_dxf_outline(tmp_path):
     ezdxf = pytest.importorskip("ezdxf")
     drawing = ezdxf.new(units=4)  # mm

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 import re
 from collections.abc import Iterable, Iterator
@@ -73,6 +74,17 @@ class _Drawn:
     zones: dict[str, list[tuple[float, float]]] = field(default_factory=dict)
     places: dict[str, list[float]] = field(default_factory=dict)
 
+    def add(
+        self, layer: str, points: list[tuple[float, float]], closed: bool, name: str = ""
+    ) -> None:
+        """Add what is drawn on a layer; a zone has its own ``name``, or else its layer's."""
+        if not layer.lower().startswith(_ZONE):
+            (self.rings if closed else self.lines).append(points)
+        elif closed:
+            self.zones[name_of(name or layer[len(_ZONE) :], self.zones, _ZONE)] = points
+        else:
+            raise ProblemError(f"layer '{layer}': zones are closed outlines; close the line there")
+
 
 def import_dxf(source: Path, folder: Path, options: Options) -> Imported:
     """Import a DXF drawing: the largest outline is the floor, closed or made of lines that meet;
@@ -105,10 +117,7 @@ def import_dxf(source: Path, folder: Path, options: Options) -> Imported:
             for v in (path.start, *path.control_vertices()):
                 number_of(scale * v.x), number_of(scale * v.y)  # before many points are made
             points = [(scale * v.x, scale * v.y) for v in path.flattening(0.01 / scale)]
-            if path.is_closed and layer.lower().startswith(_ZONE):
-                found.zones[name_of(layer[len(_ZONE) :], found.zones, _ZONE)] = points
-            else:
-                (found.rings if path.is_closed else found.lines).append(points)
+            found.add(layer, points, path.is_closed)
         made += 1 + len(points)
         if made > FILE_LIMITS.pieces:
             raise wrong(source, None, f"its lines have more than {FILE_LIMITS.pieces} points")
@@ -117,7 +126,7 @@ def import_dxf(source: Path, folder: Path, options: Options) -> Imported:
 
 _SHAPES = ("LWPOLYLINE", "POLYLINE", "LINE", "CIRCLE", "ARC", "SPLINE", "ELLIPSE")
 _ZONE, _PLACE = "zone", "place"
-"""How layers begin whose outlines are zones, and whose blocks are places."""
+"""How layers begin whose outlines are zones, and whose blocks (in SVG: shapes) are places."""
 
 
 def _entities(space: Iterable[Any]) -> Iterator[Any]:
@@ -132,22 +141,68 @@ def _entities(space: Iterable[Any]) -> Iterator[Any]:
 
 
 def import_svg(source: Path, folder: Path, options: Options) -> Imported:
-    """Import an SVG drawing, read like DXF: one user unit is ``Options.cell`` m, y points up."""
+    """Import an SVG drawing, read like DXF: one unit of its ``viewBox`` is ``Options.cell`` m, y
+    points up. Layers are Inkscape's, by their labels. Shapes on layers ``place...`` are places: a
+    line is a pose that looks along it, of others the middle counts. Places and zones are named by
+    the shape's own label, else by the layer's.
+    """
     with extra("SVG", "drawings", "svgelements"):
         import svgelements
     try:
-        _check_pieces(source, ElementTree.parse(check_size(source)).getroot())
-        drawing = svgelements.SVG.parse(str(source), ppi=96)
+        root = ElementTree.parse(check_size(source)).getroot()
+        _check_pieces(source, root)
+        _prepare(root)
+        text = io.BytesIO(ElementTree.tostring(root))
+        drawing = svgelements.SVG.parse(text, ppi=96)
     except (OSError, SyntaxError) as error:
         raise wrong(source, None, f"not readable as SVG: {error}") from error
     found = _Drawn()
     for shape in drawing.elements(lambda e: isinstance(e, svgelements.Shape)):
-        for part in svgelements.Path(shape).as_subpaths():
+        layer, name = (str(shape.values.get(key, "")) for key in (_ON_LAYER, _NAMED))
+        whole = svgelements.Path(shape).reify()  # what is turned, too, where it is drawn
+        for part in whole.as_subpaths():
             path = svgelements.Path(part)
             points = _flat(path, options.cell)
+            if layer.lower().startswith(_PLACE) and points:
+                place = name_of(name or layer[len(_PLACE) :], found.places, _PLACE)
+                found.places[place] = _pose_of(points)
+                continue
             closed = len(points) > 3 and math.dist(points[0], points[-1]) < 1e-6
-            (found.rings if closed else found.lines).append(points)
+            found.add(layer, points, closed, name)
     return _finish(source, folder, found, [f"a unit of the drawing is {options.cell:g} m"])
+
+
+_INKSCAPE = "{http://www.inkscape.org/namespaces/inkscape}"
+_ON_LAYER, _NAMED = "up-samp-layer", "up-samp-name"
+"""Attributes that say to the reader, which passes them on, where an element is."""
+
+
+def _prepare(root: ElementTree.Element) -> None:
+    """Say of each element which layer it is on, and its own label; have a unit of the ``viewBox``
+    be one of the drawing, whatever size it has on paper.
+    """
+    box = re.split(r"[\s,]+", (root.get("viewBox") or "").strip())
+    if len(box) == 4:
+        root.attrib |= {"width": box[2], "height": box[3]}
+
+    def mark(element: ElementTree.Element, layer: str) -> None:
+        label = element.get(f"{_INKSCAPE}label", "")
+        if element.get(f"{_INKSCAPE}groupmode") == "layer":
+            layer, label = label, ""
+        element.attrib |= {_ON_LAYER: layer, _NAMED: label}
+        for part in element:
+            mark(part, layer)
+
+    mark(root, "")
+
+
+def _pose_of(points: list[tuple[float, float]]) -> list[float]:
+    """Return the pose at a line's start that looks to its end, or in the middle of what is none."""
+    if len(points) == 2:
+        (x, y), (to_x, to_y) = points
+        return [x, y, math.atan2(to_y - y, to_x - x)]
+    left, low, right, top = LineString(points).bounds if len(points) > 1 else points[0] * 2
+    return [(left + right) / 2, (low + top) / 2, 0.0]
 
 
 def _check_pieces(source: Path, root: ElementTree.Element) -> None:
