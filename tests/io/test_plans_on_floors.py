@@ -3,10 +3,12 @@
 import copy
 import json
 import math
+import re
 
 import numpy as np
 import pytest
 from jsonschema import Draft7Validator
+from matplotlib.figure import Figure
 from unified_planning.model.motion import SE3
 from unified_planning.shortcuts import LE, OneshotPlanner
 
@@ -21,6 +23,7 @@ from up_samp.io.files import check_plan
 from up_samp.io.floors import maps_of, side_by_side
 from up_samp.model import ProblemError
 from up_samp.model.frames import Frame
+from up_samp.plotting import animation_html, plot_map
 from up_samp.plotting.background import ground_of
 from up_samp.plotting.tracks import tracks_of
 from up_samp.validation import validate_plan
@@ -116,7 +119,7 @@ def test_wrong_maps_are_refused(solved, spoil, text):
 def test_floors_are_drawn_beside_each_other(solved):
     ground = ground_of(solved)
     left, right, bottom, top = ground.extent
-    assert len(ground.labels) == 2
+    assert len(ground.floors) == 2
     free = {}
     for track in tracks_of(ground.plan):
         for leg in track.legs:
@@ -127,6 +130,34 @@ def test_floors_are_drawn_beside_each_other(solved):
                 free.setdefault(leg.activity, []).append(ground.pixels[row, col].min())
     assert set(free) == {"out", "back", "aside", "clear"}
     assert min(min(v) for v in free.values()) > 240  # they drive on what is drawn as free
+
+
+def test_floors_have_panels_of_their_own(solved):
+    """Each with its name, its own coordinates, and the names of what is on it alone."""
+    first = plot_map(solved)
+    figure = first.figure
+    assert len(figure.axes) == 2
+    names = [ax.get_title(loc="left") for ax in figure.axes]
+    assert len(set(names)) == 2
+    assert "m up" in names[1]
+    assert "m up" not in names[0]
+    ground = ground_of(solved)
+    for ax, floor in zip(figure.axes, ground.floors, strict=True):
+        assert (*ax.get_xlim(), *ax.get_ylim()) == pytest.approx(floor.extent)
+        ticks = zip(ax.get_xticks(), ax.get_xticklabels(), strict=True)
+        assert all(float(t.get_text()) == pytest.approx(at - floor.frame.x) for at, t in ticks)
+    scene = json.loads(re.search(r"const scene = (.*);\n", animation_html(solved)).group(1))
+    assert [floor["name"] for floor in scene["floors"]] == names
+    assert [floor["extent"] for floor in scene["floors"]] == [
+        pytest.approx(floor.extent, abs=1e-3) for floor in ground.floors
+    ]
+
+
+def test_panels_take_the_place_of_axes_that_are_given(solved):
+    left, right = Figure().subplots(1, 2)
+    assert plot_map(solved, ax=left).figure is right.figure
+    assert len(right.figure.axes) == 3
+    assert right in right.figure.axes
 
 
 def test_floors_are_apart_in_execution(house, solved):

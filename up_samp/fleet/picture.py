@@ -20,7 +20,7 @@ from up_samp.fleet.records import GROUND, FleetRecords, Outline, Point, Pose
 from up_samp.fleet.spelled_out import in_numbers, spelled_out
 from up_samp.model.frames import Frame
 from up_samp.plotting.background import ground_of
-from up_samp.plotting.map_picture import draw_area, label_of, legend_below, map_axes
+from up_samp.plotting.map_picture import draw_area, label_of, legend_below, map_panels
 from up_samp.plotting.style import (
     FIXTURE,
     INK,
@@ -42,20 +42,23 @@ def draw_fleet(records: FleetRecords, folder: Path, findings: Iterable[Finding] 
     site = {"map": maps[0], "maps": maps, "objects": [], "motions": [], "changes": []}
     backdrop = ground_of(site)
     records = _laid_out(records, backdrop.shifts)
-    corners = (corner for _, corner in backdrop.labels)
-    named = tuple(zip((GROUND, *records.floors), corners, strict=False))
-    ax = map_axes(dataclasses.replace(backdrop, labels=named), None)
+    if records.floors:  # by their names here, in the order of their heights
+        names = sorted((GROUND, *records.floors), key=lambda floor: height_of(records, floor))
+        named = zip(backdrop.floors, names, strict=False)
+        floors = tuple(dataclasses.replace(floor, name=name) for floor, name in named)
+        backdrop = dataclasses.replace(backdrop, floors=floors)
+    panels = map_panels(backdrop, None, f"{records.name}: {in_numbers(records)}")
     told = [f for f in findings if f.level is not Level.NOTE]
     bad = {f.subject for f in told}
-    labels = [*_draw_fixtures(ax, records), *_draw_places(ax, records, bad)]
-    for kind, place in dict.fromkeys((f.type, f.subject) for f in told if f.type is not None):
-        shape = placed(records.robot_types[kind].footprint, records.places[place].pose)
-        ax.add_patch(Polygon(shape, fc="none", ec=WRONG, lw=1.6, ls="--", zorder=5))
-    title = f"{records.name}: {in_numbers(records)}"
-    ax.set_title(title, loc="left", fontsize=11, color=INK)
-    _draw_legend(ax, records, bad, any(f.type is not None for f in told))
-    place_labels(ax, labels, avoid=[])
-    return ax
+    tight = dict.fromkeys((f.type, f.subject) for f in told if f.type is not None)
+    _draw_legend(panels, records, bad, bool(tight))
+    for ax in panels:
+        labels = [*_draw_fixtures(ax, records), *_draw_places(ax, records, bad)]
+        for kind, place in tight:
+            shape = placed(records.robot_types[kind].footprint, records.places[place].pose)
+            ax.add_patch(Polygon(shape, fc="none", ec=WRONG, lw=1.6, ls="--", zorder=5))
+        place_labels(ax, labels, avoid=[])
+    return panels[0]
 
 
 def _laid_out(records: FleetRecords, shifts: Mapping[float, Frame]) -> FleetRecords:
@@ -146,7 +149,7 @@ def _draw_places(ax: Axes, records: FleetRecords, bad: set[str]) -> list[PlacedL
     return labels
 
 
-def _draw_legend(ax: Axes, records: FleetRecords, bad: set[str], tight: bool) -> None:
+def _draw_legend(panels: list[Axes], records: FleetRecords, bad: set[str], tight: bool) -> None:
     doorway, load = mixed(FIXTURE, 0.7), mixed(FIXTURE, 0.6)
     keys = [
         (True, Patch(fc=mixed(INK, 0.85), ec=INK, label="place")),
@@ -156,7 +159,7 @@ def _draw_legend(ax: Axes, records: FleetRecords, bad: set[str], tight: bool) ->
         (bad, Patch(fc=WRONG, label="wrong: see the list")),
         (tight, Patch(fc="none", ec=WRONG, ls="--", label="robot that does not fit there")),
     ]
-    legend_below(ax, keys)
+    legend_below(panels, keys)
 
 
 def _usual(records: FleetRecords) -> Outline:

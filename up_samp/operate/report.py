@@ -11,7 +11,7 @@ import numpy as np
 from up_samp.operate.day import DayResult
 from up_samp.operate.simulated import driven_until
 from up_samp.plotting.background import ground_of
-from up_samp.plotting.map_picture import map_axes
+from up_samp.plotting.map_picture import map_panels
 from up_samp.plotting.style import figure_axes, saved
 
 CELL = 1.0
@@ -61,7 +61,7 @@ def draw_orders(result: DayResult, file: Path) -> Path:
 def draw_waiting(result: DayResult, file: Path) -> Path:
     """Draw where robots stood though they had a motion to drive, on the map."""
     ground = ground_of(result.record)
-    ax = map_axes(ground, None)
+    panels = map_panels(ground, None, "where robots waited")
     x, right, y, top = ground.extent
     where = np.array([(w[0], w[1]) for w in result.waits]).reshape(-1, 2)
     bins = (np.arange(x, right + CELL, CELL), np.arange(y, top + CELL, CELL))
@@ -69,10 +69,10 @@ def draw_waiting(result: DayResult, file: Path) -> Path:
         where[:, 0], where[:, 1], bins=bins, weights=[w[2] for w in result.waits]
     )
     shown = np.ma.masked_less(seconds.T / 60.0, 1.0 / 60.0)
-    picture = ax.pcolormesh(*bins, shown, cmap="YlOrRd", alpha=0.8)
-    ax.figure.colorbar(picture, ax=ax, label="min waited")
-    ax.set_title("where robots waited")
-    return saved(ax, file)
+    for ax in panels:
+        picture = ax.pcolormesh(*bins, shown, cmap="YlOrRd", alpha=0.8)
+    panels[0].figure.colorbar(picture, ax=panels, label="min waited")
+    return saved(panels[0], file)
 
 
 # ------------------ The report

@@ -143,8 +143,13 @@ def animation_html(
         {"name": " / ".join(names), "at": [round(v, 3) for v in pose[:2]]}
         for _, pose, names in stops_of(tracks_of(plan), laid.places(places))
     ]
-    scene["places"] += [
-        {"name": name, "at": [round(v, 3) for v in corner]} for name, corner in laid.labels
+    scene["floors"] = [
+        {
+            "name": floor.name,
+            "extent": [round(v, 4) for v in floor.extent],
+            "shift": [round(floor.frame.x, 4), round(floor.frame.y, 4)],
+        }
+        for floor in laid.floors
     ]
     scene["extent"] = [round(v, 4) for v in laid.extent]
     scene["map"] = "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -20,26 +20,34 @@ from up_samp.plotting.tracks import ObjectTrack, tracks_of
 
 Extent = tuple[float, float, float, float]
 """(left, right, bottom, top) in m, world frame."""
-Floor = tuple[Extent, Frame]
-"""Where a floor lies in a picture, and where its own coordinates went."""
 Drawn = tuple[npt.NDArray[np.uint8], Extent]
 """Pixels of shape (rows, cols, 3), row 0 at the top, and what they show."""
+
+
+@dataclass(frozen=True)
+class FloorPanel:
+    """A floor in a picture: its name, the part ``extent`` of the picture that it is, and the
+    ``frame`` in which its own coordinates lie there.
+    """
+
+    name: str
+    extent: Extent
+    frame: Frame
 
 
 @dataclass(frozen=True, eq=False)
 class Backdrop:
     """A plan laid out for a picture: ``plan`` with its floors side by side, the ``pixels`` (rows,
     cols, 3), row 0 at the top, of what is under it within ``extent``, and ``shifts``, where the
-    maps of each height went. ``labels`` name floors, with the point (m) of their upper left corner,
-    and ``floors`` say which part of the picture each is; with one floor there is none.
+    maps of each height went. ``floors`` are drawn in panels of their own, the lowest first; if
+    there is one only, it has no name.
     """
 
     plan: dict[str, Any]
     pixels: npt.NDArray[np.uint8]
     extent: Extent
     shifts: Mapping[float, Frame] = field(default_factory=dict)
-    labels: tuple[tuple[str, tuple[float, float]], ...] = ()
-    floors: tuple[Floor, ...] = ()
+    floors: tuple[FloorPanel, ...] = ()
 
     def image(self, widest: int) -> Image.Image:
         """Return the picture, at most ``widest`` pixels wide and high."""
@@ -65,26 +73,41 @@ def ground_of(plan: dict[str, Any]) -> Backdrop:
     """
     maps = maps_of(plan)
     if not maps:
-        return Backdrop(plan, *_blank(tracks_of(plan)))
+        return _whole(plan, _blank(tracks_of(plan)))
     drawn = [_drawn(in_world(placed)) for placed in maps]
     if len(maps) == 1:
-        return Backdrop(plan, *drawn[0])
+        return _whole(plan, drawn[0])
     boxes = [(left, bottom, right, top) for _, (left, right, bottom, top) in drawn]
     laid, frames = side_by_side(plan, boxes)
     for k, frame in enumerate(frames):
         pixels, (left, right, bottom, top) = drawn[k]
         extent = (left + frame.x, right + frame.x, bottom + frame.y, top + frame.y)
         drawn[k] = pixels, extent
-    labels = tuple((m.label, (at[0], at[3])) for m, (_, at) in zip(maps, drawn, strict=True))
     shifts = {m.height: frame for m, frame in zip(maps, frames, strict=True)}
-    floors = tuple((at, frame) for (_, at), frame in zip(drawn, frames, strict=True))
-    return Backdrop(laid, *_joined(drawn), shifts, labels, floors)
+    floors = []
+    for height, frame in sorted(shifts.items()):
+        own = [k for k, m in enumerate(maps) if m.height == height]
+        name = " / ".join(maps[k].label.replace("'", "") for k in own)
+        floors.append(FloorPanel(name, _around([drawn[k] for k in own]), frame))
+    if len(floors) == 1:
+        floors = [replace(floors[0], name="")]
+    return Backdrop(laid, *_joined(drawn), shifts, tuple(floors))
+
+
+def _whole(plan: dict[str, Any], drawn: Drawn) -> Backdrop:
+    return Backdrop(plan, *drawn, floors=(FloorPanel("", drawn[1], Frame()),))
+
+
+def _around(parts: Sequence[Drawn]) -> Extent:
+    """Return what several pictures show together."""
+    left, bottom = (min(at[i] for _, at in parts) for i in (0, 2))
+    right, top = (max(at[i] for _, at in parts) for i in (1, 3))
+    return left, right, bottom, top
 
 
 def _joined(parts: Sequence[Drawn]) -> Drawn:
     """Return one picture of several that lie beside each other; between them it is white."""
-    left, bottom = (min(at[i] for _, at in parts) for i in (0, 2))
-    right, top = (max(at[i] for _, at in parts) for i in (1, 3))
+    left, right, bottom, top = _around(parts)
     cell = min((at[1] - at[0]) / pixels.shape[1] for pixels, at in parts)
     cell = max(cell, math.sqrt((right - left) * (top - bottom) / MOST_PIXELS))
     size = math.ceil((right - left) / cell), math.ceil((top - bottom) / cell)

@@ -10,11 +10,14 @@ import numpy as np
 from matplotlib import patheffects
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.gridspec import GridSpec
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Polygon
+from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Bbox
 
-from up_samp.plotting.background import Backdrop, Floor, ground_of
+from up_samp.model.frames import Frame
+from up_samp.plotting.background import Backdrop, ground_of
 from up_samp.plotting.gantt import title_of
 from up_samp.plotting.style import (
     AREA_FILL,
@@ -33,10 +36,6 @@ from up_samp.plotting.tracks import FloatArray, ObjectTrack, TrackPiece, stops_o
 _Pose = tuple[float, float, float]
 
 
-_PLATE = {"fc": "white", "ec": "none", "pad": 1.5, "alpha": 0.85}
-"""What a floor's name stands on."""
-
-
 def plot_map(
     plan: dict[str, Any],
     ax: Axes | None = None,
@@ -49,15 +48,29 @@ def plot_map(
     ``plan`` is a plan dictionary. ``places`` maps names to poses (:func:`places_of`): those where a
     motion starts or ends are labelled. ``footprint_every`` is the distance in m between footprints
     along a path (default: so that they do not clutter). Objects that are changed rather
-    than driven (doors) are solid as they are at first and outlined as they become. Returns the
-    axes; without ``ax``, those of a new figure.
+    than driven (doors) are solid as they are at first and outlined as they become. Several floors
+    have a panel each. Returns the axes (of the lowest floor); without ``ax``, those of a new
+    figure; with it, panels take its place.
     """
     laid = ground_of(with_short_names(plan))
-    plan, ax = laid.plan, map_axes(laid, ax)
+    plan, panels = laid.plan, map_panels(laid, ax, title_of(laid.plan))
     tracks = tracks_of(plan)
     movers, still = ([t for t in tracks if bool(t.moves) is moves] for moves in (True, False))
-    left, right, bottom, top = laid.extent
+    left, right, bottom, top = laid.floors[0].extent
     step = footprint_every or _spacing(movers, max(right - left, top - bottom))
+    _legend(panels, movers, still)
+    for panel in panels:
+        labels = _draw_tracks(panel, movers, still, step)
+        for track, pose, names in stops_of(movers, laid.places(places)):
+            labels.append(label_of(" / ".join(names), track.outline(pose), INK))
+        place_labels(panel, labels, avoid=_stops(panel, movers))
+    return panels[0]
+
+
+def _draw_tracks(
+    ax: Axes, movers: list[ObjectTrack], still: list[ObjectTrack], step: float
+) -> list[PlacedLabel]:
+    """Draw what moves and what stands; return what it is called."""
     labels: list[PlacedLabel] = []
     for i, track in enumerate(movers):
         _draw_mover(ax, track, color_of(i), step)
@@ -69,41 +82,46 @@ def plot_map(
         if track.initial is not None:
             labels += _draw_still(ax, track, track.initial)
         _draw_rides(ax, track, step)
-    for track, pose, names in stops_of(movers, laid.places(places)):
-        labels.append(label_of(" / ".join(names), track.outline(pose), INK))
-    ax.set_title(title_of(plan), loc="left", fontsize=11, color=INK)
-    _legend(ax, movers, still)
-    place_labels(ax, labels, avoid=_stops(ax, movers))
-    return ax
+    return labels
 
 
-def map_axes(laid: Backdrop, ax: Axes | None) -> Axes:
-    """Draw a map with the names of its floors; without ``ax``, on a new figure."""
-    left, right, bottom, top = laid.extent
+def map_panels(laid: Backdrop, ax: Axes | None, title: str) -> list[Axes]:
+    """Draw a map, a panel for each floor, which has its own coordinates at the axes; without
+    ``ax``, on a new figure, else in its place.
+    """
+    left, right, bottom, top = laid.floors[0].extent
+    tall, count = 12.4 * (top - bottom) / (right - left), len(laid.floors)
+    # as wide as fits on a page
+    columns = next(c for c in range(1, count + 1) if c == count or tall * count / c**2 <= 9.0)
+    rows = math.ceil(count / columns)
     if ax is None:
-        height = min(max(12.4 * (top - bottom) / (right - left), 2.5), 20.0) + 1.1
+        height = min(max(rows * (tall / columns + 0.6), 2.5), 20.0) + 0.5
         ax = figure_axes(13.0, height)
-    ax.imshow(laid.pixels, extent=laid.extent, interpolation="nearest", zorder=0)
-    ax.set(xlim=(left, right), ylim=(bottom, top), xlabel="x [m]", ylabel="y [m]")
-    ax.set_aspect("equal")
-    if laid.floors:
-        _own_ticks(ax, laid.floors)
-    for name, corner in laid.labels:
-        ax.text(*corner, name, fontsize=8, color=INK, va="top", bbox=_PLATE, zorder=6)
-    return ax
+    panels, figure = [ax], ax.get_figure()
+    if count > 1:
+        grid = (ax.get_subplotspec() or GridSpec(1, 1)[0]).subgridspec(rows, columns)
+        ax.remove()
+        panels = [figure.add_subplot(grid[k]) for k in range(count)]  # type: ignore[union-attr]
+    for panel, floor in zip(panels, laid.floors, strict=True):
+        left, right, bottom, top = floor.extent
+        panel.imshow(laid.pixels, extent=laid.extent, interpolation="nearest", zorder=0)
+        panel.set(xlim=(left, right), ylim=(bottom, top), xlabel="x [m]", ylabel="y [m]")
+        panel.set_aspect("equal")
+        panel.set_title(floor.name or title, loc="left", fontsize=11, color=INK)
+        if floor.name:
+            _own_ticks(panel, floor.frame)
+    if count > 1:
+        figure.suptitle(title, x=0.01, ha="left", fontsize=11, color=INK)  # type: ignore[union-attr]
+    return panels
 
 
-def _own_ticks(ax: Axes, floors: Sequence[Floor]) -> None:
-    """Write at each floor's part of the axes the coordinates that places have on it."""
-    wide = max(extent[1] - extent[0] for extent, _ in floors)
-    step = max(1.0, 5.0 * round(wide / 30.0))
-    for axis, side in ((ax.xaxis, 0), (ax.yaxis, 1)):
-        told: dict[float, float] = {}
-        for extent, frame in floors:
-            low, high, shift = extent[2 * side], extent[2 * side + 1], (frame.x, frame.y)[side]
-            own = np.arange(math.ceil((low - shift) / step) * step, high - shift + 1e-9, step)
-            told |= {float(value) + shift: float(value) for value in own}
-        axis.set_ticks(list(told), [f"{value:g}" for value in told.values()])
+def _own_ticks(ax: Axes, frame: Frame) -> None:
+    """Write at the axes the coordinates that places have on their floor."""
+    for axis, shift in ((ax.xaxis, frame.x), (ax.yaxis, frame.y)):
+        low, high = axis.get_view_interval() - shift
+        own = MaxNLocator(8).tick_values(low, high)
+        shown = own[(own >= low - 1e-9) & (own <= high + 1e-9)]
+        axis.set_ticks(list(shown + shift), [f"{value:g}" for value in shown])
 
 
 def label_of(text: str, outline: FloatArray, color: str, *, bold: bool = False) -> PlacedLabel:
@@ -113,13 +131,17 @@ def label_of(text: str, outline: FloatArray, color: str, *, bold: bool = False) 
     return PlacedLabel(text, float(x), float(y), color, bold, (float(wide), float(tall)))
 
 
-def legend_below(ax: Axes, keys: Iterable[tuple[object, Artist]]) -> None:
+def legend_below(panels: Sequence[Axes], keys: Iterable[tuple[object, Artist]]) -> None:
     """Explain, below a map, what there is of some keys."""
     handles = [key for is_there, key in keys if is_there]
-    ax.legend(
-        handles=handles, loc="upper center", bbox_to_anchor=(0.5, 0.0), borderaxespad=5.0,
-        frameon=False, ncols=min(len(handles), 7), fontsize=8,
-    )  # fmt: skip
+    style: dict[str, Any] = {"frameon": False, "ncols": min(len(handles), 7), "fontsize": 8}
+    figure = panels[0].get_figure(root=True)
+    if len(panels) > 1 and figure is not None:
+        figure.legend(handles=handles, loc="outside lower center", **style)
+        return
+    panels[0].legend(
+        handles=handles, loc="upper center", bbox_to_anchor=(0.5, 0.0), borderaxespad=5.0, **style
+    )
 
 
 def places_of(problem: Any) -> dict[str, tuple[float, ...]]:
@@ -254,7 +276,7 @@ def _stops(ax: Axes, movers: list[ObjectTrack]) -> list[Bbox]:
     return boxes
 
 
-def _legend(ax: Axes, movers: list[ObjectTrack], still: list[ObjectTrack]) -> None:
+def _legend(panels: Sequence[Axes], movers: list[ObjectTrack], still: list[ObjectTrack]) -> None:
     drives = [Line2D([], [], color=color_of(i), lw=2.4, label=t.name) for i, t in enumerate(movers)]
     names = dict.fromkeys(
         "what a door sweeps" if "@" in t.name else "zone" for t in still if t.area
@@ -272,4 +294,4 @@ def _legend(ax: Axes, movers: list[ObjectTrack], still: list[ObjectTrack]) -> No
         (any(t.legs for t in still), load),
         (any(t.changes for t in still), changed),
     ]
-    legend_below(ax, keys)
+    legend_below(panels, keys)

@@ -165,6 +165,8 @@ def place_labels(
     frame = ax.get_window_extent()
     placed = []
     for label in sorted(labels, key=lambda item: not item.bold):
+        if not ax.viewLim.contains(label.x, label.y):
+            continue  # it is on another floor
         note = _place(ax, label, taken, frame)
         if note is not None:
             taken.append(_box(note))
