@@ -117,11 +117,14 @@ def map_panels(laid: Backdrop, ax: Axes | None, title: str) -> list[Axes]:
 
 def _own_ticks(ax: Axes, frame: Frame) -> None:
     """Write at the axes the coordinates that places have on their floor."""
-    for axis, shift in ((ax.xaxis, frame.x), (ax.yaxis, frame.y)):
-        low, high = axis.get_view_interval() - shift
-        own = MaxNLocator(8).tick_values(low, high)
-        shown = own[(own >= low - 1e-9) & (own <= high + 1e-9)]
-        axis.set_ticks(list(shown + shift), [f"{value:g}" for value in shown])
+    for axis, limits, shift in (
+        (ax.xaxis, ax.get_xlim(), frame.x),
+        (ax.yaxis, ax.get_ylim(), frame.y),
+    ):
+        low, high = limits[0] - shift, limits[1] - shift
+        own = [float(v) for v in MaxNLocator(8).tick_values(low, high)]
+        shown = [v for v in own if low - 1e-9 <= v <= high + 1e-9]
+        axis.set_ticks([v + shift for v in shown], [f"{v:g}" for v in shown])
 
 
 def label_of(text: str, outline: FloatArray, color: str, *, bold: bool = False) -> PlacedLabel:
