@@ -283,10 +283,10 @@ def test_an_svg_outline(tmp_path):
 
 
 def test_layers_of_an_svg_drawing(tmp_path):
-    """Its paper is 20 cm wide: what counts is its ``viewBox``, of which a unit is 5 cm."""
+    """Its paper is 20 cm wide: what counts is its ``viewBox``, of which a unit is half a metre."""
     pytest.importorskip("svgelements")
     source, out = str(SAMPLES / "layers.svg"), tmp_path / "out"
-    assert main(["import", source, "--out", str(out), "--metres-per-unit", "0.05"]) == 0
+    assert main(["import", source, "--out", str(out), "--metres-per-unit", "0.5"]) == 0
     records = read_problem_file(out / "problem.yaml")
     poses = {name: place.pose for name, place in records.places.items()}
     assert poses == {
