@@ -50,6 +50,17 @@ def test_it_gets_there_within_its_limits(reverse):
         assert sorted(rolling_time(w, kin) for w in ways) == [rolling_time(w, kin) for w in ways]
 
 
+@pytest.mark.parametrize("turn", [1e-9, 1e-4, 0.0022, 0.01, 0.03])
+def test_hardly_a_turn_is_none_of_its_own(turn):
+    """Arcs as tight as if it turned on the spot would be timed as turns, and move the body."""
+    for a, omega in ((0.3, 3.0), (0.7, 0.8), (0.05, 2.0)):
+        kin = Kinematics(MotionModel.PIVOT, v_max=1.5, a_max=a, omega_max=omega)
+        limits = Limits("r", "PIVOT", 0.0, 1.5, math.inf, a, omega)
+        for rows in swerves((0.0, 0.0, turn), (4.0, 0.01, -turn), kin):
+            motion = rolled(rows, kin)
+            assert not [*motion_violations("m", limits, motion.times, motion.poses)]
+
+
 @pytest.mark.parametrize(("reach", "most"), [(6.0, 1.08), (15.0, 1.05)])
 def test_it_is_near_what_nothing_beats(reach, most):
     """Of turns on the spot, and a line between them, half take 29 % and 14 % longer."""

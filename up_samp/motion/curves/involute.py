@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from up_samp.model import Configuration, Kinematics
 from up_samp.model.arrays import FloatArray
-from up_samp.motion.curves.rolling import NOWHERE, moves_on, rolling_time
+from up_samp.motion.curves.rolling import NOWHERE, ON_SPOT, moves_on, rolling_time
 from up_samp.motion.curves.trapezoid import MOST_TURN
 
 ComplexArray = npt.NDArray[np.complex128]
@@ -116,6 +116,8 @@ def _driven(turn: float, kinematics: Kinematics) -> tuple[ComplexArray, FloatArr
     arcs = math.ceil(left / MOST_TURN)
     turns = np.concatenate([grain * each, np.full(arcs, left / max(arcs, 1))])
     radii = np.concatenate([a / omega**2 * grain * number, np.full(arcs, v / omega)])
+    if np.any(radii < 2.0 * ON_SPOT):  # as good as on the spot, and timed as such
+        return np.zeros(2, dtype=np.complex128), np.array([0.0, turn])
     turned = np.concatenate([[0.0], np.cumsum(turns)])
     chords = 2.0 * radii * np.sin(0.5 * turns) * np.exp(1j * (turned[:-1] + 0.5 * turns))
     return np.concatenate([[0.0], np.cumsum(chords)]), turned
