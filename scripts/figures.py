@@ -135,8 +135,7 @@ FULL = 360
 WAYS = ("rolling", "token", "anew")
 DAYS = (
     *(f"rolling, 240 an hour, 1 h, seed {seed}" for seed in range(2)),
-    *(f"{way}, {FULL} an hour, 0.5 h, seed {seed}" for seed in (3, 4, 5) for way in WAYS),
-    *(f"{way}, {FULL} an hour, 0.5 h, seed {n}, due 120 s" for n in (3, 4, 5) for way in WAYS[:2]),
+    *(f"{way}, {FULL} an hour, 0.5 h, seed {n}, due 120 s" for n in (3, 4, 5) for way in WAYS),
     "rolling, 180 an hour, 0.5 h, seed 0, 30 robots",
     *(f"rolling, 60 an hour, 8 h, seed {seed}" for seed in range(5)),
     *(f"rolling, 60 an hour, 8 h, seed {n}, Nav2" for n in range(5) if "NAV2_MAPS" in os.environ),
