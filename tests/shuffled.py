@@ -408,7 +408,7 @@ class _Shuffler(_Listing):
 # -- fleets --------------------------------------------------------------------------------------
 SORTS = {
     "robot_types": ("type", "keep_out"),
-    "robots": (),
+    "robots": ("on",),
     "places": ("start", "end", "at", "input", "output", "opened_from"),
     "doors": (),
     "automatic_doors": (),

@@ -10,7 +10,7 @@ from tests.fleet.rulebook import Rulebook
 from tests.fleet.test_buildings import Answer, told
 
 SEEDS = (16, 28, 474)
-GOOD, CARRIED = 977, 1898
+GOOD, CARRIED, TURNED = 977, 1898, 69
 HALL = [[0, 0], [15, 0], [15, 8], [0, 8]]
 
 
@@ -92,8 +92,7 @@ def good(tmp_path_factory):
 
 
 HARMS = (
-    crawling, westward, turning, backing, shut, locked, missed, alone, low, stopping, pivoting,
-    setting_up, one_by_one,
+    crawling, westward, backing, shut, locked, missed, alone, low, stopping, setting_up, one_by_one,
 )  # fmt: skip
 
 
@@ -103,6 +102,16 @@ def test_the_judge_sees_what_is_wrong(harm, good):
     assert Rulebook(spec, result).faults == []
     harm(spec)
     assert Rulebook(spec, result).faults
+
+
+def test_the_judge_sees_turns_on_the_spot(tmp_path):
+    spec = Modern(TURNED, tmp_path).spec
+    result = Answer(spec, built(spec), 3, 20.0).result
+    assert Rulebook(spec, result).faults == []
+    for harm in (turning, pivoting):
+        harmed = copy.deepcopy(spec)
+        harm(harmed)
+        assert Rulebook(harmed, result).faults
 
 
 def test_the_judge_sees_a_place_with_more_than_it_has_room_for(tmp_path):
