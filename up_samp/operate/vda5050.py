@@ -512,12 +512,21 @@ class MasterControl:
     def _spaced(self, robot: str, motion: Message, whole: float) -> list[float]:
         """Return where (m) a motion has nodes beside those that are asked for: edges do not say how
         a robot turns while it drives sideways, nodes do, half as far from each other as it is wide.
+        Who drives straight from node to node has one after each turn of 0.2 rad, too.
         """
         step = self.spacing
         if any(p.direction == "any" for p in pieces_of(motion)):
             half = min(self._sides(robot)) / 2
             step = min(step or half, half)
-        return [step * k for k in range(1, int(whole / step) + 1)] if step else []
+        spaced = [step * k for k in range(1, int(whole / step) + 1)] if step else []
+        if self.spacing:
+            turned = np.abs(np.diff([row[3] for row in motion["samples"]], prepend=math.nan))
+            number = np.floor(np.nancumsum(turned) / 0.2)
+            s = np.asarray(self._motions[motion["activity"]]["progress"])[1:]
+            bends = s[(np.diff(number) > 0.0) & (s > NEAR) & (s < whole - NEAR)]
+            far = (k for k in spaced if np.all(np.abs(bends - k) > NEAR))
+            spaced = [*far, *map(float, bends)]
+        return spaced
 
     def _begin(self, agv: Agv, activity: str) -> None:
         """Begin an order, or go on with the one that the robot has already (after a restart), or
