@@ -63,7 +63,7 @@ def test_no_combination_of_decisions_is_sooner(yaml):
         solver.parameters.num_workers = 1
         assert solver.solve(model) == cp_model.OPTIMAL
         assert round(solver.objective_value) == least
-        chosen = _solve(executor, ahead, decisions, whole=True)
+        chosen = _solve(executor, ahead, decisions)
         worth = least <= (ahead.makespan - WORTH - executor.now) * SCALE
         assert bool(chosen) == worth
         if chosen:

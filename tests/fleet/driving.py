@@ -3,6 +3,7 @@ by themselves, airlocks, zones, and robots that do not back up.
 """
 
 import itertools
+import json
 import math
 
 import numpy as np
@@ -10,8 +11,28 @@ from shapely import affinity
 from shapely.geometry import Point, Polygon
 
 from tests.fleet.shapes import outline
+from up_samp.execution import Delays, dependencies_of, simulate
+from up_samp.execution.judge import broken_rules
 
 SHARE, NEAR = 1.01, 1e-3
+
+
+def hurried(fleet, plan, seeds, share):
+    """Drive a plan late, by the rules; return what the judge of what was driven says of the last
+    run if all its motions take that share of their time.
+    """
+    dependencies = dependencies_of(fleet.problem, plan)
+    for seed in range(seeds):
+        run = simulate(dependencies, plan, Delays(slow=0.7, stops=2), seed)
+        assert run.finished
+        assert not run.contacts
+        assert not run.broken, run.broken
+    record = json.loads(json.dumps(run.record))
+    for motion in record["motions"]:
+        begin = motion["samples"][0][0]
+        for row in motion["samples"]:
+            row[0] = begin + share * (row[0] - begin)
+    return broken_rules(dependencies, record)[0]
 
 
 def check(spec, plan, fault):

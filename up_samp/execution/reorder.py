@@ -254,8 +254,8 @@ class Tie(NamedTuple):
 class Times:
     """Times of events to come, in ticks from now."""
 
-    def __init__(self, executor: Followed, whole: bool = False):
-        self.state, self.pace, self.whole = executor.state, executor.pace, whole
+    def __init__(self, executor: Followed):
+        self.state, self.pace = executor.state, executor.pace
         self.number: dict[Event, int] = {}
         self.ties: list[Tie] = []
         self.on_way: dict[tuple[str, str], list[Event]] = {}
@@ -273,14 +273,14 @@ class Times:
     def all_after(self, needs: Iterable[Precedence], only_if: int = 0) -> None:
         """State precedences, where ``only_if`` holds, but those that say nothing new.
 
-        Of a staircase, unless it is to be ``whole``, these are the first step, the last, and the
-        one that holds the second robot back for longest when nothing else stops the two. The times
-        are a forecast: what is decided by them is looked at again with the whole graph.
+        Of a staircase these are the first step, the last, and the one that holds the second robot
+        back for longest when nothing else stops the two. The times are a forecast: what is decided
+        by them is looked at again with the whole graph.
         """
         stairs: dict[tuple[str, str, str, str], list[Precedence]] = {}
         for need in needs:
             first, then = need.first, need.then
-            if first.at is At.REACH and then.at is At.LEAVE and not self.whole:
+            if first.at is At.REACH and then.at is At.LEAVE:
                 key = (first.activity, first.object, then.activity, then.object)
                 stairs.setdefault(key, []).append(need)
             else:
@@ -408,13 +408,11 @@ class Times:
         return found
 
 
-def tied(
-    executor: Followed, decisions: Sequence[Decision], whole: bool = False
-) -> tuple[Times, list[int]]:
-    """Return the times of events to come with all their ties (``whole``: all steps of staircases),
-    those of ``decisions`` by what is decided, and the numbers of the ends to come.
+def tied(executor: Followed, decisions: Sequence[Decision]) -> tuple[Times, list[int]]:
+    """Return the times of events to come with all their ties, those of ``decisions`` by what is
+    decided, and the numbers of the ends to come.
     """
-    times = Times(executor, whole)
+    times = Times(executor)
     times.all_after(settled(executor, {d.key for d in decisions}))
     for k, decision in enumerate(decisions):
         times.all_after(decision.needs[True], k + 1)
@@ -446,18 +444,16 @@ def propose(executor: Followed) -> Proposal | None:
     decisions = open_decisions(executor, before, executor.tuning.horizon, _MOST)
     if not decisions:
         return None
-    for whole in (False, True):
-        chosen = _solve(executor, before, decisions, whole)
-        flips = {d.key: chosen[d.key] for d in decisions if chosen.get(d.key, d.now) != d.now}
-        if not flips:
-            return None
-        try:
-            graph = with_sides(executor.dependencies, {**base, **flips})
-        except ProblemError:  # it would open a cycle: some step that was left out counts
-            continue
-        proposal = Proposal(flips, graph, base)
-        return proposal if adopt(executor, proposal) else None
-    return None
+    chosen = _solve(executor, before, decisions)
+    flips = {d.key: chosen[d.key] for d in decisions if chosen.get(d.key, d.now) != d.now}
+    if not flips:
+        return None
+    try:
+        graph = with_sides(executor.dependencies, {**base, **flips})
+    except ProblemError:  # it would have opened a cycle
+        return None
+    proposal = Proposal(flips, graph, base)
+    return proposal if adopt(executor, proposal) else None
 
 
 def adopt(executor: Followed, proposal: Proposal) -> int:
@@ -536,12 +532,10 @@ def _value(
     return total
 
 
-def _solve(
-    executor: Followed, ahead: Forecast, decisions: list[Decision], whole: bool
-) -> dict[Key, bool]:
+def _solve(executor: Followed, ahead: Forecast, decisions: list[Decision]) -> dict[Key, bool]:
     """Return how each decision should be; empty where nothing better was found."""
     state = executor.state
-    times, ends = tied(executor, decisions, whole)
+    times, ends = tied(executor, decisions)
     low = times.earliest()
     # where other ends count, the last one may come later
     more = ahead.makespan - state.now if executor.goals else -WORTH

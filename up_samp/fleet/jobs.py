@@ -142,11 +142,12 @@ class JobRules:
     def _done(self) -> None:
         """Each job is done by exactly one robot, and orders are delivered by whom picked them."""
         for order in self._records.orders:
-            self._done_once(order, self._work.of(order.id, Kind.DELIVERY), "deliver")
+            parts = {"pick": Kind.PICKUP, "deliver": Kind.DELIVERY}
             if order.pickup.on is not None:
-                continue
-            self._done_once(order, self._work.of(order.id, Kind.PICKUP), "pick")
-            for robot in self._records.robots:
+                del parts["pick"]
+            for part, kind in parts.items():
+                self._done_once(order, self._work.of(order.id, kind), part)
+            for robot in self._records.robots if "pick" in parts else ():
                 picks, delivers = self._work.sides(robot, order.id)
                 together(self._problem, picks, delivers)
                 for pick, deliver in itertools.product(picks, delivers):

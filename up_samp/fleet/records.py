@@ -725,7 +725,7 @@ class FleetRecords:
         return {**self.order_of, **self.task_of}
 
     def on_board(self, robot: str) -> tuple[Order, ...]:
-        """Return the orders whose loads are on a robot at first, in the order of listing."""
+        """Return the orders whose loads are on a robot at first."""
         return tuple(order for order in self.orders if order.pickup.on == robot)
 
     @cached_property

@@ -139,7 +139,7 @@ class Successions:
 
     def possible(self, a: Visit, b: Visit) -> bool:
         """Return whether ``b`` may be the next visit after ``a``."""
-        if a.kind is Kind.START and b.what in self._on_board:
+        if (a.kind, b.kind) == (Kind.START, Kind.DELIVERY) and b.what in self._on_board:
             return True
         if a == b or (a.kind, b.kind) in self._never:
             return False

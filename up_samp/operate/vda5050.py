@@ -520,10 +520,10 @@ class MasterControl:
             step = min(step or half, half)
         spaced = [step * k for k in range(1, int(whole / step) + 1)] if step else []
         if self.spacing:
-            turned = np.abs(np.diff([row[3] for row in motion["samples"]], prepend=math.nan))
-            number = np.floor(np.nancumsum(turned) / 0.2)
-            s = np.asarray(self._motions[motion["activity"]]["progress"])[1:]
-            bends = s[(np.diff(number) > 0.0) & (s > NEAR) & (s < whole - NEAR)]
+            turned = np.cumsum(np.abs(np.diff([row[3] for row in motion["samples"]])))
+            s = np.asarray(motion["progress"])[1:]
+            bends = s[np.diff(np.floor(turned / 0.2), prepend=0.0) > 0.0]
+            bends = bends[(bends > NEAR) & (bends < whole - NEAR)]
             far = (k for k in spaced if np.all(np.abs(bends - k) > NEAR))
             spaced = [*far, *map(float, bends)]
         return spaced

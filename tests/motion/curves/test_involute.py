@@ -61,9 +61,11 @@ def test_hardly_a_turn_is_none_of_its_own(turn):
             assert not [*motion_violations("m", limits, motion.times, motion.poses)]
 
 
-@pytest.mark.parametrize(("reach", "most"), [(6.0, 1.08), (15.0, 1.05)])
-def test_it_is_near_what_nothing_beats(reach, most):
-    """Of turns on the spot, and a line between them, half take 29 % and 14 % longer."""
+@pytest.mark.parametrize(
+    ("reach", "most", "spot"), [(6.0, 1.03, 1.29), (15.0, 1.015, 1.13)]
+)  # fmt: skip
+def test_half_are_near_what_nothing_beats(reach, most, spot):
+    """As docs/motion.md says, with a line between turns on the spot beside it."""
     rng, turning, swerving = np.random.default_rng(1), [], []
     for _ in range(100):
         body, start, goal = drawn(rng, reach)
@@ -72,4 +74,11 @@ def test_it_is_near_what_nothing_beats(reach, most):
         turning.append(rolling_time(corners_of(steer(body, start, goal)), kin) / least)
         swerving.append(min(rolling_time(w, kin) for w in swerves(start, goal, kin)) / least)
     assert min(swerving) >= 1.0
-    assert np.median(swerving) < most < np.median(turning) - 0.05
+    assert np.median(swerving) < most
+    assert np.median(turning) > spot
+
+
+def test_who_speeds_up_slowly_is_looked_for_as_soon():
+    kin = Kinematics(MotionModel.PIVOT, v_max=1e3, a_max=1e-6, omega_max=1e3)
+    for rows in swerves((0.0, 0.0, 0.0), (5.0, 3.0, 2.0), kin):
+        assert len(rows) < 200

@@ -34,63 +34,40 @@ def swerves(start: Configuration, goal: Configuration, kinematics: Kinematics) -
     """Return such ways, poses (n, 3) with constant twists between, the fastest one first: ahead,
     and backwards where the body may drive so. What it has no room for is turned on the spot.
     """
-    found = [*_both(start, goal, kinematics, (0.0, 0.0))]
+    shares = itertools.product((0.0, 0.5, 1.0), (0.0, 0.5, 1.0))
+    found = [*_swerves(start, goal, kinematics, next(shares))]
     if not found:
-        shares = itertools.product((0.0, 0.5, 1.0), (0.0, 0.5, 1.0))
-        found = [rows for spot in shares for rows in _both(start, goal, kinematics, spot)]
+        found = [rows for spot in shares for rows in _swerves(start, goal, kinematics, spot)]
     return sorted(found, key=lambda rows: rolling_time(rows, kinematics))
 
 
-def _both(
+def _swerves(
     start: Configuration, goal: Configuration, kinematics: Kinematics, spot: tuple[float, float]
 ) -> Iterator[FloatArray]:
     """Yield such a way ahead and one backwards; ``spot``: shares of both turns on the spot."""
-    p, q = (np.array(pose[:3], dtype=np.float64) for pose in (start, goal))
     for back in (0.0, math.pi) if kinematics.reverse else (0.0,):
         turned = np.array([0.0, 0.0, back])
-        way = _line(p + turned, q + turned, kinematics, spot)
-        if way is not None:
+        p, q = (np.array(pose[:3], dtype=np.float64) + turned for pose in (start, goal))
+        way = math.atan2(q[1] - p[1], q[0] - p[0])
+        for _ in range(50):  # the line's heading comes nearer each time, soon by far, or never
             # it comes to its rest as it would set off backwards from it
-            off = _setting_off(p + turned, way, spot[0], kinematics, 1.0)
-            on = _setting_off(q + turned, way, spot[1], kinematics, -1.0)
-            rows = np.concatenate([off, on[::-1]]) - turned
-            rows[:, 2] = np.unwrap(rows[:, 2])
-            yield rows[moves_on(rows)]
-
-
-def _line(
-    p: FloatArray, q: FloatArray, kinematics: Kinematics, spot: tuple[float, float]
-) -> float | None:
-    """Return the heading of the line of such a way ahead (rad), by fixed points; None if there is
-    none.
-    """
-    way = math.atan2(q[1] - p[1], q[0] - p[0])
-    for _ in range(50):  # it comes nearer each time, soon by far, or never
-        first, last = (
-            complex(*pose[:2]) + ahead * _end(pose[2], way, share, kinematics)
-            for pose, share, ahead in ((p, spot[0], 1.0), (q, spot[1], -1.0))
-        )
-        line = last - first
-        before, way = way, math.atan2(line.imag, line.real)
-        if abs(math.remainder(way - before, 2 * math.pi)) < NOWHERE:
-            return way
-    return None
-
-
-def _end(theta: float, way: float, share: float, kinematics: Kinematics) -> complex:
-    """Return where a body is that looks along ``theta`` at first, from its place then, when it has
-    set off along a line; the ``share`` of its turn is one on the spot.
-    """
-    turn = math.remainder(way - theta, 2 * math.pi)
-    here = complex(_driven((1.0 - share) * abs(turn), kinematics)[0][-1])
-    start = theta + share * turn
-    return (here if turn >= 0.0 else here.conjugate()) * complex(math.cos(start), math.sin(start))
+            off = _setting_off(p, way, spot[0], kinematics, 1.0)
+            on = _setting_off(q, way, spot[1], kinematics, -1.0)[::-1]
+            dx, dy = on[0, :2] - off[-1, :2]
+            before, way = way, math.atan2(dy, dx)
+            if abs(math.remainder(way - before, 2 * math.pi)) < NOWHERE:
+                rows = np.concatenate([off, on]) - turned
+                rows[:, 2] = np.unwrap(rows[:, 2])
+                yield rows[moves_on(rows)]
+                break
 
 
 def _setting_off(
     pose: FloatArray, way: float, share: float, kinematics: Kinematics, ahead: float
 ) -> FloatArray:
-    """Return the poses (n, 3) of a body that does so, ``ahead`` (1) or backwards (-1)."""
+    """Return the poses (n, 3) of a body that sets off along a line that leads ``way`` (rad),
+    ``ahead`` (1) or backwards (-1); the ``share`` of its turn is one on the spot.
+    """
     turn = math.remainder(way - float(pose[2]), 2 * math.pi)
     side, start = math.copysign(1.0, turn), pose[2] + share * turn
     there, turned = _driven((1.0 - share) * abs(turn), kinematics)
@@ -106,8 +83,9 @@ def _driven(turn: float, kinematics: Kinematics) -> tuple[ComplexArray, FloatArr
     drive a little faster than it is at its end (samples are rounded where they are kept).
     """
     v, a, omega = kinematics.v_max, kinematics.a_max, SLOWER * kinematics.omega_max
-    # turns (rad) by so many arcs that take as long as a turn of GRAIN
-    number = np.arange(1, 1 + int(v * omega / (a * GRAIN)))
+    # turns (rad) by so many arcs that take as long as a turn of GRAIN, of which each turns by half
+    # of that or more
+    number = np.arange(1, 1 + math.floor(min(v * omega / a, 2.0 * turn + GRAIN) / GRAIN))
     each = 1.0 - 0.5 / number
     most = min(len(number), 1 + int(np.searchsorted(GRAIN * np.cumsum(each), turn)))
     number, each = number[:most], each[:most]

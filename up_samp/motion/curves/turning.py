@@ -69,13 +69,8 @@ class Bends(NamedTuple):
     @property
     def whole(self) -> Bends:
         """The same way with the pieces of each arc as one."""
-        ways, turns = (np.add.reduceat(a, self.firsts) for a in (self.ways, self.turns))
-        return Bends.of(ways, turns)
-
-    @property
-    def firsts(self) -> IntArray:
-        """The first piece of each arc."""
-        return np.flatnonzero(np.diff(self.arc, prepend=-1))
+        firsts = np.flatnonzero(np.diff(self.arc, prepend=-1))
+        return Bends.of(*(np.add.reduceat(a, firsts) for a in (self.ways, self.turns)))
 
     def tops(self, kinematics: Kinematics) -> FloatArray:
         """Return the speeds (m/s) that the lateral acceleration, v^2 k on a curvature k, allows."""

@@ -2,7 +2,8 @@
 
 They are sought as a car's that turns no tighter than such a body can at top speed, so that it never
 rests but at cusps, and that may rest to turn on the spot, too (:mod:`.car`); then stretches are
-replaced where turning, driving straight and turning again is faster.
+replaced where a line is faster, with turns on the spot at its ends, or as it sets off and comes to
+rest (:mod:`up_samp.motion.curves.involute`).
 """
 
 from __future__ import annotations
