@@ -89,6 +89,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return TERMINATED if _was_terminated(stop) else INTERRUPTED
     finally:
         if own:
+            _let_go_of_output()
             signal.signal(signal.SIGTERM, signal.SIG_DFL)
             gc.freeze()  # else the end is a search through all that is left: a tenth of a second
 
@@ -101,6 +102,16 @@ def _own_the_process() -> None:
         if isinstance(stream, io.TextIOWrapper):  # names in any script, on any terminal
             stream.reconfigure(errors="backslashreplace")
     signal.signal(signal.SIGTERM, _terminate)
+
+
+def _let_go_of_output() -> None:
+    """Write what is left of our output, if it can be: the interpreter's exit is not to complain, nor
+    to change the exit code.
+    """
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _collect_garbage() -> None:
@@ -136,9 +147,7 @@ def _run(args: argparse.Namespace) -> int:
             sys.stdout.flush()
         return code
     except BrokenPipeError:
-        # whoever read our output has seen enough; let the interpreter's exit not complain
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return ERROR
+        return ERROR  # whoever read our output has seen enough
     except Exception as error:
         stop = interrupt_behind(error)
         if stop is not None:
