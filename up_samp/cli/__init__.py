@@ -105,8 +105,8 @@ def _own_the_process() -> None:
 
 
 def _let_go_of_output() -> None:
-    """Write what is left of our output, if it can be: the interpreter's exit is not to complain, nor
-    to change the exit code.
+    """Write what is left of our output, if it can be: the interpreter's exit is not to complain,
+    nor to change the exit code.
     """
     try:
         sys.stdout.flush()
