@@ -1,5 +1,6 @@
 """Orders come in, plans are made, robots drive; judged on what was driven."""
 
+import math
 import os
 from dataclasses import replace
 
@@ -45,6 +46,19 @@ def test_orders_that_come_all_the_time_are_done_once(day):
     assert {day.state(f"o{k}") for k in range(4)} == {"done"}
     taken = [c for c in day.operation.costs if c[4]]
     assert len(taken) >= 3
+
+
+@pytest.mark.parametrize("day", [{"robots": 3, "seed": k} for k in range(2)], indirect=True)
+def test_who_has_an_order_next_does_not_drive_home_for_others_behind_it(day):
+    """All bring to one dock: who leaves it is in the way of who comes next, and goes first."""
+    for k in range(9):
+        day.order(f"o{k}", delivery="dock1", due=0.0)
+    day.run(1200.0)
+    verdict = day.verdict()
+    assert verdict.good, (verdict, day.story())
+    rows = [d.rows for d in day.robots.drives if "_to_home" in d.activity]
+    ways = [math.dist(r[0][1:3], r[-1][1:3]) for r in rows]
+    assert sum(way > 3.5 for way in ways) <= 5, ways  # three go home in the end
 
 
 def test_a_plan_counts_on_being_followed_a_tick_after_it_is_there(day):

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from types import MappingProxyType
 
 import numpy as np
 from unified_planning.model import FNode
@@ -28,6 +29,7 @@ from up_samp.execution.graph import (
 )
 from up_samp.execution.lives import DriveCells, Life, drives_of, errors_of, lives_of
 from up_samp.execution.meetings import (
+    Key,
     Meeting,
     meetings_of,
     narrow_places,
@@ -46,6 +48,8 @@ from up_samp.scheduling.partial_order.differences import Difference, Planned, Po
 from up_samp.scheduling.partial_order.orders import OrderConstraint, orders_of, performers
 from up_samp.upio.movers import named_as_planned
 from up_samp.upio.relaxing import told_by
+
+Sides = Mapping[Key, bool]
 
 
 class Draft:
@@ -182,9 +186,9 @@ class Draft:
             return tuple(Event(At.END, task) for task in self.tasks)
         return (Event(At.START if anchor == "start" else At.END, name),)
 
-    def add_meeting(self, meeting: Meeting) -> None:
-        """Add the steps of a meeting."""
-        for step in steps_of(meeting):
+    def add_meeting(self, meeting: Meeting, sides: Sides = MappingProxyType({})) -> None:
+        """Add the steps of a meeting, with other sides than planned for some components."""
+        for step in steps_by(meeting, sides):
             self._edge(step.first, step.then, 0.0, MEETING, step.why)
 
     def _edge(self, first: Event, then: Event, lag: float, kind: str, why: str) -> None:
@@ -394,6 +398,12 @@ class Dependencies:
     """How far (m) from where it tells to be a robot may be: what margins have grown for."""
     problem: SchedulingProblem | None = None
     """What was planned (``None``: only the plan file is known)."""
+    sides: Sides = field(default_factory=dict)
+    """Who goes first of components that the plan's times do not order."""
+    open: frozenset[Key] = frozenset()
+    """Components of which it is to be decided who goes first: what is planned leaves no order, and
+    the graph says nothing of who goes first anywhere (see :func:`reorder.settle`).
+    """
 
     @cached_property
     def errors(self) -> dict[str, float]:
@@ -559,17 +569,6 @@ def _goes(samples: list[list[float]]) -> bool:
         for row in samples
         for a, b in zip(row[1:], samples[0][1:], strict=True)
     )
-
-
-Component = tuple[str, str, int]
-"""A component of two objects' obstacle: (one, other, number)."""
-
-Key = Component | int
-"""What may be one way or the other: a component, by whether its ``one`` goes first, or a choice by
-its number, by whether it is as planned.
-"""
-
-Sides = Mapping[Key, bool]
 
 
 def with_sides(dependencies: Dependencies, sides: Sides) -> Graph:

@@ -102,7 +102,7 @@ class Executor(Followed):
         self.routes = routes_of(graph, self.state.ways)
         self.latency, self.ahead, self.tuning = latency, ahead, tuning
         self.pace = RobotPace()
-        self.sides = {}
+        self.sides = {**self.dependencies.sides}
         self.drives = drives_of(self.dependencies.lives)
         """The robots' motions, by activity and robot."""
         self._drivers = {robot for _, robot in self.drives}

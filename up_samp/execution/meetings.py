@@ -28,6 +28,14 @@ from up_samp.motion.fleet.paths import Path, through_zones
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
+Component = tuple[str, str, int]
+"""A component of two objects' obstacle: (one, other, number)."""
+
+Key = Component | int
+"""What may be one way or the other: a component, by whether its ``one`` goes first, or a choice by
+its number, by whether it is as planned.
+"""
+
 
 EFFORTS = (
     (0, 1.0, 1.0),
@@ -65,6 +73,8 @@ class Meeting:
     component: IntArray
     wanted: float
     """The margin that should be kept; ``margin`` is the one that is."""
+    met: npt.NDArray[np.bool_]
+    """(n,) whether the plan's times let both be there, see ``leaving`` in :func:`meetings_of`."""
     memo: dict[tuple[object, object], object] = field(default_factory=dict)
     """Steps, once they were asked for: of components by their sides, and of what is left."""
 
@@ -77,6 +87,22 @@ class Meeting:
     def pair(self) -> tuple[str, str]:
         """The names of the two objects."""
         return self.one.object, self.other.object
+
+    @property
+    def keys(self) -> frozenset[Key]:
+        """The components that it is part of."""
+        return frozenset((*self.pair, c) for c in self.components)
+
+    @property
+    def activities(self) -> frozenset[str]:
+        """The activities in which its pieces are driven."""
+        return frozenset(p.activity for p in (self.a, self.b) if isinstance(p, DriveCells))
+
+    @property
+    def untimed(self) -> dict[Key, bool]:
+        """The components that the plan's times do not order, and whether ``one`` goes first."""
+        met = zip(self.component[self.met], self.one_first[self.met], strict=True)
+        return {(*self.pair, int(c)): bool(first) for c, first in met}
 
     @property
     def a(self) -> Piece:
@@ -112,7 +138,10 @@ def narrow_places(meetings: Iterable[Meeting], margin: float) -> tuple[Narrow, .
 
 
 def meetings_of(
-    lives: Mapping[str, Life], margin: float = TOLERANCES.margin, localisation: float = 0.0
+    lives: Mapping[str, Life],
+    margin: float = TOLERANCES.margin,
+    localisation: float = 0.0,
+    leaving: Container[str] = (),
 ) -> list[Meeting]:
     """Return all meetings of different objects; :class:`ProblemError` where the plan collides.
 
@@ -120,15 +149,19 @@ def meetings_of(
     error, for each of the two that drives. Where the margin (m) is less than that and rounding
     (``TOLERANCES.margin``), it grows to it, where the plan keeps so much; less where it does not
     (see :attr:`Meeting.wanted`). A meeting without rows is one that only the grown margin has.
+    ``leaving``: activities of which it is not known when they begin: who comes to where somebody
+    rests until then comes later than that one, and waits until it has gone.
     """
     found, errors = [], errors_of(lives, localisation)
     for pair in pairs_of(lives):
         apart = sum(errors[life.object] for life in pair if life.drives)
-        found += _numbered(_pair(*pair, margin, apart))
+        found += _numbered(_pair(*pair, margin, apart, leaving))
     return found
 
 
-def _pair(one: Life, other: Life, margin: float, apart: float) -> list[Meeting]:
+def _pair(
+    one: Life, other: Life, margin: float, apart: float, leaving: Container[str]
+) -> list[Meeting]:
     p, q = one.boxes, other.boxes
     grown = max(0.0, min(margin, TOLERANCES.margin) + apart - margin)
     margins = margin, grown
@@ -143,14 +176,27 @@ def _pair(one: Life, other: Life, margin: float, apart: float) -> list[Meeting]:
     for k, m in np.argwhere(near):
         if not concerned(one, int(k), other, int(m)):
             continue
-        meeting = _meeting(one, int(k), other, int(m), margins)
+        rests = _left_by(one, int(k), leaving), _left_by(other, int(m), leaving)
+        meeting = _meeting(one, int(k), other, int(m), margins, rests)
         if meeting is not None:
             found.append(meeting)
     return found
 
 
+def _left_by(life: Life, k: int, leaving: Container[str]) -> bool:
+    """Return whether a piece is a rest that ends when one of some activities begins."""
+    after = life.pieces[k + 1] if k + 1 < len(life.pieces) else None
+    drives = isinstance(after, DriveCells) and after.activity in leaving
+    return drives and isinstance(life.pieces[k], Stay)
+
+
 def _meeting(
-    one: Life, k: int, other: Life, m: int, margins: tuple[float, float]
+    one: Life,
+    k: int,
+    other: Life,
+    m: int,
+    margins: tuple[float, float],
+    rests: tuple[bool, bool],
 ) -> Meeting | None:
     a, b = one.pieces[k], other.pieces[m]
     wanted = sum(margins)
@@ -166,10 +212,15 @@ def _meeting(
         enter_b, leave_b = cell_times(b, path_b)
         first = leave_a[rows[:, 0]] <= enter_b[rows[:, 1]] + TOLERANCES.late
         last = leave_b[rows[:, 2]] <= enter_a[rows[:, 0]] + TOLERANCES.late
-        if np.all(first | last):
+        met, came = ~(first | last), (enter_a[rows[:, 0]], enter_b[rows[:, 1]])
+        known = rests[0] & (came[0] < came[1]) | rests[1] & (came[1] < came[0])
+        if np.all(known | ~met):
+            first |= met & (came[0] < came[1])
             nothing = np.zeros(len(rows), dtype=np.int64)
-            return Meeting(one, k, other, m, path_a, path_b, rows, first, margin, nothing, wanted)
-    at = float(enter_a[rows[np.argmin(first | last), 0]])
+            return Meeting(
+                one, k, other, m, path_a, path_b, rows, first, margin, nothing, wanted, met
+            )
+    at = float(enter_a[rows[np.argmax(met), 0]])
     raise ProblemError(
         f"the plan lets '{one.object}' and '{other.object}' meet at about {at:.2f} s "
         f"({_doing(a)}; {_doing(b)}): no order of them can be kept"

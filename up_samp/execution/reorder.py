@@ -13,11 +13,11 @@ from typing import NamedTuple
 
 from ortools.sat.python import cp_model
 
-from up_samp.execution.build import Component, Dependencies, Key, steps_by, with_sides
+from up_samp.execution.build import Dependencies, steps_by, with_sides
 from up_samp.execution.forecast import Forecast, Routes, forecast, routes_of
 from up_samp.execution.graph import At, Event, Graph, Precedence, topological
 from up_samp.execution.lives import Stay
-from up_samp.execution.meetings import Meeting, switched
+from up_samp.execution.meetings import Component, Key, Meeting, switched
 from up_samp.execution.state import FloorState, RobotPace, TaskPhase
 from up_samp.model import ProblemError
 from up_samp.tuning import Tuning
@@ -454,6 +454,18 @@ def propose(executor: Followed) -> Proposal | None:
         return None
     proposal = Proposal(flips, graph, base)
     return proposal if adopt(executor, proposal) else None
+
+
+def settle(executor: Followed) -> None:
+    """Decide who goes first where the plan leaves no order (``Dependencies.open``).
+
+    Raises :class:`ProblemError` where no order is found.
+    """
+    ahead, open_ = executor.retime(), executor.dependencies.open
+    some = (d for d in _components(executor) if d.key in open_)
+    decisions = [d for d in some if _is_open(executor, ahead, d)]
+    executor.sides |= _solve(executor, ahead, decisions)
+    _load(executor, with_sides(executor.dependencies, executor.sides))
 
 
 def adopt(executor: Followed, proposal: Proposal) -> int:

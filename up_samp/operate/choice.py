@@ -66,6 +66,10 @@ class Day:
     """Until when (s of the day) orders and robots are put aside that no plan was found for."""
     again: float = 0.0
     """When (s of the day) those may be tried again, where there is nothing else."""
+    cramped: set[str]
+    """Robots that are planned anew from where they stand in nobody's way: no order was found of all
+    in which others let them go first from where they could stand sooner.
+    """
     tried: dict[tuple[str, str], int]
     """How often no plan was found for an order (by name) and a robot that was to do it."""
 
@@ -187,6 +191,7 @@ class Day:
             broken={r: self.poses[r] for r in self.off_plan()},
             limits=self._limits(self.executor),
             opened=opened or {},
+            aside=self.cramped,
         )
         closed = {n: self.site.doors[n].closed for n in self.shut}
         return replace(found, since=now - self.origin, poses={**found.poses, **closed})

@@ -96,14 +96,16 @@ def cut_of(
     broken: Mapping[str, Pose] | None = None,
     limits: Mapping[str, float] | None = None,
     opened: Mapping[str, Opened] | None = None,
+    aside: Collection[str] = (),
 ) -> Cut:
     """Return where a plan can be cut so that nothing that begins within ``ahead`` s is touched.
 
     ``broken``: robots that drive no more, and where they stand. ``limits``: how far (m) motions may
     go, where that is less than their whole length. ``opened``: the robots whose work is planned
-    anew; what others do stays (None: everybody's).
+    anew; what others do stays (None: everybody's). ``aside``: robots that drive on until they stand
+    in nobody's way; others let who comes there wait until they go on.
     """
-    return _Cutter(executor, broken or {}, limits or {}, opened).cut(ahead)
+    return _Cutter(executor, broken or {}, limits or {}, opened, aside).cut(ahead)
 
 
 class _Cutter:
@@ -113,8 +115,9 @@ class _Cutter:
         broken: Mapping[str, Pose],
         limits: Mapping[str, float],
         opened: Mapping[str, Opened] | None,
+        aside: Collection[str],
     ) -> None:
-        self.executor, self.state = executor, executor.state
+        self.executor, self.state, self.aside = executor, executor.state, aside
         self.broken, self.limits, self.opened = broken, limits, opened
         self.meanings = meanings_of(executor.plan)
         self.turns = turns_of(executor, self.meanings)
@@ -317,8 +320,8 @@ class _Cutter:
         self, name: str, kept: Collection[str], ahead: float, forecast: Forecast
     ) -> float | None:
         """Return how far (m) a robot that is planned anew goes on in a drive that leads to nothing
-        it has to do: until it can stand, in nobody's way (None: it is no such drive, or to its
-        end). ``kept``: all that stays, also what ends early.
+        it has to do: until it can stand where nobody comes to rest, or, ``aside``, in nobody's way
+        (None: it is no such drive, or to its end). ``kept``: all that stays, also what ends early.
         """
         robot, ways = self.meanings[name].robot, self.state.ways_of[name]
         if (
@@ -343,12 +346,16 @@ class _Cutter:
         path = drives[name, way.object].path
         margin = self.state.graph.margin + way.error
         others = [
-            (drives[n, w.object].path, w.progress, margin + w.error)
+            (
+                drives[n, w.object].path,
+                w.progress if robot in self.aside else w.length - LEAST,
+                margin + w.error,
+            )
             for n in kept
             for w in self.state.ways_of[n]
             if w.object != way.object and (n, w.object) in drives
         ]
-        edges = self._edges(name, way.object) - ROUNDED
+        edges = np.append(0.0, self._edges(name, way.object) - ROUNDED)
         tried = -math.inf
         for at in edges[(edges >= least) & (edges < way.length - path.radius)]:
             if at < tried + path.radius:

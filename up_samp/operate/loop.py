@@ -82,7 +82,7 @@ class Operation(Day):
         self.store, self.robots, self.clock = store, robots, clock
         self.planner = planner or Planner()
         self.settings = settings
-        self.meanings, self.tried, self.shut, self.areas = {}, {}, {}, {}
+        self.meanings, self.tried, self.shut, self.areas, self.cramped = {}, {}, {}, {}, set()
         self.gone: dict[str, float] = {}
         """How much (m) of motions was driven when their plan began: robots count all of it."""
         self.poses = {n: self._home(r.start) for n, r in self.site.robots.items()}
@@ -671,11 +671,12 @@ class Operation(Day):
         return more or any(r in (*self.stranded(), *self.stale()) for r in choice.opened)
 
     def _take(self, question: Question, answer: Answer, why: str, since: float) -> tuple[bool, str]:
-        """Take a plan over if it is valid from now on, and needed or better; return whether, and
-        why.
-        """
+        """Take a plan over if it is valid from now, and needed or better; say whether, and why."""
+        robots = set(question.robots)
         if answer.plan is None:
-            self.put_aside([j.id for j in question.jobs], question.robots)
+            if not answer.found or robots <= self.cramped:
+                self.put_aside([j.id for j in question.jobs], question.robots)
+            self.cramped |= robots
             return False, answer.why
         if question.cut.away != self.off_plan():
             return False, "a robot has gone, or is back, since it was asked for"
@@ -686,14 +687,16 @@ class Operation(Day):
         if gone := sorted(self._changed & known):
             return False, f"'{gone[0]}' was changed or cancelled since it was asked for"
         plan = {**answer.plan, "number": answer.number}
-        twice = self._twice(plan)
-        if twice:
+        if twice := self._twice(plan):
             return False, f"'{twice}' would be done twice"
         try:
             executor = self._joined(plan, question, since)
         except SampError as error:
+            self.cramped |= robots
             return False, " ".join(str(error).split())[:300]
-        if why in (EVERY, OVERDUE) and not self._better(executor, since):
+        old = self.executor
+        better = old is None or self._cost(executor, since) < self._cost(old, self.origin) - 1.0
+        if why in (EVERY, OVERDUE) and not better:
             return False, "what is driven is no worse"
         self.origin = since
         self.placed.clear()
@@ -703,9 +706,9 @@ class Operation(Day):
         self.store.put_plan(answer.number, self.clock.now(), self.origin, plan)
         self._follow(executor)
         self._forecast = self._end()
+        self.cramped -= robots
         done = {m.what for m in self.meanings.values()}
-        over = done | set(question.robots)
-        self.tried = {pair: n for pair, n in self.tried.items() if not over.intersection(pair)}
+        self.tried = {p: n for p, n in self.tried.items() if not (done | robots).intersection(p)}
         for job in [*self.jobs.values()]:
             if job.state is OrderState.WAITING and job.id in done:
                 self._set(job, OrderState.PLANNED, f"plan {answer.number}")
@@ -769,10 +772,6 @@ class Operation(Day):
                     f"'{robot}' is {beyond:.2f} m beyond where it would have to wait"
                 )
         return executor
-
-    def _better(self, executor: Executor, since: float) -> bool:
-        old = self.executor
-        return old is None or self._cost(executor, since) < self._cost(old, self.origin) - 1.0
 
     def _cost(self, executor: Executor, origin: float) -> float:
         """Return what a plan costs by forecast: seconds until orders are done, and ten times those

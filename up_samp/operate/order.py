@@ -16,7 +16,7 @@ from up_samp.execution.executor import Executor
 from up_samp.execution.forecast import Forecast
 from up_samp.execution.graph import At, Event
 from up_samp.execution.lives import DriveCells, drives_of
-from up_samp.execution.reorder import Goal, propose
+from up_samp.execution.reorder import Goal, propose, settle
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.io.plan_dict import PlanDict
 from up_samp.motion.fleet.paths import TIMES
@@ -56,6 +56,8 @@ def ordered(
 
     executor = under_way(told, gone)
     executor.goals, executor.lead = goals, lead
+    if told.open:
+        settle(executor)
     propose(executor)
     # the plan's motions begin where they are cut, a moment behind where their robots are
     whole = under_way(replace(told, graph=executor.state.graph), {})

@@ -106,13 +106,16 @@ class Question:
 
 @dataclass(frozen=True)
 class Answer:
-    """A plan (``None``: there is none, and ``why``), and the seconds that it took."""
+    """A plan (``None``: there is none, and ``why``), and the seconds that it took. ``found``: what
+    is new has a plan for itself, whether or not it goes with what is kept.
+    """
 
     number: int
     plan: PlanDict | None
     why: str = ""
     seconds: float = 0.0
     cpu: float = 0.0
+    found: bool = True
 
 
 def _by_machine(job: Order | Task) -> object:
@@ -358,16 +361,19 @@ def answer(ask: Question, cache: MotionCache | None = None) -> Answer:
 
     def said(plan: PlanDict | None, why: str = "") -> Answer:
         seconds, computed = time.monotonic() - begun, time.process_time() - cpu
-        return Answer(ask.number, plan, why, seconds, computed)
+        return Answer(ask.number, plan, why, seconds, computed, new is not None)
 
+    new = None
     try:
         with computing_time() if ask.computing else contextlib.nullcontext():
-            return said(_plan(ask, cache))
+            new = _solved(ask, cache)
+            return said(_behind(ask, *new))
     except SampError as error:
         return said(None, " ".join(str(error).split())[:500])
 
 
-def _plan(ask: Question, cache: MotionCache | None) -> PlanDict:
+def _solved(ask: Question, cache: MotionCache | None) -> tuple[Written, PlanDict]:
+    """Return what is planned anew as a problem, and its plan alone."""
     from up_samp.execution.files import with_dependencies
     from up_samp.fleet.build import write_problem
     from up_samp.fleet.result import solve_problem
@@ -387,7 +393,11 @@ def _plan(ask: Question, cache: MotionCache | None) -> PlanDict:
         raise ProblemError(f"no plan within {seconds:.3g} s: {why}")
     said = [o | records.senses(o["name"]) for o in result.data["objects"]]
     data = {**result.data, "objects": said}
-    plan = with_dependencies(written.problem, data, localisation=ask.localisation)
+    return written, with_dependencies(written.problem, data, localisation=ask.localisation)
+
+
+def _behind(ask: Question, written: Written, plan: PlanDict) -> PlanDict:
+    """Return one plan of what is kept and of what is new."""
     meanings: dict[str, Meaning] = dict(written.meanings)
     common = CommonNeeds(tuple(ties_of(ask, written, plan)), ask.site)
     order = partial(_ordered, ask)

@@ -18,13 +18,14 @@ import numpy as np
 from up_samp.execution.build import Dependencies, Draft, tasks_of
 from up_samp.execution.executor import Executor
 from up_samp.execution.files import event_from_list, graph_to_dict
-from up_samp.execution.graph import MEETING, ORIGIN, ZONE, At, Event
+from up_samp.execution.graph import MEETING, ORIGIN, ZONE, At, Event, PlannedTask
 from up_samp.execution.lives import errors_of, lives_of
-from up_samp.execution.meetings import meetings_of
+from up_samp.execution.meetings import Key, Meeting, meetings_of
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.fleet.records import FleetRecords
 from up_samp.fleet.statements import Meaning
 from up_samp.io.plan_dict import PlanDict, with_minor
+from up_samp.model import ProblemError
 from up_samp.operate.horizon import Cut, meanings_of
 from up_samp.operate.records import Pose
 from up_samp.operate.zones import keep_zones
@@ -265,16 +266,60 @@ def _dependencies(
     known: Mapping[str, Meaning],
     lead: float = 0.0,
 ) -> Dependencies:
-    """Return what depends on what; ``lead``: nothing new begins within so many seconds."""
-    said = new["dependencies"]
+    """Return what depends on what; ``lead``: nothing new begins within so many seconds, and where
+    what is kept cannot go first everywhere, it is left open who does.
+    """
+    said, lives, fresh = new["dependencies"], lives_of(plan), set(names.values())
+    margin, error = float(said["margin"]), float(said.get("localisation", 0.0))
+    meetings = tuple(meetings_of(lives, margin, error, leaving=fresh))
+    sides: dict[Key, bool] = {}
+    for meeting in meetings:
+        sides |= meeting.untimed
+
+    def told(met: Iterable[Meeting]) -> Dependencies:
+        draft = Draft(_tasks(plan, kept, said, names, known), lives)
+        _put(draft, kept, said, names, common, known)
+        for name in names.values() if lead else ():
+            draft.put(ORIGIN, Event(At.START, name), lead, "constraint", "it is planned until then")
+        for meeting in met:
+            draft.add_meeting(meeting, sides)
+        choices = keep_zones(draft, lives, common.site, errors_of(lives, error))
+        graph = draft.graph(margin)
+        return Dependencies(graph, lives, meetings, choices, error, sides=sides)
+
+    try:
+        return told(meetings)
+    except ProblemError:
+        if not lead:
+            raise
+        crossed = {key for m in meetings if fresh & m.activities for key in m.keys}
+        return replace(told(()), open=frozenset(crossed - sides.keys()))
+
+
+def _tasks(
+    plan: PlanDict,
+    kept: Kept,
+    said: Mapping[str, Any],
+    names: Mapping[str, str],
+    known: Mapping[str, Meaning],
+) -> dict[str, PlannedTask]:
     expected = dict(kept.expected or {})
     expected |= {
         names[t["activity"]]: float(t["expected"]) for t in said["tasks"] if t["activity"] in names
     }
     who = {n: ((m.robot,) if m.robot else ()) for n, m in known.items()}
-    tasks = {n: replace(t, expected=expected[n]) for n, t in tasks_of(plan, who).items()}
-    lives = lives_of(plan)
-    draft = Draft(tasks, lives)
+    return {n: replace(t, expected=expected[n]) for n, t in tasks_of(plan, who).items()}
+
+
+def _put(
+    draft: Draft,
+    kept: Kept,
+    said: Mapping[str, Any],
+    names: Mapping[str, str],
+    common: CommonNeeds,
+    known: Mapping[str, Meaning],
+) -> None:
+    """Put what both plans say, and what of the new one comes after what of the old one."""
     for edge in kept.edges:
         draft.put(*edge)
     for entry in said["edges"]:
@@ -285,14 +330,6 @@ def _dependencies(
     for one, two in _after(kept, known, names, common.ties):
         first, then = Event(At.END, one), Event(At.START, two)
         draft.put(first, then, TOLERANCES.strict, "object", f"{one} was there before")
-    for name in names.values() if lead else ():
-        draft.put(ORIGIN, Event(At.START, name), lead, "constraint", "it is planned until then")
-    margin, error = float(said["margin"]), float(said.get("localisation", 0.0))
-    meetings = meetings_of(lives, margin, error)
-    for meeting in meetings:
-        draft.add_meeting(meeting)
-    choices = keep_zones(draft, lives, common.site, errors_of(lives, error))
-    return Dependencies(draft.graph(margin), lives, tuple(meetings), choices, error)
 
 
 def _named(event: Event, names: Mapping[str, str]) -> Event:
