@@ -332,6 +332,24 @@ def test_nobody_is_planned_to_go_where_somebody_stands_for_good(day, end):
     assert day.verdict().good, day.story()
 
 
+def test_nobody_takes_up_what_cannot_be_brought_where_somebody_broke_down_meanwhile(day):
+    places = day.fleet.records.places
+    day.order("o0", "rack0", "dock0", robots=["r0"])
+    day.until(lambda: day.state("o0") == "planned")
+    day.robots.put("r1", places["dock0"].pose)
+    day.operation.leave("r1", "broken down", places["dock0"].pose)
+    assert day.state("o0") == "waiting"
+    day.order("o1", "rack2", "dock2")
+    day.until(lambda: day.state("o1") == "done")
+    assert not day.operation.on_board()
+    assert day.state("o0") == "waiting"
+    day.robots.put("r1", places["home1"].pose)
+    day.operation.join("r1", places["home1"].pose)
+    day.run()
+    assert day.state("o0") == "done"
+    assert day.verdict().good, day.story()
+
+
 def test_what_no_plan_was_found_for_is_put_aside_longer_each_time(day):
     operation = day.operation
     for seconds in (30.0, 60.0, 120.0):

@@ -214,6 +214,13 @@ class Day:
                 found[name] = min(most, found.get(name, most))
         return found
 
+    def hindered(self) -> list[DayOrder]:
+        """Return the orders that are planned and not begun, and that cannot be brought to their
+        ends now: a robot that does nothing stands there, or an area is blocked.
+        """
+        planned = (j for j in self.jobs.values() if j.state is OrderState.PLANNED)
+        return [j for j in planned if not all(_can_stop(self, s) for s in visited(j.record))]
+
     def dropped(self) -> list[DayOrder]:
         """Return orders that were in a plan, that nobody has on board and that nobody will do any
         more: their robots do nothing now, or did so for a while.

@@ -103,7 +103,7 @@ def cut_of(
     ``broken``: robots that drive no more, and where they stand. ``limits``: how far (m) motions may
     go, where that is less than their whole length. ``opened``: the robots whose work is planned
     anew; what others do stays (None: everybody's). ``aside``: robots that drive on until they stand
-    in nobody's way; others let who comes there wait until they go on.
+    in nobody's way; who comes to where another one stands waits until that has gone on.
     """
     return _Cutter(executor, broken or {}, limits or {}, opened, aside).cut(ahead)
 

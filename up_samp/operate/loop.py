@@ -19,7 +19,7 @@ from shapely.geometry import Polygon
 from up_samp.execution.astray import place_of, pose_in
 from up_samp.execution.executor import Executor
 from up_samp.execution.reorder import cost
-from up_samp.execution.reports import Command, Do, Go, Heard, Hold, Reply
+from up_samp.execution.reports import Command, Go, Heard, Hold, Reply
 from up_samp.execution.state import TaskPhase
 from up_samp.fleet.fleet import Fleet
 from up_samp.fleet.records import Order, Task
@@ -41,7 +41,7 @@ from up_samp.operate.planner import (
     goals_of,
     leaf_at,
 )
-from up_samp.operate.records import DayOrder, OrderState, Pose, Report, Robots, since_now
+from up_samp.operate.records import DayOrder, OrderState, Pose, Report, Robots, since_now, words_of
 from up_samp.operate.records import job_record as record_of
 from up_samp.operate.settings import DAY, Settings
 from up_samp.operate.stitch import Kept, kept_of
@@ -368,10 +368,14 @@ class Operation(Day):
 
     def _other_floor(self, why: str) -> None:
         """Ask for the rest to be planned anew, also what no plan was found for: there may be one
-        now.
+        now. Nobody is to take up what could not be brought to its end.
         """
         self.aside.clear()
         self.tried.clear()
+        with self.store:
+            for job in self.hindered():
+                self._set(job, OrderState.WAITING, why)
+                self._withdraw(job.id)
         self.want(why)
 
     def want(self, why: str) -> None:
@@ -548,11 +552,13 @@ class Operation(Day):
         # who is in no plan stays: what it was told in one before is over
         every = dict.fromkeys(self.site.robots, Hold()) | self.executor.commands(now - self.origin)
         found = {who: self._allowed(who, c) for who, c in every.items()}
-        new = {who: c for who, c in found.items() if _words(c) != _words(self.commands.get(who))}
+        new = {
+            who: c for who, c in found.items() if words_of(c) != words_of(self.commands.get(who))
+        }
         if new:
             with self.store:
                 for who, command in new.items():
-                    self.store.note(now, "told", who, *_words(command))
+                    self.store.note(now, "told", who, *words_of(command))
         self.commands = found
         self.robots.tell(found, now)
 
@@ -786,14 +792,3 @@ class Operation(Day):
 
 PLACED = "it waits for a plan that begins where it stands"
 EVERY, OVERDUE = "it is time to look again", "it is late"
-
-
-def _words(command: Command | None) -> tuple[str, str]:
-    """Return what a robot is told, and why, in words."""
-    if isinstance(command, Go):
-        return f"go to {command.until:.2f} m of {command.motion}", ""
-    if isinstance(command, Do):
-        return f"do {command.activity}", "" if command.may_end else "it may not end yet"
-    if isinstance(command, Hold):
-        return "hold", "; ".join(command.waiting_for)
-    return "", ""
