@@ -1,4 +1,4 @@
-"""Rules of driving: slow where people walk, slow backwards, lanes, no turning near shelves.
+"""Rules of driving: slow among people, slow backwards, lanes, no turning near shelves, an aisle.
 
 A truck and a cart bring parts from one hall into the other. Run
 ``up-samp solve examples/traffic_rules.py --out rules-out``.
@@ -37,6 +37,8 @@ fleet.add_zone("eastbound", [(14, 2), (16, 2), (16, 4), (14, 4)], one_way=0.0)
 fleet.add_zone("westbound", [(14, 4), (16, 4), (16, 6), (14, 6)], one_way=math.pi)
 # nobody is kept out of the picking area, but who goes round it is welcome
 fleet.add_zone("pickers", [(18, 6.5), (22, 6.5), (22, 10), (18, 10)], avoid=10)
+# the way round the picking area that everybody knows
+fleet.add_lane("aisle", [(17, 4), (24, 4), (24, 12)], width=1.6, prefer=2)
 fleet.add_zone("racks", [(25, 1), (29, 1), (29, 5), (25, 5)], pivoting="never")
 
 fleet.add_order("parts1", pickup="rack", delivery="dock")

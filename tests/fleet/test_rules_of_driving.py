@@ -10,6 +10,7 @@ from tests.fleet.driving import hurried
 from up_samp.execution import Delays, dependencies_of, simulate
 from up_samp.execution.lives import lives_of
 from up_samp.fleet import Fleet, FleetError, read_problem_file
+from up_samp.fleet.outlines import rules_for
 from up_samp.geometry.maps import write_map
 from up_samp.io.files import read_plan
 from up_samp.model import UnsupportedError
@@ -179,6 +180,42 @@ def test_reverse_slow(tmp_path, order):
 def test_what_is_wrong_with_a_zone_is_said(tmp_path, options, what):
     with pytest.raises(FleetError, match=what):
         hall(tmp_path).add_zone("z", SLOW, **options)
+
+
+def test_a_lane_is_driven_both_ways_by_whom_it_is_for(tmp_path):
+    fleet = hall(tmp_path)
+    fleet.add_lane("main", [(2, 7.5), (10, 7.5), (10, 3.0)], prefer=4.0, robot_types="truck")
+    fleet.save(tmp_path / "problem.json")
+    assert read_problem_file(tmp_path / "problem.json").lanes == fleet.records.lanes
+    truck, cart = (rules_for(fleet.records, kind) for kind in ("truck", "cart"))
+    assert not cart
+    assert [sorted(np.round(zone.polygon, 6).tolist()) for zone in truck] == [
+        [[1.5, 7.0], [1.5, 8.0], [10.5, 7.0], [10.5, 8.0]],
+        [[9.5, 2.5], [9.5, 8.0], [10.5, 2.5], [10.5, 8.0]],
+    ]
+    result = fleet.solve(timeout=300, first_plan=True, query_seconds=0.3)
+    assert result.status.startswith("SOLVED"), result.explain()
+    assert validate_plan(fleet.problem, result.plan).valid
+    result.save(tmp_path / "out")
+    read = read_plan(tmp_path / "out" / "plan.json")
+    assert lives_of(read)["t"].body.kinematics.lanes == truck
+
+
+@pytest.mark.parametrize(
+    ("points", "options", "what"),
+    [
+        ([(1, 1)], {}, "points"),
+        ([(1, 1), (1, 1), (2, 2)], {}, "twice in a row"),
+        ([(1, 1), (2, 2)], {"prefer": 1.0}, "prefer"),
+        ([(1, 1), (2, 2)], {"width": 0.0}, "width"),
+        ([(1, 1), (2, 2)], {"robot_types": "lorry"}, "lorry"),
+        ([(1, 1), (2, 2)], {"floor": "attic"}, "attic"),
+    ],
+)
+def test_what_is_wrong_with_a_lane_is_said(tmp_path, points, options, what):
+    fleet = hall(tmp_path)
+    with pytest.raises(FleetError, match=what):
+        fleet.add_lane("main", points, **options)
 
 
 @pytest.mark.parametrize("options", [{"reverse": "slow"}, {"reverse_v_max": 0.3}])

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from unified_planning.model.motion import MotionModels, MovableObject
@@ -27,7 +28,7 @@ from up_samp.model import (
     UnsupportedError,
 )
 from up_samp.motion import Leg, MotionService
-from up_samp.motion.curves.slowing import slowed, steps_in
+from up_samp.motion.curves.slowing import seconds_of, slowed, steps_in
 from up_samp.motion.curves.trajectories import reversed_trajectory
 from up_samp.upio.read_maps import read_movable
 from up_samp.validation.limits import limits_of
@@ -236,6 +237,69 @@ def test_a_zone_is_gone_round_where_its_cost_is_worth_it(kinematics, cost, aroun
     assert not report.complete
     within = drive(body, (2.0, 4.5, 0.0), (8.0, 4.5, 0.0)).trajectory
     assert within.duration < 12.0
+
+
+@KINDS
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_lane_is_taken_where_it_is_worth_it(kinematics, turned):
+    ends = ((2.0, 4.5, 0.0), (14.0, 4.5, 0.0))[:: -1 if turned else 1]
+    ends = tuple((x, y, math.pi * turned) for x, y, _ in ends)
+    found = {}
+    for prefer in (1.0, 1.05, 5.0):
+        lane = block(3, 5.6, 10, 1, prefer=prefer)
+        body = Body(RING, replace(kinematics, zones=(lane,)))
+        report = drive(body, *ends)
+        on = lane.polygon[0][1] < report.trajectory.poses[:, 1]
+        found[prefer] = float(on.mean()), report.complete
+    assert found[1.0][0] == found[1.05][0] == 0.0
+    assert found[5.0][0] > 0.5
+    assert not found[5.0][1]
+
+
+def test_turns_of_a_lane_are_driven_and_what_is_beside_it_costs():
+    wide = (block(2, 6, 8, 1, prefer=4.0), block(9, 1, 1, 6, prefer=4.0))
+    body = Body(RING, replace(ANY, zones=wide))
+    motion = drive(body, (3.0, 5.0, 0.0), (9.5, 2.0, -1.5)).trajectory
+    on = np.any(
+        [shapely.contains_xy(shapely.Polygon(z.polygon), motion.poses[:, :2]) for z in wide], 0
+    )
+    assert on.mean() > 0.6
+    assert seconds_of(motion, body) < 2.5 * motion.duration
+    still = Trajectory(np.zeros(1), motion.poses[:1])
+    assert seconds_of(still, body) == 0.0
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_who_prefers_lanes_is_never_worse_off_by_its_own_count(seed):
+    rng = np.random.default_rng(seed)
+    kinematics, grid = (CAR, WHEELS, ANY)[seed % 3], floor(rng, 4)
+    body = Body(RING, kinematics)
+    lanes = tuple(
+        block(*rng.uniform((1, 1), (7, 8)), *long, prefer=float(rng.uniform(1.1, 6.0)))
+        for long in rng.permutation([(5.0, 1.0), (1.0, 5.0), (4.0, 0.8)])
+    )
+    rich = replace(body, kinematics=replace(kinematics, zones=lanes))
+    ends = [free_pose(rng, MotionService(grid), body) for _ in range(2)]
+    query = PathQuery(rich, tuple(ends))
+    there, plain = (
+        MotionService(grid).plan(replace(query, body=b), Deadline.after(300)) for b in (rich, body)
+    )
+    assert there.outcome is plain.outcome
+    if there.outcome is Outcome.FOUND:
+        assert not broken_by("r", rich, there.trajectory)
+        assert seconds_of(there.trajectory, rich) <= seconds_of(plain.trajectory, rich) + 1e-6
+
+
+def test_a_lane_that_is_none_is_refused():
+    kind = MovableType("robot")
+    for prefer in (0.5, math.inf):
+        zones = (block(0, 0, 1, 1, prefer=prefer),)
+        given = MovableObject(
+            "r", kind, footprint=RING, motion_model=MotionModels.SE2,
+            motion_parameters={"zones": zones},
+        )  # fmt: skip
+        with pytest.raises(ProblemError, match="prefer 1 at least"):
+            read_movable(given)
 
 
 LOWER = block(5, 0, 6, 4.5, one_way=math.pi)

@@ -237,6 +237,7 @@ def _zone(entry: Mapping[str, Any]) -> TrafficZone:
         bool(entry.get("pivots", True)),
         bool(entry.get("stops", True)),
         float(entry.get("cost", 0.0)),
+        float(entry.get("prefer", 1.0)),
     )
 
 

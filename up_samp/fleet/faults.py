@@ -10,13 +10,15 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
+from itertools import pairwise, starmap
+from operator import eq
 from typing import Any
 
 from shapely.geometry import Polygon
 from shapely.validation import explain_validity
 
+from up_samp.fleet.limits import FILE_LIMITS
 from up_samp.fleet.records import (
-    FILE_LIMITS,
     GROUND,
     Attached,
     AutomaticDoor,
@@ -26,6 +28,7 @@ from up_samp.fleet.records import (
     Door,
     FleetJob,
     FleetRecords,
+    Lane,
     Mode,
     Order,
     Outline,
@@ -141,8 +144,8 @@ def named_by(job: Order | Task) -> set[str]:
 
 
 NAMED = (
-    "robot_types", "robots", "places", "doors", "automatic_doors", "zones", "lifts", "floors",
-    "resources",
+    "robot_types", "robots", "places", "doors", "automatic_doors", "zones", "lanes", "lifts",
+    "floors", "resources",
 )  # fmt: skip
 
 
@@ -220,6 +223,8 @@ RULES: tuple[tuple[type, str, Callable[[Any], object], str], ...] = (
      "keep_out, max_robots and how to drive are several zones; write each"),
     (Zone, "robot_types", lambda z: z.robot_types and not z.has_rules,
      "is who heeds rules of driving; there are none"),
+    (Lane, "points", lambda way: any(starmap(eq, pairwise(way.points))),
+     "names a point twice in a row; leave one out"),
     (Stop, "", lambda s: [bool(s.at), s.task is not None, s.on is not None].count(True) != 1,
      "name a place, or several (at), the task to whose machine it belongs, or, of a pickup, "
      "the robot on which the load is at first (on)"),
@@ -258,13 +263,13 @@ RULES: tuple[tuple[type, str, Callable[[Any], object], str], ...] = (
 """Of records of a type: the key that is told of, what must not hold, and what to do then."""
 
 REFERENCES: Mapping[str, Mapping[type, tuple[str, ...]]] = {
-    "robot_types": {Robot: ("type",), Zone: ("keep_out", "robot_types")},
+    "robot_types": {Robot: ("type",), Zone: ("keep_out", "robot_types"), Lane: ("robot_types",)},
     "robots": {FleetJob: ("robots",), Stop: ("on",)},
     "places": {
         Robot: ("start", "end"), Door: ("opened_from",), Stop: ("at",), Task: ("at",),
         Mode: ("input", "output"),
     },
-    "floors": dict.fromkeys((Place, Door, AutomaticDoor, Zone), ("floor",)),
+    "floors": dict.fromkeys((Place, Door, AutomaticDoor, Zone, Lane), ("floor",)),
     "resources": dict.fromkeys((Stop, Task, Mode), ("resources",)),
 }  # fmt: skip
 """Where what is named is, by who names it: the keys of records of a type."""

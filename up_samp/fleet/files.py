@@ -17,7 +17,8 @@ from pydantic import TypeAdapter, ValidationError
 
 from up_samp.fleet import records
 from up_samp.fleet.faults import Fault, FleetError, Path, find_faults, show_path, told
-from up_samp.fleet.records import FILE_LIMITS, FleetRecords
+from up_samp.fleet.limits import FILE_LIMITS
+from up_samp.fleet.records import FleetRecords
 from up_samp.fleet.tables import read_orders, text_of
 from up_samp.geometry import load_map
 from up_samp.io.plan_dict import FORMAT

@@ -29,6 +29,7 @@ from up_samp.fleet.records import (
     AutomaticDoor,
     Door,
     FleetRecords,
+    Lane,
     Lift,
     Order,
     Place,
@@ -202,6 +203,12 @@ class Fleet:
         without ``pivoting`` or ``stopping``, or which they ``avoid``. Options: see :class:`Zone`.
         """
         self._named("zones", Zone, name, {"polygon": polygon, **options})
+
+    def add_lane(self, name: str, points: Any, **options: Any) -> None:
+        """Add a way that robots prefer in both directions: a line through ``points`` (m), ``width``
+        m wide. Options: see :class:`Lane`.
+        """
+        self._named("lanes", Lane, name, {"points": points, **options})
 
     def add_resource(self, name: str, capacity: int = 1, **options: Any) -> None:
         """Add something of which stops and tasks use one unit each. Options: see

@@ -126,12 +126,15 @@ def lying(name: str, corners: Sequence[Point]) -> Placed:
 def rules_for(
     records: FleetRecords, kind: str, floor: str | None = None
 ) -> tuple[TrafficZone, ...]:
-    """Return the rules that zones have for robots of a type, on one floor or on all."""
+    """Return the rules that zones have for robots of a type, and the lanes that these prefer, on
+    one floor or on all.
+    """
+    heights = {name: storey.height for name, storey in records.floors.items()} | {GROUND: 0.0}
     return tuple(
         TrafficZone(
             zone.polygon,
             math.inf if zone.v_max is None else zone.v_max,
-            0.0 if zone.floor == GROUND else records.floors[zone.floor].height,
+            heights[zone.floor],
             zone.one_way,
             zone.pivoting == "free",
             zone.stopping == "free",
@@ -139,6 +142,11 @@ def rules_for(
         )
         for zone in records.zones.values()
         if zone.has_rules and floor in (None, zone.floor) and zone.heeded_by(kind)
+    ) + tuple(
+        TrafficZone(area, height=heights[lane.floor], prefer=lane.prefer)
+        for lane in records.lanes.values()
+        if floor in (None, lane.floor) and lane.heeded_by(kind)
+        for area in lane.areas
     )
 
 

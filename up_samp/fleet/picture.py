@@ -89,6 +89,10 @@ def _laid_out(records: FleetRecords, shifts: Mapping[float, Frame]) -> FleetReco
         }
         for kind in ("zones", "automatic_doors")
     }
+    areas["lanes"] = {
+        name: dataclasses.replace(lane, points=outline(lane.floor, lane.points))
+        for name, lane in records.lanes.items()
+    }
     return dataclasses.replace(records, places=places, doors=doors, **areas)
 
 
@@ -105,6 +109,9 @@ def _draw_fixtures(ax: Axes, records: FleetRecords) -> list[PlacedLabel]:
             ax.annotate("", (x + dx, y + dy), (x - dx, y - dy), arrowprops={"arrowstyle": "->"})
         told = name if zone.v_max is None else f"{name}: {zone.v_max:g} m/s"
         labels.append(PlacedLabel(told, x, y, WRONG, False, (0.3, 0.3)))
+    for name, lane in records.lanes.items():
+        ax.plot(*zip(*lane.points, strict=True), color=FIXTURE, ls="--", lw=1.0)
+        labels.append(PlacedLabel(name, *lane.points[0], FIXTURE, False, (0.3, 0.3)))
     for name, doorway in records.automatic_doors.items():
         here = np.asarray(doorway.polygon, dtype=np.float64)
         ax.add_patch(Polygon(here, fc=mixed(FIXTURE, 0.7), ec=FIXTURE, ls=":"))

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Annotated, Any, ClassVar, Literal
 
-from annotated_types import Ge, Gt, Le, MinLen
+from annotated_types import Ge, Gt, Le, MaxLen, MinLen
 from pydantic import (
     AfterValidator,
     BeforeValidator,
@@ -22,45 +22,9 @@ from pydantic import (
     WrapValidator,
 )
 
+from up_samp.fleet.limits import FILE_LIMITS
 from up_samp.io.precision import PRECISION
 from up_samp.upio.read_maps import LIMITS
-
-
-@dataclass(frozen=True)
-class FileLimits:
-    """Larger files, maps and figures are refused by name before anything is built from them."""
-
-    file_bytes: int = 16_000_000
-    """Bytes of a file of problems."""
-    aliases: int = 1_000
-    """YAML aliases in one file: a few of them may stand for millions of nodes."""
-    depth: int = 40
-    """Tables in tables."""
-    number: int = 300
-    """Letters of a number."""
-    cells: int = 40_000_000
-    """Cells of a map that is drawn from outlines."""
-    pieces: int = 200_000
-    """Elements and points of a drawing, each copy counted: a few lines may stand for millions."""
-    largest: float = 1e9
-    """Of all figures without a limit of their own: nothing real has more, and nobody could count
-    with it.
-    """
-    least: float = 1e-6
-    """Of what has to be more than nothing."""
-    visits: int = 200
-    """How often a robot may come to a charger, a door, or a place to park: each visit is an
-    activity of its own."""
-    repeats: int = 1_000
-    """How often a job recurs."""
-    corners: int = 1_000
-    """Of a footprint, a door's leaf, or a zone: every pose that is looked at takes them all."""
-    shown: int = 20
-    """So many faults are told at a time."""
-
-
-FILE_LIMITS = FileLimits()
-
 
 # ------------------ What a fleet problem says
 
@@ -422,6 +386,37 @@ class Zone:
 
 
 @dataclass(frozen=True)
+class Lane:
+    """A way that robots of ``robot_types`` (none named: of all) prefer in both directions: a line
+    through ``points`` (m), ``width`` m wide. Who drives alone counts a second beside such lanes
+    ``prefer`` times. A wish and no rule.
+    """
+
+    __pydantic_config__ = STRICT
+    points: Annotated[tuple[Point, ...], MinLen(2), MaxLen(FILE_LIMITS.corners)]
+    width: Length = 1.0
+    prefer: Annotated[Positive, Gt(1)] = 1.5
+    robot_types: Names = ()
+    floor: Name = GROUND
+
+    def heeded_by(self, kind: str) -> bool:
+        """Return whether it is for robots of a type."""
+        return not self.robot_types or kind in self.robot_types
+
+    @property
+    def areas(self) -> tuple[tuple[Point, ...], ...]:
+        """The corners of each straight piece, half its width longer at both ends."""
+        half = 0.5 * self.width
+        ends = [(complex(*a), complex(*b)) for a, b in itertools.pairwise(self.points)]
+        return tuple(
+            tuple((z.real, z.imag) for z in (a - w - v, b + w - v, b + w + v, a - w + v))
+            for a, b in ends
+            for w in (half * (b - a) / abs(b - a),)
+            for v in (1j * w,)
+        )
+
+
+@dataclass(frozen=True)
 class Resource:
     """Something that ``capacity`` stops and tasks can use at a time: a lift table, an operator.
 
@@ -675,6 +670,7 @@ class FleetRecords:
     doors: Mapping[Name, Door] = field(default_factory=dict)
     automatic_doors: Mapping[Name, AutomaticDoor] = field(default_factory=dict)
     zones: Mapping[Name, Zone] = field(default_factory=dict)
+    lanes: Mapping[Name, Lane] = field(default_factory=dict)
     resources: Mapping[Name, Resource] = field(default_factory=dict)
     orders: Orders = ()
     tasks: tuple[Task, ...] = ()

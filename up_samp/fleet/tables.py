@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from up_samp.fleet.faults import FleetError
-from up_samp.fleet.records import FILE_LIMITS
+from up_samp.fleet.limits import FILE_LIMITS
 
 SEPARATORS = ",;\t"
 WORDS = {"yes": True, "true": True, "no": False, "false": False}

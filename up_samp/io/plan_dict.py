@@ -242,6 +242,8 @@ def _zone(zone: TrafficZone) -> dict[str, Any]:
         entry["stops"] = False
     if zone.cost:
         entry["cost"] = _plain(zone.cost)
+    if zone.prefer > 1.0:
+        entry["prefer"] = _plain(zone.prefer)
     return entry
 
 

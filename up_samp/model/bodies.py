@@ -90,8 +90,9 @@ class TrafficZone:
     While any part of a robot's body is in it, its speed is at most ``v_max`` (m/s), and it does not
     turn on the spot, or stand, unless it may (``pivots``, ``stops``). While its reference point is
     in it, it does not move against the heading ``one_way`` (rad; None: any way). Rules 22 and on of
-    ``docs/semantics.md``. ``cost`` is a wish, and no rule: so many seconds does a planner count for
-    driving through it.
+    ``docs/semantics.md``. Wishes, and no rules: so many seconds does a planner count for driving
+    through it (``cost``), or for each second beside what is preferred (``prefer``, 1 or more: how
+    much it is; it is driven along the middle of its length).
     """
 
     polygon: tuple[tuple[float, float], ...]
@@ -101,6 +102,7 @@ class TrafficZone:
     pivots: bool = True
     stops: bool = True
     cost: float = 0.0
+    prefer: float = 1.0
 
     @property
     def turned(self) -> TrafficZone:
@@ -171,6 +173,11 @@ class Kinematics:
     def no_stops(self) -> tuple[TrafficZone, ...]:
         """The zones in which it does not stand."""
         return tuple(zone for zone in self.zones if not zone.stops)
+
+    @cached_property
+    def lanes(self) -> tuple[TrafficZone, ...]:
+        """The zones that it prefers to what is beside them."""
+        return tuple(zone for zone in self.zones if zone.prefer > 1.0)
 
     @property
     def both_ways(self) -> bool:

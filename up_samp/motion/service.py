@@ -32,6 +32,7 @@ from up_samp.motion.curves.slowing import (
     slowed,
     slowing_zones,
 )
+from up_samp.motion.guides.preferred import along_lanes
 from up_samp.motion.legs import Legs, check_ways, strung, strung_at_full_speed
 from up_samp.motion.proofs.bounds import DurationBounds
 from up_samp.motion.proofs.certificates import Apart, Certifier
@@ -128,8 +129,9 @@ class MotionService:
         self, query: PathQuery, whole: Trajectory, slow: PathReport, deadline: Deadline
     ) -> tuple[PathReport, bool]:
         """Return the quickest of a way that zones, or a limit backwards, slow (``whole`` would be
-        its motion without them), one around these zones, and one without a stretch backwards, and
-        whether all of them were sought to the end; what zones cost is counted.
+        its motion without them), one around these zones, one without a stretch backwards, and one
+        along the lanes that it prefers, and whether all of them were sought to the end; what zones
+        cost, and what is driven beside such lanes, is counted.
 
         It may not be the fastest that there is: what comes of it is never called complete.
         """
@@ -141,6 +143,10 @@ class MotionService:
         if is_slowed_backwards(whole, query.body):
             ahead = replace(query.body, kinematics=replace(query.body.kinematics, reverse=False))
             others.append(replace(query, body=ahead))
+        if query.body.kinematics.lanes:
+            others.append(
+                replace(query, poses=along_lanes(query.body, query.poses, self.bounds.length))
+            )
         best, final = slow, True
         for other in others:
             found = self._find(other, deadline)
@@ -149,7 +155,7 @@ class MotionService:
                 continue
             used, legs = found
             final &= all(leg.complete for leg in legs)
-            motion, _ = strung(self.scene, query, legs)
+            motion, _ = strung(self.scene, replace(query, poses=other.poses), legs)
             assert best.trajectory is not None
             if seconds_of(motion, query.body) < seconds_of(best.trajectory, query.body):
                 best = replace(best, trajectory=motion, planner=used)

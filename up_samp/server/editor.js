@@ -152,7 +152,7 @@ function remove(problem, [kind, name]) {   // and the orders to and from a place
 }
 
 function names(problem) {
-  return ["robot_types", "robots", "places", "doors", "automatic_doors", "zones", "resources", "lifts", "floors"].flatMap(k => Object.keys(problem[k] || {}));
+  return ["robot_types", "robots", "places", "doors", "automatic_doors", "zones", "lanes", "resources", "lifts", "floors"].flatMap(k => Object.keys(problem[k] || {}));
 }
 
 function fresh(letter, taken) {

@@ -262,8 +262,9 @@ def _read_zones(name: str, given: Any) -> tuple[TrafficZone, ...]:
             raise ProblemError(
                 f"object '{name}': a zone's one_way is a heading, not {zone.one_way}"
             )
-        if not zone.v_max > 0:
-            raise ProblemError(f"object '{name}': a zone's v_max is positive, not {zone.v_max}")
+        if not (zone.v_max > 0 and 1.0 <= zone.prefer < math.inf):
+            told = f"v_max is positive and prefer 1 at least, not {zone.v_max} and {zone.prefer}"
+            raise ProblemError(f"object '{name}': a zone's {told}")
     return tuple(sorted(set(zones), key=repr))
 
 

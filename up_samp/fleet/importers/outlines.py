@@ -27,7 +27,7 @@ from up_samp.fleet.importers.common import (
     number_of,
     wrong,
 )
-from up_samp.fleet.records import FILE_LIMITS
+from up_samp.fleet.limits import FILE_LIMITS
 from up_samp.fleet.tables import check_size
 from up_samp.geometry.maps import write_map
 from up_samp.model import ProblemError

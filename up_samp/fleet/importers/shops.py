@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from up_samp.fleet.importers.common import Imported, Options, finish, number_of, wrong
-from up_samp.fleet.records import FILE_LIMITS
+from up_samp.fleet.limits import FILE_LIMITS
 from up_samp.fleet.tables import text_of
 from up_samp.geometry.maps import write_map
 from up_samp.model import ProblemError

@@ -205,9 +205,17 @@ def may_stand(body: Body, pose: Configuration) -> bool:
 
 
 def seconds_of(motion: Trajectory, body: Body) -> float:
-    """Return what a motion lasts, with what zones on its way cost (s)."""
+    """Return what a motion lasts, with what zones on its way cost (s), and what it drives beside
+    the lanes that are preferred most.
+    """
     zones = (zone for zone in body.kinematics.zones if zone.cost)
-    return motion.duration + sum(z.cost for z in zones if steps_in(z, motion.poses, body).any())
+    costs = sum(z.cost for z in zones if steps_in(z, motion.poses, body).any())
+    lanes = body.kinematics.lanes
+    most = max((lane.prefer for lane in lanes), default=1.0)
+    at = 0.5 * (motion.poses[:-1, :2] + motion.poses[1:, :2])
+    on = [np.where(shapely.contains_xy(_area(z)[0], at), most / z.prefer, most) for z in lanes]
+    worth = np.minimum.reduce([np.full(len(at), most), *on])
+    return motion.duration + costs + float(np.diff(motion.times) @ (worth - 1.0))
 
 
 def slowing_zones(motion: Trajectory, body: Body) -> tuple[TrafficZone, ...]:
