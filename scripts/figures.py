@@ -130,7 +130,7 @@ FLOORS = (
     *("logistics-dc-all-r5-i8", "navigation-r10", "logistics-dc-all-r10-i16"),
 )
 """Instances whose plans are executed."""
-FULL = 420
+FULL = 360
 """Orders an hour: nine tenths of what ten robots can do at most."""
 WAYS = ("rolling", "token", "anew")
 DAYS = (
