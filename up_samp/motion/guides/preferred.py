@@ -13,8 +13,6 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 import shapely
-from scipy.sparse.csgraph import dijkstra
-from scipy.spatial.distance import cdist
 
 from up_samp.model import Body, Configuration, TrafficZone
 from up_samp.model.arrays import FloatArray
@@ -29,6 +27,10 @@ def along_lanes(
     """Return poses (m, rad) that a body drives through, with those between them that lead along
     the lanes that it prefers, where these are worth it.
     """
+    # a third of a second, for those only who have lanes
+    from scipy.sparse.csgraph import dijkstra
+    from scipy.spatial.distance import cdist
+
     lanes = body.kinematics.lanes
     whole = [_middle(lane) for lane in lanes]
     apart = max(0.5, sum(line.length for line in whole) / 200)  # m; few are quick to look at
