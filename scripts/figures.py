@@ -131,7 +131,7 @@ FLOORS = (
 )
 """Instances whose plans are executed."""
 FULL = 360
-"""Orders an hour: nine tenths of what ten robots can do at most."""
+"""Orders an hour that are called the full load of ten robots."""
 WAYS = ("rolling", "token", "anew")
 DAYS = (
     *(f"rolling, 240 an hour, 1 h, seed {seed}" for seed in range(2)),
@@ -141,9 +141,9 @@ DAYS = (
     *(f"rolling, 60 an hour, 8 h, seed {n}, Nav2" for n in range(5) if "NAV2_MAPS" in os.environ),
     "rolling, 60 an hour, 2 h, seed 0",
 )
-"""Days of ten robots with four times as many orders as are usual, with nine tenths of what they
-can do at most by each of three ways to plan, of thirty robots, whole ones, and a short one. On
-Nav2's map only where ``NAV2_MAPS`` says in which folder it is.
+"""Days of ten robots with four times as many orders as are usual, at full load by each of three
+ways to plan, of thirty robots, whole ones, and a short one. On Nav2's map only where ``NAV2_MAPS``
+says in which folder it is.
 """
 PLACES = ("hospital", "factory", *["nav2_warehouse"] * ("NAV2_MAPS" in os.environ))
 """Examples whose plans are looked at beside those of a routing solver."""

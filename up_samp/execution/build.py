@@ -400,9 +400,9 @@ class Dependencies:
     """What was planned (``None``: only the plan file is known)."""
     sides: Sides = field(default_factory=dict)
     """Who goes first of components that the plan's times do not order."""
-    open: frozenset[Key] = frozenset()
+    undecided: frozenset[Key] = frozenset()
     """Components of which it is to be decided who goes first: what is planned leaves no order, and
-    the graph says nothing of who goes first anywhere (see :func:`reorder.settle`).
+    the graph says nothing of who goes first anywhere (see ``settle`` in ``reorder.py``).
     """
 
     @cached_property

@@ -457,11 +457,11 @@ def propose(executor: Followed) -> Proposal | None:
 
 
 def settle(executor: Followed) -> None:
-    """Decide who goes first where the plan leaves no order (``Dependencies.open``).
+    """Decide who goes first where the plan leaves no order (``Dependencies.undecided``).
 
     Raises :class:`ProblemError` where no order is found.
     """
-    ahead, open_ = executor.retime(), executor.dependencies.open
+    ahead, open_ = executor.retime(), executor.dependencies.undecided
     some = (d for d in _components(executor) if d.key in open_)
     decisions = [d for d in some if _is_open(executor, ahead, d)]
     executor.sides |= _solve(executor, ahead, decisions)

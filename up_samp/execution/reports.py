@@ -114,3 +114,14 @@ def doubt(way: MotionUnderWay, progress: float, seconds: float, error: float) ->
     if far > most:
         return f"{far:.3f} m in {seconds:.2f} s are more than the {most:.3f} m that it can drive"
     return ""
+
+
+def words_of(command: Command | None) -> tuple[str, str]:
+    """Return what a robot is told, and why, in words."""
+    if isinstance(command, Go):
+        return f"go to {command.until:.2f} m of {command.motion}", ""
+    if isinstance(command, Do):
+        return f"do {command.activity}", "" if command.may_end else "it may not end yet"
+    if isinstance(command, Hold):
+        return "hold", "; ".join(command.waiting_for)
+    return "", ""

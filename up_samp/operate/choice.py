@@ -191,7 +191,7 @@ class Day:
             broken={r: self.poses[r] for r in self.off_plan()},
             limits=self._limits(self.executor),
             opened=opened or {},
-            aside=self.cramped,
+            cramped=self.cramped,
         )
         closed = {n: self.site.doors[n].closed for n in self.shut}
         return replace(found, since=now - self.origin, poses={**found.poses, **closed})

@@ -96,16 +96,16 @@ def cut_of(
     broken: Mapping[str, Pose] | None = None,
     limits: Mapping[str, float] | None = None,
     opened: Mapping[str, Opened] | None = None,
-    aside: Collection[str] = (),
+    cramped: Collection[str] = (),
 ) -> Cut:
     """Return where a plan can be cut so that nothing that begins within ``ahead`` s is touched.
 
     ``broken``: robots that drive no more, and where they stand. ``limits``: how far (m) motions may
     go, where that is less than their whole length. ``opened``: the robots whose work is planned
-    anew; what others do stays (None: everybody's). ``aside``: robots that drive on until they stand
-    in nobody's way; who comes to where another one stands waits until that has gone on.
+    anew; what others do stays (None: everybody's). ``cramped``: those of them that drive on until
+    they stand in nobody's way; who comes to where another one stands waits until that has gone.
     """
-    return _Cutter(executor, broken or {}, limits or {}, opened, aside).cut(ahead)
+    return _Cutter(executor, broken or {}, limits or {}, opened, cramped).cut(ahead)
 
 
 class _Cutter:
@@ -115,9 +115,9 @@ class _Cutter:
         broken: Mapping[str, Pose],
         limits: Mapping[str, float],
         opened: Mapping[str, Opened] | None,
-        aside: Collection[str],
+        cramped: Collection[str],
     ) -> None:
-        self.executor, self.state, self.aside = executor, executor.state, aside
+        self.executor, self.state, self.cramped = executor, executor.state, cramped
         self.broken, self.limits, self.opened = broken, limits, opened
         self.meanings = meanings_of(executor.plan)
         self.turns = turns_of(executor, self.meanings)
@@ -320,8 +320,9 @@ class _Cutter:
         self, name: str, kept: Collection[str], ahead: float, forecast: Forecast
     ) -> float | None:
         """Return how far (m) a robot that is planned anew goes on in a drive that leads to nothing
-        it has to do: until it can stand where nobody comes to rest, or, ``aside``, in nobody's way
-        (None: it is no such drive, or to its end). ``kept``: all that stays, also what ends early.
+        it has to do: until it can stand where nobody comes to rest, or, one of ``cramped``, in
+        nobody's way (None: it is no such drive, or to its end). ``kept``: all that stays, also what
+        ends early.
         """
         robot, ways = self.meanings[name].robot, self.state.ways_of[name]
         if (
@@ -348,7 +349,7 @@ class _Cutter:
         others = [
             (
                 drives[n, w.object].path,
-                w.progress if robot in self.aside else w.length - LEAST,
+                w.progress if robot in self.cramped else w.length - LEAST,
                 margin + w.error,
             )
             for n in kept

@@ -19,7 +19,7 @@ from shapely.geometry import Polygon
 from up_samp.execution.astray import place_of, pose_in
 from up_samp.execution.executor import Executor
 from up_samp.execution.reorder import cost
-from up_samp.execution.reports import Command, Go, Heard, Hold, Reply
+from up_samp.execution.reports import Command, Go, Heard, Hold, Reply, words_of
 from up_samp.execution.state import TaskPhase
 from up_samp.fleet.fleet import Fleet
 from up_samp.fleet.records import Order, Task
@@ -41,7 +41,7 @@ from up_samp.operate.planner import (
     goals_of,
     leaf_at,
 )
-from up_samp.operate.records import DayOrder, OrderState, Pose, Report, Robots, since_now, words_of
+from up_samp.operate.records import DayOrder, OrderState, Pose, Report, Robots, since_now
 from up_samp.operate.records import job_record as record_of
 from up_samp.operate.settings import DAY, Settings
 from up_samp.operate.stitch import Kept, kept_of
@@ -370,8 +370,8 @@ class Operation(Day):
         """Ask for the rest to be planned anew, also what no plan was found for: there may be one
         now. Nobody is to take up what could not be brought to its end.
         """
-        self.aside.clear()
-        self.tried.clear()
+        for some in (self.aside, self.tried, self.cramped):
+            some.clear()
         with self.store:
             for job in self.hindered():
                 self._set(job, OrderState.WAITING, why)

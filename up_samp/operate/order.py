@@ -56,7 +56,7 @@ def ordered(
 
     executor = under_way(told, gone)
     executor.goals, executor.lead = goals, lead
-    if told.open:
+    if told.undecided:
         settle(executor)
     propose(executor)
     # the plan's motions begin where they are cut, a moment behind where their robots are

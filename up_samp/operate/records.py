@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any, Protocol
 
 from up_samp.execution.executor import Executor
-from up_samp.execution.reports import Command, Do, Go, Hold
+from up_samp.execution.reports import Command
 from up_samp.fleet.files import read_record
 from up_samp.fleet.records import Order, Task, Windows
 
@@ -127,14 +127,3 @@ class Robots(Protocol):
 
     def follow(self, executor: Executor) -> None:
         """Take note that commands speak of the motions of another plan from now on."""
-
-
-def words_of(command: Command | None) -> tuple[str, str]:
-    """Return what a robot is told, and why, in words."""
-    if isinstance(command, Go):
-        return f"go to {command.until:.2f} m of {command.motion}", ""
-    if isinstance(command, Do):
-        return f"do {command.activity}", "" if command.may_end else "it may not end yet"
-    if isinstance(command, Hold):
-        return "hold", "; ".join(command.waiting_for)
-    return "", ""

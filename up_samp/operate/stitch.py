@@ -271,14 +271,15 @@ def _dependencies(
     """
     said, lives, fresh = new["dependencies"], lives_of(plan), set(names.values())
     margin, error = float(said["margin"]), float(said.get("localisation", 0.0))
-    meetings = tuple(meetings_of(lives, margin, error, leaving=fresh))
+    # once it has its times these say who goes first everywhere
+    meetings = tuple(meetings_of(lives, margin, error, leaving=fresh if lead else ()))
     sides: dict[Key, bool] = {}
     for meeting in meetings:
         sides |= meeting.untimed
 
     def told(met: Iterable[Meeting]) -> Dependencies:
         draft = Draft(_tasks(plan, kept, said, names, known), lives)
-        _put(draft, kept, said, names, common, known)
+        _put_needs(draft, kept, said, names, common, known)
         for name in names.values() if lead else ():
             draft.put(ORIGIN, Event(At.START, name), lead, "constraint", "it is planned until then")
         for meeting in met:
@@ -293,7 +294,7 @@ def _dependencies(
         if not lead:
             raise
         crossed = {key for m in meetings if fresh & m.activities for key in m.keys}
-        return replace(told(()), open=frozenset(crossed - sides.keys()))
+        return replace(told(()), undecided=frozenset(crossed - sides.keys()))
 
 
 def _tasks(
@@ -311,7 +312,7 @@ def _tasks(
     return {n: replace(t, expected=expected[n]) for n, t in tasks_of(plan, who).items()}
 
 
-def _put(
+def _put_needs(
     draft: Draft,
     kept: Kept,
     said: Mapping[str, Any],
