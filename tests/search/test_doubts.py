@@ -16,7 +16,11 @@ from tests.scheduling.cpsat import fleets
 from tests.scheduling.cpsat.fleets import optimum, write_fleet
 from up_samp.fleet import Fleet
 from up_samp.model import CandidateSchedule
+from up_samp.model.refinement import Strength
+from up_samp.refinement import rules
 from up_samp.scheduling.cpsat.solve import strategy
+from up_samp.search import attempt
+from up_samp.search.check import Checker
 from up_samp.search.conclusion import Conclusion, conclude
 from up_samp.search.history import History
 from up_samp.search.knowledge import Bounds, Incumbent
@@ -24,6 +28,16 @@ from up_samp.validation import validate_plan
 
 MAPS = Path(__file__).parents[2] / "examples" / "maps"
 PAIR = fleets.Fleet((0, 30), (6, 21), (2, 2), ((0, 1), (0, 1)), home=True)
+
+
+def there_and_back(*near):
+    fleet = Fleet(MAPS / "two_rooms.yaml")
+    fleet.add_robot_type("agv", (1.2, 0.8), turning_radius=0.8, v_max=2.0, a_max=0.5)
+    fleet.add_place("home", 3, 3)
+    fleet.add_place("near", *near or (8, 3))
+    fleet.add_robot("r1", "agv", "home", end="home")
+    fleet.add_task("look", "near", duration=3)
+    return fleet
 
 
 @pytest.fixture(params=[7, 100_000], ids=["too great", "beyond all"])
@@ -58,12 +72,7 @@ def test_a_schedule_rests_on_nothing_that_was_refuted(name, wrong):
 
 @pytest.mark.parametrize("optimal", [True, False])
 def test_a_plan_rests_on_nothing_that_was_refuted(optimal, wrong):
-    fleet = Fleet(MAPS / "two_rooms.yaml")
-    fleet.add_robot_type("agv", (1.2, 0.8), turning_radius=0.8, v_max=2.0, a_max=0.5)
-    for place, x in (("home", 3), ("near", 8)):
-        fleet.add_place(place, x, 3)
-    fleet.add_robot("r1", "agv", "home", end="home")
-    fleet.add_task("look", "near", duration=3)
+    fleet = there_and_back()
     result = fleet.solve(optimal=optimal)
     assert result.outcome.metrics["refuted"]
     assert validate_plan(fleet.problem, result.plan).valid
@@ -76,6 +85,40 @@ def test_a_plan_rests_on_nothing_that_was_refuted(optimal, wrong):
 def test_what_holds_is_not_refuted(name):
     with OneshotPlanner(name=name) as planner:
         assert not refuted(planner.solve(write_fleet(PAIR, 3)))
+
+
+@pytest.mark.parametrize("strength", [Strength.RELATIVE, Strength.PROVEN])
+@pytest.mark.parametrize("optimal", [True, False])
+def test_what_a_valid_plan_breaks_is_taken_back(strength, optimal, monkeypatch, caplog):
+    """The first check says too much; the plan that is made of the same schedule shows it."""
+    caplog.set_level(logging.CRITICAL, "up_samp")
+    honest, said = Checker.check, []
+
+    def check(self, itinerary):
+        found = honest(self, itinerary)
+        if found.passed and not said:
+            drive = itinerary.motions[0]
+            units = drive.end - drive.start + 5
+            wrong = rules.lasts(drive.activity, units, "it is said", strength=strength)
+            said.append(wrong)
+            found.refinements.append(wrong)
+        return found
+
+    def adopt(search, itinerary, check):
+        learned = [r for r in check.refinements if r not in said]
+        return adopted(search, itinerary, replace(check, refinements=learned))
+
+    adopted = attempt.adopt_or_repair
+    far = 17, 2, 1.57  # drives there and back take longer than is proven that they need
+    honestly = there_and_back(*far).solve(optimal=True, relative=True)
+    monkeypatch.setattr(attempt, "adopt_or_repair", adopt)
+    monkeypatch.setattr(Checker, "check", check)
+    result = there_and_back(*far).solve(optimal=optimal, relative=True)
+    assert said
+    assert ("refuted" in result.outcome.metrics) == (strength is Strength.PROVEN)
+    bound = int(result.outcome.metrics["lower_bound"])
+    assert bound <= honestly.makespan <= result.makespan
+    assert not optimal or (result.status, bound) == ("SOLVED_OPTIMALLY", honestly.makespan)
 
 
 @pytest.mark.parametrize("native", [True, False])
@@ -94,6 +137,7 @@ def test_no_plan_is_optimal_that_ends_before_a_bound_that_was_doubted_in_vain(
         knowledge=SimpleNamespace(active=[]),
         history=history,
         recognise_nothing=lambda: forgotten.append(True),
+        refute=history.refuted.append,
     )
     ended = conclude(search)
     assert ended.conclusion is Conclusion.SOLVED

@@ -109,6 +109,7 @@ def keep_if_better(search: Search, found: Incumbent | None) -> Incumbent | None:
     """Make a valid plan the incumbent and return it, if it is the best so far."""
     if found is None or not search.bounds.keep(found):
         return None
+    search.confront(search.knowledge.active)
     search.budget.planned()
     # its round is not in the history yet
     search.history.planned(len(search.history.rounds) + 1, search.budget.deadline.elapsed())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from up_samp.model import CandidateSchedule, Trajectory
 from up_samp.model.refinement import Refinement, Strength
@@ -51,6 +51,13 @@ class Knowledge:
             self.active.append(refinement)
             new.append(refinement)
         return new
+
+    def take_back(self, wrong: Iterable[Refinement]) -> None:
+        """Take what a valid plan breaks for what it is: a guess."""
+        back = set(map(id, wrong))
+        self.active = [
+            replace(r, strength=Strength.HEURISTIC) if id(r) in back else r for r in self.active
+        ]
 
     def start_over(self, relaxation: Relaxation) -> None:
         """Begin anew on a fresh relaxation with what is proven or relative; drop the guesses."""
@@ -141,6 +148,10 @@ class Bounds:
     def told_lower(self) -> Number | None:
         """Return the lower bound, if there is one."""
         return None if isinstance(self.lower, float) else self.lower
+
+    def forget_relative(self) -> None:
+        """Drop what rests on the motion planner's durations."""
+        self.lower, self.beside = self.absolute, min(self.beside, self.absolute)
 
     def forget(self) -> None:
         """Drop the lower bounds."""

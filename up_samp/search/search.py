@@ -4,6 +4,7 @@ they are told of what is found.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -12,8 +13,10 @@ from up_samp.model import CandidateSchedule, Refusal, Trajectory
 from up_samp.model.refinement import Refinement, Strength
 from up_samp.scheduling import Scheduler
 from up_samp.scheduling.cpsat import CpsatSession
+from up_samp.scheduling.cpsat.doubt import refuted
 from up_samp.search.budget import Budget, Restarts, SchedulerPace
 from up_samp.search.check import Check, CheckAlone, Checker
+from up_samp.search.cuts.protocol import rejects
 from up_samp.search.cuts.small import SmallCuts
 from up_samp.search.events import State, Telling
 from up_samp.search.facts import Facts
@@ -22,8 +25,10 @@ from up_samp.search.knowledge import Bounds, Incumbent, Knowledge
 from up_samp.search.motions import Motions
 from up_samp.search.proof import Prover
 from up_samp.tuning import Tuning
-from up_samp.upio import Itinerary, Relaxation, SampSchedule
+from up_samp.upio import Itinerary, Relaxation, SampSchedule, read_itinerary
 from up_samp.upio.objective import Measure
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -135,7 +140,35 @@ class Search:
         self.bounds.stated |= any(r.strength is Strength.RELATIVE for r in new)
         if new:
             self.tell("refinement", new)
+            self.confront(new)
         return len(new)
+
+    def confront(self, said: Iterable[Refinement]) -> None:
+        """Hold what was ``said``, and is no guess, against the best plan, which is valid: what it
+        breaks is a guess. By motions that are faster than the planner's own it may; if it breaks
+        what is called proven, that is an error of ours, and is told.
+        """
+        best = self.bounds.incumbent
+        if best is None:
+            return
+        snapshot = self.knowledge.relaxation.snapshot
+        itinerary = read_itinerary(self.knowledge.relaxation, best.schedule)
+        sure = [r for r in said if r.strength is not Strength.HEURISTIC]
+        broken = [r for r in sure if rejects(itinerary, snapshot, r)]
+        if not broken:
+            return
+        self.knowledge.take_back(broken)
+        self.bounds.forget_relative()
+        for refinement in broken:
+            if refinement.strength is Strength.PROVEN:
+                self.bounds.forget()
+                claim = f"{refinement.statement} ({refinement.why}) is called proven"
+                self.refute(refuted(claim, "a valid plan breaks it"))
+
+    def refute(self, told: str) -> None:
+        """Tell an error of ours that does no harm any more."""
+        log.error("%s", told)
+        self.history.refuted.append(told)
 
     def judged(self, plan: SampSchedule) -> list[Refusal]:
         """Return what the independent validator has against a plan."""

@@ -43,8 +43,12 @@ def sooner(
 def refuted_by(bound: Number | None, schedule: CandidateSchedule) -> str:
     """Return in words what a schedule refutes: a lower bound, or that there is none (``None``)."""
     claim = "that there is no schedule" if bound is None else f"the lower bound {bound}"
-    return (
-        f"refuted: {claim} rests on what was recognised in the problem, but there is a schedule "
-        f"for less (it ends at {schedule.makespan}); this is an error of up_samp's, please report "
-        "it"
+    return refuted(
+        f"{claim} rests on what was recognised in the problem",
+        f"there is a schedule for less (it ends at {schedule.makespan})",
     )
+
+
+def refuted(claim: str, because: str) -> str:
+    """Return in words that a claim of ours was wrong."""
+    return f"refuted: {claim}, but {because}; this is an error of up_samp's, please report it"
