@@ -1,7 +1,9 @@
 """How long a search goes on where nothing is said: until a bound is met, or patience ends."""
 
+import itertools
 import math
 import time
+from types import SimpleNamespace
 
 import pytest
 from unified_planning.shortcuts import OneshotPlanner, get_environment
@@ -11,6 +13,8 @@ from tests.metamorphic.sites import store
 from up_samp.model import Deadline, ProblemError
 from up_samp.model.deadline import computing_time
 from up_samp.search.budget import Budget, SchedulerPace
+from up_samp.search.fleet import solve
+from up_samp.search.history import History
 from up_samp.search.params import Parameters
 from up_samp.validation import validate_plan
 
@@ -98,3 +102,32 @@ def test_the_default_goes_on_and_the_first_plan_is_to_be_asked_for(tmp_path, mon
         found[name] = plans
     assert len(found["first"]) == 1
     assert found["default"][0] == found["first"][0] > found["default"][-1]
+
+
+def test_each_better_plan_of_a_fleet_gives_those_after_it_the_time_to_come(monkeypatch):
+    spent, kept = budget(1000.0, patience=1.0), []
+    spent.deadline.spend(10.0)
+    spent.planned()
+
+    def improved(over, deadline):
+        for number in itertools.count():
+            if over():
+                return
+            spent.deadline.spend(8.0)
+            if number < 10:
+                yield number
+
+    def keep(search, found):
+        kept.append(found)
+        spent.planned()
+
+    monkeypatch.setattr(solve, "plan_of_tours", lambda _, decided: decided)
+    monkeypatch.setattr(solve, "keep_if_better", keep)
+    search = SimpleNamespace(
+        budget=spent, history=History(), stopped=False, bounds=SimpleNamespace(met=False)
+    )
+    large = SimpleNamespace(nearly_all=lambda share: share)
+    better = SimpleNamespace(improved=improved, without_traffic=math.inf)
+    assert list(solve.improve(search, large, better)) == []
+    assert kept == list(range(10))
+    assert 180.0 < spent.deadline.used() < 190.0  # twice as long as to the best one

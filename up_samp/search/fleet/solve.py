@@ -116,9 +116,9 @@ def solve_large(
             break
         if search.stopped:
             return conclude_stopped(search)
-    better = None if found is None else keep_if_better(search, found[0])
     with search.history.stages.of(STATING):
         state_bounds(search, large.problem, large.jobs, relative=optimal)
+    better = None if found is None else keep_if_better(search, found[0])
     if better is not None:
         yield better
         if not optimal:
@@ -251,8 +251,14 @@ def open_tours(large: LargeProblem, dealt: Assignment, deadline: Deadline) -> To
 
 def improve(search: Search, large: LargeProblem, better: FleetLNS) -> Iterator[Incumbent]:
     """Yield better plans made of tours, until the time is over that there is for it."""
-    deadline = search.budget.share(large.nearly_all(_SHARE), float("inf"))
-    changes = better.improved(lambda: deadline.expired() or search.stopped, deadline)
+    budget = search.budget
+    # each better plan gives all that comes after it the time to bring another one
+    deadline = budget.whole.within(large.nearly_all(_SHARE) * budget.whole.remaining())
+
+    def over() -> bool:
+        return deadline.expired() or budget.deadline.expired() or search.stopped
+
+    changes = better.improved(over, deadline)
     while not (search.bounds.met or search.stopped):
         with search.history.stages.of(BUILDING):
             decided = next(changes, None)

@@ -1,5 +1,9 @@
 """The lower bound by all the work there is."""
 
+import itertools
+import math
+import random
+
 import numpy as np
 import pytest
 from unified_planning.shortcuts import IntType
@@ -11,10 +15,16 @@ from tests.scheduling.cpsat.writer import write
 from up_samp.model import Deadline
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.model import ScheduleModel
+from up_samp.scheduling.cpsat.routing import workload
 from up_samp.scheduling.cpsat.routing.detection import find_routes
 from up_samp.scheduling.cpsat.routing.dispatch import find_work
 from up_samp.scheduling.cpsat.routing.labels import LabelTable
-from up_samp.scheduling.cpsat.routing.workload import bound_by_assignment, bound_by_work, shares
+from up_samp.scheduling.cpsat.routing.workload import (
+    TaskShare,
+    bound_by_assignment,
+    bound_by_work,
+    shares,
+)
 
 
 def optimum(problem):
@@ -88,8 +98,16 @@ def test_a_large_fleet_is_bounded_by_who_does_what():
 class Looks:
     """A clock on which the time is over after so many looks."""
 
+    work = None
+
     def __init__(self, most):
         self.most, self.done = most, 0
+
+    def remaining(self):
+        return math.inf
+
+    def spend(self, seconds):
+        """Time passes by looks alone."""
 
     def expired(self):
         self.done += 1
@@ -131,3 +149,37 @@ def test_labels_that_are_compared_for_long_look_at_the_clock():
     looks = Looks(0)
     assert len(some.undominated(looks)) == 1000
     assert looks.done == 1
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_who_does_what_is_bounded_by_the_best_deal(seed, monkeypatch):
+    """All deals of a few tasks, and who may do one as well, tell the same."""
+    rng = random.Random(seed)
+    robots, tasks = rng.choice([(1, 4), (2, 5), (3, 4)])
+    costs = [
+        {
+            robot: TaskShare(*(rng.randint(0, 30) for _ in range(3)))
+            for robot in rng.sample(range(robots), rng.randint(1, robots))
+        }
+        for _ in range(tasks)
+    ]
+
+    def end(robot, mine):
+        own = [costs[task][robot] for task in mine]
+        least = min((s.start for s in own), default=0) + min((s.back for s in own), default=0)
+        return sum(s.base for s in own) + least
+
+    some = [subset(t for t in range(tasks) if robot in costs[t]) for robot in range(robots)]
+    ends = {
+        max(end(robot, mine) for robot, mine in enumerate(deal))
+        for deal in itertools.product(*some)
+        if set(range(tasks)) <= set().union(*deal)
+    }
+    least = max(min(s.least for s in mine.values()) for mine in costs)
+    monkeypatch.setattr(workload, "shares", lambda _: costs)
+    assert bound_by_assignment(None, 0) == max(least, min(ends))
+
+
+def subset(tasks):
+    tasks = list(tasks)
+    return [c for k in range(len(tasks) + 1) for c in itertools.combinations(tasks, k)]

@@ -13,22 +13,21 @@ from up_samp.scheduling.cpsat.routing.dispatch import RoutedWork
 from up_samp.scheduling.cpsat.routing.route import Route, way_back
 from up_samp.scheduling.cpsat.routing.rules import Programme, SequenceRules, cost
 from up_samp.scheduling.cpsat.routing.sequences import Sequences, raised
+from up_samp.scheduling.cpsat.solve.runner import run
 from up_samp.tuning import Tuning
 
 _STATES = 2_000_000
 """States of the dynamic programme over sets of tasks; with more it is only asked who does what."""
-_SETS = 20_000
-"""Sets of tasks that one proof over who does what may look at."""
-_COVER = 0.5
-"""CP-SAT's deterministic time for one such proof."""
+_EFFORT = 0.5
+"""CP-SAT's deterministic time for one proof over who does what."""
 
 
 # ------------------ A lower bound for large fleets: who does which tasks, with times left out
 # Each traveller does its tasks in some order; before each of them it comes from another one, or
 # from its start, which only the first one can. So they take at least what each task needs from the
-# nearest other one (one of them: from the start), and the way back of one. From that follows which
-# sets of tasks one traveller can do by a given time; if the sets of all cannot cover the tasks, no
-# schedule ends by then (set covering, by CP-SAT). The first end that is not refuted is a bound.
+# nearest other one (one of them: from the start), and the way back of one. If tasks cannot be dealt
+# out so that everybody ends by a given time (generalised assignment, by CP-SAT), no schedule does.
+# The first end that is not refuted is a bound.
 
 
 @dataclass(frozen=True)
@@ -117,75 +116,42 @@ def bound_by_assignment(work: RoutedWork, known: int, deadline: Deadline = Deadl
     most = max(known, sum(max(share.most for share in mine.values()) for mine in costs))
     low = max(known, max(min(s.least for s in mine.values()) for mine in costs))
     step = 1
-    while low < most and not deadline.expired() and _refuted(costs, low + step - 1):
+    while low < most and not deadline.expired() and _refuted(costs, low + step - 1, deadline):
         low, step = low + step, 2 * step
     high = low + step - 1
     while low < high and not deadline.expired():
         middle = (low + high - 1) // 2
-        if _refuted(costs, middle):
+        if _refuted(costs, middle, deadline):
             low = middle + 1
         else:
             high = middle
     return low
 
 
-def _refuted(costs: list[dict[int, TaskShare]], end: int) -> bool:
-    """Return whether it is proven that the travellers cannot share all tasks and end by ``end``.
-
-    Whoever does some tasks by then does one of the sets that are possible and as large as can be.
-    """
+def _refuted(costs: list[dict[int, TaskShare]], end: int, deadline: Deadline) -> bool:
+    """Return whether it is proven that the travellers cannot share all tasks and end by ``end``."""
     model = cp_model.CpModel()
-    done: list[list[cp_model.IntVar]] = [[] for _ in costs]
-    count = 0
+    does: list[list[cp_model.IntVar]] = [[] for _ in costs]
     for axis in sorted({axis for mine in costs for axis in mine}):
-        sets = _possible(costs, axis, end, _SETS - count)
-        if sets is None:
-            return False
-        count += len(sets)
-        chosen = []
-        for some in sets:
-            chosen.append(model.new_bool_var(""))
-            for task in some:
-                done[task].append(chosen[-1])
-        model.add_at_most_one(chosen)
-    for options in done:
-        model.add_bool_or(options)
-    solver = cp_model.CpSolver()
-    solver.parameters.num_workers = 1
-    solver.parameters.linearization_level = 2
-    solver.parameters.max_deterministic_time = _COVER
-    return bool(solver.solve(model) == cp_model.INFEASIBLE)
-
-
-def _possible(
-    costs: list[dict[int, TaskShare]], axis: int, end: int, most: int
-) -> list[frozenset[int]] | None:
-    """Return the sets of tasks that one traveller may do by ``end``, but for parts of others;
-    ``None`` if there are more than ``most``.
-    """
-    mine = [(task, some[axis]) for task, some in enumerate(costs) if axis in some]
-    start = min((s.start for _, s in mine), default=0)
-    back = min((s.back for _, s in mine), default=0)
-    found: list[frozenset[int]] = []
-
-    def extend(since: int, some: list[tuple[int, TaskShare]], total: int) -> bool:
-        if some:
-            ends = min(s.start for _, s in some) + min(s.back for _, s in some)
-            if total + ends <= end:
-                found.append(frozenset(task for task, _ in some))
-                if len(found) > most:
-                    return False
-        for index in range(since, len(mine)):
-            longer = total + mine[index][1].base
-            possible = longer + start + back <= end
-            if possible and not extend(index + 1, [*some, mine[index]], longer):
-                return False
-        return True
-
-    if not extend(0, [], 0):
-        return None
-    known, tasks = set(found), [task for task, _ in mine]
-    return [s for s in found if not any(t not in s and s | {t} in known for t in tasks)]
+        at_all, total = model.new_bool_var(""), []
+        firsts, lasts = [], []
+        for task, share in ((task, mine[axis]) for task, mine in enumerate(costs) if axis in mine):
+            this, first, last = (model.new_bool_var("") for _ in range(3))
+            model.add_implication(this, at_all)
+            model.add_implication(first, this)
+            model.add_implication(last, this)
+            total.append(share.base * this + share.start * first + share.back * last)
+            firsts.append(first)
+            lasts.append(last)
+            does[task].append(this)
+        model.add(sum(firsts) == at_all)
+        model.add(sum(lasts) == at_all)
+        model.add(sum(total) <= end)
+    for travellers in does:
+        model.add_bool_or(travellers)  # more than one may do it, if a plan has it done twice
+    options = {"num_workers": 1, "linearization_level": 2, "max_deterministic_time": _EFFORT}
+    answer = run(model, deadline, lambda *_: None, options=options)
+    return bool(answer.status == cp_model.INFEASIBLE)
 
 
 # ------------------ A lower bound from all the work there is
