@@ -52,7 +52,7 @@ class Tuning:
     """All tunables. Raises :class:`ProblemError` for values that make no sense."""
 
     large: int = tunable(
-        240, "optional activities", "from which on jobs are dealt out first", _FLEET, least=1
+        100, "optional activities", "from which on jobs are dealt out first", _FLEET, least=1
     )
     deals: int = tunable(8, "shares of the jobs", "at most, until there is a plan", _FLEET, least=1)
     exchanges: int = tunable(

@@ -18,6 +18,8 @@ from up_samp.model import (
     Body,
     Configuration,
     Deadline,
+    Kinematics,
+    Mobility,
     Placed,
     TimedMotion,
     Trajectory,
@@ -42,6 +44,8 @@ from up_samp.motion.fleet.timed_path import TimedPath, natural_timing, run_of
 from up_samp.motion.fleet.workspace import Workspace
 from up_samp.motion.guides.search_space import widest_shape
 
+CUTS = (math.inf, 0.3, 0.1, 0.02)
+"""By how much a way's corners are cut off at most, in turn: shares of a footprint's diameter."""
 ROUNDS = 4
 """Of paths around, and of lanes beside, what the last path met."""
 COPIES = 0.8
@@ -341,21 +345,12 @@ def drivable(
     if shape is None:
         return None
     world, least = scene.world(shape), 1e-3 * float(shape.data.slack[2])
-    if able.sideways:
-        radius = kin.v_max**2 / kin.a_max
-        rows = _rounded(points, radius)
-        return None if rows is None else _slid(body, poses, rows, world, least)
-    if able.pivots:
-        radius = rolling_radius(kin)
-        # a tighter arc is slower than the lowest speed that a path's cells have
-        rows = _rounded(points, radius, radius / math.sqrt(CUT.levels))
-        if rows is None:
-            return None
-        rows = _turned(poses, rows, flip)
-        rows = thinned(rows, kin)
-        if sweeps.samples_free(world, rows, least) >= 0:
-            return None
-        return path_of(rolled(rows, kin), body, poses)
+    if able.sideways or able.pivots:
+        # where the widest bends meet something (a door's frame), sharper ones may not
+        size = float(np.hypot(*np.ptp(np.array(body.footprint), axis=0)))
+        bends = (_bent(points, able, kin, cut * size) for cut in CUTS)
+        found = (_rolled(world, body, poses, rows, flip, least) for rows in bends)
+        return next((path for path in found if path is not None), None)
     arcs = _steered(poses, points, limits_of(kin), flip)
     if arcs is None or sweeps.path_free(world, np.array(poses[0], dtype=np.float64), arcs) >= 0:
         return None
@@ -365,10 +360,40 @@ def drivable(
     return path_of(trajectory_of(poses, [arcs], kin), body, poses)
 
 
-def _rounded(points: FloatArray, radius: float, least: float = 0.0) -> FloatArray | None:
-    """Return a way (n, 3) along corners with arcs of up to ``radius`` m in them; headings are the
-    directions of travel. Where it turns back there is no arc, and where there is room for none of
-    ``least`` m it turns on the spot.
+def _bent(points: FloatArray, able: Mobility, kin: Kinematics, cut: float) -> FloatArray | None:
+    """Return a way along corners with the bends that a body may drive fast."""
+    if able.sideways:
+        return _rounded(points, kin.v_max**2 / kin.a_max, cut)
+    radius = rolling_radius(kin)
+    # a tighter arc is slower than the lowest speed that a path's cells have
+    return _rounded(points, radius, cut, radius / math.sqrt(CUT.levels))
+
+
+def _rolled(
+    world: WorldData,
+    body: Body,
+    poses: tuple[Configuration, ...],
+    rows: FloatArray | None,
+    flip: bool,
+    least: float,
+) -> Path | None:
+    """Return the path along a way of what moves sideways or turns on the spot, if it is free."""
+    if rows is None:
+        return None
+    if body.mobility.sideways:
+        return _slid(body, poses, rows, world, least)
+    rows = thinned(_turned(poses, rows, flip), body.kinematics)
+    if sweeps.samples_free(world, rows, least) >= 0:
+        return None
+    return path_of(rolled(rows, body.kinematics), body, poses)
+
+
+def _rounded(
+    points: FloatArray, radius: float, cut: float, least: float = 0.0
+) -> FloatArray | None:
+    """Return a way (n, 3) along corners with arcs of up to ``radius`` m in them, that pass no more
+    than ``cut`` m from them; headings are the directions of travel. Where it turns back there is no
+    arc, and where there is room for none of ``least`` m it turns on the spot.
     """
     parts = [np.append(points[0], 0.0)[None, :]]
     for i in range(len(points) - 1):
@@ -390,7 +415,8 @@ def _rounded(points: FloatArray, radius: float, least: float = 0.0) -> FloatArra
             parts.append(np.array([[*points[i + 1], way]]))
             continue
         half = math.tan(0.5 * abs(turn))
-        reach = min(radius * half, 0.45 * size, 0.45 * float(np.hypot(*ahead)))
+        widest = min(radius, cut / (math.hypot(1.0, half) - 1.0))
+        reach = min(widest * half, 0.45 * size, 0.45 * float(np.hypot(*ahead)))
         r = reach / half
         if r < least:
             parts.append(np.array([[*points[i + 1], way], [*points[i + 1], way + turn]]))
