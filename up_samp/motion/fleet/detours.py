@@ -351,13 +351,14 @@ def drivable(
         bends = (_bent(points, able, kin, cut * size) for cut in CUTS)
         found = (_rolled(world, body, poses, rows, flip, least) for rows in bends)
         return next((path for path in found if path is not None), None)
-    arcs = _steered(poses, points, limits_of(kin), flip)
-    if arcs is None or sweeps.path_free(world, np.array(poses[0], dtype=np.float64), arcs) >= 0:
-        return None
-    end = nodes_of(np.array(poses[0], dtype=np.float64), arcs)[-1]
-    if math.dist(end[:2], poses[1][:2]) > 1e-7:
-        return None
-    return path_of(trajectory_of(poses, [arcs], kin), body, poses)
+    steered = (_steered(poses, points, limits_of(kin), flip, near) for near in (False, True))
+    start = np.array(poses[0], dtype=np.float64)
+    for arcs in steered:
+        if arcs is None or sweeps.path_free(world, start, arcs) >= 0:
+            continue
+        if math.dist(nodes_of(start, arcs)[-1][:2], poses[1][:2]) <= 1e-7:
+            return path_of(trajectory_of(poses, [arcs], kin), body, poses)
+    return None
 
 
 def _bent(points: FloatArray, able: Mobility, kin: Kinematics, cut: float) -> FloatArray | None:
@@ -499,17 +500,22 @@ def _turned(poses: tuple[Configuration, ...], rows: FloatArray, flip: bool) -> F
 
 
 def _steered(
-    poses: tuple[Configuration, ...], points: FloatArray, car: CarLimits, flip: bool
+    poses: tuple[Configuration, ...], points: FloatArray, car: CarLimits, flip: bool, near: bool
 ) -> FloatArray | None:
-    """Return a car's arcs from pose to pose by way of the middles of straight pieces."""
+    """Return a car's arcs from pose to pose by way of the middles of straight pieces, or from one
+    end of each to the other, as ``near`` to the corners as its tightest arcs allow.
+    """
+    gone = np.diff(points, axis=0)
+    ways = np.arctan2(gone[:, 1], gone[:, 0])
+    turns = np.abs((np.diff(ways) + math.pi) % (2 * math.pi) - math.pi)
+    bends = np.array([0.0, *car.radius * np.tan(0.5 * np.minimum(turns, 2.4)), 0.0])
     marks = [poses[0]]
-    for a, b in itertools.pairwise(points):
-        way = math.atan2(b[1] - a[1], b[0] - a[0]) + (math.pi if flip else 0.0)
-        size = math.dist(a, b)
-        if size >= 2.0 * car.radius and len(points) > 2:
-            marks += [(*(a + 0.4 * (b - a)), way), (*(a + 0.6 * (b - a)), way)]
-        else:
-            marks.append((*(0.5 * (a + b)), way))
+    for i, size in enumerate(np.hypot(*gone.T)):
+        spare = (bends[i], bends[i + 1]) if near else (0.4 * size, 0.4 * size)
+        long = sum(spare) < size if near else size >= 2.0 * car.radius and len(points) > 2
+        shares = (spare[0] / size, 1.0 - spare[1] / size) if long else (0.5,)
+        way = float(ways[i]) + (math.pi if flip else 0.0)
+        marks += [(*(points[i] + s * gone[i]), way) for s in shares if 0.0 < s < 1.0]
     marks.append(poses[1])
     found = []
     for p, q in itertools.pairwise(marks):

@@ -85,8 +85,15 @@ def neighbours(frame: FloatArray, free: BoolArray, rules: RuleData, ways: IntArr
         for col in range(cols):
             x, y = frame[0] + col * frame[2], frame[1] + row * frame[2]
             for w in range(len(ways)):
-                i, j = col + ways[w, 0], row + ways[w, 1]
+                a, b = ways[w]
+                i, j = col + a, row + b
                 if i < 0 or j < 0 or i >= cols or j >= rows or not free[j, i]:
+                    continue
+                # a long step passes between two places
+                if not (
+                    free[row + b // 2, col + a // 2]
+                    and free[row + (b + 1) // 2, col + (a + 1) // 2]
+                ):
                     continue
                 u, v = frame[0] + i * frame[2], frame[1] + j * frame[2]
                 if piece_obeys(rules, x, y, u, v, 0.0, 0.0):
@@ -642,16 +649,16 @@ def _pulled(
 def _straight(
     lattice: Lattice,
     run: FloatArray,
-    ends: tuple[int, int],
+    pair: tuple[int, int],
     safe: Safe,
     grid: GridData,
     need: float,
 ) -> bool:
     """Return whether a body can go straight between two corners of a ``run`` (x, y, arrival) where
-    it may and the map has the room that it ``need``s (m; near the corners it need not), at times at
-    which it is safe.
+    it may and the map has the room that it ``need``s (m; near both ends of the run it need not), at
+    times at which it is safe.
     """
-    i, j = ends
+    i, j = pair
     if not piece_obeys(lattice.rules, run[i, 0], run[i, 1], run[j, 0], run[j, 1], 0.0, 0.0):
         return False
     rows, cols = lattice.free.shape
@@ -661,8 +668,9 @@ def _straight(
     for k in range(1, count):
         share = k / count
         x, y = run[i, 0] + share * dx, run[i, 1] + share * dy
-        amid = min(share, 1.0 - share) * length > 2 * lattice.step
-        if amid and point_clearance(grid, x, y) < need:
+        begins = i == 0 and share * length <= 2 * lattice.step
+        ends = j == len(run) - 1 and (1.0 - share) * length <= 2 * lattice.step
+        if not begins and not ends and point_clearance(grid, x, y) < need:
             return False
         col = min(cols - 1, max(0, round((x - lattice.x) / lattice.step)))
         row = min(rows - 1, max(0, round((y - lattice.y) / lattice.step)))
