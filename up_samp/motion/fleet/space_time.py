@@ -75,9 +75,11 @@ class Lattice(NamedTuple):
 
 
 @kernel
-def neighbours(frame: FloatArray, free: BoolArray, rules: RuleData, ways: IntArray) -> Int32Array:
+def neighbours(
+    frame: FloatArray, free: BoolArray, rules: RuleData, ways: IntArray, grid: GridData, need: float
+) -> Int32Array:
     """Return where the steps from each place of a lattice lead (-1: nowhere), places by ``ways``.
-    ``frame``: the lattice's corner x, y and step (m).
+    ``frame``: the lattice's corner x, y and step (m); ``need``: the room half-way (m).
     """
     rows, cols = free.shape
     found = np.full((rows * cols, len(ways)), -1, dtype=np.int32)
@@ -89,13 +91,9 @@ def neighbours(frame: FloatArray, free: BoolArray, rules: RuleData, ways: IntArr
                 i, j = col + a, row + b
                 if i < 0 or j < 0 or i >= cols or j >= rows or not free[j, i]:
                     continue
-                # a long step passes between two places
-                if not (
-                    free[row + b // 2, col + a // 2]
-                    and free[row + (b + 1) // 2, col + (a + 1) // 2]
-                ):
-                    continue
                 u, v = frame[0] + i * frame[2], frame[1] + j * frame[2]
+                if point_clearance(grid, 0.5 * (x + u), 0.5 * (y + v)) < need:
+                    continue
                 if piece_obeys(rules, x, y, u, v, 0.0, 0.0):
                     found[row * cols + col, w] = j * cols + i
     return found
@@ -488,7 +486,9 @@ class Proposer:
                     at = low[0] + i * step, low[1] + j * step
                     free[j, i] = self._scene.room(*at) >= need
             rules, frame = shape_of(body).data.ways, np.array([*low, step])
-            near = neighbours(frame, free, rules, WAYS)
+            near = neighbours(
+                frame, free, rules, WAYS, self._scene.data, radius + self._scene.margin
+            )
             return Lattice(float(low[0]), float(low[1]), step, radius, free, rules, near)
 
         where = None if self._scene.grid is not None else tuple(poses)
@@ -540,7 +540,9 @@ class Proposer:
         self, motion: TimedMotion, lattice: Lattice, rows: FloatArray, safe: Safe, flip: bool
     ) -> Path | None:
         points = _points(lattice, motion, rows)
-        points = _pulled(self._scene, lattice, points, rows, safe)
+        able = motion.body.mobility
+        pivots = able.pivots and not able.sideways
+        points = _pulled(self._scene, lattice, points, rows, safe, pivots)
         key = (motion.body, motion.poses, points.tobytes(), flip)
         return self._paths.get_or(
             key, lambda: drivable(self._scene, motion.body, motion.poses, points, flip)
@@ -635,14 +637,21 @@ def _points(lattice: Lattice, motion: TimedMotion, rows: FloatArray) -> FloatArr
 
 
 def _pulled(
-    scene: Scene, lattice: Lattice, points: FloatArray, rows: FloatArray, safe: Safe
+    scene: Scene,
+    lattice: Lattice,
+    points: FloatArray,
+    rows: FloatArray,
+    safe: Safe,
+    pivots: bool,
 ) -> FloatArray:
     """Return a way without the corners that can be left out, as far as the lattice tells."""
     arrive = np.array([rows[rows[:, 0] == p, 1].min() for p in dict.fromkeys(rows[:, 0])])
     if len(arrive) != len(points):  # it comes by the same place twice
         return points
     need = lattice.radius + scene.margin
-    return points[pulled(lattice, np.column_stack((points, arrive)), safe, scene.data, need)]
+    # who turns on the spot needs no more there than on straight ways
+    room = need, 0.0 if pivots else need
+    return points[pulled(lattice, np.column_stack((points, arrive)), safe, scene.data, room)]
 
 
 @inner
@@ -652,11 +661,11 @@ def _straight(
     pair: tuple[int, int],
     safe: Safe,
     grid: GridData,
-    need: float,
+    room: tuple[float, float],
 ) -> bool:
     """Return whether a body can go straight between two corners of a ``run`` (x, y, arrival) where
-    it may and the map has the room that it ``need``s (m; near both ends of the run it need not), at
-    times at which it is safe.
+    it may and the map has ``room`` for it (m: amid, and near to corners; near both ends of the
+    run it needs none), at times at which it is safe.
     """
     i, j = pair
     if not piece_obeys(lattice.rules, run[i, 0], run[i, 1], run[j, 0], run[j, 1], 0.0, 0.0):
@@ -668,9 +677,11 @@ def _straight(
     for k in range(1, count):
         share = k / count
         x, y = run[i, 0] + share * dx, run[i, 1] + share * dy
+        amid = min(share, 1.0 - share) * length > 2 * lattice.step
         begins = i == 0 and share * length <= 2 * lattice.step
         ends = j == len(run) - 1 and (1.0 - share) * length <= 2 * lattice.step
-        if not begins and not ends and point_clearance(grid, x, y) < need:
+        least = room[0] if amid else -np.inf if begins or ends else room[1]
+        if point_clearance(grid, x, y) < least:
             return False
         col = min(cols - 1, max(0, round((x - lattice.x) / lattice.step)))
         row = min(rows - 1, max(0, round((y - lattice.y) / lattice.step)))
@@ -681,7 +692,9 @@ def _straight(
 
 
 @kernel
-def pulled(lattice: Lattice, run: FloatArray, safe: Safe, grid: GridData, need: float) -> IntArray:
+def pulled(
+    lattice: Lattice, run: FloatArray, safe: Safe, grid: GridData, room: tuple[float, float]
+) -> IntArray:
     """Return which corners of a ``run`` (x, y, arrival) to keep: each leads straight on to the
     farthest one that it can reach, at times between those of the way.
     """
@@ -691,7 +704,7 @@ def pulled(lattice: Lattice, run: FloatArray, safe: Safe, grid: GridData, need: 
     while i < n - 1:
         best = i + 1
         for j in range(i + 2, n):
-            if _straight(lattice, run, (i, j), safe, grid, need):
+            if _straight(lattice, run, (i, j), safe, grid, room):
                 best = j
         keep[used] = best
         used += 1
