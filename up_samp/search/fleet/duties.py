@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -130,6 +130,22 @@ def _batteries(
         unit, first = snapshot.seconds_per_unit, problem.initial_value(level).constant_value()
         paces = {stands[robot][n]: more / (max(lasts[n], 1.0) * unit) for n, more in given.items()}
         yield robot, BatteryUse(float(first), full, paces)
+
+
+def carry_several(problem: SchedulingMotionProblem, jobs: Jobs) -> bool:
+    """Return whether some robot may have several jobs under way: what they take of numbers that
+    only this robot's jobs change, and give back later, is there twice or more.
+    """
+    owners = {n: o.robot for options in jobs.options for o in options for n in o.members}
+    rooms = Counter[str | None]()
+    for fluent, by in _changes(problem).items():
+        amounts = {name: amount for name, amount in by.items() if amount}
+        robots = {owners.get(name) for name in amounts}
+        low, high = (getattr(fluent.type, f"{end}_bound", None) for end in ("lower", "upper"))
+        most, fewest = max(amounts.values(), default=0), min(amounts.values(), default=0)
+        if len(robots) == 1 and fewest < 0 < most and low is not None and high is not None:
+            rooms[robots.pop()] += int((high - low) / most)
+    return any(robot is not None and room > 1 for robot, room in rooms.items())
 
 
 def _changes(problem: SchedulingMotionProblem) -> dict[FNode, dict[str, float]]:
