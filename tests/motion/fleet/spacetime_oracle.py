@@ -114,7 +114,9 @@ def judge(report, motions, rests=(), step=0.05):
             assert abs(turn - round(turn)) < 1e-9
         found, k = limits(trajectory), m.body.kinematics
         assert found["v"] <= k.v_max * (1 + 1e-9)  # rounding
-        assert found["a"] <= k.a_max * (1 + 1e-9)
+        # differences over a short step carry the rounding of positions of some metres
+        rounding = 1e-14 / np.diff(trajectory.times).min(initial=1.0) ** 2
+        assert found["a"] <= k.a_max * (1 + 1e-9) + rounding
         assert found["k"] <= 1 / k.turning_radius + 1e-6
         assert found["dt"] <= 0.05 + 1e-9
         assert found["slip"] < 1e-6
