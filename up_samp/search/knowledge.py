@@ -54,9 +54,9 @@ class Knowledge:
 
     def take_back(self, wrong: Iterable[Refinement]) -> None:
         """Take what a valid plan breaks for what it is: a guess."""
-        back = set(map(id, wrong))
+        back = frozenset(wrong)
         self.active = [
-            replace(r, strength=Strength.HEURISTIC) if id(r) in back else r for r in self.active
+            replace(r, strength=Strength.HEURISTIC) if r in back else r for r in self.active
         ]
 
     def start_over(self, relaxation: Relaxation) -> None:

@@ -66,9 +66,9 @@ def test_corners_without_room_for_an_arc_are_turned_on_the_spot(side):
 def test_a_way_through_a_door_is_driven_with_bends_as_its_frame_allows(kind, mirrored):
     body = tight.BODIES[kind]()
     body = replace(body, kinematics=replace(body.kinematics, v_max=2.0, a_max=0.5))
-    rooms = [(0.5, 0.5, 19.5, 4.0), (3.4, 4.0, 5.2, 4.4), (0.5, 4.4, 19.5, 7.4)]
+    rooms = [(0.5, 0.5, 19.5, 4.0), (3.65, 4.0, 4.95, 4.4), (0.5, 4.4, 19.5, 7.4)]
     scene = MotionService(tight.hall(20, 10, rooms)).scene
-    points = np.array([(14.0, 2.0), (4.3, 2.0), (4.3, 6.0), (16.0, 6.0)])
+    points = np.array([(14.0, 2.0), (4.3, 2.0), (4.3, 5.2), (16.0, 5.2)])
     points = points[::-1] if mirrored else points
     poses = (*points[0], 0.0), (*points[-1], 0.0)
     found = drivable(scene, body, poses, points, False)

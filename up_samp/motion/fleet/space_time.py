@@ -479,16 +479,13 @@ class Proposer:
             cols, rows = (max(1, math.ceil(v / step) + 1) for v in high - low)
             if cols * rows > PLACES:
                 return None
-            free = np.ones((rows, cols), dtype=np.bool_)
+            free, need = np.ones((rows, cols), dtype=np.bool_), radius + self._scene.margin
             if self._scene.grid is not None:
-                need = radius + self._scene.margin
                 for j, i in itertools.product(range(rows), range(cols)):
                     at = low[0] + i * step, low[1] + j * step
                     free[j, i] = self._scene.room(*at) >= need
             rules, frame = shape_of(body).data.ways, np.array([*low, step])
-            near = neighbours(
-                frame, free, rules, WAYS, self._scene.data, radius + self._scene.margin
-            )
+            near = neighbours(frame, free, rules, WAYS, self._scene.data, need)
             return Lattice(float(low[0]), float(low[1]), step, radius, free, rules, near)
 
         where = None if self._scene.grid is not None else tuple(poses)
