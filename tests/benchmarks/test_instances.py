@@ -1,8 +1,10 @@
 """The 132 instances of the paper: names, sizes, figures, frozen files, free and reachable poses."""
 
+import itertools
 import math
 import random
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from PIL import Image
 
 from tests.benchmarks import freeze
 from up_samp.benchmarks import families, instance, instances, job_shop, logistics, maps
+from up_samp.benchmarks.building import BUILDING_KINDS, SIZE, building, building_floor
 from up_samp.benchmarks.door_sequence import sequence_floor
 from up_samp.benchmarks.jobshop import draw_shop, frozen_shops, shop_poses
 from up_samp.benchmarks.kitting import kitting_floor
@@ -144,15 +147,46 @@ def test_seeds_draw_other_instances():
     assert len({draw_shop(1, 1, 1, seed).floor.footprint for seed in range(8)}) > 2
 
 
-@pytest.mark.parametrize("name", ["navigation-r3", "kitting-r2-k1-p2-d2", "doors-r2-d2"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("navigation-r3", "kitting-r2-k1-p2-d2", "doors-r2-d2"),
+        *("building-rooms-r2-o3", "building-aisles-r1-o5-c2"),
+    ],
+)
 def test_published_families_draw_from_seeds(name):
     frozen, *drawn = select([name], seeds=(0, 1, 1, 2))
     assert [i.name for i in drawn] == [f"{name}-s1", f"{name}-s2"]
     one, same, other = drawn[0].build(), drawn[0].build(), drawn[1].build()
     assert one == same
     assert one.name == f"{name}-s1"
-    floors = [p.user_type("pose").occupancy_map.filename for p in (frozen.build(), one, other)]
+    floors = [_map_of(problem) for problem in (frozen.build(), one, other)]
     assert len(set(floors)) == 3
+
+
+def _map_of(problem):
+    (floor,) = {t.occupancy_map.filename for t in problem.user_types if hasattr(t, "occupancy_map")}
+    return floor
+
+
+@pytest.mark.parametrize("kind", BUILDING_KINDS)
+def test_buildings_have_room_for_all(kind):
+    """No two places are so close that robots at both would touch, and each can be driven to."""
+    for needed, seed in itertools.product((6, 12, 20, 40), range(5)):
+        size, walls, spots = building_floor(kind, needed, random.Random(seed))
+        assert len(spots) >= needed
+        floor = SimpleNamespace(size=size, walls=walls, doors=(), footprint=box(*SIZE))
+        assert are_joined(floor, spots)
+        for one, other in itertools.combinations(spots, 2):
+            assert math.dist(one, other) > math.hypot(*SIZE)
+
+
+@pytest.mark.parametrize(
+    ("sizes", "more"), [((0, 1), {}), ((1, 0), {}), ((1, 1, 0), {}), ((1, 1), {"kind": "halls"})]
+)
+def test_buildings_that_are_none_are_refused(sizes, more):
+    with pytest.raises(ProblemError, match="building"):
+        building(*sizes, **more)
 
 
 def test_what_was_drawn_is_reported_by_seed():
@@ -237,7 +271,7 @@ def test_box():
 def test_all_instances_build(encoding):
     large = [instances(family)[0] for family in families()]
     for i in [*instances("paper"), *large, instance("logistics-dc-all-r10-i16")]:
-        if i.family == "warehouse" and encoding != "fluents":
+        if i.family in ("warehouse", "building") and encoding != "fluents":
             with pytest.raises(ProblemError, match="encoding"):
                 i.build(encoding, False)
             continue

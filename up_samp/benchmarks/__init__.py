@@ -5,6 +5,7 @@
 'logistics-dc-all-r2-i4'
 """
 
+from up_samp.benchmarks.building import building
 from up_samp.benchmarks.door_sequence import door_sequence
 from up_samp.benchmarks.instances import Instance, families, instance, instances
 from up_samp.benchmarks.jobshop import job_shop
@@ -14,6 +15,7 @@ from up_samp.benchmarks.navigation import navigation
 
 __all__ = [
     "Instance",
+    "building",
     "door_sequence",
     "families",
     "instance",

@@ -7,6 +7,8 @@ walls and robots' shapes drawn anew.
 ``warehouse-r5-o10`` (robots, orders), ``warehouse-compact-r5-o10``: empty moves start at a fluent.
 ``navigation-r4``, ``kitting-r2-k2-p3-d2`` (robots, kits, parts, doors; ``-op``: with an operator)
 and ``doors-r3-d2`` (robots, doors) are published beside the paper's families.
+``building-rooms-r3-o8`` (or ``aisles``; robots, orders; ``-c2``: two orders carried at once) is
+stated by ``Fleet``.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ from typing import Any
 from unified_planning.model.motion import SchedulingMotionProblem
 
 from up_samp.benchmarks import jobshop, logistics
+from up_samp.benchmarks.building import BUILDING_KINDS, building
 from up_samp.benchmarks.door_sequence import door_sequence
 from up_samp.benchmarks.kitting import kitting
 from up_samp.benchmarks.navigation import navigation
@@ -53,6 +56,7 @@ _FORMS: dict[str, tuple[str, Build]] = {
     "kitting": (r"-r\d+-k\d+-p\d+-d\d+(?P<operator>-op)?", kitting),
     "warehouse": (r"-(?P<compact>compact-)?r\d+-o\d+", warehouse),
     "doors": (r"-r\d+-d\d+", door_sequence),
+    "building": (r"-(?P<kind>rooms|aisles)-r\d+-o\d+(-c\d+)?", building),
 }  # fmt: skip
 """How the names of each family go on (sizes in the builder's order), and what builds it."""
 
@@ -72,11 +76,11 @@ def instance(name: str) -> Instance:
     sizes = [int(size) for size in re.findall(r"-[a-rt-z](\d+)", name)]
 
     def build(encoding: Encoding = "fluents", metric: bool = True) -> SchedulingMotionProblem:
-        form: str = encoding
-        if family == "warehouse":
+        form: dict[str, str] = {"encoding": encoding}
+        if family in ("warehouse", "building"):
             check_encoding(encoding, ("fluents",))  # where robots are is always one here
-            form = "compact" if compact else "moves"
-        return make(*sizes, encoding=form, metric=metric, **options)
+            form = {"encoding": "compact" if compact else "moves"} if family == "warehouse" else {}
+        return make(*sizes, **form, metric=metric, **options)
 
     groups = {"logistics": f"{found[2]}-d{found[1]}".upper(), "jobshop": "JSP"} if form else {}
     return Instance(name, family, groups.get(family, family), build)
@@ -92,6 +96,8 @@ def _options(found: re.Match[str]) -> dict[str, Any]:
             options[key] = "closed" if word == "c" else "open"
         elif key == "sides":
             options[key] = "all" if word == "all" else "corridor"
+        elif key == "kind":
+            options[key] = word
         else:
             options[key] = word is not None
     return options
@@ -127,6 +133,10 @@ _LISTS: dict[str, list[tuple[str, _Sizes]]] = {
         )
     ],
     "doors": [("doors-r{1}-d{0}", [*itertools.product((1, 2, 3), (1, 2, 3))])],
+    "building": [
+        (f"building-{kind}-r{{}}-o{{}}{loads}", [(1, 4), (2, 6), (3, 8), (3, 12), (5, 20)])
+        for kind, loads in itertools.product(BUILDING_KINDS, ("", "-c2"))
+    ],
     "warehouse": [
         (
             "warehouse-r{}-o{}",

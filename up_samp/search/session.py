@@ -33,7 +33,7 @@ from up_samp.search.conclusion import SearchResult
 from up_samp.search.events import Observer, ProgressObserver, State, Telling, TraceObserver
 from up_samp.search.facts import Facts
 from up_samp.search.fleet.duties import carry_several
-from up_samp.search.fleet.jobs import find_jobs
+from up_samp.search.fleet.jobs import earlier_jobs, find_jobs
 from up_samp.search.fleet.solve import LargeProblem, OpenThin, solve_large
 from up_samp.search.fleet_bound.bound import state_bounds
 from up_samp.search.history import READING, History, Stages
@@ -166,10 +166,14 @@ def _look_for_jobs(
         return
     # dealt out, each load is brought before the next one is fetched
     soon = 1.0 if not carry_several(problem, jobs) else _CARRYING
-    if sum(a.optional for a in problem.activities) >= search.tuning.large * soon:
-        large = LargeProblem(problem, snapshot, jobs, inner, search.tuning)
-        search.in_parts = partial(solve_large, large)
-    elif any(mode.legs for mode in itertools.chain(*jobs.options)):
+    large = sum(a.optional for a in problem.activities) >= search.tuning.large * soon
+    driving = any(mode.legs for mode in itertools.chain(*jobs.options))
+    # of a job shop's tasks most wait for what others do: who deals out knows too little of that
+    shop = not driving and 2 * len(earlier_jobs(problem, jobs)) > len(jobs.options)
+    if large and not shop:
+        in_parts = LargeProblem(problem, snapshot, jobs, inner, search.tuning)
+        search.in_parts = partial(solve_large, in_parts)
+    elif driving:
 
         def bound(search: Search) -> tuple[()]:
             state_bounds(search, problem, jobs, relative=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from weakref import WeakKeyDictionary
 
 from unified_planning.environment import Environment
@@ -32,6 +32,42 @@ def conjuncts(node: FNode) -> list[FNode]:
     if node.node_type is Op.AND:
         return [part for arg in node.args for part in conjuncts(arg)]
     return [node]
+
+
+def statements(
+    constraint: FNode, scope: Iterable[FNode]
+) -> Iterator[tuple[FNode, frozenset[str | None]]]:
+    """Yield what a constraint says part by part, each with the activities that have to be present
+    for it (None: it hangs on something else, too), however it is written: as a conjunction, as an
+    implication of presences, or with a scope.
+    """
+    needed = frozenset(map(present_told, scope))
+    for node in conjuncts(constraint):
+        if node.node_type is Op.IMPLIES:
+            yield from _under(node.args[1], conjuncts(node.args[0]), needed)
+        elif node.node_type is Op.OR and (told := _consequence(node)):
+            yield from _under(*told, needed)
+        else:
+            yield node, needed
+
+
+def _under(
+    node: FNode, conditions: Iterable[FNode], needed: frozenset[str | None]
+) -> Iterator[tuple[FNode, frozenset[str | None]]]:
+    for part, more in statements(node, conditions):
+        yield part, needed | more
+
+
+def _consequence(node: FNode) -> tuple[FNode, list[FNode]] | None:
+    """Return the one part of a disjunction that is no absence, and what is absent in the others."""
+    absent = [a.args[0] for a in node.args if a.node_type is Op.NOT and present_told(a.args[0])]
+    told = [a for a in node.args if not (a.node_type is Op.NOT and present_told(a.args[0]))]
+    return (told[0], absent) if len(told) == 1 else None
+
+
+def present_told(node: FNode) -> str | None:
+    """Return the activity whose presence ``node`` is."""
+    return str(node.presence().container) if node.node_type is Op.PRESENT_EXP else None
 
 
 def fluent_told(node: FNode) -> tuple[FNode, FNode] | None:

@@ -1,5 +1,6 @@
 """What robots do in turn, what they carry, and the units that they surely lose."""
 
+import pytest
 from unified_planning.model import Timing
 from unified_planning.model.motion import ActivityWaypoints
 
@@ -93,6 +94,41 @@ def test_an_order_is_told_only_where_one_ends_before_the_other_starts():
     problem.add_constraint(manager.LE(Timing(1, one.end), two.start), [two.present])
     assert stated_precedences(problem) == before | {(one.name, two.name)}
     assert (one.name, two.name) in stated_precedences(problem, strictly=True)
+
+
+@pytest.mark.parametrize("style", ["scope", "implies", "or", "and", "nested"])
+def test_an_order_is_told_however_it_is_written(style):
+    problem = warehouse(2, 2, encoding="compact")
+    one, two = (named(problem, f"unload_robot{k}_order{k}") for k in (0, 1))
+    third = named(problem, "leave_robot1_order0")
+    manager = problem.environment.expression_manager
+    before, other = manager.LE(one.end, two.start), manager.LE(third.start, 90)
+    here = [one.present, two.present]
+    written = {
+        "scope": (before, here),
+        "implies": (manager.Implies(manager.And(here[::-1]), before), []),
+        "or": (manager.Or(manager.Not(here[1]), before), here[:1]),
+        "and": (manager.And(other, manager.Implies(here[0], before)), here[1:]),
+        "nested": (manager.Implies(here[0], manager.Implies(here[1], before)), []),
+    }
+    problem.add_constraint(*written[style])
+    assert (one.name, two.name) in stated_gaps(problem)
+
+
+@pytest.mark.parametrize("style", ["absent", "either", "third"])
+def test_no_order_is_told_that_hangs_on_something_else(style):
+    problem = warehouse(2, 2, encoding="compact")
+    one, two = (named(problem, f"unload_robot{k}_order{k}") for k in (0, 1))
+    third = named(problem, "leave_robot1_order0")
+    manager = problem.environment.expression_manager
+    before = manager.LE(one.end, two.start)
+    written = {
+        "absent": manager.Implies(manager.Not(third.present), before),
+        "either": manager.Or(manager.Not(one.present), third.present, before),
+        "third": manager.And(manager.Implies(third.present, before)),
+    }
+    problem.add_constraint(written[style], [one.present, two.present])
+    assert (one.name, two.name) not in stated_gaps(problem)
 
 
 def test_what_has_to_be_between_follows():

@@ -18,7 +18,7 @@ from unified_planning.model.timing import TimepointKind
 from up_samp.model import check_time
 from up_samp.scheduling.cpsat.encode.durations import constant_bounds
 from up_samp.scheduling.cpsat.problem import Additions
-from up_samp.upio.expressions import conjuncts, end_before_start
+from up_samp.upio.expressions import conjuncts, end_before_start, present_told
 
 Constraint = tuple[FNode, list[FNode], "Activity | None"]
 
@@ -87,16 +87,11 @@ def _before(node: FNode) -> Before | None:
     return found if found is not None and found[2] in (0, 1) else None
 
 
-def _present(node: FNode) -> str | None:
-    """Return whose presence ``node`` is."""
-    return str(node.presence().container) if node.node_type is Op.PRESENT_EXP else None
-
-
 def _precedence(constraint: Constraint, before: BeforeOf) -> Precondition | FollowUp | None:
     node, scope, _ = constraint
     if node.node_type is Op.IMPLIES and not scope:
         node, scope = node.arg(1), [node.arg(0)]
-    activity = _present(scope[0]) if len(scope) == 1 else None
+    activity = present_told(scope[0]) if len(scope) == 1 else None
     options = list(node.args) if node.node_type is Op.OR else [node]
     if activity is None or any(o.node_type not in (Op.AND, Op.OR, Op.IMPLIES) for o in options):
         return None
@@ -104,7 +99,7 @@ def _precedence(constraint: Constraint, before: BeforeOf) -> Precondition | Foll
     follow_ups: dict[str, int] = {}
     initially, gap = None, 0
     for parts in map(conjuncts, options):
-        names = [name for name in map(_present, parts) if name is not None]
+        names = [name for name in map(present_told, parts) if name is not None]
         helper = names[0] if len(names) == 1 else None
         rest = [p for p in parts if p.node_type in (Op.OR, Op.IMPLIES)]
         rivals = _rivals(rest, activity, helper, before)
@@ -158,7 +153,7 @@ def _order(part: FNode, before: BeforeOf) -> tuple[str | None, list[Before]] | N
         if node.node_type is Op.OR:
             agenda += node.args
         elif node.node_type in (Op.IMPLIES, Op.NOT):
-            name = _present(node.arg(0))
+            name = present_told(node.arg(0))
             if name is None:
                 return None
             absent.add(name)

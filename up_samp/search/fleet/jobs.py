@@ -24,7 +24,7 @@ from up_samp.model import Configuration
 from up_samp.model.snapshot import MotionTask, Snapshot, TermKind
 from up_samp.scheduling.cpsat.encode.durations import least
 from up_samp.scheduling.cpsat.normal import decisions
-from up_samp.upio.expressions import end_before_start, fluent_told, start_before_start
+from up_samp.upio.expressions import end_before_start, fluent_told, start_before_start, statements
 from up_samp.upio.spans import own_end
 from up_samp.upio.whereabouts import whereabouts
 
@@ -40,16 +40,20 @@ def stated_gaps(problem: SchedulingMotionProblem) -> dict[tuple[str, str], int]:
     """
     found: dict[tuple[str, str], int] = {}
     for owner in (problem._base, *problem.activities):
-        for constraint, scope in owner._constraints:
-            told = end_before_start(constraint)
+        mine = frozenset[str]() if owner is problem._base else frozenset([owner.name])
+        for part, needed in _statements(owner):
+            told = end_before_start(part)
             if told is None:
                 continue
             first, then, units = told
-            needed = {s.presence().container if _is_presence(s) else None for s in scope}
-            needed |= {owner.name} if owner is not problem._base else set()
-            if needed <= {first, then} and units >= 0:
+            if needed | mine <= {first, then} and units >= 0:
                 found[first, then] = max(units, found.get((first, then), 0))
     return found
+
+
+def _statements(owner: Activity) -> Iterator[tuple[FNode, frozenset[str | None]]]:
+    for constraint, scope in owner._constraints:
+        yield from statements(constraint, scope)
 
 
 def stated_precedences(
@@ -59,10 +63,6 @@ def stated_precedences(
     (``strictly``: and not when the other one starts).
     """
     return {pair for pair, units in stated_gaps(problem).items() if units >= int(strictly)}
-
-
-def _is_presence(node: FNode) -> bool:
-    return bool(node.node_type is Op.PRESENT_EXP)
 
 
 def held_by(problem: SchedulingMotionProblem) -> dict[str, frozenset[FNode]]:
@@ -359,8 +359,8 @@ def earlier_jobs(problem: SchedulingMotionProblem, jobs: Jobs) -> dict[int, set[
         of |= dict.fromkeys((name for option in options for name in option.members), j)
     found: dict[int, set[int]] = defaultdict(set)
     for owner in (problem._base, *problem.activities):
-        for constraint, _ in owner._constraints:
-            told = end_before_start(constraint) or start_before_start(constraint)
+        for part, _ in _statements(owner):
+            told = end_before_start(part) or start_before_start(part)
             if told is None or told[2] < 0:
                 continue
             first, then = (of.get(name) for name in told[:2])
