@@ -124,7 +124,9 @@ def metrics_of(params: Parameters, search: Search) -> dict[str, str]:
     if history.may_be_shorter:
         metrics["may_be_shorter"] = _most_shorter(history)
     if history.without_traffic is not None:
-        metrics["without_traffic"] = str(history.without_traffic)
+        # in any plan robots heed each other at places
+        plans = [] if bounds.incumbent is None else [bounds.incumbent.schedule.makespan]
+        metrics["without_traffic"] = str(min([history.without_traffic, *plans]))
     if history.recognised or history.left_over:
         metrics["recognised"] = "; ".join(history.recognised)
         metrics["left_over"] = "; ".join(history.left_over)

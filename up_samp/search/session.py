@@ -32,7 +32,6 @@ from up_samp.search.check import Checker
 from up_samp.search.conclusion import SearchResult
 from up_samp.search.events import Observer, ProgressObserver, State, Telling, TraceObserver
 from up_samp.search.facts import Facts
-from up_samp.search.fleet.duties import carry_several
 from up_samp.search.fleet.jobs import earlier_jobs, find_jobs
 from up_samp.search.fleet.solve import LargeProblem, OpenThin, solve_large
 from up_samp.search.fleet_bound.bound import state_bounds
@@ -150,10 +149,6 @@ def open_search(
     return search
 
 
-_CARRYING = 2.4
-"""How many times as many activities jobs are dealt out first from, where robots carry several."""
-
-
 def _look_for_jobs(
     search: Search, problem: SchedulingMotionProblem, snapshot: Snapshot, inner: OpenThin
 ) -> None:
@@ -164,9 +159,7 @@ def _look_for_jobs(
     jobs = find_jobs(problem, snapshot)
     if jobs is None:
         return
-    # dealt out, each load is brought before the next one is fetched
-    soon = 1.0 if not carry_several(problem, jobs) else _CARRYING
-    large = sum(a.optional for a in problem.activities) >= search.tuning.large * soon
+    large = sum(a.optional for a in problem.activities) >= search.tuning.large
     driving = any(mode.legs for mode in itertools.chain(*jobs.options))
     # of a job shop's tasks most wait for what others do: who deals out knows too little of that
     shop = not driving and 2 * len(earlier_jobs(problem, jobs)) > len(jobs.options)

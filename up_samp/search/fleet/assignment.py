@@ -20,7 +20,7 @@ from unified_planning.model.scheduling import Activity
 
 from up_samp.model import Configuration, Deadline
 from up_samp.model.snapshot import TermKind
-from up_samp.search.fleet.evaluator import AssignmentEvaluator, Step, Stop
+from up_samp.search.fleet.evaluator import AssignmentEvaluator, Step, Stop, stops_of
 from up_samp.search.fleet.evaluator_kernel import anneal, drawn, insert
 from up_samp.search.fleet.jobs import Jobs
 from up_samp.search.fleet.travel_times import OneDrive, TravelTimeModel
@@ -166,12 +166,12 @@ def decided_by(
     of what may come of a job only in the end (to go home). Robots may drive to and from what is
     ``beside`` their tours.
     """
-    jobs = assign.jobs
+    jobs, loads = assign.jobs, assign.guess.duties.loads
     chosen = {(j, k) for tour in assign.tours.values() for j, k in tour}
     gone = {o.leader for j, options in enumerate(jobs.options) for k, o in enumerate(options)
             if (j, k) not in chosen}  # fmt: skip
-    for tour in assign.tours.values():
-        for j, k in tour[:-1]:
+    for robot, tour in assign.tours.items():
+        for j, k in tour[: -loads.get(robot, 1)]:
             gone |= jobs.options[j][k].extras
     return frozenset(names) - jobs.without(gone) - _detours(assign, beside)
 
@@ -179,12 +179,13 @@ def decided_by(
 def _detours(assign: Assignment, beside: Collection[Stop]) -> set[str]:
     """Return the drives between fixed places that are no part of a job and not on the way from one
     to the next: to the first stop, from stop to stop, and from the last one to where nothing is
-    done, if a robot has to be there in the end.
+    done, if a robot has to be there in the end. (Stops of jobs that may be under way at once come
+    in any order.)
     """
     snapshot, options = assign.guess.snapshot, [o for some in assign.jobs.options for o in some]
     own = {n for o in options for n in (*o.members, *o.extras)}
     stops = {pose for o in options for leg in (*o.legs, (o.entry, o.exit)) for pose in leg}
-    tours = {robot: _ways(assign, robot) for robot in assign.tours}
+    tours = {robot: _ways_between(assign, robot) for robot in assign.tours}
     found = set()
     for task in snapshot.tasks:
         fixed = all(term.kind is TermKind.CONSTANT for term in task.terms)
@@ -192,8 +193,8 @@ def _detours(assign: Assignment, beside: Collection[Stop]) -> set[str]:
             continue
         a, b = (snapshot.configurations[task.terms[i].name] for i in (0, -1))
         ways, last = tours[task.object]
-        home = a == last and b not in stops
-        mine = {last, *itertools.chain(*ways)}
+        home = a in last and b not in stops
+        mine = last | {*itertools.chain(*ways)}
         on_tour = {a, b} - {pose for robot, pose in beside if robot == task.object}
         aside = on_tour < {a, b} and on_tour <= mine
         if (a, b) not in ways and not home and not aside:
@@ -225,21 +226,43 @@ def _ways(
     return found, here
 
 
+def _ways_between(
+    assign: Assignment, robot: str
+) -> tuple[set[tuple[Configuration, Configuration]], set[Configuration]]:
+    """Return from where to where a robot may drive for its jobs, in whatever order it comes by the
+    stops of those that it may have under way at once, and where it may be when all are done.
+    """
+    found, last = _ways(assign, robot)
+    many = assign.guess.duties.loads.get(robot, 1)
+    if many == 1:
+        return found, {last}
+    start = assign.guess.snapshot.configurations[assign.guess.snapshot.initial[robot]]
+    stops = [{*stops_of(assign.jobs.options[j][k])} for j, k in assign.tours[robot]]
+    for at, mine in enumerate(stops):
+        near = set().union(*stops[at : at + many + 1])
+        found |= {pair for a in mine for b in near - {a} for pair in ((a, b), (b, a))}
+        found |= {(start, stop) for stop in mine} if at < many else set()
+    return found, set().union({last}, *stops[-many:])
+
+
 def state_order(problem: SchedulingMotionProblem, assign: Assignment) -> None:
-    """State in a thinned problem that everything is done as it was dealt out, in that order."""
+    """State in a thinned problem that everything is done as it was dealt out, in that order. Of
+    jobs that a robot may have under way at once, the scheduler finds the order.
+    """
     manager = problem.environment.expression_manager
     activities = {a.name: a for a in problem.activities}
-    for tour in assign.tours.values():
-        before: list[Activity] = []
-        for j, k in tour:
+    for robot, tour in assign.tours.items():
+        many, shares = assign.guess.duties.loads.get(robot, 1), list[list[Activity]]()
+        for at, (j, k) in enumerate(tour):
             option = assign.jobs.options[j][k]
             mine = [
                 activities[n] for n in sorted(option.members | option.extras) if n in activities
             ]
+            before = [*itertools.chain(*shares[max(at - 2 * many + 1, 0) : max(at - many + 1, 0)])]
             for a in mine:
                 problem.add_constraint(a.present)
                 for earlier in before:
                     problem.add_constraint(
                         manager.LE(earlier.end, a.start), [earlier.present, a.present]
                     )
-            before = mine
+            shares.append(mine)

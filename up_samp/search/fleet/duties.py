@@ -49,13 +49,15 @@ Taken = Mapping[tuple[Body, float, Configuration, Configuration], float]
 
 @dataclass(frozen=True)
 class Duties:
-    """By robot: where it has to be in the ``ends``, how long it ``rests`` (s), its battery; and
-    what drives take.
+    """By robot: where it has to be in the ``ends``, how long it ``rests`` (s), its battery, how
+    many jobs it may have under way at once (``loads``, where it is more than one); and what drives
+    take.
     """
 
     ends: Mapping[str, Configuration] = field(default_factory=dict)
     rests: Mapping[str, float] = field(default_factory=dict)
     batteries: Mapping[str, BatteryUse] = field(default_factory=dict)
+    loads: Mapping[str, int] = field(default_factory=dict)
     taken: Taken = field(default_factory=dict)
 
 
@@ -74,7 +76,8 @@ def duties_of(problem: SchedulingMotionProblem, snapshot: Snapshot, jobs: Jobs) 
     taken: dict[tuple[Body, float, Configuration, Configuration], float] = {}
     batteries = dict(_batteries(problem, snapshot, drives, taken))
     ends = dict(_ends(problem, snapshot))
-    return Duties(ends, dict(_rests(problem, snapshot, own, drives)), batteries, taken)
+    rests, loads = dict(_rests(problem, snapshot, own, drives)), loads_of(problem, jobs)
+    return Duties(ends, rests, batteries, loads, taken)
 
 
 def _ends(
@@ -132,20 +135,21 @@ def _batteries(
         yield robot, BatteryUse(float(first), full, paces)
 
 
-def carry_several(problem: SchedulingMotionProblem, jobs: Jobs) -> bool:
-    """Return whether some robot may have several jobs under way: what they take of numbers that
-    only this robot's jobs change, and give back later, is there twice or more.
+def loads_of(problem: SchedulingMotionProblem, jobs: Jobs) -> dict[str, int]:
+    """Return how many jobs robots may have under way at once, where that is more than one: as often
+    as what they take of numbers that only this robot's jobs change, and give back later, is there.
     """
     owners = {n: o.robot for options in jobs.options for o in options for n in o.members}
-    rooms = Counter[str | None]()
+    found = Counter[str]()
     for fluent, by in _changes(problem).items():
         amounts = {name: amount for name, amount in by.items() if amount}
         robots = {owners.get(name) for name in amounts}
         low, high = (getattr(fluent.type, f"{end}_bound", None) for end in ("lower", "upper"))
         most, fewest = max(amounts.values(), default=0), min(amounts.values(), default=0)
-        if len(robots) == 1 and fewest < 0 < most and low is not None and high is not None:
-            rooms[robots.pop()] += int((high - low) / most)
-    return any(robot is not None and room > 1 for robot, room in rooms.items())
+        robot = robots.pop() if len(robots) == 1 else None
+        if robot and fewest < 0 < most and low is not None and high is not None:
+            found[robot] += int((high - low) / most)
+    return {robot: many for robot, many in found.items() if many > 1}
 
 
 def _changes(problem: SchedulingMotionProblem) -> dict[FNode, dict[str, float]]:

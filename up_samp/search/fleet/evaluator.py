@@ -112,7 +112,7 @@ class AssignmentEvaluator:
             drives += [0.0, *legs]
             stays += [each] * len(places)
         kinds, rides = self._rides(options, starts, number)
-        rests = self.guess.duties.rests
+        rests, loads = self.guess.duties.rests, self.guess.duties.loads
         return WorkTables(
             of=np.array([j for j, _ in self._steps]),
             robot=np.array([self._numbers[o.robot] for o in options]),
@@ -136,6 +136,7 @@ class AssignmentEvaluator:
             rides=rides,
             goal=np.array([number[goals[r]] if r in goals else -1 for r in self.robots]),
             rests=np.array([rests.get(r, 0.0) for r in self.robots]),
+            loads=np.array([loads.get(r, 1) for r in self.robots]),
             cells=self._cells(options, kinds, number, rides),
         )
 
@@ -147,7 +148,7 @@ class AssignmentEvaluator:
     ) -> tuple[list[int], FloatArray]:
         """Return which row of rides is each robot's, and those rides (kind, from, to; s): from
         where robots of a kind are at first, and where their jobs end, to where others begin and
-        where they have to be in the end.
+        where they have to be in the end; between all of these, if some carry several loads at once.
         """
         kinds: dict[tuple[Body, float], list[str]] = {}
         for robot in self.robots:
@@ -157,8 +158,11 @@ class AssignmentEvaluator:
         for kind, some in enumerate(kinds.values()):
             mine = [o for o in options if o.robot in some]
             ends = {goals[r] for r in some if r in goals}
-            for a in sorted({starts[r] for r in some} | {o.exit for o in mine}):
-                for b in sorted(ends | {o.entry for o in mine}):
+            begin, end = {o.entry for o in mine}, {o.exit for o in mine}
+            if not self.guess.duties.loads.keys().isdisjoint(some):
+                begin = end = begin | end
+            for a in sorted({starts[r] for r in some} | end):
+                for b in sorted(ends | begin):
                     rides[kind, number[a], number[b]] = self.guess.ride(some[0], a, b)
         order = {key: kind for kind, key in enumerate(kinds)}
         return [order[self._kind(robot)] for robot in self.robots], rides

@@ -39,7 +39,7 @@ class WorkTables(NamedTuple):
 
     ``start`` and ``kind`` are where robots are at first, and which row of ``rides`` (kind, from,
     to) is theirs; ``goal`` is where they have to be in the end (-1: anywhere), ``rests`` how long
-    they are at rest in between.
+    they are at rest in between, ``loads`` how many jobs they may have under way at once.
     """
 
     of: IntArray
@@ -59,6 +59,7 @@ class WorkTables(NamedTuple):
     rides: FloatArray
     goal: IntArray
     rests: FloatArray
+    loads: IntArray
     cells: BatteryTables
 
 
@@ -95,6 +96,7 @@ def ends_of(work: WorkTables, rules: CostWeights, shares: TourArrays, places: in
     at = np.zeros((robots, 2), dtype=np.int64)  # the number of the option, and of the stop
     free = np.full(places, -np.inf)
     last = np.full(places, -1)
+    saved = np.zeros(robots)  # by the latest option's being done together with the one before
     for r in range(robots):
         if shares.counts[r] > 0:
             coming[r] = _reached(work, shares, r, 0, 0.0)
@@ -121,18 +123,28 @@ def ends_of(work: WorkTables, rules: CostWeights, shares: TourArrays, places: in
             found[r, 1] += max(0.0, rules.traffic * done - work.due[option])
         at[r, 0] += 1
         if at[r, 0] < shares.counts[r]:
-            at[r, 1] = work.head[shares.tours[r, at[r, 0]]]
-            coming[r] = _reached(work, shares, r, at[r, 0], done)
+            then = shares.tours[r, at[r, 0]]
+            at[r, 1] = work.head[then]
+            saved[r] = _together(work, r, option, then) if saved[r] == 0.0 else 0.0
+            coming[r] = _reached(work, shares, r, at[r, 0], done) - saved[r]
         else:
             coming[r] = np.inf
     for r in range(robots):
-        if shares.counts[r] > 0:
-            option = shares.tours[r, shares.counts[r] - 1]
-            place = work.place[work.head[option + 1] - 1]
-            if work.home[option] >= 0.0 and place >= 0 and last[place] != r:
-                found[r, 0] += work.home[option]
+        found[r, 0] += _way_home(work, shares, r, last)
         found[r, 0] += beside(work, r, shares.tours[r], shares.counts[r])[0]
     return found
+
+
+@inner
+def _way_home(work: WorkTables, shares: TourArrays, r: int, last: IntArray) -> float:
+    """Return how long (s) a robot drives home that ends where another one was ``last``."""
+    if shares.counts[r] == 0:
+        return 0.0
+    option = shares.tours[r, shares.counts[r] - 1]
+    place, home = work.place[work.head[option + 1] - 1], work.home[option]
+    goes = home >= 0.0 and place >= 0 and last[place] != r
+    seconds: float = home if goes else 0.0
+    return seconds
 
 
 @kernel
@@ -183,6 +195,23 @@ def _reached(work: WorkTables, shares: TourArrays, r: int, number: int, since: f
 
 
 @inner
+def _together(work: WorkTables, r: int, one: int, then: int) -> float:
+    """Return how much sooner (s) a robot has done two options if it fetches for the second one
+    before it brings the first one; 0 where it cannot, or is not.
+    """
+    if work.loads[r] < 2 or work.head[one + 1] - work.head[one] != 2:
+        return 0.0
+    if work.head[then + 1] - work.head[then] != 2:
+        return 0.0
+    rides, fetch, bring = work.rides[work.kind[r]], work.entry, work.exit
+    apart = work.drive[work.head[one] + 1] + rides[bring[one], fetch[then]]
+    apart += work.drive[work.head[then] + 1]
+    way = rides[fetch[one], fetch[then]] + rides[fetch[then], bring[one]]
+    sooner: float = max(0.0, apart - way - rides[bring[one], bring[then]])
+    return sooner
+
+
+@inner
 def _weight(ends: FloatArray, rules: CostWeights) -> float:
     """Return what a share of all jobs is worth: less is better."""
     total = 0.0
@@ -194,11 +223,12 @@ def _weight(ends: FloatArray, rules: CostWeights) -> float:
 @inner
 def _alone(work: WorkTables, rules: CostWeights, r: int, tour: IntArray, count: int) -> float:
     """Return when a robot would have done a tour without others; what is late counts more."""
-    time, late = 0.0, 0.0
+    time, late, saved = 0.0, 0.0, 0.0
     here = work.start[r]
     for number in range(count):
         o = tour[number]
-        time += work.rides[work.kind[r], here, work.entry[o]]
+        saved = _together(work, r, tour[number - 1], o) if number > 0 and saved == 0.0 else 0.0
+        time += work.rides[work.kind[r], here, work.entry[o]] - saved
         for stop in range(work.head[o], work.head[o + 1]):
             time += work.stays[stop]
             if stop > work.head[o]:
