@@ -101,6 +101,7 @@ DRAWN = tuple(
     for size in (
         *(f"jobshop-{size}" for size in ("r2-j2-m4", "r3-j3-m5", "r2-j3-m6", "r1-j3-m4")),
         *(f"logistics-{size}" for size in ("do-oc-r2-i8", "dc-all-r3-i8", "dc-oc-r3-i5")),
+        *(f"building-{size}" for size in ("rooms-r3-o8", "aisles-r3-o12-c2")),
     )
 )
 """Sizes at which gaps were large once, drawn from the seeds on which no method is chosen."""

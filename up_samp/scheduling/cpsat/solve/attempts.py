@@ -254,7 +254,7 @@ class Attempts:
         limit = self.model.limit
         model = self.model.capped(max(limit // 8, 4 * base))
         self._set_hints(model)
-        dived = self._run(model, profiles.FIXED_SEARCH, _FIRST_DIVE, first=True)
+        dived = self._run(model, profiles.DIVE, _FIRST_DIVE, first=True)
         if dived.values is not None or self.over():
             return
         base = max(base, self.bound)
@@ -273,9 +273,9 @@ class Attempts:
         for profile, weight in (
             (profiles.LINEARIZATION, 2.0),
             (profiles.NO_LINEARIZATION, 1.0),
-            (profiles.FIXED_SEARCH, 1.0),
+            (profiles.FIXED_SEARCH if last else profiles.DIVE, 1.0),
         ):
-            unlimited = last and profile is profiles.FIXED_SEARCH
+            unlimited = profile is profiles.FIXED_SEARCH
             answer = self._run(model, profile, None if unlimited else weight * effort, first=True)
             if answer.status == cp_model.INFEASIBLE:
                 if last:
