@@ -19,7 +19,7 @@ FIXED_SEARCH: Profile = {
     "num_workers": 1,
 }
 DIVE: Profile = {**FIXED_SEARCH, "max_number_of_conflicts": 30}
-"""A dive that leads somewhere has few conflicts; with many it takes far longer than CP-SAT counts."""
+"""A dive that leads somewhere has few conflicts; many take far longer than CP-SAT counts."""
 LINEARIZATION: Profile = {**_LIGHT, "linearization_level": 1}
 # No interleave_search: with several workers it aborts the process ("heuristics.fixed_search"). No
 # use_dynamic_precedence_in_disjunctive, which makes shops quicker: it does so, too ("adding
