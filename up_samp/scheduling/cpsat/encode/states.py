@@ -103,6 +103,10 @@ class StateVar:
             return self.values or ()
         return {self.initial, *(w.value.const for w in self.writes)}
 
+    def lasts(self, allowed: frozenset[int]) -> bool:
+        """Return whether it surely stays one of these values once it has one."""
+        return all(not (w.add or w.value.terms) and w.value.const in allowed for w in self.writes)
+
     @property
     def numeric(self) -> bool:
         """Whether it is increased or decreased anywhere."""

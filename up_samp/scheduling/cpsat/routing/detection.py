@@ -327,10 +327,11 @@ def _leading(
 
 
 def find_entries(model: ScheduleModel, route: Route, changes: list[Mover]) -> None:
-    """Find what every change into a place needs of other state variables (open doors).
+    """Find what every change into a place needs of other state variables (open doors), itself or as
+    it comes from another such place.
 
-    Assumes: every move into a place needs the same, it does not hold at first, and no move provides
-    it.
+    Assumes: every move into a place needs the same, or begins where every move needs it, too, and
+    what holds once holds from then on; it does not hold at first, and no move provides it.
 
     :param changes: all that the traveller makes one at a time.
     """
@@ -339,18 +340,40 @@ def find_entries(model: ScheduleModel, route: Route, changes: list[Mover]) -> No
         into.setdefault(move.to, []).append(move)
     movers = {change.activity.index for change in changes if change.activity is not None}
     needs = _needs(model, route, movers)
-    for place, moves in into.items():
-        if place in route.free:
+    for need in sorted({need for some in needs.values() for need in some}, key=str):
+        key, allowed = need
+        state = model.states.vars[key]
+        if state.initial in allowed:
             continue
-        common = set.intersection(*(set(needs[move]) for move in moves))
-        for key, allowed in sorted(common, key=str):
-            if model.states.vars[key].initial in allowed:
-                continue
-            lead = min(needs[move][key, allowed] for move in moves)
+        for place in sorted(_behind(route, into, needs, need, lasts=state.lasts(allowed))):
+            lead = min(needs[move].get(need, 0) for move in into[place])
             route.entries.setdefault(place, []).append(Entrance(key, allowed, max(0, lead)))
 
 
-Needs = dict[Move, dict[tuple[Key, frozenset[int]], int]]
+def _behind(
+    route: Route, into: dict[int, list[Move]], needs: Needs, need: Need, *, lasts: bool
+) -> set[int]:
+    """Return the places to which nobody comes without that something was as is needed; ``lasts``:
+    once it is, it stays so, and from one such place others may be reached without.
+    """
+    found = {place for place in into if place not in route.free}
+    while True:
+        inner = found - {route.initial} if lasts else set[int]()
+        kept = {
+            place
+            for place in found
+            if all(need in needs[move] or move.origins <= inner for move in into[place])
+        }
+        if kept == found:
+            break
+        found = kept
+    # what nobody comes to from elsewhere is not to be entered at all
+    return found if any(need in needs[move] for place in found for move in into[place]) else set()
+
+
+Need = tuple[Key, frozenset[int]]
+"""A state variable, and what it has to be."""
+Needs = dict[Move, dict[Need, int]]
 """What each move needs of other state variables -> how long before what is done where it leads."""
 
 
