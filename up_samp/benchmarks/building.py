@@ -22,16 +22,16 @@ from up_samp.model import ProblemError
 
 BuildingKind = Literal["rooms", "aisles"]
 BUILDING_KINDS: tuple[BuildingKind, ...] = ("rooms", "aisles")
-Spot = tuple[float, float]
-"""Where a robot may stand: x and y, m."""
+Pair = tuple[float, float]
+"""Where a robot may stand (x, y), or a width and a height; m."""
 
 SIZE, LIMITS = (0.8, 0.5), {"v_max": 1.2, "a_max": 0.6}
 """Length and width of a robot (m); speed (m/s) and acceleration (m/s²)."""
 MODELS = ({"model": "diff", "omega_max": 1.0}, {"model": "car", "turning_radius": 0.6},
           {"model": "omni", "omega_max": 1.0})  # fmt: skip
 """What robots of a building are: one of these."""
-CORRIDOR, DOOR, SHELF, WALL = 3.2, 1.8, 1.2, 0.2
-"""Widths of the corridor, of doors and of shelves, and thickness of walls (m)."""
+CORRIDOR, DOOR, SHELF, PARTITION = 3.2, 1.8, 1.2, 0.2
+"""Widths of the corridor, of doors and of shelves, and thickness of inner walls (m)."""
 APART = 1.6
 """Metres that places are apart at least, so that robots may stand at all of them."""
 
@@ -79,7 +79,7 @@ def building(
 
 def building_floor(
     kind: BuildingKind, needed: int, rng: random.Random
-) -> tuple[Spot, list[Rectangle], list[Spot]]:
+) -> tuple[Pair, list[Rectangle], list[Pair]]:
     """Return the size (m), the walls, and where robots may stand, at
     least so many as are ``needed``.
     """
@@ -92,24 +92,24 @@ def building_floor(
 _OBJECTIVE = {True: "makespan", False: "none"}
 
 
-def _rooms(rng: random.Random, size: Spot, needed: int) -> tuple[list[Rectangle], list[Spot]]:
+def _rooms(rng: random.Random, size: Pair, needed: int) -> tuple[list[Rectangle], list[Pair]]:
     """Return walls and spots of rooms on both sides of a corridor, three in each room."""
     width, height = size
     middle, walls = height / 2, outer_wall(width, height)
     rooms = max(rng.randint(2, 4), math.ceil(needed / 6))
-    spots: list[Spot] = []
+    spots: list[Pair] = []
     for side in (-1, 1):
         wall = middle + side * CORRIDOR / 2
         far = height if side > 0 else 0.0
         doors = [width * (i + rng.uniform(0.3, 0.7)) / rooms for i in range(rooms)]
         ends = [0.0, *itertools.chain(*((d - DOOR / 2, d + DOOR / 2) for d in doors)), width]
         walls += [
-            (a, wall - WALL / 2, b, wall + WALL / 2)
+            (a, wall - PARTITION / 2, b, wall + PARTITION / 2)
             for a, b in zip(ends[::2], ends[1::2], strict=True)
         ]
         for i in range(1, rooms):
             x = width * i / rooms
-            walls.append((x - WALL / 2, min(wall, far), x + WALL / 2, max(wall, far)))
+            walls.append((x - PARTITION / 2, min(wall, far), x + PARTITION / 2, max(wall, far)))
         for i, (share, y) in itertools.product(
             range(rooms),
             ((0.22, far - 1.2 * side), (0.5, (wall + far) / 2), (0.78, far - 1.2 * side)),
@@ -118,12 +118,12 @@ def _rooms(rng: random.Random, size: Spot, needed: int) -> tuple[list[Rectangle]
     return walls, _apart(rng, spots)
 
 
-def _aisles(rng: random.Random, size: Spot, needed: int) -> tuple[list[Rectangle], list[Spot]]:
+def _aisles(rng: random.Random, size: Pair, needed: int) -> tuple[list[Rectangle], list[Pair]]:
     """Return walls and spots of a hall with shelves and a way around them: beside the shelves, and
     along one side.
     """
     width, height = size
-    walls, spots = outer_wall(width, height), list[Spot]()
+    walls, spots = outer_wall(width, height), list[Pair]()
     levels = 1 + int((height - 8.0) / APART)
     shelves = max(rng.randint(3, 5), math.ceil((needed - 5) / levels))
     for i in range(shelves):
@@ -135,11 +135,11 @@ def _aisles(rng: random.Random, size: Spot, needed: int) -> tuple[list[Rectangle
     return walls, _apart(rng, spots)
 
 
-def _apart(rng: random.Random, spots: list[Spot]) -> list[Spot]:
+def _apart(rng: random.Random, spots: list[Pair]) -> list[Pair]:
     """Return spots in random order, none close to one before it."""
 
-    def kept() -> Iterator[Spot]:
-        found: list[Spot] = []
+    def kept() -> Iterator[Pair]:
+        found: list[Pair] = []
         for spot in rng.sample(spots, len(spots)):
             if all(math.dist(spot, other) >= APART for other in found):
                 found.append(spot)

@@ -162,8 +162,7 @@ def _look_for_jobs(
     large = sum(a.optional for a in problem.activities) >= search.tuning.large
     driving = any(mode.legs for mode in itertools.chain(*jobs.options))
     # of a job shop's tasks most wait for what others do: who deals out knows too little of that
-    shop = not driving and 2 * len(earlier_jobs(problem, jobs)) > len(jobs.options)
-    if large and not shop:
+    if large and (driving or 2 * len(earlier_jobs(problem, jobs)) <= len(jobs.options)):
         in_parts = LargeProblem(problem, snapshot, jobs, inner, search.tuning)
         search.in_parts = partial(solve_large, in_parts)
     elif driving:

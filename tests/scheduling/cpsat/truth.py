@@ -67,3 +67,18 @@ def collapsed_optimum(problem):
     status = solver.solve(collapsed.model.store.model)
     assert status in (cp_model.OPTIMAL, cp_model.INFEASIBLE)
     return round(solver.objective_value) if status == cp_model.OPTIMAL else -1
+
+
+def disagreement(problem):
+    """Return (what differs if things are recognised in a problem, whether it has routes)."""
+    truth, found = answer(problem, plain=True), answer(problem)
+    if truth is None or found is None:
+        return None, False
+    if found != truth:
+        return f"{found}, but in truth {truth}", True
+    quick = bound_without_search(problem)
+    if quick is not None and truth[1] is not None and quick > truth[1]:
+        return f"bound by work {quick} above {truth[1]}", True
+    bound = collapsed_optimum(problem)
+    wrong = bound is not None and truth[1] is not None and not 0 <= bound <= truth[1]
+    return (f"bound {bound} above {truth[1]}" if wrong else None), bound is not None

@@ -31,7 +31,9 @@ def fleet(load=None, **options):
         found.add_place(place, x, y)
     for robot in shuffled(rng, "r0", "r1"):
         found.add_robot(robot, "agv", f"h{robot[1]}", end=f"h{robot[1]}")
-    for order, (pickup, delivery) in shuffled(rng, *enumerate(("ab", "bc", "ca", "ac"))):
+    for order, (pickup, delivery) in shuffled(
+        rng, *enumerate(("ab", "bc", "ca", "ac", "ba", "cb"))
+    ):
         more = {} if load is None else {"load": load[order % len(load)]}
         found.add_order(f"o{order}", pickup=pickup, delivery=delivery, **more)
     return found
@@ -46,9 +48,19 @@ def fleet(load=None, **options):
         ([{"item": 2}], {"capacity": {"item": 3}}, 1),
         ([{"item": 2}], {"capacity": {"item": 4}}, 2),
         ([{"item": 1}], {"capacity": {"item": 3}}, 3),
+        ([{"item": 1}], {"capacity": {"item": 5}}, 3),
         ([{"box": 1}, {"bin": 1}], {"capacity": {"box": 1, "bin": 1}}, 2),
     ],
-    ids=["one", "room for one", "two", "two of three", "two of four", "three", "one of each"],
+    ids=[
+        "one",
+        "room for one",
+        "two",
+        "two of three",
+        "two of four",
+        "three",
+        "many",
+        "one of each",
+    ],
 )
 def test_who_carries_several_loads_at_once(load, options, many):
     problem = fleet(load, **options).problem

@@ -137,7 +137,8 @@ def _batteries(
 
 def loads_of(problem: SchedulingMotionProblem, jobs: Jobs) -> dict[str, int]:
     """Return how many jobs robots may have under way at once, where that is more than one: as often
-    as what they take of numbers that only this robot's jobs change, and give back later, is there.
+    as what they take of numbers that only this robot's jobs change, and give back later, is there;
+    three at most, for the stops of all these may follow each other in a problem that is thinned.
     """
     owners = {n: o.robot for options in jobs.options for o in options for n in o.members}
     found = Counter[str]()
@@ -149,7 +150,7 @@ def loads_of(problem: SchedulingMotionProblem, jobs: Jobs) -> dict[str, int]:
         robot = robots.pop() if len(robots) == 1 else None
         if robot and fewest < 0 < most and low is not None and high is not None:
             found[robot] += int((high - low) / most)
-    return {robot: many for robot, many in found.items() if many > 1}
+    return {robot: min(many, 3) for robot, many in found.items() if many > 1}
 
 
 def _changes(problem: SchedulingMotionProblem) -> dict[FNode, dict[str, float]]:

@@ -52,6 +52,7 @@ def stated_gaps(problem: SchedulingMotionProblem) -> dict[tuple[str, str], int]:
 
 
 def _statements(owner: Activity) -> Iterator[tuple[FNode, frozenset[str | None]]]:
+    """Yield the parts of all constraints of an activity, or of a problem, as `statements` does."""
     for constraint, scope in owner._constraints:
         yield from statements(constraint, scope)
 

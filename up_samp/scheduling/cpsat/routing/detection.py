@@ -5,6 +5,7 @@ need (work at places), all one at a time.
 from __future__ import annotations
 
 import itertools
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
@@ -340,35 +341,39 @@ def find_entries(model: ScheduleModel, route: Route, changes: list[Mover]) -> No
         into.setdefault(move.to, []).append(move)
     movers = {change.activity.index for change in changes if change.activity is not None}
     needs = _needs(model, route, movers)
-    for need in sorted({need for some in needs.values() for need in some}, key=str):
+    asking: dict[Need, set[int]] = defaultdict(set)
+    for move, some in needs.items():
+        for need in some:
+            asking[need].add(move.to)
+    for need in sorted(asking, key=str):
         key, allowed = need
         state = model.states.vars[key]
         if state.initial in allowed:
             continue
-        for place in sorted(_behind(route, into, needs, need, lasts=state.lasts(allowed))):
+        places = (into.keys() if state.lasts(allowed) else asking[need]) - route.free
+        inner = places - {route.initial} if state.lasts(allowed) else set[int]()
+        behind = _behind(into, needs, need, (places, inner))
+        for place in sorted(behind if behind & asking[need] else ()):
             lead = min(needs[move].get(need, 0) for move in into[place])
             route.entries.setdefault(place, []).append(Entrance(key, allowed, max(0, lead)))
 
 
 def _behind(
-    route: Route, into: dict[int, list[Move]], needs: Needs, need: Need, *, lasts: bool
+    into: dict[int, list[Move]], needs: Needs, need: Need, some: tuple[set[int], set[int]]
 ) -> set[int]:
-    """Return the places to which nobody comes without that something was as is needed; ``lasts``:
-    once it is, it stays so, and from one such place others may be reached without.
+    """Return the ``some[0]`` places to which nobody comes without that something was as is needed:
+    every move there needs it, or begins where that is so, which may be ``some[1]``.
     """
-    found = {place for place in into if place not in route.free}
+    found, inner = some
     while True:
-        inner = found - {route.initial} if lasts else set[int]()
         kept = {
             place
             for place in found
             if all(need in needs[move] or move.origins <= inner for move in into[place])
         }
         if kept == found:
-            break
-        found = kept
-    # what nobody comes to from elsewhere is not to be entered at all
-    return found if any(need in needs[move] for place in found for move in into[place]) else set()
+            return found
+        found, inner = kept, inner & kept
 
 
 Need = tuple[Key, frozenset[int]]
