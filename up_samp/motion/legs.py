@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from up_samp.geometry import Scene, sweeps
+from up_samp.geometry.memory import Memory
 from up_samp.geometry.records import WorldData, open_plane
 from up_samp.geometry.shapes import shape_of
 from up_samp.model import (
@@ -137,6 +138,14 @@ _MORE_TIME = 1.2
 Prove = Callable[[Body, Sequence[Configuration], Sequence[Placed]], PathReport | None]
 
 
+def _is_final(missed: PathReport, limit: float, seconds: float) -> bool:
+    """Return whether a search that found no leg within its ``limit`` (s) is not worth another one
+    that has so many ``seconds``.
+    """
+    over = missed.outcome is Outcome.OUT_OF_TIME
+    return not over or seconds <= _MORE_TIME * limit
+
+
 class Legs:
     """Finds legs in one scene, and remembers them. ``planner`` says who plans: see the service."""
 
@@ -155,6 +164,8 @@ class Legs:
         self.certifier = certifier
         self.prove = prove
         self._planners: dict[str, MotionPlanner] = {}
+        self._missed: Memory[tuple[PathReport, float]] = Memory(4_000)
+        """Why there is no leg, and within how many seconds none was found."""
 
     def find(self, query: LegQuery, deadline: Deadline) -> tuple[str, Leg] | PathReport:
         """Return a leg from the cache or from the first planner that finds one, after that one's
@@ -166,6 +177,20 @@ class Legs:
             if known is not None:
                 self.cache.hits += 1
                 return name, known
+        key = replace(query, obstacles=tuple(sorted(query.obstacles, key=lambda p: p.name)))
+        limit = deadline.remaining()
+        missed = self._missed.get(key)
+        if missed is not None and _is_final(*missed, limit):
+            return missed[0]
+        found = self._sought(names, query, deadline)
+        if isinstance(found, PathReport):
+            self._missed.put(key, (found, limit))
+        return found
+
+    def _sought(
+        self, names: Sequence[str], query: LegQuery, deadline: Deadline
+    ) -> tuple[str, Leg] | PathReport:
+        """Ask planners one after the other."""
         reasons, complete = [], True
         for name in names:
             # the first planner ends by itself where it can, later ones are second opinions
@@ -267,7 +292,7 @@ class Legs:
         if leg.trajectory is None:
             limit = deadline.within(_PROOF_SECONDS)
             ends = query.start, query.goal
-            proof = self.certifier.prove_by_slices(query.body, *ends, query.obstacles, limit)
+            proof = self.certifier.prove_slowly(query.body, *ends, query.obstacles, limit)
             if proof is not None or leg.complete:
                 return leg if proof is None else proof
         again = planner.leg(query, deadline)

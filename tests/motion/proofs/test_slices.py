@@ -31,7 +31,7 @@ def test_an_object_that_makes_a_corner_too_narrow():
     blocker = Placed("wedge", wedge, (3.4, 3.4, 0.0))
     far = Placed("far", ROBOT, (8.0, 2.9, 0.0))
     ends = ((1.75, 10.0, math.pi / 2), (10.5, 1.75, 0.0))
-    proof = service.certifier.prove_by_slices(ROBOT, *ends, (far, blocker), Deadline.after(60))
+    proof = service.certifier.prove_slowly(ROBOT, *ends, (far, blocker), Deadline.after(60))
     assert proof is not None
     assert proof.blockers == {"wedge"}
 

@@ -43,6 +43,7 @@ from up_samp.motion.proofs.orders import (
     finer,
     hubs_of,
     joint_positions,
+    parts_of,
     reached,
     too_many,
 )
@@ -54,6 +55,8 @@ Rounds = Callable[[Sequence[Configuration]], set[int] | None]
 come to some configurations together (None: nothing is known of these)."""
 PAIRS = ((0, 1), (1, 2), (0, 2))
 """Of three bodies: what the first two tell adds up to what the last one does."""
+_FINE_CELLS = 4e6
+"""Of a finer grid of the whole map, for proofs about one body."""
 
 
 class Certifier:
@@ -67,6 +70,7 @@ class Certifier:
         self.scene = scene
         self._regions: Memory[Regions] = Memory(64)
         self._joint: Memory[tuple[Certifier, list[Blocks], list[BoolArray]]] = Memory(64)
+        self._fine: dict[int, Certifier] = {}
 
     @cached_property
     def _distance(self) -> npt.NDArray[np.float32]:
@@ -132,7 +136,7 @@ class Certifier:
             found.append(frozenset(name for i, name in enumerate(names) if not removed >> i & 1))
         return found
 
-    def prove_by_slices(
+    def prove_slowly(
         self,
         body: Body,
         start: Configuration,
@@ -140,12 +144,17 @@ class Certifier:
         obstacles: Sequence[Placed],
         deadline: Deadline,
     ) -> PathReport | None:
-        """Return a proof over positions *and* headings, or None; takes up to seconds.
+        """Return a proof on a finer grid, or over positions *and* headings, or None; takes up to
+        seconds.
 
         See :mod:`up_samp.motion.proofs.heading_slices`. Blockers are minimal where time allows.
         """
         if self.scene.grid is None or self.scene.grid.shape[0] == 0:
             return None
+        fine = self._finer(shape_of(core_of(body)).inner[2], _FINE_CELLS)
+        proof = None if fine is None else fine.prove(body, (start, goal), obstacles)
+        if proof is not None:
+            return proof
         body = core_of(body)
 
         def apart(among: Sequence[Placed]) -> bool:
@@ -238,19 +247,29 @@ class Certifier:
         assert self.scene.grid is not None
         return [length / self.scene.grid.resolution for length in lengths]
 
-    def _finer(self, least: float, obstacles: Sequence[Placed]) -> Certifier | None:
-        """Return the same on a finer grid (some centimetres decide whether two discs pass each
-        other), or None where there are too many joint positions.
+    def _finer(self, radius: float, most: float = math.inf) -> Certifier | None:
+        """Return the same on a grid that is fine beside a disc (centimetres decide whether it gets
+        through), or None where that has more than so many cells.
         """
         assert self.scene.grid is not None
+        parts = parts_of(self.scene.grid, radius)
+        if self.scene.grid.blocked.size * parts**2 > most:
+            return None
+        if parts not in self._fine:
+            grid = finer(self.scene.grid, parts)
+            self._fine[parts] = Certifier(Scene(grid, self.scene.margin))
+        return self._fine[parts]
+
+    def _finer_for_two(self, least: float, obstacles: Sequence[Placed]) -> Certifier | None:
+        """Return the same on a finer grid, or None where there are too many joint positions."""
         barred = self.blocked(least, obstacles)
         if too_many([barred, barred], self._in_cells([least, least])):
             return None
-        return Certifier(Scene(finer(self.scene.grid, least), self.scene.margin))
+        return self._finer(least)
 
     def _hubs(self, least: float, obstacles: Sequence[Placed]) -> list[Hub]:
         """Return the hubs of the islands on the finer grid."""
-        fine = self._finer(least, obstacles)
+        fine = self._finer_for_two(least, obstacles)
         return [] if fine is None else hubs_of(fine.blocked(least, obstacles))
 
     def _blocks(
@@ -261,7 +280,7 @@ class Certifier:
         number: int | None,
     ) -> tuple[Certifier, list[Blocks]]:
         """Return the blocks for joint positions of discs, on the finer grid."""
-        fine = self._finer(least, obstacles)
+        fine = self._finer_for_two(least, obstacles)
         if fine is None:
             return self, []
         hub = None if number is None else hubs_of(fine.blocked(least, obstacles))[number]

@@ -45,9 +45,15 @@ def too_many(barred: Sequence[BoolArray], reaches: Sequence[float]) -> bool:
     return max(barred[0].size, math.prod(cells)) > POSITIONS
 
 
-def finer(grid: OccupancyGrid, radius: float) -> OccupancyGrid:
-    """Return a grid of the same walls in cells that are small beside a disc."""
-    parts = math.ceil(16 * grid.resolution / radius)
+def parts_of(grid: OccupancyGrid, radius: float) -> int:
+    """Return into how many parts to divide cells along each side to make them small beside a
+    disc.
+    """
+    return math.ceil(16 * grid.resolution / radius)
+
+
+def finer(grid: OccupancyGrid, parts: int) -> OccupancyGrid:
+    """Return a grid of the same walls in cells of a part of their sides."""
     walls = grid.blocked.repeat(parts, axis=0).repeat(parts, axis=1)
     return OccupancyGrid(walls, grid.resolution / parts, grid.origin)
 
