@@ -44,7 +44,7 @@ def _silent(monkeypatch):
     monkeypatch.setattr(get_environment(), "credits_stream", None)
 
 
-@pytest.mark.parametrize("seed", [0, 2, 9, 17, 22, 27, 64, 77, 85, 150, 157])
+@pytest.mark.parametrize("seed", [0, 2, 9, 17, 22, 27, 64, 77, 85, 150, 157, 219])
 def test_what_is_called_optimal_is_not_beaten_by_the_plan_that_is_known(seed, tmp_path):
     assert beaten(seed, tmp_path) is None
 

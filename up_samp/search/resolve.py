@@ -47,8 +47,6 @@ _STEPS = 12
 """Of scheduling anew and driving, where motions are serialized or pruned."""
 STEP_EFFORT = 0.3
 """For one of these steps: some seconds at most."""
-_FEWEST_EFFORT = 1.0
-"""For a schedule of the whole with the fewest motions."""
 _NEAR_EFFORT = 0.1
 """For a schedule near a plan's: about a second at most."""
 _SLACK = (1, 3, 6)
@@ -243,7 +241,8 @@ def _with_fewest_motions(search: Search, near: CandidateSchedule) -> CandidateSc
     problem.clear_quality_metrics()
     left_out = {manager.Not(a.present): 1 for a in drives}
     problem.add_quality_metric(Oversubscription(left_out, problem.environment))
-    return Subproblem(search, problem, _FEWEST_EFFORT).schedule(near)
+    # a problem of all activities, not of a candidate's alone
+    return Subproblem(search, problem, 3 * STEP_EFFORT).schedule(near)
 
 
 def of_failed_groups(itinerary: Itinerary, check: Check) -> set[str]:

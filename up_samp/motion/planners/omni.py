@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -57,16 +57,19 @@ class PlanarGrain(NamedTuple):
 
 @dataclass(frozen=True)
 class PlanarSettings:
-    """Effort of the planar planner: the searches, in the order in which they are tried.
+    """Effort of the planar planner: the searches, in the order in which they are tried, ``finer``
+    ones where the others find nothing.
     ``roundabout``: what takes longer than so many times the shortest way of a disc is sought from
     its goal as well, where the steps fall elsewhere. ``tries``: how often a way is cut short by
     ``rounds`` random shortcuts; the fastest counts. ``bends`` (inner radii of the footprint): of
-    those who are driven along their heading (0: nobody is).
+    those who are driven along their heading.
     """
 
     grains: tuple[PlanarGrain, ...] = (
         PlanarGrain(1.0, 16, 60_000),
         PlanarGrain(0.5, 24, 250_000),
+    )
+    finer: tuple[PlanarGrain, ...] = (
         PlanarGrain(0.25, 36, 400_000),
         PlanarGrain(0.5, 24, 60_000, cell=0.02),
     )
@@ -96,8 +99,10 @@ class PlanarPlanner:
     @classmethod
     def quick(cls, scene: Scene, seed: int = 0) -> PlanarPlanner:
         """Return a planner that gives up after little work, for detours."""
-        few = PlanarSettings((PlanarGrain(1.0, 16, 20_000),), rounds=200, shifts=(0.25,), tries=1)
-        return cls(scene, seed, replace(few, roundabout=math.inf, bends=0.0))
+        few = PlanarSettings(
+            (PlanarGrain(1.0, 16, 20_000),), (), rounds=200, shifts=(0.25,), tries=1
+        )
+        return cls(scene, seed, replace(few, roundabout=math.inf))
 
     def leg(self, query: LegQuery, deadline: Deadline) -> Leg:
         """Return a fast motion between two poses among resting obstacles."""
@@ -106,20 +111,33 @@ class PlanarPlanner:
         shape = widest_shape(self.scene, query.body, ends, query.obstacles)
         if shape is None:
             return Leg(None, TOUCHES, complete=True)
-        leg = self._one_way(query, shape, budget)
-        if leg.trajectory is None and query.effort is None and self.settings.bends > 0.0:
-            leg = self._on_wheels(query, shape, budget) or leg
+        grains = self.settings.grains
+        leg = self._one_way(query, shape, budget, grains)
+        if leg.trajectory is None and self.settings.finer:
+            grains = self.settings.finer
+            leg = self._through_bends(query, shape, budget)
         if not leg.complete or leg.trajectory is None:
             return leg
         if not self._is_roundabout(query, shape, leg.trajectory):
             return leg
         turned = replace(query, start=query.goal, goal=query.start)
-        back = self._one_way(turned, shape.turned, budget)
+        back = self._one_way(turned, shape.turned, budget, grains)
         if back.trajectory is None or back.trajectory.duration > leg.trajectory.duration - GAIN:
             return replace(leg, effort=budget.used, complete=not budget.cut)
         return back.turned()
 
-    def _on_wheels(self, query: LegQuery, shape: Shape, budget: WorkBudget) -> Leg | None:
+    def _through_bends(self, query: LegQuery, shape: Shape, budget: WorkBudget) -> Leg:
+        """Return the faster of a motion on wheels, which takes little time to find, and one by the
+        finer searches.
+        """
+        driven = self._on_wheels(query, shape, budget)
+        leg = self._one_way(query, shape, budget, self.settings.finer)
+        soonest, other = (one.trajectory for one in (leg, driven))
+        if other is not None and (soonest is None or other.duration < soonest.duration):
+            leg = driven
+        return replace(leg, effort=budget.used, complete=not budget.cut)
+
+    def _on_wheels(self, query: LegQuery, shape: Shape, budget: WorkBudget) -> Leg:
         """Return a motion that always leads along the heading, or turns on the spot: in bends as
         thin as the body there are no straight moves, and no others.
         """
@@ -128,10 +146,12 @@ class PlanarPlanner:
         push = float(kin.a_max) / math.sqrt(2)
         v = min(float(kin.v_max), math.sqrt(push * radius), float(kin.omega_max) * radius)
         wheels = replace(kin, model=MotionModel.PIVOT, v_max=v, a_max=push, omega_max=v / radius)
-        asked = replace(query, body=replace(query.body, kinematics=wheels))
+        effort = None if budget.effort is None else max(0, budget.effort - budget.used)
+        asked = replace(query, body=replace(query.body, kinematics=wheels), effort=effort)
         leg = PivotPlanner(self.scene, self.seed).leg(asked, budget.deadline)
         budget.used += leg.effort
-        return None if leg.trajectory is None else replace(leg, effort=budget.used)
+        budget.cut = budget.cut or not leg.complete
+        return leg
 
     def _is_roundabout(self, query: LegQuery, shape: Shape, motion: Trajectory) -> bool:
         """Return whether a motion takes much longer than the shortest way of the disc in the body
@@ -152,11 +172,17 @@ class PlanarPlanner:
         metres = float(field_value(field, x, y)) if len(field.values) else math.inf
         return slow(metres if math.isfinite(metres) else beeline)
 
-    def _one_way(self, query: LegQuery, shape: Shape, budget: WorkBudget) -> Leg:
-        """Return a motion by a search from the start."""
+    def _one_way(
+        self,
+        query: LegQuery,
+        shape: Shape,
+        budget: WorkBudget,
+        grains: Sequence[PlanarGrain],
+    ) -> Leg:
+        """Return a motion by searches from the start."""
         goal, obstacles = query.goal, query.obstacles
         reason = "out of time"
-        for k, grain in enumerate(self.settings.grains):
+        for k, grain in enumerate(grains):
             if k > 0 and budget.spent():
                 break
             shape = shape.finer if grain.tight else shape
