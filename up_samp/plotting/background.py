@@ -15,6 +15,7 @@ from up_samp.geometry.atlas import in_world
 from up_samp.geometry.maps import MOST_PIXELS, OccupancyGrid
 from up_samp.io.floors import maps_of, side_by_side
 from up_samp.model.frames import Frame
+from up_samp.plotting.rules import rules_of, tinted
 from up_samp.plotting.style import FREE, OCCUPIED, UNKNOWN
 from up_samp.plotting.tracks import ObjectTrack, tracks_of
 
@@ -66,11 +67,18 @@ class Backdrop:
 
 def ground_of(plan: dict[str, Any]) -> Backdrop:
     """Return a plan laid out for a picture, with the picture of its maps: free white, occupied
-    dark, unknown light grey.
+    dark, unknown light grey, rules of driving tinted.
 
     Without a map: a white rectangle around everything that the plan shows. Raises
     :class:`~up_samp.model.ProblemError` where the map's files are missing or wrong.
     """
+    laid = _laid_out(plan)
+    pixels = tinted(laid.pixels, laid.extent, rules_of(laid.plan))
+    return replace(laid, pixels=pixels)
+
+
+def _laid_out(plan: dict[str, Any]) -> Backdrop:
+    """Return a plan laid out for a picture, and its maps."""
     maps = maps_of(plan)
     if not maps:
         return _whole(plan, _blank(tracks_of(plan)))
@@ -159,7 +167,9 @@ def _blank(tracks: list[ObjectTrack]) -> Drawn:
         for corner in track.outline(pose).tolist()
     ] or [[0.0, 0.0], [1.0, 1.0]]
     low, high = np.min(points, axis=0) - 1.0, np.max(points, axis=0) + 1.0
-    pixels = np.full((8, 8, 3), 255, dtype=np.uint8)
+    cells = 400 / float(np.max(high - low))
+    shape = tuple(max(8, round(cells * v)) for v in (high - low)[::-1])
+    pixels = np.full((*shape, 3), 255, dtype=np.uint8)
     return pixels, (float(low[0]), float(high[0]), float(low[1]), float(high[1]))
 
 

@@ -19,6 +19,7 @@ from matplotlib.transforms import Bbox
 from up_samp.model.frames import Frame
 from up_samp.plotting.background import Backdrop, ground_of
 from up_samp.plotting.gantt import title_of
+from up_samp.plotting.rules import LANE_FILL, Zone, corners_of, is_lane, rules_of, told
 from up_samp.plotting.style import (
     AREA_FILL,
     FIXTURE,
@@ -58,9 +59,10 @@ def plot_map(
     movers, still = ([t for t in tracks if bool(t.moves) is moves] for moves in (True, False))
     left, right, bottom, top = laid.floors[0].extent
     step = footprint_every or _spacing(movers, max(right - left, top - bottom))
-    _legend(panels, movers, still)
+    rules = rules_of(plan)
+    _legend(panels, movers, still, rules)
     for panel in panels:
-        labels = _draw_tracks(panel, movers, still, step)
+        labels = _draw_tracks(panel, movers, still, step) + _labels_of(rules, still)
         for track, pose, names in stops_of(movers, laid.places(places)):
             labels.append(label_of(" / ".join(names), track.outline(pose), INK))
         place_labels(panel, labels, avoid=_stops(panel, movers))
@@ -190,6 +192,21 @@ def _draw_mover(ax: Axes, track: ObjectTrack, color: str, step: float) -> None:
         _draw_body(ax, track, track.initial, fc=color, ec=INK, lw=1.2, zorder=5)
 
 
+def _labels_of(rules: Sequence[Zone], still: Sequence[ObjectTrack]) -> list[PlacedLabel]:
+    """Return what zones are called, and what they ask of robots."""
+    named = {
+        corners_of(t.outline(t.initial)): t.name for t in still if t.area and t.initial is not None
+    }
+    said = {corners_of(zone["polygon"]): told(zone) for zone in rules}
+    labels = []
+    for corners in named | said:
+        name, asked = named.get(corners, ""), said.get(corners, "")
+        text = ": ".join(part for part in (name * ("@" not in name), asked) if part)
+        if text:
+            labels.append(label_of(text, np.array(sorted(corners)), WRONG))
+    return labels
+
+
 def _draw_rides(ax: Axes, track: ObjectTrack, step: float) -> None:
     """Draw where a load is on its robot's way."""
     for leg in track.legs:
@@ -258,7 +275,7 @@ def _draw_still(ax: Axes, track: ObjectTrack, initial: _Pose) -> list[PlacedLabe
     here = track.outline(initial)
     if track.area:
         draw_area(ax, here)
-        return [label_of(track.name, here, WRONG)] * ("@" not in track.name)
+        return []
     ax.add_patch(Polygon(here, fc=FIXTURE, ec=INK, lw=0.8, zorder=2.6))
     labels = [label_of(track.name, here, FIXTURE, bold=True)]
     for t, pose in track.changes:
@@ -279,12 +296,19 @@ def _stops(ax: Axes, movers: list[ObjectTrack]) -> list[Bbox]:
     return boxes
 
 
-def _legend(panels: Sequence[Axes], movers: list[ObjectTrack], still: list[ObjectTrack]) -> None:
+def _legend(
+    panels: Sequence[Axes],
+    movers: list[ObjectTrack],
+    still: list[ObjectTrack],
+    rules: list[Zone],
+) -> None:
     drives = [Line2D([], [], color=color_of(i), lw=2.4, label=t.name) for i, t in enumerate(movers)]
     names = dict.fromkeys(
         "what a door sweeps" if "@" in t.name else "zone" for t in still if t.area
     )
     areas = [Patch(fc=AREA_FILL, ec=WRONG, ls=":", label=name) for name in names]
+    ruled = Patch(fc=AREA_FILL, label="rules of driving")
+    lane = Patch(fc=LANE_FILL, label="preferred lane")
     door = Patch(fc=FIXTURE, ec=INK, label="door, or other object, at first")
     load = Patch(fc=mixed(FIXTURE, 0.6), ec=FIXTURE, label="load on its robot")
     changed = Patch(fc="none", ec=FIXTURE, ls="--", label="after a change")
@@ -293,6 +317,8 @@ def _legend(panels: Sequence[Axes], movers: list[ObjectTrack], still: list[Objec
         (True, Patch(fc=INK, ec=INK, label="robot at the start")),
         (True, Patch(fc=mixed(INK, 0.5), ec=INK, label="a motion's start or end")),
         *((True, key) for key in areas),
+        ("zone" not in names and not all(map(is_lane, rules)), ruled),
+        (any(map(is_lane, rules)), lane),
         (not all(t.area for t in still), door),
         (any(t.legs for t in still), load),
         (any(t.changes for t in still), changed),

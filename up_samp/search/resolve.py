@@ -17,6 +17,7 @@ where motions are driven tells it what they turned out to need, see ``until_driv
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Collection, Mapping
 
 from unified_planning.model.metrics import Oversubscription
@@ -80,16 +81,23 @@ class Subproblem:
         values = {**near.parameters, **report.schedule.parameters}
         return CandidateSchedule(report.schedule.times, values)
 
-    def last_at_least(self, itinerary: Itinerary, needed: Mapping[str, int]) -> None:
-        """Let motions last as long as they turned out to need: ``needed`` are ends (units).
+    def last_at_least(self, itinerary: Itinerary, check: Check) -> None:
+        """Let motions last as long as they turned out to need.
 
-        Those that do not fit again wait for others, who may begin later now: they also end as long
-        after all that began on their way.
+        Who comes late begins its next motion late: that is not counted again. Those that do not fit
+        again wait for others, who may begin later now: they also end as long after all that began
+        on their way.
         """
         manager = self.problem.environment.expression_manager
         motions = {motion_key(m): m for m in itinerary.motions}
         starts = {m.activity: itinerary.schedule.times[m.activity][0] for m in motions.values()}
-        for key, end in needed.items():
+        unit = self.search.facts.snapshot.seconds_per_unit
+        begun: dict[str, int] = {}
+        for key, drive in check.trajectories.items():
+            activity, since = motions[key].activity, math.floor(drive.times[0] / unit)
+            begun[activity] = min(since, begun.get(activity, since))
+        starts |= {name: max(starts[name], since) for name, since in begun.items()}
+        for key, end in check.needed.items():
             mine = motions[key]
             waits, first = key in self.told, starts[mine.activity]
             self.told.add(key)
@@ -153,10 +161,10 @@ def repair_durations(
     def tell(itinerary: Itinerary, check: Check) -> bool:
         if check.failed or not check.needed:
             return False
-        small.last_at_least(itinerary, check.needed)
+        small.last_at_least(itinerary, check)
         return True
 
-    small.last_at_least(read_itinerary(search.knowledge.relaxation, schedule), check.needed)
+    small.last_at_least(read_itinerary(search.knowledge.relaxation, schedule), check)
     return until_driven(search, schedule, again, tell, steps=_REPAIR_STEPS)
 
 
@@ -337,7 +345,7 @@ def prune_motions(search: Search, plan: Incumbent) -> Incumbent | None:
 
     def tell(itinerary: Itinerary, check: Check) -> bool:
         if check.needed and not check.failed:
-            small.last_at_least(itinerary, check.needed)
+            small.last_at_least(itinerary, check)
             return True
         gone = sorted(weights.keys() - itinerary.schedule.times.keys())
         manager = problem.environment.expression_manager
