@@ -30,6 +30,7 @@ from up_samp.model import (
 from up_samp.motion import Leg, MotionService
 from up_samp.motion.curves.slowing import seconds_of, slowed, steps_in
 from up_samp.motion.curves.trajectories import reversed_trajectory
+from up_samp.motion.curves.twists import twists
 from up_samp.upio.read_maps import read_movable
 from up_samp.validation.limits import limits_of
 
@@ -74,6 +75,29 @@ def test_the_way_around_a_slow_zone_is_taken_where_it_is_quicker(kinematics):
     # who begins in it has no way around
     inside = drive(body, (7.5, 3.5, 0.0), (13.0, 3.5, 0.0)).trajectory
     assert inside.duration > 2.1 / 0.2
+
+
+@KINDS
+@pytest.mark.parametrize("shuffle", [1, -1])
+def test_a_slow_zone_is_gone_round_though_another_cannot_be(kinematics, shuffle):
+    zones = (block(4, 0, 1, 9, v_max=0.6), block(8, 3, 3, 3, v_max=0.1))[::shuffle]
+    body = Body(RING, replace(kinematics, zones=zones))
+    motion = drive(body, (2.0, 4.5, 0.0), (14.0, 4.5, 0.0)).trajectory
+    slowest = max(zones, key=lambda zone: -zone.v_max)
+    assert not steps_in(slowest, motion.poses, body).any()
+    assert motion.duration < 25.0
+
+
+def test_who_turns_round_because_it_is_slow_backwards_goes_round_zones_as_well():
+    """Neither of both is worth it alone: at first the way leads backwards beside the zone."""
+    zone = block(5, 0, 3, 5.5, v_max=0.1)
+    slow = replace(CAR, v_back=0.1, zones=(zone,))
+    body = Body(RING, slow)
+    ends = (2.0, 3.0, math.pi), (12.0, 3.0, math.pi)
+    motion = drive(body, *ends).trajectory
+    assert not steps_in(zone, motion.poses, body).any()
+    assert np.min(twists(motion.poses)[:, 0]) > -1e-6
+    assert motion.duration < 30.0
 
 
 @KINDS

@@ -21,6 +21,7 @@ from up_samp.model import (
     PathQuery,
     PathReport,
     Placed,
+    TrafficZone,
     Trajectory,
 )
 from up_samp.motion.cache import MotionCache, obstacle_key
@@ -129,17 +130,13 @@ class MotionService:
         self, query: PathQuery, whole: Trajectory, slow: PathReport, deadline: Deadline
     ) -> tuple[PathReport, bool]:
         """Return the quickest of a way that zones, or a limit backwards, slow (``whole`` would be
-        its motion without them), one around these zones, one without a stretch backwards, and one
-        along the lanes that it prefers, and whether all of them were sought to the end; what zones
-        cost, and what is driven beside such lanes, is counted.
+        its motion without them), one without a stretch backwards, one along the lanes that it
+        prefers, and these around some of the zones, and whether all of them were sought to the end;
+        what zones cost, and what is driven beside such lanes, is counted.
 
         It may not be the fastest that there is: what comes of it is never called complete.
         """
-        zones = slowing_zones(whole, query.body)
         others = []
-        if zones:
-            around = tuple(map(as_obstacle, zones))
-            others.append(replace(query, obstacles=(*query.obstacles, *around)))
         if is_slowed_backwards(whole, query.body):
             ahead = replace(query.body, kinematics=replace(query.body.kinematics, reverse=False))
             others.append(replace(query, body=ahead))
@@ -147,19 +144,53 @@ class MotionService:
             others.append(
                 replace(query, poses=along_lanes(query.body, query.poses, self.bounds.length))
             )
-        best, final = slow, True
+        best, final = self._around_zones(query, query, (slow, whole), deadline)
         for other in others:
-            found = self._find(other, deadline)
-            if isinstance(found, PathReport):
-                final &= found.outcome is not Outcome.OUT_OF_TIME
-                continue
-            used, legs = found
-            final &= all(leg.complete for leg in legs)
-            motion, _ = strung(self.scene, replace(query, poses=other.poses), legs)
-            assert best.trajectory is not None
-            if seconds_of(motion, query.body) < seconds_of(best.trajectory, query.body):
-                best = replace(best, trajectory=motion, planner=used)
+            found, sought = self._slowed_way(query, other, deadline)
+            final &= sought
+            if found is not None:
+                quick, sought = self._around_zones(query, other, found, deadline)
+                best, final = min(best, quick, key=lambda r: _seconds(r, query)), final and sought
         return best, final
+
+    def _around_zones(
+        self,
+        query: PathQuery,
+        other: PathQuery,
+        found: tuple[PathReport, Trajectory],
+        deadline: Deadline,
+    ) -> tuple[PathReport, bool]:
+        """Return the quickest answer to ``query`` by the way of another one (``found``: as it is,
+        with its motion if there were no zones) that goes round zones which slow it, all of them or
+        one after the other as long as it gets quicker, and whether all were sought to the end.
+        """
+        (best, whole), final = found, True
+        zones = slowing_zones(whole, query.body)
+        tried: set[tuple[TrafficZone, ...]] = {()}
+        while rest := [some for some in (zones, *((z,) for z in zones)) if some not in tried]:
+            tried.add(rest[0])
+            around = replace(other, obstacles=(*other.obstacles, *map(as_obstacle, rest[0])))
+            way, sought = self._slowed_way(query, around, deadline)
+            final &= sought
+            if way is not None and _seconds(way[0], query) < _seconds(best, query):
+                (best, whole), other = way, around
+                zones = slowing_zones(whole, query.body)
+        return best, final
+
+    def _slowed_way(
+        self, query: PathQuery, other: PathQuery, deadline: Deadline
+    ) -> tuple[tuple[PathReport, Trajectory] | None, bool]:
+        """Return the answer to ``query`` by the way of another one, with its motion without limits
+        that hang on places (None: there is none), and whether it was sought to the end.
+        """
+        found = self._find(other, deadline)
+        if isinstance(found, PathReport):
+            return None, found.outcome is not Outcome.OUT_OF_TIME
+        used, legs = found
+        told = replace(query, poses=other.poses)
+        whole, _ = strung_at_full_speed(self.scene, told, legs)
+        report = PathReport(Outcome.FOUND, strung(self.scene, told, legs)[0], planner=used)
+        return (report, whole), all(leg.complete for leg in legs)
 
     def lower_bound(
         self,
@@ -250,6 +281,12 @@ class MotionService:
 
         seed = self.seed if seed is None else seed
         return coordinate(self, query, deadline, seed=seed, anytime=anytime)
+
+
+def _seconds(found: PathReport, query: PathQuery) -> float:
+    """Return what a motion takes, with what zones cost."""
+    assert found.trajectory is not None
+    return seconds_of(found.trajectory, query.body)
 
 
 def _timed(report: PathReport, began: float) -> PathReport:
