@@ -12,16 +12,19 @@ import itertools
 import math
 from collections.abc import Sequence
 
+import shapely
+
 from up_samp.geometry import Scene
 from up_samp.geometry.memory import Memory
 from up_samp.geometry.records import along
 from up_samp.geometry.shapes import core_of, shape_of
-from up_samp.model import Body, Configuration, Mobility, Placed
+from up_samp.model import Body, Configuration, Mobility, Placed, TrafficZone
 from up_samp.motion.curves.reeds_shepp import run_time, shortest
 from up_samp.motion.curves.trapezoid import limits_of
 from up_samp.motion.guides.visibility import Visibility
 from up_samp.motion.proofs.certificates import Certifier
 from up_samp.motion.proofs.runs import fastest_roll, fastest_runs
+from up_samp.motion.proofs.slow_zones import SlowZone, fastest_with_slow, slow_zone
 
 
 class DurationBounds:
@@ -31,6 +34,7 @@ class DurationBounds:
         self.scene = scene
         self.certifier = certifier or Certifier(scene)
         self._known: Memory[Visibility] = Memory(64)
+        self._slow: Memory[SlowZone | None] = Memory(64)
 
     def through(
         self, body: Body, poses: Sequence[Configuration], obstacles: Sequence[Placed] = ()
@@ -45,15 +49,73 @@ class DurationBounds:
             return 0.0
         legs = list(itertools.pairwise(poses))
         length = sum(self.way(body, a, b, obstacles) for a, b in legs)
+        least = self._least(body, legs, length)
+        slow = self._slow_parts(body, legs)
+        if slow:
+            length = max(length, sum(metres for metres, _ in slow))
+            least = max(least, fastest_with_slow(length, slow, kin.v_max, kin.a_max))
+        return least * (1 - 1e-9)
+
+    @staticmethod
+    def _least(
+        body: Body, legs: Sequence[tuple[Configuration, Configuration]], length: float
+    ) -> float:
+        """Return seconds that no motion of so many m through some legs beats, whatever zones it
+        leads through.
+        """
+        kin = body.kinematics
         if kin.mobility.steers and len(legs) == 1:
-            return fastest_runs(*legs[0], limits_of(kin), length) * (1 - 1e-9)
+            return fastest_runs(*legs[0], limits_of(kin), length)
         least = max(
             run_time(length, kin.v_max, kin.a_max),
             sum(_turn(kin.mobility, a, b) for a, b in legs) / kin.omega_max,
         )
         if kin.mobility.rolls and len(legs) == 1:
             least = fastest_roll(*legs[0], kin, least)
-        return least * (1 - 1e-9)
+        return least
+
+    def _slow_parts(
+        self, body: Body, legs: Sequence[tuple[Configuration, Configuration]]
+    ) -> list[tuple[float, float]]:
+        """Return how much (m) of any motion through some legs is in zones, and how fast (m/s) it
+        may be there: of zones that overlap those that cost most.
+        """
+        kin = body.kinematics
+        if kin.mobility.flies:
+            return []
+        told = []
+        for zone in kin.zones:
+            known = self._slow_zone(body, zone) if zone.v_max < kin.v_max else None
+            if known is not None:
+                metres = sum(self._slow_way(known, a, b) for a, b in legs)
+                told.append((metres * (1.0 / zone.v_max - 1.0 / kin.v_max), metres, zone, known))
+        told.sort(key=lambda one: -one[0])
+        areas: list[shapely.Geometry] = []
+        found = []
+        for lost, metres, zone, known in told:
+            if lost > 0.0 and not any(known.area.intersects(area) for area in areas):
+                areas.append(known.area)
+                found.append((metres, zone.v_max))
+        return found
+
+    def _slow_zone(self, body: Body, zone: TrafficZone) -> SlowZone | None:
+        """Return what is known of a zone for a body (None: nothing)."""
+        grid, radius = self.scene.grid, shape_of(core_of(body)).inscribed
+        if grid is None or radius <= 0.0:
+            return None
+        key = (round(radius, 9), zone.polygon)
+        if key not in self._slow:
+            blocked = self.certifier.blocked(radius, ())
+            self._slow.put(key, slow_zone(zone, grid, blocked, radius))
+        return self._slow.get(key)
+
+    def _slow_way(self, zone: SlowZone, start: Configuration, goal: Configuration) -> float:
+        """Return how much (m) of any way between two poses is slow."""
+        cells = [(math.floor(y), math.floor(x)) for x, y in map(self._cells, (start, goal))]
+        rows, cols = zone.slow.shape
+        if not all(0 <= row < rows and 0 <= col < cols for row, col in cells):
+            return 0.0
+        return zone.least(cells[0], cells[1], math.dist(start[:2], goal[:2]))
 
     def way(
         self,
