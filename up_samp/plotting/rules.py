@@ -14,8 +14,6 @@ from PIL import Image, ImageDraw
 from up_samp.plotting.style import AREA_FILL, FIXTURE, FREE, WRONG, mixed
 
 LANE_FILL = mixed(FIXTURE, 0.75)
-FINE = 1500
-"""Pixels along the longer side, where anything is drawn."""
 Zone = Mapping[str, Any]
 """Rules of a part of the floor, as a plan file tells them."""
 
@@ -40,14 +38,18 @@ def told(zone: Zone) -> str:
 
 
 def tinted(
-    pixels: npt.NDArray[np.uint8], extent: tuple[float, float, float, float], rules: Sequence[Zone]
+    pixels: npt.NDArray[np.uint8],
+    extent: tuple[float, float, float, float],
+    rules: Sequence[Zone],
+    *,
+    wide: int = 1500,
 ) -> npt.NDArray[np.uint8]:
     """Return a picture (rows, cols, 3), row 0 at the top, of ``extent`` (left, right, bottom, top;
-    m), whose free floor is tinted where there are ``rules``.
+    m), whose free floor is tinted where there are ``rules``, in some ``wide`` pixels at least.
     """
     if not rules:
         return pixels
-    fine = max(1, FINE // max(pixels.shape[:2]))
+    fine = max(1, wide // max(pixels.shape[:2]))
     pixels = pixels.repeat(fine, axis=0).repeat(fine, axis=1)
     (left, right, bottom, top), (rows, cols) = extent, pixels.shape[:2]
 

@@ -36,7 +36,7 @@ from up_samp.model import (
 )
 from up_samp.model.arrays import BoolArray, Int32Array, IntArray
 from up_samp.motion.cache import obstacle_key
-from up_samp.motion.proofs.heading_slices import separated
+from up_samp.motion.proofs.heading_slices import MOST_BOXES, separated
 from up_samp.motion.proofs.orders import (
     Blocks,
     Hub,
@@ -55,8 +55,6 @@ Rounds = Callable[[Sequence[Configuration]], set[int] | None]
 come to some configurations together (None: nothing is known of these)."""
 PAIRS = ((0, 1), (1, 2), (0, 2))
 """Of three bodies: what the first two tell adds up to what the last one does."""
-_FINE_CELLS = 4e6
-"""Of a finer grid of the whole map, for proofs about one body."""
 
 
 class Certifier:
@@ -151,7 +149,7 @@ class Certifier:
         """
         if self.scene.grid is None or self.scene.grid.shape[0] == 0:
             return None
-        fine = self._finer(shape_of(core_of(body)).inner[2], _FINE_CELLS)
+        fine = self._finer(shape_of(core_of(body)).inner[2], MOST_BOXES)
         proof = None if fine is None else fine.prove(body, (start, goal), obstacles)
         if proof is not None:
             return proof

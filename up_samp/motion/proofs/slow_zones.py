@@ -19,11 +19,10 @@ from up_samp.geometry import OccupancyGrid
 from up_samp.geometry.cells import distances_to, label_regions
 from up_samp.model import TrafficZone
 from up_samp.model.arrays import BoolArray, FloatArray, Int32Array
+from up_samp.motion.curves.slowing import OVER
 
 MOST_REGIONS = 8
 """So many regions beside a zone are looked at; where there are more nothing is proven."""
-OVER = 1.01
-"""By how much a limit may be exceeded, with all that judges of motions allow."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +109,7 @@ def fastest_with_slow(
     """
     reached = at = speed = 0.0
     seconds = 0.0
-    layers = sorted((cap * OVER, metres) for metres, cap in slow)
+    layers = sorted((cap * (1.0 + OVER), metres) for metres, cap in slow)
     for cap, metres in (*layers, (v_max, math.inf)):
         reached = min(reached + 0.5 * metres, 0.5 * length)
         part, at = reached - at, reached
