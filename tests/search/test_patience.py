@@ -68,12 +68,27 @@ def test_endless_patience_changes_nothing():
     assert not spent.hurried
 
 
-def test_half_of_patience_is_for_the_motions_of_what_is_found():
+def test_patience_lasts_a_share_of_the_time_limit_at_least(monkeypatch):
+    monkeypatch.undo()
+    for patience, left in ((1.0, 25.0), (0.5, 12.5), (0.0, 1.0), (2.0, 50.0)):
+        soon = budget(patience=patience)
+        soon.deadline.spend(10.0)
+        soon.planned()
+        assert soon.deadline.remaining() == pytest.approx(left)
+        soon.deadline.spend(0.5)
+        soon.planned()
+        assert soon.deadline.remaining() == pytest.approx(left)
+    unlimited = Budget(Deadline.never(), 10.0, patience=1.0)
+    unlimited.planned()
+    assert unlimited.deadline.remaining() <= 1.0
+
+
+def test_a_quarter_of_patience_is_for_the_motions_of_what_is_found():
     spent, pace = budget(patience=1.0), SchedulerPace(True, proof_seconds=30.0)
     spent.deadline.spend(20.0)
     spent.planned()
     deadline = pace.deadline(spent, planned=True, proving=True)
-    assert deadline.remaining() == pytest.approx(10.0)
+    assert deadline.remaining() == pytest.approx(15.0)
 
 
 @pytest.mark.parametrize(

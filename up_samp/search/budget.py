@@ -27,8 +27,9 @@ _GROUP_SHARE = 0.2
 """Of the time that is left, for one group of motions: a late answer can still be repaired."""
 _LONGEST_QUERY = 3600.0
 """s: limit of one motion query, however often it was doubled."""
-_PATIENCE = 1.0
-"""s: to go on at least without a better plan, where patience ends a search."""
+_PATIENCE, _QUARTER = 1.0, 0.25
+"""s, and share of a time limit: to go on at least without a better plan, where patience ends a
+search (a time limit is there to be used; what finds the best plans of small fleets begins late)."""
 _UNTIMED_RESTARTS = 3
 """Where there is no time limit."""
 _STALE_RESTARTS = 8
@@ -57,7 +58,9 @@ class Budget:
         if math.isinf(self.patience):
             return
         whole = self.whole
-        more = max(_PATIENCE, self.patience * whole.used())
+        used, left = whole.used(), whole.remaining()
+        limit = used + left if math.isfinite(left) else 0.0
+        more = max(_PATIENCE, self.patience * max(used, _QUARTER * limit))
         self.deadline, self._whole = replace(whole, at=whole.within(more).at), whole
 
     @property
@@ -141,8 +144,8 @@ class SchedulerPace:
         if not self.staged or (planned and not proving):
             return budget.deadline
         if proving and budget.hurried:
-            # the other half is for the motions of what it finds
-            return budget.share(0.5, self.proof_seconds)
+            # the rest is for the motions of what it finds
+            return budget.share(0.75, self.proof_seconds)
         if proving:
             return budget.deadline.within(self.proof_seconds)
         return budget.deadline.within(self.share * budget.deadline.remaining())

@@ -83,6 +83,11 @@ class Solve:
         """Whether the proven optimum is asked for."""
         return self.whole.orders.optimal
 
+    @property
+    def is_patient(self) -> bool:
+        """Whether no little effort was asked for."""
+        return self.whole.left is None
+
     def share(self, share: float = _SHARE) -> Deadline:
         """Return the deadline of a stage that may take no more than a share of what is left."""
         deadline = self.whole.deadline
@@ -316,7 +321,7 @@ STAGES = (
     Stage("bound by work", lambda s: s.work is not None, _bound_by_work),
     Stage(
         "anneal tours again",
-        lambda s: s.optimal and s.work is not None and s.whole.best is not None,
+        lambda s: s.optimal and s.work is not None and s.whole.best is not None and s.is_patient,
         _anneal_again,
     ),
     Stage("prove it after all", _is_still_to_prove, lambda s: s.whole.prove_quickly()),
