@@ -34,4 +34,4 @@ def nothing_is_refuted(caplog):
 @pytest.fixture(autouse=True)
 def patience_ends_soon(monkeypatch):
     """Spare the time in which plans of tests that look at something else might get better."""
-    monkeypatch.setattr(budget, "_QUARTER", 0.0)
+    monkeypatch.setitem(budget.PARTS, "patience", (0.0, 0.0))

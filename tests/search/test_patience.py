@@ -70,9 +70,15 @@ def test_endless_patience_changes_nothing():
 
 def test_patience_lasts_a_share_of_the_time_limit_at_least(monkeypatch):
     monkeypatch.undo()
-    for patience, left in ((1.0, 25.0), (0.5, 12.5), (0.0, 1.0), (2.0, 50.0)):
-        soon = budget(patience=patience)
-        soon.deadline.spend(10.0)
+    for limit, patience, left in (
+        (40.0, 1.0, 10.0),
+        (40.0, 0.5, 5.0),
+        (40.0, 0.0, 1.0),
+        (100.0, 2.0, 30.0),
+        (9e3, 1.0, 15.0),
+    ):
+        soon = budget(limit, patience=patience)
+        soon.deadline.spend(3.0)
         soon.planned()
         assert soon.deadline.remaining() == pytest.approx(left)
         soon.deadline.spend(0.5)

@@ -21,15 +21,18 @@ PARTS = {
     "plans by an easier objective": (0.4, math.inf),
     "motions one at a time": (0.25, math.inf),
     "bounds of large problems": (0.1, math.inf),
+    "patience": (0.25, 15.0),
 }
-"""What one part of a search may take of the time that is left: a share, and s at most."""
+"""What one part of a search may take of the time that is left: a share, and s at most. Patience
+lasts as much of the whole time limit at least: that is there to be used, and what finds the best
+plans of small fleets begins late.
+"""
 _GROUP_SHARE = 0.2
 """Of the time that is left, for one group of motions: a late answer can still be repaired."""
 _LONGEST_QUERY = 3600.0
 """s: limit of one motion query, however often it was doubled."""
-_PATIENCE, _QUARTER = 1.0, 0.25
-"""s, and share of a time limit: to go on at least without a better plan, where patience ends a
-search (a time limit is there to be used; what finds the best plans of small fleets begins late)."""
+_PATIENCE = 1.0
+"""s: to go on at least without a better plan, where patience ends a search."""
 _UNTIMED_RESTARTS = 3
 """Where there is no time limit."""
 _STALE_RESTARTS = 8
@@ -59,8 +62,9 @@ class Budget:
             return
         whole = self.whole
         used, left = whole.used(), whole.remaining()
-        limit = used + left if math.isfinite(left) else 0.0
-        more = max(_PATIENCE, self.patience * max(used, _QUARTER * limit))
+        share, most = PARTS["patience"]
+        least = min(share * (used + left), most) if math.isfinite(left) else 0.0
+        more = max(_PATIENCE, self.patience * max(used, least))
         self.deadline, self._whole = replace(whole, at=whole.within(more).at), whole
 
     @property
