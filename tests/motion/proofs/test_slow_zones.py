@@ -127,3 +127,17 @@ def test_what_can_be_driven_keeps_all_bounds(kind):
                 assert metres <= slow_metres(report.trajectory, zone) + 0.02, seed
     assert found > 8
     assert more > 4
+
+
+def test_where_there_is_no_way_nothing_is_said():
+    """A wall without a gap, zones on both sides of it, over it and elsewhere."""
+    service = MotionService(box_map(16, 9, [(8, 0, 8.4, 9)], 0.2))
+    square = ((2.0, 2.0), (6.0, 2.0), (6.0, 7.0), (2.0, 7.0))
+    over = ((7.0, 0.0), (10.0, 0.0), (10.0, 9.0), (7.0, 9.0))
+    for zones in ((square,), (over,), (square, over), (over, square)):
+        rules = tuple(TrafficZone(zone, 0.2) for zone in zones)
+        body = Body(ROBOT.footprint, replace(KINDS["omni"], zones=rules))
+        for ends in (((4.0, 4.5, 0.0), (13.0, 4.5, 0.0)), ((13.0, 4.5, 0.0), (1.2, 8.0, 0.0))):
+            assert math.isfinite(service.lower_bound(body, *ends))
+            outside = service.lower_bound(body, (-5.0, 4.5, 0.0), ends[1])
+            assert math.isfinite(outside)

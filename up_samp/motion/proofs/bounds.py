@@ -34,7 +34,7 @@ class DurationBounds:
         self.scene = scene
         self.certifier = certifier or Certifier(scene)
         self._known: Memory[Visibility] = Memory(64)
-        self._slow: Memory[SlowZone | None] = Memory(64)
+        self._slow: Memory[SlowZone | None] = Memory(32)
 
     def through(
         self, body: Body, poses: Sequence[Configuration], obstacles: Sequence[Placed] = ()
@@ -112,7 +112,7 @@ class DurationBounds:
     def _slow_way(self, zone: SlowZone, start: Configuration, goal: Configuration) -> float:
         """Return how much (m) of any way between two poses is slow."""
         cells = [(math.floor(y), math.floor(x)) for x, y in map(self._cells, (start, goal))]
-        rows, cols = zone.slow.shape
+        rows, cols = zone.kind.shape
         if not all(0 <= row < rows and 0 <= col < cols for row, col in cells):
             return 0.0
         return zone.least(cells[0], cells[1], math.dist(start[:2], goal[:2]))

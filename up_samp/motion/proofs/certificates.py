@@ -58,15 +58,16 @@ PAIRS = ((0, 1), (1, 2), (0, 2))
 
 
 class Certifier:
-    """Proves motions impossible in one scene. Caches components by body size and obstacles.
+    """Proves motions impossible in one scene. Caches components by body size and obstacles, so
+    many as are ``kept``.
 
     All proofs are made for the body's core (:func:`up_samp.geometry.shapes.core_of`): contact, and
     overlaps that are rounding to the validator, prove nothing.
     """
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, kept: int = 64) -> None:
         self.scene = scene
-        self._regions: Memory[Regions] = Memory(64)
+        self._regions: Memory[Regions] = Memory(kept)
         self._joint: Memory[tuple[Certifier, list[Blocks], list[BoolArray]]] = Memory(64)
         self._fine: dict[int, Certifier] = {}
 
@@ -255,7 +256,8 @@ class Certifier:
             return None
         if parts not in self._fine:
             grid = finer(self.scene.grid, parts)
-            self._fine[parts] = Certifier(Scene(grid, self.scene.margin))
+            # on fine grids components take a lot of memory
+            self._fine[parts] = Certifier(Scene(grid, self.scene.margin), kept=4)
         return self._fine[parts]
 
     def _finer_for_two(self, least: float, obstacles: Sequence[Placed]) -> Certifier | None:

@@ -13,48 +13,52 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 import shapely
 
 from up_samp.geometry import OccupancyGrid
-from up_samp.geometry.cells import distances_to, label_regions
+from up_samp.geometry.cells import grown, label_regions
 from up_samp.model import TrafficZone
-from up_samp.model.arrays import BoolArray, FloatArray, Int32Array
+from up_samp.model.arrays import BoolArray, FloatArray, IntArray
 from up_samp.motion.curves.slowing import OVER
 
+Cell = tuple[int, int]
+"""Row and column."""
 MOST_REGIONS = 8
 """So many regions beside a zone are looked at; where there are more nothing is proven."""
 
 
 @dataclass(frozen=True, eq=False)
 class SlowZone:
-    """What there is beside the ``slow`` cells of a zone: ``regions`` (from 1; 0: slow, or nobody
-    can be there), how far (m) each is from each cell, shape (k, rows, cols), and how much of a
-    way from one to another is slow, shape (k, k).
+    """What there is beside a zone in its ``area``: the ``kind`` of each cell (-1: slow, 0: nobody
+    can be there, else the number of its region), the cells of each region that touch slow ones
+    (``borders``, (n, 2) each), and how much (m) of a way from one region to another is slow,
+    shape (k, k). ``size``: of a cell, m.
     """
 
     area: shapely.Geometry
-    slow: BoolArray
-    regions: Int32Array
-    far: FloatArray
+    kind: npt.NDArray[np.int8]
+    borders: tuple[IntArray, ...]
     gaps: FloatArray
+    size: float
 
-    def least(self, start: tuple[int, int], goal: tuple[int, int], straight: float) -> float:
-        """Return metres of any way between two cells, ``straight`` m apart, that are slow."""
-        ways = [self._from(cell) for cell in (start, goal)]
-        if any(way is None for way in ways):
+    def least(self, start: Cell, goal: Cell, straight: float) -> float:
+        """Return metres of any way between two cells, ``straight`` m apart, that are slow (0 where
+        there is none: others prove that).
+        """
+        if not (self.kind[start] and self.kind[goal]):
             return 0.0
-        through = ways[0][:, None] + self.gaps + ways[1][None, :]  # type: ignore[index]
-        inside = straight if self.slow[start] and self.slow[goal] else math.inf
-        return float(min(inside, through.min(initial=math.inf)))
+        through = self._from(start)[:, None] + self.gaps + self._from(goal)[None, :]
+        inside = straight if self.kind[start] == self.kind[goal] == -1 else math.inf
+        metres = float(min(inside, through.min(initial=math.inf)))
+        return metres if math.isfinite(metres) else 0.0
 
-    def _from(self, cell: tuple[int, int]) -> FloatArray | None:
-        """Return how much of a way to each region is slow (None: nobody can be there)."""
-        if self.slow[cell]:
-            return self.far[:, cell[0], cell[1]]
-        own = int(self.regions[cell])
-        if own == 0:
-            return None
-        return np.where(np.arange(1, len(self.gaps) + 1) == own, 0.0, math.inf)
+    def _from(self, cell: Cell) -> FloatArray:
+        """Return how much (m) of a way from a cell to each region is slow."""
+        if self.kind[cell] == -1:
+            return np.array([_apart(self.size, some, np.array([cell])) for some in self.borders])
+        own = np.arange(1, len(self.borders) + 1) == self.kind[cell]
+        return np.where(own, 0.0, math.inf)
 
 
 def slow_zone(
@@ -70,14 +74,27 @@ def slow_zone(
     count = label_regions(~blocked & ~slow, regions)
     if not slow.any() or not 0 < count <= MOST_REGIONS:
         return None
-    # between some points of two cells: less than between their middles by half a diagonal each
-    diagonal = math.sqrt(2.0) * grid.resolution
-    far = np.array([distances_to(regions == k, grid.resolution) for k in range(1, count + 1)])
-    far = np.maximum(far - diagonal, 0.0)
-    gaps = np.array([[far[i][regions == j + 1].min() for j in range(count)] for i in range(count)])
+    # who leaves the slow cells comes to a cell beside them
+    beside = grown(slow) & ~slow
+    borders = tuple(np.argwhere(beside & (regions == k)) for k in range(1, count + 1))
+    gaps = np.array([[_apart(grid.resolution, a, b) for b in borders] for a in borders])
+    np.fill_diagonal(gaps, 0.0)
     for k in range(count):
         gaps = np.minimum(gaps, gaps[:, [k]] + gaps[[k]])
-    return SlowZone(area, slow, regions, far, gaps)
+    kind = np.where(slow, -1, regions).astype(np.int8)
+    return SlowZone(area, kind, borders, gaps, grid.resolution)
+
+
+def _apart(size: float, some: IntArray, others: IntArray) -> float:
+    """Return how far (m) points of some cells (n, 2) are from those of others at least (inf: there
+    are none).
+    """
+    least = min(
+        (float(np.hypot(*(some - cell).T).min(initial=math.inf)) for cell in others),
+        default=math.inf,
+    )
+    # points of two cells are nearer than their middles by half a diagonal each
+    return max(0.0, least - math.sqrt(2.0)) * size
 
 
 def _covered(area: shapely.Geometry, grid: OccupancyGrid) -> BoolArray:
