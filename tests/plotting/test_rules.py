@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from up_samp.io.plan_dict import AREA
 from up_samp.plotting.background import ground_of
 from up_samp.plotting.map_picture import plot_map
 from up_samp.plotting.rules import LANE_FILL, rules_of, tinted, told
@@ -77,6 +78,18 @@ def test_rules_are_told_once_whoever_keeps_them():
     assert not {"rules of driving", "preferred lane"} & {
         text.get_text() for text in bare.get_legend().get_texts()
     }
+
+
+@pytest.mark.parametrize("turn", [1, -1])
+def test_all_that_is_asked_in_one_place_is_told(turn):
+    place = [[0.5, 0.5], [2.0, 0.5], [2.0, 1.5]]
+    zones = [{"polygon": place, "v_max": 0.3}, {"polygon": place[::-1], "stops": False}][::turn]
+    area = {"footprint": place, "initial": [0.0, 0.0, 0.0], "type": AREA}
+    plan = plan_with(*zones)
+    plan["objects"] += [{**area, "name": name} for name in ("wet", "busy")[::turn]]
+    told_there = {text.get_text() for text in plot_map(plan).axes.texts}
+    names, asked = [", ".join(some[::turn]) for some in (("wet", "busy"), ("0.3 m/s", "no stop"))]
+    assert f"{names}: {asked}" in told_there
 
 
 def test_where_there_is_no_map_rules_are_drawn_all_the_same():

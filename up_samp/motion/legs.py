@@ -138,14 +138,6 @@ _MORE_TIME = 1.2
 Prove = Callable[[Body, Sequence[Configuration], Sequence[Placed]], PathReport | None]
 
 
-def _is_final(missed: PathReport, limit: float, seconds: float) -> bool:
-    """Return whether a search that found no leg within its ``limit`` (s) is not worth another one
-    that has so many ``seconds``.
-    """
-    over = missed.outcome is Outcome.OUT_OF_TIME
-    return not over or seconds <= _MORE_TIME * limit
-
-
 class Legs:
     """Finds legs in one scene, and remembers them. ``planner`` says who plans: see the service."""
 
@@ -165,7 +157,7 @@ class Legs:
         self.prove = prove
         self._planners: dict[str, MotionPlanner] = {}
         self._missed: Memory[tuple[PathReport, float]] = Memory(4_000)
-        """Why there is no leg, and within how many seconds none was found."""
+        """Why there is no leg, and the seconds in which none was found (inf: that is final)."""
 
     def find(self, query: LegQuery, deadline: Deadline) -> tuple[str, Leg] | PathReport:
         """Return a leg from the cache or from the first planner that finds one, after that one's
@@ -180,11 +172,12 @@ class Legs:
         key = replace(query, obstacles=tuple(sorted(query.obstacles, key=lambda p: p.name)))
         limit = deadline.remaining()
         missed = self._missed.get(key)
-        if missed is not None and _is_final(*missed, limit):
+        if missed is not None and limit <= _MORE_TIME * missed[1]:
             return missed[0]
         found = self._sought(names, query, deadline)
         if isinstance(found, PathReport):
-            self._missed.put(key, (found, limit))
+            over = found.outcome is Outcome.OUT_OF_TIME
+            self._missed.put(key, (found, limit if over else math.inf))
         return found
 
     def _sought(

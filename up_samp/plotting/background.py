@@ -167,9 +167,7 @@ def _blank(tracks: list[ObjectTrack]) -> Drawn:
         for corner in track.outline(pose).tolist()
     ] or [[0.0, 0.0], [1.0, 1.0]]
     low, high = np.min(points, axis=0) - 1.0, np.max(points, axis=0) + 1.0
-    cells = 400 / float(np.max(high - low))
-    shape = tuple(max(8, round(cells * v)) for v in (high - low)[::-1])
-    pixels = np.full((*shape, 3), 255, dtype=np.uint8)
+    pixels = np.full((8, 8, 3), 255, dtype=np.uint8)
     return pixels, (float(low[0]), float(high[0]), float(low[1]), float(high[1]))
 
 

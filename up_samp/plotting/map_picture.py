@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -19,7 +20,7 @@ from matplotlib.transforms import Bbox
 from up_samp.model.frames import Frame
 from up_samp.plotting.background import Backdrop, ground_of
 from up_samp.plotting.gantt import title_of
-from up_samp.plotting.rules import LANE_FILL, Zone, corners_of, is_lane, rules_of, told
+from up_samp.plotting.rules import LANE_FILL, Corners, Zone, corners_of, is_lane, rules_of, told
 from up_samp.plotting.style import (
     AREA_FILL,
     FIXTURE,
@@ -194,14 +195,17 @@ def _draw_mover(ax: Axes, track: ObjectTrack, color: str, step: float) -> None:
 
 def _labels_of(rules: Sequence[Zone], still: Sequence[ObjectTrack]) -> list[PlacedLabel]:
     """Return what zones are called, and what they ask of robots."""
-    named = {
-        corners_of(t.outline(t.initial)): t.name for t in still if t.area and t.initial is not None
-    }
-    said = {corners_of(zone["polygon"]): told(zone) for zone in rules}
+    named: dict[Corners, list[str]] = defaultdict(list)
+    asked: dict[Corners, list[str]] = defaultdict(list)
+    for track in still:
+        if track.area and track.initial is not None and "@" not in track.name:
+            named[corners_of(track.outline(track.initial))].append(track.name)
+    for zone in rules:
+        asked[corners_of(zone["polygon"])].append(told(zone))
     labels = []
-    for corners in named | said:
-        name, asked = named.get(corners, ""), said.get(corners, "")
-        text = ": ".join(part for part in (name * ("@" not in name), asked) if part)
+    for corners in named | asked:
+        parts = (", ".join(filter(None, some[corners])) for some in (named, asked))
+        text = ": ".join(filter(None, parts))
         if text:
             labels.append(label_of(text, np.array(sorted(corners)), WRONG))
     return labels

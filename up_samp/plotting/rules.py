@@ -16,6 +16,7 @@ from up_samp.plotting.style import AREA_FILL, FIXTURE, FREE, WRONG, mixed
 LANE_FILL = mixed(FIXTURE, 0.75)
 Zone = Mapping[str, Any]
 """Rules of a part of the floor, as a plan file tells them."""
+Corners = frozenset[tuple[float, ...]]
 
 
 def rules_of(plan: Mapping[str, Any]) -> list[Zone]:
@@ -81,6 +82,6 @@ def _draw_arrow(
         draw.line([at(*tip), at(tip[0] - back[0], tip[1] - back[1])], fill=WRONG, width=3)
 
 
-def corners_of(outline: Any) -> frozenset[tuple[float, ...]]:
+def corners_of(outline: Any) -> Corners:
     """Return what tells a part of the floor, by its corners (n, 2), from others."""
     return frozenset(tuple(round(float(v), 3) for v in corner) for corner in outline)

@@ -12,8 +12,6 @@ import itertools
 import math
 from collections.abc import Sequence
 
-import shapely
-
 from up_samp.geometry import Scene
 from up_samp.geometry.memory import Memory
 from up_samp.geometry.records import along
@@ -90,13 +88,11 @@ class DurationBounds:
                 metres = sum(self._slow_way(known, a, b) for a, b in legs)
                 told.append((metres * (1.0 / zone.v_max - 1.0 / kin.v_max), metres, zone, known))
         told.sort(key=lambda one: -one[0])
-        areas: list[shapely.Geometry] = []
-        found = []
+        kept: list[tuple[float, float, SlowZone]] = []
         for lost, metres, zone, known in told:
-            if lost > 0.0 and not any(known.area.intersects(area) for area in areas):
-                areas.append(known.area)
-                found.append((metres, zone.v_max))
-        return found
+            if lost > 0.0 and not any(known.area.intersects(other.area) for *_, other in kept):
+                kept.append((metres, zone.v_max, known))
+        return [(metres, v_max) for metres, v_max, _ in kept]
 
     def _slow_zone(self, body: Body, zone: TrafficZone) -> SlowZone | None:
         """Return what is known of a zone for a body (None: nothing)."""

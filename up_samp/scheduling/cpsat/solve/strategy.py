@@ -83,11 +83,6 @@ class Solve:
         """Whether the proven optimum is asked for."""
         return self.whole.orders.optimal
 
-    @property
-    def is_patient(self) -> bool:
-        """Whether no little effort was asked for."""
-        return self.whole.left is None
-
     def share(self, share: float = _SHARE) -> Deadline:
         """Return the deadline of a stage that may take no more than a share of what is left."""
         deadline = self.whole.deadline
@@ -231,6 +226,11 @@ def _anneal_tours(search: Solve) -> None:
         search.expected = max(search.expected, value)
 
 
+def _may_anneal_again(whole: Attempts) -> bool:
+    """Whether there is a schedule to make better, and no limit of effort: annealing counts none."""
+    return whole.best is not None and whole.left is None
+
+
 def _anneal_again(search: Solve) -> None:
     """Anneal tours from other random numbers, each longer, for schedules better than the one in
     hand, as long as a share of the time lasts.
@@ -321,7 +321,7 @@ STAGES = (
     Stage("bound by work", lambda s: s.work is not None, _bound_by_work),
     Stage(
         "anneal tours again",
-        lambda s: s.optimal and s.work is not None and s.whole.best is not None and s.is_patient,
+        lambda s: s.optimal and s.work is not None and _may_anneal_again(s.whole),
         _anneal_again,
     ),
     Stage("prove it after all", _is_still_to_prove, lambda s: s.whole.prove_quickly()),
