@@ -25,6 +25,7 @@ SOLVED = {
     "factory": ("examples/factory.py", "map.png"),
     "paint": ("examples/paint_shop.py", "gantt.png"),
     "charging": ("examples/charging.py", "gantt.png"),
+    "docking": ("examples/charging.py", "map.png"),
     "hospital": ("examples/hospital.py", "map.png"),
     "shop": ("examples/shop.py", "gantt.png"),
     "nav2": ("examples/nav2_warehouse.py", "gantt.png"),

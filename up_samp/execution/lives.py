@@ -238,6 +238,7 @@ def _zone(entry: Mapping[str, Any]) -> TrafficZone:
         bool(entry.get("stops", True)),
         float(entry.get("cost", 0.0)),
         float(entry.get("prefer", 1.0)),
+        None if "dock" not in entry else Frame().of(entry["dock"]),
     )
 
 

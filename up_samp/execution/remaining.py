@@ -666,23 +666,46 @@ class _Builder:
     def _go_on(self, activity: MotionActivity, places: Mapping[str, ConfigurationObject]) -> None:
         constraints = []
         for c in activity._motion_constraints:
-            if not isinstance(c, ActivityWaypoints) or len(c.waypoints) != 1:
+            if not isinstance(c, ActivityWaypoints):
                 raise UnsupportedError(
-                    f"'{activity.name}' has begun and has several waypoints: what is left of it "
-                    "cannot be said yet"
+                    f"'{activity.name}' has begun: {type(c).__name__} cannot be gone on with"
                 )
             who = c.movable.object().name
             constraints.append(
                 ActivityWaypoints(
                     c.movable,
                     places[who],
-                    c.waypoints,
+                    self._ahead(c, places[who].configuration),
                     static_obstacles=c.static_obstacles,
                     dynamic_obstacles_at_start=c.dynamic_obstacles_at_start,
                 )
             )
         activity._motion_constraints = constraints
         activity._motion_constraints_set = set(constraints)
+
+    def _ahead(self, constraint: ActivityWaypoints, start: SE2) -> list[FNode]:
+        """Return the waypoints that are left of a motion that has begun, and goes on at ``start``;
+        who is to come straight to a dock, and is off the line, comes from before it again.
+        """
+        mover = constraint.movable.object()
+        here = place_of(self.state, self.lives[mover.name])
+        *inner, last = constraint.waypoints
+        if not (inner and isinstance(here, DriveCells)):
+            there = _near(start, last.object().configuration)
+            return [last] if there else [*inner, last]
+        left, since = [], 0
+        stop = self.stops.get(mover.name, (0.0, 0.0))[0]
+        for node in inner:
+            pose = here.frame.of(tuple(node.object().configuration))
+            gaps = np.abs(here.path.natural.poses[since:] - np.asarray(pose))
+            gaps[:, 2] = np.abs(np.remainder(gaps[:, 2] + math.pi, math.tau) - math.pi)
+            since += int(gaps.max(axis=1).argmin())
+            if here.path.natural_s[since] > stop:
+                left.append(node)
+        goal = tuple(last.object().configuration)
+        zones = (mover.motion_parameters or {}).get("zones", ())
+        off = any(z.dock and z.binds(goal) and not z.leads_in(tuple(start)) for z in zones)
+        return [*(left or inner[-1:] if off else left), last]
 
     # ------------------------------------------------------------------ fluents
 

@@ -19,10 +19,10 @@ import numpy as np
 from unified_planning.model import Effect
 from unified_planning.model.scheduling import Activity
 
-from up_samp.fleet.floors import FloorMaps, floor_of
-from up_samp.fleet.loads import load_of, place_of, ridden, with_load
+from up_samp.fleet.floors import FloorMaps, floor_of, way_between
+from up_samp.fleet.loads import load_of, ridden, with_load
 from up_samp.fleet.outlines import kept_out, ruled
-from up_samp.fleet.records import Battery, Charger, FleetRecords, Pose
+from up_samp.fleet.records import Battery, Charger, FleetRecords
 from up_samp.fleet.statements import Kind, Written
 from up_samp.io.sampling import rows_trajectory
 from up_samp.model import Body, Deadline, PathQuery, Placed, Trajectory
@@ -60,8 +60,8 @@ class Meter:
         way = self._ways(kind, origin, to)
         if way is not None:
             return metres_of(way), way.duration
-        (x, y, _), (u, v, _) = self._ends(origin, to)
-        least = math.hypot(u - x, v - y)
+        poses = way_between(self._records, origin, to)
+        least = sum(math.dist(a[:2], b[:2]) for a, b in itertools.pairwise(poses))
         return least, least / self._records.robot_types[kind].v_max
 
     def clears(self, robot: str, origin: str, to: str, areas: Iterable[Placed]) -> bool:
@@ -81,16 +81,13 @@ class Meter:
     def _way(self, kind: str, origin: str, to: str) -> Trajectory | None:
         """Return how a robot drives when nobody is in its way."""
         zones = kept_out(self._records, kind, floor_of(self._records, origin))
-        query = PathQuery(self._body(kind, origin, to), self._ends(origin, to), zones)
+        poses = way_between(self._records, origin, to)
+        query = PathQuery(self._body(kind, origin, to), poses, zones)
         share = 1.0 if self._in_vain < PATIENCE else 0.1
         deadline = Deadline.after(share * WAY_SECONDS)
         way = self._floors.at(origin).plan(query, deadline).trajectory
         self._in_vain += deadline.elapsed() if way is None else 0.0
         return way
-
-    def _ends(self, origin: str, to: str) -> tuple[Pose, Pose]:
-        places = self._records.places
-        return places[place_of(origin)].pose, places[place_of(to)].pose
 
     def _body(self, kind: str, origin: str, to: str) -> Body:
         """Return a robot with the load that rides with it."""

@@ -14,21 +14,14 @@ from typing import NamedTuple
 from shapely import STRtree, box
 from shapely.geometry import Polygon
 
+from up_samp.fleet.docks import front_of
 from up_samp.fleet.doorways import in_doorways
 from up_samp.fleet.faults import NO_ROBOT
+from up_samp.fleet.fields import Pose, Windows
 from up_samp.fleet.floors import FloorMaps, floor_of, legs_between, lift_between, ride_seconds
 from up_samp.fleet.loads import ends_of, load_of, load_pose, loads_of, place_of, with_load
 from up_samp.fleet.outlines import body_of, kept_out, placed, ruled, still
-from up_samp.fleet.records import (
-    Attached,
-    FleetRecords,
-    Order,
-    Pose,
-    Task,
-    Windows,
-    can_do,
-    needs_robot,
-)
+from up_samp.fleet.records import Attached, FleetRecords, Order, Task, can_do, needs_robot
 from up_samp.fleet.spelled_out import spelled_out
 from up_samp.fleet.statements import Kind
 from up_samp.fleet.visits import visits_of
@@ -153,6 +146,8 @@ class _Checker:
                     blocked.append(
                         f"{at} would stand in a wall, in unknown cells or outside the map"
                     )
+                elif not self._docks(kind, name):
+                    blocked.append(f"{at} would touch a wall on its straight way in (docking)")
                 for area in in_doorways(self.records, kind, name):
                     text = f"{at} would stand in '{area}': drive through it only"
                     yield Finding(Level.ERROR, name, text, kind)
@@ -169,6 +164,17 @@ class _Checker:
                 needed = nobody or name in self.bound[kind]
                 for text in texts:
                     yield Finding(Level.ERROR if needed else Level.WARNING, name, text, kind)
+
+    def _docks(self, kind: str, name: str) -> bool:
+        """Return whether a robot can come straight to a place, where that is asked for."""
+        place = self.records.places[name]
+        front = front_of(place)
+        if front is None:
+            return True
+        body = ruled(self.records, kind, place.floor, self.bodies[kind])
+        query = PathQuery(body, (front, place.pose), kept_out(self.records, kind, place.floor))
+        found = self.floors.service(place.floor).plan(query, Deadline.after(self.seconds))
+        return found.trajectory is not None
 
     @cached_property
     def wanted(self) -> set[str]:

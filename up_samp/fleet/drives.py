@@ -13,13 +13,14 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from unified_planning.model import Fluent
-from unified_planning.model.motion import ActivityWaypoints, MovableObject
+from unified_planning.model.motion import ActivityWaypoints, ConfigurationObject, MovableObject
 from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import GE, LE, Equals, Or
 
 from up_samp.fleet.batteries import Meter
 from up_samp.fleet.doorways import check_visits
-from up_samp.fleet.floors import floor_of, lift_between, ride_seconds
+from up_samp.fleet.fields import corners_of
+from up_samp.fleet.floors import floor_of, lift_between, ride_seconds, way_between
 from up_samp.fleet.loads import (
     MARK,
     is_stand_of,
@@ -30,7 +31,7 @@ from up_samp.fleet.loads import (
     ridden,
 )
 from up_samp.fleet.outlines import area_of
-from up_samp.fleet.records import GROUND, RobotType, corners_of
+from up_samp.fleet.records import GROUND, RobotType
 from up_samp.fleet.site import Site
 from up_samp.fleet.statements import Kind, Meaning, at_start, present
 from up_samp.fleet.visits import Successions, moves_needed
@@ -129,7 +130,7 @@ class Drives:
             ActivityWaypoints(
                 mover,
                 site.places[origin],
-                [site.places[to]],
+                self._waypoints(origin, to),
                 static_obstacles=[
                     *self._doors(robot, origin, to, around),
                     *self._doorways(a, robot, origin, to, around),
@@ -158,6 +159,11 @@ class Drives:
         a.add_condition(at_start(a), Equals(site.at[robot], site.spots[origin]))
         a.add_effect(a.end, site.at[robot], site.spots[to])
         return a
+
+    def _waypoints(self, origin: str, to: str) -> list[ConfigurationObject]:
+        """Return where a drive leads: to docks straight, from in front of them."""
+        inner = way_between(self._site.records, origin, to)[1:-1]
+        return [*(self._site.fronts[place_of(to)] for _ in inner), self._site.places[to]]
 
     def _inside(self, a: Activity, robot: str, to: str) -> int:
         """Return how long (units) before its end a drive into a lift is where ``robot`` would touch

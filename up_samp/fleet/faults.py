@@ -17,6 +17,7 @@ from typing import Any
 from shapely.geometry import Polygon
 from shapely.validation import explain_validity
 
+from up_samp.fleet.fields import Outline, corners_of
 from up_samp.fleet.limits import FILE_LIMITS
 from up_samp.fleet.records import (
     GROUND,
@@ -31,7 +32,6 @@ from up_samp.fleet.records import (
     Lane,
     Mode,
     Order,
-    Outline,
     Place,
     Resource,
     Robot,
@@ -41,7 +41,6 @@ from up_samp.fleet.records import (
     Zone,
     able,
     carries,
-    corners_of,
     needs_robot,
 )
 from up_samp.fleet.spelled_out import ids_of, with_places
@@ -422,6 +421,14 @@ def _chargers(records: FleetRecords) -> Iterator[Fault]:
                 yield Fault(path, text)
 
 
+def _docks(records: FleetRecords) -> Iterator[Fault]:
+    ahead = [name for name, kind in records.robot_types.items() if kind.reverse == "never"]
+    for name, place in records.places.items():
+        if place.docking is not None and place.docking.backwards and ahead:
+            text = f"robots of type '{ahead[0]}' never drive backwards (reverse: never)"
+            yield Fault(("places", name, "docking", "backwards"), text)
+
+
 def _step(charger: Charger) -> float:
     """Return what a step gives where it is quickest; nothing, where batteries are swapped."""
     return (charger.per_second or 0.0) * charger.step
@@ -614,6 +621,7 @@ CHECKS: tuple[Callable[[FleetRecords], Iterator[Fault]], ...] = (
     _robots,
     _batteries,
     _chargers,
+    _docks,
     _skills,
     _airlocks,
     _jobs,

@@ -169,9 +169,10 @@ class Fleet:
         theta: float = 0.0,
         **options: Any,
     ) -> None:
-        """Add a pose. Options: ``park`` (how often each robot may rest here to be out of the way),
-        ``charger`` (robots charge here, see :class:`Charger` for its keys), ``room`` and ``holds``
-        (of how many orders loads fit, and are here at first), ``floor``.
+        """Add a pose. Options: ``docking`` (how it is come to, see :class:`Docking` for its keys),
+        ``park`` (how often each robot may rest here to be out of the way), ``charger`` (robots
+        charge here, see :class:`Charger` for its keys), ``room`` and ``holds`` (of how many orders
+        loads fit, and are here at first), ``floor``.
         """
         self._named("places", Place, name, {"pose": (x, y, theta), **options})
 

@@ -10,6 +10,8 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
+from up_samp.fleet.docks import front_of
+from up_samp.fleet.fields import Pose
 from up_samp.fleet.loads import place_of
 from up_samp.fleet.records import GROUND, FleetRecords, Lift
 from up_samp.fleet.spelled_out import stop_of
@@ -49,6 +51,13 @@ def legs_between(
                 enter, leave = stop_of(name, here, spot), stop_of(name, there, spot)
                 legs = ((origin, enter), (enter, leave), (leave, to))
                 yield tuple((p, q) for p, q in legs if p != q)
+
+
+def way_between(records: FleetRecords, origin: str, to: str) -> tuple[Pose, ...]:
+    """Return the poses that a drive from one place or stand to another leads through."""
+    start, goal = (records.places[place_of(name)] for name in (origin, to))
+    front = front_of(goal) if start is not goal else None
+    return (start.pose, goal.pose) if front is None else (start.pose, front, goal.pose)
 
 
 def lift_between(records: FleetRecords, origin: str, to: str) -> str | None:

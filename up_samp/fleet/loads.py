@@ -11,8 +11,9 @@ from __future__ import annotations
 
 from shapely.geometry import Polygon
 
+from up_samp.fleet.fields import Pose
 from up_samp.fleet.outlines import body_of, placed, still
-from up_samp.fleet.records import Attached, FleetRecords, Order, Pose, RobotType, Stop
+from up_samp.fleet.records import Attached, FleetRecords, Order, RobotType, Stop
 from up_samp.model import Body
 from up_samp.model.frames import Frame
 from up_samp.upio.rides import laden_body

@@ -16,15 +16,9 @@ from unified_planning.model import Type
 from unified_planning.model.motion import MotionModels, MovableObject
 from unified_planning.shortcuts import MovableType
 
-from up_samp.fleet.records import (
-    GROUND,
-    FleetRecords,
-    Outline,
-    Point,
-    Pose,
-    RobotType,
-    corners_of,
-)
+from up_samp.fleet.docks import dock_zone
+from up_samp.fleet.fields import Outline, Point, Pose, corners_of
+from up_samp.fleet.records import GROUND, FleetRecords, RobotType
 from up_samp.model import Body, Kinematics, MotionModel, Placed, TrafficZone
 from up_samp.model.frames import Frame
 from up_samp.upio.read_maps import read_movable
@@ -126,27 +120,35 @@ def lying(name: str, corners: Sequence[Point]) -> Placed:
 def rules_for(
     records: FleetRecords, kind: str, floor: str | None = None
 ) -> tuple[TrafficZone, ...]:
-    """Return the rules that zones have for robots of a type, and the lanes that these prefer, on
-    one floor or on all.
+    """Return the rules that zones have for robots of a type, the lanes that these prefer, and how
+    they come to docks, on one floor or on all.
     """
     heights = {name: storey.height for name, storey in records.floors.items()} | {GROUND: 0.0}
-    return tuple(
-        TrafficZone(
-            zone.polygon,
-            math.inf if zone.v_max is None else zone.v_max,
-            heights[zone.floor],
-            zone.one_way,
-            zone.pivoting == "free",
-            zone.stopping == "free",
-            zone.avoid,
+    return (
+        tuple(
+            TrafficZone(
+                zone.polygon,
+                math.inf if zone.v_max is None else zone.v_max,
+                heights[zone.floor],
+                zone.one_way,
+                zone.pivoting == "free",
+                zone.stopping == "free",
+                zone.avoid,
+            )
+            for zone in records.zones.values()
+            if zone.has_rules and floor in (None, zone.floor) and zone.heeded_by(kind)
         )
-        for zone in records.zones.values()
-        if zone.has_rules and floor in (None, zone.floor) and zone.heeded_by(kind)
-    ) + tuple(
-        TrafficZone(area, height=heights[lane.floor], prefer=lane.prefer)
-        for lane in records.lanes.values()
-        if floor in (None, lane.floor) and lane.heeded_by(kind)
-        for area in lane.areas
+        + tuple(
+            TrafficZone(area, height=heights[lane.floor], prefer=lane.prefer)
+            for lane in records.lanes.values()
+            if floor in (None, lane.floor) and lane.heeded_by(kind)
+            for area in lane.areas
+        )
+        + tuple(
+            dock_zone(place, heights[place.floor])
+            for place in records.places.values()
+            if place.docking is not None and floor in (None, place.floor)
+        )
     )
 
 

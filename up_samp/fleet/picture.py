@@ -13,10 +13,12 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Patch, Polygon
 
 from up_samp.fleet.checks import Finding, Level
+from up_samp.fleet.docks import front_of
+from up_samp.fleet.fields import Outline, Point, Pose
 from up_samp.fleet.floors import height_of, map_of
 from up_samp.fleet.loads import load_pose, loads_of
 from up_samp.fleet.outlines import placed
-from up_samp.fleet.records import GROUND, FleetRecords, Outline, Point, Pose
+from up_samp.fleet.records import GROUND, FleetRecords
 from up_samp.fleet.spelled_out import in_numbers, spelled_out
 from up_samp.model.frames import Frame
 from up_samp.plotting.background import ground_of
@@ -151,6 +153,9 @@ def _draw_places(ax: Axes, records: FleetRecords, bad: set[str]) -> list[PlacedL
         reach = float(np.abs(outline - (x, y)).max())
         tip = (x + reach * math.cos(theta), y + reach * math.sin(theta))
         ax.plot([x, tip[0]], [y, tip[1]], color=color, lw=1.2, zorder=4)
+        front = front_of(place)
+        if front is not None:
+            ax.plot([front[0], x], [front[1], y], color=color, ls=":", lw=1.5, zorder=1)
         text = name if robot is None else f"{robot} at {name}"
         labels.append(label_of(text, outline, color))
     return labels

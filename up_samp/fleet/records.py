@@ -14,105 +14,36 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from annotated_types import Ge, Gt, Le, MaxLen, MinLen
 from pydantic import (
-    AfterValidator,
     BeforeValidator,
-    ConfigDict,
-    StringConstraints,
     TypeAdapter,
     WrapValidator,
 )
 
+from up_samp.fleet.fields import (
+    NUMBER,
+    STRICT,
+    Clearance,
+    Coordinate,
+    Count,
+    Length,
+    Moment,
+    Name,
+    Names,
+    Outline,
+    Point,
+    Polygon,
+    Pose,
+    Positive,
+    Rate,
+    Seconds,
+    Share,
+    Some,
+    Visits,
+    Window,
+    Windows,
+)
 from up_samp.fleet.limits import FILE_LIMITS
 from up_samp.io.precision import PRECISION
-from up_samp.upio.read_maps import LIMITS
-
-# ------------------ What a fleet problem says
-
-
-STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
-"""Unknown keys are errors, and so are numbers that are none."""
-
-Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_.-]*$", max_length=80)]
-
-
-def _number(value: Any) -> Any:
-    """Let no yes or no through as 1 or 0."""
-    if isinstance(value, bool):
-        word = "yes, on or true" if value else "no, off or false"
-        raise ValueError(f"should be a number, and is {word}")
-    return value
-
-
-NUMBER = BeforeValidator(_number)
-Count = Annotated[int, Gt(0), Le(int(FILE_LIMITS.largest)), NUMBER]
-Some = Annotated[int, Ge(0), Le(int(FILE_LIMITS.largest)), NUMBER]
-Visits = Annotated[int, Gt(0), Le(FILE_LIMITS.visits), NUMBER]
-Positive = Annotated[float, Ge(FILE_LIMITS.least), Le(FILE_LIMITS.largest), NUMBER]
-Length = Annotated[float, Ge(FILE_LIMITS.least), Le(LIMITS.footprint), NUMBER]
-Clearance = Annotated[float, Ge(0), Le(LIMITS.footprint), NUMBER]
-Seconds = Positive
-Share = Annotated[float, Ge(FILE_LIMITS.least), Le(1), NUMBER]
-Moment = Annotated[float, Ge(0), Le(FILE_LIMITS.largest), NUMBER]
-Rate = Annotated[float, Ge(0), Le(FILE_LIMITS.largest), NUMBER]
-Coordinate = Annotated[float, Ge(-LIMITS.farthest), Le(LIMITS.farthest), NUMBER]
-Heading = Annotated[float, Ge(-LIMITS.turned), Le(LIMITS.turned), NUMBER]
-Pose = tuple[Coordinate, Coordinate, Heading]
-Point = tuple[Coordinate, Coordinate]
-Window = tuple[Moment, Moment]
-
-
-def _windows(value: Any) -> Any:
-    """Take one window for a list of one."""
-    pair = isinstance(value, list | tuple) and len(value) == 2
-    return [value] if pair and not any(isinstance(v, list | tuple) for v in value) else value
-
-
-def _in_order(windows: tuple[Window, ...]) -> tuple[Window, ...]:
-    return tuple(sorted(windows))
-
-
-Windows = Annotated[
-    tuple[Window, ...],
-    BeforeValidator(_windows, json_schema_input_type=Window | list[Window]),
-    AfterValidator(_in_order),
-]
-"""Times (s) of which one holds all that something lasts, in their order; none: any."""
-Polygon = Annotated[tuple[Point, ...], MinLen(3)]
-
-
-def _outline(value: Any) -> Any:
-    """Let only one of the two forms through, so that errors are about that one."""
-    if isinstance(value, list | tuple):
-        numbers = all(
-            isinstance(v, int | float) and not isinstance(v, bool) and v > 0 for v in value
-        )
-        corners = all(isinstance(v, list | tuple) and len(v) == 2 for v in value)
-        if (numbers and len(value) == 2) or (corners and len(value) >= 3):
-            return value
-    raise ValueError("give [length, width] in m, or three or more corners [x, y]")
-
-
-Outline = Annotated[
-    tuple[Length, Length] | Polygon,
-    BeforeValidator(_outline, json_schema_input_type=tuple[Length, Length] | Polygon),
-]
-"""``(length, width)`` of a rectangle around the reference point, or the corners of a polygon."""
-
-
-def corners_of(outline: Outline) -> list[tuple[float, float]]:
-    """Return the corners of a footprint, m."""
-    if len(outline) == 2 and not isinstance(outline[0], tuple):
-        length, width = outline
-        x, y = float(length) / 2, float(width) / 2  # type: ignore[arg-type]
-        return [(-x, -y), (x, -y), (x, y), (-x, y)]
-    return [(float(x), float(y)) for x, y in outline]  # type: ignore[misc]
-
-
-def _names(value: Any) -> Any:
-    return [value] if isinstance(value, str) else value
-
-
-Names = Annotated[tuple[Name, ...], BeforeValidator(_names, json_schema_input_type=Any)]
 
 
 @dataclass(frozen=True)
@@ -287,10 +218,22 @@ class Lift:
 
 
 @dataclass(frozen=True)
+class Docking:
+    """How robots come to a place: the last ``metres`` straight, along the place's heading, no
+    faster than ``v_max`` (m/s); ``backwards``: in reverse.
+    """
+
+    __pydantic_config__ = STRICT
+    metres: Length
+    v_max: Positive | None = None
+    backwards: bool = False
+
+
+@dataclass(frozen=True)
 class Place:
-    """A pose at which something is done, on a ``floor``. ``park``: how often each robot may come to
-    rest here without doing anything, to be out of the way (where that is not said, who starts here
-    may, once). ``charger``: robots with batteries
+    """A pose at which something is done, on a ``floor``. ``docking``: how it is come to. ``park``:
+    how often each robot may come to rest here without doing anything, to be out of the way (where
+    that is not said, who starts here may, once). ``charger``: robots with batteries
     charge here. ``room``: of so many orders the loads may be here at a time, from when a delivery
     begins until a pickup ends; ``holds``: so many are here at first. Where it is a machine's, what
     was brought is gone as its task begins, and what is fetched is there as that ends.
@@ -299,6 +242,7 @@ class Place:
     __pydantic_config__ = STRICT
     pose: Pose
     floor: Name = GROUND
+    docking: Docking | None = None
     park: Annotated[int, Ge(0), Le(FILE_LIMITS.visits), NUMBER] | None = None
     charger: Charger | None = None
     room: Count | None = None

@@ -36,8 +36,10 @@ from unified_planning.shortcuts import (
 )
 
 from up_samp.fleet.batteries import above_reserve, battery_of, first_level, usable
+from up_samp.fleet.docks import front_of
 from up_samp.fleet.faults import Fault, FleetError
-from up_samp.fleet.floors import FloorMaps, floor_of, height_of, map_of, spots_of
+from up_samp.fleet.fields import Outline, Pose, corners_of
+from up_samp.fleet.floors import FloorMaps, floor_of, height_of, map_of, spots_of, way_between
 from up_samp.fleet.loads import (
     MARK,
     ends_of,
@@ -51,15 +53,7 @@ from up_samp.fleet.loads import (
     with_load,
 )
 from up_samp.fleet.outlines import area_of, convex_hull, lying, movable, placed, rules_for, swept
-from up_samp.fleet.records import (
-    GROUND,
-    Attached,
-    FleetRecords,
-    Outline,
-    Pose,
-    RobotType,
-    corners_of,
-)
+from up_samp.fleet.records import GROUND, Attached, FleetRecords, RobotType
 from up_samp.fleet.spelled_out import stop_of
 from up_samp.fleet.statements import Meaning
 from up_samp.io.plan_dict import AREA
@@ -106,7 +100,7 @@ class Crowd:
             return comes and not leaves, leaves and not comes
         if load is not None and any(self._inside(kind, p, load) for p in (origin, to)):
             return True, True
-        poses = [self._records.places[place_of(p)].pose for p in (origin, to)]
+        poses = way_between(self._records, origin, to)
         body = with_load(self._records.robot_types[kind], load)
         service = self._floors.service(self.floor)
         proof = service.certificate(body, poses, (area_of(self._records, self.zone),))
@@ -150,6 +144,8 @@ class Site:
         self.metres: dict[str, float] = {}
         """How long drives are (by activity), where the objective asks for it."""
         self.places: dict[str, ConfigurationObject] = {}
+        self.fronts: dict[str, ConfigurationObject] = {}
+        """Where the straight ways to docks begin, by place."""
         self.resources: dict[str, Fluent] = {}
         self.robots: dict[str, MovableObject] = {}
         self.at: dict[str, FNode] = {}
@@ -170,6 +166,10 @@ class Site:
         for name, pose in poses_of(records).items():
             self.places[name] = self._pose(name, pose, floor_of(records, name))
             self.spots[name] = self._spot(self.places[name])
+        for name, place in records.places.items():
+            front = front_of(place)
+            if front is not None:
+                self.fronts[name] = self._pose(f"front{MARK}{name}", front, place.floor)
         for name, resource in records.resources.items():
             self.resources[name] = self.problem.add_resource(name, resource.capacity)
         self._robots()

@@ -9,7 +9,8 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from up_samp.fleet.records import FleetRecords, Order, Place, Stop, Task, Windows
+from up_samp.fleet.fields import Windows
+from up_samp.fleet.records import FleetRecords, Order, Place, Stop, Task
 
 
 def spelled_out(records: FleetRecords) -> FleetRecords:

@@ -9,7 +9,8 @@ from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import GE, LE, And, Equals, Or
 
 from up_samp.fleet.batteries import pieces_of, usable
-from up_samp.fleet.records import Break, Stop, Task, Windows, seats_of
+from up_samp.fleet.fields import Windows
+from up_samp.fleet.records import Break, Stop, Task, seats_of
 from up_samp.fleet.site import Site
 from up_samp.fleet.statements import (
     Kind,

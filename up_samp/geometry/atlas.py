@@ -107,7 +107,8 @@ def _with_zones(
                 if area.geom_type == "Polygon" and area.area > 0.0:
                     corners = [(round(x, _DIGITS), round(y, _DIGITS)) for x, y in _ring(area)]
                     way = None if zone.one_way is None else zone.one_way + back[k].yaw
-                    yield replace(zone, polygon=tuple(corners), one_way=way)
+                    dock = None if zone.dock is None else back[k].of(zone.dock)
+                    yield replace(zone, polygon=tuple(corners), one_way=way, dock=dock)
 
     def moved(body: Body) -> Body:
         kin = body.kinematics

@@ -80,7 +80,8 @@ def moved(plan: Mapping[str, Any], frames: Sequence[Frame]) -> PlanDict:
         """Maps of one height are moved alike."""
         frame = frames[heights.get(zone.get("height", 0.0), 0)]
         way = {"one_way": zone["one_way"] + frame.yaw} if "one_way" in zone else {}
-        return {**zone, "polygon": frame.points(zone["polygon"]).tolist(), **way}
+        dock = {"dock": list(frame.of(zone["dock"]))} if "dock" in zone else {}
+        return {**zone, "polygon": frame.points(zone["polygon"]).tolist(), **way, **dock}
 
     objects = [
         {**o, "zones": [lies(zone) for zone in o["zones"]]} if "zones" in o else o

@@ -244,6 +244,8 @@ def _zone(zone: TrafficZone) -> dict[str, Any]:
         entry["cost"] = _plain(zone.cost)
     if zone.prefer > 1.0:
         entry["prefer"] = _plain(zone.prefer)
+    if zone.dock is not None:
+        entry["dock"] = _pose(zone.dock)
     return entry
 
 

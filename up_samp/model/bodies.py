@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -89,10 +89,12 @@ class TrafficZone:
 
     While any part of a robot's body is in it, its speed is at most ``v_max`` (m/s), and it does not
     turn on the spot, or stand, unless it may (``pivots``, ``stops``). While its reference point is
-    in it, it does not move against the heading ``one_way`` (rad; None: any way). Rules 22 and on of
-    ``docs/semantics.md``. Wishes, and no rules: so many seconds does a planner count for driving
-    through it (``cost``), or for each second beside what is preferred (``prefer``, 1 or more: how
-    much it is; it is driven along the middle of its length).
+    in it, it does not move against the heading ``one_way`` (rad; None: any way). With ``dock`` all
+    this binds only motions that end at that pose (m, m, rad, world frame), and these come to it
+    straight, along its heading, ahead or backwards, from where their reference point last comes
+    into the zone. Rules 22 and on of ``docs/semantics.md``. Wishes, and no rules: so many seconds
+    does a planner count for driving through it (``cost``), or for each second beside what is
+    preferred (``prefer``, 1 or more: how much it is; it is driven along the middle of its length).
     """
 
     polygon: tuple[tuple[float, float], ...]
@@ -103,6 +105,37 @@ class TrafficZone:
     stops: bool = True
     cost: float = 0.0
     prefer: float = 1.0
+    dock: tuple[float, float, float] | None = None
+
+    def binds(self, goal: Sequence[float]) -> bool:
+        """Return whether it binds a motion that ends at a planar pose."""
+        if self.dock is None:
+            return True
+        turn = math.remainder(goal[2] - self.dock[2], math.tau)
+        return max(math.dist(self.dock[:2], goal[:2]), abs(turn)) <= 1e-3
+
+    def off_dock(self, pose: Sequence[float]) -> tuple[float, float]:
+        """Return how far (m) ahead of its dock a pose is, and how far (m, rad) off the line through
+        the dock along its heading.
+        """
+        assert self.dock is not None
+        x, y, heading = self.dock
+        c, s = math.cos(heading), math.sin(heading)
+        dx, dy, turn = pose[0] - x, pose[1] - y, math.remainder(pose[2] - heading, math.tau)
+        return c * dx + s * dy, max(abs(c * dy - s * dx), abs(turn))
+
+    @property
+    def long(self) -> float:
+        """How long (m) the straight way through it to its dock is."""
+        return max(abs(self.off_dock((*corner, 0.0))[0]) for corner in self.polygon)
+
+    def leads_in(self, start: Sequence[float]) -> bool:
+        """Return whether a pose is on the straight way to its dock: in the zone, or 5 cm before
+        that at most.
+        """
+        ahead, off = self.off_dock(start)
+        along = [self.off_dock((*corner, 0.0))[0] for corner in self.polygon]
+        return off <= 1e-4 and min(along) - 0.05 <= ahead <= max(along) + 0.05
 
     @property
     def turned(self) -> TrafficZone:

@@ -32,6 +32,7 @@ from up_samp.motion.curves.ramps import with_ramps
 from up_samp.motion.curves.slowing import slowed
 from up_samp.motion.curves.trajectories import at_rest, joined
 from up_samp.motion.curves.twists import twists
+from up_samp.motion.docking import docking_leg, is_docking
 from up_samp.motion.guides.search_space import MARGIN_SHARES
 from up_samp.motion.proofs.certificates import Certifier
 from up_samp.motion.protocol import Leg, LegQuery, MotionPlanner
@@ -107,7 +108,7 @@ def _strung(scene: Scene, query: PathQuery, legs: Sequence[Leg]) -> tuple[Trajec
     if kinematics.mobility.flies:
         return flown_through(parts, kinematics)
     whole = joined(parts)
-    if kinematics.mobility.sideways:
+    if kinematics.mobility.sideways and not is_docking(query.body, *query.poses[-2:]):
         from up_samp.motion.planners.gliding import glide_through
 
         ways = [leg.corners for leg in legs if leg.corners is not None]
@@ -163,6 +164,13 @@ class Legs:
         """Return a leg from the cache or from the first planner that finds one, after that one's
         name, or why there is none.
         """
+        straight = docking_leg(self.scene, query)
+        if straight is not None:
+            return (
+                ("straight", straight)
+                if straight.trajectory
+                else self._not_straight(straight, query)
+            )
         names = planner_names(self.planner, query.body)
         for name in names:
             known = self._usable(name, query, deadline)
@@ -179,6 +187,23 @@ class Legs:
             over = found.outcome is Outcome.OUT_OF_TIME
             self._missed.put(key, (found, limit if over else math.inf))
         return found
+
+    def _not_straight(self, leg: Leg, query: LegQuery) -> PathReport:
+        """Return why the straight stretch to a dock cannot be driven."""
+        alone = docking_leg(self.scene, replace(query, obstacles=()))
+        way = None if alone is None else alone.trajectory
+        hit = [
+            p.name
+            for p in query.obstacles
+            if way is not None and not self.clears(way, query.body, p)
+        ]
+        return PathReport(
+            Outcome.NOT_FOUND,
+            blockers=frozenset(hit),
+            reason=leg.reason,
+            planner="straight",
+            complete=True,
+        )
 
     def _sought(
         self, names: Sequence[str], query: LegQuery, deadline: Deadline

@@ -16,8 +16,9 @@ import shapely
 from unified_planning.shortcuts import MovableType
 
 from up_samp.execution.judge import Contact, contacts_of
+from up_samp.fleet.fields import corners_of
 from up_samp.fleet.outlines import movable, rules_for
-from up_samp.fleet.records import FleetRecords, Order, corners_of
+from up_samp.fleet.records import FleetRecords, Order
 from up_samp.fleet.statements import Kind
 from up_samp.operate.records import DayOrder, OrderState, Pose
 from up_samp.operate.simulated import Drive, Handled

@@ -22,6 +22,7 @@ from up_samp.execution.build import Dependencies
 from up_samp.execution.reorder import Goal
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.fleet.faults import FleetError, job_faults
+from up_samp.fleet.fields import corners_of
 from up_samp.fleet.outlines import placed
 from up_samp.fleet.records import (
     Door,
@@ -34,7 +35,6 @@ from up_samp.fleet.records import (
     Task,
     Zone,
     can_do,
-    corners_of,
     visited,
 )
 from up_samp.fleet.spelled_out import without_repeats

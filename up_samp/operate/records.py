@@ -9,8 +9,9 @@ from typing import Any, Protocol
 
 from up_samp.execution.executor import Executor
 from up_samp.execution.reports import Command
+from up_samp.fleet.fields import Windows
 from up_samp.fleet.files import read_record
-from up_samp.fleet.records import Order, Task, Windows
+from up_samp.fleet.records import Order, Task
 
 Pose = tuple[float, float, float]
 Shape = tuple[tuple[float, float], ...]

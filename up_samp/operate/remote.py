@@ -20,8 +20,9 @@ from annotated_types import Ge, Le
 from up_samp.execution.executor import Executor
 from up_samp.execution.reports import Command, Do, Go
 from up_samp.execution.state import MotionUnderWay
+from up_samp.fleet.fields import NUMBER, STRICT, Pose
 from up_samp.fleet.files import read_record
-from up_samp.fleet.records import NUMBER, STRICT, FleetRecords, Pose
+from up_samp.fleet.records import FleetRecords
 from up_samp.model import ProblemError
 from up_samp.motion.fleet.paths import Path
 from up_samp.operate.records import Report

@@ -35,7 +35,8 @@ from up_samp.execution.executor import Executor
 from up_samp.execution.reports import Command, Go, Hold
 from up_samp.export.legs import PathPiece, pieces_of, wrapped
 from up_samp.export.vda5050 import LATER, earlier, edge_of, later, node_of
-from up_samp.fleet.records import FleetRecords, corners_of
+from up_samp.fleet.fields import corners_of
+from up_samp.fleet.records import FleetRecords
 from up_samp.model import ProblemError
 from up_samp.motion.fleet.paths import Path
 from up_samp.operate.records import Pose, Report

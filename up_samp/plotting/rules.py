@@ -34,7 +34,7 @@ def told(zone: Zone) -> str:
     """Return what a zone asks of robots, in a few words."""
     said = [f"{zone['v_max']:g} m/s"] if "v_max" in zone else []
     said += [text for key, text in (("pivots", "no turning"), ("stops", "no stop")) if key in zone]
-    said += ["one way"] if "one_way" in zone else []
+    said += [text for key, text in (("one_way", "one way"), ("dock", "docking")) if key in zone]
     return ", ".join(said + (["go round"] if "cost" in zone else []))
 
 

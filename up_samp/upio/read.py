@@ -30,13 +30,13 @@ from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermK
 from up_samp.upio.read_maps import (
     LIMITS,
     check_flat,
-    check_zones,
     map_driven,
     read_maps,
     read_movable,
 )
 from up_samp.upio.relaxing import told_by
 from up_samp.upio.rides import RideFloor, find_rides, laden_bodies
+from up_samp.upio.zone_checks import check_docks, check_zones
 
 
 def read_problem(problem: SchedulingMotionProblem, seconds_per_unit: float = 1.0) -> Snapshot:
@@ -62,6 +62,7 @@ def read_problem(problem: SchedulingMotionProblem, seconds_per_unit: float = 1.0
     _check_dimensions(floor, users)
     check_flat(maps, objects)
     check_zones(maps, objects)
+    check_docks(objects, configurations, tasks)
     tasks, changes = find_rides(tasks, changes, floor)
     return Snapshot(
         name=problem.name or "problem",

@@ -265,18 +265,25 @@ def _read_zones(name: str, given: Any) -> tuple[TrafficZone, ...]:
         if not (zone.v_max > 0 and 1.0 <= zone.prefer < math.inf):
             told = f"v_max is positive and prefer 1 at least, not {zone.v_max} and {zone.prefer}"
             raise ProblemError(f"object '{name}': a zone's {told}")
+        if zone.dock is not None:
+            _check_dock(name, zone)
     return tuple(sorted(set(zones), key=repr))
 
 
-def check_zones(maps: Sequence[PlacedMap], objects: Mapping[str, Movable]) -> None:
-    """Raise where a zone is at a height at which there is no map: it would mean nothing."""
-    heights = {placed.height for placed in maps}
-    for name, movable in objects.items():
-        for zone in movable.body.kinematics.zones:
-            if zone.height not in heights:
-                raise ProblemError(
-                    f"object '{name}': a zone is {zone.height:g} m up, and no map is"
-                )
+def _check_dock(name: str, zone: TrafficZone) -> None:
+    """Raise where a zone's dock is no pose, or where it says more than how its dock is come to."""
+    try:
+        x, y, heading = (float(v) for v in zone.dock or ())
+    except (TypeError, ValueError):
+        x = y = heading = math.nan
+    if not all(map(math.isfinite, (x, y, heading))):
+        raise ProblemError(f"object '{name}': a zone's dock is (x, y, heading), not {zone.dock}")
+    only = replace(zone, one_way=None, pivots=True, stops=True, cost=0.0, prefer=1.0)
+    if zone != only:
+        raise UnsupportedError(
+            f"object '{name}': the zone of the dock {zone.dock} may say 'v_max' and nothing else; "
+            "give other rules to a zone without a dock"
+        )
 
 
 def _read_control(obj: MovableObject, limits: Kinematics) -> Kinematics:

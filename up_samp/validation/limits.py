@@ -77,6 +77,8 @@ def _zones(name: str, limits: Limits, own: Mapping[str, Any]) -> tuple[TrafficZo
             raise ProblemError(f"object {name}: a zone needs a simple polygon and a positive v_max")
         if zone.one_way is not None and not math.isfinite(zone.one_way):
             raise ProblemError(f"object {name}: a zone's one_way is a heading, not {zone.one_way}")
+        if zone.dock is not None and len(zone.dock) != 3:
+            raise ProblemError(f"object {name}: a zone's dock is (x, y, heading), not {zone.dock}")
     if zones and (limits.law is not None or limits.model == "SE3"):
         raise UnsupportedError(f"object {name}: no zones for what moves in space or by its own law")
     return zones

@@ -12,6 +12,7 @@ import shapely
 from up_samp.model import TrafficZone
 from up_samp.validation.collisions import JudgedShape, placed
 from up_samp.validation.limits import Limits
+from up_samp.validation.paths import pose_gap
 from up_samp.validation.tolerances import TOLERANCES
 from up_samp.validation.tracks import pieces_of
 from up_samp.validation.verdict import Violation
@@ -38,8 +39,9 @@ def zone_violations(
     if len(times) < 2:
         return
     for zone in limits.zones:
-        if abs(zone.height - height) <= TOLERANCES.height:
-            for rule in (_too_fast, _wrong_way, _turning, _standing):
+        binds = zone.dock is None or pose_gap(zone.dock, tuple(poses[-1])) <= TOLERANCES.pose
+        if binds and abs(zone.height - height) <= TOLERANCES.height:
+            for rule in (_too_fast, _wrong_way, _turning, _standing, _not_straight):
                 yield from rule(what, limits, zone, (parts, times, poses))
 
 
@@ -52,7 +54,7 @@ def _too_fast(what: str, limits: Limits, zone: TrafficZone, drive: Drive) -> Ite
         return
     pieces = pieces_of(times, poses)
     speed = pieces.length / pieces.dt
-    at, between = _inside(zone, parts)
+    at, between = _inside(zone, parts) if zone.dock is None else _on_the_way_in(zone, poses)
     whole = at[1:] & at[:-1] & between
     part = (at[1:] | at[:-1] | between) & ~whole
     most = zone.v_max * (1 + TOLERANCES.limits) + TOLERANCES.noise / pieces.dt
@@ -126,6 +128,41 @@ def _standing(what: str, limits: Limits, zone: TrafficZone, drive: Drive) -> Ite
         time = float(times[found[0]])
         text = f"{what}: stands at {time:.3f} s, in a zone without stops"
         yield Violation("stop", text, time=time)
+
+
+def _not_straight(
+    what: str, limits: Limits, zone: TrafficZone, drive: Drive
+) -> Iterator[Violation]:
+    """Rule 26: from where the reference point last comes into the zone of a dock, at the end that
+    is farthest from there, it stays on the line through the dock along its heading, and has that.
+    """
+    _, times, poses = drive
+    if zone.dock is None:
+        return
+    *point, heading = zone.dock
+    way = np.array([math.cos(heading), math.sin(heading)])
+    since = int(np.argmax(_on_the_way_in(zone, poses)[0]))
+    away = poses[since:, :2] - point
+    turned = np.abs((poses[since:, 2] - heading + math.pi) % math.tau - math.pi)
+    off = np.maximum(np.abs(away @ (-way[1], way[0])), turned)
+    if since:  # where it came in, as far as samples tell
+        begin = np.abs((np.asarray(zone.polygon) - point) @ way).max()
+        step = math.dist(poses[since - 1, :2], poses[since, :2]) + TOLERANCES.wrong_way
+        off[0] = max(off[0], begin - abs(away[0] @ way) - step)
+    if off.max() > TOLERANCES.pose:
+        at = times[since + int(off.argmax())]
+        text = f"{what}: {off.max():.3g} (m, rad) off the straight way to its dock at {at:.3f} s"
+        yield Violation("docking", text, time=float(at))
+
+
+def _on_the_way_in(zone: TrafficZone, poses: FloatArray) -> tuple[BoolArray, BoolArray]:
+    """Return at which samples the reference point is in a dock's zone, which it leaves no more, and
+    between which ones.
+    """
+    outside = ~shapely.intersects_xy(shapely.Polygon(zone.polygon), poses[:, :2])
+    since = 1 + int(np.flatnonzero(outside)[-1]) if outside.any() else 0
+    at = np.arange(len(poses)) >= min(since, len(poses) - 1)
+    return at, at[:-1]
 
 
 def _inside(zone: TrafficZone, parts: Parts) -> tuple[BoolArray, BoolArray]:

@@ -61,8 +61,12 @@ def ruled_speeds(poses: FloatArray, body: Body) -> FloatArray:
 
 def steps_in(zone: TrafficZone, poses: FloatArray, body: Body) -> BoolArray:
     """Return between which poses (n, 3) a body may touch a zone, or come nearer than 1 mm,
-    shape (n - 1,): swept, by halves.
+    shape (n - 1,): swept, by halves; of a dock's zone, from where it comes straight to the dock.
     """
+    if zone.dock is not None:
+        return np.arange(len(poses) - 1) >= (
+            last_way_in(zone, poses) if zone.binds(poses[-1]) else len(poses)
+        )
     area, centre, reach = _area(zone)
     corners = np.asarray(body.footprint, dtype=np.float64)
     radius = float(np.hypot(*corners.T).max())
@@ -94,6 +98,14 @@ def steps_in(zone: TrafficZone, poses: FloatArray, body: Body) -> BoolArray:
         open_ = parts[2] + parts[3] <= parts[4]
         step, parts = np.tile(step, 2)[open_], [part[open_] for part in parts]
     return touched
+
+
+def last_way_in(zone: TrafficZone, poses: FloatArray) -> int:
+    """Return which of some poses (n, 3) is the last with the reference point outside of a zone (the
+    first one, where it is never outside).
+    """
+    inside = shapely.intersects_xy(_area(zone)[0], poses[:, :2])
+    return int(np.flatnonzero(~inside).max(initial=0))
 
 
 @lru_cache(maxsize=256)

@@ -20,6 +20,7 @@ from up_samp.model import (
     Deadline,
     Kinematics,
     Mobility,
+    PathQuery,
     Placed,
     TimedMotion,
     Trajectory,
@@ -30,6 +31,7 @@ from up_samp.motion.curves.bends import CUT
 from up_samp.motion.curves.reeds_shepp import CarLimits, fastest
 from up_samp.motion.curves.rolling import rolled, rolling_radius, thinned
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
+from up_samp.motion.docking import before_docking, dock_of, docking_leg
 from up_samp.motion.fleet.conflicts import ROOM
 from up_samp.motion.fleet.lanes import lane_offsets
 from up_samp.motion.fleet.paths import (
@@ -43,6 +45,8 @@ from up_samp.motion.fleet.speed import fit, tune
 from up_samp.motion.fleet.timed_path import TimedPath, natural_timing, run_of
 from up_samp.motion.fleet.workspace import Workspace
 from up_samp.motion.guides.search_space import widest_shape
+from up_samp.motion.legs import strung
+from up_samp.motion.protocol import Leg, LegQuery
 
 CUTS = (math.inf, 0.3, 0.1, 0.02)
 """By how much a way's corners are cut off at most, in turn: shares of a footprint's diameter."""
@@ -92,7 +96,7 @@ def with_lanes(
     """
     for _ in range(ROUNDS):
         met = met_at_full_speed(workspace, motion, path, others)
-        if not met or len(motion.poses) != 2:
+        if not met or len(before_docking(motion.body, motion.poses)) != 2:
             break
         options = []
         for lane in _lanes(workspace, motion, path, met[0][0]):
@@ -166,7 +170,7 @@ def _paths_in(
     bend would be in the way for longer.
     """
     body, goal, kin = motion.body, motion.poses[-1], motion.body.kinematics
-    if not (body.mobility.steers or body.mobility.rolls):
+    if not (body.mobility.steers or body.mobility.rolls) or dock_of(body, goal):
         return
     rest = workspace.resting(body, goal)
     left = (workspace.conflicts(rest, o.path)[:, 1] for o in others if o.path.cells > 0)
@@ -359,6 +363,19 @@ def drivable(
         if math.dist(nodes_of(start, arcs)[-1][:2], poses[1][:2]) <= 1e-7:
             return path_of(trajectory_of(poses, [arcs], kin), body, poses)
     return None
+
+
+def docked(scene: Scene, path: Path, poses: tuple[Configuration, ...]) -> Path | None:
+    """Return a path through ``poses`` that goes on straight to a dock after ``path``, if that is
+    where they lead, and nothing of the map is in the way.
+    """
+    if poses == before_docking(path.body, poses):
+        return path
+    leg = docking_leg(scene, LegQuery(path.body, poses[-2], poses[-1]))
+    if leg is None or leg.trajectory is None:
+        return None
+    whole, _ = strung(scene, PathQuery(path.body, poses), [Leg(path.natural), leg])
+    return path_of(whole, path.body, poses)
 
 
 def _bent(points: FloatArray, able: Mobility, kin: Kinematics, cut: float) -> FloatArray | None:

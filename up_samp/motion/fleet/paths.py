@@ -22,7 +22,7 @@ from up_samp.model import Body, Configuration, Trajectory
 from up_samp.model.arrays import BoolArray, FloatArray, IntArray
 from up_samp.motion.curves.bends import CUT, bends_of, between_bends, ways_at
 from up_samp.motion.curves.rolling import ON_SPOT, rolls_of
-from up_samp.motion.curves.slowing import allowed_speeds, push_along, slowed, steps_in
+from up_samp.motion.curves.slowing import allowed_speeds, last_way_in, push_along, slowed, steps_in
 from up_samp.motion.curves.turning import limits_in_bends
 from up_samp.motion.curves.twists import partway, twists
 from up_samp.motion.fleet.conflicts import Hull, Swept, sweep_table
@@ -641,16 +641,16 @@ def path_of(
     if tunable:
         stop |= _pauses(trajectory, natural_s, s)
         stop[1:-1] |= limits_in_bends(kept, body.kinematics).rests
+        for zone in body.kinematics.zones:
+            if zone.dock is not None and zone.binds(kept[-1]):
+                stop[last_way_in(zone, kept)] = True  # cells that are slow enough begin there
         kink |= stop | _waypoints(trajectory, natural_s, s, waypoints[1:-1])
     most = np.full(len(kept) - 1, math.inf)
     if tunable and len(kept) > 1:
         most = allowed_speeds(kept, body)
-    tops, steady = top_speeds(kept, body, most), np.zeros(len(kept) - 1, dtype=np.bool_)
-    if body.mobility.sideways and len(kept) > 1:
-        tops, steady, rests = bends_of(kept, s, trajectory.times[keep], body, most)
-        stop |= rests
-    tops = np.where(tops < _reached(s, stop, body), tops, body.kinematics.v_max)
     push = push_along(kept, body)
+    tops, steady, rests = _tops(Trajectory(trajectory.times[keep], kept), s, stop, body, most)
+    stop |= rests
     edges, halt = _cells(s, stop, tops, body, push, np.isfinite(most))
     return Path(
         body,
@@ -667,6 +667,24 @@ def path_of(
         steady,
         push,
     )
+
+
+def _tops(
+    motion: Trajectory, s: FloatArray, stop: BoolArray, body: Body, most: FloatArray
+) -> tuple[FloatArray, BoolArray, BoolArray]:
+    """Return the top speeds (m/s) between a path's samples, whether it keeps to one speed there,
+    and at which samples it has to rest, too; ``most`` is what zones and bends allow.
+    """
+    poses = motion.poses
+    steady, rests = np.zeros(len(most), dtype=np.bool_), np.zeros(len(s), dtype=np.bool_)
+    tops = top_speeds(poses, body, most)
+    if body.mobility.sideways and len(poses) > 1:
+        tops, steady, rests = bends_of(poses, s, motion.times, body, most)
+    limits = tops < _reached(s, stop | rests, body)
+    if body.mobility.steers or body.mobility.rolls:
+        rests |= _crawled(s, stop, np.where(limits, tops, -tops), push_along(poses, body))
+        limits = tops < _reached(s, stop | rests, body)
+    return np.where(limits, tops, body.kinematics.v_max), steady, rests
 
 
 def through_zones(rows: IntArray, one: IntArray, other: IntArray) -> IntArray:
@@ -730,6 +748,22 @@ def _cell_length(body: Body) -> float:
     """Return the wished length (m) of a cell: short beside the body, about so many speeds."""
     k, radius = body.kinematics, radius_of(body)
     return float(np.clip(k.v_max**2 / (2 * k.a_max * CUT.levels), 0.1 * radius, 0.2 * radius))
+
+
+def _crawled(
+    s: FloatArray, stop: BoolArray, tops: FloatArray, push: float, most: int = 400
+) -> BoolArray:
+    """Return where a body rests, too, that crawls somewhere between two stops: before and after
+    that, where cells that are short enough for it (see :func:`_cells`) would be more than ``most``.
+    Top speeds that limit nothing are negative.
+    """
+    found = np.zeros(len(s), dtype=np.bool_)
+    for low, high in itertools.pairwise(np.flatnonzero(stop)):
+        least = math.sqrt(2 * push * CUT.least * float(s[high] - s[low]) / most)
+        slow = np.concatenate([[False], np.abs(tops[low:high]) < least, [False]])
+        for begin, end in np.flatnonzero(slow[1:] != slow[:-1]).reshape(-1, 2) + low:
+            found[[begin, end]] |= bool((tops[begin:end] > 0.0).any())
+    return found
 
 
 def _cells(

@@ -12,6 +12,7 @@ import heapq
 import itertools
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -25,7 +26,8 @@ from up_samp.geometry.shapes import shape_of
 from up_samp.geometry.ways import piece_obeys
 from up_samp.model import Body, Configuration, Mobility, TimedMotion
 from up_samp.model.arrays import BoolArray, FloatArray, Int32Array, IntArray
-from up_samp.motion.fleet.detours import drivable
+from up_samp.motion.docking import before_docking
+from up_samp.motion.fleet.detours import docked, drivable
 from up_samp.motion.fleet.paths import (
     Path,
     Safe,
@@ -446,7 +448,8 @@ class Proposer:
         :param until: what arrives later (s) is of no use.
         :param wide: bodies are the discs around them, not discs of about their size.
         """
-        able = motion.body.mobility
+        able, whole = motion.body.mobility, motion.poses
+        motion = replace(motion, poses=before_docking(motion.body, whole))
         if able.own_law or able.flies or len(motion.poses) != 2:
             return None
         hull = hull_of(motion.body)
@@ -465,7 +468,7 @@ class Proposer:
             task = _timed_task(motion, lattice, times, (source, target, to_go), flip)
             rows = search(lattice, task, safe, most)
             if len(rows):
-                path = self._drivable(motion, lattice, rows, safe, flip)
+                path = self._drivable(motion, whole, lattice, rows, safe, flip)
                 if path is not None:
                     return path
         return None
@@ -534,16 +537,25 @@ class Proposer:
         return seen.visits[key]
 
     def _drivable(
-        self, motion: TimedMotion, lattice: Lattice, rows: FloatArray, safe: Safe, flip: bool
+        self,
+        motion: TimedMotion,
+        whole: tuple[Configuration, ...],
+        lattice: Lattice,
+        rows: FloatArray,
+        safe: Safe,
+        flip: bool,
     ) -> Path | None:
         points = _points(lattice, motion, rows)
         able = motion.body.mobility
         pivots = able.pivots and not able.sideways
         points = _pulled(self._scene, lattice, points, rows, safe, pivots)
-        key = (motion.body, motion.poses, points.tobytes(), flip)
-        return self._paths.get_or(
-            key, lambda: drivable(self._scene, motion.body, motion.poses, points, flip)
-        )
+        key = (motion.body, whole, points.tobytes(), flip)
+
+        def made() -> Path | None:
+            path = drivable(self._scene, motion.body, motion.poses, points, flip)
+            return path if path is None else docked(self._scene, path, whole)
+
+        return self._paths.get_or(key, made)
 
 
 def _disc(body: Body) -> float:

@@ -16,6 +16,7 @@ from up_samp.model import (
     Trajectory,
 )
 from up_samp.motion.curves.slowing import may_stand
+from up_samp.motion.docking import before_docking
 from up_samp.motion.fleet.deadlocks import Drives, untie
 from up_samp.motion.fleet.detours import pass_by
 from up_samp.motion.fleet.paths import Path, path_of
@@ -45,8 +46,12 @@ def couple(
     beside = pass_by(workspace, motions, alone, world)
     if beside is not None:
         return beside
-    sequence = untie(workspace, motions, world, deadline)
-    legs = None if sequence is None else _timed(workspace, motions, world, sequence)
+    heads = [replace(m, poses=before_docking(m.body, m.poses)) for m in motions]
+    sequence = untie(workspace, heads, world, deadline)
+    tails = _docking(workspace, motions)
+    if sequence is None or tails is None:
+        return None
+    legs = _timed(workspace, motions, world, [*sequence, *tails])
     if legs is None or _collide(workspace, world, legs) or not _may_rest(legs):
         return None
     # who has no drive stays where it is
@@ -54,6 +59,18 @@ def couple(
         m.name: _one_run(m, drives) if drives else alone[m.name]
         for m, drives in zip(motions, legs, strict=True)
     }
+
+
+def _docking(workspace: Workspace, motions: Sequence[TimedMotion]) -> list[Drives] | None:
+    """Return the straight drives to docks with which motions end, one after the other."""
+    found: list[Drives] = []
+    for robot, motion in enumerate(motions):
+        if len(motion.poses) > 2:
+            path = workspace.path(motion.body, motion.poses[-2:], (), Deadline.never())
+            if not isinstance(path, Path):
+                return None
+            found.append(((robot, path),))
+    return found
 
 
 def _may_rest(legs: Sequence[Sequence[TimedPath]]) -> bool:
@@ -67,7 +84,7 @@ def _can_couple(motions: Sequence[TimedMotion]) -> bool:
     return (
         len(motions) > 1
         and len({m.object for m in motions}) == len(motions)
-        and all(len(m.poses) == 2 and not m.body.flies for m in motions)
+        and all(len(before_docking(m.body, m.poses)) == 2 and not m.body.flies for m in motions)
         and all(m.present_from <= first for m in motions)
     )
 
@@ -113,7 +130,7 @@ def _timed(
 def _leg(motion: TimedMotion, legs: Sequence[TimedPath], path: Path) -> tuple[TimedMotion, Path]:
     """Return a robot's next drive after those in ``legs``, with its path."""
     last, moved = legs[-1], len(legs) > 1
-    final = path.poses[-1][:2].tolist() == list(motion.poses[1][:2])
+    final = path.poses[-1][:2].tolist() == list(motion.poses[-1][:2])
     leg = replace(
         motion,
         poses=(pose_at(path, 0), pose_at(path, -1)),

@@ -29,6 +29,7 @@ from up_samp.model import (
     check_time,
 )
 from up_samp.model.arrays import FloatArray, IntArray
+from up_samp.motion.docking import comes_straight, docking_leg
 from up_samp.motion.fleet.conflicts import (
     ROOM,
     conflicting_cells,
@@ -234,7 +235,8 @@ class Workspace:
             seen = met_by(body, obstacles)
             legs: list[Leg] = []
             for start, goal in itertools.pairwise(poses):
-                leg = quick.leg(LegQuery(body, start, goal, seen), deadline)
+                asked = LegQuery(body, start, goal, seen)
+                leg = docking_leg(self.scene, asked) or quick.leg(asked, deadline)
                 legs.append(leg)
                 if leg.trajectory is None:
                     outcome = Outcome.NOT_FOUND if leg.complete else Outcome.OUT_OF_TIME
@@ -272,7 +274,8 @@ class Workspace:
         if scene is None or path.body.flies or last - first > LANE:
             return None
         key = (path.number, first, last, offset)
-        return self._lanes.get_or(key, lambda: shifted_lane(scene, path, first, last, offset))
+        lane = self._lanes.get_or(key, lambda: shifted_lane(scene, path, first, last, offset))
+        return lane if lane is None or comes_straight(lane.poses, lane.body) else None
 
     def resting(self, body: Body, pose: Configuration) -> Path:
         """Return the path of a body that stays at ``pose``."""

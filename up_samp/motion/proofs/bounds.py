@@ -12,6 +12,8 @@ import itertools
 import math
 from collections.abc import Sequence
 
+import shapely
+
 from up_samp.geometry import Scene
 from up_samp.geometry.memory import Memory
 from up_samp.geometry.records import along
@@ -83,15 +85,21 @@ class DurationBounds:
             return []
         told = []
         for zone in kin.zones:
-            known = self._slow_zone(body, zone) if zone.v_max < kin.v_max else None
-            if known is not None:
-                metres = sum(self._slow_way(known, a, b) for a, b in legs)
-                told.append((metres * (1.0 / zone.v_max - 1.0 / kin.v_max), metres, zone, known))
+            if not (zone.v_max < kin.v_max and zone.binds(legs[-1][1])):
+                continue
+            if zone.dock is not None:
+                area: shapely.Geometry = shapely.Polygon(zone.polygon)
+                metres = min(zone.long, math.dist(legs[0][0][:2], zone.dock[:2]))
+            elif (known := self._slow_zone(body, zone)) is not None:
+                area, metres = known.area, sum(self._slow_way(known, a, b) for a, b in legs)
+            else:
+                continue
+            told.append((metres * (1.0 / zone.v_max - 1.0 / kin.v_max), metres, zone, area))
         told.sort(key=lambda one: -one[0])
-        kept: list[tuple[float, float, SlowZone]] = []
-        for lost, metres, zone, known in told:
-            if lost > 0.0 and not any(known.area.intersects(other.area) for *_, other in kept):
-                kept.append((metres, zone.v_max, known))
+        kept: list[tuple[float, float, shapely.Geometry]] = []
+        for lost, metres, zone, area in told:
+            if lost > 0.0 and not any(area.intersects(other) for *_, other in kept):
+                kept.append((metres, zone.v_max, area))
         return [(metres, v_max) for metres, v_max, _ in kept]
 
     def _slow_zone(self, body: Body, zone: TrafficZone) -> SlowZone | None:

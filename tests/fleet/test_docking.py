@@ -1,0 +1,127 @@
+"""Places that robots come to straight: planned, judged, told, and gone on with from anywhere."""
+
+import math
+
+import numpy as np
+import pytest
+from unified_planning.shortcuts import OneshotPlanner, get_environment
+
+import up_samp  # noqa: F401
+from tests.fleet.floors import map_with
+from up_samp.execution import Executor, dependencies_of
+from up_samp.execution.simulate import Delays, Floor, draw
+from up_samp.fleet import Fleet, FleetError
+from up_samp.model import ProblemError, Trajectory, UnsupportedError
+from up_samp.model.frames import Frame
+from up_samp.upio.read import read_problem
+from up_samp.validation import validate_plan
+
+MODELS = ("car", "diff", "omni")
+
+
+def site(folder, rng, model="diff", **docking):
+    """Two robots bring loads from two racks to a bay, listed in any order."""
+    get_environment().credits_stream = None
+    fleet = Fleet(map_with((), folder))
+    fleet.add_robot_type("amr", footprint=(0.8, 0.6), model=model, a_max=0.7, turning_radius=0.8)
+    docking = {"metres": 1.0, "v_max": 0.3} | docking
+    back = {**docking, "backwards": True}
+    places = [
+        ("home1", 1.5, 2.5, 0.0, {}),
+        ("home2", 1.5, 4.5, 0.0, {}),
+        ("rack", 10.0, 4.6, math.pi / 2, {"docking": docking}),
+        ("bay", 6.0, 1.0, math.pi / 2, {"docking": back}),
+    ]
+    robots = [("r1", "home1"), ("r2", "home2")]
+    orders = [("o1", "rack", "bay"), ("o2", "rack", "home2")]
+    for things in (places, robots, orders):
+        rng.shuffle(things)
+    for name, x, y, theta, options in places:
+        fleet.add_place(name, x, y, theta, **options)
+    for name, start in robots:
+        fleet.add_robot(name, "amr", start)
+    for name, pickup, delivery in orders:
+        fleet.add_order(name, pickup=pickup, delivery=delivery)
+    return fleet
+
+
+def straight(plan, name, trajectory, reach):
+    """Assert that the last stretch of a drive is on the line along its last heading."""
+    goal = trajectory.poses[-1]
+    far = np.hypot(*(trajectory.poses[:, :2] - goal[:2]).T) > reach
+    last = trajectory.poses[int(np.flatnonzero(far)[-1]) + 1 :]
+    rows = Frame(*goal).inverse.out(last)
+    assert len(rows) > 5
+    assert np.abs(rows[:, 1]).max() < 1e-3, name
+    assert np.abs(np.remainder(rows[:, 2] + 1, math.tau) - 1).max() < 1e-3, name
+    return rows
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_drives_to_docks_end_straight(tmp_path, model):
+    result = site(tmp_path, np.random.default_rng(MODELS.index(model)), model).solve(
+        timeout=60, first_plan=True
+    )
+    assert result.plan is not None
+    assert validate_plan(result.problem, result.plan).valid
+    docked = 0
+    for name, trajectory in result.plan.trajectories.items():
+        place = next((p for p in ("rack", "bay") if name.endswith(f"_to_{p}")), None)
+        if place is not None:
+            rows = straight(result.plan, name, trajectory, 0.97)
+            assert (rows[0, 0] > 0) == (place == "bay")
+            docked += 1
+    assert docked >= 3
+    # whoever comes from the side, or too fast, is refused
+    name, motion = next(
+        (n, t) for n, t in result.plan.trajectories.items() if n.endswith("_to_rack")
+    )
+    shear = np.clip(0.05 - np.abs(np.linspace(-0.3, 0.0, len(motion.poses))), 0.0, None)
+    aside = motion.poses.copy()
+    aside[:, 0] += shear * (aside[:, 1] < 4.59)
+    wrong = {**result.plan.trajectories, name: Trajectory(motion.times, aside)}
+    kinds = {v.kind for v in validate_plan(result.problem, result.plan, wrong).violations}
+    assert "docking" in kinds
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_the_rest_of_a_drive_to_a_dock_is_planned_from_anywhere(tmp_path, seed):
+    rng = np.random.default_rng(seed)
+    result = site(tmp_path, rng, "diff").solve(timeout=60, first_plan=True)
+    plan = result.data
+    found = dependencies_of(result.problem, plan)
+    for share in rng.uniform(0.05, 0.9, 2):
+        executor = Executor(plan, result.problem, dependencies=found)
+        floor = Floor(executor, found, *draw(Delays(slow=0.3), found, seed))
+        while floor.now < share * plan["makespan"]:
+            floor.step()
+        left = executor.remaining_problem()
+        with OneshotPlanner(name="samp-refine[cpsat]", params={"first_plan": True}) as planner:
+            again = planner.solve(left.problem, timeout=60)
+        assert again.plan is not None, again.log_messages
+        assert validate_plan(left.problem, again.plan).valid
+
+
+def test_walls_on_the_straight_way_and_robots_that_cannot_reverse_are_told(tmp_path):
+    rng = np.random.default_rng(0)
+    fleet = site(tmp_path, rng, metres=9.0)
+    told = [str(finding) for finding in fleet.check()]
+    assert any("straight way" in text and "docking" in text for text in told)
+    fleet = Fleet(map_with((), tmp_path))
+    fleet.add_robot_type("amr", footprint=(0.8, 0.6), model="diff", reverse="never")
+    with pytest.raises(FleetError, match="never drive backwards"):
+        fleet.add_place("bay", 6, 1, 1.57, docking={"metres": 1.0, "backwards": True})
+
+
+def test_motions_of_problems_that_do_not_come_straight_are_refused_by_name(tmp_path):
+    fleet = site(tmp_path, np.random.default_rng(1))
+    problem = fleet.problem
+    drive = next(a for a in problem.motion_activities if a.name.endswith("home1_to_rack"))
+    (constraint,) = drive.motion_constraints
+    front, rack = constraint.waypoints
+    constraint._waypoints = [rack]
+    with pytest.raises(ProblemError, match=r"come straight to rack"):
+        read_problem(problem)
+    constraint._waypoints = [front, rack, front, rack]
+    with pytest.raises(UnsupportedError, match="goes on from a dock"):
+        read_problem(problem)

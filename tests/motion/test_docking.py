@@ -1,0 +1,159 @@
+"""Docks: come to straight, at the speed asked for, by whoever ends there and nobody else."""
+
+import itertools
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.motion.crossings import RING, WEDGE, floor, free_pose, hall
+from tests.motion.fleet.independent import broken_by
+from up_samp.model import (
+    Body,
+    Deadline,
+    Kinematics,
+    MotionModel,
+    Outcome,
+    PathQuery,
+    Placed,
+    TrafficZone,
+    Trajectory,
+)
+from up_samp.model.frames import Frame
+from up_samp.motion import MotionService
+from up_samp.motion.docking import comes_straight, docking_leg
+from up_samp.motion.protocol import LegQuery
+
+CAR = Kinematics(MotionModel.REEDSSHEPP, 0.8, 1.5, 0.7)
+WHEELS = Kinematics(MotionModel.PIVOT, v_max=1.5, a_max=0.7, omega_max=0.8)
+ANY = Kinematics(MotionModel.SE2, v_max=1.5, a_max=0.7, omega_max=0.8)
+KINDS = pytest.mark.parametrize("kinematics", [CAR, WHEELS, ANY], ids=["car", "diff", "omni"])
+
+
+def dock(pose, metres, v_max=math.inf, behind=False):
+    """The zone of a dock, and the pose from where it is come to straight."""
+    side = 1.0 if behind else -1.0
+    frame = Frame(*pose)
+    low, high = sorted((side * (metres - 0.01), -side * 0.01))
+    corners = frame.points([(low, -0.01), (high, -0.01), (high, 0.01), (low, 0.01)])
+    front = frame.of((side * metres, 0.0, 0.0))
+    return TrafficZone(tuple(map(tuple, corners.tolist())), v_max, dock=tuple(pose)), front
+
+
+def drive(body, *poses, service=None):
+    report = (service or MotionService(hall())).plan(PathQuery(body, poses), Deadline.after(300))
+    assert report.outcome is Outcome.FOUND, report.reason
+    assert not broken_by("r", body, report.trajectory)
+    return report.trajectory
+
+
+@KINDS
+@pytest.mark.parametrize("behind", [False, True], ids=["ahead", "behind"])
+def test_the_last_metres_are_driven_straight_and_slowly(kinematics, behind):
+    goal = (12.0, 6.0, math.pi / 3)
+    zone, front = dock(goal, 1.5, 0.3, behind)
+    body = Body(RING, replace(kinematics, zones=(zone,)))
+    motion = drive(body, (2.0, 3.0, 0.0), front, goal)
+    far = np.hypot(*(motion.poses[:, :2] - goal[:2]).T) > 1.48
+    last = slice(int(np.flatnonzero(far)[-1]) + 1, None)
+    rows, times = Frame(*goal).inverse.out(motion.poses[last]), motion.times[last]
+    assert np.abs(rows[:, 1]).max() < 1e-4
+    assert np.abs(np.remainder(rows[:, 2] + 1, math.tau) - 1).max() < 1e-4
+    assert (np.hypot(*np.diff(rows[:, :2], axis=0).T) / np.diff(times)).max() <= 0.301
+    usual = drive(Body(RING, kinematics), (2.0, 3.0, 0.0), front, goal)
+    assert motion.duration > usual.duration + 2.0
+    assert broken_by("r", body, usual)
+    assert MotionService(hall()).lower_bound_through(body, ((2.0, 3.0, 0.0), front, goal)) > (
+        MotionService(hall()).lower_bound_through(
+            Body(RING, kinematics), ((2.0, 3.0, 0.0), front, goal)
+        )
+    )
+
+
+@KINDS
+def test_who_passes_or_leaves_is_not_bound(kinematics):
+    goal = (8.0, 4.5, math.pi / 2)
+    zone, _ = dock(goal, 1.5, 0.1)
+    for ends in (((2.0, 3.8, 0.0), (14.0, 3.8, 0.0)), (goal, (14.0, 3.8, 0.0))):
+        free = drive(Body(RING, kinematics), *ends)
+        ruled = drive(Body(RING, replace(kinematics, zones=(zone,))), *ends)
+        assert ruled.duration == free.duration
+
+
+@KINDS
+def test_who_stands_on_the_straight_way_is_told(kinematics):
+    goal = (12.0, 6.0, 0.0)
+    zone, front = dock(goal, 3.0, 0.3)
+    body = Body(RING, replace(kinematics, zones=(zone,)))
+    service = MotionService(hall())
+    there = Placed("parked", Body(RING, kinematics), (10.5, 5.5, 0.0))
+    elsewhere = Placed("aside", Body(RING, kinematics), (5.0, 2.0, 0.0))
+    query = PathQuery(body, ((2.0, 3.0, 0.0), front, goal), (elsewhere, there))
+    report = service.plan(query, Deadline.after(60))
+    assert report.trajectory is None
+    assert report.blockers == {"parked"}
+    assert "straight" in report.reason
+
+
+def test_ways_from_the_side_are_not_straight():
+    goal = (5.0, 5.0, 0.0)
+    zone, front = dock(goal, 1.0)
+    body = Body(RING, replace(ANY, zones=(zone,)))
+    rows = np.array([(3.0, 5.0, 0.0), front, goal])
+    good = np.concatenate([np.linspace(a, b, 40) for a, b in itertools.pairwise(rows)])
+    assert comes_straight(good, body)
+    assert not broken_by_dock(body, good)
+    for wrong in (
+        np.linspace((5.0, 3.0, 0.0), goal, 60),  # sideways
+        np.linspace((3.0, 5.0, 0.4), goal, 60),  # turning
+        np.linspace((6.0, 5.0, 0.0), goal, 60),  # from the other side
+        np.concatenate(
+            [
+                np.linspace((4.5, 3.0, 0.0), (4.5, 5.0, 0.0), 60),
+                np.linspace((4.5, 5.0, 0.0), goal, 20),
+            ]
+        ),
+    ):
+        assert not comes_straight(wrong, body)
+        assert broken_by_dock(body, wrong)
+    assert comes_straight(np.linspace((4.5, 5.0, 0.0), goal, 20), body)  # it began there
+
+
+def broken_by_dock(body, rows):
+    """Slowly enough to keep all other limits."""
+    times = np.linspace(0.0, 0.1 * len(rows), len(rows))
+    return [v for v in broken_by("r", body, Trajectory(times, rows)) if v.kind == "docking"]
+
+
+@settings(max_examples=15, deadline=None, derandomize=True)
+@given(
+    seed=st.integers(0, 10**6),
+    ring=st.sampled_from((RING, WEDGE)),
+    kinematics=st.sampled_from((CAR, WHEELS, ANY)),
+    behind=st.booleans(),
+)
+def test_random_docks_are_come_to_straight(seed, ring, kinematics, behind):
+    rng = np.random.default_rng(seed)
+    service = MotionService(floor(rng, 3, 1.6), seed=1)
+    start, goal = (
+        free_pose(np.random.default_rng(seed + k), service, Body(ring, kinematics)) for k in (1, 2)
+    )
+    metres = float(rng.uniform(0.3, 2.0))
+    zone, front = dock(goal, metres, float(rng.uniform(0.1, 2.0)), behind)
+    others = [dock(free_pose(rng, service, Body(ring, kinematics)), 1.0, 0.2)[0] for _ in range(3)]
+    zones = [*others, zone]
+    rng.shuffle(zones)
+    body = Body(ring, replace(kinematics, zones=tuple(zones)))
+    report = service.plan(PathQuery(body, (start, front, goal)), Deadline.after(300))
+    if report.outcome is Outcome.FOUND:
+        assert not broken_by("r", body, report.trajectory)
+        assert comes_straight(report.trajectory.poses, body)
+        bound = service.lower_bound_through(body, (start, front, goal))
+        assert report.trajectory.duration >= bound - 1e-9
+    else:
+        leg = docking_leg(service.scene, LegQuery(body, front, goal))
+        there = service.plan(PathQuery(body, (start, front)), Deadline.after(300))
+        assert leg.trajectory is None or there.outcome is not Outcome.FOUND

@@ -1,0 +1,81 @@
+"""The last stretch to a dock: straight, along the dock's heading, as a zone with ``dock`` asks."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from up_samp.geometry import Scene, sweeps
+from up_samp.model import Body, Configuration, TrafficZone
+from up_samp.model.arrays import FloatArray
+from up_samp.motion.curves.slowing import last_way_in
+from up_samp.motion.curves.straight import timed_chain
+from up_samp.motion.guides.search_space import widest_shape
+from up_samp.motion.protocol import Leg, LegQuery
+
+
+def dock_of(body: Body, goal: Configuration) -> TrafficZone | None:
+    """Return the zone that tells how a body comes to a pose, if there is one."""
+    if body.flies:
+        return None
+    return next((z for z in body.kinematics.zones if z.dock and z.binds(goal)), None)
+
+
+def but_docks(body: Body) -> Body:
+    """Return a body without what its docks ask for."""
+    zones = tuple(zone for zone in body.kinematics.zones if zone.dock is None)
+    if len(zones) == len(body.kinematics.zones):
+        return body
+    return replace(body, kinematics=replace(body.kinematics, zones=zones))
+
+
+def is_docking(body: Body, start: Configuration, goal: Configuration) -> bool:
+    """Return whether a leg is the straight stretch to a dock, or a part of it."""
+    zone = dock_of(body, goal)
+    return zone is not None and zone.leads_in(start)
+
+
+def before_docking(body: Body, poses: tuple[Configuration, ...]) -> tuple[Configuration, ...]:
+    """Return the poses that a body may go between as it likes: all but a dock that it comes to
+    straight, from the last one before.
+    """
+    return poses[:-1] if is_docking(body, *poses[-2:]) else poses
+
+
+def docking_leg(scene: Scene, query: LegQuery) -> Leg | None:
+    """Return the straight stretch to a dock (None: the leg of ``query`` is none), as fast as the
+    body is elsewhere, or why it cannot be driven.
+    """
+    if not is_docking(query.body, query.start, query.goal):
+        return None
+    end = query.start[2] + math.remainder(query.goal[2] - query.start[2], math.tau)
+    rows = np.array([query.start, (*query.goal[:2], end)], dtype=np.float64)
+    motion = timed_chain(rows, query.body.kinematics)
+    shape = widest_shape(scene, query.body, (query.start, query.goal), query.obstacles)
+    if (
+        shape is None
+        or sweeps.samples_free(
+            scene.world(shape, query.obstacles),
+            motion.poses.copy(),
+            1e-3 * float(shape.data.slack[2]),
+        )
+        >= 0
+    ):
+        return Leg(None, "something stands where it comes straight to its dock", complete=True)
+    return Leg(motion, complete=True, corners=rows)
+
+
+def comes_straight(poses: FloatArray, body: Body) -> bool:
+    """Return whether a way (n, 3) comes straight to where it ends, if that is a dock: from where
+    its reference point last comes into the dock's zone.
+    """
+    zone = dock_of(body, tuple(poses[-1].tolist()))
+    if zone is None:
+        return True
+    last = last_way_in(zone, poses)
+    inside = poses if zone.leads_in(poses[0]) and last == 0 else poses[last + 1 :]
+    step = math.dist(poses[last, :2], inside[0, :2])
+    late = len(inside) < len(poses) and zone.long - abs(zone.off_dock(inside[0])[0]) > step
+    return not late and all(zone.leads_in(pose) for pose in inside)
