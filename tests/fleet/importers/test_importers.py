@@ -15,7 +15,7 @@ from tests.geometry.states import state_at
 from up_samp.cli import main
 from up_samp.fleet import Fleet, read_problem_file
 from up_samp.fleet.importers import Options, import_file, map_from_polygons
-from up_samp.fleet.importers.lanes import LaneEdge, lane_zones
+from up_samp.fleet.importers.lanes import LaneEdge, lane_zones, preferred_lanes
 from up_samp.geometry import load_map
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.validation import validate_plan
@@ -161,6 +161,7 @@ def test_robots_are_where_an_rmf_building_spawns_them(tmp_path):
 
 def test_edges_and_lanes_with_rules_are_zones(tmp_path):
     records, found = imported("small.lif.json", tmp_path)
+    assert not records.lanes
     (zone,) = [z for z in records.zones.values() if z.one_way is not None]
     assert zone.one_way == 0.0
     assert sorted(zone.polygon) == [(0.5, -0.5), (0.5, 0.5), (7.5, -0.5), (7.5, 0.5)]
@@ -178,9 +179,36 @@ def test_edges_and_lanes_with_rules_are_zones(tmp_path):
         source.write_text(text.replace(both, lanes))
         records = read_problem_file(import_file(source, tmp_path / "out").problem)
         found_ways = [z.one_way for z in records.zones.values()]
+        assert len(records.lanes) == (
+            "bidirectional: [4, true]" in lanes or "[7, 6, {}]" in lanes[5:]
+        )
         assert found_ways == pytest.approx(ways) if ways != [None] else found_ways == ways
         speeds = [z.v_max for z in records.zones.values()]
         assert speeds == ([0.4] if ways == [None] else [None] * len(ways))
+
+
+def test_edges_driven_both_ways_are_preferred_from_fork_to_fork():
+    edges = [
+        LaneEdge("a", (0.0, 0.0), (4.0, 0.0)),
+        LaneEdge("b", (4.0, 0.0), (8.0, 1.0)),
+        LaneEdge("b_back", (8.0, 1.0), (4.0, 0.0)),
+        LaneEdge("c", (8.0, 1.0), (8.0, 6.0), v_max=0.5),
+        LaneEdge("d", (8.0, 1.0), (12.0, 1.0)),
+        LaneEdge("e", (12.0, 1.0), (12.0, 1.0)),
+        LaneEdge("f", (0.0, 0.0), (0.0, 6.0), True),
+    ]
+    expected = {
+        ((0.0, 0.0), (4.0, 0.0), (8.0, 1.0)),
+        ((8.0, 1.0), (8.0, 6.0)),
+        ((8.0, 1.0), (12.0, 1.0)),
+    }
+    for order in (edges, edges[::-1], edges[3:] + edges[:3]):
+        lanes = preferred_lanes(order, {"way1", "a"})
+        points = {tuple(map(tuple, lane["points"])) for lane in lanes.values()}
+        assert {min(line, line[::-1]) for line in points} == expected
+        assert len(lanes) == 3
+        assert not {"way1", "a"} & set(lanes)
+        assert lanes == preferred_lanes(edges, {"way1", "a"})
 
 
 def test_lanes_against_each_other_and_short_ones_are_told():

@@ -1,15 +1,19 @@
-"""Edges of a layout as zones: where they have one direction, a limit of speed, or no turning."""
+"""Edges of a layout: as zones, where they have one direction, a limit of speed, or no turning; as
+lanes that robots prefer, where they are driven both ways.
+"""
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any, NamedTuple
 
-from shapely.geometry import LineString, Polygon
+from shapely import get_parts
+from shapely.geometry import LineString, MultiLineString, Polygon
+from shapely.ops import linemerge
 
-from up_samp.fleet.importers.common import listed
+from up_samp.fleet.importers.common import listed, name_of
 
 
 class LaneEdge(NamedTuple):
@@ -68,6 +72,19 @@ def lane_zones(edges: Sequence[LaneEdge]) -> tuple[dict[str, Any], list[str]]:
         "lanes that overlap against each other go both ways": against,
     }
     return zones, listed(notes)
+
+
+def preferred_lanes(edges: Sequence[LaneEdge], taken: Collection[str]) -> dict[str, Any]:
+    """Return lanes, by names that are not ``taken``, along the edges that are driven both ways: one
+    from fork to fork.
+    """
+    ends = {tuple(sorted((e.start, e.end))) for e in edges if not e.one_way and e.start != e.end}
+    lines = linemerge(MultiLineString(sorted(ends))) if ends else MultiLineString()
+    lanes: dict[str, Any] = {}
+    for line in sorted(get_parts(lines), key=lambda line: line.coords[0]):
+        name = name_of(f"way{len(lanes) + 1}", {*lanes, *taken}, "way")
+        lanes[name] = {"points": [[round(x, 4), round(y, 4)] for x, y in line.coords]}
+    return lanes
 
 
 def _against(areas: dict[str, tuple[Polygon, LaneEdge]]) -> list[str]:

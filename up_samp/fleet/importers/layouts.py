@@ -23,7 +23,7 @@ from up_samp.fleet.importers.common import (
     wrong,
 )
 from up_samp.fleet.importers.doors import OPENS, doors_of
-from up_samp.fleet.importers.lanes import LaneEdge, lane_zones
+from up_samp.fleet.importers.lanes import LaneEdge, lane_zones, preferred_lanes
 from up_samp.fleet.importers.outlines import map_from_polygons
 from up_samp.fleet.tables import text_of
 from up_samp.geometry.maps import load_map, write_map
@@ -38,7 +38,7 @@ battery of 100 is full in half an hour.
 
 def import_lif(source: Path, folder: Path, options: Options) -> Imported:
     """Import a LIF layout: stations, and nodes that no station names, become places; edges with one
-    direction, a limit of speed or no rotation become zones.
+    direction, a limit of speed or no rotation become zones, those of two directions lanes.
 
     LIF has no walls: give a map, or the floor is what lies around the nodes.
     """
@@ -63,7 +63,11 @@ def import_lif(source: Path, folder: Path, options: Options) -> Imported:
             places[name_of(node.get("nodeName") or key, places, "node")] = [
                 *points[key], _theta(node),
             ]  # fmt: skip
-    zones, notes = lane_zones(_lif_edges(source, layout, points, places))
+    edges = _lif_edges(source, layout, points, places)
+    (zones, notes), lanes = (
+        lane_zones(edges),
+        preferred_lanes(edges, {*places, *(e.name for e in edges)}),
+    )
     if options.map is not None:
         map_file = _copied(options.map, folder)
     else:
@@ -72,7 +76,7 @@ def import_lif(source: Path, folder: Path, options: Options) -> Imported:
         notes.append("LIF has no walls: the floor is free 3 m around the nodes (or give --map)")
     notes.append("robots' footprint and limits are assumed; add robots and orders")
     data = {"map": map_file, "robot_types": {"agv": AGV}, "places": places}
-    return finish(folder, {**data, "zones": zones}, notes)
+    return finish(folder, {**data, "zones": zones, "lanes": lanes}, notes)
 
 
 def _lif_edges(
@@ -123,7 +127,8 @@ def import_rmf(source: Path, folder: Path, options: Options) -> Imported:
 
     Pixels become m by the level's measurements; y points up. Chargers and parking spots are places
     to park, holding points are places, too; a robot stands where one is spawned. Doors open as
-    robots come; lanes with one direction or a limit of speed become zones.
+    robots come; lanes with one direction or a limit of speed become zones, those of two directions
+    are preferred.
     """
     root = compose(source, text_of(source))
     levels = yaml.SafeLoader("").construct_document(root)["levels"]
@@ -142,7 +147,8 @@ def import_rmf(source: Path, folder: Path, options: Options) -> Imported:
         free = free.difference(unary_union(walls).buffer(RMF_WALL / 2, cap_style="square"))
     low = free.bounds[:2]
     places, chargers, robots = _rmf_places(vertices, points)
-    zones, of_lanes = lane_zones(_rmf_lanes(level, points, places))
+    edges = _rmf_lanes(level, points, places)
+    zones, of_lanes = lane_zones(edges)
     notes = [f"level '{name}': {scale:g} m a pixel; its lower left corner is at {_show(low)}"]
     doors = doors_of(level, points, places)
     told = {
@@ -154,7 +160,8 @@ def import_rmf(source: Path, folder: Path, options: Options) -> Imported:
     notes.append("headings are 0; robots' footprint and limits are assumed; add robots and orders")
     map_file = map_from_polygons(free, folder).name
     data = {"map": map_file, "robot_types": {"agv": AGV}, "places": places}
-    data |= {"robots": robots, "automatic_doors": doors, "zones": zones}
+    lanes = preferred_lanes(edges, {*places, *robots, *doors, *(e.name for e in edges)})
+    data |= {"robots": robots, "automatic_doors": doors, "zones": zones, "lanes": lanes}
     return finish(folder, data, [*notes, *of_lanes])
 
 
