@@ -18,7 +18,7 @@ from unified_planning.shortcuts import MovableType
 
 from up_samp.fleet.docks import dock_zone
 from up_samp.fleet.fields import Outline, Point, Pose, corners_of
-from up_samp.fleet.records import GROUND, FleetRecords, RobotType
+from up_samp.fleet.records import GROUND, FleetRecords, RobotType, Zone
 from up_samp.model import Body, Kinematics, MotionModel, Placed, TrafficZone
 from up_samp.model.frames import Frame
 from up_samp.upio.read_maps import read_movable
@@ -117,6 +117,13 @@ def lying(name: str, corners: Sequence[Point]) -> Placed:
     return Placed(name, still(tuple((a - x, b - y) for a, b in corners)), (x, y, 0.0))
 
 
+def zone_of(zone: Zone, height: float = 0.0) -> TrafficZone:
+    """Return the rules that a zone has for those who heed it; ``height``: of its floor (m)."""
+    most = math.inf if zone.v_max is None else zone.v_max
+    free = zone.pivoting == "free", zone.stopping == "free"
+    return TrafficZone(zone.polygon, most, height, zone.one_way, *free, zone.avoid)
+
+
 def rules_for(
     records: FleetRecords, kind: str, floor: str | None = None
 ) -> tuple[TrafficZone, ...]:
@@ -124,32 +131,23 @@ def rules_for(
     they come to docks, on one floor or on all.
     """
     heights = {name: storey.height for name, storey in records.floors.items()} | {GROUND: 0.0}
-    return (
-        tuple(
-            TrafficZone(
-                zone.polygon,
-                math.inf if zone.v_max is None else zone.v_max,
-                heights[zone.floor],
-                zone.one_way,
-                zone.pivoting == "free",
-                zone.stopping == "free",
-                zone.avoid,
-            )
-            for zone in records.zones.values()
-            if zone.has_rules and floor in (None, zone.floor) and zone.heeded_by(kind)
-        )
-        + tuple(
-            TrafficZone(area, height=heights[lane.floor], prefer=lane.prefer)
-            for lane in records.lanes.values()
-            if floor in (None, lane.floor) and lane.heeded_by(kind)
-            for area in lane.areas
-        )
-        + tuple(
-            dock_zone(place, heights[place.floor])
-            for place in records.places.values()
-            if place.docking is not None and floor in (None, place.floor)
-        )
-    )
+    zones = [
+        zone_of(zone, heights[zone.floor])
+        for zone in records.zones.values()
+        if zone.has_rules and floor in (None, zone.floor) and zone.heeded_by(kind)
+    ]
+    lanes = [
+        TrafficZone(area, height=heights[lane.floor], prefer=lane.prefer)
+        for lane in records.lanes.values()
+        if floor in (None, lane.floor) and lane.heeded_by(kind)
+        for area in lane.areas
+    ]
+    docks = [
+        dock_zone(place, heights[place.floor])
+        for place in records.places.values()
+        if place.docking is not None and floor in (None, place.floor)
+    ]
+    return (*zones, *lanes, *docks)
 
 
 def ruled(records: FleetRecords, kind: str, floor: str, body: Body) -> Body:

@@ -13,16 +13,17 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Patch, Polygon
 
 from up_samp.fleet.checks import Finding, Level
-from up_samp.fleet.docks import front_of
 from up_samp.fleet.fields import Outline, Point, Pose
 from up_samp.fleet.floors import height_of, map_of
 from up_samp.fleet.loads import load_pose, loads_of
-from up_samp.fleet.outlines import placed
+from up_samp.fleet.outlines import placed, rules_for, zone_of
 from up_samp.fleet.records import GROUND, FleetRecords
 from up_samp.fleet.spelled_out import in_numbers, spelled_out
+from up_samp.io.plan_dict import zone_entry
 from up_samp.model.frames import Frame
 from up_samp.plotting.background import ground_of
 from up_samp.plotting.map_picture import draw_area, label_of, legend_below, map_panels
+from up_samp.plotting.rules import told
 from up_samp.plotting.style import (
     FIXTURE,
     INK,
@@ -41,7 +42,11 @@ def draw_fleet(records: FleetRecords, folder: Path, findings: Iterable[Finding] 
         {"yaml": str(folder / map_of(records, floor)), "height": height_of(records, floor)}
         for floor in (GROUND, *records.floors)
     ]
-    site = {"map": maps[0], "maps": maps, "objects": [], "motions": [], "changes": []}
+    rules = [
+        {"initial": None, "zones": [zone_entry(zone) for zone in rules_for(records, kind)]}
+        for kind in records.robot_types
+    ]
+    site = {"map": maps[0], "maps": maps, "objects": rules, "motions": [], "changes": []}
     backdrop = ground_of(site)
     records = _laid_out(records, backdrop.shifts)
     if records.floors:  # by their names here, in the order of their heights
@@ -50,9 +55,9 @@ def draw_fleet(records: FleetRecords, folder: Path, findings: Iterable[Finding] 
         floors = tuple(dataclasses.replace(floor, name=name) for floor, name in named)
         backdrop = dataclasses.replace(backdrop, floors=floors)
     panels = map_panels(backdrop, None, f"{records.name}: {in_numbers(records)}")
-    told = [f for f in findings if f.level is not Level.NOTE]
-    bad = {f.subject for f in told}
-    tight = dict.fromkeys((f.type, f.subject) for f in told if f.type is not None)
+    serious = [f for f in findings if f.level is not Level.NOTE]
+    bad = {f.subject for f in serious}
+    tight = dict.fromkeys((f.type, f.subject) for f in serious if f.type is not None)
     _draw_legend(panels, records, bad, bool(tight))
     for ax in panels:
         labels = [*_draw_fixtures(ax, records), *_draw_places(ax, records, bad)]
@@ -103,16 +108,13 @@ def _draw_fixtures(ax: Axes, records: FleetRecords) -> list[PlacedLabel]:
     labels: list[PlacedLabel] = []
     for name, zone in records.zones.items():
         here = np.asarray(zone.polygon, dtype=np.float64)
-        draw_area(ax, here)
+        if not zone.has_rules:
+            draw_area(ax, here)
         x, y = (float(v) for v in here.mean(axis=0))
-        if zone.one_way is not None:
-            reach = 0.3 * float(np.ptp(here, axis=0).min())
-            dx, dy = reach * math.cos(zone.one_way), reach * math.sin(zone.one_way)
-            ax.annotate("", (x + dx, y + dy), (x - dx, y - dy), arrowprops={"arrowstyle": "->"})
-        told = name if zone.v_max is None else f"{name}: {zone.v_max:g} m/s"
-        labels.append(PlacedLabel(told, x, y, WRONG, False, (0.3, 0.3)))
+        asked = told(zone_entry(zone_of(zone))) if zone.has_rules else ""
+        text = f"{name}: {asked}" if asked else name
+        labels.append(PlacedLabel(text, x, y, WRONG, False, (0.3, 0.3)))
     for name, lane in records.lanes.items():
-        ax.plot(*zip(*lane.points, strict=True), color=FIXTURE, ls="--", lw=1.0)
         labels.append(PlacedLabel(name, *lane.points[0], FIXTURE, False, (0.3, 0.3)))
     for name, doorway in records.automatic_doors.items():
         here = np.asarray(doorway.polygon, dtype=np.float64)
@@ -153,9 +155,6 @@ def _draw_places(ax: Axes, records: FleetRecords, bad: set[str]) -> list[PlacedL
         reach = float(np.abs(outline - (x, y)).max())
         tip = (x + reach * math.cos(theta), y + reach * math.sin(theta))
         ax.plot([x, tip[0]], [y, tip[1]], color=color, lw=1.2, zorder=4)
-        front = front_of(place)
-        if front is not None:
-            ax.plot([front[0], x], [front[1], y], color=color, ls=":", lw=1.5, zorder=1)
         text = name if robot is None else f"{robot} at {name}"
         labels.append(label_of(text, outline, color))
     return labels

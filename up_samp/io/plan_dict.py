@@ -219,7 +219,7 @@ def _object(movable: Movable, snapshot: Snapshot) -> dict[str, Any]:
     most["alpha_max"] = limits.alpha_max
     entry |= {key: _plain(value) for key, value in most.items() if math.isfinite(value)}
     if limits.zones:
-        entry["zones"] = [_zone(zone) for zone in limits.zones]
+        entry["zones"] = [zone_entry(zone) for zone in limits.zones]
     if math.isfinite(movable.body.height):
         entry["height"] = _plain(movable.body.height)
     if movable.body.mesh is not None:
@@ -227,7 +227,7 @@ def _object(movable: Movable, snapshot: Snapshot) -> dict[str, Any]:
     return entry
 
 
-def _zone(zone: TrafficZone) -> dict[str, Any]:
+def zone_entry(zone: TrafficZone) -> dict[str, Any]:
     """Return the rules of a place: only what it says."""
     entry: dict[str, Any] = {"polygon": [[_plain(x), _plain(y)] for x, y in zone.polygon]}
     if zone.height:
