@@ -751,7 +751,7 @@ def _cell_length(body: Body) -> float:
 
 
 def _crawled(
-    s: FloatArray, stop: BoolArray, tops: FloatArray, push: float, most: int = 400
+    s: FloatArray, stop: BoolArray, tops: FloatArray, push: float, most: int = 1_200
 ) -> BoolArray:
     """Return where a body rests, too, that crawls somewhere between two stops: before and after
     that, where cells that are short enough for it (see :func:`_cells`) would be more than ``most``.
