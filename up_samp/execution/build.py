@@ -93,8 +93,7 @@ class Draft:
             # two that are to happen at once: the second follows the first, and that is watched
             at_once = need.lag <= 0 and self._at_once(then, first)
             if at_once and need.lag == 0 and first.at is then.at is At.START:
-                self.together.setdefault(first, set()).add(then)
-                self.together.setdefault(then, set()).add(first)
+                self.let_begin_together(first, then)
             if at_once and need.lag == 0 and order.kind not in _WATCHED:
                 raise UnsupportedError(
                     f"{first} and {then} happen at one instant, and each has to come first "
@@ -217,6 +216,11 @@ class Draft:
         self.free.discard((first, then))
         if known is None or known[0] < lag:
             self.edges[first, then] = (lag, kind, why)
+
+    def let_begin_together(self, one: Event, other: Event) -> None:
+        """Note that two starts are to happen at one instant."""
+        self.together.setdefault(one, set()).add(other)
+        self.together.setdefault(other, set()).add(one)
 
     def _begin_together(self) -> None:
         """Let what begins together wait for all that any of it waits for."""
@@ -577,8 +581,7 @@ def with_sides(dependencies: Dependencies, sides: Sides) -> Graph:
     """
     draft = _orders_again(dependencies, sides)
     for meeting in dependencies.meetings:
-        for step in steps_by(meeting, sides):
-            draft.put(step.first, step.then, 0.0, MEETING, step.why)
+        draft.add_meeting(meeting, sides)
     return draft.graph(dependencies.graph.margin)
 
 
@@ -612,6 +615,8 @@ def _orders_again(dependencies: Dependencies, sides: Sides) -> Draft:
     for bound in old.bounds:
         pair = (old.events[bound.first], old.events[bound.then])
         draft.bounds.append((*pair, bound.most, bound.why))
+        if bound.most <= 0.0 and pair[0].at is pair[1].at is At.START:
+            draft.let_begin_together(*pair)
     return draft
 
 
