@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -29,7 +29,7 @@ from up_samp.execution.graph import At, Event
 from up_samp.execution.lives import DriveCells, Life
 from up_samp.execution.state import FloorState, TaskPhase
 from up_samp.execution.substitute import ValuesNow
-from up_samp.execution.tolerances import TOLERANCES
+from up_samp.execution.travel import is_same_place
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import Configuration, ProblemError, UnsupportedError
 from up_samp.model.frames import Frame
@@ -652,7 +652,7 @@ class _Builder:
         for item in self.source.all_objects:
             if not isinstance(item, ConfigurationObject) or item.type != type_:
                 continue
-            if _near(item.configuration, pose):
+            if is_same_place(item.configuration, pose):
                 return item
         base = f"now_{name}"
         fresh, count = base, 0
@@ -730,14 +730,6 @@ class _Builder:
                 }
 
 
-def _near(one: Iterable[Any], two: Iterable[Any]) -> bool:
-    """Return whether two poses are the same."""
-    here, there = ([float(v) for v in pose] for pose in (one, two))
-    turn = math.remainder(there[2] - here[2], math.tau) if len(here) == 3 else 0.0
-    gap = max(abs(a - b) for a, b in zip(there[:2], here[:2], strict=True))
-    return max(gap, abs(turn)) <= TOLERANCES.place
-
-
 def _told(problem: SchedulingMotionProblem) -> Iterator[tuple[FNode, str]]:
     """Yield the fluents that tell where obstacles of motions are, with these."""
     for activity in problem.motion_activities:
@@ -754,4 +746,4 @@ def _one_place(one: FNode, two: FNode) -> bool:
     if not (one.is_object_exp() and two.is_object_exp()):
         return bool(one == two)
     a, b = one.object(), two.object()
-    return a.type == b.type and _near(a.configuration, b.configuration)
+    return a.type == b.type and is_same_place(a.configuration, b.configuration)

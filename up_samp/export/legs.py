@@ -11,14 +11,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 
 from up_samp.io import PlanDict
 from up_samp.io.precision import PRECISION
 from up_samp.model import UnsupportedError
-
-FloatArray = npt.NDArray[np.float64]
+from up_samp.model.arrays import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

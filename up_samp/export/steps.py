@@ -21,11 +21,12 @@ import numpy as np
 from up_samp.execution.build import Dependencies
 from up_samp.execution.files import dependencies_from_plan
 from up_samp.execution.state import told_places
-from up_samp.export.legs import FloatArray, PathPiece, pieces_of
+from up_samp.export.legs import PathPiece, pieces_of
 from up_samp.io import PlanDict
 from up_samp.io.floors import map_number, own_frames
 from up_samp.io.precision import PRECISION
 from up_samp.model import ProblemError
+from up_samp.model.arrays import FloatArray
 
 
 @dataclass(frozen=True)

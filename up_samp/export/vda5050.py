@@ -20,12 +20,13 @@ from typing import Any
 
 import numpy as np
 
-from up_samp.export.legs import FloatArray, PathPiece, simplified, wrapped
+from up_samp.export.legs import PathPiece, simplified, wrapped
 from up_samp.export.steps import RobotStep, StepWait, localisation_of, steps_of
 from up_samp.io import PlanDict
 from up_samp.io.floors import map_number, maps_of, named_maps, own_frames
 from up_samp.io.precision import PRECISION
 from up_samp.model import ProblemError
+from up_samp.model.arrays import FloatArray
 
 VERSION = "2.1.0"
 LATER = "3.0.0"

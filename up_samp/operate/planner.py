@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from up_samp.execution.tolerances import TOLERANCES
+from up_samp.execution.travel import is_same_place
 from up_samp.fleet.faults import FleetError, job_faults
 from up_samp.fleet.outlines import placed
 from up_samp.fleet.records import (
@@ -54,8 +55,6 @@ WRITING, EACH_KEPT = 0.1, 0.03
 activity that is kept: putting what is new behind it, and all of it in order."""
 LEAST = 0.25
 """Share of a budget for which a plan is sought at least."""
-SAME = 1e-3
-"""Poses closer than this (m, rad) are one place."""
 
 
 @dataclass(frozen=True)
@@ -235,7 +234,7 @@ def _still_leaves(ask: Question) -> dict[str, Shape]:
 
 def is_open(door: Door, pose: Pose | None) -> bool:
     """Return whether a door stands open."""
-    return pose is not None and math.dist(pose, door.open) <= SAME
+    return pose is not None and math.dist(pose, door.open) <= TOLERANCES.place
 
 
 def leaf_at(door: Door, pose: Pose) -> Shape:
@@ -246,8 +245,7 @@ def leaf_at(door: Door, pose: Pose) -> Shape:
 def place_at(places: dict[str, Place], pose: Pose, who: str) -> str:
     """Return the name of the place at a pose; where there is none, one is added."""
     for name, place in places.items():
-        gap = max(abs(place.pose[0] - pose[0]), abs(place.pose[1] - pose[1]))
-        if max(gap, abs(math.remainder(place.pose[2] - pose[2], math.tau))) <= SAME:
+        if is_same_place(pose, place.pose):
             return name
     name = f"now.{who}"
     places[name] = Place(pose=pose, park=0)  # nobody comes back to where it happens to stand
