@@ -154,16 +154,21 @@ def check_job(job: Order | Task) -> None:
 def check_fits(site: FleetRecords, record: Order | Task) -> None:
     """Raise :class:`FleetError` where an order speaks of what the site has not."""
     alone = replace(record, after=())
-    some = {"orders": (alone,)} if isinstance(alone, Order) else {"tasks": (alone,)}
-    faults = [*job_faults(replace(site, **some), alone)]  # type: ignore[arg-type]
+    faults = [*job_faults(_with_job(site, alone), alone)]
     if faults:
         raise FleetError(faults)
 
 
 def each_time(record: Order | Task) -> tuple[Order | Task, ...]:
     """Return the orders, or tasks, that a recurring one stands for, or the one that it is."""
-    some = {"orders": (record,)} if isinstance(record, Order) else {"tasks": (record,)}
-    return without_repeats(FleetRecords(map="", **some)).jobs  # type: ignore[arg-type]
+    return without_repeats(_with_job(FleetRecords(map=""), record)).jobs
+
+
+def _with_job(site: FleetRecords, job: Order | Task) -> FleetRecords:
+    """Return a site with an order, or a task, instead of all others of its kind."""
+    if isinstance(job, Order):
+        return replace(site, orders=(job,))
+    return replace(site, tasks=(job,))
 
 
 # ------------------ The problem from the cut on
