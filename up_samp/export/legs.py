@@ -27,7 +27,6 @@ class PathPiece:
     ``"turn"`` (on the spot) or ``"any"`` (sideways in part).
     """
 
-    activity: str
     rows: FloatArray
     direction: str
 
@@ -60,7 +59,7 @@ def pieces_of(motion: dict[str, Any]) -> list[PathPiece]:
     for i in range(1, len(kinds) + 1):
         if i == len(kinds) or kinds[i] != kinds[begin]:
             if kinds[begin] != "rest":
-                pieces.append(PathPiece(motion["activity"], rows[begin : i + 1], kinds[begin]))
+                pieces.append(PathPiece(rows[begin : i + 1], kinds[begin]))
             begin = i
     return pieces
 
