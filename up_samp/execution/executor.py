@@ -300,11 +300,7 @@ class Executor(Followed):
             if way.activity in under_way:
                 way.progress = 0.0  # believed as far as its gates are open
         state.load(state.graph)
-        before: list[float] = []
-        while before != (here_now := [w.progress for w in state.of_object.values()]):
-            before = here_now  # where one is opens the gates of others
-            for way in state.of_object.values():
-                state.follow(way)
+        state.follow_all()
         self._bar()
 
     def _where(self, way: MotionUnderWay, told: Mapping[str, Sequence[float] | float]) -> float:

@@ -263,6 +263,16 @@ class FloorState:
             way.progress = progress
         self._pass(way)
 
+    def follow_all(self) -> None:
+        """Believe what was told last of all motions under way: where one is opens the gates of
+        others.
+        """
+        before: list[float] = []
+        while before != (here := [way.progress for way in self.of_object.values()]):
+            before = here
+            for way in self.of_object.values():
+                self.follow(way)
+
     def _nominal(self, number: int) -> float:
         return self.graph.events[number].progress
 

@@ -232,13 +232,32 @@ def stitched(ask: Question, new: PlanDict, meanings: Mapping[str, Meaning]) -> P
 
     Raises :class:`ProblemError` where nobody could follow it.
     """
-    kept, unit = ask.kept, float(new["seconds_per_unit"])
+    kept = ask.kept
     names = {
         a["name"]: f"{a['name']}#{ask.number}"
         for a in new["activities"]
         if not meanings[a["name"]].what.startswith(BUSY)
     }
-    by = kept.until
+    plan = _behind(kept, new, names)
+    known = {**kept.meanings, **{n: meanings[old] for old, n in names.items()}}
+    plan["meanings"] = {n: [m.kind.value, m.what, m.robot] for n, m in known.items()}
+    goals = goals_of(known, (*ask.kept_jobs, *ask.to_do))
+    first = _dependencies(ask, plan, new, names, known, ask.lead)
+    plan = ordered(plan, first, goals, ask.cut.begun, ask.lead, ask.ahead, ask.cut.gone)
+    told = _dependencies(ask, plan, new, names, known)
+    plan["dependencies"] = {
+        **graph_to_dict(told.graph),
+        "localisation": told.localisation,
+        "narrow": new["dependencies"].get("narrow", []),
+    }
+    return with_minor(plan) | {"on_board": dict(ask.on_board)}
+
+
+def _behind(kept: Kept, new: PlanDict, names: Mapping[str, str]) -> PlanDict:
+    """Return one plan, without meanings and dependencies, of what is kept and of a new one behind
+    it; ``names``: what the new one's activities are called in it, those that are part of it.
+    """
+    unit, by = float(new["seconds_per_unit"]), kept.until
     # what was proven of the new problem was not proven of what comes before and after, too
     own = ("dependencies", "minor", "status", "lower_bound", "bound_kind")
     plan = {k: v for k, v in new.items() if k not in own}
@@ -272,18 +291,7 @@ def stitched(ask: Question, new: PlanDict, meanings: Mapping[str, Meaning]) -> P
     ]
     plan["motions"].sort(key=lambda m: m["samples"][0][0])
     plan["makespan"] = max((a["end"] for a in plan["activities"]), default=0)
-    known = {**kept.meanings, **{n: meanings[old] for old, n in names.items()}}
-    plan["meanings"] = {n: [m.kind.value, m.what, m.robot] for n, m in known.items()}
-    goals = goals_of(known, (*ask.kept_jobs, *ask.to_do))
-    first = _dependencies(ask, plan, new, names, known, ask.lead)
-    plan = ordered(plan, first, goals, ask.cut.begun, ask.lead, ask.ahead, ask.cut.gone)
-    told = _dependencies(ask, plan, new, names, known)
-    plan["dependencies"] = {
-        **graph_to_dict(told.graph),
-        "localisation": told.localisation,
-        "narrow": new["dependencies"].get("narrow", []),
-    }
-    return with_minor(plan) | {"on_board": dict(ask.on_board)}
+    return plan
 
 
 def _dependencies(
