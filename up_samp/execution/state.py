@@ -13,7 +13,7 @@ import enum
 import heapq
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -188,7 +188,7 @@ class FloorState:
         self.after: list[list[tuple[int, float]]] = [[] for _ in range(count)]
         self.timers: list[tuple[float, int]] = []
         self.into: list[list[Edge]] = [[] for _ in range(count)]
-        for edge in graph.edges:
+        for edge in map(self._held, graph.edges):
             self.into[edge.then].append(edge)
             since = self.when[edge.first]
             if since is None:
@@ -203,6 +203,16 @@ class FloorState:
             self._pass(way)
         self.start_number = {n: self.number[Event(At.START, n)] for n in graph.tasks}
         self.end_number = {n: self.number[Event(At.END, n)] for n in graph.tasks}
+
+    def _held(self, edge: Edge) -> Edge:
+        """Return an edge as it holds somebody back: what has begun before it may, by a graph that
+        held it back elsewhere, does not end before that.
+        """
+        then = self.graph.events[edge.then]
+        begun = then.at is At.START and self.when[edge.then] is not None
+        if not begun or self.when[edge.first] is not None:
+            return edge
+        return replace(edge, then=self.number[Event(At.END, then.activity)])
 
     def _place(self, graph: Graph) -> None:
         places, self.squeezed = told_places(graph, self.errors)
