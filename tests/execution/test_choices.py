@@ -2,13 +2,15 @@
 round keeps everything that the problem asks for.
 """
 
+import math
 import random
 
-from unified_planning.shortcuts import LT, And, Or
+from unified_planning.shortcuts import LE, LT, And, Equals, Or
 
 from tests.execution import floors
+from tests.execution.sites import Site
 from tests.execution.test_orders import made
-from up_samp.execution import Delays, Executor, dependencies_of, simulate
+from up_samp.execution import Delays, Do, Executor, Heard, dependencies_of, simulate
 from up_samp.execution.build import with_sides
 from up_samp.execution.reorder import _load, can_wait, happened
 from up_samp.model import ProblemError
@@ -139,3 +141,58 @@ def test_whatever_is_turned_round_nothing_is_broken(yaml):
         assert run.contacts == (), seed
         assert run.broken == (), seed
     assert turns >= 2
+
+
+def below_a_lift(yaml):
+    """r1 crosses where a lift sets r0 down, which waits below: a site, and until when it does."""
+    site = Site(yaml)
+    site.robot("r0", (2.0, 2.0, 0.0))
+    site.robot("r1", (9.0, 8.0, math.pi))
+    there = site.drive("to_lift", "r0", (2.0, 2.0, 0.0), [(3.0, 0.0)], 0) + 12
+    site.drive("across", "r1", (9.0, 8.0, math.pi), [(7.0, 0.0)], 0)
+    site.lift("ride_r0", "r0", (6.0, 8.0, 0.0), there, there + 8)
+    x = site.activities
+    site.problem.add_constraint(LE(x["to_lift"].end, x["ride_r0"].start))
+    return site, there
+
+
+def waits_for_r1(graph):
+    return {str(p.then) for p in graph.precedences() if p.first.object == "r1"}
+
+
+def test_a_lift_is_held_back_before_it_begins_whatever_orders_were_changed(yaml):
+    site, _ = below_a_lift(yaml)
+    found = dependencies_of(site.problem, site.data)
+    assert waits_for_r1(found.graph) == {"start of ride_r0"}
+    assert waits_for_r1(with_sides(found, {})) == {"start of ride_r0"}
+
+
+def test_a_lift_that_has_begun_too_soon_does_not_end_before_it_may(yaml):
+    """As executions were kept that had begun it by an order in which it was held at its end."""
+    site, _ = below_a_lift(yaml)
+    executor = Executor(site.data, site.problem)
+    executor.commands(0.0)
+    for now, progress in ((1.0, 0.5), (4.0, 1.5), (7.0, 3.0)):
+        executor.update("r0", progress=progress, now=now, motion="to_lift")
+        executor.update("r1", progress=0.5, now=now, motion="across")
+    executor.commands(8.0)
+    assert executor.phase("to_lift").value == "done"
+    kept = executor.save()
+    kept["running"].append("ride_r0")
+    kept["fired"].append([["start", "ride_r0"], 8.0])
+    again = Executor.restore(site.data, kept, site.problem)
+    assert again.commands(30.0)["r0"] == Do("ride_r0", may_end=False)
+    assert again.done("ride_r0", 30.0).heard is Heard.AGAIN
+    again.update("r1", progress=6.0, now=31.0, motion="across")
+    assert again.commands(32.0)["r0"] == Do("ride_r0")
+
+
+def test_what_begins_with_a_lift_waits_with_it_whatever_orders_were_changed(yaml):
+    site, there = below_a_lift(yaml)
+    site.task("lamp", there, there + 3)
+    x = site.activities
+    site.problem.add_constraint(Equals(x["lamp"].start, x["ride_r0"].start))
+    found = dependencies_of(site.problem, site.data)
+    first = waits_for_r1(found.graph)
+    assert "start of lamp" in first
+    assert waits_for_r1(with_sides(found, {})) == first

@@ -12,7 +12,8 @@ from tests.operate.wire import AgvFloor
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.operate.planner import check_site
 from up_samp.operate.settings import Settings
-from up_samp.operate.upkeep import NOWHERE, Cells, charge_task, low, start_levels, with_levels
+from up_samp.operate.simulated import SimulatedRobots
+from up_samp.operate.upkeep import charge_task, low, start_levels, with_levels
 
 BATTERY = {"capacity": 100.0, "per_metre": 0.5, "per_second": 0.05, "reserve": 10.0, "level": 60.0}
 PATIENT = Settings(stretch=20.0)
@@ -98,13 +99,13 @@ def test_levels_of_a_plan(tmp_path):
         charge_task(hall(tmp_path, 1).records, "r0", 0.4, "charge.r0.7", 0.0)
 
 
-def test_cells_take_and_give(tmp_path):
-    cells = Cells(charged_hall(tmp_path).records)
-    cells.drive("r0", 10.0, 20.0)
-    assert cells.levels["r0"] == pytest.approx(0.6 - (5.0 + 1.0) / 100)
-    cells.drive("r0", 0.0, 20.0)
-    cells.charge("r0", 5.0)
-    assert cells.levels["r0"] == pytest.approx(0.64)
-    cells.charge("r0", 500.0)
-    assert cells.levels == {"r0": 1.0}
-    assert Cells(NOWHERE).levels == {}
+def test_drives_take_and_chargers_give(tmp_path):
+    robots = SimulatedRobots({}, site=charged_hall(tmp_path).records)
+    robots.discharge("r0", 10.0, 20.0)
+    assert robots.levels["r0"] == pytest.approx(0.6 - (5.0 + 1.0) / 100)
+    robots.discharge("r0", 0.0, 20.0)
+    robots.charge("r0", 5.0)
+    assert robots.levels["r0"] == pytest.approx(0.64)
+    robots.charge("r0", 500.0)
+    assert robots.levels == {"r0": 1.0}
+    assert SimulatedRobots({}).levels == {}

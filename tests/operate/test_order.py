@@ -16,13 +16,15 @@ from up_samp.execution.lives import drives_of, lives_of
 from up_samp.execution.meetings import meetings_of
 from up_samp.execution.reorder import Goal
 from up_samp.execution.state import TaskPhase
+from up_samp.fleet.statements import Kind, Meaning
 from up_samp.model import ProblemError
 from up_samp.operate.clock import SimulatedClock
 from up_samp.operate.horizon import Cut, Opened, cut_of
 from up_samp.operate.loop import Operation
 from up_samp.operate.order import ordered
+from up_samp.operate.records import job_record
 from up_samp.operate.settings import Settings
-from up_samp.operate.stitch import kept_of
+from up_samp.operate.stitch import Kept, _after, kept_of
 
 
 @pytest.fixture(scope="module")
@@ -145,3 +147,22 @@ def test_what_is_left_of_a_motion_has_the_cells_that_it_had(crossed, driven, ope
     fresh = drives_of(lives_of({**plan, "motions": [left]}))[names["r0"], "r0"].path.edges
     mine = edges[(edges >= gone - 2e-5) & (edges <= stop + 2e-5)]
     assert fresh == pytest.approx(mine - gone, abs=3e-5)
+
+
+def test_new_work_waits_for_what_is_kept_of_its_robot_its_resources_and_what_comes_before():
+    crane = {"at": "rack0", "resources": ["crane"]}
+    first = job_record({"id": "o0", "pickup": crane, "delivery": "dock0"})
+    later = [
+        job_record({"id": "o1", "pickup": "rack1", "delivery": "dock1", "after": ["o0"]}),
+        job_record({"id": "o2", "pickup": crane, "delivery": "dock1"}),
+        job_record({"id": "o3", "pickup": "rack1", "delivery": "dock1"}),
+    ]
+    kept = Kept(
+        activities=({"name": "deliver_o0", "start": 0, "end": 5},),
+        meanings={"deliver_o0": Meaning(Kind.DELIVERY, "o0", "r0")},
+    )
+    ask = SimpleNamespace(kept=kept, kept_jobs=(first,), to_do=later)
+    new = {f"pick_{j.id}#1": Meaning(Kind.PICKUP, j.id, "r1") for j in later}
+    new["home_r0#1"] = Meaning(Kind.MOVE, "", "r0")
+    found = [two for _, two in _after(ask, new, {**kept.meanings, **new})]
+    assert found == ["home_r0#1", "pick_o1#1", "pick_o2#1"]

@@ -7,6 +7,7 @@ import math
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import unified_planning as up
 from unified_planning.engines import Engine
@@ -37,6 +38,9 @@ from up_samp.model import ProblemError
 from up_samp.model.errors import short
 from up_samp.system.files import check_folder
 from up_samp.system.imports import extra
+
+if TYPE_CHECKING:
+    from up_samp.fleet import Fleet
 
 
 def add_serve(parser: argparse.ArgumentParser) -> None:
@@ -220,7 +224,7 @@ def _demo(args: argparse.Namespace) -> int:
         sides=args.sides,
         encoding=args.encoding,
     )
-    _settle("", args)
+    _settle(None, args)
     return solve_and_show(problem, args)
 
 
@@ -255,10 +259,11 @@ def _solve(args: argparse.Namespace) -> int:
     for option, given in (("--at", args.at), ("--broken", args.broken), ("--cancel", args.cancel)):
         if given is not None:
             raise ProblemError(f"{option} speaks of a plan: name it with --from PLAN.json")
-    settings = _settle(args.problem, args)
-    fleet = fleet_of(args.problem, settings)
+    fleet = fleet_of(args.problem, {})
+    settings = _settle(fleet, args)
     if fleet is None:
         return solve_and_show(find_problem(args.problem, args.encoding, settings), args)
+    fleet = fleet.with_settings(**settings)
     code = solve_and_show(fleet.problem, args, tell=fleet.tell)
     if code:
         tell_findings(args.problem)
@@ -276,9 +281,8 @@ def _go_on(args: argparse.Namespace) -> int:
     problem = problem_of_plan(args.problem, args.encoding, plan)
     surprise = Surprise(cancelled=tuple(args.cancel or ()))
     left = remaining_at(problem, plan, args.at, surprise, args.broken or ())
-    own = {"seconds_per_unit": float(plan["seconds_per_unit"]), "margin": plan.get("margin")}
-    settings = settings_of(args.problem, own)
-    args.seconds_per_unit, args.margin = settings["seconds_per_unit"], settings["margin"]
+    args.seconds_per_unit, args.margin = float(plan["seconds_per_unit"]), plan.get("margin")
+    _settle(fleet_of(args.problem, {}), args)
     since = left.since * args.seconds_per_unit
     print(f"what is left of {args.plan}: 0 is {since:g} s of its clock", file=sys.stderr)
     for name, pose in left.poses.items():
@@ -288,10 +292,10 @@ def _go_on(args: argparse.Namespace) -> int:
     return solve_and_show(left.problem, args, left.hint)
 
 
-def _settle(name: str, args: argparse.Namespace) -> dict[str, float]:
+def _settle(fleet: Fleet | None, args: argparse.Namespace) -> dict[str, float]:
     """Settle with which settings a problem is solved, and return them."""
     given = {"seconds_per_unit": args.seconds_per_unit, "margin": args.margin}
-    settings = settings_of(name, given)
+    settings = settings_of(fleet, given)
     args.seconds_per_unit, args.margin = settings["seconds_per_unit"], settings["margin"]
     return settings
 

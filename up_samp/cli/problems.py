@@ -80,15 +80,11 @@ def is_problem_file(name: str) -> bool:
     return name.lower().endswith((".yaml", ".yml", ".json"))
 
 
-def settings_of(name: str, given: Mapping[str, float | None]) -> dict[str, float]:
+def settings_of(fleet: Fleet | None, given: Mapping[str, float | None]) -> dict[str, float]:
     """Return the length of a schedule unit (s) and the margin (m) to solve a problem with: what is
-    ``given``, else what its problem file asks for, else what the engines take.
+    ``given``, else what its problem file (``fleet``) asks for, else what the engines take.
     """
-    own = {"seconds_per_unit": 1.0, "margin": PRECISION.margin}
-    if is_problem_file(name):
-        from up_samp.fleet import Fleet
-
-        own = Fleet.from_file(name).settings
+    own = {"seconds_per_unit": 1.0, "margin": PRECISION.margin} if fleet is None else fleet.settings
     return {**own, **{k: v for k, v in given.items() if v is not None}}
 
 

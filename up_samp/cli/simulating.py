@@ -8,7 +8,7 @@ import itertools
 import statistics
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_args
 
 from up_samp.benchmarks.published import ENCODINGS
 from up_samp.cli.problems import problem_of_plan
@@ -19,9 +19,6 @@ from up_samp.tuning import tuning_of
 
 if TYPE_CHECKING:
     from up_samp.execution import Simulation
-
-
-POLICIES = ("timed", "staircase", "reorder")
 
 
 def add_simulate(parser: argparse.ArgumentParser) -> None:
@@ -39,7 +36,7 @@ def add_simulate(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--policy",
         action="append",
-        choices=(*POLICIES, "all"),
+        choices=("timed", "staircase", "reorder", "all"),
         help="how to follow the plan; may be given again (default: timed, staircase, reorder)",
     )
     parser.add_argument(
@@ -61,14 +58,15 @@ def add_simulate(parser: argparse.ArgumentParser) -> None:
 def _simulate(args: argparse.Namespace) -> int:
     from up_samp.execution import Delays, dependencies_from_plan, simulate
     from up_samp.execution.check import check_motions
+    from up_samp.execution.simulate import Policy
 
     if args.runs < 1:
         raise ProblemError(f"--runs must be at least 1, not {args.runs}")
     plan = read_plan(args.plan)
     check_motions(plan)
     delays = Delays.parse(args.delays)
-    policies = tuple(dict.fromkeys(args.policy or ("timed", "staircase", "reorder")))
-    policies = POLICIES if "all" in policies else policies
+    asked = args.policy or ["all"]
+    policies = get_args(Policy) if "all" in asked else tuple(dict.fromkeys(asked))
     named = args.problem is not None
     problem = problem_of_plan(args.problem, args.encoding, plan) if named else None
     tuning = tuning_of(args.tuning)
@@ -76,7 +74,7 @@ def _simulate(args: argparse.Namespace) -> int:
     runs: list[Simulation] = []
     for policy, seed in itertools.product(policies, range(args.seed, args.seed + args.runs)):
         runs.append(simulate(found, plan, delays, seed, policy=policy, tuning=tuning))
-    print(_table(policies, runs))
+    print(_table(runs))
     if args.out is not None:
         files = write_runs(plan, runs, args.out)
         print("\n".join(str(f) for f in files))
@@ -88,10 +86,10 @@ def _policies(runs: Sequence[Simulation]) -> list[str]:
     return list(dict.fromkeys(r.policy for r in runs))
 
 
-def _table(policies: Sequence[str], runs: Sequence[Simulation]) -> str:
+def _table(runs: Sequence[Simulation]) -> str:
     """Return a row for each policy, and a line for each of the first broken rules."""
     rows = []
-    for policy in policies:
+    for policy in _policies(runs):
         mine = [r for r in runs if r.policy == policy]
         ratios = sorted(r.ratio for r in mine if r.finished)
         rows.append(

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.execution.build import Dependencies
 from up_samp.execution.graph import At, Event
@@ -16,11 +15,9 @@ from up_samp.execution.state import FloorState, TaskPhase
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.execution.travel import pose_at
 from up_samp.model import Configuration
+from up_samp.model.arrays import BoolArray, FloatArray
 from up_samp.motion.fleet.conflicts import Swept, conflicting_cells
 from up_samp.motion.fleet.paths import resting_path
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

@@ -93,8 +93,7 @@ class Draft:
             # two that are to happen at once: the second follows the first, and that is watched
             at_once = need.lag <= 0 and self._at_once(then, first)
             if at_once and need.lag == 0 and first.at is then.at is At.START:
-                self.together.setdefault(first, set()).add(then)
-                self.together.setdefault(then, set()).add(first)
+                self.let_begin_together(first, then)
             if at_once and need.lag == 0 and order.kind not in _WATCHED:
                 raise UnsupportedError(
                     f"{first} and {then} happen at one instant, and each has to come first "
@@ -170,13 +169,18 @@ class Draft:
         if need.first[1] == need.then[1]:
             return None
         lag = need.lag * unit + (TOLERANCES.strict if need.strict else 0.0)
+        then = Event(At.START, need.then[1])
         if need.then[0] == "end":
-            # what lasts as long as it lasts is held back before it begins
-            task = self.tasks[need.then[1]]
-            if task.moves:
+            if self.tasks[need.then[1]].moves:
                 return None
-            lag = max(0.0, lag - task.expected)
-        return Precedence(Event(At.END, need.first[1]), Event(At.START, need.then[1]), lag)
+            then, lag = self._begun_before(need.then[1], lag)
+        return Precedence(Event(At.END, need.first[1]), then, lag)
+
+    def _begun_before(self, task: str, lag: float) -> tuple[Event, float]:
+        """Return what is held back for an end that comes ``lag`` s after something, and for how
+        long (s): what lasts as long as it lasts can only be held back before it begins.
+        """
+        return Event(At.START, task), max(0.0, lag - self.tasks[task].expected)
 
     def _events(self, point: Point) -> tuple[Event, ...]:
         anchor, name = point
@@ -199,13 +203,12 @@ class Draft:
             and not task.moves
             and first.activity != task.name
         ):
-            # what lasts as long as it lasts can only be held back before it begins
-            begun = Event(At.START, task.name)
-            if self.time(first) >= self.time(begun) - TOLERANCES.same_time:
+            begun = self._begun_before(task.name, lag)
+            if self.time(first) >= self.time(begun[0]) - TOLERANCES.same_time:
                 self.after.setdefault(first, set()).add(then)
                 self.tight.append((first, then, lag, kind, why))
                 return
-            then, lag = begun, max(0.0, lag - task.expected)
+            then, lag = begun
         self.put(first, then, lag, kind, why)
 
     def put(self, first: Event, then: Event, lag: float, kind: str, why: str) -> None:
@@ -217,6 +220,11 @@ class Draft:
         self.free.discard((first, then))
         if known is None or known[0] < lag:
             self.edges[first, then] = (lag, kind, why)
+
+    def let_begin_together(self, one: Event, other: Event) -> None:
+        """Note that two starts are to happen at one instant."""
+        self.together.setdefault(one, set()).add(other)
+        self.together.setdefault(other, set()).add(one)
 
     def _begin_together(self) -> None:
         """Let what begins together wait for all that any of it waits for."""
@@ -235,16 +243,12 @@ class Draft:
     def _settle(self) -> None:
         """Hold tasks back before they begin, not before they end, wherever that makes no cycle."""
         for first, then, lag, kind, why in self.tight:
-            begun = Event(At.START, then.activity)
-            if not self._follows(begun, first):
-                then, lag = begun, max(0.0, lag - self.tasks[then.activity].expected)
+            begun = self._begun_before(then.activity, lag)
+            if not _leads(self._after(), begun[0], first):
+                then, lag = begun
             self.put(first, then, lag, kind, why)
         self.tight = []
         self._begin_together()
-
-    def _follows(self, first: Event, then: Event) -> bool:
-        """Return whether ``then`` has to wait for ``first`` by the edges so far."""
-        return _leads(self._after(), first, then)
 
     def _after(self) -> dict[Event, list[Event]]:
         """Return which events follow which directly, in whatever way it will be seen to."""
@@ -258,7 +262,8 @@ class Draft:
 
     def time(self, event: Event) -> float:
         """Return when an event happens as planned (s)."""
-        return planned_time(event, self.tasks, self.drives)
+        (found,) = planned_times([event], self.tasks, self.drives)
+        return found
 
     def full(self, margin: float) -> Graph:
         """Return the graph so far, with all of its edges."""
@@ -273,12 +278,6 @@ class Draft:
 
 
 Drives = Mapping[tuple[str, str], DriveCells]
-
-
-def planned_time(event: Event, tasks: Mapping[str, PlannedTask], drives: Drives) -> float:
-    """Return when an event happens as planned (s)."""
-    (found,) = planned_times([event], tasks, drives)
-    return found
 
 
 def planned_times(
@@ -575,11 +574,22 @@ def with_sides(dependencies: Dependencies, sides: Sides) -> Graph:
     """Return the graph with other sides for some components and choices; :class:`ProblemError` on
     a cycle.
     """
-    draft = _orders_again(dependencies, sides)
+    old = dependencies.graph
+    draft = Draft(old.tasks, dependencies.lives)
+    for edge in old.edges:
+        if edge.fixed:
+            pair = (old.events[edge.first], old.events[edge.then])
+            draft.edges[pair] = (edge.lag, edge.kind, edge.why)
+    for k, choice in enumerate(dependencies.choices):
+        draft.put_choice(choice, int(not sides.get(k, True)))
+    for bound in old.bounds:
+        pair = (old.events[bound.first], old.events[bound.then])
+        draft.bounds.append((*pair, bound.most, bound.why))
+        if bound.most <= 0.0 and pair[0].at is pair[1].at is At.START:
+            draft.let_begin_together(*pair)
     for meeting in dependencies.meetings:
-        for step in steps_by(meeting, sides):
-            draft.put(step.first, step.then, 0.0, MEETING, step.why)
-    return draft.graph(dependencies.graph.margin)
+        draft.add_meeting(meeting, sides)
+    return draft.graph(old.margin)
 
 
 def timed(dependencies: Dependencies) -> Dependencies:
@@ -597,22 +607,6 @@ def timed(dependencies: Dependencies) -> Dependencies:
                 draft.put(last[who], begin, 0.0, "constraint", f"{who} does one after the other")
             last[who] = Event(At.END, task.name)
     return replace(dependencies, graph=draft.graph(old.margin))
-
-
-def _orders_again(dependencies: Dependencies, sides: Sides) -> Draft:
-    """Return a draft with everything but who goes first where bodies would meet."""
-    old = dependencies.graph
-    draft = Draft(old.tasks, dependencies.lives)
-    for edge in old.edges:
-        if edge.fixed:
-            pair = (old.events[edge.first], old.events[edge.then])
-            draft.edges[pair] = (edge.lag, edge.kind, edge.why)
-    for k, choice in enumerate(dependencies.choices):
-        draft.put_choice(choice, int(not sides.get(k, True)))
-    for bound in old.bounds:
-        pair = (old.events[bound.first], old.events[bound.then])
-        draft.bounds.append((*pair, bound.most, bound.why))
-    return draft
 
 
 def steps_by(meeting: Meeting, sides: Sides, without: Collection[int] = ()) -> list[Precedence]:

@@ -48,11 +48,12 @@ def motion_faults(plan: PlanDict) -> list[str]:
         if np.any(far > most):
             k = int(np.argmax(far - most))
             place = ", ".join(f"{v:g}" for v in rows[k + 1, 1:])
-            found.append(f"{_named(motion)} leads to ({place}) faster than it can drive")
+            found.append(f"{motion_named(motion)} leads to ({place}) faster than it can drive")
     return found or list(_leaps(plan))
 
 
-def _named(motion: Mapping[str, Any]) -> str:
+def motion_named(motion: Mapping[str, Any]) -> str:
+    """Return a motion of a plan in words."""
     return f"the motion of '{motion['object']}' in activity '{motion['activity']}'"
 
 
@@ -68,8 +69,8 @@ def _leaps(plan: PlanDict) -> Iterator[str]:
             first, here_before = item["samples"][0][1:], here
             here = item["samples"][-1][1:]
             if here_before is not None and math.dist(first[:2], here_before[:2]) > TOLERANCES.grip:
-                place = ", ".join(f"{v:g}" for v in first)
-                yield f"{_named(item)} begins at ({place}), where '{entry['name']}' is not then"
+                place, name = ", ".join(f"{v:g}" for v in first), entry["name"]
+                yield f"{motion_named(item)} begins at ({place}), where '{name}' is not then"
 
 
 def shape_faults(plan: PlanDict) -> list[str]:
@@ -85,22 +86,21 @@ def shape_faults(plan: PlanDict) -> list[str]:
     found = [f"task '{n}' is no activity of the plan" for n in told if n not in names]
     found += [f"activity '{n}' is {told[n]} times among the tasks" for n in names if told[n] != 1]
     ways = [way for choice in data.get("choices", ()) for way in choice["ways"]]
-    events = (e[side] for e in (*data["edges"], *data["bounds"], *ways) for side in _SIDES)
+    events = (
+        e[side] for e in (*data["edges"], *data["bounds"], *ways) for side in ("first", "then")
+    )
     unknown = dict.fromkeys(e[1] for e in events if e[1:] and e[1] not in names)
     found += [f"the dependencies speak of {short(n)}, which is not in the plan" for n in unknown]
     for motion in plan["motions"]:
         progress = motion.get("progress")
         if not isinstance(progress, list) or not all(is_number(p, 0.0) for p in progress):
-            found.append(f"{_named(motion)} has no progress: a list of numbers from 0")
+            found.append(f"{motion_named(motion)} has no progress: a list of numbers from 0")
         elif len(progress) != len(motion["samples"]):
             count = f"{len(progress)} values of progress for {len(motion['samples'])} samples"
-            found.append(f"{_named(motion)} has {count}")
+            found.append(f"{motion_named(motion)} has {count}")
         elif any(b < a for a, b in itertools.pairwise(progress)):
-            found.append(f"{_named(motion)} has progress that goes back")
+            found.append(f"{motion_named(motion)} has progress that goes back")
     return found
-
-
-_SIDES = ("first", "then")
 
 
 # ------------------------------------------------------------------ the file and its motions
@@ -120,7 +120,7 @@ def place_faults(plan: PlanDict, lives: Mapping[str, Life], events: Iterable[Eve
         if np.any(off > TOLERANCES.place):
             k = int(np.argmax(off))
             said = f"progress {told[k]:g} m at {motion['samples'][k][0]:g} s"
-            found.append(f"{_named(motion)} has {said}, where its path is at {real[k]:g} m")
+            found.append(f"{motion_named(motion)} has {said}, where its path is at {real[k]:g} m")
     return [*found, *dict.fromkeys(_lost(events, drives))]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 from unified_planning.model.scheduling import SchedulingProblem
@@ -44,6 +45,12 @@ from up_samp.execution.travel import Along, along, away, pose_at
 from up_samp.io.plan_dict import PlanDict, plan_to_dict
 from up_samp.model import ProblemError
 from up_samp.tuning import Tuning
+
+FORMAT, VERSION = "up-samp-execution", 1
+_KEPT: dict[str, type] = {
+    "progress": float, "told": float, "since": float, "let": float, "at_end": bool
+}  # fmt: skip
+"""What is kept of a motion under way."""
 
 
 class Executor(Followed):
@@ -145,7 +152,28 @@ class Executor(Followed):
 
     def save(self) -> dict[str, Any]:
         """Return all that has happened so far as JSON would hold it, see :meth:`restore`."""
-        return saved(self)
+        state = self.state
+        begun = [w for w in state.ways.values() if state.phase[w.activity] is not TaskPhase.WAITING]
+        return {
+            "format": FORMAT,
+            "version": VERSION,
+            "problem": self.plan.get("problem"),
+            "now": state.now,
+            "tolerance": state.tolerance,
+            "localisation": self.localisation,
+            "running": list(self._running),
+            "done": [n for n, phase in state.phase.items() if phase is TaskPhase.DONE],
+            "fired": [[event_to_list(event), time] for event, time in state.fired.items()],
+            "motions": [
+                {key: getattr(w, key) for key in ("activity", "object", *_KEPT)} for w in begun
+            ],
+            "heard": dict(state.heard),
+            "held": dict(self._held),
+            "strayed": {r: [*s.pose, s.off, s.time] for r, s in self._strayed.items()},
+            "sides": [[*k, side] for k, side in self.sides.items() if not isinstance(k, int)],
+            "turned": [k for k, side in self.sides.items() if isinstance(k, int) and not side],
+            "pace": self.pace.saved(),
+        }
 
     @classmethod
     def restore(
@@ -161,7 +189,7 @@ class Executor(Followed):
         same = {k: saved[k] for k in ("localisation", "tolerance") if k in saved}
         executor = cls(plan, problem, **{**same, **options})
         try:
-            resume(executor, saved)
+            executor._resume(saved)
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise ProblemError(f"what was saved cannot be read: {error!r}") from error
         return executor
@@ -174,16 +202,66 @@ class Executor(Followed):
             latency=self.latency, ahead=self.ahead, **options,
         )  # fmt: skip
         copy.__dict__["open_sides"] = self.open_sides
-        resume(copy, self.save(), self.state.graph)
+        copy._resume(self.save(), self.state.graph)
         return copy
+
+    def _resume(self, known: Mapping[str, Any], graph: Graph | None = None) -> None:
+        """Go on from a saved state; ``graph`` is that of its orders, if known."""
+        if (known.get("format"), known.get("version")) != (FORMAT, VERSION):
+            raise ProblemError(
+                f"this is no saved execution of version {VERSION}: {known.get('format')!r}, "
+                f"version {known.get('version')!r}"
+            )
+        if known["problem"] != self.plan.get("problem"):
+            raise ProblemError(
+                f"what was saved is of a plan of {known['problem']!r}, not of "
+                f"{self.plan.get('problem')!r}"
+            )
+        state = self.state
+        for name in (*known["running"], *known["done"]):
+            if name not in state.phase:
+                raise ProblemError(f"what was saved speaks of '{name}', which the plan has not")
+        self.sides = {(one, other, int(c)): side for one, other, c, side in known["sides"]}
+        self.sides |= dict.fromkeys(known["turned"], False)
+        if graph is None and self.sides:
+            graph = with_sides(self.dependencies, self.sides)
+        state.now = float(known["now"])
+        state.fired = {event_from_list(event): float(time) for event, time in known["fired"]}
+        for entry in known["motions"]:
+            way = state.ways.get((entry["activity"], entry["object"]))
+            if way is None:
+                raise ProblemError(
+                    f"what was saved speaks of '{entry['activity']}' of '{entry['object']}', which "
+                    "the plan has not"
+                )
+            for key, kind in _KEPT.items():
+                setattr(way, key, kind({"let": 0.0, **entry}[key]))
+        self._note_begun(known["running"], known["done"])
+        state.heard = {robot: float(time) for robot, time in known["heard"].items()}
+        self._held = dict(known["held"])
+        strayed = known.get("strayed", {}).items()
+        self._strayed = {r: Strayed((x, y, a), off, at) for r, (x, y, a, off, at) in strayed}
+        self.pace.load(known["pace"])
+        state.load(state.graph if graph is None else graph)
+        self.routes = routes_of(state.graph, state.ways)
+        self._bar()
+
+    def _note_begun(self, running: Collection[str], done: Collection[str]) -> None:
+        """Note which activities are under way, or over, where nothing has begun so far."""
+        state = self.state
+        for name in (*running, *done):
+            del self._ready[name]
+            state.phase[name] = TaskPhase.RUNNING if name in running else TaskPhase.DONE
+        self._running = dict.fromkeys(running)
+        state.of_object = {w.object: w for name in running for w in state.ways_of[name]}
 
     def join(
         self,
         now: float,
         *,
         done: Collection[str] = (),
-        under_way: Mapping[str, Mapping[str, Sequence[float] | float]] | None = None,
-        times: Mapping[str, tuple[float, float | None]] | None = None,
+        under_way: Mapping[str, Mapping[str, Sequence[float] | float]] = MappingProxyType({}),
+        times: Mapping[str, tuple[float, float | None]] = MappingProxyType({}),
     ) -> None:
         """Take up a plan that is half done: activities ``done`` are over, those ``under_way`` have
         begun. Of these, every motion says for each of its robots where it is: a pose (x, y, theta)
@@ -191,9 +269,77 @@ class Executor(Followed):
 
         Raises :class:`ProblemError` where that cannot have come about by the plan.
         """
-        if self._running or len(self._ready) < len(self.state.graph.tasks):
+        state = self.state
+        if self._running or len(self._ready) < len(state.graph.tasks):
             raise ProblemError("a plan can be joined only before anything of it has begun")
-        join(self, now, done, under_way or {}, times or {})
+        for name in (*done, *under_way, *times):
+            if name not in state.phase:
+                raise ProblemError(f"the plan has no activity '{name}'")
+        both = sorted(set(done) & set(under_way))
+        if both:
+            raise ProblemError(f"'{both[0]}' is told to be over, and to be under way")
+        if not is_number(now) or now < 0.0:
+            raise ProblemError(f"the time cannot be {now!r}: at least 0 s")
+        here = {
+            (name, way.object): self._where(way, under_way[name])
+            for name in under_way
+            for way in state.ways_of[name]
+        }
+        self._note_begun(list(under_way), done)
+        state.now = float(now)
+        for name in (*done, *under_way):
+            start, end = times.get(name, (now, None))
+            state.fired[Event(At.START, name)] = float(start)
+            for way in state.ways_of[name]:
+                state.heard[way.object] = way.since = float(now)
+                way.told = way.progress = here.get((name, way.object), way.length)
+            if name in done:
+                state.fired[Event(At.END, name)] = float(now if end is None else end)
+        self._check_as_planned(done)
+        for way in state.ways.values():
+            if way.activity in under_way:
+                way.progress = 0.0  # believed as far as its gates are open
+        state.load(state.graph)
+        state.follow_all()
+        self._bar()
+
+    def _where(self, way: MotionUnderWay, told: Mapping[str, Sequence[float] | float]) -> float:
+        """Return the progress (m) of a robot under way."""
+        at = told.get(way.object)
+        if at is None:
+            raise ProblemError(f"'{way.activity}' is under way: where is '{way.object}'?")
+        if isinstance(at, Sequence):
+            found = self.placed(way, at)
+            if not isinstance(found, float):
+                why = found if isinstance(found, str) else f"it is {found.off:.3f} m off its path"
+                raise ProblemError(f"'{way.object}' cannot go on: {why}")
+            return found
+        slack = way.error + TOLERANCES.progress
+        if not is_number(at) or not -slack <= at <= way.length + slack:
+            raise ProblemError(
+                f"'{way.object}' cannot be at {at!r} m of '{way.activity}', which is "
+                f"{way.length:.3f} m long"
+            )
+        return float(at)
+
+    def _check_as_planned(self, done: Collection[str]) -> None:
+        """Raise :class:`ProblemError` where something has begun, or is over, before what it has to
+        wait for. Of points on the paths of motions that are over all have been passed.
+        """
+        state, graph = self.state, self.state.graph
+        for event in graph.events:
+            if event.at in (At.REACH, At.LEAVE) and event.activity in done:
+                state.fired[event] = state.fired[Event(At.END, event.activity)]
+        for edge in graph.edges:
+            first, then = graph.events[edge.first], graph.events[edge.then]
+            if then not in state.fired or first in state.fired or first.at is At.ORIGIN:
+                continue
+            if first.at is At.REACH and first.activity not in done:
+                way = state.ways[first.activity, first.object]
+                running = state.phase[first.activity] is TaskPhase.RUNNING
+                if running and way.told + way.error >= first.progress:
+                    continue
+            raise ProblemError(f"{then} cannot be told: {first} comes before it ({edge.why})")
 
     def remaining_problem(self, surprise: Surprise | None = None) -> Remaining:
         """Return what is left as an ordinary UP problem, see
@@ -619,177 +765,3 @@ def _check(unit: str, **values: float | None) -> None:
     for name, value in values.items():
         if value is not None and (not is_number(value) or value < 0.0):
             raise ProblemError(f"'{name}' cannot be {value!r}: at least 0 {unit}")
-
-
-# ------------------ What has happened, kept and taken up again, or told by who was there
-
-
-FORMAT, VERSION = "up-samp-execution", 1
-_KEPT: dict[str, type] = {
-    "progress": float, "told": float, "since": float, "let": float, "at_end": bool
-}  # fmt: skip
-"""What is kept of a motion under way."""
-
-
-def saved(executor: Executor) -> dict[str, Any]:
-    """Return an executor's state as JSON would hold it."""
-    state = executor.state
-    begun = [w for w in state.ways.values() if state.phase[w.activity] is not TaskPhase.WAITING]
-    return {
-        "format": FORMAT,
-        "version": VERSION,
-        "problem": executor.plan.get("problem"),
-        "now": state.now,
-        "tolerance": state.tolerance,
-        "localisation": executor.localisation,
-        "running": list(executor._running),
-        "done": [n for n, phase in state.phase.items() if phase is TaskPhase.DONE],
-        "fired": [[event_to_list(event), time] for event, time in state.fired.items()],
-        "motions": [
-            {key: getattr(w, key) for key in ("activity", "object", *_KEPT)} for w in begun
-        ],
-        "heard": dict(executor.state.heard),
-        "held": dict(executor._held),
-        "strayed": {r: [*s.pose, s.off, s.time] for r, s in executor._strayed.items()},
-        "sides": [[*k, side] for k, side in executor.sides.items() if not isinstance(k, int)],
-        "turned": [k for k, side in executor.sides.items() if isinstance(k, int) and not side],
-        "pace": executor.pace.saved(),
-    }
-
-
-def resume(executor: Executor, known: Mapping[str, Any], graph: Graph | None = None) -> None:
-    """Let a fresh executor go on from a saved state; ``graph`` is that of its orders, if known."""
-    if (known.get("format"), known.get("version")) != (FORMAT, VERSION):
-        raise ProblemError(
-            f"this is no saved execution of version {VERSION}: {known.get('format')!r}, "
-            f"version {known.get('version')!r}"
-        )
-    if known["problem"] != executor.plan.get("problem"):
-        raise ProblemError(
-            f"what was saved is of a plan of {known['problem']!r}, not of "
-            f"{executor.plan.get('problem')!r}"
-        )
-    state = executor.state
-    for name in (*known["running"], *known["done"]):
-        if name not in state.phase:
-            raise ProblemError(f"what was saved speaks of '{name}', which the plan has not")
-    executor.sides = {(one, other, int(c)): side for one, other, c, side in known["sides"]}
-    executor.sides |= dict.fromkeys(known["turned"], False)
-    if graph is None and executor.sides:
-        graph = with_sides(executor.dependencies, executor.sides)
-    state.now = float(known["now"])
-    state.fired = {event_from_list(event): float(time) for event, time in known["fired"]}
-    for entry in known["motions"]:
-        way = state.ways.get((entry["activity"], entry["object"]))
-        if way is None:
-            raise ProblemError(
-                f"what was saved speaks of '{entry['activity']}' of '{entry['object']}', which the "
-                "plan has not"
-            )
-        for key, kind in _KEPT.items():
-            setattr(way, key, kind({"let": 0.0, **entry}[key]))
-    _begun(executor, known["running"], known["done"])
-    executor.state.heard = {robot: float(time) for robot, time in known["heard"].items()}
-    executor._held = dict(known["held"])
-    strayed = known.get("strayed", {}).items()
-    executor._strayed = {r: Strayed((x, y, a), off, at) for r, (x, y, a, off, at) in strayed}
-    executor.pace.load(known["pace"])
-    state.load(state.graph if graph is None else graph)
-    executor.routes = routes_of(state.graph, state.ways)
-    executor._bar()
-
-
-def _begun(executor: Executor, running: Collection[str], done: Collection[str]) -> None:
-    state = executor.state
-    for name in (*running, *done):
-        del executor._ready[name]
-        state.phase[name] = TaskPhase.RUNNING if name in running else TaskPhase.DONE
-    executor._running = dict.fromkeys(running)
-    state.of_object = {w.object: w for name in running for w in state.ways_of[name]}
-
-
-def join(
-    executor: Executor,
-    now: float,
-    done: Collection[str],
-    under_way: Mapping[str, Mapping[str, Sequence[float] | float]],
-    times: Mapping[str, tuple[float, float | None]],
-) -> None:
-    """Let a fresh executor go on from what is told, see :meth:`Executor.join`."""
-    state = executor.state
-    for name in (*done, *under_way, *times):
-        if name not in state.phase:
-            raise ProblemError(f"the plan has no activity '{name}'")
-    both = sorted(set(done) & set(under_way))
-    if both:
-        raise ProblemError(f"'{both[0]}' is told to be over, and to be under way")
-    if not is_number(now) or now < 0.0:
-        raise ProblemError(f"the time cannot be {now!r}: at least 0 s")
-    here = {
-        way.activity + way.object: _where(executor, way, under_way[way.activity])
-        for name in under_way
-        for way in state.ways_of[name]
-    }
-    _begun(executor, list(under_way), done)
-    state.now = float(now)
-    for name in (*done, *under_way):
-        start, end = times.get(name, (now, None))
-        state.fired[Event(At.START, name)] = float(start)
-        for way in state.ways_of[name]:
-            executor.state.heard[way.object] = way.since = float(now)
-            way.told = way.progress = here.get(name + way.object, way.length)
-        if name in done:
-            state.fired[Event(At.END, name)] = float(now if end is None else end)
-    _as_planned(executor, done)
-    for way in state.ways.values():
-        if way.activity in under_way:
-            way.progress = 0.0  # believed as far as its gates are open
-    state.load(state.graph)
-    before: list[float] = []
-    while before != (here_now := [w.progress for w in state.of_object.values()]):
-        before = here_now  # where one is opens the gates of others
-        for way in state.of_object.values():
-            state.follow(way)
-    executor._bar()
-
-
-def _where(
-    executor: Executor, way: MotionUnderWay, told: Mapping[str, Sequence[float] | float]
-) -> float:
-    """Return the progress (m) of a robot under way."""
-    at = told.get(way.object)
-    if at is None:
-        raise ProblemError(f"'{way.activity}' is under way: where is '{way.object}'?")
-    if isinstance(at, Sequence):
-        found = executor.placed(way, at)
-        if not isinstance(found, float):
-            why = f"it is {found.off:.3f} m off its path" if isinstance(found, Strayed) else found
-            raise ProblemError(f"'{way.object}' cannot go on: {why}")
-        return found
-    slack = way.error + TOLERANCES.progress
-    if not is_number(at) or not -slack <= at <= way.length + slack:
-        raise ProblemError(
-            f"'{way.object}' cannot be at {at!r} m of '{way.activity}', which is "
-            f"{way.length:.3f} m long"
-        )
-    return float(at)
-
-
-def _as_planned(executor: Executor, done: Collection[str]) -> None:
-    """Raise :class:`ProblemError` where something has begun, or is over, before what it has to
-    wait for. Of points on the paths of motions that are over all have been passed.
-    """
-    state, graph = executor.state, executor.state.graph
-    for event in graph.events:
-        if event.at in (At.REACH, At.LEAVE) and event.activity in done:
-            state.fired[event] = state.fired[Event(At.END, event.activity)]
-    for edge in graph.edges:
-        first, then = graph.events[edge.first], graph.events[edge.then]
-        if then not in state.fired or first in state.fired or first.at is At.ORIGIN:
-            continue
-        if first.at is At.REACH and first.activity not in done:
-            way = state.ways[first.activity, first.object]
-            running = state.phase[first.activity] is TaskPhase.RUNNING
-            if running and way.told + way.error >= first.progress:
-                continue
-        raise ProblemError(f"{then} cannot be told: {first} comes before it ({edge.why})")

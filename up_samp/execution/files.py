@@ -14,6 +14,7 @@ from up_samp.execution.check import (
     graph_faults,
     lacking,
     motion_faults,
+    motion_named,
     needs_of_motions,
     place_faults,
     refuse,
@@ -26,7 +27,6 @@ from up_samp.execution.meetings import meetings_of
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.io.plan_dict import PlanDict, snapshot_of, with_minor
 from up_samp.model import ProblemError, SampError, UnsupportedError
-from up_samp.model.snapshot import Snapshot
 from up_samp.upio.movers import named_as_planned
 
 
@@ -184,7 +184,8 @@ def dependency_faults(problem: SchedulingProblem, plan: PlanDict) -> list[str]:
     keep clear of are not as they should be.
     """
     named = named_as_planned(problem, plan)
-    found = _avoid_faults(plan, snapshot_of(named, float(plan["seconds_per_unit"])))
+    own = with_avoid(plan, snapshot_of(named, float(plan["seconds_per_unit"])))
+    found = _avoid_faults(plan, own)
     if "dependencies" not in plan:
         return found
     wrong = shape_faults(plan) or motion_faults(plan)
@@ -193,7 +194,7 @@ def dependency_faults(problem: SchedulingProblem, plan: PlanDict) -> list[str]:
     try:
         margin = float(plan["dependencies"]["margin"])
         made = dependencies_of(problem, plan, margin=margin, localisation=_localisation(plan))
-        told = _as_told(with_avoid(plan, snapshot_of(named, float(plan["seconds_per_unit"]))))
+        told = _as_told(own)
         found += _faults_alone(plan, told, alone=False) or graph_faults(told.graph, made.graph)
     except SampError as error:
         return [*found, str(error)]
@@ -207,15 +208,14 @@ def _rounded_ways(choices: Collection[Choice]) -> set[Any]:
     return {(c.ways, c.kind) for c in again}
 
 
-def _avoid_faults(plan: PlanDict, snapshot: Snapshot) -> list[str]:
+def _avoid_faults(plan: PlanDict, by_problem: PlanDict) -> list[str]:
     """Return which motions do not say what they have to keep clear of (absent: everything)."""
     found = []
-    for told, own in zip(plan["motions"], with_avoid(plan, snapshot)["motions"], strict=True):
+    for told, own in zip(plan["motions"], by_problem["motions"], strict=True):
         if "avoid" not in told:
             continue
         mine = told["avoid"] if isinstance(told["avoid"], list) else []
-        where = f"the motion of '{told['object']}' in activity '{told['activity']}'"
-        wanted = own.get("avoid")
+        where, wanted = motion_named(told), own.get("avoid")
         if wanted is None:
             found.append(f"{where} keeps clear of {mine} only, by the problem of everything")
         elif sorted(map(str, mine)) != wanted:

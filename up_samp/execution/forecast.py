@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -28,7 +28,21 @@ class Forecast:
     @cached_property
     def latest(self) -> tuple[float, ...]:
         """The latest time (s) of each event that delays neither the makespan nor a bound."""
-        return _latest(self.graph, self.routes, self.times, self.pace)
+        graph, times = self.graph, self.times
+        latest = [max(times, default=0.0)] * len(times)
+        for bound in graph.bounds:
+            latest[bound.then] = min(latest[bound.then], times[bound.first] + bound.most)
+        outgoing: list[list[tuple[int, float]]] = [[] for _ in times]
+        for edge in graph.edges:
+            outgoing[edge.first].append((edge.then, edge.lag))
+        for k, before in enumerate(self.routes[0]):
+            for first, seconds, who in before:
+                outgoing[first].append((k, seconds / self.pace.get(who, 1.0)))
+        for k in reversed(graph.order):
+            for then, seconds in outgoing[k]:
+                # what the forecast adds for stopping and starting is no slack
+                latest[k] = min(latest[k], latest[then] - min(seconds, times[then] - times[k]))
+        return tuple(latest)
 
     @cached_property
     def makespan(self) -> float:
@@ -143,24 +157,3 @@ def _since_now(state: FloorState, pace: Mapping[str, float]) -> dict[int, float]
 def _on_path(graph: Graph, number: int) -> tuple[float, bool]:
     event = graph.events[number]
     return event.progress, event.at is At.LEAVE
-
-
-def _latest(
-    graph: Graph, routes: Routes, times: Sequence[float], pace: Mapping[str, float]
-) -> tuple[float, ...]:
-    count = len(graph.events)
-    horizon = max(times, default=0.0)
-    latest = [horizon] * count
-    for bound in graph.bounds:
-        latest[bound.then] = min(latest[bound.then], times[bound.first] + bound.most)
-    outgoing: list[list[tuple[int, float]]] = [[] for _ in range(count)]
-    for edge in graph.edges:
-        outgoing[edge.first].append((edge.then, edge.lag))
-    for k in range(count):
-        for first, seconds, who in routes[0][k]:
-            outgoing[first].append((k, seconds / pace.get(who, 1.0)))
-    for k in reversed(graph.order):
-        for then, seconds in outgoing[k]:
-            # what the forecast adds for stopping and starting is no slack
-            latest[k] = min(latest[k], latest[then] - min(seconds, times[then] - times[k]))
-    return tuple(latest)

@@ -18,10 +18,10 @@ from functools import cached_property
 from graphlib import CycleError, TopologicalSorter
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.model import ProblemError
+from up_samp.model.arrays import Int32Array
 
 
 class At(enum.Enum):
@@ -289,7 +289,7 @@ def topological(count: int, pairs: Sequence[tuple[int, int]], times: Sequence[fl
 # edge is redundant where another edge into the same event tells as much.
 
 
-Clock = npt.NDArray[np.int32]
+Clock = Int32Array
 """The latest place on each chain that is known to come before (-1: none)."""
 
 

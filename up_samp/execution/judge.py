@@ -361,24 +361,20 @@ def _life(record: dict[str, Any], name: str, shapes: Mapping[str, JudgedShape]) 
             end = max(spans[activity][1] * unit, rows[-1, 0])
             avoid = frozenset(item["avoid"]) if "avoid" in item else None
             carrier, poses = item["object"], rows[:, 1:]
-            mine = [r for r in rides if (r["activity"], r["carrier"]) == (activity, name)]
+            loads = [
+                (shapes[r["object"]], tuple(r["offset"]))
+                for r in rides
+                if (r["activity"], r["carrier"]) == (activity, name)
+            ]
             if carrier != name:
                 poses = carried_along(poses, tuple(carriers[activity]["offset"]))
-            loads = frozenset(r["object"] for r in mine)
-            held = _between(shapes[name], mine, shapes)
+            held = between(shapes[name], loads) if loads else None
             track = Track(rows[:, 0], poses, max(radius, held.radius if held else 0.0))
-            pieces.append(_Piece(track, time, end, activity, avoid, carrier, loads, held))
+            aboard = frozenset(shape.name for shape, _ in loads)
+            pieces.append(_Piece(track, time, end, activity, avoid, carrier, aboard, held))
             pose, since = tuple(poses[-1]), end
         else:
             pose, since = tuple(item["configuration"]), time
     if pose is not None:
         pieces.append(_Piece(resting(pose, radius), since, math.inf, "", None))
     return pieces
-
-
-def _between(
-    carrier: JudgedShape, rides: Sequence[dict[str, Any]], shapes: Mapping[str, JudgedShape]
-) -> JudgedShape | None:
-    """Return what holds a carrier and its loads together."""
-    loads = [(shapes[r["object"]], tuple(r["offset"])) for r in rides]
-    return between(carrier, loads) if loads else None

@@ -15,7 +15,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.execution.graph import At, Event
 from up_samp.execution.tolerances import TOLERANCES
@@ -30,6 +29,7 @@ from up_samp.model import (
     UnsupportedError,
     avoids,
 )
+from up_samp.model.arrays import FloatArray, IntArray
 from up_samp.model.frames import Frame
 from up_samp.motion.fleet.conflicts import Hull
 from up_samp.motion.fleet.paths import Path, hull_of, path_of, resting_path
@@ -62,9 +62,6 @@ def hold_of(drive: DriveCells) -> tuple[float, Event, float, Event]:
 
 
 # ------------------ Every object's life as a row of cells
-
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +128,7 @@ class DriveCells:
         return self.finer[level]
 
 
-def _between(times: FloatArray, s: FloatArray, i: npt.NDArray[Any], at: FloatArray) -> FloatArray:
+def _between(times: FloatArray, s: FloatArray, i: IntArray, at: FloatArray) -> FloatArray:
     """Return the times of ``at`` in the stretches that end with samples ``i``."""
     before = np.maximum(i - 1, 0)
     way = s[i] - s[before]

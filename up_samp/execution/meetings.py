@@ -16,17 +16,14 @@ from functools import cached_property
 from typing import cast
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.execution.graph import At, Event, Narrow, Precedence
 from up_samp.execution.lives import DriveCells, Life, Piece, Stay, concerned, errors_of, pairs_of
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.model import ProblemError, UnsupportedError
+from up_samp.model.arrays import BoolArray, FloatArray, IntArray
 from up_samp.motion.fleet.conflicts import Swept, conflicting_cells
 from up_samp.motion.fleet.paths import Path, through_zones
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
 
 Component = tuple[str, str, int]
 """A component of two objects' obstacle: (one, other, number)."""
@@ -68,12 +65,12 @@ class Meeting:
     path_a: Path
     path_b: Path
     rows: IntArray
-    one_first: npt.NDArray[np.bool_]
+    one_first: BoolArray
     margin: float
     component: IntArray
     wanted: float
     """The margin that should be kept; ``margin`` is the one that is."""
-    met: npt.NDArray[np.bool_]
+    met: BoolArray
     """(n,) whether the plan's times let both be there, see ``leaving`` in :func:`meetings_of`."""
     memo: dict[tuple[object, object], object] = field(default_factory=dict)
     """Steps, once they were asked for: of components by their sides, and of what is left."""
@@ -338,7 +335,7 @@ def switched(meeting: Meeting, component: int, one_first: bool) -> list[Preceden
 
 def _side(
     meeting: Meeting,
-    chosen: npt.NDArray[np.bool_],
+    chosen: BoolArray,
     one_first: bool,
     *,
     planned: bool = True,

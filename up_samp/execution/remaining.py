@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -29,13 +29,13 @@ from up_samp.execution.graph import At, Event
 from up_samp.execution.lives import DriveCells, Life
 from up_samp.execution.state import FloorState, TaskPhase
 from up_samp.execution.substitute import ValuesNow
-from up_samp.execution.tolerances import TOLERANCES
+from up_samp.execution.travel import is_same_place
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import Configuration, ProblemError, UnsupportedError
 from up_samp.model.frames import Frame
 from up_samp.model.objective import MinimizeCosts
 from up_samp.scheduling.partial_order.differences import Planned
-from up_samp.upio.decided import Decided, whole_units
+from up_samp.upio.decided import Decided
 from up_samp.upio.expressions import activities_in, walk
 from up_samp.upio.movers import named_as_planned
 from up_samp.upio.relaxing import told_by
@@ -361,7 +361,6 @@ class _Builder:
         ]
         self.surely = {a.name for a in problem.activities if not a.optional}
         self.exact = self._over()
-        self.past = whole_units(self.exact)
         self.values = ValuesNow(problem, self.planned, state, self.unit, self.since, self.gone)
 
     # ------------------------------------------------------------------ what has happened
@@ -433,9 +432,9 @@ class _Builder:
         self._costs(fix, target)
         target._base._constraints = self._constraints(fix, self.source._base)
         self._timed(target._base)
-        target._activities, places = [], {}
+        target._activities = []
         for activity in self.source.activities:
-            if activity.name in self.past or activity.name in self.gone:
+            if activity.name in self.exact or activity.name in self.gone:
                 continue
             copy = (
                 begun(activity, self.values, self.source.environment)
@@ -518,7 +517,7 @@ class _Builder:
 
     def _known_values(self) -> dict[str, FNode]:
         """Return the parameters of what is over or has begun, and of the plan's variables."""
-        names = (p.name for p in self._parameters(self.past) if p.name in self.planned.values)
+        names = (p.name for p in self._parameters(self.exact) if p.name in self.planned.values)
         return {name: self._constant(self.planned.values[name]) for name in names}
 
     def _parameters(self, owners: Container[str]) -> Iterator[Parameter]:
@@ -570,9 +569,9 @@ class _Builder:
         if not names & self.gone:
             # broken by what has happened: a deadline that is over
             self.notes.append(f"already broken, dropped: {text}")
-        elif names & cancelled and names - cancelled <= self.gone | set(self.past):
+        elif names & cancelled and names - cancelled <= self.gone | self.exact.keys():
             self.notes.append(f"about cancelled tasks, dropped: {text}")
-        elif own and names <= self.gone | set(self.past):
+        elif own and names <= self.gone | self.exact.keys():
             self.notes.append(f"about a broken robot alone, dropped: {text}")
         else:
             raise ProblemError(
@@ -652,7 +651,7 @@ class _Builder:
         for item in self.source.all_objects:
             if not isinstance(item, ConfigurationObject) or item.type != type_:
                 continue
-            if _near(item.configuration, pose):
+            if is_same_place(item.configuration, pose):
                 return item
         base = f"now_{name}"
         fresh, count = base, 0
@@ -753,14 +752,6 @@ class _Builder:
                 }
 
 
-def _near(one: Iterable[Any], two: Iterable[Any]) -> bool:
-    """Return whether two poses are the same."""
-    here, there = ([float(v) for v in pose] for pose in (one, two))
-    turn = math.remainder(there[2] - here[2], math.tau) if len(here) == 3 else 0.0
-    gap = max(abs(a - b) for a, b in zip(there[:2], here[:2], strict=True))
-    return max(gap, abs(turn)) <= TOLERANCES.place
-
-
 def _told(problem: SchedulingMotionProblem) -> Iterator[tuple[FNode, str]]:
     """Yield the fluents that tell where obstacles of motions are, with these."""
     for activity in problem.motion_activities:
@@ -777,4 +768,4 @@ def _one_place(one: FNode, two: FNode) -> bool:
     if not (one.is_object_exp() and two.is_object_exp()):
         return bool(one == two)
     a, b = one.object(), two.object()
-    return a.type == b.type and _near(a.configuration, b.configuration)
+    return a.type == b.type and is_same_place(a.configuration, b.configuration)

@@ -292,8 +292,6 @@ class Simulation:
     contacts: tuple[Contact, ...]
     record: PlanDict
     waits: tuple[tuple[str, float, float, str], ...] = ()
-    lasted: float = 0.0
-    """How long the run was watched (s)."""
     broken: tuple[str, ...] = ()
     """What the problem asks and the run did not keep, in words (where the problem is known and the
     run came to its end)."""
@@ -465,8 +463,7 @@ class Reorderer:
 
 def floor_of(executor: Executor, delays: Delays, seed: int) -> Floor:
     """Return a floor on which an executor is followed, with the delays of ``seed``."""
-    found = executor.dependencies
-    return Floor(executor, found, *draw(delays, found, seed))
+    return Floor(executor, executor.dependencies, *draw(delays, executor.dependencies, seed))
 
 
 def simulate(
@@ -532,7 +529,6 @@ def simulation_of(
         contacts=tuple(contacts_of(record)) if judged else (),
         record=record,
         waits=waits,
-        lasted=floor.now,
         broken=broken,
         missed=missed,
     )

@@ -13,7 +13,7 @@ import enum
 import heapq
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -188,7 +188,7 @@ class FloorState:
         self.after: list[list[tuple[int, float]]] = [[] for _ in range(count)]
         self.timers: list[tuple[float, int]] = []
         self.into: list[list[Edge]] = [[] for _ in range(count)]
-        for edge in graph.edges:
+        for edge in map(self._held, graph.edges):
             self.into[edge.then].append(edge)
             since = self.when[edge.first]
             if since is None:
@@ -203,6 +203,16 @@ class FloorState:
             self._pass(way)
         self.start_number = {n: self.number[Event(At.START, n)] for n in graph.tasks}
         self.end_number = {n: self.number[Event(At.END, n)] for n in graph.tasks}
+
+    def _held(self, edge: Edge) -> Edge:
+        """Return an edge as it holds somebody back: what has begun before it may, by a graph that
+        held it back elsewhere, does not end before that.
+        """
+        then = self.graph.events[edge.then]
+        begun = then.at is At.START and self.when[edge.then] is not None
+        if not begun or self.when[edge.first] is not None:
+            return edge
+        return replace(edge, then=self.number[Event(At.END, then.activity)])
 
     def _place(self, graph: Graph) -> None:
         places, self.squeezed = told_places(graph, self.errors)
@@ -262,6 +272,16 @@ class FloorState:
                 way.since = self.now
             way.progress = progress
         self._pass(way)
+
+    def follow_all(self) -> None:
+        """Believe what was told last of all motions under way: where one is opens the gates of
+        others.
+        """
+        before: list[float] = []
+        while before != (here := [way.progress for way in self.of_object.values()]):
+            before = here
+            for way in self.of_object.values():
+                self.follow(way)
 
     def _nominal(self, number: int) -> float:
         return self.graph.events[number].progress

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import bisect
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.execution.lives import Life
+from up_samp.execution.tolerances import TOLERANCES
 from up_samp.model import Body, Configuration
+from up_samp.model.arrays import FloatArray
 from up_samp.motion.fleet.paths import Path, hull_of
-
-FloatArray = npt.NDArray[np.float64]
 
 STEP = 0.1
 """Length (m) of the stretches on which speeds are bounded."""
@@ -124,6 +124,14 @@ def _away(poses: FloatArray, pose: Sequence[float], body: Body) -> FloatArray:
     gap = poses - np.asarray(pose, dtype=np.float64)
     turn = np.abs(gap[:, 2] - 2 * np.pi * np.round(gap[:, 2] / (2 * np.pi)))
     return np.asarray(np.hypot(np.hypot(gap[:, 0], gap[:, 1]), hull_of(body).radius * turn))
+
+
+def is_same_place(one: Iterable[Any], other: Iterable[Any]) -> bool:
+    """Return whether two poses (x, y, theta; in space: x, y, ...) are one place."""
+    here, there = ([float(v) for v in pose] for pose in (one, other))
+    turn = math.remainder(there[2] - here[2], math.tau) if len(here) == 3 else 0.0
+    gap = max(abs(a - b) for a, b in zip(there[:2], here[:2], strict=True))
+    return max(gap, abs(turn)) <= TOLERANCES.place
 
 
 def pose_at(path: Path, progress: float) -> Configuration:

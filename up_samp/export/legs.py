@@ -11,14 +11,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 
 from up_samp.io import PlanDict
 from up_samp.io.precision import PRECISION
 from up_samp.model import UnsupportedError
-
-FloatArray = npt.NDArray[np.float64]
+from up_samp.model.arrays import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +27,6 @@ class PathPiece:
     ``"turn"`` (on the spot) or ``"any"`` (sideways in part).
     """
 
-    activity: str
     rows: FloatArray
     direction: str
 
@@ -62,7 +59,7 @@ def pieces_of(motion: dict[str, Any]) -> list[PathPiece]:
     for i in range(1, len(kinds) + 1):
         if i == len(kinds) or kinds[i] != kinds[begin]:
             if kinds[begin] != "rest":
-                pieces.append(PathPiece(motion["activity"], rows[begin : i + 1], kinds[begin]))
+                pieces.append(PathPiece(rows[begin : i + 1], kinds[begin]))
             begin = i
     return pieces
 

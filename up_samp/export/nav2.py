@@ -20,12 +20,13 @@ from xml.etree import ElementTree
 import numpy as np
 import yaml
 
-from up_samp.export.legs import FloatArray, quaternion
+from up_samp.export.legs import quaternion
 from up_samp.export.steps import RobotStep, steps_of
 from up_samp.export.vda5050 import file_names
 from up_samp.io import PlanDict
 from up_samp.io.floors import named_maps
 from up_samp.io.precision import PRECISION
+from up_samp.model.arrays import FloatArray
 
 
 def export(plan: PlanDict, folder: Path) -> list[Path]:

@@ -18,14 +18,14 @@ from typing import Any
 
 import numpy as np
 
-from up_samp.execution.build import Dependencies
 from up_samp.execution.files import dependencies_from_plan
 from up_samp.execution.state import told_places
-from up_samp.export.legs import FloatArray, PathPiece, pieces_of
+from up_samp.export.legs import PathPiece, pieces_of
 from up_samp.io import PlanDict
 from up_samp.io.floors import map_number, own_frames
 from up_samp.io.precision import PRECISION
 from up_samp.model import ProblemError
+from up_samp.model.arrays import FloatArray
 
 
 @dataclass(frozen=True)
@@ -67,43 +67,30 @@ def steps_of(plan: PlanDict) -> dict[str, list[RobotStep]]:
     Raises :class:`ProblemError` for plans without dependencies: nobody could follow them safely
     without keeping to their times.
     """
-    if not isinstance(plan.get("dependencies"), dict):
-        raise ProblemError(
-            f"the plan of '{plan['problem']}' has no dependencies, without which such orders are "
-            "unsafe; solve the problem again, or add them with up_samp.execution"
-        )
-    return _StepReader(plan, dependencies_from_plan(plan)).read()
+    return StepReader(plan).steps()
 
 
-def localisation_of(plan: PlanDict) -> tuple[float, list[str]]:
-    """Return how far (m) from where it tells to be a robot may be that follows the steps, and where
-    only less is covered, as text.
+class StepReader:
+    """Reads one plan; see :func:`steps_of`. ``localisation``: how far (m) from where it tells to be
+    a robot may be that follows the steps; ``less``: where only less is covered, in words.
     """
-    dependencies = dependencies_from_plan(plan)
-    _, squeezed = told_places(dependencies.graph, dependencies.errors)
-    less = [*map(str, dependencies.narrow), *map(str, squeezed)]
-    return dependencies.localisation, less
 
-
-def _told(dependencies: Dependencies) -> dict[tuple[Any, ...], float]:
-    """Return by event, in the plan file's words, the progress (m) to be told at which a point of a
-    path has surely been come to, or surely not been left.
-    """
-    graph = dependencies.graph
-    places, _ = told_places(graph, dependencies.errors)
-    found = {}
-    for k, place in places.items():
-        event = graph.events[k]
-        found[event.at.value, event.activity, event.object, event.progress] = place
-    return found
-
-
-class _StepReader:
-    """Reads one plan."""
-
-    def __init__(self, plan: PlanDict, dependencies: Dependencies) -> None:
-        self.plan = plan
-        told = _told(dependencies)
+    def __init__(self, plan: PlanDict) -> None:
+        if not isinstance(plan.get("dependencies"), dict):
+            raise ProblemError(
+                f"the plan of '{plan['problem']}' has no dependencies, without which such orders "
+                "are unsafe; solve the problem again, or add them with up_samp.execution"
+            )
+        dependencies = dependencies_from_plan(plan)
+        graph, self.plan = dependencies.graph, plan
+        places, squeezed = told_places(graph, dependencies.errors)
+        self.localisation = dependencies.localisation
+        self.less = [*map(str, dependencies.narrow), *map(str, squeezed)]
+        # the progress (m) to be told at which a point has surely been come to, or not been left
+        told: dict[tuple[Any, ...], float] = {}
+        for k, place in places.items():
+            event = graph.events[k]
+            told[event.at.value, event.activity, event.object, event.progress] = place
         self.waits: dict[tuple[Any, ...], list[StepWait]] = {}
         self.points: dict[tuple[str, str], dict[tuple[Any, ...], float]] = {}
         self.tasks = {t["activity"]: t for t in plan["dependencies"]["tasks"]}
@@ -117,10 +104,10 @@ class _StepReader:
             if not self._kept_anyway(edge):
                 wait = StepWait(tuple(edge["first"]), float(edge["lag"]), edge["why"])
                 self.waits.setdefault(tuple(edge["then"]), []).append(wait)
-            for event in (edge["first"], edge["then"]):
-                if event[0] in ("reach", "leave"):
-                    known = self.points.setdefault((event[1], event[2]), {})
-                    known[tuple(event)] = told[tuple(event)]
+            for happens in (edge["first"], edge["then"]):
+                if happens[0] in ("reach", "leave"):
+                    known = self.points.setdefault((happens[1], happens[2]), {})
+                    known[tuple(happens)] = told[tuple(happens)]
 
     def _kept_anyway(self, edge: Mapping[str, Any]) -> bool:
         """Return whether a robot that does its steps in order cannot break an edge."""
@@ -142,7 +129,8 @@ class _StepReader:
         moves = {m["object"] for m in self.motions.get(event[1], ())}
         return frozenset(moves | set(self.tasks[event[1]]["who"]))
 
-    def read(self) -> dict[str, list[RobotStep]]:
+    def steps(self) -> dict[str, list[RobotStep]]:
+        """Return each robot's steps in order."""
         found: dict[str, list[RobotStep]] = {}
         late: dict[str, list[StepWait]] = {}
         for activity in sorted(self.plan["activities"], key=lambda a: (a["start"], a["end"])):
@@ -180,7 +168,7 @@ class _StepReader:
             waits += self._at("leave", name, robot, low)
             begins = tuple(self._events("leave", name, robot, low))
             happens = tuple(self._events("reach", name, robot, high))
-            own = PathPiece(name, rows, piece.direction)
+            own = replace(piece, rows=rows)
             steps.append(RobotStep(robot, name, waits, begins, happens, own, 0.0, floor))
         if not steps:  # it stays where it is
             return [RobotStep(robot, name, begin, (started,), (done,), None, seconds)]
@@ -208,17 +196,8 @@ def stretches_of(
         low, high = (float(np.interp(piece.rows[k, 0], rows[:, 0], progress)) for k in (0, -1))
         inner = sorted(p for p in points if low + PRECISION.near < p < high - PRECISION.near)
         for a, b in itertools.pairwise([low, *inner, high]):
-            found.append(
-                (
-                    PathPiece(
-                        piece.activity,
-                        _between(piece.rows, rows[:, 0], progress, a, b),
-                        piece.direction,
-                    ),
-                    a,
-                    b,
-                )
-            )
+            part = _between(piece.rows, rows[:, 0], progress, a, b)
+            found.append((replace(piece, rows=part), a, b))
     return found
 
 

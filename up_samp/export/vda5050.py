@@ -20,12 +20,13 @@ from typing import Any
 
 import numpy as np
 
-from up_samp.export.legs import FloatArray, PathPiece, simplified, wrapped
-from up_samp.export.steps import RobotStep, StepWait, localisation_of, steps_of
+from up_samp.export.legs import PathPiece, simplified, wrapped
+from up_samp.export.steps import RobotStep, StepReader, StepWait
 from up_samp.io import PlanDict
 from up_samp.io.floors import map_number, maps_of, named_maps, own_frames
 from up_samp.io.precision import PRECISION
 from up_samp.model import ProblemError
+from up_samp.model.arrays import FloatArray
 
 VERSION = "2.1.0"
 LATER = "3.0.0"
@@ -45,7 +46,8 @@ and what it waits for.
 
 def export(plan: PlanDict, folder: Path, version: str = VERSION) -> list[Path]:
     """Write ``ROBOT/order-NNN.json`` for each robot and ``releases.json``."""
-    steps = steps_of(plan)
+    reader = StepReader(plan)
+    steps = reader.steps()
     others = steps.pop("", [])
     seen = _where_seen(steps)
     names = file_names(steps)
@@ -60,13 +62,12 @@ def export(plan: PlanDict, folder: Path, version: str = VERSION) -> list[Path]:
             after = [_condition(w, seen) for w in waits]
             listed = {"file": str(name), "serialNumber": robot, "after": after}
             releases.append((listed, robot, last, waits))
-    error, less = localisation_of(plan)
     written.append(
         _write(
             folder / "releases.json",
             {
-                "localisation": error,
-                "narrow": less,
+                "localisation": reader.localisation,
+                "narrow": reader.less,
                 "maps": named_maps(plan),
                 "messages": _sorted(releases, seen, others),
                 "activities": [

@@ -80,15 +80,6 @@ def meanings_of(plan: PlanDict) -> dict[str, Meaning]:
     return {name: Meaning(Kind(k), what, who) for name, (k, what, who) in plan["meanings"].items()}
 
 
-def turns_of(executor: Executor, meanings: Mapping[str, Meaning]) -> dict[str, list[str]]:
-    """Return each robot's activities in the plan's order."""
-    tasks = executor.state.graph.tasks
-    found: dict[str, list[str]] = {}
-    for name in sorted(tasks, key=lambda n: tasks[n].planned):
-        found.setdefault(meanings[name].robot, []).append(name)
-    return found
-
-
 def cut_of(
     executor: Executor,
     ahead: float,
@@ -120,7 +111,11 @@ class _Cutter:
         self.executor, self.state, self.cramped = executor, executor.state, cramped
         self.broken, self.limits, self.opened = broken, limits, opened
         self.meanings = meanings_of(executor.plan)
-        self.turns = turns_of(executor, self.meanings)
+        self.turns: dict[str, list[str]] = {}
+        """Each robot's activities in the plan's order."""
+        tasks = self.state.graph.tasks
+        for name in sorted(tasks, key=lambda n: tasks[n].planned):
+            self.turns.setdefault(self.meanings[name].robot, []).append(name)
         self.events = self.state.graph.events
         self.before: dict[int, list[int]] = {}
         self.after: dict[int, list[int]] = {}
@@ -199,18 +194,19 @@ class _Cutter:
             free[who] = max(free.get(who, 0.0), end - now)
         starts = self._starts(listed)
         under_way = {n: w for n in listed for w in self.state.ways_of[n] if n in running}
+        over = kept | {n for n in self.meanings if not self._open(n)}
         return Cut(
-            now,
-            tuple(listed),
-            stops,
-            starts,
-            self._poses(set(kept), stops),
-            free,
-            self._carrying(set(kept)),
-            tuple(sorted({self.meanings[n].what for n in kept if self.meanings[n].what})),
-            {n: now - since for n, (since, _) in self.executor.times().items()},
-            {n: max(0.0, w.told - starts.get(n, 0.0)) for n, w in under_way.items()},
-            frozenset(self.broken),
+            since=now,
+            kept=tuple(listed),
+            stops=stops,
+            starts=starts,
+            poses=self._poses(over, stops),
+            free=free,
+            carrying=on_board(self.executor, self.meanings, over),
+            jobs=tuple(sorted({self.meanings[n].what for n in kept if self.meanings[n].what})),
+            begun={n: now - since for n, (since, _) in self.executor.times().items()},
+            gone={n: max(0.0, w.told - starts.get(n, 0.0)) for n, w in under_way.items()},
+            away=frozenset(self.broken),
         )
 
     def _starts(self, names: Iterable[str]) -> dict[str, float]:
@@ -367,9 +363,11 @@ class _Cutter:
                 return float(at)
         return None
 
-    def _poses(self, kept: set[str], stops: Mapping[str, float]) -> dict[str, Pose]:
+    def _poses(self, over: Collection[str], stops: Mapping[str, float]) -> dict[str, Pose]:
+        """Return where robots and doors stand once activities are ``over``, and motions end that
+        do so early.
+        """
         found = {o["name"]: pose_of(o["initial"]) for o in self.executor.plan["objects"]}
-        over = {n for n, p in self.state.phase.items() if p is TaskPhase.DONE} | kept
         drives = self.executor.drives
         for turn in self.turns.values():
             for name in turn:
@@ -382,11 +380,6 @@ class _Cutter:
             if change["activity"] in over:
                 found[change["object"]] = pose_of(change["configuration"])
         return {**found, **self.broken}
-
-    def _carrying(self, kept: set[str]) -> dict[str, str]:
-        """Return which orders are on board, and of whom, once what is kept is done."""
-        over = {n for n in self.meanings if n in kept or not self._open(n)}
-        return on_board(self.executor, self.meanings, over)
 
 
 def on_board(

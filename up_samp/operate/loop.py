@@ -30,21 +30,20 @@ from up_samp.operate import upkeep
 from up_samp.operate.choice import OUT, Day, OpenWork, body_at, choose
 from up_samp.operate.clock import Clock
 from up_samp.operate.horizon import DELIVERS, first_inside, meanings_of, pose_of
+from up_samp.operate.order import goals_of
 from up_samp.operate.planner import (
     Answer,
     Planner,
-    Question,
     check_fits,
     check_job,
     check_site,
     each_time,
-    goals_of,
     leaf_at,
 )
 from up_samp.operate.records import DayOrder, OrderState, Pose, Report, Robots, since_now
 from up_samp.operate.records import job_record as record_of
 from up_samp.operate.settings import DAY, Settings
-from up_samp.operate.stitch import Kept, kept_of
+from up_samp.operate.stitch import Kept, Question, kept_of
 from up_samp.operate.store import Store
 
 SNAPSHOT = 60.0

@@ -18,14 +18,31 @@ from up_samp.execution.graph import At, Event
 from up_samp.execution.lives import DriveCells, drives_of
 from up_samp.execution.reorder import Goal, propose, settle
 from up_samp.execution.tolerances import TOLERANCES
+from up_samp.fleet.records import Order, Task
+from up_samp.fleet.statements import Meaning
 from up_samp.io.plan_dict import PlanDict
 from up_samp.motion.fleet.paths import TIMES
+from up_samp.operate.horizon import DELIVERS
 from up_samp.tuning import Tuning
 
 BESIDE = 0.8 * TOLERANCES.arrived
 """m between two samples that stand for coming to a point and leaving it: no rest for those who read
 the motion, which is to be driven without one if nobody is in the way by then.
 """
+
+LATE = 10.0
+"""What a second of lateness costs beside one until an order is done."""
+
+
+def goals_of(meanings: Mapping[str, Meaning], jobs: Iterable[Order | Task]) -> dict[str, Goal]:
+    """Return what the activities that end some orders cost, in seconds of weight 1."""
+    known, found = {j.id: j for j in jobs}, {}
+    for name, meaning in meanings.items():
+        job = known.get(meaning.what)
+        if job is not None and meaning.kind in DELIVERS:
+            late = 0.0 if job.due is None else LATE * job.weight
+            found[name] = Goal(job.weight, late, job.due or 0.0)
+    return found
 
 
 def ordered(

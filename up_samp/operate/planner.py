@@ -12,15 +12,12 @@ import pickle
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
-from functools import partial
-from pathlib import Path
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from up_samp.execution.build import Dependencies
-from up_samp.execution.reorder import Goal
 from up_samp.execution.tolerances import TOLERANCES
+from up_samp.execution.travel import is_same_place
 from up_samp.fleet.faults import FleetError, job_faults
 from up_samp.fleet.fields import corners_of
 from up_samp.fleet.outlines import placed
@@ -38,14 +35,12 @@ from up_samp.fleet.records import (
     visited,
 )
 from up_samp.fleet.spelled_out import without_repeats
-from up_samp.fleet.statements import Meaning, Written
+from up_samp.fleet.statements import Written
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import ProblemError, SampError, UnsupportedError
 from up_samp.model.deadline import computing_time
-from up_samp.operate.horizon import DELIVERS, Cut
-from up_samp.operate.order import ordered
 from up_samp.operate.records import Pose, Shape
-from up_samp.operate.stitch import BUSY, CommonNeeds, Kept, stitched
+from up_samp.operate.stitch import BUSY, Question, stitched
 from up_samp.operate.upkeep import charger_of, is_charge, with_levels
 from up_samp.operate.zones import still_counted
 from up_samp.system.child import ProcessGroup, command, environment
@@ -53,8 +48,6 @@ from up_samp.system.child import ProcessGroup, command, environment
 if TYPE_CHECKING:
     from up_samp.motion.cache import MotionCache
 
-LATE = 10.0
-"""What a second of lateness costs beside one until an order is done."""
 RESTS = 2
 """Places at which who is in the way may rest."""
 WRITING, EACH_KEPT = 0.1, 0.03
@@ -62,46 +55,6 @@ WRITING, EACH_KEPT = 0.1, 0.03
 activity that is kept: putting what is new behind it, and all of it in order."""
 LEAST = 0.25
 """Share of a budget for which a plan is sought at least."""
-SAME = 1e-3
-"""Poses closer than this (m, rad) are one place."""
-
-
-@dataclass(frozen=True)
-class Question:
-    """What is asked of the planner: the site, where the old plan is cut and what is kept of it, the
-    orders and tasks to plan (``due`` from the cut on), the robots to do them (all others stay where
-    they are then), areas that nobody may
-    enter, and what it may take (s).
-    """
-
-    number: int
-    site: FleetRecords
-    folder: Path
-    cut: Cut
-    kept: Kept
-    jobs: tuple[Order | Task, ...]
-    robots: tuple[str, ...]
-    beside: tuple[str, ...] = ()
-    """Those of them that may go to rest at another place, to be out of the way."""
-    held: tuple[tuple[str, Order], ...] = ()
-    """Robots and the orders that they still have once all that is kept is done."""
-    on_board: Mapping[str, str] = field(default_factory=dict)
-    """The orders that are on board now, and of whom."""
-    areas: Mapping[str, Shape] = field(default_factory=dict)
-    shut: frozenset[str] = frozenset()
-    """Doors through which nobody drives, and that nobody opens."""
-    levels: Mapping[str, float] = field(default_factory=dict)
-    """Of batteries from the cut on, in the user's units."""
-    kept_jobs: tuple[Order | Task, ...] = ()
-    seconds: float = 2.0
-    computing: bool = False
-    """Whether ``seconds`` are those for which the planner computes, not those of the clock."""
-    lead: float = 4.0
-    """In how many seconds the answer is followed."""
-    seed: int = 0
-    localisation: float = 0.05
-    ahead: float = 0.0
-    """For how many seconds farther than they can stand robots are let drive for good."""
 
 
 @dataclass(frozen=True)
@@ -201,16 +154,21 @@ def check_job(job: Order | Task) -> None:
 def check_fits(site: FleetRecords, record: Order | Task) -> None:
     """Raise :class:`FleetError` where an order speaks of what the site has not."""
     alone = replace(record, after=())
-    some = {"orders": (alone,)} if isinstance(alone, Order) else {"tasks": (alone,)}
-    faults = [*job_faults(replace(site, **some), alone)]  # type: ignore[arg-type]
+    faults = [*job_faults(_with_job(site, alone), alone)]
     if faults:
         raise FleetError(faults)
 
 
 def each_time(record: Order | Task) -> tuple[Order | Task, ...]:
     """Return the orders, or tasks, that a recurring one stands for, or the one that it is."""
-    some = {"orders": (record,)} if isinstance(record, Order) else {"tasks": (record,)}
-    return without_repeats(FleetRecords(map="", **some)).jobs  # type: ignore[arg-type]
+    return without_repeats(_with_job(FleetRecords(map=""), record)).jobs
+
+
+def _with_job(site: FleetRecords, job: Order | Task) -> FleetRecords:
+    """Return a site with an order, or a task, instead of all others of its kind."""
+    if isinstance(job, Order):
+        return replace(site, orders=(job,))
+    return replace(site, tasks=(job,))
 
 
 # ------------------ The problem from the cut on
@@ -281,7 +239,7 @@ def _still_leaves(ask: Question) -> dict[str, Shape]:
 
 def is_open(door: Door, pose: Pose | None) -> bool:
     """Return whether a door stands open."""
-    return pose is not None and math.dist(pose, door.open) <= SAME
+    return pose is not None and math.dist(pose, door.open) <= TOLERANCES.place
 
 
 def leaf_at(door: Door, pose: Pose) -> Shape:
@@ -292,8 +250,7 @@ def leaf_at(door: Door, pose: Pose) -> Shape:
 def place_at(places: dict[str, Place], pose: Pose, who: str) -> str:
     """Return the name of the place at a pose; where there is none, one is added."""
     for name, place in places.items():
-        gap = max(abs(place.pose[0] - pose[0]), abs(place.pose[1] - pose[1]))
-        if max(gap, abs(math.remainder(place.pose[2] - pose[2], math.tau))) <= SAME:
+        if is_same_place(pose, place.pose):
             return name
     name = f"now.{who}"
     places[name] = Place(pose=pose, park=0)  # nobody comes back to where it happens to stand
@@ -333,28 +290,6 @@ def _busy(robot: str, place: str, seconds: float) -> Task:
     return Task(id=f"{BUSY}{robot}", at=(place,), duration=seconds, robots=(robot,), window=window)
 
 
-def ties_of(ask: Question, written: Written, plan: PlanDict) -> list[tuple[str, str]]:
-    """Return which new activities come after which kept ones: who uses a resource that was used,
-    and what is to come after an order that is under way.
-    """
-    kept = {j.id: j for j in ask.kept_jobs}
-    new = {j.id: j for j in (*ask.jobs, *(o for _, o in ask.held))}
-    found = []
-    for one, meaning in (ask.kept.meanings or {}).items():
-        before = kept.get(meaning.what)
-        if before is None:
-            continue
-        for entry in plan["activities"]:
-            job = new.get(written.meanings[entry["name"]].what)
-            if job is not None and (before.id in job.after or _resources(before) & _resources(job)):
-                found.append((one, entry["name"]))
-    return found
-
-
-def _resources(job: Order | Task) -> set[str]:
-    return {r for stop in visited(job) for r in stop.resources}
-
-
 def answer(ask: Question, cache: MotionCache | None = None) -> Answer:
     """Plan; what goes wrong is the answer's ``why``. ``cache``: what keeps motions."""
     begun, cpu = time.monotonic(), time.process_time()
@@ -367,7 +302,8 @@ def answer(ask: Question, cache: MotionCache | None = None) -> Answer:
     try:
         with computing_time() if ask.computing else contextlib.nullcontext():
             new = _solved(ask, cache)
-            return said(_behind(ask, *new))
+            written, plan = new
+            return said(stitched(ask, plan, written.meanings))
     except SampError as error:
         return said(None, " ".join(str(error).split())[:500])
 
@@ -394,35 +330,6 @@ def _solved(ask: Question, cache: MotionCache | None) -> tuple[Written, PlanDict
     said = [o | records.senses(o["name"]) for o in result.data["objects"]]
     data = {**result.data, "objects": said}
     return written, with_dependencies(written.problem, data, localisation=ask.localisation)
-
-
-def _behind(ask: Question, written: Written, plan: PlanDict) -> PlanDict:
-    """Return one plan of what is kept and of what is new."""
-    meanings: dict[str, Meaning] = dict(written.meanings)
-    common = CommonNeeds(tuple(ties_of(ask, written, plan)), ask.site)
-    order = partial(_ordered, ask)
-    whole = stitched(ask.kept, plan, meanings, ask.number, common, ask.lead, order)
-    whole["on_board"] = dict(ask.on_board)
-    return whole
-
-
-def goals_of(meanings: Mapping[str, Meaning], jobs: Iterable[Order | Task]) -> dict[str, Goal]:
-    """Return what the activities that end some orders cost, in seconds of weight 1."""
-    known, found = {j.id: j for j in jobs}, {}
-    for name, meaning in meanings.items():
-        job = known.get(meaning.what)
-        if job is not None and meaning.kind in DELIVERS:
-            late = 0.0 if job.due is None else LATE * job.weight
-            found[name] = Goal(job.weight, late, job.due or 0.0)
-    return found
-
-
-def _ordered(
-    ask: Question, plan: PlanDict, told: Dependencies, meanings: Mapping[str, Meaning]
-) -> PlanDict:
-    """Return a plan in order by what orders' ends cost, and by when it can be followed."""
-    goals = goals_of(meanings, (*ask.kept_jobs, *ask.jobs, *(o for _, o in ask.held)))
-    return ordered(plan, told, goals, ask.cut.begun, ask.lead, ask.ahead, gone=ask.cut.gone)
 
 
 # ------------------ The process

@@ -19,7 +19,6 @@ from annotated_types import Ge, Le
 
 from up_samp.execution.executor import Executor
 from up_samp.execution.reports import Command, Do, Go
-from up_samp.execution.state import MotionUnderWay
 from up_samp.fleet.fields import NUMBER, STRICT, Pose
 from up_samp.fleet.files import read_record
 from up_samp.fleet.records import FleetRecords
@@ -64,21 +63,13 @@ class RemoteRobots:
         self._commands: dict[str, Message] = dict.fromkeys(site.robots, nothing)
         self._inbox: queue.SimpleQueue[tuple[str, RobotTold]] = queue.SimpleQueue()
         self._heard: dict[str, float] = {}
-        self._motions: dict[str, Message] = {}
-        self._paths: dict[str, Path] = {}
-        self._ways: Mapping[tuple[str, str], MotionUnderWay] = {}
-        self._meanings: Mapping[str, Any] = {}
-        self._expected: Mapping[str, float] = {}
+        self._executor: Executor | None = None
 
     # ------------------------------------------------------------------ for the loop
 
     def follow(self, executor: Executor) -> None:
         """Know the motions of another plan."""
-        self._motions = {m["activity"]: m for m in executor.plan["motions"]}
-        self._paths = {name: drive.path for (name, _), drive in executor.drives.items()}
-        self._ways = executor.state.ways
-        self._meanings = executor.plan["meanings"]
-        self._expected = {n: t.expected for n, t in executor.state.graph.tasks.items()}
+        self._executor = executor
 
     def tell(self, commands: Mapping[str, Command], now: float) -> None:
         """Let robots do something else from now on."""
@@ -92,11 +83,13 @@ class RemoteRobots:
         if isinstance(command, Go):
             return {"kind": "go", "motion": command.motion, "until": round(command.until, 4)}
         if isinstance(command, Do):
+            assert self._executor is not None
             name = command.activity
-            kind, what, _ = self._meanings[name]
+            kind, what, _ = self._executor.plan["meanings"][name]
             kind = action_of(kind, what)
             told = {"activity": name, "action": kind, "order": what, "may_end": command.may_end}
-            return {"kind": "do", "seconds": self._expected[name], **told}
+            seconds = self._executor.state.graph.tasks[name].expected
+            return {"kind": "do", "seconds": seconds, **told}
         return {"kind": "hold", "why": "; ".join(command.waiting_for)}
 
     def reports(self, now: float) -> list[Report]:
@@ -139,12 +132,13 @@ class RemoteRobots:
 
         :raises ProblemError: where it is not to drive.
         """
-        name = self.command(robot).get("motion", "")
-        motion = self._motions.get(name)
-        if motion is None:
+        name, executor = self.command(robot).get("motion", ""), self._executor
+        motions = () if executor is None else executor.plan["motions"]
+        motion = next((m for m in motions if m["activity"] == name), None)
+        if executor is None or motion is None:
             raise ProblemError(f"'{robot}' is not to drive anywhere now")
-        begun = motion.get("from", 0.0) + max(0.0, self._ways[name, robot].progress)
-        pieces = pieces_told(motion, self._paths[name])
+        begun = motion.get("from", 0.0) + max(0.0, executor.state.ways[name, robot].progress)
+        pieces = pieces_told(motion, executor.drives[name, robot].path)
         return {"motion": name, "progress": round(begun, 4), "pieces": pieces}
 
     def take(self, robot: str, told: Message) -> None:

@@ -16,10 +16,13 @@ import numpy as np
 from up_samp.execution.executor import Executor
 from up_samp.execution.reports import Command, Do, Go, Hold
 from up_samp.execution.simulate import Delays, Luck, SimulatedRobot
+from up_samp.fleet.batteries import first_level
 from up_samp.fleet.records import FleetRecords
 from up_samp.operate.records import Pose, Report
-from up_samp.operate.upkeep import NOWHERE, Cells, is_charge
+from up_samp.operate.upkeep import batteries_of, is_charge, seconds_to_fill
 
+NOWHERE = FleetRecords(map="")
+"""A site without anybody."""
 OFTEN, SELDOM = 0.4, 1.0
 """Seconds between two reports of a robot that drives, and of one that stands."""
 
@@ -96,8 +99,9 @@ class SimulatedRobots:
     ) -> None:
         self.mishaps, self.seed = mishaps, seed
         self.faults: list[tuple[str, str]] = []
-        self.cells = Cells(site)
-        self.levels = self.cells.levels
+        self.site, self.batteries = site, batteries_of(site)
+        self.levels = {n: first_level(site, n) / b.capacity for n, b in self.batteries.items()}
+        """Shares of full batteries, by robot."""
         self.poses: dict[str, Pose] = dict(poses)
         self.initial = dict(poses)
         self.robots = {n: SimulatedRobot(n, self._luck(n, site.senses(n))) for n in poses}
@@ -212,7 +216,7 @@ class SimulatedRobots:
         self._now = round(now + seconds, 6)
         for activity, (end, who, _) in self._ends.items():
             if now < end and is_charge(self._meanings[activity][1]):
-                self.cells.charge(who, seconds)
+                self.charge(who, seconds)
         for name, robot in self.robots.items():
             if robot.motion is None:
                 continue
@@ -220,9 +224,22 @@ class SimulatedRobots:
                 robot.held_until = max(robot.held_until, now + seconds)
             was = robot.s
             robot.step(now, seconds)
-            self.cells.drive(name, robot.s - was, seconds)
+            self.discharge(name, robot.s - was, seconds)
             if robot.s <= was and robot.s < robot.length - 0.01 and name not in self.broken:
                 self._wait(name, now, self._now)
+
+    def discharge(self, robot: str, metres: float, seconds: float) -> None:
+        """Take from a battery what a drive takes; who stands uses nothing."""
+        battery = self.batteries.get(robot)
+        if battery is not None and metres > 0.0:
+            used = battery.per_metre * metres + battery.per_second * seconds
+            self.levels[robot] = max(0.0, self.levels[robot] - used / battery.capacity)
+
+    def charge(self, robot: str, seconds: float) -> None:
+        """Give a battery what a charger gives."""
+        battery = self.batteries[robot]
+        rate = battery.capacity / seconds_to_fill(self.site, battery, battery.capacity)
+        self.levels[robot] = min(1.0, self.levels[robot] + rate * seconds / battery.capacity)
 
     def _wait(self, name: str, since: float, until: float) -> None:
         waits = self.waits[name]

@@ -8,9 +8,11 @@ kept comes first of all that shares a robot, a resource, or is to come after it.
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,12 +24,13 @@ from up_samp.execution.graph import MEETING, ORIGIN, ZONE, At, Event, PlannedTas
 from up_samp.execution.lives import errors_of, lives_of
 from up_samp.execution.meetings import Key, Meeting, meetings_of
 from up_samp.execution.tolerances import TOLERANCES
-from up_samp.fleet.records import FleetRecords
+from up_samp.fleet.records import FleetRecords, Order, Task, visited
 from up_samp.fleet.statements import Meaning
 from up_samp.io.plan_dict import PlanDict, with_minor
 from up_samp.model import ProblemError
 from up_samp.operate.horizon import Cut, meanings_of
-from up_samp.operate.records import Pose
+from up_samp.operate.order import goals_of, ordered
+from up_samp.operate.records import Pose, Shape
 from up_samp.operate.zones import keep_zones
 
 BUSY = "busy."
@@ -45,14 +48,57 @@ class Kept:
     motions: tuple[dict[str, Any], ...] = ()
     changes: tuple[dict[str, Any], ...] = ()
     edges: tuple[tuple[Event, Event, float, str, str], ...] = ()
-    expected: Mapping[str, float] | None = None
-    initial: Mapping[str, Pose] | None = None
-    meanings: Mapping[str, Meaning] | None = None
+    expected: Mapping[str, float] = field(default_factory=dict)
+    initial: Mapping[str, Pose] = field(default_factory=dict)
+    meanings: Mapping[str, Meaning] = field(default_factory=dict)
 
     @property
     def until(self) -> int:
         """When all of it is over (units)."""
         return math.ceil(max((a["end"] for a in self.activities), default=0))
+
+
+@dataclass(frozen=True)
+class Question:
+    """What is asked of the planner: the site, where the old plan is cut and what is kept of it, the
+    orders and tasks to plan (``due`` from the cut on), the robots to do them (all others stay where
+    they are then), areas that nobody may
+    enter, and what it may take (s).
+    """
+
+    number: int
+    site: FleetRecords
+    folder: Path
+    cut: Cut
+    kept: Kept
+    jobs: tuple[Order | Task, ...]
+    robots: tuple[str, ...]
+    beside: tuple[str, ...] = ()
+    """Those of them that may go to rest at another place, to be out of the way."""
+    held: tuple[tuple[str, Order], ...] = ()
+    """Robots and the orders that they still have once all that is kept is done."""
+    on_board: Mapping[str, str] = field(default_factory=dict)
+    """The orders that are on board now, and of whom."""
+    areas: Mapping[str, Shape] = field(default_factory=dict)
+    shut: frozenset[str] = frozenset()
+    """Doors through which nobody drives, and that nobody opens."""
+    levels: Mapping[str, float] = field(default_factory=dict)
+    """Of batteries from the cut on, in the user's units."""
+    kept_jobs: tuple[Order | Task, ...] = ()
+    seconds: float = 2.0
+    computing: bool = False
+    """Whether ``seconds`` are those for which the planner computes, not those of the clock."""
+    lead: float = 4.0
+    """In how many seconds the answer is followed."""
+    seed: int = 0
+    localisation: float = 0.05
+    ahead: float = 0.0
+    """For how many seconds farther than they can stand robots are let drive for good."""
+
+    @property
+    def to_do(self) -> tuple[Order | Task, ...]:
+        """The orders and tasks that the new plan is to end."""
+        return *self.jobs, *(order for _, order in self.held)
 
 
 def kept_of(executor: Executor, cut: Cut) -> Kept:
@@ -180,45 +226,45 @@ def _initial(executor: Executor, cut: Cut, motions: list[dict[str, Any]]) -> dic
     return found
 
 
-@dataclass(frozen=True)
-class CommonNeeds:
-    """What both plans have to keep together: ``ties`` are kept activities, and new ones (by their
-    names in the new plan) that may begin only then; ``site``: whose zones take so many robots.
-    """
-
-    ties: tuple[tuple[str, str], ...]
-    site: FleetRecords
-
-
-def stitched(
-    kept: Kept,
-    new: PlanDict,
-    meanings: Mapping[str, Meaning],
-    number: int,
-    common: CommonNeeds,
-    lead: float,
-    ordered: Callable[[PlanDict, Dependencies, Mapping[str, Meaning]], PlanDict],
-) -> PlanDict:
-    """Return one plan with its dependencies. ``meanings`` are those of the new plan's activities,
-    which get ``#number`` behind their names. ``common``: what they have to keep together. ``lead``:
-    nothing new begins within so many seconds. ``ordered``: puts both in order.
+def stitched(ask: Question, new: PlanDict, meanings: Mapping[str, Meaning]) -> PlanDict:
+    """Return one plan, in order, with its dependencies: of what is kept, and of a ``new`` one.
+    ``meanings`` are those of the new plan's activities, which get ``#number`` behind their names.
 
     Raises :class:`ProblemError` where nobody could follow it.
     """
-    unit = float(new["seconds_per_unit"])
+    kept = ask.kept
     names = {
-        a["name"]: f"{a['name']}#{number}"
+        a["name"]: f"{a['name']}#{ask.number}"
         for a in new["activities"]
         if not meanings[a["name"]].what.startswith(BUSY)
     }
-    by = kept.until
+    plan = _behind(kept, new, names)
+    known = {**kept.meanings, **{n: meanings[old] for old, n in names.items()}}
+    plan["meanings"] = {n: [m.kind.value, m.what, m.robot] for n, m in known.items()}
+    goals = goals_of(known, (*ask.kept_jobs, *ask.to_do))
+    first = _dependencies(ask, plan, new, names, known, ask.lead)
+    plan = ordered(plan, first, goals, ask.cut.begun, ask.lead, ask.ahead, ask.cut.gone)
+    told = _dependencies(ask, plan, new, names, known)
+    plan["dependencies"] = {
+        **graph_to_dict(told.graph),
+        "localisation": told.localisation,
+        "narrow": new["dependencies"].get("narrow", []),
+    }
+    return with_minor(plan) | {"on_board": dict(ask.on_board)}
+
+
+def _behind(kept: Kept, new: PlanDict, names: Mapping[str, str]) -> PlanDict:
+    """Return one plan, without meanings and dependencies, of what is kept and of a new one behind
+    it; ``names``: what the new one's activities are called in it, those that are part of it.
+    """
+    unit, by = float(new["seconds_per_unit"]), kept.until
     # what was proven of the new problem was not proven of what comes before and after, too
     own = ("dependencies", "minor", "status", "lower_bound", "bound_kind")
     plan = {k: v for k, v in new.items() if k not in own}
     plan |= {"status": "SOLVED_SATISFICING", "lower_bound": None}
     there = {o["name"] for o in new["objects"]}
     plan["objects"] = [
-        {**o, "initial": list((kept.initial or {}).get(o["name"], o["initial"]))}
+        {**o, "initial": list(kept.initial.get(o["name"], o["initial"]))}
         for o in (*new["objects"], *(o for o in kept.objects if o["name"] not in there))
     ]
     plan["activities"] = [
@@ -245,24 +291,14 @@ def stitched(
     ]
     plan["motions"].sort(key=lambda m: m["samples"][0][0])
     plan["makespan"] = max((a["end"] for a in plan["activities"]), default=0)
-    known = dict(kept.meanings or {}) | {n: meanings[old] for old, n in names.items()}
-    plan["meanings"] = {n: [m.kind.value, m.what, m.robot] for n, m in known.items()}
-    plan = ordered(plan, _dependencies(plan, kept, new, names, common, known, lead), known)
-    told = _dependencies(plan, kept, new, names, common, known)
-    plan["dependencies"] = {
-        **graph_to_dict(told.graph),
-        "localisation": told.localisation,
-        "narrow": new["dependencies"].get("narrow", []),
-    }
-    return with_minor(plan)
+    return plan
 
 
 def _dependencies(
+    ask: Question,
     plan: PlanDict,
-    kept: Kept,
     new: PlanDict,
     names: Mapping[str, str],
-    common: CommonNeeds,
     known: Mapping[str, Meaning],
     lead: float = 0.0,
 ) -> Dependencies:
@@ -278,13 +314,13 @@ def _dependencies(
         sides |= meeting.untimed
 
     def told(met: Iterable[Meeting]) -> Dependencies:
-        draft = Draft(_tasks(plan, kept, said, names, known), lives)
-        _put_needs(draft, kept, said, names, common, known)
+        draft = Draft(_tasks(plan, ask.kept, said, names, known), lives)
+        _put_needs(draft, ask, said, names, known)
         for name in names.values() if lead else ():
             draft.put(ORIGIN, Event(At.START, name), lead, "constraint", "it is planned until then")
         for meeting in met:
             draft.add_meeting(meeting, sides)
-        choices = keep_zones(draft, lives, common.site, errors_of(lives, error))
+        choices = keep_zones(draft, lives, ask.site, errors_of(lives, error))
         graph = draft.graph(margin)
         return Dependencies(graph, lives, meetings, choices, error, sides=sides)
 
@@ -304,7 +340,7 @@ def _tasks(
     names: Mapping[str, str],
     known: Mapping[str, Meaning],
 ) -> dict[str, PlannedTask]:
-    expected = dict(kept.expected or {})
+    expected = dict(kept.expected)
     expected |= {
         names[t["activity"]]: float(t["expected"]) for t in said["tasks"] if t["activity"] in names
     }
@@ -314,21 +350,20 @@ def _tasks(
 
 def _put_needs(
     draft: Draft,
-    kept: Kept,
+    ask: Question,
     said: Mapping[str, Any],
     names: Mapping[str, str],
-    common: CommonNeeds,
     known: Mapping[str, Meaning],
 ) -> None:
     """Put what both plans say, and what of the new one comes after what of the old one."""
-    for edge in kept.edges:
+    for edge in ask.kept.edges:
         draft.put(*edge)
     for entry in said["edges"]:
         first, then = (event_from_list(entry[side]) for side in ("first", "then"))
         if entry["kind"] != MEETING and {first.activity, then.activity} - {""} <= set(names):
             pair = (_named(first, names), _named(then, names))
             draft.put(*pair, float(entry["lag"]), entry["kind"], entry["why"])
-    for one, two in _after(kept, known, names, common.ties):
+    for one, two in _after(ask, names.values(), known):
         first, then = Event(At.END, one), Event(At.START, two)
         draft.put(first, then, TOLERANCES.strict, "object", f"{one} was there before")
 
@@ -338,17 +373,23 @@ def _named(event: Event, names: Mapping[str, str]) -> Event:
 
 
 def _after(
-    kept: Kept,
-    known: Mapping[str, Meaning],
-    names: Mapping[str, str],
-    ties: Iterable[tuple[str, str]],
-) -> Iterable[tuple[str, str]]:
-    """Yield which new activities come after which kept ones: the robot's own, and ties."""
-    for one in kept.activities:
-        robot = known[one["name"]].robot
-        for two in names.values():
-            if robot and known[two].robot == robot:
-                yield one["name"], two
-    for one_, two_ in ties:
-        if two_ in names:
-            yield one_, names[two_]
+    ask: Question, new: Collection[str], known: Mapping[str, Meaning]
+) -> Iterator[tuple[str, str]]:
+    """Yield which new activities come after which kept ones: the robot's own; who uses a resource
+    that was used; and what is to come after an order that is under way.
+    """
+    kept = [a["name"] for a in ask.kept.activities]
+    yield from (
+        (one, two)
+        for one, two in itertools.product(kept, new)
+        if known[one].robot and known[two].robot == known[one].robot
+    )
+    before, after = {j.id: j for j in ask.kept_jobs}, {j.id: j for j in ask.to_do}
+    for one, two in itertools.product(ask.kept.meanings, new):
+        job, later = before.get(known[one].what), after.get(known[two].what)
+        if job and later and (job.id in later.after or _resources(job) & _resources(later)):
+            yield one, two
+
+
+def _resources(job: Order | Task) -> set[str]:
+    return {r for stop in visited(job) for r in stop.resources}

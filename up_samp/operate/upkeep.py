@@ -12,14 +12,11 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 
 from up_samp.execution.executor import Executor
-from up_samp.fleet.batteries import first_level
 from up_samp.fleet.records import Battery, Charger, FleetRecords, Robot, Task
 from up_samp.fleet.statements import Meaning
 from up_samp.model import ProblemError
 from up_samp.operate.choice import Day
 
-NOWHERE = FleetRecords(map="")
-"""A site without anybody."""
 CHARGE, BREAK = "charge.", "break."
 """What the names of tasks begin with in which a robot charges, or rests."""
 OFF = "off its shift"
@@ -41,12 +38,18 @@ def charger_of(site: FleetRecords) -> dict[str, Charger]:
     return {n: p.charger for n, p in site.places.items() if p.charger is not None}
 
 
+def batteries_of(site: FleetRecords) -> dict[str, Battery]:
+    """Return the batteries of a site's robots that have one, by robot."""
+    found = {n: site.robot_types[r.type].battery for n, r in site.robots.items()}
+    return {n: battery for n, battery in found.items() if battery is not None}
+
+
 def battery_of(site: FleetRecords, robot: str) -> Battery:
     """Return a robot's battery.
 
     :raises ProblemError: where its type has none, or nobody can charge on this site.
     """
-    battery = site.robot_types[site.robots[robot].type].battery
+    battery = batteries_of(site).get(robot)
     if battery is None or not charger_of(site):
         raise ProblemError(f"'{robot}' has no battery, or no place has a charger")
     return battery
@@ -62,30 +65,6 @@ def seconds_to_fill(site: FleetRecords, battery: Battery, amount: float) -> floa
         given = (charger.per_second or battery.capacity) * slow
         found.append(amount / given if charger.swap is None else charger.swap)
     return max(found)
-
-
-class Cells:
-    """Simulated batteries: ``levels`` are shares of full ones, by robot, from what a site says."""
-
-    def __init__(self, site: FleetRecords) -> None:
-        found = {n: site.robot_types[r.type].battery for n, r in site.robots.items()}
-        self.batteries = {n: battery for n, battery in found.items() if battery is not None}
-        self.rates = {
-            n: b.capacity / seconds_to_fill(site, b, b.capacity) for n, b in self.batteries.items()
-        }
-        self.levels = {n: first_level(site, n) / b.capacity for n, b in self.batteries.items()}
-
-    def drive(self, robot: str, metres: float, seconds: float) -> None:
-        """Take what a drive takes; who stands uses nothing."""
-        battery = self.batteries.get(robot)
-        if battery is not None and metres > 0.0:
-            used = battery.per_metre * metres + battery.per_second * seconds
-            self.levels[robot] = max(0.0, self.levels[robot] - used / battery.capacity)
-
-    def charge(self, robot: str, seconds: float) -> None:
-        """Give what a charger gives."""
-        more = self.rates[robot] * seconds / self.batteries[robot].capacity
-        self.levels[robot] = min(1.0, self.levels[robot] + more)
 
 
 def charge_task(site: FleetRecords, robot: str, level: float, name: str, now: float) -> Task:
@@ -108,10 +87,9 @@ def low(site: FleetRecords, levels: Mapping[str, float], share: float) -> list[s
     """Return the robots that have less than a ``share`` of what a full battery has above its
     reserve, by the levels (shares of a full one) that they told.
     """
-    batteries = Cells(site).batteries
     return [
         robot
-        for robot, battery in batteries.items()
+        for robot, battery in batteries_of(site).items()
         if levels.get(robot, 1.0) * battery.capacity - battery.reserve
         < share * (battery.capacity - battery.reserve)
     ]
@@ -132,7 +110,7 @@ def start_levels(
     ahead = [drive for (name, _), drive in drives.items() if name in names]
     charged = {m.robot for n, m in meanings.items() if n in names and is_charge(m.what)}
     found = {}
-    for robot, battery in Cells(site).batteries.items():
+    for robot, battery in batteries_of(site).items():
         mine = [drive.path for drive in ahead if drive.object == robot]
         level = levels.get(robot, 1.0) * battery.capacity
         level -= battery.per_metre * sum(path.length for path in mine)

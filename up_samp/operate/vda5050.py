@@ -32,13 +32,13 @@ import paho.mqtt.client as mqtt
 from paho.mqtt.enums import CallbackAPIVersion
 
 from up_samp.execution.executor import Executor
+from up_samp.execution.graph import PlannedTask
 from up_samp.execution.reports import Command, Go, Hold
 from up_samp.export.legs import PathPiece, pieces_of, wrapped
 from up_samp.export.vda5050 import LATER, earlier, edge_of, later, node_of
 from up_samp.fleet.fields import corners_of
 from up_samp.fleet.records import FleetRecords
 from up_samp.model import ProblemError
-from up_samp.motion.fleet.paths import Path
 from up_samp.operate.records import Pose, Report
 from up_samp.operate.stitch import whole_motion
 from up_samp.operate.upkeep import action_of
@@ -191,11 +191,8 @@ class MasterControl:
         self._inbox: queue.SimpleQueue[tuple[str, str, bytes]] = queue.SimpleQueue()
         self._answers: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._headers: dict[tuple[str, str], itertools.count[int]] = {}
+        self._executor: Executor
         self._motions: dict[str, Message] = {}
-        self._paths: dict[str, Path] = {}
-        self._meanings: Mapping[str, Any] = {}
-        self._expected: Mapping[str, float] = {}
-        self._lengths: dict[str, float] = {}
         self._charging: dict[str, float] = {}
         """Activities in which robots charge, and since when (s)."""
         name = f"up_samp-{site.name}-{time.time_ns()}"
@@ -351,7 +348,7 @@ class MasterControl:
         """Return whether a robot has done its order."""
         if moves:
             last, at = agv.nodes[-1] if agv.nodes else (0, 0.0)
-            whole = at >= self._lengths.get(agv.activity, math.inf) - NEAR
+            whole = at >= self._motions[agv.activity]["progress"][-1] - NEAR
             there = agv.state.get("lastNodeSequenceId") == last
             # what was never released of a way that ends early is no part of it
             left = any(n.get("released") for n in agv.state.get("nodeStates") or ())
@@ -365,8 +362,8 @@ class MasterControl:
         planned; then it is told to stop.
         """
         since = self._charging[agv.activity] = min(self._charging[agv.activity], now)
-        full = self.levels.get(agv.name, 0.0) >= 1.0
-        if not full and now < since + self._expected.get(agv.activity, 0.0):
+        full, task = self.levels.get(agv.name, 0.0) >= 1.0, self._tasks.get(agv.activity)
+        if not full and now < since + (0.0 if task is None else task.expected):
             return False
         if now >= agv.over + AGAIN and (agv.state.get("batteryState") or {}).get("charging"):
             self._instant(agv.name, "stopCharging", now)
@@ -376,12 +373,12 @@ class MasterControl:
 
     def follow(self, executor: Executor) -> None:
         """Know the motions of another plan."""
-        plan = executor.plan
-        self._motions = {m["activity"]: whole_motion(m) for m in plan["motions"]}
-        self._paths = {name: drive.path for (name, _), drive in executor.drives.items()}
-        self._lengths = {name: m["progress"][-1] for name, m in self._motions.items()}
-        self._meanings = plan["meanings"]
-        self._expected = {n: t.expected for n, t in executor.state.graph.tasks.items()}
+        self._executor = executor
+        self._motions = {m["activity"]: whole_motion(m) for m in executor.plan["motions"]}
+
+    @property
+    def _tasks(self) -> Mapping[str, PlannedTask]:
+        return self._executor.state.graph.tasks
 
     def tell(self, commands: Mapping[str, Command], now: float) -> None:
         """Send what is new, and again what is not known to have arrived."""
@@ -488,9 +485,9 @@ class MasterControl:
             return
         motion = self._motions[command.motion]
         released = agv.nodes[-1] if agv.nodes else (0, 0.0)
-        whole = self._lengths[command.motion]
-        at = {released[1], command.until, *self._spaced(agv.name, motion, whole)}
-        stretches = stretches_told(motion, self._paths[command.motion], at)
+        at = {released[1], command.until, *self._spaced(agv.name, motion)}
+        path = self._executor.drives[command.motion, agv.name].path
+        stretches = stretches_told(motion, path, at)
         pieces = [p for p in stretches if p[2] > released[1] + NEAR]
         number = released[0] // 2
         nodes = [self._node(agv, number, self._pose(motion, released[1]), True)]
@@ -510,12 +507,12 @@ class MasterControl:
         agv.nodes = [*agv.nodes, *added]
         self._send_new(agv, nodes, edges, now)
 
-    def _spaced(self, robot: str, motion: Message, whole: float) -> list[float]:
+    def _spaced(self, robot: str, motion: Message) -> list[float]:
         """Return where (m) a motion has nodes beside those that are asked for: edges do not say how
         a robot turns while it drives sideways, nodes do, half as far from each other as it is wide.
         Who drives straight from node to node has one after each turn of 0.2 rad, too.
         """
-        step = self.spacing
+        step, whole = self.spacing, motion["progress"][-1]
         if any(p.direction == "any" for p in pieces_of(motion)):
             half = min(self._sides(robot)) / 2
             step = min(step or half, half)
@@ -562,7 +559,7 @@ class MasterControl:
     def _do(self, agv: Agv, activity: str, now: float) -> None:
         agv.begin(activity)
         agv.update = 0
-        kind, what, _ = self._meanings[activity]
+        kind, what, _ = self._executor.plan["meanings"][activity]
         kind = action_of(kind, what)
         if kind == "charge":
             self._charging.setdefault(activity, math.inf)
@@ -578,7 +575,7 @@ class MasterControl:
                 "actionId": agv.order,
                 "actionDescription": what,
                 "blockingType": "HARD",
-                "actionParameters": [{"key": "duration", "value": self._expected[activity]}],
+                "actionParameters": [{"key": "duration", "value": self._tasks[activity].expected}],
             }
         ]
         self._send_new(agv, [node], [], now)

@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 from shapely.geometry import Polygon
 from shapely.geometry.base import BaseGeometry
@@ -28,14 +27,12 @@ from up_samp.export.legs import PathPiece
 from up_samp.export.steps import stretches_of
 from up_samp.fleet.records import FleetRecords, Zone
 from up_samp.model import ProblemError
+from up_samp.model.arrays import BoolArray, FloatArray
 from up_samp.model.frames import Frame
 from up_samp.motion.curves.slowing import ruled_speeds
 from up_samp.motion.fleet.paths import Path
 from up_samp.operate.choice import body_at
 from up_samp.operate.records import Pose
-
-Corners = npt.NDArray[np.float64]
-"""Of a body in its own frame, shape (n, 2)."""
 
 STEP = 0.05
 """m of a path between two looks whether its robot touches a zone."""
@@ -118,7 +115,7 @@ def visits_of(life: Life, area: BaseGeometry) -> Iterator[ZoneVisit]:
 
 
 def _crossings(
-    piece: Piece, body: Corners, area: BaseGeometry, inside: bool
+    piece: Piece, body: FloatArray, area: BaseGeometry, inside: bool
 ) -> Iterator[tuple[Event | None, float, bool]]:
     """Yield where a piece of a life comes into an area, or has left it: by which event, when, and
     whether it comes.
@@ -142,10 +139,8 @@ def _crossings(
             yield event, float(piece.reached(np.array([s]))[0]), False
 
 
-def _touch(
-    corners: Corners, poses: Iterable[Sequence[float]], area: BaseGeometry
-) -> npt.NDArray[np.bool_]:
-    """Return at which poses a body touches an area."""
+def _touch(corners: FloatArray, poses: Iterable[Sequence[float]], area: BaseGeometry) -> BoolArray:
+    """Return at which poses a body touches an area; ``corners``: its own (n, 2), in its frame."""
     shapely.prepare(area)
     placed = shapely.polygons([Frame(*pose).points(corners) for pose in poses])
     return np.asarray(shapely.intersects(area, placed), dtype=bool)

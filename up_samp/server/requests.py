@@ -6,7 +6,6 @@ import base64
 import binascii
 import json
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -197,12 +196,14 @@ def records_of(request: ProblemUpload) -> FleetRecords:
     return records
 
 
-def check_request(kind: str, body: bytes, load_map: Callable[[Path], object]) -> ProblemUpload:
+def check_request(kind: str, body: bytes) -> ProblemUpload:
     """Return a request in which nothing is wrong that can be seen without planning; its map's files
     are written into the current folder.
 
     :raises RequestError: where something is.
     """
+    from up_samp.geometry.maps import load_map
+
     request = read_request(kind, body)
     records_of(request)
     request.map.write(Path(), MAP_NAME)

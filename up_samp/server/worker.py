@@ -164,10 +164,8 @@ def do_job(teller: Teller) -> int:
 
 def look(kind: str, body: bytes) -> tuple[dict[str, Any], bytes]:
     """Say what is wrong with a request, and how long its search may take."""
-    from up_samp.geometry.maps import load_map
-
     try:
-        request = check_request(kind, body, load_map)
+        request = check_request(kind, body)
     except RequestError as error:
         return {"faults": error.faults[: FILE_LIMITS.shown]}, b""
     return {"faults": [], "timeout": getattr(request, "timeout", None)}, b""
