@@ -690,7 +690,7 @@ class _Builder:
         here = place_of(self.state, self.lives[mover.name])
         *inner, last = constraint.waypoints
         if not (inner and isinstance(here, DriveCells)):
-            there = _near(start, last.object().configuration)
+            there = is_same_place(start, last.object().configuration)
             return [last] if there else [*inner, last]
         left, since = [], 0
         stop = self.stops.get(mover.name, (0.0, 0.0))[0]
