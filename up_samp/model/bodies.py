@@ -13,6 +13,16 @@ Configuration = tuple[float, ...]
 """``(x, y, theta)`` for SE2, ``(x, y, z, qx, qy, qz, qw)`` for SE3, in the world frame."""
 
 
+def same_pose(p: Configuration, q: Configuration, within: float = 1e-7) -> bool:
+    """Return whether two poses are one but for so much (m, rad), whatever whole turns lie between
+    their headings: nothing is driven from one to the other.
+    """
+    if len(p) != 3:
+        return tuple(p) == tuple(q)
+    apart = p[0] - q[0], p[1] - q[1], math.remainder(p[2] - q[2], 2 * math.pi)
+    return max(map(abs, apart)) <= within
+
+
 @dataclass(frozen=True)
 class Mobility:
     """What bodies of a motion model can do.

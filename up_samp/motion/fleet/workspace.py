@@ -27,6 +27,7 @@ from up_samp.model import (
     Placed,
     Rest,
     check_time,
+    same_pose,
 )
 from up_samp.model.arrays import FloatArray, IntArray
 from up_samp.motion.fleet.conflicts import (
@@ -234,6 +235,8 @@ class Workspace:
             seen = met_by(body, obstacles)
             legs: list[Leg] = []
             for start, goal in itertools.pairwise(poses):
+                if same_pose(start, goal):
+                    continue
                 leg = quick.leg(LegQuery(body, start, goal, seen), deadline)
                 legs.append(leg)
                 if leg.trajectory is None:
