@@ -44,6 +44,12 @@ def test_two_robots_that_cannot_pass_each_other(tmp_path):
     assert "r2 from right to west" in told
 
 
+def test_a_robot_that_starts_in_touch_with_the_wall(tmp_path):
+    places = {"home": (0.5, 2), "far": (5, 2)}
+    told = without_plan(tmp_path, box(0, 0, 8, 4), (1.0, 0.8), places, long=("home", "far"))
+    assert "touches the map or an obstacle: leave a millimetre" in told
+
+
 def test_what_failed_most_often_and_what_took_the_time():
     history = History()
     assert what_was_hard(history).startswith("no schedule was found whose motions could be driven")

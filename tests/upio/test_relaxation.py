@@ -1,5 +1,7 @@
+import contextlib
+
 import pytest
-from unified_planning.model.motion import MotionActivity
+from unified_planning.model.motion import ActivityWaypoints, MotionActivity
 from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.shortcuts import LE, Equals, Fluent, IntType
 
@@ -21,6 +23,7 @@ from up_samp.model.refinement import (
     start_of,
 )
 from up_samp.refinement import holds
+from up_samp.scheduling import open_scheduler
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.search.world import places_between
 from up_samp.upio import read_itinerary, read_problem, relax, write_refinement
@@ -110,6 +113,57 @@ def test_drives_touch_however_their_durations_are_written(tmp_path, written):
     _there_and_back(hall, (low[written], 50))
     relaxation = relax(hall.problem, read_problem(hall.problem))
     assert solve(relaxation).schedule.times == {"go": (0, 5), "back": (5, 10)}
+
+
+@pytest.mark.parametrize("low", [0, 1])
+@pytest.mark.parametrize("engine", ["cpsat", "aries"])
+def test_drives_touch_that_start_where_a_fluent_says(tmp_path, low, engine):
+    """Also where they may last no time, so that the fluent, set a unit early, is not the state."""
+    hall = Hall(tmp_path)
+    at = hall.problem.add_fluent("robot_at", hall.place, default_initial_value=hall.poses["left0"])
+    for name, there in (("back", "left0"), ("go", "right0")):
+        move = hall.problem.add_motion_activity(name)
+        move.set_duration_bounds(low, 50)
+        goal = hall.poses[there]
+        move.add_motion_constraint(ActivityWaypoints(hall.robots[0], at, [goal]))
+        move.add_constraint(LE(move.start + 5, move.end))
+        move.add_effect(move.end - 1, at, goal)
+    hall.problem.add_constraint(LE(move.end, hall.problem.get_activity("back").start))
+    relaxation = relax(hall.problem, read_problem(hall.problem))
+    with contextlib.closing(open_scheduler(engine, relaxation.problem)) as scheduler:
+        report = scheduler.solve(Deadline.after(20.0))
+    # aries takes empty intervals for others, and is asked for a unit more
+    assert report.schedule.makespan == 10 + (engine == "aries" and low == 0)
+
+
+def test_who_takes_no_time_is_where_it_says(tmp_path):
+    """Nothing is driven, but from there."""
+    hall = Hall(tmp_path)
+    look = hall.move("look", 0, "right0", "right0", bounds=(0, 0))
+    glance = hall.move("glance", 0, "left0", "left0", bounds=(0, 9))
+    go = hall.move("go", 0, "left0", "right0", bounds=(5, 50))
+    relaxation = relax(hall.problem, read_problem(hall.problem))
+    times = solve(relaxation).schedule.times
+    assert times[glance.name][1] <= times[go.name][0]
+    assert times[go.name][1] <= times[look.name][0] <= 6
+    hall.problem.add_constraint(LE(go.end, glance.start))
+    relaxation = relax(hall.problem, read_problem(hall.problem))
+    assert solve(relaxation).status is ScheduleStatus.INFEASIBLE
+
+
+def test_a_fluent_that_says_the_same_whoever_sets_it_is_read_all_the_same(tmp_path):
+    hall = Hall(tmp_path)
+    at = hall.problem.add_fluent("from", hall.place, default_initial_value=hall.poses["left0"])
+    tell = hall.problem.add_activity("tell", 3)
+    tell.add_effect(tell.end, at, hall.poses["left0"])
+    go = hall.problem.add_motion_activity("go", 5)
+    go.add_motion_constraint(ActivityWaypoints(hall.robots[0], at, [hall.poses["right0"]]))
+    go.add_release_date(3)
+    relaxation = relax(hall.problem, read_problem(hall.problem))
+    assert solve(relaxation).schedule.makespan == 8
+    hall.problem.add_constraint(LE(tell.end, 3))
+    relaxation = relax(hall.problem, read_problem(hall.problem))
+    assert solve(relaxation).schedule.times["go"][0] == 4
 
 
 def test_drives_touch_whatever_a_fluent_says_that_nobody_reads(tmp_path):
@@ -243,8 +297,6 @@ def test_too_long_means_absent(tmp_path):
 
 
 def test_the_relaxation_solves_with_aries_too(shuttle):
-    from up_samp.scheduling import open_scheduler
-
     scheduler = open_scheduler("aries", shuttle.problem)
     try:
         report = scheduler.solve(Deadline.after(30.0))

@@ -5,6 +5,7 @@ from unified_planning.model import (
     GlobalEndTiming,
     Timing,
 )
+from unified_planning.model.motion import ActivityWaypoints
 from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.shortcuts import (
     GE,
@@ -16,6 +17,7 @@ from unified_planning.shortcuts import (
     Variable,
 )
 
+from tests.upio.hall import Hall
 from tests.validation.schedule_kit import judge, kinds
 from up_samp.model import ProblemError, UnsupportedError
 
@@ -52,6 +54,24 @@ def test_uses(start, duration, valid):
     verdict = judge(pb, {a: (0, 5), b: (start, start + duration)})
     assert verdict.valid == verdict.definition3 == valid
     assert kinds(verdict) <= {"bounds"}
+
+
+@pytest.mark.parametrize(("start", "kind"), [(3, "motion"), (2, "motion effect"), (4, None)])
+def test_fluents_that_name_configurations_are_read_as_conditions_are(start, kind, tmp_path):
+    """By a motion at its start, by a motion effect at its end: nobody changes them just then."""
+    hall = Hall(tmp_path)
+    pb, (robot,) = hall.problem, hall.robots
+    here = pb.add_fluent("here", hall.place, default_initial_value=hall.poses["left0"])
+    there = pb.add_fluent("there", hall.place, default_initial_value=hall.poses["left0"])
+    tell = pb.add_activity("tell", duration=3)
+    for fluent in (there, here):
+        tell.add_effect(tell.end, fluent, hall.poses["left0"])
+    stay = pb.add_motion_activity("stay", 1)
+    stay.add_motion_constraint(ActivityWaypoints(robot, here, [hall.poses["left0"]]))
+    stay.add_motion_effect(robot, there)
+    verdict = judge(pb, {stay: (start, start + 1), tell: (0, 3)})
+    assert [v.kind for v in verdict.violations] == ["interference"] * (kind is not None)
+    assert kind is None or f"which the {kind} of stay" in verdict.violations[0].what
 
 
 def test_conditional_forall_and_reading_effects():

@@ -10,6 +10,7 @@ from up_samp.model.bodies import (
     Movable,
     Placed,
     TrafficZone,
+    same_pose,
 )
 from up_samp.model.deadline import Deadline, check_time, in_force
 from up_samp.model.errors import (
@@ -76,4 +77,5 @@ __all__ = [
     "check_time",
     "in_force",
     "interpolate",
+    "same_pose",
 ]

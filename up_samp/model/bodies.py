@@ -13,6 +13,16 @@ Configuration = tuple[float, ...]
 """``(x, y, theta)`` for SE2, ``(x, y, z, qx, qy, qz, qw)`` for SE3, in the world frame."""
 
 
+def same_pose(p: Configuration, q: Configuration, within: float = 1e-7) -> bool:
+    """Return whether two poses are one but for so much (m, rad), whatever whole turns lie between
+    their headings: nothing is driven from one to the other.
+    """
+    if len(p) != 3:
+        return tuple(p) == tuple(q)
+    apart = p[0] - q[0], p[1] - q[1], math.remainder(p[2] - q[2], 2 * math.pi)
+    return max(map(abs, apart)) <= within
+
+
 @dataclass(frozen=True)
 class Mobility:
     """What bodies of a motion model can do.
@@ -109,10 +119,7 @@ class TrafficZone:
 
     def binds(self, goal: Sequence[float]) -> bool:
         """Return whether it binds a motion that ends at a planar pose."""
-        if self.dock is None:
-            return True
-        turn = math.remainder(goal[2] - self.dock[2], math.tau)
-        return max(math.dist(self.dock[:2], goal[:2]), abs(turn)) <= 1e-3
+        return self.dock is None or same_pose(self.dock, tuple(goal), 1e-3)
 
     def off_dock(self, pose: Sequence[float]) -> tuple[float, float]:
         """Return how far (m) ahead of its dock a pose is, and how far (m, rad) off the line through

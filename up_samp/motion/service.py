@@ -23,6 +23,7 @@ from up_samp.model import (
     Placed,
     TrafficZone,
     Trajectory,
+    same_pose,
 )
 from up_samp.motion.cache import MotionCache, obstacle_key
 from up_samp.motion.compile import warm_up
@@ -119,7 +120,7 @@ class MotionService:
         """Return the legs of a query, and who planned the last one, or why there are none."""
         legs, used = [], ""
         for start, goal in itertools.pairwise(query.poses):
-            if tuple(start) == tuple(goal):
+            if same_pose(start, goal):
                 continue
             found = self.legs.find(LegQuery(query.body, start, goal, query.obstacles), deadline)
             if isinstance(found, PathReport):

@@ -26,7 +26,7 @@ from up_samp.search.cuts.small import SmallCuts, blocked
 from up_samp.search.events import Phase, Telling
 from up_samp.search.facts import Facts, MotionCase
 from up_samp.search.knowledge import Knowledge
-from up_samp.search.motions import Motions
+from up_samp.search.motions import Motions, touching
 from up_samp.search.world import group_query, groups_of, instant_obstacles, motion_key
 from up_samp.upio import Itinerary
 
@@ -118,7 +118,8 @@ class Checker:
         if report.outcome is Outcome.FOUND and not report.late:
             return
         wrong = report.conflict or report.late.keys() or {motion_key(m) for m in group}
-        self.note([m for m in group if motion_key(m) in wrong], report.blockers, itinerary)
+        missed = [m for m in group if motion_key(m) in wrong]
+        self.note(missed, report.blockers, itinerary, report.reason)
         if learn and not found:
             failure = Failure(
                 self.motions,
@@ -133,14 +134,20 @@ class Checker:
             check.refinements += self.cuts.group(failure)
 
     def note(
-        self, motions: Sequence[ScheduledMotion], among: Iterable[str], itinerary: Itinerary
+        self,
+        motions: Sequence[ScheduledMotion],
+        among: Iterable[str],
+        itinerary: Itinerary,
+        reason: str = "",
     ) -> None:
-        """Note for people which motions were not found, among what that rests in their way."""
+        """Note for people which motions were not found, among what that rests in their way, and
+        that they begin or end in touch with something, if the ``reason`` is that.
+        """
         facts, start = self.motions.facts, min(m.start for m in motions)
         told = " with ".join(str(facts.case(m)) for m in motions[:MOST_NAMED])
         for name in sorted(facts.movers.keys() & set(among))[:MOST_NAMED]:
             told += f", {name} being at {itinerary.place_at(facts.snapshot, name, start)}"
-        self.knowledge.history.missed.append(told)
+        self.knowledge.history.missed.append(told + touching(reason))
 
     def _check_alone(
         self,
@@ -186,7 +193,8 @@ def check_path(
     if report.outcome is Outcome.FOUND:
         return []
     check.failed.add(motion_key(motion))
-    checker.note([motion], report.blockers or {o.name for o in obstacles}, itinerary)
+    among = report.blockers or {o.name for o in obstacles}
+    checker.note([motion], among, itinerary, report.reason)
     proven = report.outcome is Outcome.IMPOSSIBLE
     names = report.blockers if proven else frozenset(o.name for o in obstacles)
     alone = Alone(

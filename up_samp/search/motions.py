@@ -16,6 +16,7 @@ from up_samp.model.refinement import Strength
 from up_samp.motion import MotionService
 from up_samp.motion.fleet import earliest_arrival
 from up_samp.motion.fleet.coordination import order_decides
+from up_samp.motion.guides.search_space import TOUCHES
 from up_samp.search.budget import Budget
 from up_samp.search.facts import Facts
 from up_samp.search.world import Where, surely_there
@@ -71,3 +72,10 @@ class Motions:
     def there(self) -> Where:
         """What surely rests where whenever somebody leaves a place."""
         return surely_there(self.facts, self.service)
+
+
+def touching(reason: str) -> str:
+    """Return for people that a motion begins or ends in touch with something, if that is why the
+    planners do not find it; a plan may begin so, but they keep clear by a hair.
+    """
+    return f"; {TOUCHES}: leave a millimetre between them" if TOUCHES in reason else ""

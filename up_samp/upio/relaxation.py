@@ -162,14 +162,16 @@ def _of_fluent(
     fluent = _fluent(relaxation, activity, text)
     ground = [f for f in relaxation.given_values if _may_be(fluent, f)]
     values = tuple(sorted({v for f in ground for v in _reachable(relaxation, f)}))
-    if len(values) == 1:
-        return ConfigurationChoice(None, values)
-    mine = _add_parameter(relaxation, activity, text, fluent.type)
     manager = problem.environment.expression_manager
-    if fluent != state:
+    mine: Any = manager.ObjectExp(problem.object(values[0]))
+    if len(values) > 1:
+        mine = _add_parameter(relaxation, activity, text, fluent.type)
+    elif fluent.fluent() not in relaxation.given_effects:
+        return ConfigurationChoice(None, values)
+    if fluent != state:  # also one that always has the same value is kept apart from who sets it
         point = activity.end if at_end else activity.start
         activity.add_condition(TimePointInterval(Timing(0, point)), manager.Equals(fluent, mine))
-    return ConfigurationChoice(mine.name, values)
+    return ConfigurationChoice(mine.name if len(values) > 1 else None, values)
 
 
 def _add_parameter(relaxation: Relaxation, activity: Activity, what: str, tpe: Any) -> Parameter:

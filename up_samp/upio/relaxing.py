@@ -32,7 +32,15 @@ from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermK
 from up_samp.upio.objective import objective_of, only_makespan
 from up_samp.upio.relaxation import Relaxation, choose, told_fluents
 from up_samp.upio.rewrite import Rewriter
-from up_samp.upio.spans import closed, conditions_of, inner, own_end, rewritten, whole
+from up_samp.upio.spans import (
+    closed,
+    conditions_of,
+    inner,
+    nothing_but_an_instant,
+    own_end,
+    rewritten,
+    whole,
+)
 
 
 def copy_state(
@@ -156,11 +164,14 @@ def _add_state(relaxation: Relaxation, name: str, lasting: frozenset[str]) -> No
         activity = relaxation.activities[task.activity]
         # reading the state also keeps others from moving the object meanwhile
         start, *via = [choose(relaxation, activity, t, state=state) for t in task.terms]
-        before = not early and (
-            task.activity not in lasting or _read_at_start(activity, state, task)
+        # a fluent that names the start is read then, and may not be this one
+        told = own is not None and (
+            task.terms[0].kind is TermKind.FLUENT or _reads(activity, state)
         )
-        span = closed(activity) if before else whole(activity, early)
+        span = closed(activity) if told and not early else whole(activity, early)
         activity.add_condition(span, manager.Equals(state, start))
+        if not (told or early or task.activity in lasting):
+            activity.add_condition(nothing_but_an_instant(activity), manager.Equals(state, start))
         if own is None:
             activity.add_effect(Timing(-early, activity.end), state, via[-1])
     for change in changes:
@@ -170,10 +181,8 @@ def _add_state(relaxation: Relaxation, name: str, lasting: frozenset[str]) -> No
             activity.add_effect(Timing(-early, activity.end), state, goal)
 
 
-def _read_at_start(activity: Activity, state: FNode, task: MotionTask) -> bool:
-    """Return whether the problem itself reads a state at a drive's very start."""
-    if task.terms[0].kind is TermKind.FLUENT:
-        return True
+def _reads(activity: Activity, state: FNode) -> bool:
+    """Return whether the problem itself reads a state at an activity's very start."""
     return any(
         own_end(span.lower, activity) == (False, 0)
         and not span.is_left_open()

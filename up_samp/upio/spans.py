@@ -43,6 +43,11 @@ def closed(activity: Activity) -> TimeInterval:
     return ClosedTimeInterval(Timing(0, activity.start), Timing(0, activity.end))
 
 
+def nothing_but_an_instant(activity: Activity) -> TimeInterval:
+    """Return the instant at which an activity of no length happens; nothing for any other one."""
+    return ClosedTimeInterval(Timing(0, activity.end), Timing(0, activity.start))
+
+
 def inner(activity: Activity, early: int = 0) -> TimeInterval:
     """Return when the effects of what ends within (start, end) happen: nothing, for an activity
     that lasts one unit.

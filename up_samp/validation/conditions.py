@@ -163,21 +163,28 @@ def interference(problem: Any, timeline: StateTimeline) -> Iterator[Violation]:
 def _other_interference(
     problem: Any, timeline: StateTimeline, by_name: dict[str, list[Change]]
 ) -> Iterator[Violation]:
-    """Rule 11 for what effects and durations read."""
+    """Rule 11 for what effects, durations and motions read."""
     readings = list(timeline.effect_reads)
     for activity in present_activities(problem, timeline):
-        start = timeline.decisions.times[activity.name][0]
-        reader = reader_at(timeline, start, Reading.LATER, activity.name)
-        reader.value(activity.duration.lower)
-        reader.value(activity.duration.upper)
-        if reader.reads:
-            what = f"the duration of {activity.name}, read at {start}"
-            readings.append((start, activity.name, frozenset(reader.reads), what))
+        for instant, told, nodes in _read_by(activity, *timeline.decisions.times[activity.name]):
+            reader = reader_at(timeline, instant, Reading.LATER, activity.name)
+            for node in nodes:
+                reader.value(node)
+            what = f"the {told} of {activity.name}, read at {instant}"
+            readings.append((instant, activity.name, frozenset(reader.reads), what))
     for time, owner, keys, what in readings:
         for change in (c for key in sorted(keys, key=str) for c in by_name[key[0]]):
             same = change.time == time and change.key in keys
             if same and owner is not None and change.owner != owner:
                 yield _clash(change, what)
+
+
+def _read_by(activity: Any, start: Any, end: Any) -> Iterator[tuple[Any, str, list[Any]]]:
+    """Yield what an activity reads besides its conditions and effects, and when (rules 2, 14)."""
+    yield start, "duration", [activity.duration.lower, activity.duration.upper]
+    for constraint in getattr(activity, "motion_constraints", ()):
+        yield start, "motion", [constraint.starting, *constraint.waypoints]
+    yield end, "motion effect", list(getattr(activity, "motion_effects", {}).values())
 
 
 def _clash(change: Change, what: str) -> Violation:

@@ -1,6 +1,7 @@
 """Waypoints are poses to pass, not places to stop at."""
 
 import math
+import random
 
 import numpy as np
 import pytest
@@ -10,11 +11,14 @@ from tests.motion.planners.test_planar import faults
 from up_samp.geometry import OccupancyGrid
 from up_samp.model import Body, Deadline, Kinematics, MotionModel, PathQuery
 from up_samp.motion import MotionService
+from up_samp.motion.fleet.workspace import Workspace
 from up_samp.validation.kinematics import motion_violations
 from up_samp.validation.limits import Limits
 
 CAR = Body(RECTANGLE, Kinematics(MotionModel.REEDSSHEPP, 1.0, 2.0, 0.5))
 SLIDER = Body(RECTANGLE, Kinematics(MotionModel.SE2, 1.0, 1.5, 0.8, 0.7))
+TURNER = Body(RECTANGLE, Kinematics(MotionModel.PIVOT, 1.0, 1.5, 0.8, 0.7))
+HALL = OccupancyGrid(np.zeros((120, 120), dtype=np.bool_), 0.1)
 
 
 def planned(body, poses, service=None):
@@ -119,3 +123,33 @@ def test_what_turns_on_the_spot_stops_only_there():
     limits = Limits("r", "PIVOT", 0.0, 1.0, 1.0, 1.0, 0.5)
     times, rows = turned.trajectory.times, turned.trajectory.poses
     assert list(motion_violations("motion", limits, times, rows)) == []
+
+
+@pytest.mark.parametrize("body", [CAR, SLIDER, TURNER])
+def test_waypoints_said_twice_or_with_whole_turns_between_them_change_nothing(body):
+    up, over = math.pi, 2 * math.pi
+    plain = [(3.0, 5.0, up), (8.0, 5.0, up), (3.0, 5.0, up)]
+    alone = planned(body, plain, MotionService(HALL)).trajectory.duration
+    rng = random.Random(2)
+    for _ in range(20):
+        poses = [(x, y, th + over * rng.choice((-1, 0, 1))) for x, y, th in plain for _ in (1, 2)]
+        poses = [(x + rng.choice((0.0, 1e-12, 2e-9)), y, th) for x, y, th in poses]
+        service = MotionService(HALL)
+        assert planned(body, poses, service).trajectory.duration == pytest.approx(alone, abs=1e-3)
+        way = Workspace(service).detour(body, tuple(poses), (), (), Deadline.never())
+        assert way.poses[-1] == pytest.approx((3.0, 5.0, way.poses[-1][2]), abs=1e-6)
+
+
+@pytest.mark.parametrize("body", [CAR, SLIDER, TURNER])
+def test_poses_that_are_almost_one_are_driven_between(body):
+    """A robot stops a hair before its goal, and what is left of its way is planned anew."""
+    rng = random.Random(1)
+    for _ in range(40):
+        poses = [(5.0, 5.0, rng.choice((0.0, 1.0, math.pi)))]
+        while len(poses) < 4:
+            (x, y, th), little = poses[-1], 10 ** rng.uniform(-13, -4)
+            far = (rng.uniform(3, 9), rng.uniform(3, 9), th)
+            near = ((x + little, y, th), (x, y - little, th), (x, y, th + little))
+            poses.append(rng.choice((far, *near)))
+        last = planned(body, poses, MotionService(HALL)).trajectory.poses[-1]
+        assert last == pytest.approx(np.array(poses[-1]), abs=1e-6)

@@ -31,7 +31,7 @@ def driven_through(parts: Sequence[Trajectory], kinematics: Kinematics) -> Traje
     moves = twists(whole.poses)
     ways = np.copysign(np.hypot(moves[:, 0], moves[:, 1]), moves[:, 0])
     cusps = np.flatnonzero(ways[:-1] * ways[1:] < 0.0) + 1
-    bends = np.abs(np.diff(moves[:, 2] / ways)) > SAME
+    bends = np.abs(np.diff(moves[:, 2] / np.where(ways == 0.0, np.inf, ways))) > SAME
     return _retimed(
         whole,
         np.abs(ways),
@@ -121,10 +121,11 @@ def _retimed(
         s = np.cumsum(ways[low:high])
         v, a = limits(low)
         times[low + 1 : high + 1] = times[low] + time_of_distance(s, float(s[-1]), v, a)
-    # where it rested before, samples now are far closer than they need be
+    # where it rested before, samples now are far closer than they need be; ways may be nothing
     stay = [0]
     for i in range(1, len(times) - 1):
-        if kept[i - 1] or i in marks or times[i + 1] - times[stay[-1]] > Trajectory.MAX_STEP:
+        asked = kept[i - 1] or i in marks or times[i + 1] - times[stay[-1]] > Trajectory.MAX_STEP
+        if asked and times[stay[-1]] < times[i] < times[-1]:
             stay.append(i)
     stay.append(len(times) - 1)
     return Trajectory(times[stay], whole.poses[stay].copy())

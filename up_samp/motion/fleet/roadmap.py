@@ -17,7 +17,7 @@ import numpy as np
 from up_samp.geometry import Shape, sweeps
 from up_samp.geometry.scene import Scene
 from up_samp.geometry.shapes import shape_of
-from up_samp.model import Body, Configuration, Kinematics, Placed, check_time
+from up_samp.model import Body, Configuration, Kinematics, Placed, check_time, same_pose
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.curves.arcs import length_of, nodes_of
 from up_samp.motion.curves.reeds_shepp import fastest
@@ -518,7 +518,7 @@ class Roadmap:
         """Return a new place at a pose; where the lattice has one, it is the lattice's, too."""
         node = self.places[pose] = self._new(pose)
         for key in self.lattice.near(pose[0], pose[1]):
-            if _same(pose, self.lattice.pose(key)):
+            if same_pose(pose, self.lattice.pose(key), 1e-9):
                 self._nodes[key], self._keys[node] = node, key
         return node
 
@@ -587,9 +587,3 @@ class Roadmap:
 
 def _itself(move: ShortMove) -> ShortMove:
     return move
-
-
-def _same(p: Configuration, q: Configuration) -> bool:
-    if abs(p[0] - q[0]) > 1e-9 or abs(p[1] - q[1]) > 1e-9:
-        return False
-    return abs(math.remainder(p[2] - q[2], 2 * math.pi)) < 1e-9

@@ -27,6 +27,7 @@ from up_samp.model import (
     Placed,
     Rest,
     check_time,
+    same_pose,
 )
 from up_samp.model.arrays import FloatArray, IntArray
 from up_samp.motion.docking import comes_straight, docking_leg
@@ -235,6 +236,8 @@ class Workspace:
             seen = met_by(body, obstacles)
             legs: list[Leg] = []
             for start, goal in itertools.pairwise(poses):
+                if same_pose(start, goal):
+                    continue
                 asked = LegQuery(body, start, goal, seen)
                 leg = docking_leg(self.scene, asked) or quick.leg(asked, deadline)
                 legs.append(leg)

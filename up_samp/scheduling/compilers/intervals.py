@@ -307,8 +307,9 @@ def compile_intervals(problem: PlainProblem) -> Compiled:
     hosts: list[Activity] = []
     conditions: list[Condition] = []
     constraints = list(problem.constraints)
-    exact = True
-    for condition in problem.conditions:
+    given = _instants_joined(problem)
+    exact = len(given) == len(problem.conditions)
+    for condition in given:
         if condition.low[3] < 0 and condition.low[1] in ("start", "end"):
             exact = False  # before 0 the initial value counts; engines refuse such times
         if never_empty(problem, condition):
@@ -333,6 +334,20 @@ def compile_intervals(problem: PlainProblem) -> Compiled:
         constraints=tuple(constraints),
     )
     return Compiled(found, exact=exact)
+
+
+def _instants_joined(problem: PlainProblem) -> list[Condition]:
+    """Return the conditions, with what is asked throughout (start, end] of an activity, and at its
+    only instant if it has no length, asked throughout [start, end]: that is stricter.
+    """
+    given = list(problem.conditions)
+    for instant in problem.conditions:
+        owner = instant.owner or ""
+        later_on = replace(instant, low=start(owner, 1), high=end(owner))
+        if (instant.low, instant.high) == (end(owner), start(owner)) and later_on in given:
+            given.remove(instant)
+            given[given.index(later_on)] = replace(later_on, low=start(owner))
+    return given
 
 
 def _changes_itself(problem: PlainProblem, condition: Condition) -> bool:

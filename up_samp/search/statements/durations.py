@@ -10,7 +10,7 @@ from up_samp.model.snapshot import MotionTask
 from up_samp.refinement import rules
 from up_samp.search.facts import Facts, MotionCase
 from up_samp.search.knowledge import Knowledge
-from up_samp.search.motions import Motions
+from up_samp.search.motions import Motions, touching
 
 QUERY = 2.0
 """s for one motion: what takes longer may never be needed."""
@@ -90,7 +90,7 @@ def duration_of(
             for c in cases
         ]
     if report.trajectory is None:
-        knowledge.history.missed.append(str(cases[0]))
+        knowledge.history.missed.append(str(cases[0]) + touching(report.reason))
         return []
     if strength is Strength.RELATIVE:
         knowledge.durations[signature] = report.trajectory.duration
