@@ -10,22 +10,6 @@ from typing import Any, TypeVar
 
 from up_samp.model import UnsupportedError, check_time
 
-
-@dataclass(frozen=True)
-class CompilerLimits:
-    """What needs more is said in another way, or refused by name."""
-
-    forbidden_sets: int = 5000
-    """Most sets of activities that are forbidden one by one, per resource."""
-    factor: int = 100
-    """Largest constant in a product that becomes a sum."""
-    span: int = 10**6
-    """Upper bound for the length of a span whose owner's is not a constant."""
-
-
-LIMITS = CompilerLimits()
-
-
 # ------------------ Expressions as nested tuples
 # ``("bool", b)``, ``("int", n)``, ``("obj", name)``: constants;
 # ``("par", name)``: a decision variable (``activity.parameter`` or a global one);
