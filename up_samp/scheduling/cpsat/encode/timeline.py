@@ -42,15 +42,9 @@ def guard(states: States, state: StateVar, read: Read) -> None:
 # begin when another one ends, and one of duration 0 takes nothing.
 
 
-@dataclass
-class Use:
-    """``amount`` is borrowed from ``start`` (inclusive) to ``end`` (exclusive)."""
-
-    owner: int | None
-    active: Literal
-    start: Lin
-    end: Lin
-    amount: int
+Use = tuple[Write, Write]
+"""An amount is taken by one effect (at that instant already), and given back by the other one, of
+the same owner: what that adds is what was borrowed."""
 
 
 def pair_uses(states: States, state: StateVar) -> list[Use] | None:
@@ -60,8 +54,8 @@ def pair_uses(states: States, state: StateVar) -> list[Use] | None:
     waiting: dict[tuple[int | None, Literal], list[Write]] = {}
     for write in state.writes:
         waiting.setdefault((write.owner, write.active), []).append(write)
-    uses = []
-    for (owner, active), writes in waiting.items():
+    uses: list[Use] = []
+    for writes in waiting.values():
         takes = [w for w in writes if w.value.const < 0]
         gives = [w for w in writes if w.value.const > 0]
         for take in takes:
@@ -77,7 +71,7 @@ def pair_uses(states: States, state: StateVar) -> list[Use] | None:
             if give is None:
                 return None
             gives.remove(give)
-            uses.append(Use(owner, active, take.time, give.time, give.value.const))
+            uses.append((take, give))
         if gives:
             return None
     return uses
@@ -114,13 +108,13 @@ class NumericTimeline:
         store, model = self.store, self.store.model
         capacity = (self.state.initial or 0) - self.state.bounds[0]
         intervals, demands = [], []
-        for use in uses:
-            low, high = self.states.difference(use.end, use.start)
-            if high <= 0 or use.active == FALSE:
+        for take, give in uses:
+            low, high = self.states.difference(give.time, take.time)
+            if high <= 0 or take.active == FALSE:
                 continue
             size = Lin((), low) if low == high else Lin(((store.integer(low, high), 1),))
-            intervals.append(store.interval(use.start, size, use.end, use.active))
-            demands.append(use.amount)
+            intervals.append(store.interval(take.time, size, give.time, take.active))
+            demands.append(give.value.const)
         if intervals:
             model.add_cumulative(intervals, demands, capacity)
             self._energy(uses, capacity)
@@ -128,13 +122,13 @@ class NumericTimeline:
     def _energy(self, uses: list[Use], capacity: int) -> None:
         """State that all borrowing fits into capacity times makespan (implied; a lower bound)."""
         load = []
-        for use in uses:
-            if use.owner is not None:
-                activity = self.states.activity(use.owner)
-                early = self.states.difference(use.start, activity.start)[0] >= 0
-                if early and self.states.difference(activity.end, use.end)[0] >= 0:
-                    least = max(0, self.states.difference(use.end, use.start)[0])
-                    load.append((use.active, least * use.amount))
+        for take, give in uses:
+            if take.owner is not None:
+                activity = self.states.activity(take.owner)
+                early = self.states.difference(take.time, activity.start)[0] >= 0
+                if early and self.states.difference(activity.end, give.time)[0] >= 0:
+                    least = max(0, self.states.difference(give.time, take.time)[0])
+                    load.append((take.active, least * give.value.const))
         space = Lin(((self.states.world.makespan, capacity),))
         self.store.enforce(indicator_sum(load).le(space))
 
