@@ -183,10 +183,10 @@ class Lengths:
         self._with: dict[frozenset[tuple[int, int]], list[Form]] = {}
         self._others: dict[int, list[Form]] = {}
         asked = frozenset(variables)
-        owners = _Owners(model)
+        owners = _owners(model)
         for form in model.stated if asked else ():
             # of one activity, a clause says nothing that may hold for the sake of another
-            found = asked & variables_in(form) if owners.at_most_one(form) else None
+            found = asked & variables_in(form) if _of_one(form, owners) else None
             if not found:
                 continue
             # what says nothing but of some values is looked at for these only
@@ -239,30 +239,29 @@ class Lengths:
         return None
 
 
-class _Owners:
-    """Whose variables and presences are whose."""
+def _owners(model: ScheduleModel) -> dict[int, str]:
+    """Return whose variables, and literals of absence, are whose."""
+    # nothing for those of the problem
+    found = {var: name.rpartition(".")[0] for name, (var, _, _) in model.parameters.items()}
+    for activity in model.states.activities:
+        found[~activity.present] = activity.name
+        for time in (activity.start, activity.end):
+            found.update((var, activity.name) for var, _ in time.terms)
+    return found
 
-    def __init__(self, model: ScheduleModel) -> None:
-        self._of: dict[int, str] = {}
-        self._absent: dict[int, str] = {}
-        for name, (var, _, _) in model.parameters.items():
-            self._of[var] = name.rpartition(".")[0]  # nothing for those of the problem
-        for activity in model.states.activities:
-            self._absent[~activity.present] = activity.name
-            for time in (activity.start, activity.end):
-                self._of.update((var, activity.name) for var, _ in time.terms)
 
-    def at_most_one(self, form: Form) -> bool:
-        """Return whether a form is no clause of parts that speak of several activities."""
-        if form.__class__ is not tuple or form[0] != "|":
-            return True
-        known = set[str]()
-        for part in form[1:]:
-            if part.__class__ is int:
-                known.add(self._absent.get(part, ""))
-            elif part.__class__ is Cmp:
-                known.update(self._of.get(var, "") for var, _ in part.terms)
-        return len(known - {""}) < 2
+def _of_one(form: Form, owners: Mapping[int, str]) -> bool:
+    """Return whether a form is no clause of parts that speak of several activities."""
+    if form.__class__ is not tuple or form[0] != "|":
+        return True
+    known = set[str]()
+    for part in form[1:]:
+        if part.__class__ is int:
+            # a literal that is a variable is no absence
+            known.add(owners.get(part, "") if part < 0 else "")
+        elif part.__class__ is Cmp:
+            known.update(owners.get(var, "") for var, _ in part.terms)
+    return len(known - {""}) < 2
 
 
 def _unless(form: Form) -> Iterable[tuple[int, int]]:
@@ -720,19 +719,18 @@ def _find_returns(model: ScheduleModel, route: Route) -> None:
         to[move.name] = to.get(move.name, frozenset()) | {move.to}
     stops = {name for name, _ in route.stops}
     left: dict[frozenset[int], set[str]] = {}
-    for follow_up in model.follow_ups:
-        helpers = follow_up.helpers - route.never
+    for activity, some in model.follow_ups:
+        helpers = some - route.never
         if not helpers <= to.keys() - route.odd.keys():
             continue
         places = frozenset[int]().union(*(to[h] for h in helpers))
-        if follow_up.activity in stops:
+        if activity in stops:
             # it may come to one after the other, so each says something alone: the narrower one is
             # kept
-            known = route.returns.get(follow_up.activity, places)
-            narrower = min(known, places, key=lambda some: (len(some), sorted(some)))
-            route.returns[follow_up.activity] = narrower
-        elif follow_up.activity in to:
-            left.setdefault(places, set()).add(follow_up.activity)
+            known = route.returns.get(activity, places)
+            route.returns[activity] = min(known, places, key=lambda p: (len(p), sorted(p)))
+        elif activity in to:
+            left.setdefault(places, set()).add(activity)
     for places, movers in left.items():
         whoever = {name for name, some in to.items() if not some <= places}
         fixed = route.initial in places and route.final is None and not route.free
