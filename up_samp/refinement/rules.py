@@ -62,6 +62,11 @@ def other_motions(motions: Iterable[ScheduledMotion]) -> list[Literal]:
     return list(literals)
 
 
+def elsewhen(reference: TimeRef, point: TimeRef, offset: int) -> list[Literal]:
+    """State that a timepoint is not ``offset`` units after a reference."""
+    return [Apart(point, reference, 1 - offset), Apart(reference, point, offset + 1)]
+
+
 def impossible(activity: str, why: str) -> Refinement:
     """State that a motion can never be made (the map alone forbids it)."""
     return Refinement(Clause((Absent(activity),)), Layer.GEOMETRIC, Strength.PROVEN, why)
@@ -281,7 +286,7 @@ def group_fails(
         earlier, later = start_of(reference.activity), start_of(motion.activity)
         if motion is not reference:
             offset = motion.start - reference.start
-            literals += [Apart(later, earlier, 1 - offset), Apart(earlier, later, offset + 1)]
+            literals += elsewhen(earlier, later, offset)
         finish = motion.end - reference.start
         literals.append(Apart(earlier, end_of(motion.activity), finish + 1))
     names = tuple(m.activity for m in motions)

@@ -63,13 +63,6 @@ def _choice(task: MotionTask, term: Term, choices: Choices) -> ConfigurationChoi
     return choices[task.activity, term, False]
 
 
-def case_of(snapshot: Snapshot, motion: ScheduledMotion) -> MotionCase:
-    """Return the case that a scheduled motion is."""
-    tasks = snapshot.tasks_of(motion.activity)
-    task = next(t for t in tasks if t.index == motion.constraint)
-    return MotionCase(task, motion.configurations, motion.given)
-
-
 def are_apart(one: MotionCase, other: MotionCase) -> bool:
     """Return whether two motions are of two objects that both heed each other.
 
@@ -137,7 +130,9 @@ class Facts:
 
     def case(self, motion: ScheduledMotion) -> MotionCase:
         """Return the case that a scheduled motion is."""
-        return case_of(self.snapshot, motion)
+        tasks = self.snapshot.tasks_of(motion.activity)
+        task = next(t for t in tasks if t.index == motion.constraint)
+        return MotionCase(task, motion.configurations, motion.given)
 
     def like(self, motion: ScheduledMotion) -> list[MotionCase]:
         """Return the case that a scheduled motion is, and all that are the same to the planner."""

@@ -361,7 +361,7 @@ def to_plan(
     """Return the UP plan of a schedule; trajectories are in the world frame there."""
     found = dict(trajectories)
     for task in snapshot.tasks if snapshot.to_world else ():
-        key = trajectory_key(task)
+        key = trajectory_key(task.activity, task.index)
         if key in found:
             own = found[key]
             found[key] = replace(own, poses=snapshot.to_world[task.map].out(own.poses))

@@ -18,15 +18,16 @@ from up_samp.model import (
     TimedMotion,
     avoids,
 )
+from up_samp.model.graphs import reached
 from up_samp.model.snapshot import MotionTask, Snapshot, TermKind
 from up_samp.motion import MotionService
 from up_samp.search.facts import Facts, MotionCase
-from up_samp.upio import Itinerary
+from up_samp.upio import Itinerary, trajectory_key
 
 
 def motion_key(motion: ScheduledMotion) -> str:
     """Return the name of a motion's trajectory in a plan."""
-    return motion.activity if motion.constraint == 0 else f"{motion.activity}#{motion.constraint}"
+    return trajectory_key(motion.activity, motion.constraint)
 
 
 def groups_of(motions: Sequence[ScheduledMotion]) -> list[tuple[ScheduledMotion, ...]]:
@@ -360,13 +361,9 @@ def sealed(
     """Return the places to which nobody comes from ``first`` on but by a way that is ``shut`` at
     first, at one step or another.
     """
-    reached, todo = {first}, [first]
-    while todo:
-        here = todo.pop()
-        after = {b for a, b in ways if a == here and (a, b) not in shut} - reached
-        reached |= after
-        todo += sorted(after)
-    return {place for way in ways for place in way} - reached
+    passable = [way for way in ways if way not in shut]
+    open_to = reached([first], lambda here: (b for a, b in passable if a == here))
+    return {place for way in ways for place in way} - open_to
 
 
 def remaining(places: Mapping[str, str], case: MotionCase, there: Where) -> dict[str, str]:

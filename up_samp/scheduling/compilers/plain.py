@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import Any, TypeVar
 
 from up_samp.model import UnsupportedError, check_time
+from up_samp.model.graphs import reached
 
 # ------------------ Expressions as nested tuples
 # ``("bool", b)``, ``("int", n)``, ``("obj", name)``: constants;
@@ -339,12 +340,8 @@ class PlainProblem:
 
     def objects_of(self, user_type: str) -> list[str]:
         """Return the objects of a user type and of the types below it."""
-        below = {user_type}
-        grown = True
-        while grown:
-            more = {t for t, father in self.types.items() if father in below} - below
-            grown = bool(more)
-            below |= more
+        fathers = self.types.items()
+        below = reached([user_type], lambda above: (t for t, father in fathers if father == above))
         return [name for name, t in self.objects.items() if t in below]
 
     def initial_value(self, fluent: Expr) -> Expr:

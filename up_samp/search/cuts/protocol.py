@@ -175,10 +175,7 @@ def or_exact(failure: Failure, found: list[Refinement]) -> list[Refinement]:
         strength=failure.strength,
     )
     # where others rest hangs on their decisions, too
-    itinerary = failure.itinerary
-    given = {pair for motion in itinerary.motions for pair in motion.given}
-    given |= {pair for change in itinerary.changes for pair in change.given}
-    return [*found, rules.only_given(exact, tuple(sorted(given)))]
+    return [*found, rules.only_given(exact, failure.itinerary.given)]
 
 
 def rejects(itinerary: Itinerary, snapshot: Snapshot, refinement: Refinement) -> bool:

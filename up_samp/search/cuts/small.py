@@ -18,6 +18,7 @@ from up_samp.search.facts import Facts
 from up_samp.search.knowledge import Knowledge
 from up_samp.search.motions import Motions
 from up_samp.search.statements.durations import duration_of
+from up_samp.search.statements.unreachable import blocked_while
 from up_samp.search.world import remaining
 
 Attempt = Callable[[Failure, str], list[Refinement]]
@@ -100,14 +101,7 @@ def _that_delay(motions: Motions, alone: Alone, units: int) -> dict[str, str]:
 
 def blocked(facts: Facts, alone: Alone) -> list[Refinement]:
     """State that the motion and all alike must not be made while the blockers rest there."""
-    movers, why = facts.movers, alone.why
-    return [
-        rules.only_given(
-            rules.blocked_while(c.activity, alone.places, movers, why, strength=alone.strength),
-            c.given,
-        )
-        for c in alone.cases
-    ]
+    return blocked_while(facts, alone.cases, alone.places, alone.why, alone.strength)
 
 
 def _first_violated(

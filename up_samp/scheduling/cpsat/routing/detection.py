@@ -59,6 +59,11 @@ class Mover:
     free: bool = False
     touches: bool = False
 
+    @property
+    def name(self) -> str:
+        """Who makes the change."""
+        return "the problem itself" if self.activity is None else self.activity.name
+
 
 def changes_of(model: ScheduleModel, timeline: Timeline, members: set[int]) -> list[Mover]:
     """Return what changes a state, if ``members`` are done one at a time.
@@ -565,7 +570,7 @@ def _place(model: ScheduleModel, timeline: Timeline, cliques: Cliques) -> RouteP
     place = RoutePlace(state, gap, frozenset(members), changes)
     free = [c for c in changes if c.free]
     if 2 * len(free) > len(changes) or all(c.odd and len(c.targets) > 1 for c in changes):
-        name = next(name_of(c) for c in changes if c.odd)
+        name = next(c.name for c in changes if c.odd)
         return f"{name} does not lead from a place at its start to one place in the end"
     values = frozenset(state.values or ())
     if len(values) < 3 and any(c.origins >= values for c in changes):
@@ -573,15 +578,6 @@ def _place(model: ScheduleModel, timeline: Timeline, cliques: Cliques) -> RouteP
     if not _stops(model, place)[0]:
         return "nothing that is kept apart from its moves happens at its places"
     return place
-
-
-def name_of(change: Mover) -> str:
-    """Return who makes a change."""
-    return "the problem itself" if change.activity is None else change.activity.name
-
-
-def _name(model: ScheduleModel, owner: int | None) -> str:
-    return "the problem itself" if owner is None else model.states.activity(owner).name
 
 
 def _happens(model: ScheduleModel, owner: int | None) -> bool:
@@ -594,7 +590,8 @@ def _route(model: ScheduleModel, place: RoutePlace, lengths: Lengths) -> Route:
     state = place.state
     bound = [c for c in place.changes if not c.free]
     moves = [move for change in bound for move in _moves(change, lengths)]
-    never = frozenset(_name(model, w.owner) for w in state.writes if not _happens(model, w.owner))
+    owners = {w.owner for w in state.writes if not _happens(model, w.owner)} - {None}
+    never = frozenset(model.states.activity(owner or 0).name for owner in owners)
     stops, late = _stops(model, place)
     rests = _rests(model, place, stops)
     anywhere = frozenset(state.values or ())
@@ -607,7 +604,7 @@ def _route(model: ScheduleModel, place: RoutePlace, lengths: Lengths) -> Route:
         [*stops, *((name, anywhere) for name in sorted(rests))],
         rests,
         late | rests,
-        odd={name_of(c): why for c in place.changes if (why := c.odd or _may_stay(c, lengths))},
+        odd={c.name: why for c in place.changes if (why := c.odd or _may_stay(c, lengths))},
         free=place.free,
         never=never,
         lag=_lag(bound),
