@@ -192,7 +192,7 @@ def check_path(
     alone = Alone(
         motion,
         obstacles,
-        {n: itinerary.place_at(facts.snapshot, n, motion.start) for n in names if facts.movers[n]},
+        _places(facts, itinerary, motion, names),
         _alike(checker, motion, names),
         facts.case(motion).why_not(report) or f"no path for {motion.activity} found",
         Strength.PROVEN if proven else Strength.HEURISTIC,
@@ -228,11 +228,7 @@ def check_duration(
     alone = Alone(
         motion,
         obstacles,
-        {
-            o.name: itinerary.place_at(facts.snapshot, o.name, motion.start)
-            for o in obstacles
-            if facts.movers[o.name]
-        },
+        _places(facts, itinerary, motion, names),
         _alike(checker, motion, names),
         f"the fastest motion found takes {report.trajectory.duration:.2f} s",
         strength,
@@ -242,6 +238,14 @@ def check_duration(
         exact = _blocked_as_timed(facts, itinerary, alone)
         found.append(rules.unless_longer(exact, motion.activity, units))
     return found
+
+
+def _places(
+    facts: Facts, itinerary: Itinerary, motion: ScheduledMotion, names: Iterable[str]
+) -> dict[str, str]:
+    """Return where those of some objects that may move rest when a motion starts."""
+    snapshot = facts.snapshot
+    return {n: itinerary.place_at(snapshot, n, motion.start) for n in names if facts.movers[n]}
 
 
 def _blocked_as_timed(facts: Facts, itinerary: Itinerary, alone: Alone) -> Refinement:

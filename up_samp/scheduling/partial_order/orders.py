@@ -226,7 +226,7 @@ def _fluents(planned: Planned) -> Iterator[OrderConstraint]:
 def _writes(planned: Planned) -> dict[Expr, list[_Write]]:
     found: dict[Expr, list[_Write]] = {}
     for effect in planned.problem.effects:
-        if effect.owner is not None and effect.owner not in planned.times:
+        if not planned.there(effect.owner):
             continue
         at = planned.point(effect.time)
         key = planned.ground(effect.fluent)
@@ -251,7 +251,7 @@ def _reads(planned: Planned) -> dict[Expr, list[_Read]]:
             found.setdefault(key, []).append(read)
 
     for condition in planned.problem.conditions:
-        if condition.owner is not None and condition.owner not in planned.times:
+        if not planned.there(condition.owner):
             continue
         low, high = planned.point(condition.low), planned.point(condition.high)
         if low is None or high is None:
@@ -262,7 +262,7 @@ def _reads(planned: Planned) -> dict[Expr, list[_Read]]:
         read = _Read(low, high, condition.owner, what, low[1] >= 1, condition.dense)
         add((condition.expression,), read)
     for effect in planned.problem.effects:
-        if effect.owner is not None and effect.owner not in planned.times:
+        if not planned.there(effect.owner):
             continue
         at = planned.point(effect.time)
         if at is None:

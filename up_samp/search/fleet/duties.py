@@ -71,7 +71,7 @@ def duties_of(problem: SchedulingMotionProblem, snapshot: Snapshot, jobs: Jobs) 
     drives = defaultdict[str, list[str]](list)
     for task in snapshot.tasks:
         drives[task.object].append(task.activity)
-    work = {n for o in itertools.chain(*jobs.options) for n in o.members}
+    work = jobs.of_members
     own = [a for a in problem.activities if not a.optional and a.name not in work]
     taken: dict[tuple[Body, float, Configuration, Configuration], float] = {}
     batteries = dict(_batteries(problem, snapshot, drives, taken))

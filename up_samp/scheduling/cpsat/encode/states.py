@@ -546,13 +546,21 @@ class States:
                 state.reads.append(Read(number, active, lo, hi, guard_only=True))
         self._hold(node, owner, active, lo, lo)
         for write in inside:
-            after = write.time.shift(1)
-            conditions = [
-                self.store.equivalent(lo.le(write.time), write.time.shift(1).le(lo)),
-                self.store.equivalent(after.le(until), until.le(write.time)),
-            ]
-            again = self.store.all_of([active, write.active, *conditions])
+            again, after = self.right_after(write, active, lo, until)
             self._hold(node, owner, again, after, after, loose=True)
+
+    def right_after(
+        self, write: Write, active: Literal, lo: Lin, until: Lin
+    ) -> tuple[Literal, Lin]:
+        """Return whether a write happens from ``lo`` on and before ``until``, where ``active``, and
+        the instant after it.
+        """
+        store, after = self.store, write.time.shift(1)
+        inside = [
+            store.equivalent(lo.le(write.time), after.le(lo)),
+            store.equivalent(after.le(until), until.le(write.time)),
+        ]
+        return store.all_of([active, write.active, *inside]), after
 
     def _own_writes_inside(
         self, node: FNode, owner: ActivityVars | None, lo: Lin, hi: Lin
