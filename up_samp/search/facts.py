@@ -130,7 +130,7 @@ class Facts:
 
     def case(self, motion: ScheduledMotion) -> MotionCase:
         """Return the case that a scheduled motion is."""
-        tasks = self.snapshot.tasks_of(motion.activity)
+        tasks = self.snapshot.by_activity[motion.activity]
         task = next(t for t in tasks if t.index == motion.constraint)
         return MotionCase(task, motion.configurations, motion.given)
 
@@ -143,7 +143,7 @@ class Facts:
     @cached_property
     def drivers(self) -> frozenset[str]:
         """Objects that some activity drives."""
-        return frozenset(t.object for t in self.snapshot.tasks)
+        return frozenset(self.snapshot.by_object)
 
     @cached_property
     def instant(self) -> frozenset[str]:
@@ -179,7 +179,7 @@ class Facts:
 
     def returns_to(self, obstacle: str, configuration: str) -> bool:
         """Return whether some activity may bring ``obstacle`` to ``configuration``."""
-        terms = [t.terms[-1] for t in self.snapshot.tasks if t.object == obstacle]
+        terms = [t.terms[-1] for t in self.snapshot.by_object.get(obstacle, ())]
         terms += [r.goal for r in self.snapshot.rides if r.load == obstacle]
         terms += [c.term for c in self.snapshot.changes if c.object == obstacle]
         return any(t.kind is not TermKind.CONSTANT or t.name == configuration for t in terms)

@@ -51,8 +51,7 @@ from up_samp.upio.objective import Number, measure_of, only_makespan
 
 def check_start_poses(snapshot: Snapshot, service: MotionService) -> None:
     """Raise :class:`ProblemError` where a robot starts in a wall or in another object."""
-    drivers = sorted({t.object for t in snapshot.tasks})
-    for name in drivers:
+    for name in sorted(snapshot.by_object):
         body = snapshot.objects[name].body
         pose = snapshot.configurations[snapshot.initial[name]]
         in_wall, _ = service.pose_blockers(body, pose, ())
@@ -81,8 +80,7 @@ def _show(pose: Configuration) -> str:
 
 def _heeded(snapshot: Snapshot, name: str) -> frozenset[str] | None:
     """Return the obstacles that all motions of ``name`` heed (None: all objects)."""
-    mine = (task.avoid for task in snapshot.tasks if task.object == name)
-    told = [avoid for avoid in mine if avoid is not None]
+    told = [t.avoid for t in snapshot.by_object[name] if t.avoid is not None]
     return frozenset.intersection(*told) if told else None
 
 

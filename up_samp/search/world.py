@@ -326,7 +326,7 @@ def surely_there(facts: Facts, service: MotionService) -> Where:
     found: dict[MotionTask, dict[str, str]] = {}
     for thing, then in _once_and_for_all(facts):
         for driver in sorted(facts.drivers):
-            tasks = [t for t in snapshot.tasks if t.object == driver]
+            tasks = snapshot.by_object[driver]
             if any(t.kind is not TermKind.CONSTANT for task in tasks for t in task.terms):
                 continue
             shut = [task for task in tasks if _is_shut(facts, service, task, thing)]
@@ -339,7 +339,7 @@ def surely_there(facts: Facts, service: MotionService) -> Where:
 
 
 def _from_behind(
-    snapshot: Snapshot, driver: str, tasks: list[MotionTask], shut: list[MotionTask]
+    snapshot: Snapshot, driver: str, tasks: Sequence[MotionTask], shut: list[MotionTask]
 ) -> list[MotionTask]:
     """Return the motions of a driver that begin where it only comes to by those that are shut at
     first; none where something else may take it elsewhere.

@@ -100,7 +100,6 @@ def resting(planned: Planned, snapshot: Snapshot) -> Iterator[OrderConstraint]:
 
 def performers(planned: Planned, snapshot: Snapshot) -> Mapping[str, tuple[str, ...]]:
     """Return which driven objects each activity mentions: who does it."""
-    movers = {t.object for t in snapshot.tasks}
     found: dict[str, dict[str, None]] = {name: {} for name in planned.times}
     for task in snapshot.tasks:
         if task.activity in found:
@@ -113,7 +112,7 @@ def performers(planned: Planned, snapshot: Snapshot) -> Mapping[str, tuple[str, 
             continue
         for sub in subexpressions(e):
             value = planned.value(sub) if sub[0] in ("obj", "par") else None
-            if isinstance(value, str) and value in movers:
+            if isinstance(value, str) and value in snapshot.by_object:
                 found[owner][value] = None
     return {name: tuple(sorted(who)) for name, who in found.items()}
 

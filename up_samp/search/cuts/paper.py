@@ -160,4 +160,4 @@ def _movers(facts: Facts, places: Mapping[str, str]) -> list[str]:
 
 
 def _rivals(facts: Facts) -> list[str]:
-    return sorted({t.activity for t in facts.snapshot.tasks})
+    return sorted(facts.snapshot.by_activity)

@@ -127,7 +127,7 @@ class Failure:
         objects = {name for m in motions for name in m.moved}
         mine = {m.activity for m in motions}
         snapshot = self.facts.snapshot
-        drives = {t.activity for t in snapshot.tasks if t.object in objects}
+        drives = {t.activity for name in objects for t in snapshot.by_object.get(name, ())}
         rides = {r.activity for r in snapshot.rides if r.load in objects}
         return sorted((drives | rides) - mine)
 
@@ -165,7 +165,7 @@ def or_exact(failure: Failure, found: list[Refinement]) -> list[Refinement]:
     exact = timed.as_timed(
         group,
         failure.arrivals(group),
-        {t.activity: times.get(t.activity) for t in snapshot.tasks if t.activity not in mine},
+        {name: times.get(name) for name in snapshot.by_activity if name not in mine},
         {
             c.activity: (c.object, times[c.activity][1] if c.activity in times else None)
             for c in snapshot.changes

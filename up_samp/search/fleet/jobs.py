@@ -161,12 +161,10 @@ def activity_locations(problem: SchedulingMotionProblem, snapshot: Snapshot) -> 
 
     Assumes: a condition holds all through an activity, and its fluent tells where one robot is.
     """
-    drivers = {task.object for task in snapshot.tasks}
-    whose = {f: who for f, who in whereabouts(problem).items() if who in drivers}
+    whose = {f: who for f, who in whereabouts(problem).items() if who in snapshot.by_object}
     found: dict[str, Stand] = {}
-    driving = {task.activity for task in snapshot.tasks}
     for activity in problem.activities:
-        if activity.name in driving:
+        if activity.name in snapshot.by_activity:
             continue
         told = {
             stand
@@ -368,9 +366,7 @@ class _Look:
         needs: Mapping[str, frozenset[str]],
     ) -> None:
         self._snapshot, self._needs = snapshot, Jobs((), needs)
-        self._tasks: dict[str, list[MotionTask]] = defaultdict(list)
-        for task in snapshot.tasks:
-            self._tasks[task.activity].append(task)
+        self._tasks = snapshot.by_activity
         self._lengths = {a.name: float(least(a.duration)) for a in problem.activities}
         self._stands = activity_locations(problem, snapshot)
         self._then: dict[str, set[str]] = defaultdict(set)
