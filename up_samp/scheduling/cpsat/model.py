@@ -13,7 +13,7 @@ from unified_planning.model.scheduling import SchedulingProblem
 from up_samp.extensions import parts as parts_from_outside
 from up_samp.model import Deadline, OutOfTimeError, UnsupportedError, check_time, in_force
 from up_samp.scheduling.cpsat.encode.disjunctions import Disjunctions, find_groups, merge_forms
-from up_samp.scheduling.cpsat.encode.durations import LIMITS, constant_bounds, constants, least
+from up_samp.scheduling.cpsat.encode.durations import PLACEHOLDER, constant_bounds, constants, least
 from up_samp.scheduling.cpsat.encode.forms import (
     FALSE,
     TRUE,
@@ -106,7 +106,7 @@ class ScheduleModel:
         for code, obj in enumerate(problem.all_objects):
             self.world.objects[obj.name] = code
             self.world.object_types.append(obj.type)
-        self.world.makespan = self.store.integer(0, LIMITS.placeholder)
+        self.world.makespan = self.store.integer(0, PLACEHOLDER)
         self.horizon.timepoint(self.world.makespan)
         self.world.scales = scales_of(problem)
         self.states = States(self.world, problem, constant(0))
@@ -323,9 +323,10 @@ class ScheduleModel:
         horizon.spread = any(lasts(n) for p in asked for n in walk(p.node))
         # room for what may be appended later, so that growing seldom means rebuilding
         self.limit = 2 * horizon.bound() + 100
-        if self.limit > LIMITS.latest:
+        latest = 2**58  # a few such numbers are summed
+        if self.limit > latest:
             raise UnsupportedError(
-                f"cpsat counts times to {LIMITS.latest}, and a schedule of this problem may last "
+                f"cpsat counts times to {latest}, and a schedule of this problem may last "
                 "longer: choose a larger unit"
             )
         delays = [int(abs(t.delay)) for t, _, _ in parts.effects]

@@ -11,7 +11,6 @@ from unified_planning.model import Effect, FNode, TimeInterval, Timing
 from unified_planning.model.timing import TimepointKind
 
 from up_samp.model import ProblemError, UnsupportedError, check_time
-from up_samp.scheduling.cpsat.encode.durations import LIMITS
 from up_samp.scheduling.cpsat.encode.forms import (
     FALSE,
     TRUE,
@@ -69,7 +68,9 @@ class Read:
 
 @dataclass
 class StateVar:
-    """A ground fluent. ``values`` are the codes it may take (``None``: too many to list)."""
+    """A ground fluent. ``values`` are the codes it may take (``None``: too many to list,
+    thousands).
+    """
 
     key: Key
     bounds: tuple[int, int]
@@ -165,7 +166,7 @@ class States:
             bounds = (min(values), max(values)) if values else (0, 0)
         else:
             bounds = number_bounds(tpe, self.world.scales.get(fluent.name, 1))
-            few = bounds[1] - bounds[0] < LIMITS.domain
+            few = bounds[1] - bounds[0] < 2000
             values = list(range(bounds[0], bounds[1] + 1)) if few else None
         return StateVar(key, bounds, values, self._initial(fluent, args))
 

@@ -14,7 +14,7 @@ from unified_planning.model.timing import TimepointKind
 from unified_planning.model.types import Type
 
 from up_samp.model import ProblemError, UnsupportedError
-from up_samp.scheduling.cpsat.encode.durations import LIMITS
+from up_samp.scheduling.cpsat.encode.durations import LARGEST, MAGNITUDE
 from up_samp.scheduling.cpsat.encode.forms import (
     FALSE,
     TRUE,
@@ -109,8 +109,8 @@ def int_bounds(tpe: Type) -> tuple[int, int]:
     """Return the bounds of an integer type."""
     if not tpe.is_int_type():
         raise UnsupportedError(f"values of type '{tpe}' are not supported by cpsat (integers are)")
-    low = -LIMITS.magnitude if tpe.lower_bound is None else int(tpe.lower_bound)
-    high = LIMITS.magnitude if tpe.upper_bound is None else int(tpe.upper_bound)
+    low = -MAGNITUDE if tpe.lower_bound is None else int(tpe.lower_bound)
+    high = MAGNITUDE if tpe.upper_bound is None else int(tpe.upper_bound)
     return countable(low), countable(high)
 
 
@@ -118,7 +118,7 @@ def number_bounds(tpe: Type, scale: int) -> tuple[int, int]:
     """Return the bounds of a numeric type, whose values are multiplied by ``scale``."""
     if not tpe.is_real_type():
         return int_bounds(tpe)
-    low, high = -LIMITS.magnitude, LIMITS.magnitude
+    low, high = -MAGNITUDE, MAGNITUDE
     if tpe.lower_bound is not None:
         low = math.ceil(tpe.lower_bound * scale)
     if tpe.upper_bound is not None:
@@ -131,8 +131,8 @@ def countable(value: int) -> int:
 
     :raises UnsupportedError: if they cannot.
     """
-    if abs(value) > LIMITS.longest:
-        raise UnsupportedError(f"cpsat counts to {LIMITS.longest}, not to {value}")
+    if abs(value) > LARGEST:
+        raise UnsupportedError(f"cpsat counts to {LARGEST}, not to {value}")
     return value
 
 

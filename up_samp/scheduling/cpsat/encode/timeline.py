@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from up_samp.model import ProblemError, check_time
-from up_samp.scheduling.cpsat.encode.durations import LIMITS
 from up_samp.scheduling.cpsat.encode.forms import (
     FALSE,
     TRUE,
@@ -448,7 +447,7 @@ class Timeline:
             for i in range(-1, len(writes))
             if i != j
         )
-        return arcs <= LIMITS.circuit_arcs
+        return arcs <= 60_000  # beyond that only pairs are ordered
 
     def _circuit(self) -> None:
         """State the order of the writes as a circuit through a node for the initial value.
