@@ -45,7 +45,7 @@ def schedule_plainly(
         plain,
         params=engine.engine_params,
         seed=engine.params.seed,
-        check=_check,
+        check=wrong_in,
         environment=problem.environment,
     )
     if isinstance(scheduler, CpsatSession):
@@ -87,7 +87,8 @@ def worth_of(
     return {**told, "value": measure.told(cost)}, cost == report.cost
 
 
-def _check(problem: Any, schedule: Schedule) -> list[str]:
+def wrong_in(problem: Any, schedule: Schedule) -> list[str]:
+    """Return what the validator has against a schedule of a problem without motions."""
     return [str(v) for v in validate_schedule(problem, schedule).violations]
 
 
@@ -121,7 +122,7 @@ def result_of_schedule(
     if report.schedule is not None:
         plan = build_schedule(problem, report.schedule)
         metrics["makespan"] = str(report.schedule.makespan)
-        violations = _check(problem, plan)
+        violations = wrong_in(problem, plan)
         if violations:
             messages.append(LogMessage(LogLevel.ERROR, f"invalid schedule: {violations[0]}"))
             status, plan = PlanGenerationResultStatus.INTERNAL_ERROR, None

@@ -211,9 +211,6 @@ def problem_of(
     """
     given = {**({"tuning": tuning} if wrapped.native else {}), **wrapped.params}
 
-    def relax_anew() -> Relaxation:
-        return relax(problem, snapshot)
-
     def scheduler_for(relaxation: Relaxation, attempt: int) -> Scheduler:
         seed = params.seed + attempt
         scheduler: Any = open_scheduler(
@@ -234,7 +231,8 @@ def problem_of(
 
     build = partial(to_plan, problem, snapshot, params.margin)
     native = wrapped.native or "incumbents" not in params.without
-    return Problem(relax_anew, scheduler_for, build, wrapped.judge, native)
+    relaxed = partial(relax, problem, snapshot)
+    return Problem(relaxed, scheduler_for, build, wrapped.judge, native)
 
 
 def open_thin(

@@ -103,15 +103,15 @@ def compile_negations(problem: PlainProblem) -> Compiled:
     """Rewrite every condition so that only atoms are negated: aries knows no negated conjunction
     in conditions.
     """
+
+    def atom(expression: Expr, positive: bool) -> Expr:
+        return expression if positive else negation(expression)
+
     conditions = (
-        replace(c, expression=folded(c.expression, _literal, conjunction, disjunction))
+        replace(c, expression=folded(c.expression, atom, conjunction, disjunction))
         for c in problem.conditions
     )
     return Compiled(replace(problem, conditions=tuple(conditions)))
-
-
-def _literal(expression: Expr, positive: bool) -> Expr:
-    return expression if positive else negation(expression)
 
 
 def _parts(constraint: Expr) -> list[Expr]:

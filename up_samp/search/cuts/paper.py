@@ -116,13 +116,13 @@ class PaperCuts(SmallCuts):
         }
         if not failure.found:
             why = failure.report.reason or "no trajectories for the group"
-            cut = rules.paper_geometric(group, _rivals(facts), places)
+            cut = rules.paper_geometric(group, facts.snapshot.by_activity, places)
             return [Refinement(cut, Layer.GROUP, Strength.HEURISTIC, why)]
-        changers = _changers(facts, places)
+        changers = {c.activity for c in facts.snapshot.changes if c.object in places}
         meanwhile = {c for c in changers if _overlaps(failure, c)}
         # what changes in the midst of the group might as well change earlier
         strength = Strength.HEURISTIC if meanwhile else failure.strength
-        rivals = sorted({*_rivals(facts), *changers - meanwhile})
+        rivals = sorted({*facts.snapshot.by_activity, *changers - meanwhile})
         cut = rules.paper_temporal(group, rivals, failure.arrivals(group), places)
         return [Refinement(cut, Layer.GROUP, strength, "the group needs more time")]
 
@@ -132,11 +132,6 @@ def _under(motion: ScheduledMotion, case: MotionCase) -> ScheduledMotion:
     if case.activity == motion.activity:
         return replace(motion, given=case.given)
     return replace(motion, activity=case.activity, constraint=0, given=case.given)
-
-
-def _changers(facts: Facts, places: Mapping[str, str]) -> set[str]:
-    """Return the activities that change the configurations of ``places`` in an instant."""
-    return {c.activity for c in facts.snapshot.changes if c.object in places}
 
 
 def _overlaps(failure: Failure, activity: str) -> bool:
@@ -155,7 +150,3 @@ def _movers(facts: Facts, places: Mapping[str, str]) -> list[str]:
     meanwhile, although nobody of them was looked at.
     """
     return sorted({a for name in places for a in facts.movers[name]})
-
-
-def _rivals(facts: Facts) -> list[str]:
-    return sorted(facts.snapshot.by_activity)

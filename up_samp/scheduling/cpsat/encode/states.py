@@ -208,9 +208,10 @@ class States:
                 yield literal, self.var(fluent, tuple(v for _, v in combination))
 
     # -- how conditions and values read them -----------------------------------------------------
-    def _all_grounds(
+    def all_grounds(
         self, node: FNode, owner: ActivityVars | None
     ) -> Iterator[tuple[Literal, StateVar]]:
+        """Yield (literal, variable) for each state variable that an expression may read."""
         for fluent in fluents_in(node):
             args_have_fluents = any(fluents_in(a) for a in fluent.args)
             if args_have_fluents:
@@ -239,7 +240,7 @@ class States:
         decided, rest = unless_decided(node)
         if decided is not None and not loose:
             # whatever is decided, nobody may change meanwhile what is read
-            for _, state in self._all_grounds(rest, owner):
+            for _, state in self.all_grounds(rest, owner):
                 self._read(state, replace(pattern, guard_only=True))
             said = Terms(self.world, no_fluents, owner)
             other = self._literals(said.form(decided, False), said.form(decided))
@@ -413,7 +414,7 @@ class States:
         terms = Terms(self.world, no_fluents, owner)
         own = {id(state): literal for literal, state in self.grounds(effect.fluent, terms)}
         for node in (effect.condition, effect.value):
-            for literal, state in self._all_grounds(node, owner):
+            for literal, state in self.all_grounds(node, owner):
                 when = self.store.all_of([active, literal, ~own.get(id(state), FALSE)])
                 if when != FALSE:
                     state.reads.append(Read(owner.index, when, time, time, guard_only=True))
@@ -457,10 +458,6 @@ class States:
         """Return the same of an interval of the problem's own, but for its last instant."""
         needs, some, lo, _, until = self._span(with_timings(span), None)
         return needs, some, lo, until
-
-    def read_by(self, node: FNode) -> Iterator[tuple[Literal, StateVar]]:
-        """Yield the state variables that an expression of the problem's own may read."""
-        return self._all_grounds(node, None)
 
     def _instants(self, span: TimeInterval, terms: Terms) -> tuple[Lin, Lin, tuple[Lin, Lin]]:
         """Return the first and last instant, and the two by which to tell whether there is any.
@@ -543,7 +540,7 @@ class States:
             return
         # own and base effects inside the interval are allowed: look again after each of them
         if owner is not None:
-            for _, state in self._all_grounds(node, owner):
+            for _, state in self.all_grounds(node, owner):
                 state.reads.append(Read(number, active, lo, hi, guard_only=True))
         self._hold(node, owner, active, lo, lo)
         for write in inside:
@@ -569,7 +566,7 @@ class States:
         if self.difference(hi, lo)[1] <= 0:
             return []
         found: dict[int, Write] = {}
-        for _, state in self._all_grounds(node, owner):
+        for _, state in self.all_grounds(node, owner):
             for write in state.exempt(None if owner is None else owner.index):
                 after_lo = self.difference(write.time, lo)[1] >= 0
                 if after_lo and self.difference(write.time, hi)[0] < 0:

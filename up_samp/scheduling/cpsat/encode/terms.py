@@ -25,6 +25,7 @@ from up_samp.scheduling.cpsat.encode.forms import (
     conjunction,
     constant,
     disjunction,
+    join,
 )
 from up_samp.scheduling.cpsat.encode.store import ModelStore
 from up_samp.upio.expressions import walk
@@ -204,9 +205,7 @@ class Terms:
             if other.terms and total.terms:
                 total = self._multiply(total, other)
             elif other.terms:
-                total = times(other, total.const)._replace(
-                    needs=tuple(sorted({*total.needs, *other.needs}))
-                )
+                total = times(other, total.const)._replace(needs=join(total.needs, other.needs))
             else:
                 total = times(total, other.const)
             scale *= d
@@ -220,7 +219,7 @@ class Terms:
         store.model.add_multiplication_equality(
             store.var(product), [store.affine(a), store.affine(b)]
         )
-        return Lin(((product, 1),), 0, tuple(sorted({*a.needs, *b.needs})))
+        return Lin(((product, 1),), 0, join(a.needs, b.needs))
 
     def _rational_time(self, node: FNode) -> tuple[Lin, int]:
         timing = node.timing()
