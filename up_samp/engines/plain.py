@@ -78,13 +78,8 @@ def worth_of(
         bound = {} if report.bound is None else {"lower_bound": str(report.bound)}
         return bound, True
     measure = measure_of(problem, lambda schedule: value_of(problem, schedule))
-    told = {"objective": measure.name}
-    if report.bound is not None:
-        told["value_bound"] = measure.told(report.bound)
-    if plan is None:
-        return told, True
-    cost = measure.cost(plan)
-    return {**told, "value": measure.told(cost)}, cost == report.cost
+    cost = None if plan is None else measure.cost(plan)
+    return measure.metrics(report.bound, cost), plan is None or cost == report.cost
 
 
 def wrong_in(problem: Any, schedule: Schedule) -> list[str]:
