@@ -51,7 +51,7 @@ def compile_support(problem: PlainProblem) -> Compiled:
     conditions: list[Condition] = []
     constraints: list[Expr] = []
     exact = True
-    for condition in _conjuncts(problem.conditions):
+    for condition in conjuncts(problem.conditions):
         behind = least(problem, condition.high, condition.low)
         if behind is not None and behind > 0:
             continue  # over nothing
@@ -74,7 +74,8 @@ def compile_support(problem: PlainProblem) -> Compiled:
     return Compiled(found, exact=exact)
 
 
-def _conjuncts(conditions: Iterable[Condition]) -> Iterator[Condition]:
+def conjuncts(conditions: Iterable[Condition]) -> Iterator[Condition]:
+    """Yield each part of a conjunction as a condition by itself."""
     for condition in conditions:
         whole = condition.expression
         for part in whole[1:] if whole[0] == "and" else (whole,):
