@@ -403,7 +403,7 @@ class States:
             adds = not effect.is_assignment()
             state.writes.append(Write(number, when, time, value, adds))
             if not adds:
-                self._within(state, value, when)
+                self.within_bounds(state, value, when)
 
     def _keep_apart(
         self, effect: Effect, owner: ActivityVars | None, active: Literal, time: Lin
@@ -419,7 +419,8 @@ class States:
                 if when != FALSE:
                     state.reads.append(Read(owner.index, when, time, time, guard_only=True))
 
-    def _within(self, state: StateVar, value: Lin, when: Literal) -> None:
+    def within_bounds(self, state: StateVar, value: Lin, when: Literal) -> None:
+        """State that a value is one that a variable may have."""
         low, high = state.bounds
         self.store.enforce(constant(low).le(value), (when,))
         self.store.enforce(value.le(constant(high)), (when,))
@@ -508,6 +509,12 @@ class States:
             if one is not other:
                 return self.store.range(gap)
         return self.store.range(self.in_sizes(gap))
+
+    def surely_during(self, owner: int, low: Lin, high: Lin) -> bool:
+        """Return whether an interval is within an activity's, whatever the schedule."""
+        activity = self.activity(owner)
+        after = self.difference(low, activity.start)[0] >= 0
+        return after and self.difference(activity.end, high)[0] >= 0
 
     def in_sizes(self, lin: Lin) -> Lin:
         """Return a sum of times with starts and sizes of activities instead of their ends."""

@@ -146,12 +146,10 @@ class NumericTimeline:
             )
 
     def _bounds_by_query(self) -> None:
-        low, high = self.state.bounds
         for write in self.state.writes:
             if write.add:
                 level = self.query(write.time.shift(1), write.active)
-                self.store.enforce(constant(low).le(level), (write.active,))
-                self.store.enforce(level.le(constant(high)), (write.active,))
+                self.states.within_bounds(self.state, level, write.active)
 
     def _no_coincidences(self) -> None:
         """Keep assignments apart from every other effect on the variable."""
@@ -398,7 +396,7 @@ class Timeline:
 
     def _alone(self, write: Write, read: Read) -> bool:
         owner = write.owner
-        if owner is None or not self._within(owner, read.lo):
+        if owner is None or not self.states.surely_during(owner, read.lo, read.lo):
             return False
         return self._never_overlap()
 
@@ -411,12 +409,8 @@ class Timeline:
         owners = {w.owner for w in self.state.writes}
         if None in owners or not self.apart(frozenset(o for o in owners if o is not None)):
             return False
-        return all(self._within(w.owner or 0, w.time) for w in self.state.writes)
-
-    def _within(self, owner: int, time: Lin) -> bool:
-        activity = self.states.activity(owner)
-        after = self.states.difference(time, activity.start)[0] >= 0
-        return after and self.states.difference(activity.end, time)[0] >= 0
+        during = self.states.surely_during
+        return all(during(w.owner or 0, w.time, w.time) for w in self.state.writes)
 
     def _allowed(self, i: int) -> frozenset[int] | None:
         link = self.linked.get(i)

@@ -671,7 +671,8 @@ def _stops(
             continue
         if read.owner in place.members and _happens(model, read.owner):
             activity = model.states.activity(read.owner)
-            if read.active == activity.present and _inside(model, activity, read):
+            during = model.states.surely_during(read.owner, read.lo, read.hi)
+            if read.active == activity.present and during:
                 known = places.get(read.owner, read.allowed)
                 # who may be put elsewhere meanwhile need not be at both
                 both = known | read.allowed if place.free else known & read.allowed
@@ -691,11 +692,6 @@ def _rests(
     """
     named, some = dict(stops), map(model.states.activity, place.members - place.owners)
     return frozenset(a.name for a in some if a.present == TRUE and a.name not in named)
-
-
-def _inside(model: ScheduleModel, activity: ActivityVars, read: Read) -> bool:
-    after = model.states.difference(read.lo, activity.start)[0] >= 0
-    return after and model.states.difference(activity.end, read.hi)[0] >= 0
 
 
 def _final(model: ScheduleModel, state: StateVar) -> frozenset[int] | None:
