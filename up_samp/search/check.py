@@ -21,7 +21,7 @@ from up_samp.model import (
 )
 from up_samp.model.refinement import Refinement, Strength
 from up_samp.refinement import rules, timed
-from up_samp.search.cuts.protocol import Alone, Failure, rejects
+from up_samp.search.cuts.protocol import Alone, Failure, rejecting
 from up_samp.search.cuts.small import SmallCuts, blocked
 from up_samp.search.events import Phase, Telling
 from up_samp.search.facts import Facts, MotionCase
@@ -170,10 +170,6 @@ class Checker:
         report = self.motions.service.coordinate(query, deadline, seed=seed)
         return report, deadline.expired()
 
-    def rejected(self, itinerary: Itinerary, found: Sequence[Refinement]) -> bool:
-        """Return whether one of the refinements forbids the candidate."""
-        return any(rejects(itinerary, self.knowledge.relaxation.snapshot, r) for r in found)
-
 
 def check_path(
     checker: Checker, itinerary: Itinerary, motion: ScheduledMotion, check: Check
@@ -201,7 +197,7 @@ def check_path(
         never = ((rules.impossible(c.activity, alone.why), c.given) for c in alone.cases)
         return [replace(rules.only_given(r, g), strength=alone.strength) for r, g in never]
     found = blocked(facts, alone) if proven else checker.cuts.no_path(motions, alone)
-    if not checker.rejected(itinerary, found):
+    if not rejecting(itinerary, facts.snapshot, found):
         found.append(_blocked_as_timed(facts, itinerary, alone))
     return found
 
@@ -213,7 +209,7 @@ def check_duration(
     motions, facts = checker.motions, checker.motions.facts
     body = facts.body(motion)
     told = checker.cuts.unobstructed(motions, checker.knowledge, motion)
-    found = [r for r in told if checker.rejected(itinerary, [r])]
+    found = rejecting(itinerary, facts.snapshot, told)
     if found:
         return found
     obstacles = instant_obstacles(facts, itinerary, motion)
@@ -234,7 +230,7 @@ def check_duration(
         strength,
     )
     found = checker.cuts.too_slow(motions, alone, units)
-    if not checker.rejected(itinerary, found):
+    if not rejecting(itinerary, facts.snapshot, found):
         exact = _blocked_as_timed(facts, itinerary, alone)
         found.append(rules.unless_longer(exact, motion.activity, units))
     return found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -158,7 +158,7 @@ class Failure:
 def or_exact(failure: Failure, found: list[Refinement]) -> list[Refinement]:
     """Return ``found``, with the exact cut added if nothing of it rejects the candidate."""
     snapshot, group = failure.facts.snapshot, failure.group
-    if any(rejects(failure.itinerary, failure.facts.snapshot, r) for r in found):
+    if rejecting(failure.itinerary, snapshot, found):
         return found
     times = failure.itinerary.schedule.times
     mine = {m.activity for m in group}
@@ -178,10 +178,12 @@ def or_exact(failure: Failure, found: list[Refinement]) -> list[Refinement]:
     return [*found, rules.only_given(exact, failure.itinerary.given)]
 
 
-def rejects(itinerary: Itinerary, snapshot: Snapshot, refinement: Refinement) -> bool:
-    """Return whether a refinement forbids the candidate schedule."""
+def rejecting(
+    itinerary: Itinerary, snapshot: Snapshot, found: Iterable[Refinement]
+) -> list[Refinement]:
+    """Return the refinements that forbid the candidate schedule."""
 
     def places(name: str, first: int, last: int) -> set[str]:
         return places_between(itinerary, snapshot, name, first, last)
 
-    return not holds(refinement.statement, itinerary.schedule, places)
+    return [r for r in found if not holds(r.statement, itinerary.schedule, places)]

@@ -6,14 +6,13 @@ does, the group is forbidden just as it was timed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 from up_samp.model import PathQuery, ScheduledMotion
 from up_samp.model.refinement import Layer, Refinement, Strength
 from up_samp.refinement import rules
-from up_samp.search.cuts.protocol import Alike, Alone, Failure, or_exact, rejects
+from up_samp.search.cuts.protocol import Alike, Alone, Failure, or_exact, rejecting
 from up_samp.search.facts import Facts
 from up_samp.search.knowledge import Knowledge
 from up_samp.search.motions import Motions
@@ -72,7 +71,9 @@ class SmallCuts:
             return or_exact(failure, [_together_cut(failure)])
         found: list[Refinement] = []
         for name in sorted(failure.report.late, key=lambda n: (failure.timed[n].release, n)):
-            found += _first_violated(failure, (partial(a, failure, name) for a in self.attempts))
+            tried = (attempt(failure, name) for attempt in self.attempts)
+            snapshot = failure.facts.snapshot
+            found += next((t for t in tried if rejecting(failure.itinerary, snapshot, t)), [])
             if failure.motions.budget.deadline.expired():
                 break
         return or_exact(failure, found or [_timing_cut(failure)])
@@ -102,16 +103,6 @@ def _that_delay(motions: Motions, alone: Alone, units: int) -> dict[str, str]:
 def blocked(facts: Facts, alone: Alone) -> list[Refinement]:
     """State that the motion and all alike must not be made while the blockers rest there."""
     return blocked_while(facts, alone.cases, alone.places, alone.why, alone.strength)
-
-
-def _first_violated(
-    failure: Failure, attempts: Iterable[Callable[[], list[Refinement]]]
-) -> list[Refinement]:
-    for attempt in attempts:
-        found = attempt()
-        if any(rejects(failure.itinerary, failure.facts.snapshot, r) for r in found):
-            return found
-    return []
 
 
 def _together_cut(failure: Failure) -> Refinement:
