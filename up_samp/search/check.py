@@ -138,7 +138,7 @@ class Checker:
         """Note for people which motions were not found, among what that rests in their way."""
         facts, start = self.motions.facts, min(m.start for m in motions)
         told = " with ".join(str(facts.case(m)) for m in motions[:MOST_NAMED])
-        for name in sorted(facts.movers.keys() & set(among))[:MOST_NAMED]:
+        for name in sorted(facts.snapshot.movers.keys() & set(among))[:MOST_NAMED]:
             told += f", {name} being at {itinerary.place_at(facts.snapshot, name, start)}"
         self.knowledge.history.missed.append(told)
 
@@ -241,7 +241,7 @@ def _places(
 ) -> dict[str, str]:
     """Return where those of some objects that may move rest when a motion starts."""
     snapshot = facts.snapshot
-    return {n: itinerary.place_at(snapshot, n, motion.start) for n in names if facts.movers[n]}
+    return {n: itinerary.place_at(snapshot, n, motion.start) for n in names if snapshot.movers[n]}
 
 
 def _blocked_as_timed(facts: Facts, itinerary: Itinerary, alone: Alone) -> Refinement:
@@ -252,7 +252,7 @@ def _blocked_as_timed(facts: Facts, itinerary: Itinerary, alone: Alone) -> Refin
     given = dict(motion.given)
     for name in alone.places:
         times = itinerary.schedule.times
-        movers = sorted(facts.movers[name])
+        movers = sorted(facts.snapshot.movers[name])
         ends = {a: times[a][1] if a in times else -1 for a in movers}
         before = [(time, a) for a, time in ends.items() if 0 <= time <= motion.start]
         set_by[name] = max(before)[1] if before else None

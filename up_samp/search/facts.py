@@ -155,11 +155,6 @@ class Facts:
         """Objects that travel with others and never drive."""
         return frozenset(r.load for r in self.snapshot.rides) - self.drivers
 
-    @property
-    def movers(self) -> Mapping[str, frozenset[str]]:
-        """Object -> activities that drive it, carry it or change it."""
-        return self.snapshot.movers
-
     def body(self, motion: ScheduledMotion) -> Body:
         """Return what a scheduled motion drives: an object, with its loads."""
         return self.snapshot.body(motion.activity, motion.constraint, motion.object)

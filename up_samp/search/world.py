@@ -58,7 +58,7 @@ def instant_obstacles(
         if not avoids(motion.avoid, name):
             continue
         resting = _resting_at(facts, itinerary, name, motion.start, motion.end)
-        if resting is not None or not (name in facts.instant or name in facts.loads):
+        if resting is not None or name not in snapshot.moved_otherwise:
             found.append(facts.placed(name, resting or place))
     return tuple(found)
 

@@ -149,4 +149,4 @@ def _movers(facts: Facts, places: Mapping[str, str]) -> list[str]:
     With all rivals in RCOND the cut would not reject a candidate in which any other robot drives
     meanwhile, although nobody of them was looked at.
     """
-    return sorted({a for name in places for a in facts.movers[name]})
+    return sorted({a for name in places for a in facts.snapshot.movers[name]})

@@ -148,7 +148,7 @@ class Failure:
         return {
             name: self.itinerary.place_at(snapshot, name, start)
             for name in sorted(self.report.blockers)
-            if self.facts.movers.get(name)
+            if snapshot.movers.get(name)
         }
 
 

@@ -37,7 +37,7 @@ def _set_onto(facts: Facts, itinerary: Itinerary, refusal: Refusal) -> Refinemen
     if change is None:
         return None
     sets = {c.activity for c in facts.snapshot.changes if c.object == other}
-    moves = set(facts.movers[other]) - sets
+    moves = set(facts.snapshot.movers[other]) - sets
     times = itinerary.schedule.times
     before = [(times[a][1], a) for a in moves | sets if a in times and times[a][1] <= change.time]
     setter = max(before)[1] if before else None
@@ -60,7 +60,7 @@ def _as_timed(facts: Facts, itinerary: Itinerary, refusal: Refusal) -> Refinemen
     if names:
         last = max(times[a][1] for a in names)
         for thing in refusal.objects:
-            movers = facts.movers.get(thing, frozenset()) - names
+            movers = facts.snapshot.movers.get(thing, frozenset()) - names
             names |= {m for m in movers if m in times and times[m][0] <= last}
     cut = timed.exactly_as_timed({n: times[n] for n in sorted(names or times)}, refusal.what)
     return rules.only_given(cut, itinerary.given)

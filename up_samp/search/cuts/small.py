@@ -52,7 +52,7 @@ class SmallCuts:
         """Return what it tells that a motion takes ``units`` alone: it and all alike take that long
         while the blockers rest there.
         """
-        movers, why, strength = motions.facts.movers, alone.why, alone.strength
+        movers, why, strength = motions.facts.snapshot.movers, alone.why, alone.strength
         places = _that_delay(motions, alone, units)
         found = []
         for case in alone.cases:
@@ -116,7 +116,7 @@ def _together_cut(failure: Failure) -> Refinement:
     known = failure.knowledge.failed_together
     rule = rules.not_together if together in known else rules.group_fails
     known.add(together)
-    return rule(motions, failure.blockers(motions), failure.facts.movers, why)
+    return rule(motions, failure.blockers(motions), failure.facts.snapshot.movers, why)
 
 
 def _timing_cut(failure: Failure) -> Refinement:
@@ -127,7 +127,7 @@ def _timing_cut(failure: Failure) -> Refinement:
         motions,
         arrivals,
         failure.blockers(motions),
-        failure.facts.movers,
+        failure.facts.snapshot.movers,
         why,
         rivals=failure.rivals(motions),
         strength=failure.strength,

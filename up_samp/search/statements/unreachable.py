@@ -39,7 +39,7 @@ def _certify(
         why = f"{placed.name} at {configuration} lies on the first pose"
         if facts.returns_to(placed.name, configuration):
             return blocked_while(facts, cases, {placed.name: configuration}, why)
-        changes = facts.movers[placed.name]
+        changes = facts.snapshot.movers[placed.name]
         return [_gone_from_the_start(c, changes, why) for c in cases]
     proof = service.certificate(body, poses, (placed,))
     if proof is None:
@@ -54,7 +54,7 @@ def _certify(
     if facts.returns_to(placed.name, configuration):
         places = {placed.name: configuration}
         return found + blocked_while(facts, static + others, places, why)
-    changes = facts.movers[placed.name]
+    changes = facts.snapshot.movers[placed.name]
     found += [_gone_from_the_start(c, changes, why) for c in static]
     if others:
         found += [_opened(facts, c, placed.name, configuration, why) for c in others]
@@ -74,9 +74,10 @@ def blocked_while(
     strength: Strength = Strength.PROVEN,
 ) -> list[Refinement]:
     """State that motions must not be made while objects rest at these ``places``."""
+    movers = facts.snapshot.movers
     return [
         rules.only_given(
-            rules.blocked_while(c.activity, places, facts.movers, why, strength=strength), c.given
+            rules.blocked_while(c.activity, places, movers, why, strength=strength), c.given
         )
         for c in cases
     ]
@@ -86,7 +87,7 @@ def _opened(
     facts: Facts, case: MotionCase, obstacle: str, configuration: str, why: str
 ) -> Refinement:
     """State that an obstacle which does not come back has left before the end."""
-    changes = facts.movers[obstacle]
+    changes = facts.snapshot.movers[obstacle]
     if len(changes) <= 1 and not case.given:
         return rules.needs_open(case.activity, obstacle, configuration, why)
     # a condition would forbid further changes in its interval, although the obstacle has gone
