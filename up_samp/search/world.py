@@ -223,7 +223,7 @@ def places_between(
 @dataclass(frozen=True)
 class PlaceVisit:
     """An object rests at a pose, from its motion ``arrival`` (None: from the start) until its
-    motion ``departure`` (None: for good). ``since`` is when it arrives in the candidate (units).
+    motion ``departure`` (None: for good).
     """
 
     object: str
@@ -231,10 +231,9 @@ class PlaceVisit:
     pose: Configuration
     arrival: str | None
     departure: str | None
-    since: int
 
 
-def visits_of(facts: Facts, itinerary: Itinerary) -> list[PlaceVisit]:
+def _visits(facts: Facts, itinerary: Itinerary) -> list[PlaceVisit]:
     """Return where the objects that drive rest, in a candidate."""
     by_object: dict[str, list[ScheduledMotion]] = defaultdict(list)
     for motion in itinerary.motions:
@@ -243,13 +242,12 @@ def visits_of(facts: Facts, itinerary: Itinerary) -> list[PlaceVisit]:
     found = []
     for name in sorted(facts.drivers):
         body = snapshot.objects[name].body
-        chain = by_object[name]
         pose = snapshot.configurations[snapshot.initial[name]]
-        arrival, since = None, -1
-        for motion in chain:
-            found.append(PlaceVisit(name, body, pose, arrival, motion.activity, since))
-            arrival, since, pose = motion.activity, motion.end, motion.poses[-1]
-        found.append(PlaceVisit(name, body, pose, arrival, None, since))
+        arrival = None
+        for motion in by_object[name]:
+            found.append(PlaceVisit(name, body, pose, arrival, motion.activity))
+            arrival, pose = motion.activity, motion.poses[-1]
+        found.append(PlaceVisit(name, body, pose, arrival, None))
     return found
 
 
@@ -261,7 +259,7 @@ def others_first(facts: Facts, service: MotionService, itinerary: Itinerary) -> 
     """
     found: dict[str, set[str]] = defaultdict(set)
     avoid = {m.activity: m.avoid for m in itinerary.motions}
-    for pair in _meeting(service, visits_of(facts, itinerary)):
+    for pair in _meeting(facts, service, itinerary):
         for one, other in (pair, pair[::-1]):
             if one.departure is not None or one.arrival is None or other.departure is None:
                 continue
@@ -273,16 +271,16 @@ def others_first(facts: Facts, service: MotionService, itinerary: Itinerary) -> 
 
 def contested(facts: Facts, service: MotionService, itinerary: Itinerary) -> set[str]:
     """Return the motions that end where another object has to be, too, at some time."""
-    pairs = _meeting(service, visits_of(facts, itinerary))
+    pairs = _meeting(facts, service, itinerary)
     return {visit.arrival for pair in pairs for visit in pair if visit.arrival is not None}
 
 
 def _meeting(
-    service: MotionService, visits: list[PlaceVisit]
+    facts: Facts, service: MotionService, itinerary: Itinerary
 ) -> list[tuple[PlaceVisit, PlaceVisit]]:
-    """Return the pairs of visits of two objects whose poses overlap."""
+    """Return the pairs of visits of two objects whose poses overlap, in a candidate."""
     at: dict[tuple[Body, Configuration], list[PlaceVisit]] = defaultdict(list)
-    for visit in visits:
+    for visit in _visits(facts, itinerary):
         at[visit.body, visit.pose].append(visit)
     found: list[tuple[PlaceVisit, PlaceVisit]] = []
     for (key, some), (other, others) in itertools.combinations_with_replacement(at.items(), 2):

@@ -244,7 +244,6 @@ class PlainProblem:
     ground fluent expression to its value where that is not the fluent's default.
     """
 
-    name: str
     activities: tuple[Activity, ...]
     constraints: tuple[Expr, ...] = ()
     conditions: tuple[Condition, ...] = ()

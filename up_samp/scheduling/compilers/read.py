@@ -94,7 +94,6 @@ class _ProblemReader:
                     each = self._written_out.effects(effect)
                     effects += [self._effect(timing, e, owner) for e in each]
         return PlainProblem(
-            name=problem.name or "problem",
             activities=tuple(self._activity(a) for a in problem.activities),
             constraints=tuple(c for c in constraints if c != TRUE),
             conditions=tuple(conditions),

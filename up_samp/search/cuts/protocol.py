@@ -22,7 +22,7 @@ from up_samp.search.facts import Facts, MotionCase, are_apart
 from up_samp.search.knowledge import Knowledge
 from up_samp.search.motions import Motions
 from up_samp.search.world import motion_key, places_between
-from up_samp.upio import Itinerary, Relaxation
+from up_samp.upio import Itinerary
 
 Alike = Callable[[Facts, ScheduledMotion], list[MotionCase]]
 """Returns the case that a motion is, and all that a cut for it holds for as well."""
@@ -63,11 +63,6 @@ class Failure:
     def facts(self) -> Facts:
         """The problem's facts."""
         return self.motions.facts
-
-    @property
-    def relaxation(self) -> Relaxation:
-        """The relaxation with all that was learned."""
-        return self.knowledge.relaxation
 
     @property
     def found(self) -> bool:

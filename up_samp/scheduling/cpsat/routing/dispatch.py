@@ -24,7 +24,6 @@ from up_samp.scheduling.cpsat.routing.route import Move, Route
 class UnitPlace:
     """A unary place: it is taken by whoever rests at one of ``places`` (by route's key)."""
 
-    key: Key
     places: Mapping[Key, frozenset[int]]
 
     def places_of(self, route: Key) -> frozenset[int]:
@@ -44,7 +43,7 @@ def find_unit_places(model: ScheduleModel, routes: list[Route]) -> list[UnitPlac
             index = model.world.activities[move.name].index
             carriers.setdefault(index, set()).add(route.key)
     found = []
-    for key, state in model.states.vars.items():
+    for state in model.states.vars.values():
         writes = [w for w in state.writes if not model.store.never(w.active)]
         if not writes or state.bounds != (0, 1) or not all(w.add for w in writes):
             continue
@@ -66,7 +65,7 @@ def find_unit_places(model: ScheduleModel, routes: list[Route]) -> list[UnitPlac
         else:
             here = sum(route.initial in places[route.key] for route in routes)
             if here + (state.initial or 0) <= 1:  # who is there has it
-                found.append(UnitPlace(key, places))
+                found.append(UnitPlace(places))
     return found
 
 
