@@ -4,7 +4,7 @@ import pytest
 
 from up_samp.model import CandidateSchedule, ScheduledMotion
 from up_samp.model.refinement import Layer, Requires, Strength
-from up_samp.refinement import holds, paper_rules, rules, timed
+from up_samp.refinement import holds, rules, timed
 
 
 def motion(name, start, end, obj=None):
@@ -125,7 +125,7 @@ def test_requirements_at_the_end():
 
 def test_the_papers_condition_gives_way_to_any_rival():
     group = [motion("a", 0, 5)]
-    cut = paper_rules.paper_geometric(group, ["a", "r"], {"box": "mid"})
+    cut = rules.paper_geometric(group, ["a", "r"], {"box": "mid"})
     assert not holds(cut, schedule(a=(0, 5)), at(box="mid"))
     assert not holds(cut, schedule(a=(0, 5), r=(6, 8)), at(box="mid"))
     assert holds(cut, schedule(a=(0, 5), r=(5, 8)), at(box="mid"))
@@ -134,7 +134,7 @@ def test_the_papers_condition_gives_way_to_any_rival():
 
 def test_the_papers_timing_cut():
     group = [motion("a", 0, 5), motion("b", 2, 6)]
-    cut = paper_rules.paper_temporal(group, ["a", "b"], {"b": 8}, {})
+    cut = rules.paper_temporal(group, ["a", "b"], {"b": 8}, {})
     assert not holds(cut, schedule(a=(0, 5), b=(2, 6)), nowhere)
     assert holds(cut, schedule(a=(0, 5), b=(1, 6)), nowhere)
     assert holds(cut, schedule(a=(0, 5), b=(2, 8)), nowhere)

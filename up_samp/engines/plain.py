@@ -45,7 +45,7 @@ def schedule_plainly(
         plain,
         params=engine.engine_params,
         seed=engine.params.seed,
-        check=_check,
+        check=wrong_in,
         environment=problem.environment,
     )
     if isinstance(scheduler, CpsatSession):
@@ -78,16 +78,12 @@ def worth_of(
         bound = {} if report.bound is None else {"lower_bound": str(report.bound)}
         return bound, True
     measure = measure_of(problem, lambda schedule: value_of(problem, schedule))
-    told = {"objective": measure.name}
-    if report.bound is not None:
-        told["value_bound"] = measure.told(report.bound)
-    if plan is None:
-        return told, True
-    cost = measure.cost(plan)
-    return {**told, "value": measure.told(cost)}, cost == report.cost
+    cost = None if plan is None else measure.cost(plan)
+    return measure.metrics(report.bound, cost), plan is None or cost == report.cost
 
 
-def _check(problem: Any, schedule: Schedule) -> list[str]:
+def wrong_in(problem: Any, schedule: Schedule) -> list[str]:
+    """Return what the validator has against a schedule of a problem without motions."""
     return [str(v) for v in validate_schedule(problem, schedule).violations]
 
 
@@ -121,7 +117,7 @@ def result_of_schedule(
     if report.schedule is not None:
         plan = build_schedule(problem, report.schedule)
         metrics["makespan"] = str(report.schedule.makespan)
-        violations = _check(problem, plan)
+        violations = wrong_in(problem, plan)
         if violations:
             messages.append(LogMessage(LogLevel.ERROR, f"invalid schedule: {violations[0]}"))
             status, plan = PlanGenerationResultStatus.INTERNAL_ERROR, None

@@ -23,7 +23,6 @@ from up_samp.upio.objective import MAKESPAN
 if TYPE_CHECKING:
     from up_samp.search.conclusion import Conclusion
     from up_samp.search.history import History, ProgressEvent
-    from up_samp.search.knowledge import Bounds
     from up_samp.search.search import Search
 
 
@@ -103,9 +102,12 @@ def too_late(name: str, params: Parameters, deadline: Deadline) -> SampResult:
 def metrics_of(params: Parameters, search: Search) -> dict[str, str]:
     """Return the figures of a search, by name."""
     history, bounds = search.history, search.bounds
+    bound = {"lower_bound": str(bounds.lower)}
+    if bounds.measure.name != MAKESPAN:
+        bound = bounds.measure.metrics(bounds.lower, bounds.upper)
     metrics = {
         "preset": params.preset,
-        **_bound(bounds),
+        **bound,
         "bound_kind": RELATIVE if bounds.relative else ABSOLUTE,
         "rounds": str(len(history.rounds)),
         "restarts": str(history.restarts),
@@ -148,15 +150,6 @@ def _most_shorter(history: History) -> str:
     """Return by how much the three motions in doubt most may be shorter, in words."""
     most = list(history.may_be_shorter.items())[:3]
     return "; ".join(f"{100 * share:.1f} % {name}" for name, share in most)
-
-
-def _bound(bounds: Bounds) -> dict[str, str]:
-    """Return the bound on the makespan, or what else is asked for, with its bound and value."""
-    measure = bounds.measure
-    if measure.name == MAKESPAN:
-        return {"lower_bound": str(bounds.lower)}
-    told = {"objective": measure.name, "value_bound": measure.told(bounds.lower)}
-    return told if bounds.upper is None else {**told, "value": measure.told(bounds.upper)}
 
 
 def with_progress(params: Parameters, stream: IO[str]) -> Parameters:

@@ -21,7 +21,7 @@ from unified_planning.engines.mixins.anytime_planner import AnytimeGuarantee, An
 from unified_planning.engines.mixins.oneshot_planner import OneshotPlannerMixin, OptimalityGuarantee
 from unified_planning.model import ProblemKind
 from unified_planning.model.motion import MotionModels, MovableObject, SchedulingMotionProblem
-from unified_planning.plans import Plan, Schedule
+from unified_planning.plans import Plan
 
 from up_samp.engines.direct import Call
 from up_samp.engines.features import COMPILED, PASSED_ON
@@ -308,9 +308,10 @@ class SampRefine(ReplanningFace, MetaEngine, OneshotPlannerMixin, AnytimePlanner
         stream: IO[str] | None,
         start: Plan | None,
     ) -> Search:
+        from up_samp.engines.plain import wrong_in
         from up_samp.search.session import Wrapped, open_search
         from up_samp.upio.plan import build_schedule
-        from up_samp.validation import validate_plan, validate_schedule, value_of
+        from up_samp.validation import validate_plan, value_of
 
         params = self.params
         if stream is not None and params.progress is None:
@@ -326,11 +327,8 @@ class SampRefine(ReplanningFace, MetaEngine, OneshotPlannerMixin, AnytimePlanner
         def worth(schedule: CandidateSchedule) -> int | Fraction:
             return value_of(problem, build_schedule(problem, schedule))
 
-        def check_schedule(relaxed: Any, schedule: Schedule) -> list[str]:
-            return [str(v) for v in validate_schedule(relaxed, schedule).violations]
-
         engine, own, native = self._engine_class, self.engine_params, self._native
-        wrapped = Wrapped(engine, own, check_schedule, check_plan, native, worth)
+        wrapped = Wrapped(engine, own, wrong_in, check_plan, native, worth)
         return open_search(problem, wrapped, params, deadline, start=start)
 
     # ------------------------------------------------------------------ results

@@ -314,8 +314,9 @@ def _motions(
 def _trajectory(plan: Schedule, task: MotionTask, start: float) -> Trajectory:
     """Return the plan's own trajectory of a motion, or the one that its UP path tells."""
     timed: Mapping[Any, Trajectory] = getattr(plan, "trajectories", {})
-    if trajectory_key(task) in timed:
-        return timed[trajectory_key(task)]
+    key = trajectory_key(task.activity, task.index)
+    if key in timed:
+        return timed[key]
     for (activity, constraint), path in getattr(plan, "motion_paths", {}).items():
         same = activity.name == task.activity and constraint.movable.is_object_exp()
         if same and constraint.movable.object().name == task.object:

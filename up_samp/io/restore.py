@@ -62,7 +62,7 @@ def plan_from_dict(problem: SchedulingMotionProblem, plan: PlanDict) -> SampSche
                 raise ProblemError(
                     f"the plan has no motion of '{task.object}' in activity '{task.activity}'"
                 )
-            trajectories[trajectory_key(task)] = rows_trajectory(rows)
+            trajectories[trajectory_key(task.activity, task.index)] = rows_trajectory(rows)
     candidate = CandidateSchedule(times, parameters)
     return build_plan(problem, snapshot, candidate, trajectories, plan.get("margin"))
 

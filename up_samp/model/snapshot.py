@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -84,6 +84,15 @@ class ChangeTask:
     term: Term
 
 
+def _grouped(
+    tasks: Iterable[MotionTask], key: Callable[[MotionTask], str]
+) -> Mapping[str, Sequence[MotionTask]]:
+    found: dict[str, list[MotionTask]] = {}
+    for task in tasks:
+        found.setdefault(key(task), []).append(task)
+    return found
+
+
 @dataclass(frozen=True)
 class Snapshot:
     """All that motions need to know of a problem.
@@ -138,9 +147,15 @@ class Snapshot:
         """Objects that something else moves than drives of their own."""
         return frozenset((*(c.object for c in self.changes), *(r.load for r in self.rides)))
 
-    def tasks_of(self, activity: str) -> tuple[MotionTask, ...]:
-        """Return the motion tasks of an activity."""
-        return tuple(t for t in self.tasks if t.activity == activity)
+    @cached_property
+    def by_activity(self) -> Mapping[str, Sequence[MotionTask]]:
+        """The motion tasks of each activity that has some."""
+        return _grouped(self.tasks, lambda task: task.activity)
+
+    @cached_property
+    def by_object(self) -> Mapping[str, Sequence[MotionTask]]:
+        """The motion tasks of each object that drives."""
+        return _grouped(self.tasks, lambda task: task.object)
 
     def moved(self) -> frozenset[str]:
         """Return the objects that some activity moves or changes."""

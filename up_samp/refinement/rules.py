@@ -62,6 +62,11 @@ def other_motions(motions: Iterable[ScheduledMotion]) -> list[Literal]:
     return list(literals)
 
 
+def elsewhen(reference: TimeRef, point: TimeRef, offset: int) -> list[Literal]:
+    """State that a timepoint is not ``offset`` units after a reference."""
+    return [Apart(point, reference, 1 - offset), Apart(reference, point, offset + 1)]
+
+
 def impossible(activity: str, why: str) -> Refinement:
     """State that a motion can never be made (the map alone forbids it)."""
     return Refinement(Clause((Absent(activity),)), Layer.GEOMETRIC, Strength.PROVEN, why)
@@ -134,7 +139,7 @@ def blocked_while(
     literals: list[Literal] = [Absent(activity)]
     for obstacle, configuration in sorted(blockers.items()):
         literals.append(Elsewhere(activity, obstacle, configuration))
-        literals += [Overlap(m, (activity,)) for m in sorted(movers[obstacle]) if m != activity]
+        literals += _in_between((activity,), movers[obstacle])
     return Refinement(Clause(tuple(literals)), Layer.GEOMETRIC, strength, why)
 
 
@@ -260,7 +265,7 @@ def group_timing(
             longer = motion.end - reference.start + 1
             literals.append(Apart(start_of(reference.activity), end_of(motion.activity), longer))
     names = tuple(m.activity for m in motions)
-    literals += [Overlap(r, names) for r in sorted(rivals) if r not in names]
+    literals += _in_between(names, rivals)
     literals += _moved_away(names, blockers, movers)
     return Refinement(Clause(tuple(literals)), Layer.GROUP, strength, why)
 
@@ -281,7 +286,7 @@ def group_fails(
         earlier, later = start_of(reference.activity), start_of(motion.activity)
         if motion is not reference:
             offset = motion.start - reference.start
-            literals += [Apart(later, earlier, 1 - offset), Apart(earlier, later, offset + 1)]
+            literals += elsewhen(earlier, later, offset)
         finish = motion.end - reference.start
         literals.append(Apart(earlier, end_of(motion.activity), finish + 1))
     names = tuple(m.activity for m in motions)
@@ -317,5 +322,76 @@ def _moved_away(
     literals: list[Literal] = []
     for obstacle, configuration in sorted(blockers.items()):
         literals += [Elsewhere(n, obstacle, configuration) for n in names]
-        literals += [Overlap(m, names) for m in sorted(movers[obstacle]) if m not in names]
+        literals += _in_between(names, movers[obstacle])
     return literals
+
+
+def _in_between(names: tuple[str, ...], rivals: Iterable[str]) -> list[Literal]:
+    """State that some rival of activities overlaps with them."""
+    return [Overlap(r, names) for r in sorted(rivals) if r not in names]
+
+
+# ------------------ The refinements of the paper, as it states them: RCOND, CHCONF and CHTIME
+# They speak of a whole group in the order in which it failed.
+
+
+def paper_condition(motions: Sequence[ScheduledMotion], rivals: Iterable[str]) -> list[Literal]:
+    """Return the negation of RCOND(G): the ways in which the paper's cut does not apply.
+
+    Some activity of the group absent or between other configurations, the first motion of an
+    object not first, or a rival that overlaps the group.
+    """
+    literals = other_motions(motions)
+    for name in sorted({m.object for m in motions}):
+        own = sorted((m for m in motions if m.object == name), key=lambda m: m.start)
+        literals += [Apart(start_of(m.activity), end_of(own[0].activity), 1) for m in own[1:]]
+    names = tuple(m.activity for m in motions)
+    return literals + _in_between(names, rivals)
+
+
+def _others_elsewhere(
+    motions: Sequence[ScheduledMotion], places: Mapping[str, str]
+) -> list[Literal]:
+    """State that some other object is not at its place while one of the motions happens."""
+    return [
+        Elsewhere(m.activity, o, c)
+        for m in motions
+        for o, c in sorted(places.items())
+        if o != m.object
+    ]
+
+
+def paper_geometric(
+    motions: Sequence[ScheduledMotion],
+    rivals: Iterable[str],
+    blockers: Mapping[str, str],
+) -> Clause:
+    """Return the paper's geometric refinement: RCOND(G) -> some blocker changes (CHCONF)."""
+    literals = paper_condition(motions, rivals)
+    literals += _others_elsewhere(motions, blockers)
+    return Clause(tuple(literals))
+
+
+def paper_temporal(
+    motions: Sequence[ScheduledMotion],
+    rivals: Iterable[str],
+    arrivals: Mapping[str, int],
+    places: Mapping[str, str],
+) -> Clause:
+    """Return the paper's temporal refinement: RCOND(G) -> CHTIME.
+
+    ``arrivals``: needed ends of the late motions after the group's first start; ``places``:
+    where every other object that may move is.
+    """
+    reference = min(motions, key=lambda m: (m.start, m.activity))
+    literals = paper_condition(motions, rivals)
+    literals += _others_elsewhere(motions, places)
+    for motion in motions:
+        if motion is not reference:
+            offset = motion.start - reference.start
+            literals.append(
+                Apart(start_of(motion.activity), start_of(reference.activity), 1 - offset)
+            )
+    for name, units in sorted(arrivals.items()):
+        literals.append(Apart(start_of(reference.activity), end_of(name), units))
+    return Clause(tuple(literals))

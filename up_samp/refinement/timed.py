@@ -18,10 +18,10 @@ from up_samp.model.refinement import (
     Literal,
     Refinement,
     Strength,
-    TimeRef,
     end_of,
     start_of,
 )
+from up_samp.refinement.rules import elsewhen
 
 
 def blocked_as_timed(
@@ -80,7 +80,7 @@ def as_timed(
     literals: list[Literal] = [Absent(m.activity) for m in motions]
     for motion in motions:
         if motion is not reference:
-            literals += _elsewhen(begin, start_of(motion.activity), motion.start - reference.start)
+            literals += elsewhen(begin, start_of(motion.activity), motion.start - reference.start)
         needed = arrivals.get(motion.activity, motion.end - reference.start + 1)
         literals.append(Apart(begin, end_of(motion.activity), needed))
     last = end_of(final.activity)
@@ -106,13 +106,8 @@ def as_timed(
         elif time >= final.end:
             literals.append(Apart(end_of(name), last, 1))
         else:
-            literals += _elsewhen(begin, end_of(name), time - reference.start)
+            literals += elsewhen(begin, end_of(name), time - reference.start)
     return Refinement(Clause(tuple(literals)), Layer.GROUP, strength, why)
-
-
-def _elsewhen(reference: TimeRef, point: TimeRef, offset: int) -> list[Literal]:
-    """State that a timepoint is not ``offset`` units after a reference."""
-    return [Apart(point, reference, 1 - offset), Apart(reference, point, offset + 1)]
 
 
 def set_onto(
@@ -159,6 +154,6 @@ def exactly_as_timed(times: Mapping[str, tuple[int, int]], why: str) -> Refineme
     begin, at = start_of(reference), times[reference][0]
     for name, (start, end) in sorted(times.items()):
         if name != reference:
-            literals += _elsewhen(begin, start_of(name), start - at)
-        literals += _elsewhen(begin, end_of(name), end - at)
+            literals += elsewhen(begin, start_of(name), start - at)
+        literals += elsewhen(begin, end_of(name), end - at)
     return Refinement(Clause(tuple(literals)), Layer.GROUP, Strength.HEURISTIC, why)

@@ -62,18 +62,14 @@ def open_scheduler(
         UnsupportedError: the engine cannot schedule, or not be started in another process.
     """
     if engine == "cpsat" or getattr(engine, "has_sessions", False):
-        return _open_cpsat(problem, params or {}, seed)
+        from up_samp.scheduling.cpsat import CpsatSession
+
+        session: Any = CpsatSession(problem, seed=seed, **(params or {}))
+        return session
     from up_samp.scheduling.engine_scheduler import EngineScheduler  # and all compilers
 
     cls = _engine_class(engine, environment or problem.environment)
     return EngineScheduler(cls, problem, params or {}, check)
-
-
-def _open_cpsat(problem: SchedulingProblem, params: Mapping[str, Any], seed: int) -> Scheduler:
-    from up_samp.scheduling.cpsat import CpsatSession
-
-    session: Any = CpsatSession(problem, seed=seed, **params)
-    return session
 
 
 def _engine_class(engine: Any, environment: Any) -> Any:

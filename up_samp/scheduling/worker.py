@@ -108,7 +108,6 @@ class WorkerAnswer:
     times: Mapping[str, tuple[int, int]] | None = None
     parameters: Mapping[str, Any] = field(default_factory=dict)
     message: str = ""
-    seconds: float = 0.0
 
 
 def engine_of(task: WorkerTask, known: dict[tuple[str, str, str], Any]) -> Any:
@@ -127,7 +126,6 @@ def run(task: WorkerTask, engines: dict[tuple[str, str, str], Any]) -> WorkerAns
     from up_samp.scheduling.compilers.write import ProblemWriter
     from up_samp.scheduling.schedules import to_candidate
 
-    started = time.monotonic()
     try:
         os.environ.update(task.environment)
         engine = engine_of(task, engines)
@@ -145,18 +143,15 @@ def run(task: WorkerTask, engines: dict[tuple[str, str, str], Any]) -> WorkerAns
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             result = engine.solve(problem, timeout=timeout)
-        seconds = time.monotonic() - started
         logs = "; ".join(str(m.message) for m in result.log_messages or [])
         if result.plan is None:
-            return WorkerAnswer(result.status.name, None, {}, logs[-2000:], seconds)
+            return WorkerAnswer(result.status.name, message=logs[-2000:])
         found = written.read_back(to_candidate(result.plan))
-        return WorkerAnswer(
-            result.status.name, found.times, found.parameters, logs[-2000:], seconds
-        )
+        return WorkerAnswer(result.status.name, found.times, found.parameters, logs[-2000:])
     except UnsupportedError as error:
-        return WorkerAnswer("unsupported", message=str(error), seconds=time.monotonic() - started)
+        return WorkerAnswer("unsupported", message=str(error))
     except Exception as error:
-        return WorkerAnswer("exception", None, {}, _told(error), time.monotonic() - started)
+        return WorkerAnswer("exception", message=_told(error))
 
 
 def _told(error: Exception) -> str:

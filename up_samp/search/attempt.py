@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from up_samp.model import CandidateSchedule, ScheduleReport
 from up_samp.model.refinement import Refinement
 from up_samp.search.check import Check
-from up_samp.search.cuts.protocol import rejects
+from up_samp.search.cuts.protocol import rejecting
 from up_samp.search.cuts.refused import cuts_from
 from up_samp.search.events import Phase
 from up_samp.search.history import BUILDING, CHECKING, LEARNING, REPAIRING, Round
@@ -126,8 +126,8 @@ def learn_from(search: Search, itinerary: Itinerary, check: Check) -> list[Refin
     if not search.components.learns:
         return []
     search.learn(check.refinements)
-    relaxation = search.knowledge.relaxation
-    return [r for r in check.refinements if rejects(itinerary, relaxation.snapshot, r)]
+    snapshot = search.knowledge.relaxation.snapshot
+    return rejecting(itinerary, snapshot, check.refinements)
 
 
 def record(search: Search, report: ScheduleReport, check: Check, learned: list[Refinement]) -> None:

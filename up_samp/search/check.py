@@ -21,7 +21,7 @@ from up_samp.model import (
 )
 from up_samp.model.refinement import Refinement, Strength
 from up_samp.refinement import rules, timed
-from up_samp.search.cuts.protocol import Alone, Failure, rejects
+from up_samp.search.cuts.protocol import Alone, Failure, rejecting
 from up_samp.search.cuts.small import SmallCuts, blocked
 from up_samp.search.events import Phase, Telling
 from up_samp.search.facts import Facts, MotionCase
@@ -145,7 +145,7 @@ class Checker:
         """
         facts, start = self.motions.facts, min(m.start for m in motions)
         told = " with ".join(str(facts.case(m)) for m in motions[:MOST_NAMED])
-        for name in sorted(facts.movers.keys() & set(among))[:MOST_NAMED]:
+        for name in sorted(facts.snapshot.movers.keys() & set(among))[:MOST_NAMED]:
             told += f", {name} being at {itinerary.place_at(facts.snapshot, name, start)}"
         self.knowledge.history.missed.append(told + touching(reason))
 
@@ -177,10 +177,6 @@ class Checker:
         report = self.motions.service.coordinate(query, deadline, seed=seed)
         return report, deadline.expired()
 
-    def rejected(self, itinerary: Itinerary, found: Sequence[Refinement]) -> bool:
-        """Return whether one of the refinements forbids the candidate."""
-        return any(rejects(itinerary, self.knowledge.relaxation.snapshot, r) for r in found)
-
 
 def check_path(
     checker: Checker, itinerary: Itinerary, motion: ScheduledMotion, check: Check
@@ -200,7 +196,7 @@ def check_path(
     alone = Alone(
         motion,
         obstacles,
-        {n: itinerary.place_at(facts.snapshot, n, motion.start) for n in names if facts.movers[n]},
+        _places(facts, itinerary, motion, names),
         _alike(checker, motion, names),
         facts.case(motion).why_not(report) or f"no path for {motion.activity} found",
         Strength.PROVEN if proven else Strength.HEURISTIC,
@@ -209,7 +205,7 @@ def check_path(
         never = ((rules.impossible(c.activity, alone.why), c.given) for c in alone.cases)
         return [replace(rules.only_given(r, g), strength=alone.strength) for r, g in never]
     found = blocked(facts, alone) if proven else checker.cuts.no_path(motions, alone)
-    if not checker.rejected(itinerary, found):
+    if not rejecting(itinerary, facts.snapshot, found):
         found.append(_blocked_as_timed(facts, itinerary, alone))
     return found
 
@@ -221,7 +217,7 @@ def check_duration(
     motions, facts = checker.motions, checker.motions.facts
     body = facts.body(motion)
     told = checker.cuts.unobstructed(motions, checker.knowledge, motion)
-    found = [r for r in told if checker.rejected(itinerary, [r])]
+    found = rejecting(itinerary, facts.snapshot, told)
     if found:
         return found
     obstacles = instant_obstacles(facts, itinerary, motion)
@@ -236,20 +232,24 @@ def check_duration(
     alone = Alone(
         motion,
         obstacles,
-        {
-            o.name: itinerary.place_at(facts.snapshot, o.name, motion.start)
-            for o in obstacles
-            if facts.movers[o.name]
-        },
+        _places(facts, itinerary, motion, names),
         _alike(checker, motion, names),
         f"the fastest motion found takes {report.trajectory.duration:.2f} s",
         strength,
     )
     found = checker.cuts.too_slow(motions, alone, units)
-    if not checker.rejected(itinerary, found):
+    if not rejecting(itinerary, facts.snapshot, found):
         exact = _blocked_as_timed(facts, itinerary, alone)
         found.append(rules.unless_longer(exact, motion.activity, units))
     return found
+
+
+def _places(
+    facts: Facts, itinerary: Itinerary, motion: ScheduledMotion, names: Iterable[str]
+) -> dict[str, str]:
+    """Return where those of some objects that may move rest when a motion starts."""
+    snapshot = facts.snapshot
+    return {n: itinerary.place_at(snapshot, n, motion.start) for n in names if snapshot.movers[n]}
 
 
 def _blocked_as_timed(facts: Facts, itinerary: Itinerary, alone: Alone) -> Refinement:
@@ -260,7 +260,7 @@ def _blocked_as_timed(facts: Facts, itinerary: Itinerary, alone: Alone) -> Refin
     given = dict(motion.given)
     for name in alone.places:
         times = itinerary.schedule.times
-        movers = sorted(facts.movers[name])
+        movers = sorted(facts.snapshot.movers[name])
         ends = {a: times[a][1] if a in times else -1 for a in movers}
         before = [(time, a) for a, time in ends.items() if 0 <= time <= motion.start]
         set_by[name] = max(before)[1] if before else None

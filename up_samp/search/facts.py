@@ -63,13 +63,6 @@ def _choice(task: MotionTask, term: Term, choices: Choices) -> ConfigurationChoi
     return choices[task.activity, term, False]
 
 
-def case_of(snapshot: Snapshot, motion: ScheduledMotion) -> MotionCase:
-    """Return the case that a scheduled motion is."""
-    tasks = snapshot.tasks_of(motion.activity)
-    task = next(t for t in tasks if t.index == motion.constraint)
-    return MotionCase(task, motion.configurations, motion.given)
-
-
 def are_apart(one: MotionCase, other: MotionCase) -> bool:
     """Return whether two motions are of two objects that both heed each other.
 
@@ -137,7 +130,9 @@ class Facts:
 
     def case(self, motion: ScheduledMotion) -> MotionCase:
         """Return the case that a scheduled motion is."""
-        return case_of(self.snapshot, motion)
+        tasks = self.snapshot.by_activity[motion.activity]
+        task = next(t for t in tasks if t.index == motion.constraint)
+        return MotionCase(task, motion.configurations, motion.given)
 
     def like(self, motion: ScheduledMotion) -> list[MotionCase]:
         """Return the case that a scheduled motion is, and all that are the same to the planner."""
@@ -148,7 +143,7 @@ class Facts:
     @cached_property
     def drivers(self) -> frozenset[str]:
         """Objects that some activity drives."""
-        return frozenset(t.object for t in self.snapshot.tasks)
+        return frozenset(self.snapshot.by_object)
 
     @cached_property
     def instant(self) -> frozenset[str]:
@@ -159,11 +154,6 @@ class Facts:
     def loads(self) -> frozenset[str]:
         """Objects that travel with others and never drive."""
         return frozenset(r.load for r in self.snapshot.rides) - self.drivers
-
-    @property
-    def movers(self) -> Mapping[str, frozenset[str]]:
-        """Object -> activities that drive it, carry it or change it."""
-        return self.snapshot.movers
 
     def body(self, motion: ScheduledMotion) -> Body:
         """Return what a scheduled motion drives: an object, with its loads."""
@@ -184,7 +174,7 @@ class Facts:
 
     def returns_to(self, obstacle: str, configuration: str) -> bool:
         """Return whether some activity may bring ``obstacle`` to ``configuration``."""
-        terms = [t.terms[-1] for t in self.snapshot.tasks if t.object == obstacle]
+        terms = [t.terms[-1] for t in self.snapshot.by_object.get(obstacle, ())]
         terms += [r.goal for r in self.snapshot.rides if r.load == obstacle]
         terms += [c.term for c in self.snapshot.changes if c.object == obstacle]
         return any(t.kind is not TermKind.CONSTANT or t.name == configuration for t in terms)

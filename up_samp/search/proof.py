@@ -74,18 +74,19 @@ def demands(relaxation: Relaxation) -> Iterator[Demand]:
     """
     yield from _conditions(relaxation)
     yield from _longest(relaxation, set(relaxation.activities))
-    for owner in (None, *sorted(relaxation.activities)):
-        for index, (constraint, _) in enumerate(_chronicle(relaxation, owner)._constraints):
-            yield Demand(owner, index, f"{constraint} is asked for")
+    yield from (demand for demand, _ in _constraints(relaxation))
 
 
 def limits_on(relaxation: Relaxation, names: set[str]) -> Iterator[Demand]:
     """Yield the longest durations of activities and the constraints on their times."""
     yield from _longest(relaxation, names)
+    yield from (demand for demand, node in _constraints(relaxation) if names & _mentioned(node))
+
+
+def _constraints(relaxation: Relaxation) -> Iterator[tuple[Demand, FNode]]:
     for owner in (None, *sorted(relaxation.activities)):
         for index, (constraint, _) in enumerate(_chronicle(relaxation, owner)._constraints):
-            if names & _mentioned(constraint):
-                yield Demand(owner, index, f"{constraint} is asked for")
+            yield Demand(owner, index, f"{constraint} is asked for"), constraint
 
 
 def _longest(relaxation: Relaxation, names: set[str]) -> Iterator[Demand]:
@@ -172,13 +173,7 @@ class Prover:
         deadline = self.budget.part("bound by proven facts")
         if deadline.expired():
             return None
-        session = CpsatSession(
-            self.problem_with(facts),
-            seed=self.seed,
-            workers=1,
-            tuning=self.tuning,
-            plain=self.plain,
-        )
+        session = self._session(self.problem_with(facts))
         try:
             return session.solve(deadline, hint=best).bound
         except UnsupportedError:
@@ -250,13 +245,16 @@ class Prover:
             manager = problem.environment.expression_manager
             for activity in problem.activities:
                 activity.add_constraint(manager.LT(activity.end, before))
-        session = CpsatSession(
-            problem, seed=self.seed, workers=1, tuning=self.tuning, plain=self.plain
-        )
+        session = self._session(problem)
         try:
             return session.solve(deadline, optimal=False)
         except UnsupportedError:  # another engine may do what ours does not: no proof then
             return None
+
+    def _session(self, problem: SchedulingProblem) -> CpsatSession:
+        return CpsatSession(
+            problem, seed=self.seed, workers=1, tuning=self.tuning, plain=self.plain
+        )
 
     def problem_with(
         self, facts: Sequence[Refinement], lifted: Sequence[Demand] = ()

@@ -233,7 +233,7 @@ def least_work(search: Search, schedule: CandidateSchedule, check: Check) -> Inc
     if least is None or frozenset(least.times) in tried:
         return None
     tried.add(frozenset(least.times))
-    moving = {t.activity for t in search.facts.snapshot.tasks}
+    moving = search.facts.snapshot.by_activity.keys()
     return _in_turn(search, least, moving & set(least.times))
 
 
@@ -241,7 +241,7 @@ def _with_fewest_motions(search: Search, near: CandidateSchedule) -> CandidateSc
     """Return a schedule of the whole problem with the fewest motions that is found soon."""
     relaxation = search.knowledge.relaxation
     problem = relaxation.problem.clone()
-    moving = {t.activity for t in relaxation.snapshot.tasks}
+    moving = relaxation.snapshot.by_activity.keys()
     manager = problem.environment.expression_manager
     drives = [a for a in problem.activities if a.name in moving and a.optional]
     if not drives:
@@ -298,7 +298,7 @@ def spread(
     """
     loose = problem.clone()
     manager = loose.environment.expression_manager
-    moving = {t.activity for t in search.facts.snapshot.tasks}
+    moving = search.facts.snapshot.by_activity.keys()
     goals = {}
     for activity in loose.activities:
         if activity.name in moving:
@@ -362,7 +362,7 @@ def _worth_of_leaving_out(relaxation: Relaxation, schedule: CandidateSchedule) -
     """
     present = schedule.times
     optional = {a.name for a in relaxation.problem.activities if a.optional} & set(present)
-    drives = {t.activity for t in relaxation.snapshot.tasks} & optional
+    drives = relaxation.snapshot.by_activity.keys() & optional
     changes = {c.activity for c in relaxation.snapshot.changes} & optional - drives
     unit = len(changes) + 1
     lengths = {n: (present[n][1] - present[n][0]) * unit for n in drives}

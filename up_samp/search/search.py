@@ -16,7 +16,7 @@ from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.doubt import refuted
 from up_samp.search.budget import Budget, Restarts, SchedulerPace
 from up_samp.search.check import Check, CheckAlone, Checker
-from up_samp.search.cuts.protocol import rejects
+from up_samp.search.cuts.protocol import rejecting
 from up_samp.search.cuts.small import SmallCuts
 from up_samp.search.events import State, Telling
 from up_samp.search.facts import Facts
@@ -154,7 +154,7 @@ class Search:
         snapshot = self.knowledge.relaxation.snapshot
         itinerary = read_itinerary(self.knowledge.relaxation, best.schedule)
         sure = [r for r in said if r.strength is not Strength.HEURISTIC]
-        broken = [r for r in sure if rejects(itinerary, snapshot, r)]
+        broken = rejecting(itinerary, snapshot, sure)
         if not broken:
             return
         self.knowledge.take_back(broken)

@@ -51,8 +51,7 @@ from up_samp.upio.objective import Number, measure_of, only_makespan
 
 def check_start_poses(snapshot: Snapshot, service: MotionService) -> None:
     """Raise :class:`ProblemError` where a robot starts in a wall or in another object."""
-    drivers = sorted({t.object for t in snapshot.tasks})
-    for name in drivers:
+    for name in sorted(snapshot.by_object):
         body = snapshot.objects[name].body
         pose = snapshot.configurations[snapshot.initial[name]]
         in_wall, _ = service.pose_blockers(body, pose, ())
@@ -81,8 +80,7 @@ def _show(pose: Configuration) -> str:
 
 def _heeded(snapshot: Snapshot, name: str) -> frozenset[str] | None:
     """Return the obstacles that all motions of ``name`` heed (None: all objects)."""
-    mine = (task.avoid for task in snapshot.tasks if task.object == name)
-    told = [avoid for avoid in mine if avoid is not None]
+    told = [t.avoid for t in snapshot.by_object[name] if t.avoid is not None]
     return frozenset.intersection(*told) if told else None
 
 
@@ -213,9 +211,6 @@ def problem_of(
     """
     given = {**({"tuning": tuning} if wrapped.native else {}), **wrapped.params}
 
-    def relax_anew() -> Relaxation:
-        return relax(problem, snapshot)
-
     def scheduler_for(relaxation: Relaxation, attempt: int) -> Scheduler:
         seed = params.seed + attempt
         scheduler: Any = open_scheduler(
@@ -236,7 +231,8 @@ def problem_of(
 
     build = partial(to_plan, problem, snapshot, params.margin)
     native = wrapped.native or "incumbents" not in params.without
-    return Problem(relax_anew, scheduler_for, build, wrapped.judge, native)
+    relaxed = partial(relax, problem, snapshot)
+    return Problem(relaxed, scheduler_for, build, wrapped.judge, native)
 
 
 def open_thin(
@@ -361,7 +357,7 @@ def to_plan(
     """Return the UP plan of a schedule; trajectories are in the world frame there."""
     found = dict(trajectories)
     for task in snapshot.tasks if snapshot.to_world else ():
-        key = trajectory_key(task)
+        key = trajectory_key(task.activity, task.index)
         if key in found:
             own = found[key]
             found[key] = replace(own, poses=snapshot.to_world[task.map].out(own.poses))

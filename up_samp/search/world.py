@@ -18,15 +18,16 @@ from up_samp.model import (
     TimedMotion,
     avoids,
 )
+from up_samp.model.graphs import reached
 from up_samp.model.snapshot import MotionTask, Snapshot, TermKind
 from up_samp.motion import MotionService
 from up_samp.search.facts import Facts, MotionCase
-from up_samp.upio import Itinerary
+from up_samp.upio import Itinerary, trajectory_key
 
 
 def motion_key(motion: ScheduledMotion) -> str:
     """Return the name of a motion's trajectory in a plan."""
-    return motion.activity if motion.constraint == 0 else f"{motion.activity}#{motion.constraint}"
+    return trajectory_key(motion.activity, motion.constraint)
 
 
 def groups_of(motions: Sequence[ScheduledMotion]) -> list[tuple[ScheduledMotion, ...]]:
@@ -57,7 +58,7 @@ def instant_obstacles(
         if not avoids(motion.avoid, name):
             continue
         resting = _resting_at(facts, itinerary, name, motion.start, motion.end)
-        if resting is not None or not (name in facts.instant or name in facts.loads):
+        if resting is not None or name not in snapshot.moved_otherwise:
             found.append(facts.placed(name, resting or place))
     return tuple(found)
 
@@ -222,7 +223,7 @@ def places_between(
 @dataclass(frozen=True)
 class PlaceVisit:
     """An object rests at a pose, from its motion ``arrival`` (None: from the start) until its
-    motion ``departure`` (None: for good). ``since`` is when it arrives in the candidate (units).
+    motion ``departure`` (None: for good).
     """
 
     object: str
@@ -230,10 +231,9 @@ class PlaceVisit:
     pose: Configuration
     arrival: str | None
     departure: str | None
-    since: int
 
 
-def visits_of(facts: Facts, itinerary: Itinerary) -> list[PlaceVisit]:
+def _visits(facts: Facts, itinerary: Itinerary) -> list[PlaceVisit]:
     """Return where the objects that drive rest, in a candidate."""
     by_object: dict[str, list[ScheduledMotion]] = defaultdict(list)
     for motion in itinerary.motions:
@@ -242,13 +242,12 @@ def visits_of(facts: Facts, itinerary: Itinerary) -> list[PlaceVisit]:
     found = []
     for name in sorted(facts.drivers):
         body = snapshot.objects[name].body
-        chain = by_object[name]
         pose = snapshot.configurations[snapshot.initial[name]]
-        arrival, since = None, -1
-        for motion in chain:
-            found.append(PlaceVisit(name, body, pose, arrival, motion.activity, since))
-            arrival, since, pose = motion.activity, motion.end, motion.poses[-1]
-        found.append(PlaceVisit(name, body, pose, arrival, None, since))
+        arrival = None
+        for motion in by_object[name]:
+            found.append(PlaceVisit(name, body, pose, arrival, motion.activity))
+            arrival, pose = motion.activity, motion.poses[-1]
+        found.append(PlaceVisit(name, body, pose, arrival, None))
     return found
 
 
@@ -260,7 +259,7 @@ def others_first(facts: Facts, service: MotionService, itinerary: Itinerary) -> 
     """
     found: dict[str, set[str]] = defaultdict(set)
     avoid = {m.activity: m.avoid for m in itinerary.motions}
-    for pair in _meeting(service, visits_of(facts, itinerary)):
+    for pair in _meeting(facts, service, itinerary):
         for one, other in (pair, pair[::-1]):
             if one.departure is not None or one.arrival is None or other.departure is None:
                 continue
@@ -272,16 +271,16 @@ def others_first(facts: Facts, service: MotionService, itinerary: Itinerary) -> 
 
 def contested(facts: Facts, service: MotionService, itinerary: Itinerary) -> set[str]:
     """Return the motions that end where another object has to be, too, at some time."""
-    pairs = _meeting(service, visits_of(facts, itinerary))
+    pairs = _meeting(facts, service, itinerary)
     return {visit.arrival for pair in pairs for visit in pair if visit.arrival is not None}
 
 
 def _meeting(
-    service: MotionService, visits: list[PlaceVisit]
+    facts: Facts, service: MotionService, itinerary: Itinerary
 ) -> list[tuple[PlaceVisit, PlaceVisit]]:
-    """Return the pairs of visits of two objects whose poses overlap."""
+    """Return the pairs of visits of two objects whose poses overlap, in a candidate."""
     at: dict[tuple[Body, Configuration], list[PlaceVisit]] = defaultdict(list)
-    for visit in visits:
+    for visit in _visits(facts, itinerary):
         at[visit.body, visit.pose].append(visit)
     found: list[tuple[PlaceVisit, PlaceVisit]] = []
     for (key, some), (other, others) in itertools.combinations_with_replacement(at.items(), 2):
@@ -325,7 +324,7 @@ def surely_there(facts: Facts, service: MotionService) -> Where:
     found: dict[MotionTask, dict[str, str]] = {}
     for thing, then in _once_and_for_all(facts):
         for driver in sorted(facts.drivers):
-            tasks = [t for t in snapshot.tasks if t.object == driver]
+            tasks = snapshot.by_object[driver]
             if any(t.kind is not TermKind.CONSTANT for task in tasks for t in task.terms):
                 continue
             shut = [task for task in tasks if _is_shut(facts, service, task, thing)]
@@ -338,7 +337,7 @@ def surely_there(facts: Facts, service: MotionService) -> Where:
 
 
 def _from_behind(
-    snapshot: Snapshot, driver: str, tasks: list[MotionTask], shut: list[MotionTask]
+    snapshot: Snapshot, driver: str, tasks: Sequence[MotionTask], shut: list[MotionTask]
 ) -> list[MotionTask]:
     """Return the motions of a driver that begin where it only comes to by those that are shut at
     first; none where something else may take it elsewhere.
@@ -360,13 +359,9 @@ def sealed(
     """Return the places to which nobody comes from ``first`` on but by a way that is ``shut`` at
     first, at one step or another.
     """
-    reached, todo = {first}, [first]
-    while todo:
-        here = todo.pop()
-        after = {b for a, b in ways if a == here and (a, b) not in shut} - reached
-        reached |= after
-        todo += sorted(after)
-    return {place for way in ways for place in way} - reached
+    passable = [way for way in ways if way not in shut]
+    open_to = reached([first], lambda here: (b for a, b in passable if a == here))
+    return {place for way in ways for place in way} - open_to
 
 
 def remaining(places: Mapping[str, str], case: MotionCase, there: Where) -> dict[str, str]:

@@ -19,6 +19,12 @@ class Itinerary:
     motions: tuple[ScheduledMotion, ...]
     changes: tuple[ScheduledChange, ...]
 
+    @property
+    def given(self) -> Given:
+        """The decisions that all configurations come from."""
+        parts = [*(m.given for m in self.motions), *(c.given for c in self.changes)]
+        return tuple(sorted({pair for given in parts for pair in given}))
+
     def places(self, snapshot: Snapshot, name: str) -> list[tuple[float, str]]:
         """Return ``(since, configuration)`` of object ``name`` over time, in units.
 

@@ -34,6 +34,17 @@ def conjuncts(node: FNode) -> list[FNode]:
     return [node]
 
 
+def constraints_of(
+    problem: SchedulingProblem,
+) -> Iterator[tuple[str | None, FNode, list[FNode]]]:
+    """Yield all constraints of a problem with their scopes, each after the activity that has it
+    (None: the problem itself).
+    """
+    for owner in (problem._base, *problem.activities):
+        name = None if owner is problem._base else owner.name
+        yield from ((name, constraint, scope) for constraint, scope in owner.scoped_constraints)
+
+
 def statements(
     constraint: FNode, scope: Iterable[FNode]
 ) -> Iterator[tuple[FNode, frozenset[str | None]]]:

@@ -246,6 +246,14 @@ class Measure:
         """Return a cost as the value that a user knows."""
         return "-" if math.isinf(cost) else f"{plain_number(self.sign * cost)}"
 
+    def metrics(self, bound: float | Fraction | None, cost: Number | None) -> dict[str, str]:
+        """Return what a result tells of an objective that is not the makespan: its name, and a
+        bound and a plan's value, if there are any.
+        """
+        known = {"value_bound": bound, "value": cost}
+        told = {key: self.told(v) for key, v in known.items() if v is not None}
+        return {"objective": self.name, **told}
+
 
 def measure_of(problem: Any, worth: Callable[[Any], Number]) -> Measure:
     """Return how schedules of a problem are compared: by their makespan, or by what they are

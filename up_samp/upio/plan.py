@@ -20,7 +20,7 @@ from unified_planning.model.scheduling import Activity
 from unified_planning.plans import MotionSchedule, Schedule
 
 from up_samp.model import CandidateSchedule, MotionModel, ProblemError, Trajectory, check_time
-from up_samp.model.snapshot import MotionTask, Snapshot
+from up_samp.model.snapshot import Snapshot
 
 PLAN_GRACE = 1.0
 """Seconds after its limit that a search may go on writing a plan down: it is found already."""
@@ -52,9 +52,9 @@ class SampSchedule(MotionSchedule):  # type: ignore[misc]
         self.margin: float | None = None
 
 
-def trajectory_key(task: MotionTask) -> str:
-    """Return the name of a task's trajectory in a plan."""
-    return task.activity if task.index == 0 else f"{task.activity}#{task.index}"
+def trajectory_key(activity: str, index: int) -> str:
+    """Return the name in a plan of what an activity's motion constraint of this number drives."""
+    return activity if index == 0 else f"{activity}#{index}"
 
 
 def build_plan(
@@ -78,7 +78,7 @@ def build_plan(
         activity = by_name[task.activity]
         model = snapshot.objects[task.object].body.kinematics.model
         paths[activity, activity.motion_constraints[task.index]] = up_path(
-            trajectories[trajectory_key(task)], model
+            trajectories[trajectory_key(task.activity, task.index)], model
         )
     plan = SampSchedule(
         activities,

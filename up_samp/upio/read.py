@@ -27,6 +27,7 @@ from up_samp.model import (
 from up_samp.model.errors import short
 from up_samp.model.frames import PlacedMap
 from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
+from up_samp.upio.plan import trajectory_key
 from up_samp.upio.read_maps import (
     LIMITS,
     check_flat,
@@ -98,7 +99,7 @@ def _check_names(problem: SchedulingMotionProblem) -> None:
         raise ProblemError(f"activity name '{twice[0]}' is used {counts[twice[0]]} times")
     for activity in problem.motion_activities:
         for k in range(1, len(activity.motion_constraints)):
-            name = f"{activity.name}#{k}"
+            name = trajectory_key(activity.name, k)
             if name in counts:
                 raise ProblemError(
                     f"activity '{name}' has the name of a motion of '{activity.name}'"

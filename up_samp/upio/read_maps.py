@@ -215,36 +215,28 @@ def _read_kinematics(obj: MovableObject, model: MotionModel) -> Kinematics:
 
 def _with_rules(obj: MovableObject, limits: Kinematics) -> Kinematics:
     """Return the limits with what is said of driving backwards, and of places."""
-    own = obj.motion_parameters or {}
-    reverse, back = own.get(_REVERSE, True), own.get(_V_BACK, math.inf)
-    if not isinstance(reverse, bool):
-        raise ProblemError(
-            f"object '{obj.name}': '{_REVERSE}' is True or False, not {short(reverse)}"
-        )
-    if not isinstance(back, (int, float)) or isinstance(back, bool) or not back > 0:
-        raise ProblemError(
-            f"object '{obj.name}': '{_V_BACK}' is a positive number of m/s, not {short(back)}"
-        )
-    told = f"'{_REVERSE}' is False" if not reverse else f"it has '{_V_BACK}'"
-    try:
-        limits = replace(limits, reverse=reverse, v_back=float(back))
-    except ValueError as error:
-        raise UnsupportedError(f"object '{obj.name}': {told}: {error}") from error
-    turns: dict[str, Any] = {key: own[key] for key in _TURNS if key in own}
-    for key, most in turns.items():
+    who, own = f"object '{obj.name}'", obj.motion_parameters or {}
+
+    def positive(key: str, unit: str = "") -> Any:
+        most = own.get(key, math.inf)
         if not isinstance(most, (int, float)) or isinstance(most, bool) or not most > 0:
-            raise ProblemError(
-                f"object '{obj.name}': '{key}' is a positive number, not {short(most)}"
-            )
-    try:
-        limits = replace(limits, **turns)
-    except ValueError as error:
-        raise UnsupportedError(f"object '{obj.name}': {error}") from error
-    zones = _read_zones(obj.name, own.get(_ZONES, ()))
-    try:
-        return replace(limits, zones=zones)
-    except ValueError as error:
-        raise UnsupportedError(f"object '{obj.name}': it has '{_ZONES}': {error}") from error
+            raise ProblemError(f"{who}: '{key}' is a positive number{unit}, not {short(most)}")
+        return most
+
+    def limited(told: str, **values: Any) -> Kinematics:
+        try:
+            return replace(limits, **values)
+        except ValueError as error:
+            raise UnsupportedError(f"{who}: {told}{error}") from error
+
+    reverse = own.get(_REVERSE, True)
+    if not isinstance(reverse, bool):
+        raise ProblemError(f"{who}: '{_REVERSE}' is True or False, not {short(reverse)}")
+    told = f"it has '{_V_BACK}'" if reverse else f"'{_REVERSE}' is False"
+    back = float(positive(_V_BACK, " of m/s"))
+    limits = limited(f"{told}: ", reverse=reverse, v_back=back)
+    limits = limited("", **{key: positive(key) for key in _TURNS if key in own})
+    return limited(f"it has '{_ZONES}': ", zones=_read_zones(obj.name, own.get(_ZONES, ())))
 
 
 def _read_zones(name: str, given: Any) -> tuple[TrafficZone, ...]:

@@ -24,7 +24,7 @@ from unified_planning.model.timing import TimePointInterval
 from up_samp.model import UnsupportedError
 from up_samp.model.refinement import Literal
 from up_samp.model.snapshot import Snapshot, Term, TermKind
-from up_samp.upio.expressions import walk
+from up_samp.upio.expressions import constraints_of, walk
 from up_samp.upio.rewrite import Rewriter
 from up_samp.upio.whereabouts import FluentChanges, changes_of
 
@@ -270,13 +270,12 @@ def constraints_on_one(problem: SchedulingProblem) -> dict[FNode, list[FNode]]:
     They bind whenever the parameter counts: unscoped, or under its own activity's presence.
     """
     found: dict[FNode, list[FNode]] = {}
-    for owner in (problem._base, *problem.activities):
-        for constraint, scope in owner.scoped_constraints:
-            leaves = {e for e in walk(constraint) if e.is_fluent_exp() or not e.args}
-            free = [e for e in leaves if not e.is_constant()]
-            if len(free) != 1 or not free[0].is_parameter_exp():
-                continue
-            activity = free[0].parameter().name.rpartition(".")[0]
-            if all(s.is_present_exp() and s.presence().container == activity for s in scope):
-                found.setdefault(free[0], []).append(constraint)
+    for _, constraint, scope in constraints_of(problem):
+        leaves = {e for e in walk(constraint) if e.is_fluent_exp() or not e.args}
+        free = [e for e in leaves if not e.is_constant()]
+        if len(free) != 1 or not free[0].is_parameter_exp():
+            continue
+        activity = free[0].parameter().name.rpartition(".")[0]
+        if all(s.is_present_exp() and s.presence().container == activity for s in scope):
+            found.setdefault(free[0], []).append(constraint)
     return found

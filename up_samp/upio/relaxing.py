@@ -145,10 +145,10 @@ def _add_state(relaxation: Relaxation, name: str, lasting: frozenset[str]) -> No
     """
     snapshot = relaxation.snapshot
     # who rides is moved like who drives: it has to be where it is taken from
-    tasks = [t for t in snapshot.tasks if t.object == name] + [
-        MotionTask(r.activity, 0, name, (r.origin, r.goal))
-        for r in snapshot.rides
-        if r.load == name
+    rides = (r for r in snapshot.rides if r.load == name)
+    tasks = [
+        *snapshot.by_object.get(name, ()),
+        *(MotionTask(r.activity, 0, name, (r.origin, r.goal)) for r in rides),
     ]
     changes = [c for c in snapshot.changes if c.object == name]
     early = int(lasting.issuperset(snapshot.movers[name]))
@@ -331,7 +331,7 @@ def find_lasting(relaxation: Relaxation) -> frozenset[str]:
     the case, it is stated, too.
     """
     snapshot = relaxation.snapshot
-    movers = {t.activity for t in snapshot.tasks} | {c.activity for c in snapshot.changes}
+    movers = snapshot.by_activity.keys() | {c.activity for c in snapshot.changes}
     long = {name for name in movers if _lasts(relaxation, name)}
     drives = {t.activity for t in snapshot.tasks if _leads_away(snapshot, t)} - long
     manager = relaxation.problem.environment.expression_manager

@@ -46,7 +46,7 @@ def parts_for_engines(
     """
     optional = {a.name for a in relaxation.problem.activities if a.optional}
     snapshot = relaxation.snapshot
-    movers = {t.activity for t in snapshot.tasks} | {c.activity for c in snapshot.changes}
+    movers = snapshot.by_activity.keys() | {c.activity for c in snapshot.changes}
     movers &= optional
     twins = {twin.name for twin in relaxation.elsewhere.values()}
     everything = relaxation.activities.keys() | twins

@@ -59,7 +59,7 @@ def activity(name, low=2, high=None, optional=False):
 
 
 def of(*activities, **parts):
-    return PlainProblem("p", tuple(activities), **parts)
+    return PlainProblem(tuple(activities), **parts)
 
 
 def texts(compiled):

@@ -17,7 +17,7 @@ def failure(opening):
     motion = ScheduledMotion("drive", 0, "r", ("a", "b"), poses, 0, 10)
     snapshot = SimpleNamespace(
         moved=lambda: {"r", "door"},
-        tasks=[SimpleNamespace(activity="drive", object="r")],
+        by_activity={"drive": [SimpleNamespace(activity="drive", object="r")]},
         changes=[SimpleNamespace(activity="opens", object="door")],
     )
     return SimpleNamespace(

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from up_samp.model import UnsupportedError, check_time
 from up_samp.scheduling.compilers.plain import (
     FALSE,
-    LIMITS,
     TRUE,
     Compiled,
     Effect,
@@ -38,7 +37,7 @@ def compile_products(problem: PlainProblem) -> Compiled:
     """Return the problem without products.
 
     Raises:
-        UnsupportedError: a product of two things that are not constants, or with a large constant.
+        UnsupportedError: a product of two things that are not constants, or with one above 100.
     """
     return Compiled(problem.mapped(_sums))
 
@@ -59,7 +58,7 @@ def _sum(expression: Expr) -> Expr | None:
             others.append(factor)
     if constant == 0 or not others:
         return integer(constant)
-    if len(others) > 1 or abs(constant) > LIMITS.factor:
+    if len(others) > 1 or abs(constant) > 100:
         raise UnsupportedError(f"the product {show(expression)}")
     total = others[0] if abs(constant) == 1 else ("plus", *others * abs(constant))
     return total if constant > 0 else ("minus", integer(0), total)
@@ -104,15 +103,15 @@ def compile_negations(problem: PlainProblem) -> Compiled:
     """Rewrite every condition so that only atoms are negated: aries knows no negated conjunction
     in conditions.
     """
+
+    def atom(expression: Expr, positive: bool) -> Expr:
+        return expression if positive else negation(expression)
+
     conditions = (
-        replace(c, expression=folded(c.expression, _literal, conjunction, disjunction))
+        replace(c, expression=folded(c.expression, atom, conjunction, disjunction))
         for c in problem.conditions
     )
     return Compiled(replace(problem, conditions=tuple(conditions)))
-
-
-def _literal(expression: Expr, positive: bool) -> Expr:
-    return expression if positive else negation(expression)
 
 
 def _parts(constraint: Expr) -> list[Expr]:

@@ -16,7 +16,6 @@ from dataclasses import replace
 
 from up_samp.model import UnsupportedError
 from up_samp.scheduling.compilers.plain import (
-    LIMITS,
     TRUE,
     Activity,
     Compiled,
@@ -32,21 +31,21 @@ from up_samp.scheduling.compilers.plain import (
 )
 
 
-def compile_resources(problem: PlainProblem) -> Compiled:
+def compile_resources(problem: PlainProblem, most: int = 5000) -> Compiled:
     """Replace resources by constraints on the order of their users.
 
     Where there are too many sets of users that take too much together, the resource stays if no
     duration of a user can vary: then engines count rightly.
 
     Raises:
-        UnsupportedError: more than ``LIMITS.forbidden_sets`` such sets of users, some of whose
+        UnsupportedError: more than ``most`` such sets of users of a resource, some of whose
             durations vary, or that may be absent.
     """
     constraints: list[Expr] = []
     gone: set[Expr] = set()
     for fluent, capacity, amounts in _resources(problem):
-        sets = list(itertools.islice(_minimal_sets(amounts, capacity), LIMITS.forbidden_sets + 1))
-        if len(sets) <= LIMITS.forbidden_sets:
+        sets = list(itertools.islice(_minimal_sets(amounts, capacity), most + 1))
+        if len(sets) <= most:
             gone.add(fluent)
             constraints += [_not_all_at_once(problem, users) for users in sets]
         elif not all(_fixed(problem.activity(name)) for name in amounts):

@@ -157,13 +157,16 @@ def _grounded(
 
 
 def _timeless(problem: PlainProblem, condition: Condition) -> Expr:
-    """Return the constraint that a condition without fluents amounts to: it holds, or its owner
-    or who has its times is absent, or its interval empty.
+    """Return the constraint that a condition without fluents amounts to."""
+    return disjunction([condition.expression, *asks_nothing(problem, condition)])
+
+
+def asks_nothing(problem: PlainProblem, condition: Condition) -> list[Expr]:
+    """Return the ways in which a condition asks nothing: its owner or who has its times is absent,
+    or its interval empty.
     """
-    ways = [condition.expression, *problem.missing(condition)]
-    if not never_empty(problem, condition):
-        ways.append(empty(problem, condition))
-    return disjunction(ways)
+    ways = problem.missing(condition)
+    return ways if never_empty(problem, condition) else [*ways, empty(problem, condition)]
 
 
 def never_empty(problem: PlainProblem, condition: Condition) -> bool:
@@ -199,8 +202,8 @@ def _lower(problem: PlainProblem, activity: str) -> int:
 def empty(problem: PlainProblem, condition: Condition) -> Expr:
     """Return the constraint that the condition's interval holds no instant."""
     low, high = condition.low, condition.high
-    if high[1] == "horizon" != low[1]:
-        return reaches_end(problem, int(high[3]) + 1, low)
+    if high[1] == "horizon":
+        return comes_after(problem, low, high)
     return comes_before(problem, high, low)
 
 

@@ -17,7 +17,6 @@ from up_samp.scheduling.compilers.fluents import (
     never_empty,
 )
 from up_samp.scheduling.compilers.plain import (
-    LIMITS,
     TRUE,
     Activity,
     Compiled,
@@ -52,7 +51,7 @@ def compile_support(problem: PlainProblem) -> Compiled:
     conditions: list[Condition] = []
     constraints: list[Expr] = []
     exact = True
-    for condition in _conjuncts(problem.conditions):
+    for condition in conjuncts(problem.conditions):
         behind = least(problem, condition.high, condition.low)
         if behind is not None and behind > 0:
             continue  # over nothing
@@ -75,7 +74,8 @@ def compile_support(problem: PlainProblem) -> Compiled:
     return Compiled(found, exact=exact)
 
 
-def _conjuncts(conditions: Iterable[Condition]) -> Iterator[Condition]:
+def conjuncts(conditions: Iterable[Condition]) -> Iterator[Condition]:
+    """Yield each part of a conjunction as a condition by itself."""
     for condition in conditions:
         whole = condition.expression
         for part in whole[1:] if whole[0] == "and" else (whole,):
@@ -356,11 +356,13 @@ def _changes_itself(problem: PlainProblem, condition: Condition) -> bool:
 
 
 def _host(problem: PlainProblem, condition: Condition, name: str) -> Activity:
-    """Return an activity that is as long as a condition's interval may be."""
+    """Return an activity that is as long as a condition's interval may be: a million units where
+    its owner's duration is not a constant.
+    """
     upper = problem.activity(condition.owner).upper if condition.owner else None
     # an open end: no longer than the owner plus what the delays add
     most = abs(condition.low[3]) + abs(condition.high[3])
-    length = upper[1] + most if upper is not None and upper[0] == "int" else LIMITS.span
+    length = upper[1] + most if upper is not None and upper[0] == "int" else 10**6
     return Activity(name, True, integer(0), integer(length))
 
 

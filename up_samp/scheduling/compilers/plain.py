@@ -9,22 +9,7 @@ from functools import cached_property
 from typing import Any, TypeVar
 
 from up_samp.model import UnsupportedError, check_time
-
-
-@dataclass(frozen=True)
-class CompilerLimits:
-    """What needs more is said in another way, or refused by name."""
-
-    forbidden_sets: int = 5000
-    """Most sets of activities that are forbidden one by one, per resource."""
-    factor: int = 100
-    """Largest constant in a product that becomes a sum."""
-    span: int = 10**6
-    """Upper bound for the length of a span whose owner's is not a constant."""
-
-
-LIMITS = CompilerLimits()
-
+from up_samp.model.graphs import reached
 
 # ------------------ Expressions as nested tuples
 # ``("bool", b)``, ``("int", n)``, ``("obj", name)``: constants;
@@ -259,7 +244,6 @@ class PlainProblem:
     ground fluent expression to its value where that is not the fluent's default.
     """
 
-    name: str
     activities: tuple[Activity, ...]
     constraints: tuple[Expr, ...] = ()
     conditions: tuple[Condition, ...] = ()
@@ -355,12 +339,8 @@ class PlainProblem:
 
     def objects_of(self, user_type: str) -> list[str]:
         """Return the objects of a user type and of the types below it."""
-        below = {user_type}
-        grown = True
-        while grown:
-            more = {t for t, father in self.types.items() if father in below} - below
-            grown = bool(more)
-            below |= more
+        fathers = self.types.items()
+        below = reached([user_type], lambda above: (t for t, father in fathers if father == above))
         return [name for name, t in self.objects.items() if t in below]
 
     def initial_value(self, fluent: Expr) -> Expr:

@@ -22,7 +22,8 @@ from dataclasses import replace
 from functools import partial
 
 from up_samp.model import UnsupportedError
-from up_samp.scheduling.compilers.fluents import empty, equals, never_empty, reaches_end
+from up_samp.scheduling.compilers.fluents import asks_nothing, equals, reaches_end
+from up_samp.scheduling.compilers.intervals import conjuncts
 from up_samp.scheduling.compilers.plain import (
     FALSE,
     TRUE,
@@ -86,8 +87,10 @@ class _PrecedenceCompiler:
             self._bounds(fluent, changes)
             for a, b in itertools.combinations(changes, 2):
                 self._apart(a, b)
-        for condition in self.problem.conditions:
-            self._condition(condition)
+        for condition in conjuncts(self.problem.conditions):
+            holds = self._holds(condition, condition.expression)
+            ways = asks_nothing(self.problem, condition)
+            self.constraints.append(disjunction([*ways, holds]))
         counted = {f[1] for f in self.counted}
         compiled = replace(
             self.problem,
@@ -136,22 +139,6 @@ class _PrecedenceCompiler:
                 ]
             )
         )
-
-    def _condition(self, condition: Condition) -> None:
-        """Add constraints for a condition: each conjunct by itself."""
-        expression = condition.expression
-        parts = expression[1:] if expression[0] == "and" else (expression,)
-        for part in parts:
-            self.constraints.append(
-                disjunction([*self._void(condition), self._holds(condition, part)])
-            )
-
-    def _void(self, condition: Condition) -> list[Expr]:
-        """Return the ways in which a condition asks nothing."""
-        ways = self.problem.missing(condition)
-        if not never_empty(self.problem, condition):
-            ways.append(empty(self.problem, condition))
-        return ways
 
     def _holds(self, condition: Condition, expression: Expr) -> Expr:
         """State that ``expression`` holds throughout the condition's interval."""

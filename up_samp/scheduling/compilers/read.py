@@ -28,7 +28,7 @@ from up_samp.scheduling.compilers.plain import (
     later,
 )
 from up_samp.scheduling.compilers.write import EFFECT_KINDS, OPERATORS, POINTS
-from up_samp.upio.expressions import QuantifierRemover
+from up_samp.upio.expressions import QuantifierRemover, constraints_of
 from up_samp.upio.spans import with_timings
 
 _OPERATORS = {kind: name for name, kind in OPERATORS.items()}
@@ -94,7 +94,6 @@ class _ProblemReader:
                     each = self._written_out.effects(effect)
                     effects += [self._effect(timing, e, owner) for e in each]
         return PlainProblem(
-            name=problem.name or "problem",
             activities=tuple(self._activity(a) for a in problem.activities),
             constraints=tuple(c for c in constraints if c != TRUE),
             conditions=tuple(conditions),
@@ -111,10 +110,8 @@ class _ProblemReader:
         )
 
     def constraints(self) -> list[tuple[FNode, Expr]]:
-        said = list(self.problem.base_scoped_constraints)
-        for activity in self.problem.activities:
-            said += activity.scoped_constraints
-        return [(node, self._scoped(node, scope)) for node, scope in said]
+        said = constraints_of(self.problem)
+        return [(node, self._scoped(node, scope)) for _, node, scope in said]
 
     def _metric(self) -> bool:
         for metric in self.problem.quality_metrics:

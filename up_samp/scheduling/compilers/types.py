@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 from up_samp.scheduling.compilers.plain import (
     Compiled,
@@ -18,10 +19,7 @@ def compile_flat_types(problem: PlainProblem) -> Compiled:
     """Return the problem with flat types only."""
     if all(father is None for father in problem.types.values()):
         return Compiled(problem)
-
-    def root(name: str) -> str:
-        father = problem.types[name]
-        return name if father is None else root(father)
+    root = partial(_root, problem)
 
     def flat(tpe: Type) -> Type:
         return ("user", root(tpe[1])) if tpe[0] == "user" else tpe
@@ -49,6 +47,12 @@ def compile_flat_types(problem: PlainProblem) -> Compiled:
     return Compiled(flattened)
 
 
+def _root(problem: PlainProblem, name: str) -> str:
+    """Return the type above all others that a type is below of."""
+    father = problem.types[name]
+    return name if father is None else _root(problem, father)
+
+
 # ------------------ User types that nothing has
 
 
@@ -57,12 +61,7 @@ def compile_unused(problem: PlainProblem) -> Compiled:
     needed: set[Type] = set(problem.parameter_types.values())
     for fluent in problem.fluents.values():
         needed |= {fluent.type, *(tpe for _, tpe in fluent.parameters)}
-
-    def root(name: str) -> str:
-        father = problem.types[name]
-        return name if father is None else root(father)
-
-    roots = {root(tpe[1]) for tpe in needed if tpe[0] == "user"}
-    kept = {name: father for name, father in problem.types.items() if root(name) in roots}
+    roots = {_root(problem, tpe[1]) for tpe in needed if tpe[0] == "user"}
+    kept = {name: father for name, father in problem.types.items() if _root(problem, name) in roots}
     objects = {name: tpe for name, tpe in problem.objects.items() if tpe in kept}
     return Compiled(replace(problem, types=kept, objects=objects))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from unified_planning.model import FNode
@@ -14,7 +13,7 @@ from unified_planning.model.scheduling import SchedulingProblem
 from up_samp.extensions import parts as parts_from_outside
 from up_samp.model import Deadline, OutOfTimeError, UnsupportedError, check_time, in_force
 from up_samp.scheduling.cpsat.encode.disjunctions import Disjunctions, find_groups, merge_forms
-from up_samp.scheduling.cpsat.encode.durations import LIMITS, constant_bounds, constants, least
+from up_samp.scheduling.cpsat.encode.durations import PLACEHOLDER, constant_bounds, constants, least
 from up_samp.scheduling.cpsat.encode.forms import (
     FALSE,
     TRUE,
@@ -47,22 +46,6 @@ from up_samp.upio.objective import objective_of, only_makespan
 from up_samp.upio.spans import with_timings
 
 T = TypeVar("T")
-
-
-@dataclass
-class ModelDraft:
-    """What the families of a model hand on while it is built: the problem's parts in normal form,
-    ``forms`` that are read from its constraints, and the ``rest`` that nothing else says.
-    """
-
-    form: NormalForm
-    forms: list[Form] = field(default_factory=list)
-    rest: list[Form] = field(default_factory=list)
-
-    @property
-    def parts(self) -> Additions:
-        """All of the problem."""
-        return self.form.parts
 
 
 class ScheduleModel:
@@ -103,7 +86,8 @@ class ScheduleModel:
         """What is minimised is ``objective``; costs are that divided by ``scale``."""
         self.disjunctions = Disjunctions()
         self.stated: list[Form] = []
-        """What was stated at first, but for disjunctions of pairs."""
+        """What was stated at first, but for disjunctions of pairs: of what is written, each family
+        leaves what it does not say."""
         self.appended: list[Form] = []
         """What was stated later."""
         self._deadline = deadline
@@ -122,7 +106,7 @@ class ScheduleModel:
         for code, obj in enumerate(problem.all_objects):
             self.world.objects[obj.name] = code
             self.world.object_types.append(obj.type)
-        self.world.makespan = self.store.integer(0, LIMITS.placeholder)
+        self.world.makespan = self.store.integer(0, PLACEHOLDER)
         self.horizon.timepoint(self.world.makespan)
         self.world.scales = scales_of(problem)
         self.states = States(self.world, problem, constant(0))
@@ -132,9 +116,8 @@ class ScheduleModel:
             self.variables.add_activity(activity)
         self.exact = self.disjunctions.take_alternatives(groups, self.world.activities, self.store)
         """Presence of each alternative -> presences of its whole group, one of them true."""
-        draft = ModelDraft(form)
         for _, state in FAMILIES:
-            state(self, draft)
+            state(self, form)
 
     def surely(self, presences: Iterable[Literal]) -> bool:
         """Return whether one of some activities is there in every schedule: this is where to ask.
@@ -154,59 +137,60 @@ class ScheduleModel:
         return self.variables.parameters
 
     # -- families of constraints -----------------------------------------------------------------
-    def _parameters(self, draft: ModelDraft) -> None:
-        self.variables.add_parameters(draft.parts)
+    def _parameters(self, form: NormalForm) -> None:
+        self.variables.add_parameters(form.parts)
 
-    def _written(self, draft: ModelDraft) -> None:
-        draft.forms = self._forms(draft.parts, first=True)
+    def _written(self, form: NormalForm) -> None:
+        self.stated = self._forms(form.parts, first=True)
         for state in parts_from_outside("constraints").values():
-            draft.forms.extend(state(self))
+            self.stated.extend(state(self))
         if not self.plain:
-            self.world.domains = domains(draft.forms, self.variables)
-        self.horizon.preconditions(draft.form.preconditions)
+            self.world.domains = domains(self.stated, self.variables)
+        self.horizon.preconditions(form.preconditions)
 
-    def _dynamic(self, draft: ModelDraft) -> None:
+    def _dynamic(self, form: NormalForm) -> None:
         # durations may read fluents, so which of these change has to be known before
-        self.states.dynamic = {e.fluent.fluent().name for _, e, _ in draft.parts.effects}
+        self.states.dynamic = {e.fluent.fluent().name for _, e, _ in form.parts.effects}
 
-    def _limits(self, draft: ModelDraft) -> None:
-        self._set_horizon(draft.parts, draft.forms)
+    def _limits(self, form: NormalForm) -> None:
+        self._set_horizon(form.parts, self.stated)
 
-    def _durations(self, draft: ModelDraft) -> None:
-        for activity in draft.parts.activities:
+    def _durations(self, form: NormalForm) -> None:
+        for activity in form.parts.activities:
             self.variables.link_times(activity)
 
-    def _effects(self, draft: ModelDraft) -> None:
-        for timing, effect, owner in self._in_time(draft.parts.effects):
+    def _effects(self, form: NormalForm) -> None:
+        for timing, effect, owner in self._in_time(form.parts.effects):
             self.states.add_effect(timing, effect, self.variables.of(owner))
 
-    def _conditions(self, draft: ModelDraft) -> None:
-        for span, condition, owner in self._in_time(draft.parts.conditions):
+    def _conditions(self, form: NormalForm) -> None:
+        for span, condition, owner in self._in_time(form.parts.conditions):
             self.states.add_condition(span, condition, self.variables.of(owner))
 
-    def _disjunctions(self, draft: ModelDraft) -> None:
-        activities = list(self.world.activities.values())
-        draft.rest = draft.forms if self.plain else self.disjunctions.take(draft.forms, activities)
+    def _disjunctions(self, form: NormalForm) -> None:
+        if not self.plain:
+            activities = list(self.world.activities.values())
+            self.stated = self.disjunctions.take(self.stated, activities)
 
-    def _precedences(self, draft: ModelDraft) -> None:
-        draft.rest += self._histories(draft.form.preconditions)
+    def _precedences(self, form: NormalForm) -> None:
+        self.stated += self._histories(form.preconditions)
 
-    def _milestones(self, draft: ModelDraft) -> None:
+    def _milestones(self, form: NormalForm) -> None:
         if self.plain:
             return
-        made, self.implied = find_milestones(draft.rest, self.states)
+        made, self.implied = find_milestones(self.stated, self.states)
         self._adopt(made)
         self.replaced.update(state.key for state in made)
         self.read_counts.update((state.key, 0) for state in made)
 
-    def _merged(self, draft: ModelDraft) -> None:
-        draft.rest = self.stated = merge_forms(draft.rest, self.exact)
+    def _merged(self, form: NormalForm) -> None:
+        self.stated = merge_forms(self.stated, self.exact)
 
-    def _loads(self, draft: ModelDraft) -> None:
+    def _loads(self, form: NormalForm) -> None:
         self.disjunctions.emit(self.store)
         self.disjunctions.emit_loads(self.store, Lin(((self.world.makespan, 1),)))
 
-    def _metric(self, draft: ModelDraft) -> None:
+    def _metric(self, form: NormalForm) -> None:
         makespan = Lin(((self.world.makespan, 1),))
         self.objective = makespan
         if self.asked is not None:
@@ -219,15 +203,15 @@ class ScheduleModel:
             told = (self.asked, *(limited for limited, _ in self.asked.limits))
             self.horizon.certain &= all(ends_in_time(self.problem, one) for one in told)
 
-    def _rest(self, draft: ModelDraft) -> None:
-        for form in self._in_time(draft.rest):
-            self.store.enforce(form)
+    def _rest(self, form: NormalForm) -> None:
+        for stated in self._in_time(self.stated):
+            self.store.enforce(stated)
 
-    def _makespan(self, draft: ModelDraft) -> None:
+    def _makespan(self, form: NormalForm) -> None:
         if self.world.makespan_used:
             self._exact_makespan()
 
-    def _decisions(self, draft: ModelDraft) -> None:
+    def _decisions(self, form: NormalForm) -> None:
         self.variables.make_decisions()
 
     def _in_time(self, parts: Iterable[T]) -> Iterator[T]:
@@ -339,9 +323,10 @@ class ScheduleModel:
         horizon.spread = any(lasts(n) for p in asked for n in walk(p.node))
         # room for what may be appended later, so that growing seldom means rebuilding
         self.limit = 2 * horizon.bound() + 100
-        if self.limit > LIMITS.latest:
+        latest = 2**58  # a few such numbers are summed
+        if self.limit > latest:
             raise UnsupportedError(
-                f"cpsat counts times to {LIMITS.latest}, and a schedule of this problem may last "
+                f"cpsat counts times to {latest}, and a schedule of this problem may last "
                 "longer: choose a larger unit"
             )
         delays = [int(abs(t.delay)) for t, _, _ in parts.effects]
@@ -351,7 +336,7 @@ class ScheduleModel:
         for var in self.time_variables():
             self.store.rebound(var, self.limit)
 
-    def _unary(self, draft: ModelDraft) -> None:
+    def _unary(self, form: NormalForm) -> None:
         """Take what is said by resources, levels and states that are for one as disjunctions."""
         for unary in [] if self.plain else find_unary(self.states):
             self.disjunctions.add_unary(unary)
@@ -381,7 +366,7 @@ class ScheduleModel:
             self.states.vars[state.key] = state
             self.states.dynamic.add(state.key[0])
 
-    def _timelines(self, draft: ModelDraft | None = None) -> None:
+    def _timelines(self, form: NormalForm | None = None) -> None:
         for key, state in self._in_time(self.states.vars.items()):
             if key[0] not in self.states.dynamic:
                 continue
@@ -433,7 +418,7 @@ class ScheduleModel:
         return self.variables.time_variables()
 
 
-FAMILIES: tuple[tuple[str, Callable[[ScheduleModel, ModelDraft], None]], ...] = (
+FAMILIES: tuple[tuple[str, Callable[[ScheduleModel, NormalForm], None]], ...] = (
     ("decision variables", ScheduleModel._parameters),
     ("constraints as they are written", ScheduleModel._written),
     ("which fluents change", ScheduleModel._dynamic),

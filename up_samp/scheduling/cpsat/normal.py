@@ -52,13 +52,8 @@ class Precondition:
     constraint: Constraint
 
 
-@dataclass(frozen=True)
-class FollowUp:
-    """After ``activity``, one of ``helpers`` has to come."""
-
-    activity: str
-    helpers: frozenset[str]
-    gap: int
+FollowUp = tuple[str, frozenset[str]]
+"""(activity, helpers): after the activity, one of the helpers has to come."""
 
 
 def read_precedences(
@@ -96,7 +91,7 @@ def _precedence(constraint: Constraint, before: BeforeOf) -> Precondition | Foll
     if activity is None or any(o.node_type not in (Op.AND, Op.OR, Op.IMPLIES) for o in options):
         return None
     helpers: dict[str, frozenset[str]] = {}
-    follow_ups: dict[str, int] = {}
+    follow_ups: set[str] = set()
     initially, gap = None, 0
     for parts in map(conjuncts, options):
         names = [name for name in map(present_told, parts) if name is not None]
@@ -112,14 +107,14 @@ def _precedence(constraint: Constraint, before: BeforeOf) -> Precondition | Foll
         if len(order) != 1 or len(rest) + 2 != len(parts):
             return None
         if order[0][:2] == (activity, helper) and not rest:
-            follow_ups[helper] = order[0][2]
+            follow_ups.add(helper)
             continue
         if order[0][:2] != (helper, activity) or rivals is None or helper in helpers:
             return None
         helpers[helper] = rivals[0]
         gap = max(gap, order[0][2], rivals[1])
     if follow_ups and not helpers and initially is None:
-        return FollowUp(activity, frozenset(follow_ups), min(follow_ups.values()))
+        return activity, frozenset(follow_ups)
     if follow_ups or (not helpers and not initially):
         return None
     return Precondition(activity, helpers, initially, gap, constraint)

@@ -66,6 +66,10 @@ class Planned:
         """The latest end."""
         return max((end for _, end in self.times.values()), default=0)
 
+    def there(self, owner: str | None) -> bool:
+        """Return whether an activity is present (None: the problem itself always is)."""
+        return owner is None or owner in self.times
+
     def time(self, point: Point) -> int:
         """Return when a point in time is, as planned (units)."""
         anchor, name = point

@@ -100,7 +100,6 @@ def resting(planned: Planned, snapshot: Snapshot) -> Iterator[OrderConstraint]:
 
 def performers(planned: Planned, snapshot: Snapshot) -> Mapping[str, tuple[str, ...]]:
     """Return which driven objects each activity mentions: who does it."""
-    movers = {t.object for t in snapshot.tasks}
     found: dict[str, dict[str, None]] = {name: {} for name in planned.times}
     for task in snapshot.tasks:
         if task.activity in found:
@@ -113,7 +112,7 @@ def performers(planned: Planned, snapshot: Snapshot) -> Mapping[str, tuple[str, 
             continue
         for sub in subexpressions(e):
             value = planned.value(sub) if sub[0] in ("obj", "par") else None
-            if isinstance(value, str) and value in movers:
+            if isinstance(value, str) and value in snapshot.by_object:
                 found[owner][value] = None
     return {name: tuple(sorted(who)) for name, who in found.items()}
 
@@ -206,7 +205,7 @@ class _Read:
 
 def _fluents(planned: Planned) -> Iterator[OrderConstraint]:
     writes, reads = _writes(planned), _reads(planned)
-    moments: list[_Moment] = []
+    moments: dict[int, list[Moment]] = {}
     for key, all_writes in writes.items():
         all_writes.sort(key=lambda w: w.time)
         mine = reads.get(key, ())
@@ -217,7 +216,8 @@ def _fluents(planned: Planned) -> Iterator[OrderConstraint]:
             yield from _chained(planned, key, all_writes, chained)
         else:
             yield from _in_order(key, all_writes)
-            moments += _moments(key, all_writes)
+            for time, groups in _several_at_once(all_writes):
+                moments.setdefault(time, []).append((key, groups))
         for read in mine:
             yield from _around(planned, key, read, all_writes, chained is not None)
     yield from _at_once(planned, writes, moments)
@@ -226,7 +226,7 @@ def _fluents(planned: Planned) -> Iterator[OrderConstraint]:
 def _writes(planned: Planned) -> dict[Expr, list[_Write]]:
     found: dict[Expr, list[_Write]] = {}
     for effect in planned.problem.effects:
-        if effect.owner is not None and effect.owner not in planned.times:
+        if not planned.there(effect.owner):
             continue
         at = planned.point(effect.time)
         key = planned.ground(effect.fluent)
@@ -251,7 +251,7 @@ def _reads(planned: Planned) -> dict[Expr, list[_Read]]:
             found.setdefault(key, []).append(read)
 
     for condition in planned.problem.conditions:
-        if condition.owner is not None and condition.owner not in planned.times:
+        if not planned.there(condition.owner):
             continue
         low, high = planned.point(condition.low), planned.point(condition.high)
         if low is None or high is None:
@@ -262,7 +262,7 @@ def _reads(planned: Planned) -> dict[Expr, list[_Read]]:
         read = _Read(low, high, condition.owner, what, low[1] >= 1, condition.dense)
         add((condition.expression,), read)
     for effect in planned.problem.effects:
-        if effect.owner is not None and effect.owner not in planned.times:
+        if not planned.there(effect.owner):
             continue
         at = planned.point(effect.time)
         if at is None:
@@ -348,46 +348,38 @@ def _who(write: _Write) -> str:
 # ------------------------------------------------------------------ several changes at one instant
 
 
-@dataclass(frozen=True)
-class _Moment:
-    """Increases and decreases of ``key`` at one instant, by several activities: they add up, and
-    bounds are looked at after all of them. On the floor one happens after the other.
-    """
-
-    key: Expr
-    time: int
-    groups: tuple[tuple[_Write, ...], ...]
-    """Those that are one event on the floor belong together."""
+Groups = list[list[_Write]]
+"""Increases and decreases of a fluent at one instant, by several activities: they add up, and
+bounds are looked at after all of them. On the floor one happens after the other; those that are one
+event there belong together."""
+Moment = tuple[Expr, Groups]
 
 
-def _moments(key: Expr, writes: list[_Write]) -> Iterator[_Moment]:
+def _several_at_once(writes: list[_Write]) -> Iterator[tuple[int, Groups]]:
     for time, some in itertools.groupby(writes, key=lambda w: w.time):
         together: dict[tuple[Point, int], list[_Write]] = {}
         for w in some:
             together.setdefault((w.point, w.delay), []).append(w)
         if len(together) > 1:
-            yield _Moment(key, time, tuple(tuple(group) for group in together.values()))
+            yield time, list(together.values())
 
 
 def _at_once(
-    planned: Planned, writes: Mapping[Expr, list[_Write]], moments: list[_Moment]
+    planned: Planned, writes: Mapping[Expr, list[_Write]], moments: Mapping[int, list[Moment]]
 ) -> Iterator[OrderConstraint]:
     """Give-back and take at one instant: in an order in which all values are within bounds. Where
     there is none, each waits for the other.
     """
     if not moments:
         return
-    due: dict[int, list[_Moment]] = {}
-    for moment in moments:
-        due.setdefault(moment.time, []).append(moment)
-    for time, now in _replayed(planned, writes, max(due)):
-        for moment in due.get(time, ()):
-            blocks = _sequence(now, moment)
+    for time, now in _replayed(planned, writes, max(moments)):
+        for key, groups in moments.get(time, ()):
+            blocks = _sequence(now, key, groups)
             for one, two in itertools.pairwise(blocks):
                 for w, v in itertools.product(one, two):
                     if w.point != v.point:
                         need = Difference(w.point, v.point, w.delay - v.delay)
-                        why = f"{_who(w)} changes {show(moment.key)} at once with {_who(v)}"
+                        why = f"{_who(w)} changes {show(key)} at once with {_who(v)}"
                         yield OrderConstraint(need, "fluent", f"{why}, and first")
 
 
@@ -432,39 +424,40 @@ def _constant(now: Planned, e: Expr) -> Expr:
     return constant(value)
 
 
-def _sequence(now: Planned, moment: _Moment) -> list[list[_Write]]:
+def _sequence(now: Planned, key: Expr, groups: Groups) -> Groups:
     """Return groups of writes, each to come before the next (none: any order does)."""
     amounts: list[int] = []
-    for group in moment.groups:
+    for group in groups:
         total = 0
         for w in group:
             if kept(now, w.effect.condition) is not None:
                 kind = _SIGN.get(w.effect.kind, "plus")
                 total += int(_constant(now, (kind, ("int", 0), w.effect.value))[1])
         amounts.append(total)
-    type_ = now.problem.fluents[moment.key[1]].type
+    type_ = now.problem.fluents[key[1]].type
     low, high = (type_[1], type_[2]) if type_[0] == "int" else (None, None)
-    here = int(_constant(now, moment.key)[1])
+    here = int(_constant(now, key)[1])
     up, down = sum(a for a in amounts if a > 0), sum(a for a in amounts if a < 0)
     fits_up, fits_down = high is None or here + up <= high, low is None or here + down >= low
-    if fits_up and fits_down and not _depend(moment):
+    hangs = _depends(key, groups)
+    if fits_up and fits_down and not hangs:
         return []
-    order = None if _depend(moment) else _within(here, amounts, low, high)
+    order = None if hangs else _within(here, amounts, low, high)
     if order is None:
-        everybody = [w for group in moment.groups for w in group]
+        everybody = [w for group in groups for w in group]
         return [everybody, everybody]  # each waits for the other
     blocks = [
-        [w for k in run for w in moment.groups[k]]
+        [w for k in run for w in groups[k]]
         for _, run in itertools.groupby(order, key=lambda k: amounts[k] > 0)
     ]
     return blocks
 
 
-def _depend(moment: _Moment) -> bool:
+def _depends(key: Expr, groups: Groups) -> bool:
     """Return whether one of the changes hangs on the value that the others change."""
     return any(
-        sub[:2] == moment.key[:2]
-        for group in moment.groups
+        sub[:2] == key[:2]
+        for group in groups
         for w in group
         for e in (w.effect.condition, w.effect.value)
         for sub in subexpressions(e)

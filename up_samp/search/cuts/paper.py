@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 from up_samp.model import PathQuery, Placed, ScheduledMotion, avoids
 from up_samp.model.refinement import Layer, Refinement, Strength
-from up_samp.refinement import paper_rules
+from up_samp.refinement import rules
 from up_samp.search.cuts.protocol import Alone, Failure
 from up_samp.search.cuts.small import SmallCuts
 from up_samp.search.facts import Facts, MotionCase
@@ -48,9 +48,7 @@ class PaperCuts(SmallCuts):
         places = {n: c for n, c in alone.places.items() if n in blockers} or alone.places
         return [
             Refinement(
-                paper_rules.paper_geometric(
-                    (_under(motion, case),), _movers(facts, places), places
-                ),
+                rules.paper_geometric((_under(motion, case),), _movers(facts, places), places),
                 Layer.GEOMETRIC,
                 Strength.HEURISTIC,
                 alone.why,
@@ -93,7 +91,7 @@ class PaperCuts(SmallCuts):
         """
         return [
             Refinement(
-                paper_rules.paper_temporal(
+                rules.paper_temporal(
                     (_under(alone.motion, case),),
                     _movers(motions.facts, alone.places),
                     {case.activity: units},
@@ -118,14 +116,14 @@ class PaperCuts(SmallCuts):
         }
         if not failure.found:
             why = failure.report.reason or "no trajectories for the group"
-            cut = paper_rules.paper_geometric(group, _rivals(facts), places)
+            cut = rules.paper_geometric(group, facts.snapshot.by_activity, places)
             return [Refinement(cut, Layer.GROUP, Strength.HEURISTIC, why)]
-        changers = _changers(facts, places)
+        changers = {c.activity for c in facts.snapshot.changes if c.object in places}
         meanwhile = {c for c in changers if _overlaps(failure, c)}
         # what changes in the midst of the group might as well change earlier
         strength = Strength.HEURISTIC if meanwhile else failure.strength
-        rivals = sorted({*_rivals(facts), *changers - meanwhile})
-        cut = paper_rules.paper_temporal(group, rivals, failure.arrivals(group), places)
+        rivals = sorted({*facts.snapshot.by_activity, *changers - meanwhile})
+        cut = rules.paper_temporal(group, rivals, failure.arrivals(group), places)
         return [Refinement(cut, Layer.GROUP, strength, "the group needs more time")]
 
 
@@ -134,11 +132,6 @@ def _under(motion: ScheduledMotion, case: MotionCase) -> ScheduledMotion:
     if case.activity == motion.activity:
         return replace(motion, given=case.given)
     return replace(motion, activity=case.activity, constraint=0, given=case.given)
-
-
-def _changers(facts: Facts, places: Mapping[str, str]) -> set[str]:
-    """Return the activities that change the configurations of ``places`` in an instant."""
-    return {c.activity for c in facts.snapshot.changes if c.object in places}
 
 
 def _overlaps(failure: Failure, activity: str) -> bool:
@@ -156,8 +149,4 @@ def _movers(facts: Facts, places: Mapping[str, str]) -> list[str]:
     With all rivals in RCOND the cut would not reject a candidate in which any other robot drives
     meanwhile, although nobody of them was looked at.
     """
-    return sorted({a for name in places for a in facts.movers[name]})
-
-
-def _rivals(facts: Facts) -> list[str]:
-    return sorted({t.activity for t in facts.snapshot.tasks})
+    return sorted({a for name in places for a in facts.snapshot.movers[name]})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -22,7 +22,7 @@ from up_samp.search.facts import Facts, MotionCase, are_apart
 from up_samp.search.knowledge import Knowledge
 from up_samp.search.motions import Motions
 from up_samp.search.world import motion_key, places_between
-from up_samp.upio import Itinerary, Relaxation
+from up_samp.upio import Itinerary
 
 Alike = Callable[[Facts, ScheduledMotion], list[MotionCase]]
 """Returns the case that a motion is, and all that a cut for it holds for as well."""
@@ -63,11 +63,6 @@ class Failure:
     def facts(self) -> Facts:
         """The problem's facts."""
         return self.motions.facts
-
-    @property
-    def relaxation(self) -> Relaxation:
-        """The relaxation with all that was learned."""
-        return self.knowledge.relaxation
 
     @property
     def found(self) -> bool:
@@ -127,7 +122,7 @@ class Failure:
         objects = {name for m in motions for name in m.moved}
         mine = {m.activity for m in motions}
         snapshot = self.facts.snapshot
-        drives = {t.activity for t in snapshot.tasks if t.object in objects}
+        drives = {t.activity for name in objects for t in snapshot.by_object.get(name, ())}
         rides = {r.activity for r in snapshot.rides if r.load in objects}
         return sorted((drives | rides) - mine)
 
@@ -148,7 +143,7 @@ class Failure:
         return {
             name: self.itinerary.place_at(snapshot, name, start)
             for name in sorted(self.report.blockers)
-            if self.facts.movers.get(name)
+            if snapshot.movers.get(name)
         }
 
 
@@ -158,14 +153,14 @@ class Failure:
 def or_exact(failure: Failure, found: list[Refinement]) -> list[Refinement]:
     """Return ``found``, with the exact cut added if nothing of it rejects the candidate."""
     snapshot, group = failure.facts.snapshot, failure.group
-    if any(rejects(failure.itinerary, failure.facts.snapshot, r) for r in found):
+    if rejecting(failure.itinerary, snapshot, found):
         return found
     times = failure.itinerary.schedule.times
     mine = {m.activity for m in group}
     exact = timed.as_timed(
         group,
         failure.arrivals(group),
-        {t.activity: times.get(t.activity) for t in snapshot.tasks if t.activity not in mine},
+        {name: times.get(name) for name in snapshot.by_activity if name not in mine},
         {
             c.activity: (c.object, times[c.activity][1] if c.activity in times else None)
             for c in snapshot.changes
@@ -175,16 +170,15 @@ def or_exact(failure: Failure, found: list[Refinement]) -> list[Refinement]:
         strength=failure.strength,
     )
     # where others rest hangs on their decisions, too
-    itinerary = failure.itinerary
-    given = {pair for motion in itinerary.motions for pair in motion.given}
-    given |= {pair for change in itinerary.changes for pair in change.given}
-    return [*found, rules.only_given(exact, tuple(sorted(given)))]
+    return [*found, rules.only_given(exact, failure.itinerary.given)]
 
 
-def rejects(itinerary: Itinerary, snapshot: Snapshot, refinement: Refinement) -> bool:
-    """Return whether a refinement forbids the candidate schedule."""
+def rejecting(
+    itinerary: Itinerary, snapshot: Snapshot, found: Iterable[Refinement]
+) -> list[Refinement]:
+    """Return the refinements that forbid the candidate schedule."""
 
     def places(name: str, first: int, last: int) -> set[str]:
         return places_between(itinerary, snapshot, name, first, last)
 
-    return not holds(refinement.statement, itinerary.schedule, places)
+    return [r for r in found if not holds(r.statement, itinerary.schedule, places)]

@@ -8,10 +8,10 @@ overlap whatever the motions), or that some activities do not go together as the
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 from up_samp.model import Refusal
-from up_samp.model.refinement import Given, Refinement
+from up_samp.model.refinement import Refinement
 from up_samp.refinement import rules, timed
 from up_samp.search.facts import Facts
 from up_samp.upio import Itinerary
@@ -37,7 +37,7 @@ def _set_onto(facts: Facts, itinerary: Itinerary, refusal: Refusal) -> Refinemen
     if change is None:
         return None
     sets = {c.activity for c in facts.snapshot.changes if c.object == other}
-    moves = set(facts.movers[other]) - sets
+    moves = set(facts.snapshot.movers[other]) - sets
     times = itinerary.schedule.times
     before = [(times[a][1], a) for a in moves | sets if a in times and times[a][1] <= change.time]
     setter = max(before)[1] if before else None
@@ -48,7 +48,7 @@ def _set_onto(facts: Facts, itinerary: Itinerary, refusal: Refusal) -> Refinemen
         {s: times.get(s) for s in sorted(sets)},
         refusal.what,
     )
-    return rules.only_given(cut, _given(itinerary))
+    return rules.only_given(cut, itinerary.given)
 
 
 def _as_timed(facts: Facts, itinerary: Itinerary, refusal: Refusal) -> Refinement:
@@ -60,15 +60,7 @@ def _as_timed(facts: Facts, itinerary: Itinerary, refusal: Refusal) -> Refinemen
     if names:
         last = max(times[a][1] for a in names)
         for thing in refusal.objects:
-            movers = facts.movers.get(thing, frozenset()) - names
+            movers = facts.snapshot.movers.get(thing, frozenset()) - names
             names |= {m for m in movers if m in times and times[m][0] <= last}
     cut = timed.exactly_as_timed({n: times[n] for n in sorted(names or times)}, refusal.what)
-    return rules.only_given(cut, _given(itinerary))
-
-
-def _given(itinerary: Itinerary) -> Given:
-    """Return the decisions that the itinerary's configurations hang on."""
-    parts: Iterable[Given] = [m.given for m in itinerary.motions]
-    pairs = {pair for given in parts for pair in given}
-    pairs |= {pair for change in itinerary.changes for pair in change.given}
-    return tuple(sorted(pairs))
+    return rules.only_given(cut, itinerary.given)

@@ -6,18 +6,18 @@ does, the group is forbidden just as it was timed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 
 from up_samp.model import PathQuery, ScheduledMotion
 from up_samp.model.refinement import Layer, Refinement, Strength
 from up_samp.refinement import rules
-from up_samp.search.cuts.protocol import Alike, Alone, Failure, or_exact, rejects
+from up_samp.search.cuts.protocol import Alike, Alone, Failure, or_exact, rejecting
 from up_samp.search.facts import Facts
 from up_samp.search.knowledge import Knowledge
 from up_samp.search.motions import Motions
 from up_samp.search.statements.durations import duration_of
+from up_samp.search.statements.unreachable import blocked_while
 from up_samp.search.world import remaining
 
 Attempt = Callable[[Failure, str], list[Refinement]]
@@ -52,7 +52,7 @@ class SmallCuts:
         """Return what it tells that a motion takes ``units`` alone: it and all alike take that long
         while the blockers rest there.
         """
-        movers, why, strength = motions.facts.movers, alone.why, alone.strength
+        movers, why, strength = motions.facts.snapshot.movers, alone.why, alone.strength
         places = _that_delay(motions, alone, units)
         found = []
         for case in alone.cases:
@@ -71,7 +71,9 @@ class SmallCuts:
             return or_exact(failure, [_together_cut(failure)])
         found: list[Refinement] = []
         for name in sorted(failure.report.late, key=lambda n: (failure.timed[n].release, n)):
-            found += _first_violated(failure, (partial(a, failure, name) for a in self.attempts))
+            tried = (attempt(failure, name) for attempt in self.attempts)
+            snapshot = failure.facts.snapshot
+            found += next((t for t in tried if rejecting(failure.itinerary, snapshot, t)), [])
             if failure.motions.budget.deadline.expired():
                 break
         return or_exact(failure, found or [_timing_cut(failure)])
@@ -100,24 +102,7 @@ def _that_delay(motions: Motions, alone: Alone, units: int) -> dict[str, str]:
 
 def blocked(facts: Facts, alone: Alone) -> list[Refinement]:
     """State that the motion and all alike must not be made while the blockers rest there."""
-    movers, why = facts.movers, alone.why
-    return [
-        rules.only_given(
-            rules.blocked_while(c.activity, alone.places, movers, why, strength=alone.strength),
-            c.given,
-        )
-        for c in alone.cases
-    ]
-
-
-def _first_violated(
-    failure: Failure, attempts: Iterable[Callable[[], list[Refinement]]]
-) -> list[Refinement]:
-    for attempt in attempts:
-        found = attempt()
-        if any(rejects(failure.itinerary, failure.facts.snapshot, r) for r in found):
-            return found
-    return []
+    return blocked_while(facts, alone.cases, alone.places, alone.why, alone.strength)
 
 
 def _together_cut(failure: Failure) -> Refinement:
@@ -131,7 +116,7 @@ def _together_cut(failure: Failure) -> Refinement:
     known = failure.knowledge.failed_together
     rule = rules.not_together if together in known else rules.group_fails
     known.add(together)
-    return rule(motions, failure.blockers(motions), failure.facts.movers, why)
+    return rule(motions, failure.blockers(motions), failure.facts.snapshot.movers, why)
 
 
 def _timing_cut(failure: Failure) -> Refinement:
@@ -142,7 +127,7 @@ def _timing_cut(failure: Failure) -> Refinement:
         motions,
         arrivals,
         failure.blockers(motions),
-        failure.facts.movers,
+        failure.facts.snapshot.movers,
         why,
         rivals=failure.rivals(motions),
         strength=failure.strength,

@@ -68,10 +68,8 @@ def duties_of(problem: SchedulingMotionProblem, snapshot: Snapshot, jobs: Jobs) 
     does holds a resource that all its drives hold, and batteries are told by numbers that only
     its own activities change.
     """
-    drives = defaultdict[str, list[str]](list)
-    for task in snapshot.tasks:
-        drives[task.object].append(task.activity)
-    work = {n for o in itertools.chain(*jobs.options) for n in o.members}
+    drives = {robot: [t.activity for t in tasks] for robot, tasks in snapshot.by_object.items()}
+    work = jobs.of_members
     own = [a for a in problem.activities if not a.optional and a.name not in work]
     taken: dict[tuple[Body, float, Configuration, Configuration], float] = {}
     batteries = dict(_batteries(problem, snapshot, drives, taken))

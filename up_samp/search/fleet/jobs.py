@@ -21,10 +21,17 @@ from unified_planning.model.operators import OperatorKind as Op
 from unified_planning.model.scheduling import Activity
 
 from up_samp.model import Configuration
+from up_samp.model.graphs import reached
 from up_samp.model.snapshot import MotionTask, Snapshot, TermKind
 from up_samp.scheduling.cpsat.encode.durations import least
 from up_samp.scheduling.cpsat.normal import decisions
-from up_samp.upio.expressions import end_before_start, fluent_told, start_before_start, statements
+from up_samp.upio.expressions import (
+    constraints_of,
+    end_before_start,
+    fluent_told,
+    start_before_start,
+    statements,
+)
 from up_samp.upio.spans import own_end
 from up_samp.upio.whereabouts import whereabouts
 
@@ -39,9 +46,9 @@ def stated_gaps(problem: SchedulingMotionProblem) -> dict[tuple[str, str], int]:
     Assumes: a comparison is conditional on the two activities alone, or on nothing.
     """
     found: dict[tuple[str, str], int] = {}
-    for owner in (problem._base, *problem.activities):
-        mine = frozenset[str]() if owner is problem._base else frozenset([owner.name])
-        for part, needed in _statements(owner):
+    for owner, constraint, scope in constraints_of(problem):
+        mine = frozenset[str]() if owner is None else frozenset([owner])
+        for part, needed in statements(constraint, scope):
             told = end_before_start(part)
             if told is None:
                 continue
@@ -49,12 +56,6 @@ def stated_gaps(problem: SchedulingMotionProblem) -> dict[tuple[str, str], int]:
             if needed | mine <= {first, then} and units >= 0:
                 found[first, then] = max(units, found.get((first, then), 0))
     return found
-
-
-def _statements(owner: Activity) -> Iterator[tuple[FNode, frozenset[str | None]]]:
-    """Yield the parts of all constraints of an activity, or of a problem, as `statements` does."""
-    for constraint, scope in owner._constraints:
-        yield from statements(constraint, scope)
 
 
 def stated_precedences(
@@ -160,12 +161,10 @@ def activity_locations(problem: SchedulingMotionProblem, snapshot: Snapshot) -> 
 
     Assumes: a condition holds all through an activity, and its fluent tells where one robot is.
     """
-    drivers = {task.object for task in snapshot.tasks}
-    whose = {f: who for f, who in whereabouts(problem).items() if who in drivers}
+    whose = {f: who for f, who in whereabouts(problem).items() if who in snapshot.by_object}
     found: dict[str, Stand] = {}
-    driving = {task.activity for task in snapshot.tasks}
     for activity in problem.activities:
-        if activity.name in driving:
+        if activity.name in snapshot.by_activity:
             continue
         told = {
             stand
@@ -188,9 +187,6 @@ def stand_told(condition: FNode, whose: Mapping[FNode, str]) -> Stand | None:
 
 
 # ------------------ Jobs of which one robot or another does each, as constraints on presence say
-# A *job* is an unconditional disjunction of presences. Each of its options draws along what has to
-# be present with it; together they are a robot's share of work, from where it first has to be to
-# where it ends.
 
 
 _Way = tuple[str, Configuration, Configuration, tuple[tuple[Configuration, Configuration], ...]]
@@ -227,29 +223,28 @@ class Jobs:
     crews: Mapping[int, int] = field(default_factory=dict)
     """Job -> the crew that it belongs to: see :func:`crews_of`."""
 
+    @property
+    def of_members(self) -> dict[str, int]:
+        """Activity -> the job that it is a part of (the last one, of several)."""
+        some = enumerate(self.options)
+        return {name: j for j, options in some for o in options for name in o.members}
+
     def drawn(self, name: str) -> set[str]:
         """Return what has to be present with an activity, itself included."""
-        found, todo = {name}, [name]
-        while todo:
-            for other in self.needs.get(todo.pop(), ()):
-                if other not in found:
-                    found.add(other)
-                    todo.append(other)
-        return found
+        return reached([name], lambda n: self.needs.get(n, ()))
 
     def without(self, gone: set[str]) -> set[str]:
         """Return everything that cannot be present without some activities, with these."""
-        found = set(gone)
-        needed: dict[str, list[str]] = defaultdict(list)
+        draws = self.draws
+        return reached(gone, lambda name: draws.get(name, ()))
+
+    @property
+    def draws(self) -> dict[str, list[str]]:
+        """Activity -> those that it has to be present with."""
+        found: dict[str, list[str]] = defaultdict(list)
         for name, others in self.needs.items():
             for other in others:
-                needed[other].append(name)
-        todo = list(gone)
-        while todo:
-            for name in needed[todo.pop()]:
-                if name not in found:
-                    found.add(name)
-                    todo.append(name)
+                found[other].append(name)
         return found
 
 
@@ -289,11 +284,7 @@ def find_jobs(problem: SchedulingMotionProblem, snapshot: Snapshot) -> Jobs | No
 
 def _with_extras(jobs: Jobs, dues: Mapping[str, float], ways: set[str]) -> Jobs:
     """Return jobs whose options know when they are due and what else may come of them."""
-    draws: dict[str, list[str]] = defaultdict(list)
-    for name, others in jobs.needs.items():
-        for other in others:
-            draws[other].append(name)
-    found = []
+    draws, found = jobs.draws, []
     for options in jobs.options:
         whole = []
         for option in options:
@@ -307,16 +298,15 @@ def _with_extras(jobs: Jobs, dues: Mapping[str, float], ways: set[str]) -> Jobs:
 def _dues(problem: SchedulingMotionProblem) -> dict[str, float]:
     """Return the latest ends of activities that are stated as such (units)."""
     found: dict[str, float] = {}
-    for owner in (problem._base, *problem.activities):
-        for constraint, _ in owner._constraints:
-            if constraint.node_type is not Op.LE:
-                continue
-            end, limit = constraint.args
-            if end.is_timing_exp() and limit.is_int_constant():
-                name = end.timing().timepoint.container
-                if name is not None:
-                    value = float(limit.constant_value())
-                    found[name] = min(value, found.get(name, math.inf))
+    for _, constraint, _ in constraints_of(problem):
+        if constraint.node_type is not Op.LE:
+            continue
+        end, limit = constraint.args
+        if end.is_timing_exp() and limit.is_int_constant():
+            name = end.timing().timepoint.container
+            if name is not None:
+                value = float(limit.constant_value())
+                found[name] = min(value, found.get(name, math.inf))
     return found
 
 
@@ -325,29 +315,27 @@ def _clauses(
 ) -> Iterator[tuple[tuple[str, ...], tuple[str, ...]]]:
     """Yield (names, conditions): one of the names is present if all conditions are."""
     known = {activity.name for activity in problem.activities}
-    for owner in (problem._base, *problem.activities):
-        for constraint, scope in owner._constraints:
-            for clause in decisions(constraint, scope):
-                if known.issuperset(name for name, _ in clause):
-                    names = tuple(name for name, positive in clause if positive)
-                    yield names, tuple(name for name, positive in clause if not positive)
+    for _, constraint, scope in constraints_of(problem):
+        for clause in decisions(constraint, scope):
+            if known.issuperset(name for name, _ in clause):
+                names = tuple(name for name, positive in clause if positive)
+                yield names, tuple(name for name, positive in clause if not positive)
 
 
 def crews_of(problem: SchedulingMotionProblem, jobs: Jobs) -> dict[int, int]:
     """Return the crews that jobs belong to: those of which a part begins as a part of another one
     does, so that no robot can do two of them.
     """
-    of = {n: j for j, options in enumerate(jobs.options) for o in options for n in o.members}
+    of = jobs.of_members
     crews = list(range(len(jobs.options)))
-    for owner in (problem._base, *problem.activities):
-        for constraint, _ in owner._constraints:
-            if not constraint.is_equals() or not all(a.is_timing_exp() for a in constraint.args):
-                continue
-            ends = [a.timing() for a in constraint.args]
-            mine = [crews[of[n]] for e in ends if (n := e.timepoint.container) in of]
-            begin = {(e.timepoint.kind, e.delay) for e in ends} == {(TimepointKind.START, 0)}
-            if begin and len(mine) == 2:
-                crews = [min(mine) if crew in mine else crew for crew in crews]
+    for _, constraint, _ in constraints_of(problem):
+        if not constraint.is_equals() or not all(a.is_timing_exp() for a in constraint.args):
+            continue
+        ends = [a.timing() for a in constraint.args]
+        mine = [crews[of[n]] for e in ends if (n := e.timepoint.container) in of]
+        begin = {(e.timepoint.kind, e.delay) for e in ends} == {(TimepointKind.START, 0)}
+        if begin and len(mine) == 2:
+            crews = [min(mine) if crew in mine else crew for crew in crews]
     return {j: crew for j, crew in enumerate(crews) if crews.count(crew) > 1}
 
 
@@ -355,12 +343,10 @@ def earlier_jobs(problem: SchedulingMotionProblem, jobs: Jobs) -> dict[int, set[
     """Return by job those before which it cannot be done by one robot: a part of it must not begin
     before a part of them does, or ends (whoever does which, where several may).
     """
-    of: dict[str, int] = {}
-    for j, options in enumerate(jobs.options):
-        of |= dict.fromkeys((name for option in options for name in option.members), j)
+    of = jobs.of_members
     found: dict[int, set[int]] = defaultdict(set)
-    for owner in (problem._base, *problem.activities):
-        for part, _ in _statements(owner):
+    for _, constraint, scope in constraints_of(problem):
+        for part, _ in statements(constraint, scope):
             told = end_before_start(part) or start_before_start(part)
             if told is None or told[2] < 0:
                 continue
@@ -380,9 +366,7 @@ class _Look:
         needs: Mapping[str, frozenset[str]],
     ) -> None:
         self._snapshot, self._needs = snapshot, Jobs((), needs)
-        self._tasks: dict[str, list[MotionTask]] = defaultdict(list)
-        for task in snapshot.tasks:
-            self._tasks[task.activity].append(task)
+        self._tasks = snapshot.by_activity
         self._lengths = {a.name: float(least(a.duration)) for a in problem.activities}
         self._stands = activity_locations(problem, snapshot)
         self._then: dict[str, set[str]] = defaultdict(set)

@@ -20,6 +20,7 @@ from up_samp.model import (
     UnsupportedError,
     avoids,
 )
+from up_samp.model.graphs import reached
 from up_samp.motion.fleet.reservations import ReservationTable
 from up_samp.motion.fleet.timed_path import TimedPath
 from up_samp.scheduling.compilers.read import read_problem as read_plain
@@ -93,16 +94,10 @@ def ancestors(motions: Collection[str], times: Earliest) -> dict[str, set[str]]:
     """Return for each motion those that the problem has begin before it starts."""
     found: dict[str, set[str]] = {m: set() for m in motions}
     for name in motions:
-        todo, seen = [("start", name)], {("start", name), ZERO, HORIZON}
-        while todo:
-            for point in times.after(todo.pop()):
-                if point in seen:
-                    continue
-                seen.add(point)
-                todo.append(point)
-                anchor, then = point
-                if anchor == "start" and then in found and then != name:
-                    found[then].add(name)
+        behind = reached([("start", name)], lambda p: {*times.after(p)} - {ZERO, HORIZON})
+        for anchor, then in behind:
+            if anchor == "start" and then in found and then != name:
+                found[then].add(name)
     return found
 
 

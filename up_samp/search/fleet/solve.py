@@ -78,7 +78,7 @@ class LargeProblem:
     @cached_property
     def beside(self) -> frozenset[Stop]:
         """Where robots do what belongs to no job: charge, open doors."""
-        own = {n for some in self.jobs.options for o in some for n in o.members}
+        own = self.jobs.of_members
         places = activity_locations(self.problem, self.snapshot).items()
         return frozenset(
             (robot, self.snapshot.configurations[place])

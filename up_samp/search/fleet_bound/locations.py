@@ -7,11 +7,12 @@ that no drive fails to set it, at its very end, and that it is right from the be
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from unified_planning.model import Effect, FNode
+from unified_planning.model import Effect, FNode, Timing
 from unified_planning.model.motion import SchedulingMotionProblem
+from unified_planning.model.scheduling import Activity
 
 from up_samp.model.snapshot import Snapshot, TermKind
 from up_samp.scheduling.cpsat.encode.durations import least
@@ -47,15 +48,12 @@ def guaranteed_locations(
     reads: dict[str, set[str]] = defaultdict(set)
     text = {fluent: str(fluent) for fluent in whose}
     for activity in problem.activities if whose else ():
-        for interval, conditions in activity.conditions.items():
-            if not asks_at_start(interval, activity, least(activity.duration)):
-                continue
-            for condition in conditions:
-                stand = stand_told(condition, whose)
-                if stand is not None:
-                    places[activity.name, stand[0]] = stand[1]
-                    seen = () if interval.is_left_open() else condition.args
-                    reads[activity.name] |= {text[a] for a in seen if a in whose}
+        for condition, at_once in asked_at_start(activity):
+            stand = stand_told(condition, whose)
+            if stand is not None:
+                places[activity.name, stand[0]] = stand[1]
+                seen = condition.args if at_once else ()
+                reads[activity.name] |= {text[a] for a in seen if a in whose}
         for timing, effects in activity.effects.items():
             if own_end(timing, activity) == (True, 0):
                 sets[activity.name] |= {text[e.fluent] for e in effects if e.fluent in whose}
@@ -75,7 +73,7 @@ def _surely_told(problem: SchedulingMotionProblem, snapshot: Snapshot) -> Mappin
     wild = loose.union(
         fluent.fluent()
         for fluent, changes in assigned.items()
-        if not all(own_end(t, a) in _AT_END and _is_plain(effect) for a, t, effect in changes)
+        if not all(e.value.is_object_exp() and plainly_at_end(a, t, e) for a, t, e in changes)
     )
     found: dict[FNode, str] = {}
     for fluent, robot in whereabouts(problem).items():
@@ -106,10 +104,17 @@ def _drives(snapshot: Snapshot) -> dict[str, set[tuple[str, str]]]:
     return {robot: ways for robot, ways in found.items() if robot not in other | twice}
 
 
-_AT_END = ((True, 0), (True, -1))
+def asked_at_start(activity: Activity) -> Iterator[tuple[FNode, bool]]:
+    """Yield what has to hold right when an activity starts, and whether it has to at that very
+    instant (else at the next one).
+    """
+    for interval, conditions in activity.conditions.items():
+        if asks_at_start(interval, activity, least(activity.duration)):
+            yield from ((condition, not interval.is_left_open()) for condition in conditions)
 
 
-def _is_plain(effect: Effect) -> bool:
-    """Return whether an effect sets a ground fluent to an object."""
-    plain = effect.is_assignment() and effect.condition.is_true() and effect.value.is_object_exp()
-    return bool(plain and all(a.is_object_exp() for a in effect.fluent.args))
+def plainly_at_end(activity: Activity, timing: Timing, effect: Effect) -> bool:
+    """Return whether an effect sets a ground fluent whenever an activity ends, or a unit before."""
+    at_end = own_end(timing, activity) in ((True, 0), (True, -1))
+    plain = at_end and effect.is_assignment() and effect.condition.is_true()
+    return plain and all(a.is_object_exp() for a in effect.fluent.args)

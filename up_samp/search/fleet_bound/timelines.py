@@ -10,9 +10,8 @@ from unified_planning.model import FNode
 from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.model.scheduling import Activity
 
-from up_samp.scheduling.cpsat.encode.durations import least
 from up_samp.search.fleet.jobs import Gaps, closed, idle_between
-from up_samp.upio.spans import asks_at_start, own_end
+from up_samp.search.fleet_bound.locations import asked_at_start, plainly_at_end
 
 
 @dataclass(frozen=True)
@@ -103,7 +102,10 @@ def carried(
     """
     takers, givers = defaultdict[FNode, set[str]](set), defaultdict[FNode, set[str]](set)
     wild = {effect.fluent.fluent().name for _, effect in problem.base_effects}
-    asked = {a.name: set(_asked(a)) for a in problem.activities}
+    asked = {
+        a.name: {c for c, at_once in asked_at_start(a) if at_once and c.is_fluent_exp()}
+        for a in problem.activities
+    }
     for activity in problem.activities:
         for fluent, value in _set(activity):
             name = activity.name
@@ -124,24 +126,13 @@ def carried(
     return found
 
 
-def _asked(activity: Activity) -> Iterator[FNode]:
-    """Yield the fluents that have to be true when an activity starts."""
-    for interval, conditions in activity.conditions.items():
-        at_once = not interval.is_left_open()
-        if at_once and asks_at_start(interval, activity, least(activity.duration)):
-            yield from (c for c in conditions if c.is_fluent_exp())
-
-
 def _set(activity: Activity) -> Iterator[tuple[FNode, bool | None]]:
     """Yield the Boolean fluents that an activity sets at its end (or a unit before), and to what;
     None: to something else, or otherwise.
     """
     for timing, effects in activity.effects.items():
-        at_end = own_end(timing, activity) in ((True, 0), (True, -1))
         for effect in effects:
             if not effect.fluent.type.is_bool_type():
                 continue
-            plain = at_end and effect.is_assignment() and effect.condition.is_true()
-            plain &= effect.value.is_bool_constant()
-            plain &= all(a.is_object_exp() for a in effect.fluent.args)
+            plain = effect.value.is_bool_constant() and plainly_at_end(activity, timing, effect)
             yield effect.fluent, effect.value.bool_constant_value() if plain else None

@@ -84,12 +84,8 @@ class JobWork:
         """How many robots there are of each kind."""
         self.starts = Counter((self.kind_of[r], start[r]) for r in self.robots)
         """How many of a kind begin where."""
-        self._tasks: dict[str, list[MotionTask]] = defaultdict(list)
-        self._driven: dict[str, list[MotionTask]] = defaultdict(list)
-        for task in facts.snapshot.tasks:
-            self._tasks[task.activity].append(task)
-            self._driven[task.object].append(task)
         snapshot = facts.snapshot
+        self._tasks, self._driven = snapshot.by_activity, snapshot.by_object
         self._durations = {a.name: least(a.duration) for a in problem.activities}
         self._units: dict[Leg, int] = {}
         self._left: dict[str, frozenset[str]] = {}
@@ -123,7 +119,7 @@ class JobWork:
 
     def drives(self, robot: str) -> Sequence[MotionTask]:
         """Return all drives of a robot."""
-        return self._driven[robot]
+        return self._driven.get(robot, ())
 
     def comings(self, called: Collection[tuple[int, str]]) -> dict[tuple[int, str], int]:
         """Return by kind of robots and place what the drive takes at least that brings one there
@@ -132,7 +128,7 @@ class JobWork:
         found: dict[tuple[int, str], int] = {}
         for robot in self.robots:
             check_time()
-            for task in self._driven[robot]:
+            for task in self.drives(robot):
                 at = self.kind_of[robot], task.terms[-1].name
                 if at in called:
                     units = self._drive(task)
@@ -179,12 +175,11 @@ class JobWork:
     def stops(self, kind: int) -> frozenset[str]:
         """Return the places where drives of a kind of robots end."""
         robots = [r for r in self.robots if self.kind_of[r] == kind]
-        return frozenset(t.terms[-1].name for robot in robots for t in self._driven[robot])
+        return frozenset(t.terms[-1].name for robot in robots for t in self.drives(robot))
 
     def traced(self, robot: str) -> bool:
         """Return whether it is known where each drive of a robot ends, and only drives move it."""
-        tasks = self._driven.get(robot, ())
-        known = all(t.terms[-1].kind is TermKind.CONSTANT for t in tasks)
+        known = all(t.terms[-1].kind is TermKind.CONSTANT for t in self.drives(robot))
         return known and robot not in self._facts.snapshot.moved_otherwise
 
     def _way(self, job: int, option: WorkMode) -> JobMode:
@@ -240,10 +235,10 @@ class JobWork:
     def _line(self, robot: str) -> RobotTimeline | None:
         """Return what a robot does one after the other; None where it may drive beside that."""
         names = self._in_turn.get(robot)
-        if names is None or not all(t.activity in names for t in self._driven[robot]):
+        if names is None or not all(t.activity in names for t in self.drives(robot)):
             return None
         stops = {name: self._stop(name, robot) for name in sorted(names)}
-        for task in self._driven[robot]:
+        for task in self.drives(robot):
             # of several drives it is not looked which is the first
             several = len(self._tasks[task.activity]) > 1
             stops[task.activity] = TimelineStop(None, None, True) if several else self._drives(task)
@@ -337,10 +332,9 @@ def _in_turn(
 
 
 def _places_left(snapshot: Snapshot, robot: str, jobs: Jobs) -> frozenset[str]:
-    tasks = [t for t in snapshot.tasks if t.object == robot]
     arrivals: dict[str, list[str]] = defaultdict(list)
     leaving: dict[str, set[str]] = defaultdict(set)
-    for task in tasks:
+    for task in snapshot.by_object.get(robot, ()):
         first, last = task.terms[0], task.terms[-1]
         arrivals[last.name].append(task.activity)
         if first.kind is TermKind.CONSTANT and first.name != last.name:

@@ -63,16 +63,12 @@ def _pairs(motions: Motions) -> Iterator[tuple[MotionCase, MotionCase]]:
     for here, going in leaving.items():
         for there, arriving in coming.items():
             check_time()
-            if not _planar(here[0], there[0]) or not motions.service.overlap(*here, *there):
+            if here[0].flies or there[0].flies or not motions.service.overlap(*here, *there):
                 continue
             for one in going:
                 for other in arriving:
                     if are_apart(one, other):
                         yield one, other
-
-
-def _planar(*bodies: Body) -> bool:
-    return all(not b.flies for b in bodies)
 
 
 def proven_gap(leaving: Signature, coming: Signature) -> float:

@@ -60,8 +60,8 @@ def _drives(facts: Facts, node: Node, which: int) -> list[Arrival]:
     """
     name, place = node
     found: list[Arrival] = []
-    for task in facts.snapshot.tasks:
-        there = places_of(facts, task, which) if task.object == name else {}
+    for task in facts.snapshot.by_object.get(name, ()):
+        there = places_of(facts, task, which)
         if place in there:
             variable = there[place]
             found.append((task.activity, () if variable is None else ((variable, place),)))

@@ -49,7 +49,7 @@ def resting_nodes(facts: Facts) -> list[tuple[str, str]]:
     # what comes and goes by other means than its own motions is not counted right
     elsewise = snapshot.moved_otherwise
     for name in sorted(facts.drivers):
-        tasks = [t for t in snapshot.tasks if t.object == name]
+        tasks = snapshot.by_object[name]
         ends = [places_of(facts, task, i) for task in tasks for i in (0, -1)]
         heeds = all(avoids(t.avoid, *(facts.drivers - {name})) for t in tasks)
         if all(ends) and heeds and name not in elsewise:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 
 from up_samp.model import Placed, avoids
-from up_samp.model.refinement import Refinement, end_of, start_of
+from up_samp.model.refinement import Refinement, Strength, end_of, start_of
 from up_samp.model.snapshot import TermKind
 from up_samp.refinement import rules
 from up_samp.search.facts import Facts, MotionCase, Signature
@@ -38,8 +38,8 @@ def _certify(
     if at_start:
         why = f"{placed.name} at {configuration} lies on the first pose"
         if facts.returns_to(placed.name, configuration):
-            return _blocked_while(facts, cases, placed.name, configuration, why)
-        changes = facts.movers[placed.name]
+            return blocked_while(facts, cases, {placed.name: configuration}, why)
+        changes = facts.snapshot.movers[placed.name]
         return [_gone_from_the_start(c, changes, why) for c in cases]
     proof = service.certificate(body, poses, (placed,))
     if proof is None:
@@ -52,8 +52,9 @@ def _certify(
     ]
     static = [c for c in static if c.given]  # a condition cannot hang on decisions
     if facts.returns_to(placed.name, configuration):
-        return found + _blocked_while(facts, static + others, placed.name, configuration, why)
-    changes = facts.movers[placed.name]
+        places = {placed.name: configuration}
+        return found + blocked_while(facts, static + others, places, why)
+    changes = facts.snapshot.movers[placed.name]
     found += [_gone_from_the_start(c, changes, why) for c in static]
     if others:
         found += [_opened(facts, c, placed.name, configuration, why) for c in others]
@@ -65,12 +66,19 @@ def _gone_from_the_start(case: MotionCase, changes: Iterable[str], why: str) -> 
     return rules.only_given(cut, case.given)
 
 
-def _blocked_while(
-    facts: Facts, cases: list[MotionCase], obstacle: str, configuration: str, why: str
+def blocked_while(
+    facts: Facts,
+    cases: Iterable[MotionCase],
+    places: Mapping[str, str],
+    why: str,
+    strength: Strength = Strength.PROVEN,
 ) -> list[Refinement]:
-    places = {obstacle: configuration}
+    """State that motions must not be made while objects rest at these ``places``."""
+    movers = facts.snapshot.movers
     return [
-        rules.only_given(rules.blocked_while(c.activity, places, facts.movers, why), c.given)
+        rules.only_given(
+            rules.blocked_while(c.activity, places, movers, why, strength=strength), c.given
+        )
         for c in cases
     ]
 
@@ -79,7 +87,7 @@ def _opened(
     facts: Facts, case: MotionCase, obstacle: str, configuration: str, why: str
 ) -> Refinement:
     """State that an obstacle which does not come back has left before the end."""
-    changes = facts.movers[obstacle]
+    changes = facts.snapshot.movers[obstacle]
     if len(changes) <= 1 and not case.given:
         return rules.needs_open(case.activity, obstacle, configuration, why)
     # a condition would forbid further changes in its interval, although the obstacle has gone

@@ -14,7 +14,7 @@ from unified_planning.model.operators import OperatorKind as Op
 from unified_planning.model.scheduling import Activity
 
 from up_samp.model import check_time
-from up_samp.scheduling.cpsat.encode.durations import LIMITS, constant_bounds
+from up_samp.scheduling.cpsat.encode.durations import INFINITE, constant_bounds
 from up_samp.scheduling.cpsat.encode.forms import (
     TRUE,
     Cmp,
@@ -298,9 +298,11 @@ class Disjunctions:
         return [*((gap, {a.index for a in some}) for gap, some in self.cliques), *self.unary]
 
     def gap(self, a: int, b: int) -> int:
-        """Return how far apart two activities (indices) are when both are there; -1 if not."""
+        """Return how far apart two activities (indices) are when both are there; -1 if they may
+        overlap.
+        """
         pair = (min(a, b), max(a, b))
-        return LIMITS.never if pair in self.exclusive else self.gaps.get(pair, -1)
+        return INFINITE if pair in self.exclusive else self.gaps.get(pair, -1)
 
     def take_alternatives(
         self, groups: list[Alternatives], activities: dict[str, ActivityVars], store: ModelStore

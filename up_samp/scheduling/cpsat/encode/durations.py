@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from fractions import Fraction
 
 from unified_planning.model import FNode
@@ -12,28 +11,12 @@ from unified_planning.model.timing import DurationInterval
 
 from up_samp.model import UnsupportedError
 
-
-@dataclass(frozen=True)
-class ModelLimits:
-    """Bounds of what has none, and sizes from which parts are stated in another way."""
-
-    magnitude: int = 10**9
-    """Largest magnitude of an integer variable that the problem does not bound."""
-    longest: int = 2**50
-    """Largest number that a problem may name; sums of many have to fit into 63 bits."""
-    latest: int = 2**58
-    """Latest time of a schedule; a few such numbers are summed."""
-    never: int = 10**9
-    """Gap between activities that are never both there."""
-    placeholder: int = 10**7
-    """Latest time of variables until the horizon is known."""
-    circuit_arcs: int = 60_000
-    """Arcs of a circuit of one state variable's changes; beyond that only pairs are ordered."""
-    domain: int = 2000
-    """Values of an integer fluent, if they are to be listed one by one."""
-
-
-LIMITS = ModelLimits()
+MAGNITUDE = 10**9
+"""Largest magnitude of an integer variable that the problem does not bound."""
+LARGEST = 2**50
+"""Largest number that a problem may name; sums of many have to fit into 63 bits."""
+PLACEHOLDER = 10**7
+"""Latest time of variables until the horizon is known."""
 INFINITE = 10**12
 """Longer than anything: what cannot be."""
 
@@ -52,7 +35,7 @@ def constant_bounds(duration: DurationInterval) -> tuple[int | None, int | None]
         upper = value.numerator // value.denominator
         if duration.is_right_open() and upper == value:
             upper -= 1
-        upper = min(upper, LIMITS.longest)
+        upper = min(upper, LARGEST)
     return lower, upper
 
 
@@ -65,10 +48,10 @@ def check_duration(activity: Activity) -> None:
     lower, upper = constant_bounds(duration)
     if lower is None or upper is None:
         return
-    if lower > LIMITS.longest:
+    if lower > LARGEST:
         raise UnsupportedError(
             f"activity '{activity.name}' lasts {duration.lower} units and more; "
-            f"cpsat counts to {LIMITS.longest}"
+            f"cpsat counts to {LARGEST}"
         )
     if lower > upper and Fraction(duration.upper.constant_value()) > 0:
         raise UnsupportedError(

@@ -10,7 +10,7 @@ from unified_planning.model import FNode
 from unified_planning.model.operators import OperatorKind as Op
 
 from up_samp.model import UnsupportedError
-from up_samp.scheduling.cpsat.encode.durations import LIMITS
+from up_samp.scheduling.cpsat.encode.durations import MAGNITUDE
 
 
 def scales_of(problem: Any) -> dict[str, int]:
@@ -44,7 +44,7 @@ def scales_of(problem: Any) -> dict[str, int]:
 
 def _multiply(scales: dict[str, int], name: str, value: FNode) -> None:
     scales[name] = math.lcm(scales[name], denominator(value, scales))
-    if scales[name] > LIMITS.magnitude:
+    if scales[name] > MAGNITUDE:
         raise UnsupportedError(
             f"cpsat counts in whole numbers, and '{name}' has too fine fractions"
         )

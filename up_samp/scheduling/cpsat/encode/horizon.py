@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from unified_planning.model import FNode
 
-from up_samp.scheduling.cpsat.encode.durations import LIMITS
+from up_samp.scheduling.cpsat.encode.durations import MAGNITUDE
 from up_samp.scheduling.cpsat.encode.forms import Cmp, Form, Lin, comparisons
 from up_samp.scheduling.cpsat.encode.store import ModelStore
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars, Terms, World, int_bounds
@@ -56,7 +56,7 @@ class Horizon:
             return Lin(((self.store.integer(*int_bounds(node.fluent().type)), 1),))
 
         longest = self.store.range(Terms(world, read).linear(least))[1] + 1
-        if longest >= LIMITS.magnitude:
+        if longest >= MAGNITUDE:
             self.certain = False
         else:
             self.total += max(0, longest)

@@ -135,14 +135,9 @@ class Encoding:
         states, store = self.states, self.store
         needs, some, lo, until = states.instants_of(part.interval)
         instants = [(some, lo)]
-        writes = {id(w): w for _, state in states.read_by(part.node) for w in state.writes}
-        for write in writes.values():
-            after = write.time.shift(1)
-            inside = [
-                store.equivalent(lo.le(write.time), after.le(lo)),
-                store.equivalent(after.le(until), until.le(write.time)),
-            ]
-            instants.append((store.all_of([some, write.active, *inside]), after))
+        read = (state for _, state in states.all_grounds(part.node, None))
+        writes = {id(w): w for state in read for w in state.writes}
+        instants += [states.right_after(w, some, lo, until) for w in writes.values()]
         held = []
         for active, instant in instants:
             seen = states.reader(None, active, instant, instant, loose=True)

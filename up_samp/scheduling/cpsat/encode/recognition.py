@@ -492,23 +492,24 @@ def _borrowed(states: States, state: StateVar) -> Unary | None:
     if not state.numeric or state.initial is None:
         return None
     uses = pair_uses(states, state)
-    if uses is None or any(u.owner is None for u in uses):
+    if uses is None or any(take.owner is None for take, _ in uses):
         return None
     capacity = state.initial - state.bounds[0]
-    owners = [u.owner for u in uses]
+    owners = [take.owner for take, _ in uses]
     sections = [
-        (u.owner, u.start, u.end)
-        for u in uses
-        if u.owner is not None
-        and owners.count(u.owner) == 1
-        and capacity < 2 * u.amount
-        and u.active == states.activity(u.owner).present
-        and states.difference(u.end, u.start)[0] >= 1
+        (take.owner, take.time, give.time)
+        for take, give in uses
+        if take.owner is not None
+        and owners.count(take.owner) == 1
+        and capacity < 2 * give.value.const
+        and take.active == states.activity(take.owner).present
+        and states.difference(give.time, take.time)[0] >= 1
     ]
     if not sections:
         return None
     exact = all(_exactly(states, s) for s in sections)
-    fits = all(u.amount <= capacity for u in uses) and state.initial <= state.bounds[1]
+    fits = all(give.value.const <= capacity for _, give in uses)
+    fits = fits and state.initial <= state.bounds[1]
     whole = exact and fits and len(sections) == len(uses) and not state.reads
     return _unary(states, state, sections, 0, whole)
 

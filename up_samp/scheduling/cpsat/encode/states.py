@@ -11,7 +11,6 @@ from unified_planning.model import Effect, FNode, TimeInterval, Timing
 from unified_planning.model.timing import TimepointKind
 
 from up_samp.model import ProblemError, UnsupportedError, check_time
-from up_samp.scheduling.cpsat.encode.durations import LIMITS
 from up_samp.scheduling.cpsat.encode.forms import (
     FALSE,
     TRUE,
@@ -69,7 +68,9 @@ class Read:
 
 @dataclass
 class StateVar:
-    """A ground fluent. ``values`` are the codes it may take (``None``: too many to list)."""
+    """A ground fluent. ``values`` are the codes it may take (``None``: too many to list,
+    thousands).
+    """
 
     key: Key
     bounds: tuple[int, int]
@@ -165,7 +166,7 @@ class States:
             bounds = (min(values), max(values)) if values else (0, 0)
         else:
             bounds = number_bounds(tpe, self.world.scales.get(fluent.name, 1))
-            few = bounds[1] - bounds[0] < LIMITS.domain
+            few = bounds[1] - bounds[0] < 2000
             values = list(range(bounds[0], bounds[1] + 1)) if few else None
         return StateVar(key, bounds, values, self._initial(fluent, args))
 
@@ -207,9 +208,10 @@ class States:
                 yield literal, self.var(fluent, tuple(v for _, v in combination))
 
     # -- how conditions and values read them -----------------------------------------------------
-    def _all_grounds(
+    def all_grounds(
         self, node: FNode, owner: ActivityVars | None
     ) -> Iterator[tuple[Literal, StateVar]]:
+        """Yield (literal, variable) for each state variable that an expression may read."""
         for fluent in fluents_in(node):
             args_have_fluents = any(fluents_in(a) for a in fluent.args)
             if args_have_fluents:
@@ -238,7 +240,7 @@ class States:
         decided, rest = unless_decided(node)
         if decided is not None and not loose:
             # whatever is decided, nobody may change meanwhile what is read
-            for _, state in self._all_grounds(rest, owner):
+            for _, state in self.all_grounds(rest, owner):
                 self._read(state, replace(pattern, guard_only=True))
             said = Terms(self.world, no_fluents, owner)
             other = self._literals(said.form(decided, False), said.form(decided))
@@ -401,7 +403,7 @@ class States:
             adds = not effect.is_assignment()
             state.writes.append(Write(number, when, time, value, adds))
             if not adds:
-                self._within(state, value, when)
+                self.within_bounds(state, value, when)
 
     def _keep_apart(
         self, effect: Effect, owner: ActivityVars | None, active: Literal, time: Lin
@@ -412,12 +414,13 @@ class States:
         terms = Terms(self.world, no_fluents, owner)
         own = {id(state): literal for literal, state in self.grounds(effect.fluent, terms)}
         for node in (effect.condition, effect.value):
-            for literal, state in self._all_grounds(node, owner):
+            for literal, state in self.all_grounds(node, owner):
                 when = self.store.all_of([active, literal, ~own.get(id(state), FALSE)])
                 if when != FALSE:
                     state.reads.append(Read(owner.index, when, time, time, guard_only=True))
 
-    def _within(self, state: StateVar, value: Lin, when: Literal) -> None:
+    def within_bounds(self, state: StateVar, value: Lin, when: Literal) -> None:
+        """State that a value is one that a variable may have."""
         low, high = state.bounds
         self.store.enforce(constant(low).le(value), (when,))
         self.store.enforce(value.le(constant(high)), (when,))
@@ -456,10 +459,6 @@ class States:
         """Return the same of an interval of the problem's own, but for its last instant."""
         needs, some, lo, _, until = self._span(with_timings(span), None)
         return needs, some, lo, until
-
-    def read_by(self, node: FNode) -> Iterator[tuple[Literal, StateVar]]:
-        """Yield the state variables that an expression of the problem's own may read."""
-        return self._all_grounds(node, None)
 
     def _instants(self, span: TimeInterval, terms: Terms) -> tuple[Lin, Lin, tuple[Lin, Lin]]:
         """Return the first and last instant, and the two by which to tell whether there is any.
@@ -511,6 +510,12 @@ class States:
                 return self.store.range(gap)
         return self.store.range(self.in_sizes(gap))
 
+    def surely_during(self, owner: int, low: Lin, high: Lin) -> bool:
+        """Return whether an interval is within an activity's, whatever the schedule."""
+        activity = self.activity(owner)
+        after = self.difference(low, activity.start)[0] >= 0
+        return after and self.difference(activity.end, high)[0] >= 0
+
     def in_sizes(self, lin: Lin) -> Lin:
         """Return a sum of times with starts and sizes of activities instead of their ends."""
         for activity in self._mentioned(lin):
@@ -542,17 +547,25 @@ class States:
             return
         # own and base effects inside the interval are allowed: look again after each of them
         if owner is not None:
-            for _, state in self._all_grounds(node, owner):
+            for _, state in self.all_grounds(node, owner):
                 state.reads.append(Read(number, active, lo, hi, guard_only=True))
         self._hold(node, owner, active, lo, lo)
         for write in inside:
-            after = write.time.shift(1)
-            conditions = [
-                self.store.equivalent(lo.le(write.time), write.time.shift(1).le(lo)),
-                self.store.equivalent(after.le(until), until.le(write.time)),
-            ]
-            again = self.store.all_of([active, write.active, *conditions])
+            again, after = self.right_after(write, active, lo, until)
             self._hold(node, owner, again, after, after, loose=True)
+
+    def right_after(
+        self, write: Write, active: Literal, lo: Lin, until: Lin
+    ) -> tuple[Literal, Lin]:
+        """Return whether a write happens from ``lo`` on and before ``until``, where ``active``, and
+        the instant after it.
+        """
+        store, after = self.store, write.time.shift(1)
+        inside = [
+            store.equivalent(lo.le(write.time), after.le(lo)),
+            store.equivalent(after.le(until), until.le(write.time)),
+        ]
+        return store.all_of([active, write.active, *inside]), after
 
     def _own_writes_inside(
         self, node: FNode, owner: ActivityVars | None, lo: Lin, hi: Lin
@@ -560,7 +573,7 @@ class States:
         if self.difference(hi, lo)[1] <= 0:
             return []
         found: dict[int, Write] = {}
-        for _, state in self._all_grounds(node, owner):
+        for _, state in self.all_grounds(node, owner):
             for write in state.exempt(None if owner is None else owner.index):
                 after_lo = self.difference(write.time, lo)[1] >= 0
                 if after_lo and self.difference(write.time, hi)[0] < 0:

@@ -14,7 +14,7 @@ from unified_planning.model.timing import TimepointKind
 from unified_planning.model.types import Type
 
 from up_samp.model import ProblemError, UnsupportedError
-from up_samp.scheduling.cpsat.encode.durations import LIMITS
+from up_samp.scheduling.cpsat.encode.durations import LARGEST, MAGNITUDE
 from up_samp.scheduling.cpsat.encode.forms import (
     FALSE,
     TRUE,
@@ -25,6 +25,7 @@ from up_samp.scheduling.cpsat.encode.forms import (
     conjunction,
     constant,
     disjunction,
+    join,
 )
 from up_samp.scheduling.cpsat.encode.store import ModelStore
 from up_samp.upio.expressions import walk
@@ -109,8 +110,8 @@ def int_bounds(tpe: Type) -> tuple[int, int]:
     """Return the bounds of an integer type."""
     if not tpe.is_int_type():
         raise UnsupportedError(f"values of type '{tpe}' are not supported by cpsat (integers are)")
-    low = -LIMITS.magnitude if tpe.lower_bound is None else int(tpe.lower_bound)
-    high = LIMITS.magnitude if tpe.upper_bound is None else int(tpe.upper_bound)
+    low = -MAGNITUDE if tpe.lower_bound is None else int(tpe.lower_bound)
+    high = MAGNITUDE if tpe.upper_bound is None else int(tpe.upper_bound)
     return countable(low), countable(high)
 
 
@@ -118,7 +119,7 @@ def number_bounds(tpe: Type, scale: int) -> tuple[int, int]:
     """Return the bounds of a numeric type, whose values are multiplied by ``scale``."""
     if not tpe.is_real_type():
         return int_bounds(tpe)
-    low, high = -LIMITS.magnitude, LIMITS.magnitude
+    low, high = -MAGNITUDE, MAGNITUDE
     if tpe.lower_bound is not None:
         low = math.ceil(tpe.lower_bound * scale)
     if tpe.upper_bound is not None:
@@ -131,8 +132,8 @@ def countable(value: int) -> int:
 
     :raises UnsupportedError: if they cannot.
     """
-    if abs(value) > LIMITS.longest:
-        raise UnsupportedError(f"cpsat counts to {LIMITS.longest}, not to {value}")
+    if abs(value) > LARGEST:
+        raise UnsupportedError(f"cpsat counts to {LARGEST}, not to {value}")
     return value
 
 
@@ -204,9 +205,7 @@ class Terms:
             if other.terms and total.terms:
                 total = self._multiply(total, other)
             elif other.terms:
-                total = times(other, total.const)._replace(
-                    needs=tuple(sorted({*total.needs, *other.needs}))
-                )
+                total = times(other, total.const)._replace(needs=join(total.needs, other.needs))
             else:
                 total = times(total, other.const)
             scale *= d
@@ -220,7 +219,7 @@ class Terms:
         store.model.add_multiplication_equality(
             store.var(product), [store.affine(a), store.affine(b)]
         )
-        return Lin(((product, 1),), 0, tuple(sorted({*a.needs, *b.needs})))
+        return Lin(((product, 1),), 0, join(a.needs, b.needs))
 
     def _rational_time(self, node: FNode) -> tuple[Lin, int]:
         timing = node.timing()

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from up_samp.model import ProblemError, check_time
-from up_samp.scheduling.cpsat.encode.durations import LIMITS
 from up_samp.scheduling.cpsat.encode.forms import (
     FALSE,
     TRUE,
@@ -42,15 +41,9 @@ def guard(states: States, state: StateVar, read: Read) -> None:
 # begin when another one ends, and one of duration 0 takes nothing.
 
 
-@dataclass
-class Use:
-    """``amount`` is borrowed from ``start`` (inclusive) to ``end`` (exclusive)."""
-
-    owner: int | None
-    active: Literal
-    start: Lin
-    end: Lin
-    amount: int
+Use = tuple[Write, Write]
+"""An amount is taken by one effect (at that instant already), and given back by the other one, of
+the same owner: what that adds is what was borrowed."""
 
 
 def pair_uses(states: States, state: StateVar) -> list[Use] | None:
@@ -60,8 +53,8 @@ def pair_uses(states: States, state: StateVar) -> list[Use] | None:
     waiting: dict[tuple[int | None, Literal], list[Write]] = {}
     for write in state.writes:
         waiting.setdefault((write.owner, write.active), []).append(write)
-    uses = []
-    for (owner, active), writes in waiting.items():
+    uses: list[Use] = []
+    for writes in waiting.values():
         takes = [w for w in writes if w.value.const < 0]
         gives = [w for w in writes if w.value.const > 0]
         for take in takes:
@@ -77,7 +70,7 @@ def pair_uses(states: States, state: StateVar) -> list[Use] | None:
             if give is None:
                 return None
             gives.remove(give)
-            uses.append(Use(owner, active, take.time, give.time, give.value.const))
+            uses.append((take, give))
         if gives:
             return None
     return uses
@@ -114,13 +107,13 @@ class NumericTimeline:
         store, model = self.store, self.store.model
         capacity = (self.state.initial or 0) - self.state.bounds[0]
         intervals, demands = [], []
-        for use in uses:
-            low, high = self.states.difference(use.end, use.start)
-            if high <= 0 or use.active == FALSE:
+        for take, give in uses:
+            low, high = self.states.difference(give.time, take.time)
+            if high <= 0 or take.active == FALSE:
                 continue
             size = Lin((), low) if low == high else Lin(((store.integer(low, high), 1),))
-            intervals.append(store.interval(use.start, size, use.end, use.active))
-            demands.append(use.amount)
+            intervals.append(store.interval(take.time, size, give.time, take.active))
+            demands.append(give.value.const)
         if intervals:
             model.add_cumulative(intervals, demands, capacity)
             self._energy(uses, capacity)
@@ -128,13 +121,13 @@ class NumericTimeline:
     def _energy(self, uses: list[Use], capacity: int) -> None:
         """State that all borrowing fits into capacity times makespan (implied; a lower bound)."""
         load = []
-        for use in uses:
-            if use.owner is not None:
-                activity = self.states.activity(use.owner)
-                early = self.states.difference(use.start, activity.start)[0] >= 0
-                if early and self.states.difference(activity.end, use.end)[0] >= 0:
-                    least = max(0, self.states.difference(use.end, use.start)[0])
-                    load.append((use.active, least * use.amount))
+        for take, give in uses:
+            if take.owner is not None:
+                activity = self.states.activity(take.owner)
+                early = self.states.difference(take.time, activity.start)[0] >= 0
+                if early and self.states.difference(activity.end, give.time)[0] >= 0:
+                    least = max(0, self.states.difference(give.time, take.time)[0])
+                    load.append((take.active, least * give.value.const))
         space = Lin(((self.states.world.makespan, capacity),))
         self.store.enforce(indicator_sum(load).le(space))
 
@@ -153,12 +146,10 @@ class NumericTimeline:
             )
 
     def _bounds_by_query(self) -> None:
-        low, high = self.state.bounds
         for write in self.state.writes:
             if write.add:
                 level = self.query(write.time.shift(1), write.active)
-                self.store.enforce(constant(low).le(level), (write.active,))
-                self.store.enforce(level.le(constant(high)), (write.active,))
+                self.states.within_bounds(self.state, level, write.active)
 
     def _no_coincidences(self) -> None:
         """Keep assignments apart from every other effect on the variable."""
@@ -405,7 +396,7 @@ class Timeline:
 
     def _alone(self, write: Write, read: Read) -> bool:
         owner = write.owner
-        if owner is None or not self._within(owner, read.lo):
+        if owner is None or not self.states.surely_during(owner, read.lo, read.lo):
             return False
         return self._never_overlap()
 
@@ -418,12 +409,8 @@ class Timeline:
         owners = {w.owner for w in self.state.writes}
         if None in owners or not self.apart(frozenset(o for o in owners if o is not None)):
             return False
-        return all(self._within(w.owner or 0, w.time) for w in self.state.writes)
-
-    def _within(self, owner: int, time: Lin) -> bool:
-        activity = self.states.activity(owner)
-        after = self.states.difference(time, activity.start)[0] >= 0
-        return after and self.states.difference(activity.end, time)[0] >= 0
+        during = self.states.surely_during
+        return all(during(w.owner or 0, w.time, w.time) for w in self.state.writes)
 
     def _allowed(self, i: int) -> frozenset[int] | None:
         link = self.linked.get(i)
@@ -454,7 +441,7 @@ class Timeline:
             for i in range(-1, len(writes))
             if i != j
         )
-        return arcs <= LIMITS.circuit_arcs
+        return arcs <= 60_000  # beyond that only pairs are ordered
 
     def _circuit(self) -> None:
         """State the order of the writes as a circuit through a node for the initial value.

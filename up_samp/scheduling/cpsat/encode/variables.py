@@ -14,7 +14,7 @@ from up_samp.model import UnsupportedError
 from up_samp.scheduling.cpsat.encode.disjunctions import Alternatives
 from up_samp.scheduling.cpsat.encode.durations import (
     INFINITE,
-    LIMITS,
+    PLACEHOLDER,
     check_duration,
     constant_bounds,
 )
@@ -150,7 +150,7 @@ class Variables:
         """Return an activity's variables (None: of the problem itself)."""
         return None if activity is None else self.world.activities[activity.name]
 
-    def add_activity(self, activity: Activity, limit: int = LIMITS.placeholder) -> None:
+    def add_activity(self, activity: Activity, limit: int = PLACEHOLDER) -> None:
         """Make the variables of an activity that ends by ``limit``."""
         check_duration(activity)
         store = self.store
@@ -169,7 +169,7 @@ class Variables:
         )
         self.world.activities[activity.name] = made
         self.states.register(made)
-        if limit == LIMITS.placeholder:
+        if limit == PLACEHOLDER:
             self.horizon.activity(made)
 
     def _start(self, name: str, limit: int) -> int:

@@ -59,6 +59,11 @@ class Mover:
     free: bool = False
     touches: bool = False
 
+    @property
+    def name(self) -> str:
+        """Who makes the change."""
+        return "the problem itself" if self.activity is None else self.activity.name
+
 
 def changes_of(model: ScheduleModel, timeline: Timeline, members: set[int]) -> list[Mover]:
     """Return what changes a state, if ``members`` are done one at a time.
@@ -183,10 +188,10 @@ class Lengths:
         self._with: dict[frozenset[tuple[int, int]], list[Form]] = {}
         self._others: dict[int, list[Form]] = {}
         asked = frozenset(variables)
-        owners = _Owners(model)
+        owners = _owners(model)
         for form in model.stated if asked else ():
             # of one activity, a clause says nothing that may hold for the sake of another
-            found = asked & variables_in(form) if owners.at_most_one(form) else None
+            found = asked & variables_in(form) if _of_one(form, owners) else None
             if not found:
                 continue
             # what says nothing but of some values is looked at for these only
@@ -239,30 +244,29 @@ class Lengths:
         return None
 
 
-class _Owners:
-    """Whose variables and presences are whose."""
+def _owners(model: ScheduleModel) -> dict[int, str]:
+    """Return whose variables, and literals of absence, are whose."""
+    # nothing for those of the problem
+    found = {var: name.rpartition(".")[0] for name, (var, _, _) in model.parameters.items()}
+    for activity in model.states.activities:
+        found[~activity.present] = activity.name
+        for time in (activity.start, activity.end):
+            found.update((var, activity.name) for var, _ in time.terms)
+    return found
 
-    def __init__(self, model: ScheduleModel) -> None:
-        self._of: dict[int, str] = {}
-        self._absent: dict[int, str] = {}
-        for name, (var, _, _) in model.parameters.items():
-            self._of[var] = name.rpartition(".")[0]  # nothing for those of the problem
-        for activity in model.states.activities:
-            self._absent[~activity.present] = activity.name
-            for time in (activity.start, activity.end):
-                self._of.update((var, activity.name) for var, _ in time.terms)
 
-    def at_most_one(self, form: Form) -> bool:
-        """Return whether a form is no clause of parts that speak of several activities."""
-        if form.__class__ is not tuple or form[0] != "|":
-            return True
-        known = set[str]()
-        for part in form[1:]:
-            if part.__class__ is int:
-                known.add(self._absent.get(part, ""))
-            elif part.__class__ is Cmp:
-                known.update(self._of.get(var, "") for var, _ in part.terms)
-        return len(known - {""}) < 2
+def _of_one(form: Form, owners: Mapping[int, str]) -> bool:
+    """Return whether a form is no clause of parts that speak of several activities."""
+    if form.__class__ is not tuple or form[0] != "|":
+        return True
+    known = set[str]()
+    for part in form[1:]:
+        if part.__class__ is int:
+            # a literal that is a variable is no absence
+            known.add(owners.get(part, "") if part < 0 else "")
+        elif part.__class__ is Cmp:
+            known.update(owners.get(var, "") for var, _ in part.terms)
+    return len(known - {""}) < 2
 
 
 def _unless(form: Form) -> Iterable[tuple[int, int]]:
@@ -566,7 +570,7 @@ def _place(model: ScheduleModel, timeline: Timeline, cliques: Cliques) -> RouteP
     place = RoutePlace(state, gap, frozenset(members), changes)
     free = [c for c in changes if c.free]
     if 2 * len(free) > len(changes) or all(c.odd and len(c.targets) > 1 for c in changes):
-        name = next(name_of(c) for c in changes if c.odd)
+        name = next(c.name for c in changes if c.odd)
         return f"{name} does not lead from a place at its start to one place in the end"
     values = frozenset(state.values or ())
     if len(values) < 3 and any(c.origins >= values for c in changes):
@@ -574,15 +578,6 @@ def _place(model: ScheduleModel, timeline: Timeline, cliques: Cliques) -> RouteP
     if not _stops(model, place)[0]:
         return "nothing that is kept apart from its moves happens at its places"
     return place
-
-
-def name_of(change: Mover) -> str:
-    """Return who makes a change."""
-    return "the problem itself" if change.activity is None else change.activity.name
-
-
-def _name(model: ScheduleModel, owner: int | None) -> str:
-    return "the problem itself" if owner is None else model.states.activity(owner).name
 
 
 def _happens(model: ScheduleModel, owner: int | None) -> bool:
@@ -595,7 +590,8 @@ def _route(model: ScheduleModel, place: RoutePlace, lengths: Lengths) -> Route:
     state = place.state
     bound = [c for c in place.changes if not c.free]
     moves = [move for change in bound for move in _moves(change, lengths)]
-    never = frozenset(_name(model, w.owner) for w in state.writes if not _happens(model, w.owner))
+    owners = {w.owner for w in state.writes if not _happens(model, w.owner)} - {None}
+    never = frozenset(model.states.activity(owner or 0).name for owner in owners)
     stops, late = _stops(model, place)
     rests = _rests(model, place, stops)
     anywhere = frozenset(state.values or ())
@@ -608,7 +604,7 @@ def _route(model: ScheduleModel, place: RoutePlace, lengths: Lengths) -> Route:
         [*stops, *((name, anywhere) for name in sorted(rests))],
         rests,
         late | rests,
-        odd={name_of(c): why for c in place.changes if (why := c.odd or _may_stay(c, lengths))},
+        odd={c.name: why for c in place.changes if (why := c.odd or _may_stay(c, lengths))},
         free=place.free,
         never=never,
         lag=_lag(bound),
@@ -675,7 +671,8 @@ def _stops(
             continue
         if read.owner in place.members and _happens(model, read.owner):
             activity = model.states.activity(read.owner)
-            if read.active == activity.present and _inside(model, activity, read):
+            during = model.states.surely_during(read.owner, read.lo, read.hi)
+            if read.active == activity.present and during:
                 known = places.get(read.owner, read.allowed)
                 # who may be put elsewhere meanwhile need not be at both
                 both = known | read.allowed if place.free else known & read.allowed
@@ -697,11 +694,6 @@ def _rests(
     return frozenset(a.name for a in some if a.present == TRUE and a.name not in named)
 
 
-def _inside(model: ScheduleModel, activity: ActivityVars, read: Read) -> bool:
-    after = model.states.difference(read.lo, activity.start)[0] >= 0
-    return after and model.states.difference(activity.end, read.hi)[0] >= 0
-
-
 def _final(model: ScheduleModel, state: StateVar) -> frozenset[int] | None:
     final: frozenset[int] | None = None
     for read in state.reads:
@@ -720,19 +712,18 @@ def _find_returns(model: ScheduleModel, route: Route) -> None:
         to[move.name] = to.get(move.name, frozenset()) | {move.to}
     stops = {name for name, _ in route.stops}
     left: dict[frozenset[int], set[str]] = {}
-    for follow_up in model.follow_ups:
-        helpers = follow_up.helpers - route.never
+    for activity, some in model.follow_ups:
+        helpers = some - route.never
         if not helpers <= to.keys() - route.odd.keys():
             continue
         places = frozenset[int]().union(*(to[h] for h in helpers))
-        if follow_up.activity in stops:
+        if activity in stops:
             # it may come to one after the other, so each says something alone: the narrower one is
             # kept
-            known = route.returns.get(follow_up.activity, places)
-            narrower = min(known, places, key=lambda some: (len(some), sorted(some)))
-            route.returns[follow_up.activity] = narrower
-        elif follow_up.activity in to:
-            left.setdefault(places, set()).add(follow_up.activity)
+            known = route.returns.get(activity, places)
+            route.returns[activity] = min(known, places, key=lambda p: (len(p), sorted(p)))
+        elif activity in to:
+            left.setdefault(places, set()).add(activity)
     for places, movers in left.items():
         whoever = {name for name, some in to.items() if not some <= places}
         fixed = route.initial in places and route.final is None and not route.free

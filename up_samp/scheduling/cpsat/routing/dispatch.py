@@ -24,7 +24,6 @@ from up_samp.scheduling.cpsat.routing.route import Move, Route
 class UnitPlace:
     """A unary place: it is taken by whoever rests at one of ``places`` (by route's key)."""
 
-    key: Key
     places: Mapping[Key, frozenset[int]]
 
     def places_of(self, route: Key) -> frozenset[int]:
@@ -44,7 +43,7 @@ def find_unit_places(model: ScheduleModel, routes: list[Route]) -> list[UnitPlac
             index = model.world.activities[move.name].index
             carriers.setdefault(index, set()).add(route.key)
     found = []
-    for key, state in model.states.vars.items():
+    for state in model.states.vars.values():
         writes = [w for w in state.writes if not model.store.never(w.active)]
         if not writes or state.bounds != (0, 1) or not all(w.add for w in writes):
             continue
@@ -66,7 +65,7 @@ def find_unit_places(model: ScheduleModel, routes: list[Route]) -> list[UnitPlac
         else:
             here = sum(route.initial in places[route.key] for route in routes)
             if here + (state.initial or 0) <= 1:  # who is there has it
-                found.append(UnitPlace(key, places))
+                found.append(UnitPlace(places))
     return found
 
 
@@ -124,14 +123,10 @@ def _places(
             # who goes from one place to another is told by one variable where it comes from, and
             # by another one where it goes to
             tells = (model.store.value_known(*item) for item in move.values if item[1] in places)
-            present = activity.present
-            if any(t is not None and _both(model, present, t) == active for t in tells):
+            both = ([activity.present, told] for told in tells if told is not None)
+            if any(model.store.conjunction_known(some) == active for some in both):
                 found |= places
     return frozenset(found)
-
-
-def _both(model: ScheduleModel, one: Literal, other: Literal) -> Literal | None:
-    return model.store.conjunction_known([one, other])
 
 
 # ------------------ Doors among the tasks: what opens one is one thing to do, whoever does it
@@ -618,7 +613,6 @@ def find_tasks(model: ScheduleModel, routes: list[Route]) -> list[RoutedTask]:
     asked.update(key for route in routes for key in route.still)
     states = {k: s for k, s in model.states.vars.items() if k in asked and not s.numeric}
     _find_changes(model, states, owners, tasks)
-    _find_stirs(model, states, tasks)
     return with_openings(model, routes, tasks)
 
 
@@ -644,28 +638,22 @@ def _find_changes(
     owners: dict[int, int],
     tasks: list[RoutedTask],
 ) -> None:
-    for key, state in states.items():
-        for write in state.writes:
-            if write.owner in owners and not write.value.terms:
-                activity = model.states.activity(write.owner)
-                low, high = model.states.difference(write.time, activity.start)
-                change = (key, write.value.const, low)
-                task = tasks[owners[write.owner]]
-                if low == high and change not in task.changes:
-                    task.changes.append(change)
-
-
-def _find_stirs(model: ScheduleModel, states: dict[Key, StateVar], tasks: list[RoutedTask]) -> None:
-    """Find what each task changes at a known time whoever does it, be it to the same value."""
+    """Find what each task changes at a known time, and what it changes whoever does it, be it to
+    the same value.
+    """
     found: dict[str, set[tuple[Key, int]]] = {}
-    for key, state in states.items():
-        for write in state.writes:
-            if write.owner is None:
-                continue
-            activity = model.states.activity(write.owner)
-            low, high = model.states.difference(write.time, activity.start)
-            if low == high and write.active == activity.present:
-                found.setdefault(activity.name, set()).add((key, low))
+    for key, write in ((key, write) for key, state in states.items() for write in state.writes):
+        if write.owner is None:
+            continue
+        activity = model.states.activity(write.owner)
+        since, latest = model.states.difference(write.time, activity.start)
+        if since < latest:
+            continue
+        if write.active == activity.present:
+            found.setdefault(activity.name, set()).add((key, since))
+        if write.owner in owners and not write.value.terms:
+            changes, change = tasks[owners[write.owner]].changes, (key, write.value.const, since)
+            changes += [] if change in changes else [change]
     for task in tasks:
         each = [found.get(name, set()) for _, name, _ in task.ways]
         task.stirs = sorted(set.intersection(*each), key=str)

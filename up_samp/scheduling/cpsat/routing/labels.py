@@ -15,9 +15,6 @@ from up_samp.model import Deadline
 from up_samp.scheduling.cpsat.encode.durations import INFINITE
 from up_samp.scheduling.cpsat.routing.rules import NEVER, SequenceChoice, SequenceRules, StateChange
 
-_NEAR = 24
-"""Labels before each one in order, which it is compared with for dominance."""
-
 
 @dataclass(frozen=True)
 class LabelTable:
@@ -90,12 +87,12 @@ class LabelTable:
         return mine.rows(~mine._worse(deadline))
 
     def _worse(self, deadline: Deadline) -> Any:
-        """Return which rows are dominated by one that is a few rows before."""
+        """Return which rows are dominated by one that is a few rows before (24 at most)."""
         worse = np.zeros(len(self), dtype=bool)
         same = (self.done[1:] == self.done[:-1]) & (self.last[1:] == self.last[:-1]).all(1)
         same &= (self.own[1:] == self.own[:-1]).all(1)
         group = np.concatenate(([0], np.cumsum(~same)))
-        for shift in range(1, min(_NEAR + 1, len(self))):
+        for shift in range(1, min(24 + 1, len(self))):
             near = group[shift:] == group[:-shift]
             a = np.flatnonzero(near & ~worse[shift:])
             if deadline.expired() or not near.any():

@@ -8,7 +8,6 @@ that is one number of each traveller, which each task changes: the states of a f
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,28 +18,22 @@ Known = tuple[tuple[int, ...], frozenset[Way]]
 """(the values of its own states, what it has begun and has still to end: ways of tasks)."""
 
 
-@dataclass(frozen=True)
-class Partners:
-    """``ends``: a way to do a task -> what its traveller has begun and ends by it, ways of other
-    tasks; all of them are ``begun``.
-    """
+Partners = dict[Way, frozenset[Way]]
+"""A way to do a task -> what its traveller has begun and ends by it, ways of other tasks."""
 
-    ends: dict[Way, frozenset[Way]]
-    begun: frozenset[Way]
 
-    @staticmethod
-    def of(work: RoutedWork, wanted: frozenset[int]) -> Partners:
-        """Return what has to be begun and ended by the same traveller, among ``wanted`` tasks."""
-        routes = {way: work.tasks[way[0]].ways[way[1]][0] for way in work.needs}
-        ends = {
-            way: {o for o, gap in needs.ended.items() if gap > 0 and routes[o] == routes[way]}
-            for way, needs in work.needs.items()
-            if way[0] in wanted
-        }
-        enders = Counter(o for o, _ in {(o, way[0]) for way, some in ends.items() for o in some})
-        # what several tasks end is not over when one of them is done
-        once = frozenset(o for o, count in enders.items() if count == 1 and o[0] in wanted)
-        return Partners({way: once & some for way, some in ends.items()}, once)
+def _partners(work: RoutedWork, wanted: frozenset[int]) -> Partners:
+    """Return what has to be begun and ended by the same traveller, among ``wanted`` tasks."""
+    routes = {way: work.tasks[way[0]].ways[way[1]][0] for way in work.needs}
+    ends = {
+        way: {o for o, gap in needs.ended.items() if gap > 0 and routes[o] == routes[way]}
+        for way, needs in work.needs.items()
+        if way[0] in wanted
+    }
+    enders = Counter(o for o, _ in {(o, way[0]) for way, some in ends.items() for o in some})
+    # what several tasks end is not over when one of them is done
+    once = frozenset(o for o, count in enders.items() if count == 1 and o[0] in wanted)
+    return {way: once & some for way, some in ends.items()}
 
 
 def own_states_after(
@@ -53,7 +46,7 @@ def own_states_after(
     Assumes: whoever changes a traveller's own state is among the choices.
     """
     some = frozenset(wanted)
-    partners = Partners.of(work, some)
+    partners = _partners(work, some)
     columns, tables = [], []
     for axis in range(len(work.routes)):
         mine = {column: way for column, (who, way) in enumerate(choices) if who == axis}
@@ -69,13 +62,15 @@ def own_states_after(
 def _table(states: list[OwnState], partners: Partners, ways: list[Way], most: int) -> Any:
     """Return the rows of one traveller (one row that tells nothing, if they are too many)."""
     first: Known = (tuple(s.initial for s in states), frozenset())
+    begin = frozenset[Way]().union(*partners.values())
     agenda: list[Any] = [first]
     numbers: dict[Known | None, int] = {None: -1, first: 0}
     rows: list[list[int]] = []
     for known in agenda:
         row = []
         for way in ways:
-            following = _following(states, partners, known, way)
+            ended = partners.get(way, frozenset())
+            following = _following(states, known, way, ended, begin & {way})
             if following not in numbers:
                 numbers[following] = len(agenda)
                 agenda.append(following)
@@ -86,11 +81,14 @@ def _table(states: list[OwnState], partners: Partners, ways: list[Way], most: in
     return np.array(rows, dtype=np.int64).reshape(len(rows), len(ways))
 
 
-def _following(states: list[OwnState], partners: Partners, known: Known, way: Way) -> Known | None:
-    """Return what is known after a task is done in one way; ``None`` if it cannot be done then."""
+def _following(
+    states: list[OwnState], known: Known, way: Way, ended: frozenset[Way], begins: frozenset[Way]
+) -> Known | None:
+    """Return what is known after a task is done in one way, which has ``ended`` what was begun and
+    ``begins`` something; ``None`` if it cannot be done then.
+    """
     values, begun = known
-    ended = partners.ends.get(way, frozenset())
     after = [state.after(value, way) for state, value in zip(states, values, strict=True)]
     now = tuple(value for value in after if value is not None)
     fits = ended <= begun and len(now) == len(after)
-    return (now, begun - ended | partners.begun & {way}) if fits else None
+    return (now, begun - ended | begins) if fits else None

@@ -11,6 +11,7 @@ from functools import cache
 from typing import Any
 
 from up_samp.model import CandidateSchedule
+from up_samp.model.graphs import reached
 from up_samp.scheduling.cpsat.encode.disjunctions import merge_forms
 from up_samp.scheduling.cpsat.encode.durations import INFINITE
 from up_samp.scheduling.cpsat.encode.forms import (
@@ -56,12 +57,7 @@ def precedence_closure(forms: Iterable[Form]) -> Callable[[int, int], bool]:
 
     @cache
     def later(first: int) -> set[int]:
-        known, agenda = set[int](), [first]
-        while agenda:
-            new = after.get(agenda.pop(), set()) - known
-            known |= new
-            agenda.extend(new)
-        return known
+        return reached(after.get(first, ()), lambda var: after.get(var, ()))
 
     return lambda first, then: then in later(first)
 

@@ -27,20 +27,19 @@ class TravelTables:
     """What one traveller needs from place to place (times; NEVER: there is no way)."""
 
     route: Route
-    places: list[int]
     number: dict[int, int]
+    """Of each place, in tables."""
     travel: Any
     """From each place to each place."""
 
     @staticmethod
     def of(route: Route, size: int) -> TravelTables:
         """Return the ways of a route, in tables that are large enough for ``size`` places."""
-        places = places_of(route)
-        number = {place: k for k, place in enumerate(places)}
+        number = {place: k for k, place in enumerate(places_of(route))}
         travel = np.full((size, size), NEVER, dtype=np.int32)
         for (a, b), time in route.travel.items():
             travel[number[a], number[b]] = min(time, NEVER)
-        return TravelTables(route, places, number, travel)
+        return TravelTables(route, number, travel)
 
 
 def places_of(route: Route) -> list[int]:

@@ -36,8 +36,6 @@ Found = list[tuple[int, int]]
 
 _AT_ONCE = 200_000
 """Beginnings that are looked at before the clock is."""
-_KEPT = 4
-"""Sequences that a bound is met by, and that are made schedules: the first one mostly is."""
 _PLAIN = 20_000
 """Beginnings that are looked at with no regard to changes."""
 _STEEP = 4.0
@@ -96,7 +94,8 @@ class Sequences:
         labels = layers[-1]
         if not len(labels):
             return None
-        order = np.argsort(self._ends(labels), kind="stable")[:_KEPT]
+        # the first one mostly is a schedule
+        order = np.argsort(self._ends(labels), kind="stable")[:4]
         self.found[:] = [self._path(layers, int(row)) for row in order]
         return True
 

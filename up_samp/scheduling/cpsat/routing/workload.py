@@ -18,8 +18,6 @@ from up_samp.tuning import Tuning
 
 _STATES = 2_000_000
 """States of the dynamic programme over sets of tasks; with more it is only asked who does what."""
-_EFFORT = 0.5
-"""CP-SAT's deterministic time for one proof over who does what."""
 
 
 # ------------------ A lower bound for large fleets: who does which tasks, with times left out
@@ -149,7 +147,7 @@ def _refuted(costs: list[dict[int, TaskShare]], end: int, deadline: Deadline) ->
         model.add(sum(total) <= end)
     for travellers in does:
         model.add_bool_or(travellers)  # more than one may do it, if a plan has it done twice
-    options = {"num_workers": 1, "linearization_level": 2, "max_deterministic_time": _EFFORT}
+    options = {"num_workers": 1, "linearization_level": 2, "max_deterministic_time": 0.5}
     answer = run(model, deadline, lambda *_: None, options=options)
     return bool(answer.status == cp_model.INFEASIBLE)
 

@@ -144,17 +144,16 @@ def _find_routes(search: Solve) -> None:
 
 def _bound_by_work(search: Solve) -> None:
     whole = search.whole
-    assert search.work is not None
     deadline = search.share(_BOUNDING if search.optimal else _SHARE)
     tuning = whole.orders.tuning
     most = tuning.labels if search.optimal else _LABELS_ASIDE
     labels = min(_LABELS_AGAIN if search.again else tuning.labels, most)
     tuning = replace(tuning, labels=labels)
     found = bound_by_work(
-        whole.model, search.work, whole.bound, deadline, value=whole.value, tuning=tuning
+        whole.model, _work(search), whole.bound, deadline, value=whole.value, tuning=tuning
     )
-    whole.bound, search.sequences = found.value, found.sequences
-    some = found.sequences
+    whole.bound, some = found.value, found.sequences
+    search.sequences = some
     if search.optimal and some is not None:
         search.bounded = bool(some.found) or some.is_spent
 
@@ -212,8 +211,7 @@ def _steps(search: Solve) -> list[Step]:
 
 
 def _anneal_tours(search: Solve) -> None:
-    work, tuning = search.work, search.whole.orders.tuning
-    assert work is not None
+    work, tuning = _work(search), search.whole.orders.tuning
     few = search.optimal and len(work.tasks) <= _FEW_TASKS
     rounds = 0 if few else tuning.tour_rounds * len(work.tasks)
     deadline = search.share()
