@@ -58,6 +58,17 @@ def test_what_a_broken_robot_was_to_do_is_given_to_another_one(day):
     assert day.verdict().good
 
 
+@pytest.mark.parametrize("say", ["leave", "join"])
+def test_nobody_is_said_to_stand_where_another_one_does(day, say):
+    here = day.operation.pose("r1")
+    day.operation.leave("r0", "pushed aside")
+    with pytest.raises(ProblemError, match="'r0' cannot stand at .* 'r1' stands there"):
+        getattr(day.operation, say)("r0", pose=here)
+    beside = (here[0], here[1] + 0.55, here[2])  # as near as somebody measures it
+    getattr(day.operation, say)("r0", pose=beside)
+    assert day.operation.pose("r0") == beside
+
+
 def test_who_was_moved_by_hand_goes_on_from_where_it_stands(day):
     """Nobody knows but who says so: its way is not driven on, from elsewhere."""
     day.order("o0", "rack0", "dock2")

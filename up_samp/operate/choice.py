@@ -21,6 +21,7 @@ from up_samp.execution.state import TaskPhase
 from up_samp.fleet.outlines import placed
 from up_samp.fleet.records import FleetRecords, Order, Stop, Task, can_do, visited
 from up_samp.fleet.statements import Kind, Meaning
+from up_samp.model import ProblemError
 from up_samp.operate.clock import Clock
 from up_samp.operate.horizon import DELIVERS, Cut, Opened, cut_of, on_board
 from up_samp.operate.records import DayOrder, OrderState, Pose, Shape
@@ -401,6 +402,21 @@ def _can_stop(day: Day, stop: Stop | Task) -> bool:
 def body_at(site: FleetRecords, robot: str, pose: Pose) -> Polygon:
     """Return where a robot's body is at a pose."""
     return Polygon(placed(site.robot_types[site.robots[robot].type].footprint, pose))
+
+
+def check_stand(day: Day, robot: str, pose: Pose) -> None:
+    """Raise where somebody says that a robot stands at a pose at which another one does: by more
+    than a tenth of a body, as nobody measures it exactly.
+    """
+    here = body_at(day.site, robot, pose)
+    for other in day.site.robots:
+        there = body_at(day.site, other, day.pose(other))
+        both = here.intersection(there).area
+        if other != robot and both > 0.1 * min(here.area, there.area):
+            raise ProblemError(
+                f"'{robot}' cannot stand at {tuple(pose)}: '{other}' stands there; say first where "
+                "that one was moved to"
+            )
 
 
 def _there(day: Day, job: DayOrder, robot: str, when: float, pose: Pose) -> float:

@@ -27,7 +27,7 @@ from up_samp.fleet.spelled_out import with_places
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import ProblemError, SampError
 from up_samp.operate import upkeep
-from up_samp.operate.choice import OUT, Day, OpenWork, body_at, choose
+from up_samp.operate.choice import OUT, Day, OpenWork, body_at, check_stand, choose
 from up_samp.operate.clock import Clock
 from up_samp.operate.horizon import DELIVERS, first_inside, meanings_of, pose_of
 from up_samp.operate.order import goals_of
@@ -252,6 +252,8 @@ class Operation(Day):
         to be); others drive round it.
         """
         (name,) = self._some(robot)
+        if pose is not None:
+            check_stand(self, name, pose)
         now, here = self.clock.now(), pose or self.pose(name)
         with self.store:
             self.away[name], self.poses[name] = why, here
@@ -266,6 +268,8 @@ class Operation(Day):
         the plan has it elsewhere, it stays until there is another one.
         """
         (name,) = self._some(robot)
+        if pose is not None:
+            check_stand(self, name, pose)
         now = self.clock.now()
         with self.store:
             here = self.poses[name] = pose or self.pose(name)
