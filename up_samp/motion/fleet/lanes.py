@@ -18,7 +18,7 @@ from up_samp.motion.curves.rolling import rolled, rolling_radius, rows_of, thinn
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
 from up_samp.motion.fleet.paths import Path, path_of
 from up_samp.motion.planners.car_shortcuts import settle
-from up_samp.motion.planners.gliding import Glider
+from up_samp.motion.planners.gliding import glide
 
 EXACT = 1e-7
 """Metres, or rad, by which a lane may miss the path that it comes back to."""
@@ -63,9 +63,8 @@ def _beside(scene: Scene, path: Path, first: float, last: float, offset: float) 
     before = path.poses_at(np.append(path.s[path.s < begin], begin))
     after = path.poses_at(np.append(end, path.s[path.s > end]))
     nodes = np.concatenate([_thinned(before), _thinned(middle), _thinned(after)])
-    goal = tuple(float(x) for x in path.poses[-1])
-    found = Glider(scene, path.body, scene.shape(path.body), ()).glide(pieces(nodes), goal)
-    ends = (tuple(float(x) for x in path.poses[0]), goal)
+    world, ends = scene.world(scene.shape(path.body)), _ends(path)
+    found = glide(world, path.body.kinematics, pieces(nodes), ends[1])
     return None if found is None else path_of(found[0], path.body, ends)
 
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from up_samp.geometry import Scene, Shape
-from up_samp.model import Configuration, Deadline, MotionModel, Trajectory
+from up_samp.model import Deadline, MotionModel, Trajectory
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.budget import WorkBudget
 from up_samp.motion.curves.blending import chain_time, moved_corner, pieces
@@ -19,7 +19,7 @@ from up_samp.motion.curves.reeds_shepp import run_time
 from up_samp.motion.guides.cost_to_go import Fields, field_value
 from up_samp.motion.guides.search_space import TOUCHES, pose_space, widest_shape
 from up_samp.motion.planners import hybrid_astar as hybrid
-from up_samp.motion.planners.gliding import Glider
+from up_samp.motion.planners.gliding import glide
 from up_samp.motion.planners.omni_astar import (
     PlanarProblem,
     expand_planar,
@@ -180,7 +180,6 @@ class PlanarPlanner:
         grains: Sequence[PlanarGrain],
     ) -> Leg:
         """Return a motion by searches from the start."""
-        goal, obstacles = query.goal, query.obstacles
         reason = "out of time"
         for k, grain in enumerate(grains):
             if k > 0 and budget.spent():
@@ -192,22 +191,21 @@ class PlanarPlanner:
                     "" if dry else " within fixed effort"
                 )
                 continue
-            glider = Glider(self.scene, query.body, shape, obstacles)
-            found = min(self._short(nodes, glider, goal), key=_duration, default=None)
+            found = min(self._short(query, shape, nodes), key=_duration, default=None)
             if found is not None:
-                motion, chain = self._rounded(glider, *found, goal, budget)
+                motion, chain = self._rounded(query, shape, found, budget)
                 return Leg(motion, "", budget.used, not budget.cut, chain)
             reason = "no safe timing along the path found"
         reason = "out of time" if budget.cut else reason
         return Leg(None, reason, budget.used, not budget.cut)
 
-    def _short(self, nodes: FloatArray, glider: Glider, goal: Configuration) -> Iterator[Way]:
+    def _short(self, query: LegQuery, shape: Shape, nodes: FloatArray) -> Iterator[Way]:
         """Yield motions along a way that is cut short at random, and their nodes."""
-        world = self.scene.world(glider.shape, glider.obstacles)
-        limits, cuts = planar_limits(glider.body.kinematics), self.settings
+        world, kin = self.scene.world(shape, query.obstacles), query.body.kinematics
+        limits, cuts = planar_limits(kin), self.settings
         for n in range(cuts.tries):
             chain = pieces(shortened(world, nodes, limits, cuts.rounds, self.seed + n))
-            found = glider.glide(chain, goal)
+            found = glide(world, kin, chain, query.goal)
             if found is not None:
                 yield found[0], chain
 
@@ -258,39 +256,31 @@ class PlanarPlanner:
             tight=grain.tight,
         )
 
-    def _rounded(
-        self,
-        glider: Glider,
-        motion: Trajectory,
-        nodes: FloatArray,
-        goal: Configuration,
-        budget: WorkBudget,
-    ) -> Way:
+    def _rounded(self, query: LegQuery, shape: Shape, way: Way, budget: WorkBudget) -> Way:
         """Return a motion that is not slower, and its nodes: corners pushed outwards or cut in two.
 
         A shortest path hugs the inner side of every corner, where a blend has no room.
         """
         slower = math.inf
-        while motion.duration < slower - GAIN:
-            slower = motion.duration
+        while _duration(way) < slower - GAIN:
+            slower = _duration(way)
             for pushed in itertools.product(self.settings.shifts, (0.0, 1.0)):
-                motion, nodes = self._pushed(glider, motion, nodes, goal, pushed, budget)
-        return motion, nodes
+                way = self._pushed(query, shape, way, pushed, budget)
+        return way
 
     def _pushed(
         self,
-        glider: Glider,
-        motion: Trajectory,
-        nodes: FloatArray,
-        goal: Configuration,
+        query: LegQuery,
+        shape: Shape,
+        way: Way,
         pushed: tuple[float, float],
         budget: WorkBudget,
     ) -> Way:
         """Return a motion with those corners ``pushed`` (outwards in inner, and cut in
         circumscribed radii) that are passed sooner then, and its nodes.
         """
-        shape, body = glider.shape, glider.body
-        world, (shift, cut) = self.scene.world(shape, glider.obstacles), pushed
+        (motion, nodes), (shift, cut) = way, pushed
+        world, body = self.scene.world(shape, query.obstacles), query.body
         i = 1
         while i < len(nodes) - 1 and not budget.spent():
             trial = moved_corner(nodes, i, shift * shape.inner[2], cut * shape.circumscribed)
@@ -302,7 +292,7 @@ class PlanarPlanner:
                 for a, b in itertools.pairwise(trial[i - 2 : i + 2])
             ):
                 continue
-            faster = glider.glide(trial, goal)
+            faster = glide(world, body.kinematics, trial, query.goal)
             if faster is not None and faster[0].duration < motion.duration - GAIN:
                 i += len(trial) - len(nodes)
                 nodes, motion = trial, faster[0]

@@ -35,7 +35,7 @@ from up_samp.motion.curves.reeds_shepp import CarLimits, Pose, connect, shortest
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
 from up_samp.motion.guides.search_space import TOUCHES, search_box, widest_shape
 from up_samp.motion.planners.car_shortcuts import Effort, improve, settle
-from up_samp.motion.planners.gliding import Glider
+from up_samp.motion.planners.gliding import glide
 from up_samp.motion.planners.omni_astar import planar_limits, shortened, straight_free
 from up_samp.motion.planners.ompl_solve import (
     EdgeValidity,
@@ -240,10 +240,9 @@ def _glide(
     """Return an omnidirectional body's timed motion along ``nodes``, shortened, corners blended,
     and its corners.
     """
-    limits = planar_limits(world.body.kinematics)
-    nodes = shortened(world.data, nodes, limits, ROUNDS, seed)
-    corners = pieces(nodes)
-    found = Glider(world.scene, world.body, world.shape, world.obstacles).glide(corners, goal)
+    kin = world.body.kinematics
+    corners = pieces(shortened(world.data, nodes, planar_limits(kin), ROUNDS, seed))
+    found = glide(world.data, kin, corners, goal)
     return (None if found is None else found[0]), corners
 
 
