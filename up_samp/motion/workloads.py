@@ -85,13 +85,13 @@ def compile_shortcuts() -> None:
     """Run what shortens a car's path, once: the last that planning it needs, so that another
     process has time to compile it.
     """
-    from up_samp.motion.planners.car_shortcuts import Effort, improve
+    from up_samp.motion.planners.car_shortcuts import improve
 
     scene = Scene(_hall())
     world = scene.world(shape_of(_BODY, 0.01), (Placed("parked", _BODY, (3.0, 6.5, 0.0)),))
     arcs = np.array([[0.0, 2.0], [1.0, 1.0], [0.0, 1.0]])
     start = np.array((1.0, 6.0, 0.0))
-    improve(world, start, arcs, limits_of(_BODY.kinematics), Effort(4, 4, 0))
+    improve(world, start, arcs, limits_of(_BODY.kinematics), (4, 4), 0)
 
 
 def _motion(name: str, *poses: tuple[float, float, float]) -> TimedMotion:

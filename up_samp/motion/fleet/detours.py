@@ -27,7 +27,7 @@ from up_samp.model import (
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.curves.arcs import merged, nodes_of
 from up_samp.motion.curves.bends import CUT
-from up_samp.motion.curves.reeds_shepp import CarLimits, fastest
+from up_samp.motion.curves.reeds_shepp import DriveLimits, fastest
 from up_samp.motion.curves.rolling import rolled, rolling_radius, thinned
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
 from up_samp.motion.fleet.conflicts import ROOM
@@ -500,7 +500,7 @@ def _turned(poses: tuple[Configuration, ...], rows: FloatArray, flip: bool) -> F
 
 
 def _steered(
-    poses: tuple[Configuration, ...], points: FloatArray, car: CarLimits, flip: bool, near: bool
+    poses: tuple[Configuration, ...], points: FloatArray, car: DriveLimits, flip: bool, near: bool
 ) -> FloatArray | None:
     """Return a car's arcs from pose to pose by way of the middles of straight pieces, or from one
     end of each to the other, as ``near`` to the corners as its tightest arcs allow.

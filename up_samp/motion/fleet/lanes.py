@@ -13,7 +13,7 @@ from up_samp.model import Configuration
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.curves.arcs import merged
 from up_samp.motion.curves.blending import pieces
-from up_samp.motion.curves.reeds_shepp import CarLimits, fastest
+from up_samp.motion.curves.reeds_shepp import DriveLimits, fastest
 from up_samp.motion.curves.rolling import rolled, rolling_radius, rows_of, thinned
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
 from up_samp.motion.fleet.paths import Path, path_of
@@ -153,7 +153,7 @@ def _aside(path: Path, marks: FloatArray, offset: float) -> FloatArray:
     return poses
 
 
-def _curves(poses: FloatArray, ways: FloatArray, car: CarLimits) -> list[FloatArray] | None:
+def _curves(poses: FloatArray, ways: FloatArray, car: DriveLimits) -> list[FloatArray] | None:
     """Return the arcs from pose to pose, if none is much longer than its part (m) of the path."""
     found = []
     for (a, b), way in zip(itertools.pairwise(poses), ways, strict=True):

@@ -23,6 +23,7 @@ from up_samp.model import (
     avoids,
 )
 from up_samp.model.arrays import BoolArray, FloatArray, IntArray
+from up_samp.motion.curves.reeds_shepp import DriveLimits
 from up_samp.motion.fleet.paths import (
     TIMES,
     Path,
@@ -33,7 +34,6 @@ from up_samp.motion.fleet.paths import (
 )
 from up_samp.motion.fleet.timed_path import (
     Levels,
-    Speeds,
     TimedPath,
     Timing,
     natural_timing,
@@ -169,7 +169,7 @@ def _waits(came: FloatArray, free: FloatArray, lo: FloatArray, hi: FloatArray) -
 
 @inner
 def _arrivals(
-    before: Reached, level: int, can: Speeds, cell: Cell, lo: FloatArray, hi: FloatArray
+    before: Reached, level: int, can: DriveLimits, cell: Cell, lo: FloatArray, hi: FloatArray
 ) -> int:
     """Fill ``lo``, ``hi`` with arrivals at ``level`` from the vertex ``before``; return how
     many.
@@ -188,13 +188,13 @@ def _arrivals(
 
 
 @inner
-def _levels(can: Speeds, ds: float) -> int:
+def _levels(can: DriveLimits, ds: float) -> int:
     """Return the level of top speed over cells of ``ds`` m."""
     return int(np.ceil(can.v * can.v / (2 * can.a * ds) - 1e-9))
 
 
 @inner
-def _most(way: TunedPath, can: Speeds) -> IntArray:
+def _most(way: TunedPath, can: DriveLimits) -> IntArray:
     """Return the highest speed level at each vertex: that of top speed there, or from which the
     cells to the next halt or tighter bend are just enough. (Two stops a hair apart make tiny cells,
     of which top speed would be millions of levels.)
@@ -211,7 +211,9 @@ def _most(way: TunedPath, can: Speeds) -> IntArray:
 
 
 @kernel
-def reachable(way: TunedPath, can: Speeds, safe: Safe, release: float, horizon: float) -> Reached:
+def reachable(
+    way: TunedPath, can: DriveLimits, safe: Safe, release: float, horizon: float
+) -> Reached:
     """Return the reachable times.
 
     What cannot arrive until ``horizon`` (s) even at top speed from there is left out.
@@ -280,7 +282,7 @@ def _came(came: FloatArray, free: FloatArray, t: float) -> float:
 
 @kernel
 def backtrack(
-    way: TunedPath, can: Speeds, safe: Safe, reachable: Reached, arrival: float
+    way: TunedPath, can: DriveLimits, safe: Safe, reachable: Reached, arrival: float
 ) -> tuple[bool, Levels]:
     """Return whether there is a timing that arrives at ``arrival``, and that.
 
@@ -333,7 +335,7 @@ def tune(
     It leaves not before ``release`` and arrives not before ``goal_free`` nor after ``horizon`` (s).
     """
     kin = path.body.kinematics
-    can = Speeds(kin.v_max * SHARE, path.push * SHARE)
+    can = DriveLimits(0.0, kin.v_max * SHARE, path.push * SHARE)
     waits = np.append(path.entries[1:-1] == np.arange(1, path.cells + 1), True)
     least = (~(path.halt | waits)).astype(np.int64)
     way = TunedPath(path.edges, path.halt, path.caps * SHARE, path.held, waits, least)

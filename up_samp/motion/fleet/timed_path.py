@@ -11,18 +11,12 @@ import numpy as np
 from up_samp.geometry.records import inner, kernel
 from up_samp.model import Configuration, TimedMotion, Trajectory, avoids
 from up_samp.model.arrays import FloatArray, IntArray
+from up_samp.motion.curves.reeds_shepp import DriveLimits
 from up_samp.motion.fleet.paths import A_AVOIDS, B_AVOIDS, TIMES, Path, occupancy
 
 
-class Speeds(NamedTuple):
-    """What a body may do along its path: top speed ``v`` (m/s), acceleration ``a`` (m/s^2)."""
-
-    v: float
-    a: float
-
-
 @inner
-def speed_of(level: int, can: Speeds, ds: float) -> float:
+def speed_of(level: int, can: DriveLimits, ds: float) -> float:
     """Return the speed (m/s) at a level: one cell of ``ds`` m at full acceleration apart."""
     return min(can.v, np.sqrt(2 * can.a * ds * level))
 
@@ -50,7 +44,7 @@ def natural_timing(path: Path, start: float) -> Timing:
     return Timing(path.natural.shifted(start), path.natural_s)
 
 
-def sampled(path: Path, levels: Levels, can: Speeds) -> Timing:
+def sampled(path: Path, levels: Levels, can: DriveLimits) -> Timing:
     """Return the trajectory for speed levels and times per vertex."""
     phases, forced = _phases(path.edges, levels, can)
     t, s, v, acc = phases.T
@@ -81,7 +75,7 @@ def sampled(path: Path, levels: Levels, can: Speeds) -> Timing:
 
 
 @kernel
-def _phases(edges: FloatArray, levels: Levels, can: Speeds) -> tuple[FloatArray, FloatArray]:
+def _phases(edges: FloatArray, levels: Levels, can: DriveLimits) -> tuple[FloatArray, FloatArray]:
     """Return phases of constant acceleration (begin, s, v, acceleration; a wait has speed 0), shape
     (k, 4), and the times at which it stops or starts.
     """

@@ -18,17 +18,15 @@ MARGIN_SHARES = (1.0, 0.25, 0.06, 0.015, 0.004, 0.001)
 TOUCHES = "the start or the goal touches the map or an obstacle"
 """Why there is no motion where not even the least of these can be kept."""
 
-BEAT = 0.995
-"""Share of the best time that an estimate must beat."""
-
 
 class Space(NamedTuple):
     """The box and the resolution of a search over poses, as the kernels take it.
 
     ``x``, ``y``: its low corner (m); ``cell`` (m), ``cols``, ``rows``; ``bins`` of headings.
-    ``extra``: expansions to go on for after the first solution; ``near``: range (m) in which
-    Reeds-Shepp times guide; ``beat``: share of the best time that an estimate must beat;
-    ``weight``: of the distance to go.
+    ``weight``: of what is left of the way. Of a car's search ``extra``: expansions to go on for
+    after the first solution; ``near``: range (m) in which Reeds-Shepp times guide. Of a search by
+    straight moves ``tight``: where a step does not go all the way, slide up to what is in the way,
+    and half as far: so the tree gets into gaps that are narrower than its steps.
     """
 
     x: float
@@ -37,10 +35,10 @@ class Space(NamedTuple):
     cols: int
     rows: int
     bins: int
+    weight: float = 1.0
     extra: int = 0
     near: float = 0.0
-    beat: float = BEAT
-    weight: float = 1.0
+    tight: bool = False
 
 
 def widest_shape(

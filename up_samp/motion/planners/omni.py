@@ -21,7 +21,6 @@ from up_samp.motion.guides.search_space import TOUCHES, pose_space, widest_shape
 from up_samp.motion.planners import hybrid_astar as hybrid
 from up_samp.motion.planners.gliding import glide
 from up_samp.motion.planners.omni_astar import (
-    PlanarProblem,
     expand_planar,
     planar_limits,
     shortened,
@@ -61,8 +60,8 @@ class PlanarSettings:
     ones where the others find nothing.
     ``roundabout``: what takes longer than so many times the shortest way of a disc is sought from
     its goal as well, where the steps fall elsewhere. ``tries``: how often a way is cut short by
-    ``rounds`` random shortcuts; the fastest counts. ``bends`` (inner radii of the footprint): of
-    those who are driven along their heading.
+    ``rounds`` random shortcuts; the fastest counts. ``shifts`` (inner radii): by how much corners
+    are pushed outwards.
     """
 
     grains: tuple[PlanarGrain, ...] = (
@@ -73,13 +72,10 @@ class PlanarSettings:
         PlanarGrain(0.25, 36, 400_000),
         PlanarGrain(0.5, 24, 60_000, cell=0.02),
     )
-    weight: float = 1.15
     rounds: int = 600
     shifts: tuple[float, ...] = (0.25, 1.0, 0.5, 0.125)
-    slice: int = 4000
     roundabout: float = 1.15
     tries: int = 4
-    bends: float = 4.0
 
 
 class PlanarPlanner:
@@ -99,10 +95,9 @@ class PlanarPlanner:
     @classmethod
     def quick(cls, scene: Scene, seed: int = 0) -> PlanarPlanner:
         """Return a planner that gives up after little work, for detours."""
-        few = PlanarSettings(
-            (PlanarGrain(1.0, 16, 20_000),), (), rounds=200, shifts=(0.25,), tries=1
-        )
-        return cls(scene, seed, replace(few, roundabout=math.inf))
+        grains = (PlanarGrain(1.0, 16, 20_000),)
+        few = PlanarSettings(grains, (), rounds=200, shifts=(0.25,), roundabout=math.inf, tries=1)
+        return cls(scene, seed, few)
 
     def leg(self, query: LegQuery, deadline: Deadline) -> Leg:
         """Return a fast motion between two poses among resting obstacles."""
@@ -141,7 +136,7 @@ class PlanarPlanner:
         """Return a motion that always leads along the heading, or turns on the spot: in bends as
         thin as the body there are no straight moves, and no others.
         """
-        kin, radius = query.body.kinematics, self.settings.bends * shape.inner[2]
+        kin, radius = query.body.kinematics, 4.0 * shape.inner[2]  # of its bends
         # the acceleration is shared by what leads ahead and what leads round
         push = float(kin.a_max) / math.sqrt(2)
         v = min(float(kin.v_max), math.sqrt(push * radius), float(kin.omega_max) * radius)
@@ -215,9 +210,8 @@ class PlanarPlanner:
         """Run A* at one resolution; return the chain or None, and whether it ran dry."""
         origin, target = (np.array(p[:3], dtype=np.float64) for p in (query.start, query.goal))
         turn = math.remainder(target[2] - origin[2], 2 * math.pi)
-        x, y, th = map(float, origin)
         way = float(target[0] - origin[0]), float(target[1] - origin[1]), turn
-        if straight_free(self.scene.world(shape, query.obstacles), (x, y, th), way):
+        if straight_free(self.scene.world(shape, query.obstacles), _floats(origin), way):
             return np.array([origin, [target[0], target[1], origin[2] + turn]]), False
         problem = self._problem(query, shape, grain)
         tree = hybrid.new_tree(grain.nodes)
@@ -225,7 +219,7 @@ class PlanarPlanner:
         state = 0
         while state == 0 and not budget.spent():
             before = int(tree.counters[2])
-            state = expand_planar(tree, problem, self.settings.slice)
+            state = expand_planar(tree, problem, 4000)  # between two looks at the clock
             budget.used += int(tree.counters[2]) - before
         if state != 1:
             return None, state == 2
@@ -237,7 +231,7 @@ class PlanarPlanner:
         rows[-1][2] = rows[-2][2] + math.remainder(target[2] - rows[-2][2], 2 * math.pi)
         return np.array(rows), False
 
-    def _problem(self, query: LegQuery, shape: Shape, grain: PlanarGrain) -> PlanarProblem:
+    def _problem(self, query: LegQuery, shape: Shape, grain: PlanarGrain) -> hybrid.PoseSearch:
         """Return what one search is about, at one resolution."""
         ends, obstacles, bins = (query.start, query.goal), query.obstacles, grain.bins
         step = grain.step * shape.inner[2]
@@ -245,15 +239,13 @@ class PlanarPlanner:
         space = pose_space(self.scene, ends, obstacles, 16 * shape.circumscribed, cell, bins)
         moves = [(i * step, j * step, 0.0) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]
         moves += [(0.0, 0.0, 2 * math.pi / bins), (0.0, 0.0, -2 * math.pi / bins)]
-        x, y, th = map(float, query.goal[:3])
-        return PlanarProblem(
+        return hybrid.PoseSearch(
             world=self.scene.world(shape, obstacles),
             limits=planar_limits(query.body.kinematics),
-            goal=(x, y, th),
+            goal=_floats(query.goal),
             field=self.fields.toward(shape, query.goal, obstacles),
-            space=space._replace(weight=self.settings.weight),
+            space=space._replace(weight=1.15, tight=grain.tight),
             steps=np.array(moves),
-            tight=grain.tight,
         )
 
     def _rounded(self, query: LegQuery, shape: Shape, way: Way, budget: WorkBudget) -> Way:
@@ -303,6 +295,6 @@ def _duration(way: Way) -> float:
     return way[0].duration
 
 
-def _floats(row: FloatArray) -> tuple[float, float, float]:
-    x, y, th = map(float, row)
+def _floats(row: Sequence[float] | FloatArray) -> tuple[float, float, float]:
+    x, y, th = map(float, row[:3])
     return x, y, th

@@ -31,10 +31,10 @@ from up_samp.model.arrays import FloatArray
 from up_samp.motion.budget import WorkBudget
 from up_samp.motion.curves.arcs import merged, path_time
 from up_samp.motion.curves.blending import pieces
-from up_samp.motion.curves.reeds_shepp import CarLimits, Pose, connect, shortest
+from up_samp.motion.curves.reeds_shepp import DriveLimits, Pose, connect, shortest
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
 from up_samp.motion.guides.search_space import TOUCHES, search_box, widest_shape
-from up_samp.motion.planners.car_shortcuts import Effort, improve, settle
+from up_samp.motion.planners.car_shortcuts import improve, settle
 from up_samp.motion.planners.gliding import glide
 from up_samp.motion.planners.omni_astar import planar_limits, shortened, straight_free
 from up_samp.motion.planners.ompl_solve import (
@@ -61,7 +61,7 @@ diagonal.
 
 
 @kernel
-def curve_free(world: WorldData, car: CarLimits, a: Pose, b: Pose) -> bool:
+def curve_free(world: WorldData, car: DriveLimits, a: Pose, b: Pose) -> bool:
     """Return whether the fastest Reeds-Shepp curve between two poses keeps the margin (with v = 1
     and a = inf it is the shortest).
     """
@@ -223,9 +223,8 @@ def _drive(
     curves = [shortest(tuple(a), tuple(b), limits.radius, limits.sense)[1] for a, b in pairs]
     raw = merged(np.concatenate(curves))
     origin, target = nodes[0], np.array(goal[:3], dtype=np.float64)
-    effort = Effort(ROUNDS, PATIENCE, seed)
     best = None
-    for arcs in (raw, improve(world.data, origin, raw, limits, effort)):
+    for arcs in (raw, improve(world.data, origin, raw, limits, (ROUNDS, PATIENCE), seed)):
         faster = best is None or path_time(arcs, limits) < path_time(best, limits)
         if settle(origin, target, arcs) < 1e-7 and faster:
             best = arcs

@@ -18,7 +18,7 @@ from up_samp.model import Configuration, Deadline, Kinematics, Trajectory
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.budget import WorkBudget
 from up_samp.motion.curves.involute import swerves
-from up_samp.motion.curves.reeds_shepp import CarLimits, run_time
+from up_samp.motion.curves.reeds_shepp import DriveLimits, run_time
 from up_samp.motion.curves.rolling import (
     moves_on,
     rolled,
@@ -115,7 +115,7 @@ class PivotPlanner:
                     yield rows
 
 
-def rolling_limits(kinematics: Kinematics) -> CarLimits:
+def rolling_limits(kinematics: Kinematics) -> DriveLimits:
     """Return the limits of a car that turns no tighter than such a body does at top speed, and on
     the spot as it does.
     """
