@@ -17,7 +17,7 @@ import shapely
 
 from up_samp.geometry.meshes import load_mesh
 from up_samp.geometry.records import inner, kernel
-from up_samp.geometry.shapes import Shape, shape_of
+from up_samp.geometry.shapes import Shape, padded, shape_of
 from up_samp.model import Body, Configuration, Trajectory
 from up_samp.model.arrays import BoolArray, FloatArray, IntArray
 from up_samp.motion.curves.bends import CUT, bends_of, between_bends, ways_at
@@ -56,11 +56,19 @@ B_AVOIDS = 2
 """Bit of a pair's flags: the second body, moving, must keep clear of the first."""
 
 
-class Safe(NamedTuple):
-    """When cells are free: cell ``i`` in ``intervals[head[i]:head[i + 1]]`` (rows begin, end)."""
+class TimeSets(NamedTuple):
+    """Sets of times (s), by number: set ``k`` is ``intervals[head[k]:head[k + 1]]``, rows (begin,
+    end), ascending.
+    """
 
     head: IntArray
     intervals: FloatArray
+
+
+@inner
+def times_of(sets: TimeSets, k: int) -> FloatArray:
+    """Return the intervals (n, 2) of a set."""
+    return sets.intervals[sets.head[k] : sets.head[k + 1]]
 
 
 @kernel
@@ -226,10 +234,8 @@ def shared_stretch(runs: IntArray, a: FloatArray, b: FloatArray, after: float) -
 
 
 @kernel
-def safe_intervals(rows: FloatArray, cells: int) -> Safe:
-    """Return the safe time intervals of all extended cells, ascending, outside of ``rows`` (cell,
-    from, until).
-    """
+def safe_intervals(rows: FloatArray, cells: int) -> TimeSets:
+    """Return when all extended cells are safe: outside of ``rows`` (cell, from, until)."""
     count = np.zeros(cells + 3, dtype=np.int64)
     for r in range(len(rows)):
         count[int(rows[r, 0]) + 1] += 1
@@ -262,7 +268,7 @@ def safe_intervals(rows: FloatArray, cells: int) -> Safe:
             safe[used, 0], safe[used, 1] = free_from, np.inf
             used += 1
         head[cell + 1] = used
-    return Safe(head, safe[:used])
+    return TimeSets(head, safe[:used])
 
 
 @kernel
@@ -437,13 +443,7 @@ def hull_of(body: Body) -> Hull:
 
 @lru_cache(maxsize=1024)
 def _hull(shape: Shape) -> Hull:
-    most = max(len(part) for part in shape.parts)
-    verts = np.zeros((len(shape.parts), most, 2))
-    counts = np.zeros(len(shape.parts), dtype=np.int64)
-    for i, part in enumerate(shape.parts):
-        verts[i, : len(part)] = part
-        verts[i, len(part) :] = part[-1]
-        counts[i] = len(part)
+    verts, counts = padded(shape.parts)
     beside = shapely.Polygon(shape.footprint).distance(shapely.Point(0.0, 0.0))
     return Hull(verts, counts, float(shape.circumscribed), float(shape.inscribed - beside))
 

@@ -25,12 +25,14 @@ from up_samp.geometry.shapes import shape_of
 from up_samp.geometry.ways import piece_obeys
 from up_samp.model import Body, Configuration, Mobility, TimedMotion
 from up_samp.model.arrays import BoolArray, FloatArray, Int32Array, IntArray
+from up_samp.motion.fleet.conflicts import noted
 from up_samp.motion.fleet.detours import drivable
 from up_samp.motion.fleet.paths import (
     Path,
-    Safe,
+    TimeSets,
     hull_of,
     safe_intervals,
+    times_of,
 )
 from up_samp.motion.fleet.timed_path import TimedPath, pair_flags
 from up_samp.motion.fleet.workspace import Workspace
@@ -99,17 +101,6 @@ def neighbours(
     return found
 
 
-@inner
-def _noted(rows: FloatArray, used: int, place: int, since: float, until: float) -> FloatArray:
-    """Return the rows with one more in row ``used``, in twice the room if there was none left."""
-    if used == len(rows):
-        more = np.empty((2 * used, 3))
-        more[:used] = rows
-        rows = more
-    rows[used, 0], rows[used, 1], rows[used, 2] = place, since, until
-    return rows
-
-
 @kernel
 def visits(
     lattice: Lattice, times: FloatArray, poses: FloatArray, ends: FloatArray, reach: float
@@ -141,13 +132,13 @@ def visits(
                 place = j * cols + i
                 if open_from[place] == np.inf or open_until[place] < low - 1e-6:
                     if open_from[place] < np.inf:
-                        out = _noted(out, used, place, open_from[place], open_until[place])
+                        out = noted(out, used, place, open_from[place], open_until[place])
                         used += 1
                     open_from[place] = low
                 open_until[place] = high
     for place in range(rows * cols):
         if open_from[place] < np.inf:
-            out = _noted(out, used, place, open_from[place], open_until[place])
+            out = noted(out, used, place, open_from[place], open_until[place])
             used += 1
     return out[:used].copy()
 
@@ -259,7 +250,7 @@ def distances(lattice: Lattice, goal: Links, ways: IntArray) -> FloatArray:
 
 
 @inner
-def _free_at(safe: Safe, place: int, t: float) -> bool:
+def _free_at(safe: TimeSets, place: int, t: float) -> bool:
     for r in range(safe.head[place], safe.head[place + 1]):
         if safe.intervals[r, 0] <= t and t <= safe.intervals[r, 1]:
             return True
@@ -285,7 +276,7 @@ def _step(
 
 
 @inner
-def _clear_between(cols: int, safe: Safe, place: int, way: IntArray, half: float) -> bool:
+def _clear_between(cols: int, safe: TimeSets, place: int, way: IntArray, half: float) -> bool:
     """Return whether a long step passes between two places that are free then."""
     a, b = way
     if abs(a) + abs(b) < 3:
@@ -311,7 +302,7 @@ def _traced(place_of: IntArray, best: FloatArray, parent: Int32Array, last: int)
 
 
 @inner
-def _tables(task: Errand, safe: Safe, places: int) -> tuple[IntArray, IntArray]:
+def _tables(task: Errand, safe: TimeSets, places: int) -> tuple[IntArray, IntArray]:
     """Return each safe interval's place, and each place's row among those around the goal."""
     place_of = np.empty(len(safe.intervals), dtype=np.int64)
     for place in range(places + 2):
@@ -324,7 +315,7 @@ def _tables(task: Errand, safe: Safe, places: int) -> tuple[IntArray, IntArray]:
 
 @inner
 def _begun(
-    task: Errand, safe: Safe, places: int, best: FloatArray
+    task: Errand, safe: TimeSets, places: int, best: FloatArray
 ) -> list[tuple[float, float, float, int]]:
     """Return a queue of where the body stands as it is released, and set when it is there."""
     queue = [(0.0, 0.0, 0.0, 0)]
@@ -337,15 +328,15 @@ def _begun(
 
 
 @inner
-def _goal_free(safe: Safe, goal: int) -> float:
+def _goal_free(safe: TimeSets, goal: int) -> float:
     """Return from when on a goal stays free for good (inf: it does not)."""
-    last = safe.head[goal + 1] - 1
-    endless = last >= safe.head[goal] and safe.intervals[last, 1] == np.inf
-    return float(safe.intervals[last, 0]) if endless else np.inf
+    free = times_of(safe, goal)
+    endless = len(free) > 0 and free[-1, 1] == np.inf
+    return float(free[-1, 0]) if endless else np.inf
 
 
 @kernel
-def search(lattice: Lattice, task: Errand, safe: Safe, most: int) -> FloatArray:
+def search(lattice: Lattice, task: Errand, safe: TimeSets, most: int) -> FloatArray:
     """Return the rows (place, arrival s) of a way from the start to the goal (none: not found with
     ``most`` states expanded).
 
@@ -504,7 +495,7 @@ class Proposer:
 
     def _safe(
         self, motion: TimedMotion, lattice: Lattice, others: Sequence[TimedPath], wide: bool
-    ) -> Safe:
+    ) -> TimeSets:
         """Return when places are free, then the start, then the goal."""
         count = lattice.free.size
         parts = []
@@ -534,7 +525,7 @@ class Proposer:
         return seen.visits[key]
 
     def _drivable(
-        self, motion: TimedMotion, lattice: Lattice, rows: FloatArray, safe: Safe, flip: bool
+        self, motion: TimedMotion, lattice: Lattice, rows: FloatArray, safe: TimeSets, flip: bool
     ) -> Path | None:
         points = _points(lattice, motion, rows)
         able = motion.body.mobility
@@ -638,7 +629,7 @@ def _pulled(
     lattice: Lattice,
     points: FloatArray,
     rows: FloatArray,
-    safe: Safe,
+    safe: TimeSets,
     pivots: bool,
 ) -> FloatArray:
     """Return a way without the corners that can be left out, as far as the lattice tells."""
@@ -656,7 +647,7 @@ def _straight(
     lattice: Lattice,
     run: FloatArray,
     pair: tuple[int, int],
-    safe: Safe,
+    safe: TimeSets,
     grid: GridData,
     room: tuple[float, float],
 ) -> bool:
@@ -690,7 +681,7 @@ def _straight(
 
 @kernel
 def pulled(
-    lattice: Lattice, run: FloatArray, safe: Safe, grid: GridData, room: tuple[float, float]
+    lattice: Lattice, run: FloatArray, safe: TimeSets, grid: GridData, room: tuple[float, float]
 ) -> IntArray:
     """Return which corners of a ``run`` (x, y, arrival) to keep: each leads straight on to the
     farthest one that it can reach, at times between those of the way.

@@ -24,16 +24,17 @@ from up_samp.model import (
 )
 from up_samp.model.arrays import BoolArray, FloatArray, IntArray
 from up_samp.motion.curves.reeds_shepp import DriveLimits
+from up_samp.motion.fleet.conflicts import with_room
 from up_samp.motion.fleet.paths import (
     TIMES,
     Path,
-    Safe,
+    TimeSets,
     first_gap,
     forbidden_starts,
     safe_intervals,
+    times_of,
 )
 from up_samp.motion.fleet.timed_path import (
-    Levels,
     TimedPath,
     Timing,
     natural_timing,
@@ -49,26 +50,6 @@ SHARE = 1.0 - 2e-6
 
 MOST = 64
 """Intervals kept for one (vertex, level); later ones are dropped (sound, maybe later arrivals)."""
-
-
-class Reached(NamedTuple):
-    """When vertices can be reached: slot ``i * width + k`` of (vertex i, level k) holds the
-    intervals ``sets[slots[slot]:slots[slot + 1]]``. Each vertex's last slot is level 0 *with*
-    waiting.
-    """
-
-    slots: IntArray
-    sets: FloatArray
-
-
-@inner
-def _times(reached: Reached, slot: int) -> FloatArray:
-    return reached.sets[reached.slots[slot] : reached.slots[slot + 1]]
-
-
-@inner
-def _free(safe: Safe, cell: int) -> FloatArray:
-    return safe.intervals[safe.head[cell] : safe.head[cell + 1]]
 
 
 @inner
@@ -99,18 +80,10 @@ def _merge(lo: FloatArray, hi: FloatArray, count: int) -> int:
     return min(kept, MOST)
 
 
-@inner
-def _grown(rows: FloatArray) -> FloatArray:
-    out = np.empty((2 * len(rows), 2))
-    for i in range(len(rows)):
-        out[i, 0], out[i, 1] = rows[i, 0], rows[i, 1]
-    return out
-
-
 class TunedPath(NamedTuple):
     """A path to be tuned, by vertex: where it is (``edges``, m), whether the body must rest there
     (``halt``), its top speed there (``caps``, m/s); by cell whether it keeps to one speed
-    (``held``), and by vertex whether it may wait there (``waits``), and its ``least`` speed level.
+    (``held``), and by vertex whether it may wait there (``waits``).
     """
 
     edges: FloatArray
@@ -118,7 +91,6 @@ class TunedPath(NamedTuple):
     caps: FloatArray
     held: BoolArray
     waits: BoolArray
-    least: IntArray
 
 
 class Cell(NamedTuple):
@@ -169,18 +141,18 @@ def _waits(came: FloatArray, free: FloatArray, lo: FloatArray, hi: FloatArray) -
 
 @inner
 def _arrivals(
-    before: Reached, level: int, can: DriveLimits, cell: Cell, lo: FloatArray, hi: FloatArray
+    before: TimeSets, level: int, can: DriveLimits, cell: Cell, lo: FloatArray, hi: FloatArray
 ) -> int:
     """Fill ``lo``, ``hi`` with arrivals at ``level`` from the vertex ``before``; return how
     many.
     """
-    count, width = 0, len(before.slots) - 1
+    count, width = 0, len(before.head) - 1
     v1 = speed_of(level, can, cell.ds)
     # a level up or down or the same; never from rest to rest
     for other in range(abs(level - 1), min(level + 1, width - 2) + 1):
         if cell.held and other != level:
             continue
-        begin = _times(before, other if other > 0 else width - 1)
+        begin = times_of(before, other if other > 0 else width - 1)
         if len(begin) > 0:
             tau = _crossing(speed_of(other, can, cell.ds), v1, can.a, cell.ds)
             count = _advance(begin, cell, tau, lo, hi, count)
@@ -212,9 +184,10 @@ def _most(way: TunedPath, can: DriveLimits) -> IntArray:
 
 @kernel
 def reachable(
-    way: TunedPath, can: DriveLimits, safe: Safe, release: float, horizon: float
-) -> Reached:
-    """Return the reachable times.
+    way: TunedPath, can: DriveLimits, safe: TimeSets, release: float, horizon: float
+) -> TimeSets:
+    """Return when vertices can be reached: set ``i * width + k`` is that of (vertex i, level k),
+    each vertex's last one that of level 0 *with* waiting.
 
     What cannot arrive until ``horizon`` (s) even at top speed from there is left out.
     """
@@ -225,7 +198,7 @@ def reachable(
     index = np.zeros((m + 1) * width + 1, dtype=np.int64)
     sets = np.empty((4096, 2))
     used = 0
-    first = _free(safe, 0)
+    first = times_of(safe, 0)
     for k in range(len(first)):
         if first[k, 0] <= release + TIMES.same and release < first[k, 1]:
             sets[0, 0], sets[0, 1] = release, first[k, 1]
@@ -235,18 +208,17 @@ def reachable(
     for i in range(1, m + 1):
         ds, cap = edges[i] - edges[i - 1], most[i]
         latest = horizon - (edges[m] - edges[i]) / can.v
-        cell = Cell(ds, _free(safe, i), latest, way.held[i - 1])
+        cell = Cell(ds, times_of(safe, i), latest, way.held[i - 1])
         for k in range(width):
             count = 0
             if k == width - 1:
-                came = _times(Reached(index, sets), i * width)
+                came = times_of(TimeSets(index, sets), i * width)
                 count = _waits(came, cell.free if way.waits[i] else came, lo, hi)
-            elif way.least[i] <= k <= cap:
-                before = Reached(index[(i - 1) * width : i * width + 1], sets)
+            elif k <= cap and (k > 0 or way.halt[i] or way.waits[i]):
+                before = TimeSets(index[(i - 1) * width : i * width + 1], sets)
                 count = _arrivals(before, k, can, cell, lo, hi)
             count = _merge(lo, hi, count)
-            if used + count > len(sets):
-                sets = _grown(sets)
+            sets = with_room(sets, used + count)
             for q in range(count):
                 sets[used + q, 0], sets[used + q, 1] = lo[q], hi[q]
             used += count
@@ -254,7 +226,7 @@ def reachable(
         if used == index[i * width]:
             index[(i + 1) * width + 1 :] = used  # nobody comes here in time
             break
-    return Reached(index, sets[:used])
+    return TimeSets(index, sets[:used])
 
 
 @inner
@@ -282,50 +254,49 @@ def _came(came: FloatArray, free: FloatArray, t: float) -> float:
 
 @kernel
 def backtrack(
-    way: TunedPath, can: DriveLimits, safe: Safe, reachable: Reached, arrival: float
-) -> tuple[bool, Levels]:
-    """Return whether there is a timing that arrives at ``arrival``, and that.
+    way: TunedPath, can: DriveLimits, safe: TimeSets, reached: TimeSets, arrival: float
+) -> tuple[bool, IntArray, FloatArray]:
+    """Return whether there is a timing that arrives at ``arrival`` (s), and by vertex its speed
+    level, and when it leaves.
 
     Of several predecessors the fastest is taken, so waits fall as early as they can.
     """
     edges = way.edges
     m = len(edges) - 1
-    width = (len(reachable.slots) - 1) // (m + 1)
+    width = (len(reached.head) - 1) // (m + 1)
     level = np.zeros(m + 1, dtype=np.int64)
-    reached, left = np.empty(m + 1), np.empty(m + 1)
-    reached[m] = left[m] = arrival
-    levels = Levels(level, reached, left)
+    left = np.empty(m + 1)
+    left[m] = arrival
     t, k = arrival, 0
     for i in range(m, 0, -1):
         ds = edges[i] - edges[i - 1]
         v1 = speed_of(k, can, ds)
-        free = _free(safe, i)
+        free = times_of(safe, i)
         found = False
         for before in range(min(k + 1, width - 2), abs(k - 1) - 1, -1):
             if way.held[i - 1] and before != k:
                 continue
             begin = t - _crossing(speed_of(before, can, ds), v1, can.a, ds)
             source = (i - 1) * width + (before if before > 0 else width - 1)
-            options = _times(reachable, source)
+            options = times_of(reached, source)
             if _spans(free, begin, t) and _spans(options, begin, begin):
                 found = True
                 k, t = before, begin
                 break
         if not found:
-            return False, levels
+            return False, level, left
         level[i - 1] = k
-        reached[i - 1] = left[i - 1] = t
+        left[i - 1] = t
         if k == 0 and i > 1:
-            t = _came(_times(reachable, (i - 1) * width), _free(safe, i - 1), t)
+            t = _came(times_of(reached, (i - 1) * width), times_of(safe, i - 1), t)
             if t == -np.inf:
-                return False, levels
-            reached[i - 1] = t
-    return True, levels
+                return False, level, left
+    return True, level, left
 
 
 def tune(
     path: Path,
-    safe: Safe,
+    safe: TimeSets,
     release: float,
     goal_free: float,
     horizon: float = math.inf,
@@ -337,17 +308,16 @@ def tune(
     kin = path.body.kinematics
     can = DriveLimits(0.0, kin.v_max * SHARE, path.push * SHARE)
     waits = np.append(path.entries[1:-1] == np.arange(1, path.cells + 1), True)
-    least = (~(path.halt | waits)).astype(np.int64)
-    way = TunedPath(path.edges, path.halt, path.caps * SHARE, path.held, waits, least)
+    way = TunedPath(path.edges, path.halt, path.caps * SHARE, path.held, waits)
     reached = reachable(way, can, safe, release, horizon)
-    width = (len(reached.slots) - 1) // (path.cells + 1)
-    last = path.cells * width
-    arrivals = reached.sets[reached.slots[last] : reached.slots[last + 1]]
+    width = (len(reached.head) - 1) // (path.cells + 1)
+    first, last = reached.head[path.cells * width :][:2]
+    arrivals = reached.intervals[first:last]
     times = [max(float(lo), goal_free) for lo, hi in arrivals if hi >= goal_free]
     if not times or min(times) > horizon:
         return None
-    found, levels = backtrack(way, can, safe, reached, min(times))
-    return sampled(path, levels, can) if found else None
+    found, level, left = backtrack(way, can, safe, reached, min(times))
+    return sampled(path, level, left, can) if found else None
 
 
 # ------------------ The earliest arrival along one path among runs: waiting, and speeds tuned

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
@@ -21,16 +20,6 @@ def speed_of(level: int, can: DriveLimits, ds: float) -> float:
     return min(can.v, np.sqrt(2 * can.a * ds * level))
 
 
-class Levels(NamedTuple):
-    """How a path is driven: by vertex the speed ``level``, and when it is ``reached`` and ``left``
-    (s).
-    """
-
-    level: IntArray
-    reached: FloatArray
-    left: FloatArray
-
-
 @dataclass(frozen=True, eq=False)
 class Timing:
     """A timing of a path: the trajectory and ``s`` at each of its samples."""
@@ -44,9 +33,9 @@ def natural_timing(path: Path, start: float) -> Timing:
     return Timing(path.natural.shifted(start), path.natural_s)
 
 
-def sampled(path: Path, levels: Levels, can: DriveLimits) -> Timing:
-    """Return the trajectory for speed levels and times per vertex."""
-    phases, forced = _phases(path.edges, levels, can)
+def sampled(path: Path, level: IntArray, left: FloatArray, can: DriveLimits) -> Timing:
+    """Return the trajectory for the speed level at each vertex, and when it is left (s)."""
+    phases, forced = _phases(path.edges, level, left, can)
     t, s, v, acc = phases.T
     # kinks must be samples: solve s + v dt + acc dt^2 / 2 = kink in the phase that passes it
     kinks = path.s[path.kink][1:-1]
@@ -75,12 +64,13 @@ def sampled(path: Path, levels: Levels, can: DriveLimits) -> Timing:
 
 
 @kernel
-def _phases(edges: FloatArray, levels: Levels, can: DriveLimits) -> tuple[FloatArray, FloatArray]:
+def _phases(
+    edges: FloatArray, level: IntArray, left: FloatArray, can: DriveLimits
+) -> tuple[FloatArray, FloatArray]:
     """Return phases of constant acceleration (begin, s, v, acceleration; a wait has speed 0), shape
     (k, 4), and the times at which it stops or starts.
     """
-    level, left, a = levels.level, levels.left, can.a
-    m = len(edges) - 1
+    a, m = can.a, len(edges) - 1
     rows, forced = np.empty((3 * m, 4)), np.empty(2 * m + 1)
     now = left[0]
     forced[0] = now

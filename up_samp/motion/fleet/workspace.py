@@ -285,7 +285,7 @@ class Workspace:
         if path.body.flies or body.flies:
             return min(gaps_at_ends(path.solid, rest.solid)) < enough
         return any(
-            separation(end, path.hull, rest.poses[0], rest.hull, enough) < enough
+            separation(end, path.hull, rest.poses[0], rest.hull) <= enough
             for end in path.poses[[0, -1]]
         )
 
