@@ -74,7 +74,7 @@ def strung(scene: Scene, query: PathQuery, legs: Sequence[Leg]) -> tuple[Traject
 
 def check_ways(body: Body, motion: Trajectory, planner: str) -> None:
     """Raise where a planner from outside breaks a rule of zones."""
-    world = WorldData(open_plane(), Scene(None).polys(()), shape_of(body, 0.0).data)
+    world = Scene(None).world(shape_of(body))
     if sweeps.samples_free(world, motion.poses.copy(), 1e-4) >= 0:
         raise UnsupportedError(
             f"the motion planner '{planner}' drives against a zone's direction, or turns on the "

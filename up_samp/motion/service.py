@@ -10,6 +10,7 @@ from dataclasses import replace
 from up_samp.extensions import parts
 from up_samp.geometry import OccupancyGrid, Scene
 from up_samp.geometry.memory import Memory
+from up_samp.geometry.shadows import met_by
 from up_samp.geometry.shapes import core_of
 from up_samp.model import (
     Body,
@@ -70,7 +71,6 @@ class MotionService:
         self.planner = planner
         self.seed = seed
         self.cache = MotionCache() if cache is None else cache
-        self._flat: Memory[tuple[Placed, ...]] = Memory(1_000)
         self._final: Memory[PathReport] = Memory(4_000)
         """Motions that no more time would change."""
         self.certifier = Certifier(self.scene)
@@ -81,7 +81,7 @@ class MotionService:
         """Answer a query: found, proven impossible, not found, or out of time."""
         warm_up(query.body.kinematics.model)
         began = time.monotonic()
-        query = replace(query, obstacles=self.met_by(query.body, query.obstacles))
+        query = replace(query, obstacles=met_by(query.body, query.obstacles))
         key = (query.body, query.poses, obstacle_key(query.obstacles))
         report = self._final.get(key)
         if report is None:
@@ -200,13 +200,13 @@ class MotionService:
         obstacles: Sequence[Placed] = (),
     ) -> float:
         """Return seconds that no motion between the two poses can beat."""
-        return self.bounds.through(body, (start, goal), self.met_by(body, obstacles))
+        return self.bounds.through(body, (start, goal), met_by(body, obstacles))
 
     def lower_bound_through(
         self, body: Body, poses: Sequence[Configuration], obstacles: Sequence[Placed] = ()
     ) -> float:
         """Return seconds that no motion through ``poses`` can beat, stopping there or not."""
-        return self.bounds.through(body, poses, self.met_by(body, obstacles))
+        return self.bounds.through(body, poses, met_by(body, obstacles))
 
     def certificate(
         self, body: Body, poses: Sequence[Configuration], obstacles: Sequence[Placed]
@@ -215,7 +215,7 @@ class MotionService:
         if body.flies or not self.proofs:
             return None
         began = time.monotonic()
-        proof = self.certifier.prove(body, poses, self.met_by(body, obstacles))
+        proof = self.certifier.prove(body, poses, met_by(body, obstacles))
         return None if proof is None else _timed(proof, began)
 
     def in_order(self, placed: Sequence[Placed], obstacles: Sequence[Placed]) -> Apart | None:
@@ -223,7 +223,7 @@ class MotionService:
         if not self.proofs or any(one.body.flies for one in placed):
             return None
         lowest = min((one.body for one in placed), key=lambda body: body.height)
-        return self.certifier.in_order(placed, self.met_by(lowest, obstacles))
+        return self.certifier.in_order(placed, met_by(lowest, obstacles))
 
     def pose_blockers(
         self, body: Body, pose: Configuration, obstacles: Sequence[Placed]
@@ -249,21 +249,11 @@ class MotionService:
         if body_a.flies:
             return self.overlap(body_b, pose_b, body_a, pose_a)
         if body_b.flies:
-            parts = self.met_by(body_a, (Placed("", body_b, pose_b),))
+            parts = met_by(body_a, (Placed("", body_b, pose_b),))
             return any(self.overlap(body_a, pose_a, p.body, p.pose) for p in parts)
         # either may be the one that moves, and has to be clear by its core
         return self.scene.overlap(core_of(body_a), pose_a, body_b, pose_b) and self.scene.overlap(
             body_a, pose_a, core_of(body_b), pose_b
-        )
-
-    def met_by(self, body: Body, obstacles: Sequence[Placed]) -> tuple[Placed, ...]:
-        """Return obstacles as a body meets them: to drivers, those in space are their shadows."""
-        if body.flies or not any(p.body.flies for p in obstacles):
-            return tuple(obstacles)
-        from up_samp.geometry.shadows import on_the_floor
-
-        return self._flat.get_or(
-            (body.height, tuple(obstacles)), lambda: on_the_floor(obstacles, body.height)
         )
 
     def coordinate(

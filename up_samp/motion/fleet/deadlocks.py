@@ -6,16 +6,17 @@ import itertools
 import math
 import random
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 import shapely
 
 from up_samp.geometry.scene import Scene
-from up_samp.model import Body, Configuration, Deadline, Placed, TimedMotion, Trajectory, avoids
-from up_samp.motion.fleet.conflicts import kept, sweeps_meet, swept_in_step
-from up_samp.motion.fleet.flyers import met_by
+from up_samp.geometry.shadows import met_by
+from up_samp.model import Body, Configuration, Deadline, Placed, TimedMotion, avoids
+from up_samp.motion.curves.trajectories import with_ends
+from up_samp.motion.fleet.conflicts import Swept, kept, sweeps_meet, swept_in_step
 from up_samp.motion.fleet.paths import Path, hull_of, path_of
 from up_samp.motion.fleet.roadmap import Roadmap, RoadmapEdge, cells_of
 from up_samp.motion.fleet.speed import parked_all_the_time
@@ -74,8 +75,7 @@ class Joint:
         self.rng = random.Random(0)
         self.work = 0
         self.dry = False
-        self._conflicts: dict[tuple[int, int, int, int], bool] = {}
-        self._overlaps: dict[tuple[int, int, int, int], bool] = {}
+        self._known: dict[tuple[object, ...], bool] = {}
         self._budget = 0
 
     def search(self, most: int, deadline: Deadline) -> list[tuple[RoadmapEdge, ...]] | None:
@@ -120,13 +120,7 @@ class Joint:
 
     def meet(self, i: int, a: RoadmapEdge, j: int, b: RoadmapEdge) -> bool:
         """Return whether two robots' moves, driven in step, come too close to each other."""
-        if not self.heeds[i][j] or not self._near(a, b):
-            return False
-        key = (i, a.number, j, b.number) if i < j else (j, b.number, i, a.number)
-        known = self._conflicts.get(key)
-        if known is None:
-            known = self._conflicts[key] = swept_in_step(a.swept, b.swept, self.margin)
-        return known
+        return self._too_close(swept_in_step, i, a, j, b)
 
     def _valid(self, state: State) -> bool:
         rests = [a.roadmap.rest(at) for a, at in zip(self.agents, state, strict=True)]
@@ -207,17 +201,28 @@ class Joint:
 
     def overlap(self, i: int, a: RoadmapEdge, j: int, b: RoadmapEdge) -> bool:
         """Return whether any parts of two robots' moves come too close to each other."""
-        if not self.heeds[i][j] or not self._near(a, b):
-            return False
-        key = (i, a.number, j, b.number) if i < j else (j, b.number, i, a.number)
-        if key not in self._overlaps:
-            self._overlaps[key] = sweeps_meet(a.swept, b.swept, self.margin)
-        return self._overlaps[key]
+        return self._too_close(sweeps_meet, i, a, j, b)
 
-    def _near(self, a: RoadmapEdge, b: RoadmapEdge) -> bool:
+    def _too_close(
+        self,
+        test: Callable[[Swept, Swept, float], bool],
+        i: int,
+        a: RoadmapEdge,
+        j: int,
+        b: RoadmapEdge,
+    ) -> bool:
+        """Return what a test of two robots' moves says, asked once where they are near."""
+        if not self.heeds[i][j]:
+            return False
         p, q = a.circle, b.circle
         reach = p[2] + q[2] + self.margin
-        return (p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 < reach * reach
+        if (p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 >= reach * reach:
+            return False
+        pair = (i, a.number, j, b.number) if i < j else (j, b.number, i, a.number)
+        known = self._known.get((test, *pair))
+        if known is None:
+            known = self._known[(test, *pair)] = test(a.swept, b.swept, self.margin)
+        return known
 
     def _push(
         self, robot: int, node: _Node, rests: Sequence[RoadmapEdge], chosen: dict[int, RoadmapEdge]
@@ -587,7 +592,7 @@ def _together(
     moves = [t.edges[0].move for t in stage]
     motions = in_step(moves, [knot.motions[i].body.kinematics for i in robots])
     return tuple(
-        (i, path_of(_between(motion, at[i], ends[i]), knot.motions[i].body, _marks([move])))
+        (i, path_of(with_ends(motion, at[i], ends[i]), knot.motions[i].body, _marks([move])))
         for i, move, motion in zip(robots, moves, motions, strict=True)
     )
 
@@ -607,21 +612,12 @@ def _drive(
         motion.body, (at[robot], end), knot.static[robot], wide, knot.deadline
     )
     moves = [edge.move for edge in trip.edges]
-    whole = _between(drive(moves, motion.body.kinematics), at[robot], end)
+    whole = with_ends(drive(moves, motion.body.kinematics), at[robot], end)
     own = path_of(whole, motion.body, _marks(moves))
     options = sorted((p for p in (path, own) if p is not None), key=lambda p: p.natural.duration)
     rests = [knot.workspace.resting(p.body, p.pose) for p in parked]
     clear = (p for p in options if not any(len(knot.workspace.conflicts(p, r)) for r in rests))
     return next(clear, None)
-
-
-def _between(motion: Trajectory, start: Configuration, goal: Configuration) -> Trajectory:
-    """Return a motion with its ends exactly at two poses: a lattice's are off by rounding."""
-    rows = motion.poses.copy()
-    for k, pose in ((0, start), (-1, goal)):
-        turns = 2 * math.pi * round((float(rows[k, 2]) - pose[2]) / (2 * math.pi))
-        rows[k] = (pose[0], pose[1], pose[2] + turns)
-    return Trajectory(motion.times.copy(), rows)
 
 
 def grown(body: Body, by: float) -> Body:
@@ -631,5 +627,5 @@ def grown(body: Body, by: float) -> Body:
 
 
 def _marks(moves: Sequence[ShortMove]) -> list[Configuration]:
-    marks = [tuple(float(v) for v in moves[0].rows[0])]
-    return marks + [tuple(float(v) for v in m.rows[-1]) for m in moves]
+    rows = [moves[0].rows[0], *(move.rows[-1] for move in moves)]
+    return [tuple(row.tolist()) for row in rows]

@@ -27,11 +27,11 @@ from up_samp.model import (
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.curves.arcs import merged, nodes_of
 from up_samp.motion.curves.bends import CUT
-from up_samp.motion.curves.reeds_shepp import DriveLimits, fastest
+from up_samp.motion.curves.reeds_shepp import DriveLimits
 from up_samp.motion.curves.rolling import rolled, rolling_radius, thinned
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
 from up_samp.motion.fleet.conflicts import ROOM
-from up_samp.motion.fleet.lanes import lane_offsets
+from up_samp.motion.fleet.lanes import curves_through, lane_offsets
 from up_samp.motion.fleet.paths import (
     TIMES,
     Path,
@@ -506,21 +506,17 @@ def _steered(
     end of each to the other, as ``near`` to the corners as its tightest arcs allow.
     """
     gone = np.diff(points, axis=0)
-    ways = np.arctan2(gone[:, 1], gone[:, 0])
-    turns = np.abs((np.diff(ways) + math.pi) % (2 * math.pi) - math.pi)
+    headings = np.arctan2(gone[:, 1], gone[:, 0])
+    turns = np.abs((np.diff(headings) + math.pi) % (2 * math.pi) - math.pi)
     bends = np.array([0.0, *car.radius * np.tan(0.5 * np.minimum(turns, 2.4)), 0.0])
     marks = [poses[0]]
     for i, size in enumerate(np.hypot(*gone.T)):
         spare = (bends[i], bends[i + 1]) if near else (0.4 * size, 0.4 * size)
         long = sum(spare) < size if near else size >= 2.0 * car.radius and len(points) > 2
         shares = (spare[0] / size, 1.0 - spare[1] / size) if long else (0.5,)
-        way = float(ways[i]) + (math.pi if flip else 0.0)
+        way = float(headings[i]) + (math.pi if flip else 0.0)
         marks += [(*(points[i] + s * gone[i]), way) for s in shares if 0.0 < s < 1.0]
     marks.append(poses[1])
-    found = []
-    for p, q in itertools.pairwise(marks):
-        arcs = fastest(p, q, car)[1]
-        if np.abs(arcs[:, 1]).sum() > 2.0 * math.dist(p[:2], q[:2]) + 6 * car.radius:
-            return None
-        found.append(arcs)
-    return merged(np.concatenate(found))
+    ways = (math.dist(p[:2], q[:2]) for p, q in itertools.pairwise(marks))
+    found = curves_through(marks, ways, car)
+    return None if found is None else merged(np.concatenate(found))

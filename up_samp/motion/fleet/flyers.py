@@ -8,15 +8,13 @@ again (conservative advancement; Mirtich 1996).
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable
-from functools import lru_cache
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from up_samp.geometry.meshes import contains, mesh_of, rotation, surface_distance, transform
-from up_samp.geometry.shadows import on_the_floor
-from up_samp.model import Body, Placed, check_time
+from up_samp.model import Body, check_time
 from up_samp.model.arrays import FloatArray, IntArray
 
 TOUCH = 5e-5
@@ -148,18 +146,3 @@ def _may_meet(a: SweptSolid, i: int, b: SweptSolid, j: int, margin: float) -> bo
         else:
             todo += [(p, 2 * q), (p, 2 * q + 1)]
     return False
-
-
-def met_by(body: Body, placed: Iterable[Placed]) -> tuple[Placed, ...]:
-    """Return obstacles as a body meets them: to drivers, those in space are their shadows on the
-    floor, none where all of them is above.
-    """
-    if body.flies:
-        return tuple(placed)
-    parts = (_shadows(one, body.height) if one.body.flies else (one,) for one in placed)
-    return tuple(itertools.chain.from_iterable(parts))
-
-
-@lru_cache(maxsize=1024)
-def _shadows(placed: Placed, height: float) -> tuple[Placed, ...]:
-    return on_the_floor([placed], height)

@@ -543,9 +543,14 @@ class Path:
         return ways_at(self.poses, self.s)
 
     @cached_property
+    def ends(self) -> tuple[Configuration, Configuration]:
+        """Where the body rests at first and in the end."""
+        return tuple(self.poses[0].tolist()), tuple(self.poses[-1].tolist())
+
+    @cached_property
     def rests(self) -> tuple[tuple[Solid, Configuration], tuple[Solid, Configuration]]:
         """What the body looks like, and where it rests at first and in the end."""
-        first, last = (tuple(float(x) for x in self.poses[i]) for i in (0, -1))
+        first, last = self.ends
         return (solid_of(self.body), first), (solid_of(self.body), last)
 
     @cached_property
@@ -575,7 +580,7 @@ class Path:
     def middle(self, cell: int) -> Configuration:
         """Return the pose in the middle of an extended cell."""
         low, high = self.edges[max(cell - 1, 0)], self.edges[min(cell, self.cells)]
-        return tuple(float(x) for x in self.poses_at(np.array([0.5 * (low + high)]))[0])
+        return tuple(self.poses_at(np.array([0.5 * (low + high)]))[0].tolist())
 
     @cached_property
     def natural_held(self) -> FloatArray:

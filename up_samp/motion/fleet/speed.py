@@ -17,7 +17,6 @@ import numpy as np
 
 from up_samp.geometry.records import inner, kernel
 from up_samp.model import (
-    Configuration,
     Placed,
     TimedMotion,
     avoids,
@@ -368,12 +367,25 @@ def first_start(
 ) -> float | None:
     """Return when a motion can first begin its ``path`` with the path's own timing (s), if ever."""
     rows = workspace.forbidden(path, motion.object, motion.avoid, others)
-    rows = rows[(rows[:, 2] > motion.release) | (rows[:, 0] == path.cells + 1)]
+    start = _start(motion, path, _to_come(motion, path, rows))
+    return start if start < math.inf else None
+
+
+def _start(motion: TimedMotion, path: Path, rows: FloatArray) -> float:
+    """Return when a motion can first begin its ``path`` with the path's own timing (s; inf: never),
+    with forbidden (cell, from, until) ``rows``.
+    """
     blocked, earliest, latest = forbidden_starts(
         rows, path.natural_held, motion.release, motion.present_until
     )
-    start = first_gap(blocked[np.argsort(blocked[:, 0], kind="stable")], earliest, latest)
-    return start if start < math.inf else None
+    return first_gap(blocked[np.argsort(blocked[:, 0], kind="stable")], earliest, latest)
+
+
+def _to_come(motion: TimedMotion, path: Path, rows: FloatArray) -> FloatArray:
+    """Return the forbidden ``rows`` that are not over as a motion is released, and those at its
+    end.
+    """
+    return rows[(rows[:, 2] > motion.release) | (rows[:, 0] == path.cells + 1)]
 
 
 def _earliest(
@@ -385,11 +397,8 @@ def _earliest(
     """Return the earliest arrival along ``path``, before ``limit``, with forbidden (cell, from,
     until) ``rows``; at another speed only if that gains ``GAIN`` s.
     """
-    rows = rows[(rows[:, 2] > motion.release) | (rows[:, 0] == path.cells + 1)]
-    until = motion.present_until
-    blocked, earliest, latest = forbidden_starts(rows, path.natural_held, motion.release, until)
-    blocked = blocked[np.argsort(blocked[:, 0], kind="stable")]
-    start = first_gap(blocked, earliest, latest)
+    rows = _to_come(motion, path, rows)
+    start = _start(motion, path, rows)
     best = None
     if start + path.natural.duration < limit:
         best = natural_timing(path, start)
@@ -397,7 +406,7 @@ def _earliest(
     if start > motion.release and path.tunable and path.cells > 0:
         safe = safe_intervals(rows, path.cells)
         # at the end it must be able to rest, so it arrives after the last visit of another
-        ends = rows[(rows[:, 0] == path.cells + 1) & (rows[:, 1] < until)]
+        ends = rows[(rows[:, 0] == path.cells + 1) & (rows[:, 1] < motion.present_until)]
         goal_free = float(np.max(ends[:, 2], initial=-math.inf))
         # hundredths of a second are not worth a timing that stops and goes
         if max(goal_free, motion.release + path.fastest) < limit - GAIN:
@@ -408,18 +417,11 @@ def _earliest(
 
 def parked_all_the_time(motion: TimedMotion, others: Iterable[TimedPath]) -> list[Placed]:
     """Return what rests in one place all through the motion's window."""
-    return [
-        Placed(other.object, other.path.body, rest)
-        for other in others
-        if other.object != motion.object
-        and avoids(motion.avoid, other.object)
-        and other.since <= motion.release
-        and (rest := _rest_until(other, motion)) is not None
-    ]
-
-
-def _rest_until(other: TimedPath, motion: TimedMotion) -> Configuration | None:
-    end = max(motion.due, motion.release)
-    if other.until < end:
-        return None
-    return other.rests_during(motion.release, end)
+    end, found = max(motion.due, motion.release), []
+    for other in others:
+        there = other.since <= motion.release and other.until >= end
+        if there and other.object != motion.object and avoids(motion.avoid, other.object):
+            rest = other.rests_during(motion.release, end)
+            if rest is not None:
+                found.append(Placed(other.object, other.path.body, rest))
+    return found

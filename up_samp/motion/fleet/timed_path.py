@@ -158,15 +158,10 @@ class TimedPath:
         """Return where it stands if it does not move in all of [start, end]."""
         times = self.timing.trajectory.times
         if end <= times[0] or self.path.cells == 0:
-            return pose_at(self.path, 0)
+            return self.path.ends[0]
         if start >= times[-1]:
-            return pose_at(self.path, -1)
+            return self.path.ends[1]
         return None
-
-
-def pose_at(path: Path, index: int) -> Configuration:
-    """Return a sample of a path as a configuration."""
-    return tuple(float(x) for x in path.poses[index])
 
 
 def pair_flags(

@@ -15,6 +15,7 @@ import numpy as np
 
 from up_samp.geometry.memory import Memory
 from up_samp.geometry.scene import Scene
+from up_samp.geometry.shadows import met_by
 from up_samp.geometry.sweeps import samples_free
 from up_samp.model import (
     Body,
@@ -37,7 +38,7 @@ from up_samp.motion.fleet.conflicts import (
     separation,
     wished,
 )
-from up_samp.motion.fleet.flyers import gaps_at_ends, meeting_cells, met_by
+from up_samp.motion.fleet.flyers import gaps_at_ends, meeting_cells
 from up_samp.motion.fleet.lanes import shifted_lane
 from up_samp.motion.fleet.paths import (
     Path,

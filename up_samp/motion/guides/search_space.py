@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import starmap
 from typing import NamedTuple
 
 import numpy as np
@@ -60,10 +59,7 @@ def search_box(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the corners of the map, or without one of what is known and ``reach`` m around it."""
     if scene.grid is not None:
-        rows, cols = scene.grid.shape
-        corners = [(r, c) for r in (-0.5, rows - 0.5) for c in (-0.5, cols - 0.5)]
-        points = np.array(list(starmap(scene.grid.point_of, corners)))
-        return points.min(axis=0), points.max(axis=0)
+        return scene.grid.box
     points = np.array([p[:2] for p in poses])
     polys = scene.polys(obstacles)
     if len(polys.counts):

@@ -107,12 +107,8 @@ class FlyerWorld:
         low, high = np.min(points, axis=0), np.max(points, axis=0)
         reach = 3 * self.mesh.radius
         low, high = low - reach, high + reach
-        grid = self._scene.grid
-        if grid is not None:
-            rows, cols = grid.shape
-            corners = itertools.product((-0.5, rows - 0.5), (-0.5, cols - 0.5))
-            flat = np.array(list(itertools.starmap(grid.point_of, corners)))
-            low[:2], high[:2] = flat.min(axis=0), flat.max(axis=0)
+        if self._scene.grid is not None:
+            low[:2], high[:2] = self._scene.grid.box
         return low, high
 
     def clearance(self, pose: Sequence[float]) -> float:

@@ -27,7 +27,7 @@ from up_samp.motion.curves.rolling import (
     rolls_of,
     rows_of,
 )
-from up_samp.motion.curves.trajectories import at_rest
+from up_samp.motion.curves.trajectories import at_rest, with_ends
 from up_samp.motion.curves.trapezoid import limits_of
 from up_samp.motion.guides.search_space import TOUCHES, widest_shape
 from up_samp.motion.moves import corners_of, steer
@@ -77,7 +77,7 @@ class PivotPlanner:
         while i < len(rests) - 1 and not deadline.expired():
             for k in range(len(rests) - 1, i, -1):
                 a, b = rests[i], rests[k]
-                p, q = (tuple(float(v) for v in rows[at]) for at in (a, b))
+                p, q = (tuple(rows[at].tolist()) for at in (a, b))
                 seconds = rolling_time(rows[a : b + 1], query.body.kinematics)
                 better = next(self._straight(shape, query, p, q, seconds - 1e-6), None)
                 if better is not None:
@@ -142,9 +142,4 @@ def _timed(query: LegQuery, rows: FloatArray) -> Trajectory:
     """Return the motion through ``rows``, exactly between the query's poses."""
     if len(rows) < 2:
         return at_rest(query.goal)
-    motion = rolled(rows, query.body.kinematics)
-    poses = motion.poses.copy()
-    for k, pose in ((0, query.start), (-1, query.goal)):
-        turns = 2 * math.pi * round((float(poses[k, 2]) - pose[2]) / (2 * math.pi))
-        poses[k] = (pose[0], pose[1], pose[2] + turns)
-    return Trajectory(motion.times.copy(), poses)
+    return with_ends(rolled(rows, query.body.kinematics), query.start, query.goal)
