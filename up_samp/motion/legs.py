@@ -126,12 +126,6 @@ _QUICK_EFFORT = {
 }
 """Expansions without a motion, after which a proof over positions and headings is tried; by whether
 a body may drive backwards (who may, and turns on the spot, is hardly ever trapped), and planner."""
-_PROOF_SECONDS = 5.0
-"""At most, for such a proof."""
-_FIRST_SHARE = 0.75
-"""Of a query's time, for the first planner where others give their opinion after it."""
-_SECOND_OPINION = 2.0
-"""s at most, for a second opinion."""
 _MORE_TIME = 1.2
 """A search that was cut short is done again where there is so many times its time."""
 
@@ -187,9 +181,9 @@ class Legs:
         reasons, complete = [], True
         for name in names:
             # the first planner ends by itself where it can, later ones are second opinions
-            limit = _FIRST_SHARE * deadline.remaining() if len(names) > 1 else None
+            limit = 0.75 * deadline.remaining() if len(names) > 1 else None
             if name != names[0]:
-                limit = _SECOND_OPINION
+                limit = 2.0
             found = self._lazily(name, query, deadline.within(limit), complete)
             if isinstance(found, PathReport):
                 return found
@@ -283,7 +277,7 @@ class Legs:
         if deadline.expired() or (leg.trajectory is not None and leg.complete):
             return leg
         if leg.trajectory is None:
-            limit = deadline.within(_PROOF_SECONDS)
+            limit = deadline.within(5.0)
             ends = query.start, query.goal
             proof = self.certifier.prove_slowly(query.body, *ends, query.obstacles, limit)
             if proof is not None or leg.complete:

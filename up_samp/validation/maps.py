@@ -17,8 +17,6 @@ from up_samp.model import ProblemError, UnsupportedError
 from up_samp.model.frames import Frame, PlacedMap
 
 FloatArray = npt.NDArray[np.float64]
-_BEYOND = 1e5
-"""Width (m) of the four blocked strips around a map: outside is not allowed."""
 
 
 class BlockedMap:
@@ -46,7 +44,7 @@ class BlockedMap:
             shapely.box(*(self.resolution * v for v in corners)) for corners in _rectangles(blocked)
         ]
         width, height = columns * self.resolution, rows * self.resolution
-        far = _BEYOND
+        far = 1e5  # wide strips around the map: outside is not allowed
         boxes += [
             shapely.box(-far, -far, 0, height + far),
             shapely.box(width, -far, width + far, height + far),

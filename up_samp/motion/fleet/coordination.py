@@ -26,7 +26,7 @@ from up_samp.motion.budget import WorkBudget
 from up_samp.motion.fleet.detours import virtual_obstacles
 from up_samp.motion.fleet.neighbourhoods import MovingGroup, Runs, first_runs, improve
 from up_samp.motion.fleet.one_robot import Attempt, nothing, plan_one
-from up_samp.motion.fleet.paths import TIMES, Path
+from up_samp.motion.fleet.paths import ON_TIME, SAME_TIME, Path
 from up_samp.motion.fleet.speed import parked_all_the_time
 from up_samp.motion.fleet.timed_path import TimedPath
 from up_samp.motion.fleet.together import couple
@@ -190,17 +190,17 @@ def _eject(group: MovingGroup, alone: Runs, seed: int, anytime: bool) -> None:
     few = effort.again * len(runs)
 
     def enough(runs: Runs) -> bool:
-        late = group.lateness(runs) > group.least + TIMES.on_time
+        late = group.lateness(runs) > group.least + ON_TIME
         factor = effort.enough if group.budget.used < few else MUCH
         soon = sum(run.arrival for run in runs.values()) <= factor * least
         return soon and not late and not anytime
 
     # who is late may have to be: that is not worth more
-    late = group.lateness(runs) > group.least + TIMES.on_time
+    late = group.lateness(runs) > group.least + ON_TIME
     most = few if late else max(few, effort.again * FEW)
     group.budget = WorkBudget(group.deadline, None if anytime else most)
     group.best = improve(group, runs, list(runs), seed, enough)
-    ratio = sum(run.arrival for run in group.best.values()) / max(least, TIMES.same)
+    ratio = sum(run.arrival for run in group.best.values()) / max(least, SAME_TIME)
     end = "the time or work is done" if group.budget.cut else "that is good enough"
     group.ended = f"{ratio:.2f} times the arrivals alone: {end}"
 
@@ -321,7 +321,7 @@ def _polished(group: MovingGroup, runs: Runs) -> Runs:
             others = group.others(name, found)
             attempt = _plan(group, name, found, others)
             old = found[name].arrival
-            if attempt.run is not None and attempt.run.arrival < old - TIMES.on_time:
+            if attempt.run is not None and attempt.run.arrival < old - ON_TIME:
                 found[name] = attempt.run
                 gained += old - attempt.run.arrival
             if group.deadline.expired():

@@ -26,15 +26,6 @@ from up_samp.motion.moves import ShortMove, drive, in_step
 
 State = tuple[int, ...]
 
-PUSHES = 2_000
-"""Moves tried for one joint move before the next constraint is added."""
-
-PASSES = 8
-"""Passes over a sequence in which stops are left out."""
-
-STOP = 1.0
-"""Seconds that a stop is worth."""
-
 
 @dataclass(frozen=True, eq=False)
 class Agent:
@@ -153,7 +144,7 @@ class Joint:
             if any(self.meet(robot, edge, other, e) for other, e in chosen.items()):
                 return None
             chosen[robot] = edge
-        self._budget = PUSHES
+        self._budget = 2_000  # moves tried before the next constraint is added
         rests = [a.roadmap.rest(at) for a, at in zip(self.agents, node.state, strict=True)]
         # those that a forced move drives into go first
         pushed = [
@@ -297,7 +288,7 @@ def loosened(joint: Joint, steps: Sequence[tuple[RoadmapEdge, ...]]) -> list[Sta
     between.
     """
     found = _joined(joint, _in_order(joint, steps))
-    for _ in range(PASSES):
+    for _ in range(8):
         before = len(found), _seconds(found)
         k = 0
         while k < len(found):
@@ -387,7 +378,7 @@ def _merge(joint: Joint, stages: list[Stage], k: int) -> bool:
         if first.start == second.end:
             del stages[n], stages[k]
             return True
-        limit = first.seconds + second.seconds + STOP
+        limit = first.seconds + second.seconds + 1.0  # what a stop is worth
         rests = _rests(joint, stages, when)
         way = _route(joint, first.robot, (first.start, second.end), rests, limit)
         if way is not None:
@@ -446,15 +437,6 @@ def _route(
 # proves nothing: the roadmaps leave poses out.
 
 
-TOGETHER = 150_000
-"""Moves looked at in one search where some have to go at the same time."""
-
-MANY = 3_000
-"""Places from which on a finer roadmap is not worth its making."""
-
-AIR = 0.02
-"""Metres kept from what rests beside a drive, for rounding."""
-
 Drives = tuple[tuple[int, Path], ...]
 """Paths of robots at the same time: one, or several with a timing in which they keep clear."""
 
@@ -505,7 +487,7 @@ def untie(
     knot = Knot(workspace, scene, motions, world, deadline)
     searches = [(most, False) for most in workspace.tuning.knots]
     if len(motions) > 2:  # nobody can go first: some at the same time; in a ring there are three
-        searches.append((TOGETHER, True))
+        searches.append((150_000, True))
     known: list[list[Agent]] = []
     dry: set[int] = set()
     for turn, (most, together) in enumerate(searches):
@@ -541,18 +523,16 @@ def drives_of(knot: Knot, joint: Joint, stages: Sequence[Stage]) -> list[Drives]
 
 
 def _coarse_to_fine(knot: Knot) -> Iterator[list[Agent]]:
-    """Yield the robots on roadmaps of each grain, until one has many places."""
+    """Yield the robots on roadmaps of each grain, until one has so many places that a finer one is
+    not worth its making.
+    """
     grains = dict.fromkeys(zip(*(cells_of(m.body) for m in knot.motions), strict=True))
     for cells in grains:
         agents = _agents(knot, cells)
         if agents is not None and all(agent.start in agent.to_go for agent in agents):
             yield agents
-            if _places(agents) > MANY:
+            if max(len(agent.roadmap.poses) for agent in agents) > 3_000:
                 return
-
-
-def _places(agents: Sequence[Agent]) -> int:
-    return max(len(agent.roadmap.poses) for agent in agents)
 
 
 def _margin(wish: float, motions: Sequence[TimedMotion]) -> float:
@@ -607,7 +587,8 @@ def _drive(
         for j, other in enumerate(knot.motions)
         if joint.heeds[robot][j]
     ]
-    wide = [Placed(p.name, grown(p.body, AIR), p.pose) for p in parked]
+    # a little more room, for rounding
+    wide = [Placed(p.name, grown(p.body, 0.02), p.pose) for p in parked]
     path = knot.workspace.detour(
         motion.body, (at[robot], end), knot.static[robot], wide, knot.deadline
     )

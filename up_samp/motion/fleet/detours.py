@@ -26,14 +26,14 @@ from up_samp.model import (
 )
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.curves.arcs import merged, nodes_of
-from up_samp.motion.curves.bends import CUT
 from up_samp.motion.curves.reeds_shepp import DriveLimits
 from up_samp.motion.curves.rolling import rolled, rolling_radius, thinned
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
 from up_samp.motion.fleet.conflicts import ROOM
 from up_samp.motion.fleet.lanes import curves_through, lane_offsets
 from up_samp.motion.fleet.paths import (
-    TIMES,
+    LEVELS,
+    ON_TIME,
     Path,
     path_of,
     safe_intervals,
@@ -48,8 +48,6 @@ CUTS = (math.inf, 0.3, 0.1, 0.02)
 """By how much a way's corners are cut off at most, in turn: shares of a footprint's diameter."""
 ROUNDS = 4
 """Of paths around, and of lanes beside, what the last path met."""
-COPIES = 0.8
-"""Radii of a mover between the copies of it that a detour keeps clear of."""
 BESIDE = (1.0, 1.4)
 """Shares, in turn, of the room that two lanes take at least."""
 STRETCH = (2.0, 6.0)
@@ -58,7 +56,7 @@ STRETCH = (2.0, 6.0)
 
 def is_good(run: TimedPath | None, motion: TimedMotion) -> bool:
     """Return whether a run arrives in time."""
-    return run is not None and run.arrival <= motion.due + TIMES.on_time
+    return run is not None and run.arrival <= motion.due + ON_TIME
 
 
 def met_at_full_speed(
@@ -202,7 +200,7 @@ def virtual_obstacles(
         for j in hits:
             pose = other.path.middle(int(j))
             near = math.dist(pose[:size], centre) <= 4 * reach
-            if not near or math.dist(pose[:size], last) < COPIES * other.path.radius:
+            if not near or math.dist(pose[:size], last) < 0.8 * other.path.radius:
                 continue
             if workspace.crowds(path, other.path.body, pose):
                 continue
@@ -367,7 +365,7 @@ def _bent(points: FloatArray, able: Mobility, kin: Kinematics, cut: float) -> Fl
         return _rounded(points, kin.v_max**2 / kin.a_max, cut)
     radius = rolling_radius(kin)
     # a tighter arc is slower than the lowest speed that a path's cells have
-    return _rounded(points, radius, cut, radius / math.sqrt(CUT.levels))
+    return _rounded(points, radius, cut, radius / math.sqrt(LEVELS))
 
 
 def _rolled(

@@ -47,9 +47,6 @@ PLACES = 60_000
 SAMPLE = 0.2
 """Seconds between the moments at which a run is looked at."""
 
-LINKS = 1.6
-"""Steps from an end to the places that it is joined to, at most."""
-
 EAGER = 1.1
 """Weight of what is left of a way: the first good one is nearly as good as the best, and as the
 lattice has it, neither is exact.
@@ -175,7 +172,9 @@ class Links(NamedTuple):
 
 @kernel
 def links_of(lattice: Lattice, x: float, y: float, sign: int, ways: IntArray) -> Links:
-    """Return the places around an end, with directions to them (from them, where ``sign`` < 0)."""
+    """Return the places around an end, 1.6 steps from it at most, with directions to them (from
+    them, where ``sign`` < 0).
+    """
     rows, cols = lattice.free.shape
     col, row = (x - lattice.x) / lattice.step, (y - lattice.y) / lattice.step
     places, metres = np.empty(36, dtype=np.int64), np.empty(36)
@@ -187,7 +186,7 @@ def links_of(lattice: Lattice, x: float, y: float, sign: int, ways: IntArray) ->
             u, v = lattice.x + i * lattice.step, lattice.y + j * lattice.step
             a, b, c, d = (x, y, u, v) if sign > 0 else (u, v, x, y)
             obeys = piece_obeys(lattice.rules, a, b, c, d, 0.0, 0.0)
-            if far > LINKS or not lattice.free[j, i] or not obeys:
+            if far > 1.6 or not lattice.free[j, i] or not obeys:
                 continue
             best = -np.inf
             for w in range(len(ways)):

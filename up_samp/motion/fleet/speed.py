@@ -25,7 +25,8 @@ from up_samp.model.arrays import BoolArray, FloatArray, IntArray
 from up_samp.motion.curves.reeds_shepp import DriveLimits
 from up_samp.motion.fleet.conflicts import with_room
 from up_samp.motion.fleet.paths import (
-    TIMES,
+    ROUNDED,
+    SAME_TIME,
     Path,
     TimeSets,
     first_gap,
@@ -71,7 +72,7 @@ def _merge(lo: FloatArray, hi: FloatArray, count: int) -> int:
         lo[k], hi[k] = x, y
     kept = 0
     for i in range(count):
-        if kept > 0 and lo[i] <= hi[kept - 1] + TIMES.same:
+        if kept > 0 and lo[i] <= hi[kept - 1] + SAME_TIME:
             hi[kept - 1] = max(hi[kept - 1], hi[i])
         else:
             lo[kept], hi[kept] = lo[i], hi[i]
@@ -128,7 +129,7 @@ def _waits(came: FloatArray, free: FloatArray, lo: FloatArray, hi: FloatArray) -
     for q in range(len(came)):
         for r in range(len(free)):
             if (
-                free[r, 0] <= came[q, 0] + TIMES.same
+                free[r, 0] <= came[q, 0] + SAME_TIME
                 and came[q, 0] <= free[r, 1]
                 and count < len(lo)
             ):
@@ -199,7 +200,7 @@ def reachable(
     used = 0
     first = times_of(safe, 0)
     for k in range(len(first)):
-        if first[k, 0] <= release + TIMES.same and release < first[k, 1]:
+        if first[k, 0] <= release + SAME_TIME and release < first[k, 1]:
             sets[0, 0], sets[0, 1] = release, first[k, 1]
             used = 1
     index[width] = used
@@ -232,7 +233,7 @@ def reachable(
 def _spans(intervals: FloatArray, begin: float, end: float) -> bool:
     """Return whether one interval contains [begin, end], but for rounding."""
     for r in range(len(intervals)):
-        if intervals[r, 0] <= begin + TIMES.near and end <= intervals[r, 1] + TIMES.near:
+        if intervals[r, 0] <= begin + ROUNDED and end <= intervals[r, 1] + ROUNDED:
             return True
     return False
 
@@ -242,11 +243,11 @@ def _came(came: FloatArray, free: FloatArray, t: float) -> float:
     """Return the latest arrival up to ``t`` from which one can wait until ``t`` (-inf: none)."""
     low = -np.inf
     for r in range(len(free)):
-        if free[r, 0] <= t + TIMES.near and t <= free[r, 1] + TIMES.near:
+        if free[r, 0] <= t + ROUNDED and t <= free[r, 1] + ROUNDED:
             low = free[r, 0]
     best = -np.inf
     for q in range(len(came)):
-        if came[q, 0] <= t + TIMES.near and came[q, 1] >= low - TIMES.near:
+        if came[q, 0] <= t + ROUNDED and came[q, 1] >= low - ROUNDED:
             best = max(best, min(came[q, 1], t))
     return best
 

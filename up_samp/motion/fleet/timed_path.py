@@ -11,7 +11,10 @@ from up_samp.geometry.records import inner, kernel
 from up_samp.model import Configuration, TimedMotion, Trajectory, avoids
 from up_samp.model.arrays import FloatArray, IntArray
 from up_samp.motion.curves.reeds_shepp import DriveLimits
-from up_samp.motion.fleet.paths import A_AVOIDS, B_AVOIDS, TIMES, Path, occupancy
+from up_samp.motion.fleet.paths import A_AVOIDS, B_AVOIDS, SAME_TIME, Path, occupancy
+
+CLOSE = 1e-4
+"""Samples nearer than this (s) to a stop, and shorter waits, are left out."""
 
 
 @inner
@@ -48,9 +51,9 @@ def sampled(path: Path, level: IntArray, left: FloatArray, can: DriveLimits) -> 
         np.abs(crossed - forced[np.minimum(near, len(forced) - 1)]),
         np.abs(crossed - forced[np.maximum(near - 1, 0)]),
     )
-    marks = np.concatenate([forced, crossed[close > TIMES.close]])
+    marks = np.concatenate([forced, crossed[close > CLOSE]])
     marks.sort()
-    marks = marks[np.concatenate([[True], np.diff(marks) > TIMES.same])]
+    marks = marks[np.concatenate([[True], np.diff(marks) > SAME_TIME])]
     times = _filled(marks)
     i = np.clip(np.searchsorted(t, times, side="right") - 1, 0, len(t) - 1)
     dt = times - t[i]
@@ -96,7 +99,7 @@ def _phases(
         if level[i] == 0:
             forced[stops] = now
             stops += 1
-            if i < m and left[i] - now > TIMES.close:
+            if i < m and left[i] - now > CLOSE:
                 rows[n, 0], rows[n, 1], rows[n, 2], rows[n, 3] = now, edges[i], 0.0, 0.0
                 n += 1
                 now = left[i]
@@ -108,7 +111,7 @@ def _phases(
 def _filled(marks: FloatArray) -> FloatArray:
     """Return ``marks`` with evenly spread times in between, at most ``MAX_STEP`` s apart."""
     gaps = np.diff(marks)
-    counts = np.maximum(1, np.ceil(gaps / Trajectory.MAX_STEP - TIMES.same).astype(np.int64))
+    counts = np.maximum(1, np.ceil(gaps / Trajectory.MAX_STEP - SAME_TIME).astype(np.int64))
     which = np.repeat(np.arange(len(gaps)), counts)
     first = np.concatenate([[0], np.cumsum(counts)[:-1]])
     share = (np.arange(len(which)) - first[which]) / counts[which]

@@ -23,9 +23,6 @@ from up_samp.motion.fleet.speed import first_start, fit
 from up_samp.motion.fleet.timed_path import TimedPath, Timing, natural_timing, run_of
 from up_samp.motion.fleet.workspace import Workspace, rest_run
 
-BEGINS = 40
-"""Begins tried for drives that have to be at the same time."""
-
 
 def couple(
     workspace: Workspace,
@@ -136,7 +133,7 @@ def _begun(
         run = fit(workspace, *parts[0], others)
         return None if run is None else [run]
     begin = max(leg.release for leg, _ in parts)
-    for _ in range(BEGINS):
+    for _ in range(40):
         found = []
         for leg, path in parts:
             start = first_start(workspace, replace(leg, release=begin), path, others)

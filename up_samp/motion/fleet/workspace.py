@@ -85,20 +85,10 @@ def but_cleared(rows: IntArray, a: Path, b: Path) -> IntArray:
     return rows
 
 
-CHORD = 0.1
-"""Allowance (m) for positions read along chords instead of arcs."""
-
-
 PATHS, DIAGRAMS = 4_000, 400_000
 """Paths of each kind (a fleet of 50 with 150 orders drives 300), and pairs of paths whose conflicts
 are known, that are remembered.
 """
-
-QUICK = 0.5
-"""Seconds for a detour where no planner stops after fixed work."""
-
-LANE = 25.0
-"""Metres of a stretch beside which a lane is tried, at most."""
 
 NOTHING = np.empty((0, 3), dtype=np.int64)
 """No conflicting cells."""
@@ -224,8 +214,8 @@ class Workspace:
     ) -> Path | None:
         quick = self._quick_planner(body)
         if quick is None or self.scene is None:
-            if not body.flies:  # who plans for flyers counts its work
-                deadline = deadline.within(QUICK)
+            if not body.flies:  # who plans for flyers counts its work, others get half a second
+                deadline = deadline.within(0.5)
             path = self.path(body, poses, obstacles, deadline)
             return path if isinstance(path, Path) else None
         around = frozenset((solid_of(p.body), p.pose) for p in obstacles)
@@ -268,9 +258,11 @@ class Workspace:
         return wished(self.scene)
 
     def lane(self, path: Path, first: float, last: float, offset: float) -> Path | None:
-        """Return ``path`` moved sideways by ``offset`` m on [first, last] m, if the map allows."""
+        """Return ``path`` moved sideways by ``offset`` m on [first, last] m, if the map allows; not
+        on more than 25 m.
+        """
         scene = self.scene
-        if scene is None or path.body.flies or last - first > LANE:
+        if scene is None or path.body.flies or last - first > 25.0:
             return None
         key = (path.number, first, last, offset)
         return self._lanes.get_or(key, lambda: shifted_lane(scene, path, first, last, offset))
@@ -362,8 +354,8 @@ def _stay_far(a: TimedPath, b: TimedPath, margin: float) -> bool:
     p, q = a.timing.trajectory, b.timing.trajectory
     low = max(a.held[0], b.held[0], -1e9)
     high = min(a.held[-1], b.held[-1], 1e9)
-    reach = a.path.radius + b.path.radius + 2 * margin + CHORD
-    # a slack millisecond step moves less than the chord's allowance
+    # 0.1 m for positions read along chords: a slack millisecond step moves less than that
+    reach = a.path.radius + b.path.radius + 2 * margin + 0.1
     speed = max(1e-6, a.speed + b.speed)
     return bool(stay_far(p.times, p.poses, q.times, q.poses, low, high, reach, speed))
 

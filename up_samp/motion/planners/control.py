@@ -40,10 +40,6 @@ from up_samp.motion.protocol import Leg, LegQuery
 
 _PIECES = 5
 """Of a shot, each with constant controls."""
-_DIRECT = 24
-"""Shots from the start, before anything is searched."""
-_SHORTCUTS = 40
-"""Rounds of shortening."""
 
 
 class ControlWorld(PlanarWorld):
@@ -170,7 +166,7 @@ def control_leg(
     if not world.fit_margin():
         return Leg(None, TOUCHES, complete=True)
     budget = WorkBudget(deadline)
-    direct = world.steer(start, goal, _DIRECT, budget)
+    direct = world.steer(start, goal, 24, budget)  # before anything is searched
     pieces: list[ControlPiece] | None = direct
     reason, attempt = "out of time", 0
     while pieces is None and not budget.spent():
@@ -226,7 +222,7 @@ def _shortened(
     budget: WorkBudget,
 ) -> list[ControlPiece]:
     """Return a way that is not slower, by shots between random nodes of it."""
-    for attempt in range(_SHORTCUTS):
+    for attempt in range(40):
         nodes = [*_nodes(world, start, pieces)[:-1], goal]
         if len(nodes) < 3 or budget.spent():
             break

@@ -50,10 +50,6 @@ from up_samp.motion.planners.ompl_solve import (
 )
 from up_samp.motion.protocol import Leg, LegQuery
 
-_SHORTCUTS = 300
-"""Rounds of shortening..."""
-_PATIENCE = 80
-"""...so many without a gain."""
 TOUCH = 1e-4
 """Clearance (m) that counts as none (and the shortest step of the edge checks)."""
 
@@ -220,11 +216,13 @@ def flyer_leg(
 
 
 def shorten(world: FlyerWorld, nodes: FloatArray, budget: WorkBudget, seed: int) -> FloatArray:
-    """Return a chain that is not slower, by random shortcuts (Geraerts & Overmars 2007)."""
+    """Return a chain that is not slower, by random shortcuts (Geraerts & Overmars 2007): 300, or 80
+    in a row that gain nothing.
+    """
     rng = random.Random(seed)
     idle = 0
-    for _ in range(_SHORTCUTS):
-        if len(nodes) < 3 or idle > _PATIENCE or budget.spent():
+    for _ in range(300):
+        if len(nodes) < 3 or idle > 80 or budget.spent():
             break
         idle += 1
         p, q = sorted((rng.uniform(0, len(nodes) - 1), rng.uniform(0, len(nodes) - 1)))

@@ -15,9 +15,6 @@ from up_samp.motion.curves.blending import Chain, first_speeds, settled, through
 from up_samp.motion.curves.trajectories import at_rest
 from up_samp.motion.guides.search_space import widest_shape
 
-ROUNDS = 40
-"""Timings that are tried for one way, each slower where the one before hit something."""
-
 
 def glide(
     world: WorldData,
@@ -35,7 +32,7 @@ def glide(
     straight = Chain.of(nodes, kinematics, pins)
     speeds = first_speeds(straight)
     least = 1e-3 * float(world.shape.slack[2])
-    for _ in range(ROUNDS):
+    for _ in range(40):  # each timing slower where the one before hit something
         chain = straight
         if pins:
             fitting = through(straight, speeds, kinematics)

@@ -21,9 +21,6 @@ from up_samp.motion.planners.hybrid_astar import PoseSearch, Tree, add_node, slo
 Move = tuple[float, float, float]
 """A straight move (dx m, dy m, turn rad): the body goes straight and turns evenly."""
 
-SLIDE = 0.02
-"""Shares of a step that are too short for a slide."""
-
 
 def planar_limits(kinematics: Kinematics) -> DriveLimits:
     """Return the limits of a body that moves in any direction."""
@@ -130,7 +127,7 @@ def expand_planar(tree: Tree, problem: PoseSearch, budget: int) -> int:
                 # a little short of what straight_free takes: from there it must pass again
                 free = _free_share(world, pose, (dx, dy, turn), 0.2 * world.shape.slack[2])
                 for part in (0.5 * free, free):
-                    if SLIDE < part < 1.0:
+                    if 0.02 < part < 1.0:  # too short a slide leads nowhere
                         _grown(tree, problem, node, (part * dx, part * dy, part * turn))
     return 0
 

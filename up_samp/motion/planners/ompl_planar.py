@@ -50,8 +50,6 @@ from up_samp.motion.planners.ompl_solve import (
 )
 from up_samp.motion.protocol import Leg, LegQuery
 
-POLISH = 400
-"""Edge checks that improving planners spend after a first path."""
 ROUNDS, PATIENCE = 1500, 300
 """Of the shortening."""
 REACH, SHARE = 6.0, 0.05
@@ -195,7 +193,7 @@ def search(
     method = getattr(og, name)(si)
     if hasattr(method, "setRange"):
         method.setRange(reach)
-    states, status = solve(method, pdef, budget, polish=POLISH, read=_read)
+    states, status = solve(method, pdef, budget, polish=400, read=_read)
     poses = vertices(method, _read) if tree else []
     reached = np.array(poses, dtype=np.float64).reshape(-1, 3)
     if states is None:
