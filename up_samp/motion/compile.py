@@ -58,8 +58,6 @@ SECONDS = {
 shares with others); only the ratios count.
 """
 
-PARTS = tuple(SECONDS)
-
 SEVERAL = ("groups", "knots")
 """Parts that only problems with several moving bodies need."""
 

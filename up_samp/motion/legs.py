@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -16,7 +17,6 @@ from up_samp.model import (
     Body,
     Configuration,
     Deadline,
-    Kinematics,
     Outcome,
     PathQuery,
     PathReport,
@@ -24,7 +24,6 @@ from up_samp.model import (
     Trajectory,
     UnsupportedError,
 )
-from up_samp.model.arrays import FloatArray
 from up_samp.motion.cache import CachedLeg, MotionCache, obstacle_key
 from up_samp.motion.curves.blending import TINY
 from up_samp.motion.curves.passing import driven_through, flown_through, pivoted_through
@@ -48,11 +47,6 @@ NOISE = 1e-6
 def _in_plane(body: Body) -> bool:
     """Return whether a body moves in the plane by no law of its own: obstacles count by sweeps."""
     return not (body.flies or body.mobility.own_law)
-
-
-def _goes_back(poses: FloatArray, kinematics: Kinematics) -> bool:
-    """Return whether poses (n, 3) lead against the heading anywhere, where that is forbidden."""
-    return not kinematics.reverse and bool(np.any(twists(poses)[:, 0] < -NOISE))
 
 
 # ------------------ Legs strung together to one motion
@@ -87,7 +81,7 @@ def strung_at_full_speed(
 ) -> tuple[Trajectory, bool]:
     """Return :func:`strung` without the limits of speed that hang on places and directions."""
     whole, smooth = _strung(scene, query, legs)
-    if _goes_back(whole.poses, query.body.kinematics):
+    if not query.body.kinematics.reverse and np.any(twists(whole.poses)[:, 0] < -NOISE):
         raise UnsupportedError(
             "a motion planner from outside drives a body backwards that may not ('reverse': False):"
             " it has to look at 'kinematics.reverse' of the bodies that it plans for"
@@ -262,10 +256,7 @@ class Legs:
         """
         shape = self.scene.shape(query.body, MARGIN_SHARES[1] * self.scene.margin)
         world = self.scene.world(shape, query.obstacles)
-        least = 1e-3 * float(shape.data.slack[2])
-        return with_ramps(
-            motion, query.body, lambda rows: int(sweeps.samples_free(world, rows, least))
-        )
+        return with_ramps(motion, query.body, partial(sweeps.first_hit, world))
 
     def _ask_one_way(self, name: str, query: LegQuery, deadline: Deadline) -> Leg | PathReport:
         """Ask a planner; where it finds nothing soon, look for a stronger proof in between."""

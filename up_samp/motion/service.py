@@ -193,16 +193,6 @@ class MotionService:
         return (report, whole), all(leg.complete for leg in legs)
 
     def lower_bound(
-        self,
-        body: Body,
-        start: Configuration,
-        goal: Configuration,
-        obstacles: Sequence[Placed] = (),
-    ) -> float:
-        """Return seconds that no motion between the two poses can beat."""
-        return self.bounds.through(body, (start, goal), met_by(body, obstacles))
-
-    def lower_bound_through(
         self, body: Body, poses: Sequence[Configuration], obstacles: Sequence[Placed] = ()
     ) -> float:
         """Return seconds that no motion through ``poses`` can beat, stopping there or not."""

@@ -67,7 +67,7 @@ def compile_bounds() -> None:
     service = MotionService(hall)
     parked = (Placed("parked", _BODY, (3.0, 6.5, 0.0)),)
     Fields(service.scene).toward(shape_of(_BODY, 0.01), goal, parked)
-    service.lower_bound(_BODY, start, goal)
+    service.lower_bound(_BODY, (start, goal))
     service.certificate(_BODY, (start, goal), parked)
 
 
@@ -136,5 +136,5 @@ def compile_planar() -> None:
     service = MotionService(_hall())
     body = Body(_BODY.footprint, Kinematics(MotionModel.SE2))
     start, goal = (3.0, 2.0, 0.0), (9.0, 2.0, math.pi / 2)
-    service.lower_bound(body, start, goal)
+    service.lower_bound(body, (start, goal))
     service.plan(PathQuery(body, (start, goal)), Deadline.never())

@@ -342,12 +342,12 @@ def drivable(
     shape = widest_shape(scene, body, poses, ())
     if shape is None:
         return None
-    world, least = scene.world(shape), 1e-3 * float(shape.data.slack[2])
+    world = scene.world(shape)
     if able.sideways or able.pivots:
         # where the widest bends meet something (a door's frame), sharper ones may not
         size = float(np.hypot(*np.ptp(np.array(body.footprint), axis=0)))
         bends = (_bent(points, able, kin, cut * size) for cut in CUTS)
-        found = (_rolled(world, body, poses, rows, flip, least) for rows in bends)
+        found = (_rolled(world, body, poses, rows, flip) for rows in bends)
         return next((path for path in found if path is not None), None)
     steered = (_steered(poses, points, limits_of(kin), flip, near) for near in (False, True))
     start = np.array(poses[0], dtype=np.float64)
@@ -374,15 +374,14 @@ def _rolled(
     poses: tuple[Configuration, ...],
     rows: FloatArray | None,
     flip: bool,
-    least: float,
 ) -> Path | None:
     """Return the path along a way of what moves sideways or turns on the spot, if it is free."""
     if rows is None:
         return None
     if body.mobility.sideways:
-        return _slid(body, poses, rows, world, least)
+        return _slid(body, poses, rows, world)
     rows = thinned(_turned(poses, rows, flip), body.kinematics)
-    if sweeps.samples_free(world, rows, least) >= 0:
+    if sweeps.first_hit(world, rows) >= 0:
         return None
     return path_of(rolled(rows, body.kinematics), body, poses)
 
@@ -428,11 +427,7 @@ def _rounded(
 
 
 def _slid(
-    body: Body,
-    poses: tuple[Configuration, ...],
-    rows: FloatArray,
-    world: WorldData,
-    least: float,
+    body: Body, poses: tuple[Configuration, ...], rows: FloatArray, world: WorldData
 ) -> Path | None:
     """Return the path of a body that moves sideways along a way, turning where there is room."""
     kin = body.kinematics
@@ -452,7 +447,7 @@ def _slid(
         share = np.clip((at - first) / max(takes, 1e-9), 0.0, 1.0)
         found = np.stack([x, y, poses[0][2] + turn * share], axis=1)
         found[0], found[-1, :2] = poses[0], poses[1][:2]
-        if sweeps.samples_free(world, found, least) < 0:
+        if sweeps.first_hit(world, found) < 0:
             return _timed_slide(body, poses, found)
     return None
 

@@ -131,8 +131,7 @@ def _rolled_aside(
     after = path.poses[path.s > end + EXACT].copy()
     after[:, 2] += parts[-1][-1, 2] - poses[-1, 2] - _off(parts[-1][-1], poses[-1])[2]
     rows = thinned(np.concatenate([*parts, after]), kin)
-    shape = scene.shape(path.body)
-    if sweeps.samples_free(scene.world(shape), rows, 1e-3 * float(shape.data.slack[2])) >= 0:
+    if sweeps.first_hit(scene.world(scene.shape(path.body)), rows) >= 0:
         return None
     return path_of(rolled(rows, kin), path.body, path.ends)
 

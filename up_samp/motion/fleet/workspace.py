@@ -16,7 +16,7 @@ import numpy as np
 from up_samp.geometry.memory import Memory
 from up_samp.geometry.scene import Scene
 from up_samp.geometry.shadows import met_by
-from up_samp.geometry.sweeps import samples_free
+from up_samp.geometry.sweeps import first_hit
 from up_samp.model import (
     Body,
     Configuration,
@@ -200,10 +200,7 @@ class Workspace:
         if self.scene is None or path.body.flies:
             return True
         shape = widest_shape(self.scene, path.body, poses, static)
-        if shape is None:
-            return False
-        least = 1e-3 * float(shape.data.slack[2])
-        return samples_free(self.scene.world(shape, static), path.poses, least) < 0
+        return shape is not None and first_hit(self.scene.world(shape, static), path.poses) < 0
 
     def _detour(
         self,

@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from up_samp.geometry import Scene, sweeps
+from up_samp.geometry import Scene
 from up_samp.geometry.records import WorldData
+from up_samp.geometry.sweeps import first_hit
 from up_samp.model import Body, Configuration, Kinematics, Placed, Trajectory
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.curves.blending import Chain, first_speeds, settled, through, timed
@@ -31,7 +32,6 @@ def glide(
         return at_rest(goal), True
     straight = Chain.of(nodes, kinematics, pins)
     speeds = first_speeds(straight)
-    least = 1e-3 * float(world.shape.slack[2])
     for _ in range(40):  # each timing slower where the one before hit something
         chain = straight
         if pins:
@@ -47,7 +47,7 @@ def glide(
         turns = round((nodes[-1, 2] - goal[2]) / (2 * math.pi))
         rows = motion.poses.copy()
         rows[-1] = (goal[0], goal[1], goal[2] + turns * 2 * math.pi)
-        hit = sweeps.samples_free(world, rows, least)
+        hit = first_hit(world, rows)
         if hit < 0:
             passed = all(speeds[i] > 0.0 or straight.turns_back(i) for i in pins or ())
             return Trajectory(motion.times.copy(), rows), passed

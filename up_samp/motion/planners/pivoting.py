@@ -13,7 +13,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from up_samp.geometry import Scene, Shape, sweeps
+from up_samp.geometry import Scene, Shape
+from up_samp.geometry.sweeps import first_hit
 from up_samp.model import Configuration, Deadline, Kinematics, Trajectory
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.budget import WorkBudget
@@ -99,19 +100,14 @@ class PivotPlanner:
         on the spot at its ends, or as it sets off and comes to rest.
         """
         world, kin = self.scene.world(shape, query.obstacles), query.body.kinematics
-        least = 1e-3 * float(shape.data.slack[2])
-
-        def free(rows: FloatArray) -> bool:
-            return bool(sweeps.samples_free(world, rows, least) < 0)
-
         nearest = run_time(math.dist(start[:2], goal[:2]), kin.v_max, kin.a_max)
         turning = corners_of(steer(query.body, start, goal))
         line = turning[1:-1] if len(turning) == 4 else turning[:1]
-        if nearest < most and free(line):
+        if nearest < most and first_hit(world, line) < 0:
             # with a limit to how fast a turn begins there are no such bends at a rest
             bent = swerves(start, goal, kin) if math.isinf(kin.alpha_max) else []
             for rows in (*bent, turning):
-                if rolling_time(rows, kin) < most and free(rows):
+                if rolling_time(rows, kin) < most and first_hit(world, rows) < 0:
                     yield rows
 
 
