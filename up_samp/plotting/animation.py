@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from up_samp.model.arrays import FloatArray
 from up_samp.plotting.background import ground_of
 from up_samp.plotting.gantt import title_of
 from up_samp.plotting.rows import Row, rows_of
@@ -26,7 +27,7 @@ from up_samp.plotting.style import (
     mixed,
     with_short_names,
 )
-from up_samp.plotting.tracks import FloatArray, ObjectTrack, horizon, stops_of, tracks_of
+from up_samp.plotting.tracks import ObjectTrack, horizon, stops_of, tracks_of
 from up_samp.system.files import write_whole
 
 

@@ -6,7 +6,6 @@ from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch, Rectangle
-from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
 from up_samp.plotting.rows import Bar, Row, rows_of
@@ -155,10 +154,10 @@ def _write_label(ax: Axes, row: Row, bar: Bar, bottom: float, taken: list[Bbox])
             (start + end) / 2, middle, name, ha="center", va="center", fontsize=8,
             color=color, zorder=6, clip_on=True,
         )  # fmt: skip
-        if _extent(text).width <= room:
+        if text.get_window_extent().width <= room:
             if bar.motion and not solid:
                 text.set_bbox({"boxstyle": "round,pad=0.1", "fc": "#FFFFFFD0", "ec": "none"})
-            taken.append(_extent(text))
+            taken.append(text.get_window_extent())
             return
         text.remove()
     _write_above(ax, bar, bottom, taken)
@@ -172,18 +171,14 @@ def _write_above(ax: Axes, bar: Bar, bottom: float, taken: list[Bbox]) -> None:
             bar.start, bottom - 0.06, name, ha="left", va="bottom", fontsize=7, color=INK, zorder=6
         )
         text.set_in_layout(False)
-        box = _extent(text)
+        box = text.get_window_extent()
         if box.x1 > right_edge:
             text.set(ha="right", x=bar.end)
-            box = _extent(text)
+            box = text.get_window_extent()
         if not any(box.overlaps(other) for other in taken):
             taken.append(box)
             return
         text.remove()
-
-
-def _extent(text: Text) -> Bbox:
-    return text.get_window_extent()
 
 
 def _width(ax: Axes, start: float, end: float) -> float:

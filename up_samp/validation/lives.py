@@ -8,8 +8,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from up_samp.model.arrays import FloatArray
 from up_samp.validation.collisions import JudgedShape
 from up_samp.validation.judged import JudgedMotion, Jump
 from up_samp.validation.paths import pose_gap
@@ -20,7 +20,6 @@ from up_samp.validation.tolerances import TOLERANCES
 from up_samp.validation.tracks import Track
 from up_samp.validation.verdict import Violation
 
-FloatArray = npt.NDArray[np.float64]
 Motions = Mapping[str, tuple[FloatArray, FloatArray]]
 """Times (s) and poses of each task, by its name."""
 

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from up_samp.model import ProblemError, Trajectory, UnsupportedError, check_time
+from up_samp.model.arrays import FloatArray
 from up_samp.validation.collisions import JudgedShape, hits_map
 from up_samp.validation.judged import JudgedMotion, Obstacle
 from up_samp.validation.kinematics import motion_violations, speeds_on_way
 from up_samp.validation.lives import (
-    FloatArray,
     Piece,
     build_lives,
     resting,

@@ -7,13 +7,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 
+from up_samp.model.arrays import FloatArray
 from up_samp.validation.collisions import JudgedShape, placed
 from up_samp.validation.tolerances import TOLERANCES
 
-FloatArray = npt.NDArray[np.float64]
 Pose = tuple[float, ...]
 
 

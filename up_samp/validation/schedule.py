@@ -26,7 +26,7 @@ from up_samp.validation.timeline import (
     constant,
     in_type,
 )
-from up_samp.validation.values import MISSING, Decisions, Key, Reader, Value, chronicles
+from up_samp.validation.values import MISSING, Decisions, Key, Reader, Value, chronicles, parts_of
 from up_samp.validation.verdict import Verdict, Violation
 
 Judged = tuple[Verdict, StateTimeline | None]
@@ -193,13 +193,7 @@ def _changed_fluents(problem: Any) -> set[str]:
 
 def _times_in(node: Any, timeline: StateTimeline) -> str:
     """Return the times of the activities that an expression mentions, for people."""
-    names: set[str] = set()
-    stack = [node]
-    while stack:
-        item = stack.pop()
-        stack += item.args
-        if item.node_type == OperatorKind.TIMING_EXP and item.timing().timepoint.container:
-            names.add(item.timing().timepoint.container)
-    times = timeline.decisions.times
-    shown = [f"{n} [{times[n][0]}, {times[n][1]}]" for n in sorted(names & set(times))]
+    timed = (n.timing() for n in parts_of(node) if n.node_type == OperatorKind.TIMING_EXP)
+    names, times = {timing.timepoint.container for timing in timed}, timeline.decisions.times
+    shown = [f"{n} [{times[n][0]}, {times[n][1]}]" for n in sorted(names & times.keys())]
     return f": {', '.join(shown)}" if shown else ""

@@ -17,9 +17,10 @@ import numpy as np
 import shapely
 
 from up_samp.model import UnsupportedError
+from up_samp.model.arrays import FloatArray
 from up_samp.validation.collisions import JudgedShape, first_contact, hits_body, placed
 from up_samp.validation.maps import BlockedMap
-from up_samp.validation.solids import FloatArray, Solid, matrices, mesh_distance, swallowed
+from up_samp.validation.solids import Solid, matrices, mesh_distance, swallowed
 from up_samp.validation.tracks import Track
 
 

@@ -71,10 +71,8 @@ def flown_through(parts: Sequence[Trajectory], kinematics: Kinematics) -> tuple[
         fastest = kinematics.omega_max / turning if turning > 1e-12 else np.inf
         return min(kinematics.v_max, fastest), kinematics.a_max
 
-    stops = np.zeros(len(whole.times), dtype=np.bool_)
-    stops[corners] = True
     motion = _retimed(whole, ways, corners, inner, limits)
-    return motion, not np.any(stops[1:-1] & inner)
+    return motion, not inner[corners - 1].any()
 
 
 def _joints(parts: Sequence[Trajectory]) -> BoolArray:

@@ -33,7 +33,7 @@ from up_samp.motion.curves.rolling import (
     through_rows,
 )
 from up_samp.motion.curves.turning import limits_in_bends, turns_evenly
-from up_samp.motion.curves.twists import partway, twists
+from up_samp.motion.curves.twists import partway, travels, twists
 
 OVER = 1e-3
 """Share by which a limit may be exceeded before a motion is slowed: rounding."""
@@ -66,8 +66,7 @@ def steps_in(zone: TrafficZone, poses: FloatArray, body: Body) -> BoolArray:
     area, centre, reach = _area(zone)
     corners = np.asarray(body.footprint, dtype=np.float64)
     radius = float(np.hypot(*corners.T).max())
-    moves = twists(poses)
-    travel = np.hypot(moves[:, 0], moves[:, 1]) + radius * np.abs(moves[:, 2])
+    travel = travels(poses, radius)
     gaps = np.hypot(*(poses[:, :2] - centre).T) - reach - radius
     near = gaps <= travel.max(initial=0.0)
     gaps[near] = shapely.distance(shapely.polygons(_placed(corners, poses[near])), area)

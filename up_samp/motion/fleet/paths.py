@@ -24,7 +24,7 @@ from up_samp.motion.curves.bends import SHORT, bends_of, between_bends, ways_at
 from up_samp.motion.curves.rolling import ON_SPOT, rolls_of
 from up_samp.motion.curves.slowing import allowed_speeds, push_along, slowed, steps_in
 from up_samp.motion.curves.turning import limits_in_bends
-from up_samp.motion.curves.twists import partway, twists
+from up_samp.motion.curves.twists import partway, travels, twists
 from up_samp.motion.fleet.conflicts import Hull, Swept, sweep_table
 from up_samp.motion.fleet.flyers import ROUND, SweptSolid
 
@@ -567,7 +567,7 @@ class Path:
         """The body's surface along the path, in space."""
         ratio = 1.0
         if not self.body.flies and len(self.s) > 1:
-            moved = _driven(self.poses, self.radius) / np.diff(self.s)
+            moved = travels(self.poses, self.radius) / np.diff(self.s)
             ratio = ROUND * float(moved.max())
         return SweptSolid(self.body, self.radius, self.edges, self.poses_at, ratio)
 
@@ -686,12 +686,6 @@ def resting_path(body: Body, pose: Configuration) -> Path:
     """Return the path of a body that stays where it is."""
     trajectory = Trajectory(np.zeros(1), np.array([pose], dtype=np.float64))
     return path_of(trajectory, body)
-
-
-def _driven(poses: FloatArray, radius: float) -> FloatArray:
-    """Return how far (m) any point of a planar body moves at most between samples: along arcs."""
-    moves = twists(poses)
-    return np.asarray(np.hypot(moves[:, 0], moves[:, 1]) + radius * np.abs(moves[:, 2]))
 
 
 def _waypoints(
