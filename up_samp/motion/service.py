@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import time
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -80,7 +79,6 @@ class MotionService:
     def plan(self, query: PathQuery, deadline: Deadline) -> PathReport:
         """Answer a query: found, proven impossible, not found, or out of time."""
         warm_up(query.body.kinematics.model)
-        began = time.monotonic()
         query = replace(query, obstacles=met_by(query.body, query.obstacles))
         key = (query.body, query.poses, obstacle_key(query.obstacles))
         report = self._final.get(key)
@@ -88,7 +86,7 @@ class MotionService:
             report, final = self._planned(query, deadline)
             if final:
                 self._final.put(key, report)
-        return _timed(report, began)
+        return report
 
     def _planned(self, query: PathQuery, deadline: Deadline) -> tuple[PathReport, bool]:
         """Answer a query, and return whether a motion was found that no more time would change."""
@@ -204,9 +202,7 @@ class MotionService:
         """Return a proof that the motion is impossible, with blockers, or None."""
         if body.flies or not self.proofs:
             return None
-        began = time.monotonic()
-        proof = self.certifier.prove(body, poses, met_by(body, obstacles))
-        return None if proof is None else _timed(proof, began)
+        return self.certifier.prove(body, poses, met_by(body, obstacles))
 
     def in_order(self, placed: Sequence[Placed], obstacles: Sequence[Placed]) -> Apart | None:
         """Return what tells where two that drive surely never are together (None: nothing does)."""
@@ -267,7 +263,3 @@ def _seconds(found: PathReport, query: PathQuery) -> float:
     """Return what a motion takes, with what zones cost."""
     assert found.trajectory is not None
     return seconds_of(found.trajectory, query.body)
-
-
-def _timed(report: PathReport, began: float) -> PathReport:
-    return replace(report, seconds=time.monotonic() - began)

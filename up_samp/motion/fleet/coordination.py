@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import time
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -129,11 +128,10 @@ def coordinate(
 def _coordinated(
     workspace: Workspace, query: GroupQuery, deadline: Deadline, seed: int, anytime: bool
 ) -> GroupReport:
-    began = time.monotonic()
     group = _group_of(workspace, query, deadline)
     alone, attempt, name = _alone(group)
     if len(alone) < len(group.motions):
-        return _hopeless(name, attempt, time.monotonic() - began)
+        return _hopeless(name, attempt)
     group.least = group.lateness(alone)
     conflicts = _meetings(group, alone)
     if conflicts:
@@ -143,7 +141,7 @@ def _coordinated(
     else:
         group.best = alone
     conflict = _shrunk(group, alone, conflicts) if _is_bad(group) else frozenset()
-    report = _report(group, conflict, time.monotonic() - began)
+    report = _report(group, conflict)
     return replace(report, exhaustive=_is_tried_out(group, alone))
 
 
@@ -412,7 +410,7 @@ def _group_of(workspace: Workspace, query: GroupQuery, deadline: Deadline) -> Mo
     return MovingGroup(workspace, motions, world, WorkBudget(deadline))
 
 
-def _hopeless(name: str, attempt: Attempt, seconds: float) -> GroupReport:
+def _hopeless(name: str, attempt: Attempt) -> GroupReport:
     report = attempt.report
     assert report is not None
     return GroupReport(
@@ -420,18 +418,16 @@ def _hopeless(name: str, attempt: Attempt, seconds: float) -> GroupReport:
         conflict=frozenset({name}),
         blockers=report.blockers,
         reason=f"{name}: {report.reason}",
-        seconds=seconds,
     )
 
 
-def _report(group: MovingGroup, conflict: frozenset[str], seconds: float) -> GroupReport:
+def _report(group: MovingGroup, conflict: frozenset[str]) -> GroupReport:
     if group.best is None:
         return GroupReport(
             nothing(group.deadline),
             conflict=conflict,
             blockers=_resting(group),
             reason="no order of the robots was found in which all can drive",
-            seconds=seconds,
         )
     runs = group.best
     late = {name: runs[name].arrival for name in sorted(runs) if group.is_late(runs[name])}
@@ -442,7 +438,6 @@ def _report(group: MovingGroup, conflict: frozenset[str], seconds: float) -> Gro
         conflict,
         _resting(group) if late else frozenset(),
         f"late: {', '.join(late)}" if late else group.ended,
-        seconds,
     )
 
 

@@ -175,10 +175,6 @@ def pair_flags(
     return flags | (B_AVOIDS if avoids(b_avoid, a) else 0)
 
 
-NOBODY: frozenset[str] = frozenset()
-"""A resting body keeps clear of nobody: it does not move."""
-
-
 def run_of(motion: TimedMotion, path: Path, timing: Timing) -> TimedPath:
     """Return a motion with its timing as a run."""
     since, until = motion.present_from, motion.present_until

@@ -50,7 +50,7 @@ from up_samp.motion.fleet.paths import (
     stay_far,
     through_zones,
 )
-from up_samp.motion.fleet.timed_path import NOBODY, TimedPath, Timing, pair_flags
+from up_samp.motion.fleet.timed_path import TimedPath, Timing, pair_flags
 from up_samp.motion.guides.search_space import widest_shape
 from up_samp.motion.legs import strung
 from up_samp.motion.models import MODELS, made_by
@@ -370,12 +370,5 @@ def workspace_of(service: PathPlanner) -> Workspace:
 def rest_run(workspace: Workspace, rest: Rest) -> TimedPath:
     """Return a resting object as a run."""
     path = workspace.resting(rest.body, rest.pose)
-    return TimedPath(
-        rest.name,
-        rest.name,
-        path,
-        Timing(path.natural, path.natural_s),
-        rest.since,
-        rest.until,
-        NOBODY,
-    )
+    timing, nobody = Timing(path.natural, path.natural_s), frozenset[str]()  # it does not move
+    return TimedPath(rest.name, rest.name, path, timing, rest.since, rest.until, nobody)

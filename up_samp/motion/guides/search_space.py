@@ -17,6 +17,11 @@ MARGIN_SHARES = (1.0, 0.25, 0.06, 0.015, 0.004, 0.001)
 TOUCHES = "the start or the goal touches the map or an obstacle"
 """Why there is no motion where not even the least of these can be kept."""
 
+OUT_OF_TIME = "out of time"
+DRY = "no path at the finest resolution"
+STUCK = f"{DRY} within fixed effort"
+"""Why a search over poses found none."""
+
 
 class Space(NamedTuple):
     """The box and the resolution of a search over poses, as the kernels take it.

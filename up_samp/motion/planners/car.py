@@ -17,18 +17,17 @@ from up_samp.motion.curves.arcs import merged, path_time, reversed_arcs
 from up_samp.motion.curves.reeds_shepp import SPOT, DriveLimits, fastest
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
 from up_samp.motion.guides.cost_to_go import Fields, least_value
-from up_samp.motion.guides.search_space import TOUCHES, pose_space, widest_shape
+from up_samp.motion.guides.search_space import (
+    DRY,
+    OUT_OF_TIME,
+    STUCK,
+    TOUCHES,
+    pose_space,
+    widest_shape,
+)
 from up_samp.motion.planners import hybrid_astar as hybrid
 from up_samp.motion.planners.car_shortcuts import improve, settle
 from up_samp.motion.protocol import Leg, LegQuery
-
-_DRY = "no path at the finest resolution"
-
-
-_STUCK = "no path at the finest resolution within fixed effort"
-
-
-_CUT = "out of time"
 
 
 @dataclass(frozen=True)
@@ -141,7 +140,7 @@ class CarPlanner:
             if found or budget.cut:
                 break
         if not found:
-            return None, _CUT if budget.cut else _DRY if dry else _STUCK
+            return None, OUT_OF_TIME if budget.cut else DRY if dry else STUCK
         return min(found, key=lambda arcs: float(path_time(arcs, car))), ""
 
     def _search(

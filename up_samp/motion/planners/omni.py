@@ -17,7 +17,14 @@ from up_samp.motion.budget import WorkBudget
 from up_samp.motion.curves.blending import chain_time, moved_corner, pieces
 from up_samp.motion.curves.reeds_shepp import run_time
 from up_samp.motion.guides.cost_to_go import Fields, field_value
-from up_samp.motion.guides.search_space import TOUCHES, pose_space, widest_shape
+from up_samp.motion.guides.search_space import (
+    DRY,
+    OUT_OF_TIME,
+    STUCK,
+    TOUCHES,
+    pose_space,
+    widest_shape,
+)
 from up_samp.motion.planners import hybrid_astar as hybrid
 from up_samp.motion.planners.gliding import glide
 from up_samp.motion.planners.omni_astar import (
@@ -175,23 +182,21 @@ class PlanarPlanner:
         grains: Sequence[PlanarGrain],
     ) -> Leg:
         """Return a motion by searches from the start."""
-        reason = "out of time"
+        reason = OUT_OF_TIME
         for k, grain in enumerate(grains):
             if k > 0 and budget.spent():
                 break
             shape = shape.finer if grain.tight else shape
             nodes, dry = self._search(query, shape, grain, budget)
             if nodes is None:
-                reason = "no path at the finest resolution" + (
-                    "" if dry else " within fixed effort"
-                )
+                reason = DRY if dry else STUCK
                 continue
             found = min(self._short(query, shape, nodes), key=_duration, default=None)
             if found is not None:
                 motion, chain = self._rounded(query, shape, found, budget)
                 return Leg(motion, "", budget.used, not budget.cut, chain)
             reason = "no safe timing along the path found"
-        reason = "out of time" if budget.cut else reason
+        reason = OUT_OF_TIME if budget.cut else reason
         return Leg(None, reason, budget.used, not budget.cut)
 
     def _short(self, query: LegQuery, shape: Shape, nodes: FloatArray) -> Iterator[Way]:
