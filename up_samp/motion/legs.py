@@ -324,17 +324,14 @@ class Legs:
         """Return the obstacles that the way on the empty map would hit (all, if that is
         unknown).
         """
-        body, obstacles = query.body, query.obstacles
-        if not _in_plane(body) or not obstacles:
-            return frozenset(p.name for p in obstacles)
-        alone = replace(query, obstacles=())
-        for name in planner_names(self.planner, body):
-            free = self._known(name, alone)
+        body, hit = query.body, query.obstacles
+        if _in_plane(body) and hit:
+            alone = replace(query, obstacles=())
+            ways = (self._known(name, alone) for name in planner_names(self.planner, body))
+            free = next((way.trajectory for way in ways if way is not None), None)
             if free is not None:
-                return frozenset(
-                    p.name for p in obstacles if not self.clears(free.trajectory, body, p)
-                )
-        return frozenset(p.name for p in obstacles)
+                hit = tuple(p for p in hit if not self.clears(free, body, p))
+        return frozenset(p.name for p in hit)
 
     def _planner(self, name: str) -> MotionPlanner:
         if name not in self._planners:

@@ -13,7 +13,7 @@ import numpy as np
 from up_samp.geometry.records import inner, kernel
 from up_samp.geometry.scene import Scene
 from up_samp.model import check_time
-from up_samp.model.arrays import FloatArray, IntArray
+from up_samp.model.arrays import BoolArray, FloatArray, IntArray
 
 DEPTH = 2
 """Times that a cell may be halved."""
@@ -414,6 +414,13 @@ def separation(p: FloatArray, g: Hull, q: FloatArray, h: Hull) -> float:
     overlap).
     """
     return max(0.0, _gap(standing(p[0], p[1], p[2]), g, standing(q[0], q[1], q[2]), h))
+
+
+def runs_in(cells: BoolArray) -> IntArray:
+    """Return which pairs of cells (n, m) are set, as rows (i, j first, j last)."""
+    edges = np.diff(np.pad(cells.astype(np.int8), ((0, 0), (1, 1))), axis=1)
+    begins, ends = np.argwhere(edges > 0), np.argwhere(edges < 0)
+    return np.column_stack([begins, ends[:, 1] - 1])
 
 
 # ------------------ How much clearance two bodies keep from each other

@@ -25,7 +25,7 @@ from up_samp.motion.curves.rolling import ON_SPOT, rolls_of
 from up_samp.motion.curves.slowing import allowed_speeds, push_along, slowed, steps_in
 from up_samp.motion.curves.turning import limits_in_bends
 from up_samp.motion.curves.twists import partway, travels, twists
-from up_samp.motion.fleet.conflicts import Hull, Swept, sweep_table
+from up_samp.motion.fleet.conflicts import Hull, Swept, runs_in, sweep_table
 from up_samp.motion.fleet.flyers import ROUND, SweptSolid
 
 # ------------------ Compiled bookkeeping in time
@@ -674,12 +674,10 @@ def through_zones(rows: IntArray, one: IntArray, other: IntArray) -> IntArray:
     """
     if np.array_equal(one, np.arange(len(one))) and np.array_equal(other, np.arange(len(other))):
         return rows
-    grid = np.zeros((len(one), len(other) + 1), dtype=np.int8)
+    cells = np.zeros((len(one), len(other)), dtype=np.bool_)
     for i, first, last in rows:
-        grid[one[i] : i + 1, other[first] : last + 1] = 1
-    edges = np.diff(grid, axis=1, prepend=0)
-    begins, ends = np.argwhere(edges > 0), np.argwhere(edges < 0)
-    return np.column_stack([begins, ends[:, 1] - 1])
+        cells[one[i] : i + 1, other[first] : last + 1] = True
+    return runs_in(cells)
 
 
 def resting_path(body: Body, pose: Configuration) -> Path:
