@@ -174,14 +174,7 @@ def _state(si: Any, pose: Configuration) -> Any:
     return state
 
 
-def flyer_leg(
-    scene: Scene,
-    query: LegQuery,
-    deadline: Deadline,
-    *,
-    planner: str = "RRTConnect",
-    seed: int = 0,
-) -> Leg:
+def flyer_leg(scene: Scene, query: LegQuery, deadline: Deadline, *, planner: str, seed: int) -> Leg:
     """Return a free flyer's motion from rest at the start to rest at the goal.
 
     Straight pieces with rest at each corner; ``v_max``, ``a_max`` and ``omega_max`` hold.

@@ -244,12 +244,7 @@ def _glide(
 
 
 def planar_leg(
-    scene: Scene,
-    query: LegQuery,
-    deadline: Deadline,
-    *,
-    planner: str,
-    seed: int,
+    scene: Scene, query: LegQuery, deadline: Deadline, *, planner: str, seed: int
 ) -> Leg:
     """Return a motion from rest to rest by one of OMPL's planners."""
     start, goal = query.start, query.goal
