@@ -63,7 +63,6 @@ def scene_of(plan: dict[str, Any]) -> dict[str, Any]:
 
 
 def _row(row: Row) -> dict[str, Any]:
-    changes = [] if row.track is None or row.track.moves else [t for t, _ in row.track.changes]
     return {
         "name": row.name,
         "color": row.color,
@@ -71,7 +70,7 @@ def _row(row: Row) -> dict[str, Any]:
         "ink": ink_on(row.color),
         "object": row.track is not None,
         "lanes": row.lanes,
-        "changes": changes,
+        "changes": [] if row.track is None or row.track.moves else row.changes,
         "bars": [
             {
                 "name": b.activity,

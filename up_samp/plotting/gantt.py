@@ -125,8 +125,7 @@ def _draw_bar(ax: Axes, row: Row, bar: Bar, bottom: float) -> None:
 def _draw_changes(ax: Axes, row: Row, top: float, end: float) -> None:
     """Draw an object that is changed as one strip a configuration, with a mark at each change."""
     assert row.track is not None
-    times = [t for t, _ in row.track.changes]
-    middle = top + HEADROOM + BAR / 2
+    times, middle = row.changes, top + HEADROOM + BAR / 2
     for i, (start, stop) in enumerate(zip([0.0, *times], [*times, end], strict=True)):
         ax.plot(
             [start, stop], [middle, middle], color=mixed(row.color, 0.0 if i % 2 == 0 else 0.6),

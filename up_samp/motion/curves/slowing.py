@@ -128,13 +128,12 @@ def slowed(trajectory: Trajectory, body: Body) -> Trajectory:
         return trajectory
     keep = moves_on(trajectory.poses)
     rows = trajectory.poses[keep]
-    begin = trajectory.start
     if kin.mobility.sideways:
         most = allowed_speeds(rows, body)
         found = _eased(Trajectory(trajectory.times[keep], rows.copy()), body, most)
     else:
         found = driven(rows, body)
-    return found if begin == 0.0 else found.shifted(begin)
+    return found.shifted(trajectory.start)
 
 
 def driven(rows: FloatArray, body: Body) -> Trajectory:

@@ -177,6 +177,7 @@ class Part(NamedTuple):
     radius: float
 
 
+Sway = tuple[float, float, float, float, float]
 Frame = tuple[float, float, float, float]
 """Where a body is in the frame of another one: x, y (m), cosine and sine of the heading."""
 
@@ -221,22 +222,28 @@ def apart(a: SweptPiece, mine: Part, b: SweptPiece, other: Part, margin: float) 
     ha, hb = a.half, b.half
     spin = a.turn * ha * (mine.radius + 0.5 * ha)
     spin = spin + b.turn * hb * (other.radius + 0.5 * hb) + a.jump + b.jump
-    tx, ty = ha * a.tx, ha * a.ty
-    ux, uy = hb * b.tx, hb * b.ty
-    found = 0
-    for side in range(2):
-        p, q = (a, b) if side == 0 else (b, a)
-        one, two = (mine, other) if side == 0 else (other, mine)
-        at = _frame(p, q)
-        for i in range(one.many):
-            gap, nx, ny = _edge_gap(one, i, two, at)
-            gap -= margin
-            if gap > 0.0:
-                found = 1
-                wx, wy = p.cos * nx - p.sin * ny, p.sin * nx + p.cos * ny
-                moved = abs(tx * wx + ty * wy) + abs(ux * wx + uy * wy) + spin
-                if gap > moved:
-                    return 2
+    sway = ha * a.tx, ha * a.ty, hb * b.tx, hb * b.ty, spin
+    said = _told_apart(a, mine, b, other, margin, sway)
+    return said if said == 2 else max(said, _told_apart(b, other, a, mine, margin, sway))
+
+
+@inner
+def _told_apart(
+    p: SweptPiece, mine: Part, q: SweptPiece, other: Part, margin: float, sway: Sway
+) -> int:
+    """Return what the edges of ``mine`` alone tell of :func:`apart`; ``sway``: how far both move
+    (m): x and y of one, of the other, and what they turn.
+    """
+    (tx, ty, ux, uy, spin), at, found = sway, _frame(p, q), 0
+    for i in range(mine.many):
+        gap, nx, ny = _edge_gap(mine, i, other, at)
+        gap -= margin
+        if gap > 0.0:
+            found = 1
+            wx, wy = p.cos * nx - p.sin * ny, p.sin * nx + p.cos * ny
+            moved = abs(tx * wx + ty * wy) + abs(ux * wx + uy * wy) + spin
+            if gap > moved:
+                return 2
     return found
 
 
@@ -296,15 +303,18 @@ def _gap(a: SweptPiece, g: Hull, b: SweptPiece, h: Hull) -> float:
     for u in range(len(g.counts)):
         for w in range(len(h.counts)):
             mine, other = _part(g, u), _part(h, w)
-            best = -np.inf
-            for side in range(2):
-                p, q = (a, b) if side == 0 else (b, a)
-                one, two = (mine, other) if side == 0 else (other, mine)
-                at = _frame(p, q)
-                for i in range(one.many):
-                    best = max(best, _edge_gap(one, i, two, at)[0])
+            best = max(_widest(mine, other, _frame(a, b)), _widest(other, mine, _frame(b, a)))
             least = min(least, best)
     return least
+
+
+@inner
+def _widest(mine: Part, other: Part, at: Frame) -> float:
+    """Return the largest gap (m) along a normal of an edge of ``mine``."""
+    best = -np.inf
+    for i in range(mine.many):
+        best = max(best, _edge_gap(mine, i, other, at)[0])
+    return best
 
 
 Rows = TypeVar("Rows", FloatArray, IntArray)

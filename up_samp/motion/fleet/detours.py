@@ -480,7 +480,7 @@ def _turned(poses: tuple[Configuration, ...], rows: FloatArray, flip: bool) -> F
     parts = [np.array([poses[0][:3]], dtype=np.float64)]
     for a, b in itertools.pairwise(rows):
         parts.append(a[None, :])
-        way = math.atan2(b[1] - a[1], b[0] - a[0]) + (math.pi if flip else 0.0)
+        way = math.atan2(b[1] - a[1], b[0] - a[0]) + math.pi * flip
         if abs(math.remainder(way - a[2], 2 * math.pi)) > 1.0:  # it turned back here
             turned = b.copy()
             turned[:2] = a[:2]
@@ -507,7 +507,7 @@ def _steered(
         spare = (bends[i], bends[i + 1]) if near else (0.4 * size, 0.4 * size)
         long = sum(spare) < size if near else size >= 2.0 * car.radius and len(points) > 2
         shares = (spare[0] / size, 1.0 - spare[1] / size) if long else (0.5,)
-        way = float(headings[i]) + (math.pi if flip else 0.0)
+        way = float(headings[i]) + math.pi * flip
         marks += [(*(points[i] + s * gone[i]), way) for s in shares if 0.0 < s < 1.0]
     marks.append(poses[1])
     ways = (math.dist(p[:2], q[:2]) for p, q in itertools.pairwise(marks))

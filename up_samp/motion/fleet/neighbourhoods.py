@@ -122,7 +122,7 @@ class MovingGroup:
         if previous is None or previous not in runs:
             return motion
         arrival = runs[previous].arrival
-        since = max(motion.present_from, arrival) if motion.present_from > -math.inf else arrival
+        since = max(motion.present_from, arrival)
         release = max(motion.release, arrival)
         return replace(motion, present_from=min(since, release), release=release)
 

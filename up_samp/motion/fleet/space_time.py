@@ -565,7 +565,7 @@ def _timed_task(
     flip: bool,
 ) -> Errand:
     kin, able = motion.body.kinematics, motion.body.mobility
-    ways = np.arctan2(WAYS[:, 1], WAYS[:, 0]) + (math.pi if flip else 0.0)
+    ways = np.arctan2(WAYS[:, 1], WAYS[:, 0]) + math.pi * flip
     costs = []
     for pose in motion.poses:
         turn = np.abs(np.remainder(ways - pose[2] + math.pi, 2 * math.pi) - math.pi)

@@ -75,7 +75,7 @@ def slot_of(
     turn = (th % (2.0 * math.pi)) / (2.0 * math.pi)
     k = int(turn * space.bins + 0.5) % space.bins
     index = (int(row) * space.cols + int(col)) * space.bins + k
-    key = 2 * index + (1 if backwards else 0)
+    key = 2 * index + int(backwards)
     mask = tree.keys.shape[0] - 1
     # Fibonacci hashing (Knuth, The Art of Computer Programming 3, section 6.4)
     slot = ((key * 11400714819323) >> 20) & mask
