@@ -24,7 +24,7 @@ from up_samp.model import (
     Trajectory,
     UnsupportedError,
 )
-from up_samp.motion.cache import CachedLeg, MotionCache, obstacle_key
+from up_samp.motion.cache import CachedLeg, MotionCache, PairKey, body_key, obstacle_key
 from up_samp.motion.curves.blending import TINY
 from up_samp.motion.curves.passing import driven_through, flown_through, pivoted_through
 from up_samp.motion.curves.ramps import with_ramps
@@ -308,13 +308,15 @@ class Legs:
                 return replace(entry, leg=entry.leg.turned()) if swap else entry
         return None
 
-    def _key(self, name: str, query: LegQuery) -> tuple[tuple[object, ...], bool]:
+    def _key(self, name: str, query: LegQuery) -> tuple[PairKey, bool]:
+        """Return the key of a leg, and whether it is stored the other way round."""
         scope = (self.scene.digest, name, self.scene.margin, self.seed)
-        what = query.body, query.start, query.goal
+        a, b = tuple(map(float, query.start)), tuple(map(float, query.goal))
         # OMPL's planners by their own names never are, and need not be loaded to tell
         both_ways = query.body.kinematics.both_ways
         reversible = both_ways and name in PLANNERS and self._planner(name).reversible
-        return MotionCache.key(scope, *what, reversible)
+        swap = reversible and b < a
+        return (*scope, body_key(query.body), *((b, a) if swap else (a, b))), swap
 
     def clears(self, trajectory: Trajectory, body: Body, placed: Placed) -> bool:
         """Return whether a motion keeps the scene's margin from a resting object, all the way."""

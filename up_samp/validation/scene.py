@@ -22,7 +22,7 @@ from up_samp.validation.conditions import present_activities, reader_at
 from up_samp.validation.judged import JudgedMotion, Jump, Obstacle
 from up_samp.validation.limits import Limits, height_of, limits_of
 from up_samp.validation.maps import BlockedMap, ground_of
-from up_samp.validation.rides import CarriedLoad, configurations_of, is_same, offset_between
+from up_samp.validation.rides import CarriedLoad, is_same, offset_between
 from up_samp.validation.solids import Solid, load_solid
 from up_samp.validation.timeline import Reading, StateTimeline, show
 from up_samp.validation.tolerances import TOLERANCES
@@ -160,8 +160,8 @@ class JudgedScene:
             for movable, place in getattr(activity, "motion_effects", {}).items():
                 if movable.is_object_exp() and movable.object().name == name:
                     values.append(place.object().name if place.is_object_exp() else None)
-        every = [o.name for o in self.problem.all_objects if isinstance(o, ConfigurationObject)]
-        places = configurations_of(values, every)
+        # where one is not said, it may be any
+        places = self.grounds if None in values else [p for p in values if p is not None]
         poses = (self.pose(n) for n in places if abs(self.height(n) - floor) <= TOLERANCES.height)
         return [pose for pose in poses if len(pose) == 3]
 

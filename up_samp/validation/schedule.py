@@ -169,7 +169,7 @@ def _durations(problem: Any, timeline: StateTimeline, reading: Reading) -> Itera
 
 def _constraints(problem: Any, timeline: StateTimeline) -> Iterator[Violation]:
     """Rules 3 to 5."""
-    changed = _changed_fluents(problem)
+    changed = {effect.fluent.fluent().name for _, effect, _ in problem.all_effects()}
 
     def static(key: Key) -> Value:
         if key[0] in changed:
@@ -184,11 +184,6 @@ def _constraints(problem: Any, timeline: StateTimeline) -> Iterator[Violation]:
                 by = f" of {owner}" if owner else ""
                 what = f"'{constraint}'{under}{by} does not hold{_times_in(constraint, timeline)}"
                 yield Violation("constraint", what, node=constraint)
-
-
-def _changed_fluents(problem: Any) -> set[str]:
-    """Return the names of all fluents that some effect could change."""
-    return {effect.fluent.fluent().name for _, effect, _ in problem.all_effects()}
 
 
 def _times_in(node: Any, timeline: StateTimeline) -> str:

@@ -160,12 +160,6 @@ def _arrivals(
 
 
 @inner
-def _levels(can: DriveLimits, ds: float) -> int:
-    """Return the level of top speed over cells of ``ds`` m."""
-    return int(np.ceil(can.v * can.v / (2 * can.a * ds) - 1e-9))
-
-
-@inner
 def _most(way: TunedPath, can: DriveLimits) -> IntArray:
     """Return the highest speed level at each vertex: that of top speed there, or from which the
     cells to the next halt or tighter bend are just enough. (Two stops a hair apart make tiny cells,
@@ -176,7 +170,8 @@ def _most(way: TunedPath, can: DriveLimits) -> IntArray:
     for i in range(m - 1, 0, -1):
         if not way.halt[i]:
             ds = way.edges[i] - way.edges[i - 1]
-            most[i] = min(most[i + 1] + 1, _levels(can, ds))
+            top = int(np.ceil(can.v * can.v / (2 * can.a * ds) - 1e-9))
+            most[i] = min(most[i + 1] + 1, top)
             if way.caps[i] < can.v:
                 most[i] = min(most[i], int(way.caps[i] ** 2 / (2 * can.a * ds) + 1e-9))
     return most

@@ -24,12 +24,6 @@ from up_samp.motion.curves.reeds_shepp import (
 
 
 @inner
-def _locate(ends: FloatArray, p: float) -> int:
-    """Return the arc in which the position ``p`` (m along the path) lies."""
-    return min(int(np.searchsorted(ends, p)), ends.shape[0] - 1)
-
-
-@inner
 def _side(
     arcs: FloatArray, i: int, part: float, forward: bool, car: DriveLimits
 ) -> tuple[float, float]:
@@ -62,7 +56,7 @@ def _cut(
     arcs: FloatArray, nodes: FloatArray, ends: FloatArray, p: float
 ) -> tuple[int, float, Pose]:
     """Return (arc, signed length into it, pose) at position ``p``."""
-    i = _locate(ends, p)
+    i = min(int(np.searchsorted(ends, p)), ends.shape[0] - 1)
     into = p - (ends[i] - abs(arcs[i, 1]))
     into = min(max(into, 0.0), abs(arcs[i, 1]))
     part = into if arcs[i, 1] >= 0.0 else -into
