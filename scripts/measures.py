@@ -332,7 +332,7 @@ def drives(case: str) -> Values:
             report = service.plan(PathQuery(body, (start, goal)), Deadline.after(30))
             times.append(1e3 * (time.process_time() - began))
             if report.outcome is Outcome.FOUND:
-                least = service.lower_bound(body, start, goal)
+                least = service.lower_bound(body, (start, goal))
                 ratios.append(report.trajectory.duration / least)
     told: Values = {"asked": len(times), "found": len(ratios)}
     told |= {"median": statistics.median(times), "most": max(times)}

@@ -60,8 +60,8 @@ def test_no_motion_is_driven_backwards(seed, ring, kinematics):
     service = MotionService(floor(rng, 5), seed=seed)
     start, goal = (free_pose(rng, service, body) for _ in range(2))
     report = service.plan(PathQuery(body, (start, goal)), Deadline.after(60))
-    bound = service.lower_bound(body, start, goal)
-    assert service.lower_bound(free(body), start, goal) <= bound
+    bound = service.lower_bound(body, (start, goal))
+    assert service.lower_bound(free(body), (start, goal)) <= bound
     if report.outcome is Outcome.FOUND:
         assert_ahead(body, report.trajectory)
         assert report.trajectory.duration >= bound - 1e-9

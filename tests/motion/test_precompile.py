@@ -38,10 +38,10 @@ def compiled(part, monkeypatch):
 
 
 def test_every_part_is_missing_until_it_was_compiled(folder, monkeypatch):
-    assert module.missing(module.PARTS) == tuple(module.PARTS)
+    assert module.missing(module.SECONDS) == tuple(module.SECONDS)
     compiled("groups", monkeypatch)
-    assert "groups" not in module.missing(module.PARTS)
-    assert "paths" in module.missing(module.PARTS)
+    assert "groups" not in module.missing(module.SECONDS)
+    assert "paths" in module.missing(module.SECONDS)
 
 
 @pytest.mark.parametrize("harm", ["gone", "empty", "cut", "bit", "mark"])
@@ -94,7 +94,7 @@ def test_a_part_that_fails_leaves_no_mark(folder, monkeypatch):
 
 
 def test_every_part_has_a_workload():
-    assert all(callable(module.workload(part)) for part in module.PARTS)
+    assert all(callable(module.workload(part)) for part in module.SECONDS)
 
 
 KERNELS = """
@@ -118,7 +118,7 @@ def test_every_kernel_for_several_robots_is_compiled_by_a_workload():
 
 
 def test_parts_are_those_that_a_problem_needs():
-    assert sorted(module.parts_for(MotionModel)) == sorted(module.PARTS)
+    assert sorted(module.parts_for(MotionModel)) == sorted(module.SECONDS)
     assert module.parts_for([MotionModel.REEDSSHEPP], several=False) == [
         "paths",
         "shortcuts",
@@ -129,9 +129,9 @@ def test_parts_are_those_that_a_problem_needs():
 
 def test_each_processor_gets_about_the_same_to_compile():
     for processes in range(1, 8):
-        shares = module.shared_out(module.PARTS, processes)
-        assert sorted(part for share in shares for part in share) == sorted(module.PARTS)
-        assert len(shares) == min(processes, len(module.PARTS))
+        shares = module.shared_out(module.SECONDS, processes)
+        assert sorted(part for share in shares for part in share) == sorted(module.SECONDS)
+        assert len(shares) == min(processes, len(module.SECONDS))
         loads = [sum(module.SECONDS[p] for p in share) for share in shares]
         assert max(loads) <= max(4 / 3 * sum(loads) / processes, max(module.SECONDS.values()))
 

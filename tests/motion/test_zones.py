@@ -108,7 +108,7 @@ def test_what_is_slowed_is_never_called_the_fastest(kinematics):
         body, service = Body(RING, replace(kinematics, zones=zones)), MotionService(hall())
         report = drive(body, *ends, service=service)
         assert report.complete is complete
-        assert service.lower_bound(body, *ends) <= report.trajectory.duration + 1e-9
+        assert service.lower_bound(body, ends) <= report.trajectory.duration + 1e-9
 
 
 @pytest.mark.parametrize("kinematics", [CAR, WHEELS], ids=["car", "diff"])
@@ -144,7 +144,7 @@ def test_random_drives_keep_the_rules_whatever_their_order(seed, ring, kinematic
         if report.outcome is Outcome.FOUND:
             pair[-1] = report.trajectory.duration
             assert not broken_by("r", body, report.trajectory)
-            assert report.trajectory.duration >= service.lower_bound(body, *poses) - 1e-9
+            assert report.trajectory.duration >= service.lower_bound(body, poses) - 1e-9
             again = slowed(report.trajectory, body)
             assert again is report.trajectory
     assert pair[0] == pytest.approx(pair[1], abs=1e-6)

@@ -62,7 +62,7 @@ def test_what_a_broken_robot_was_to_do_is_given_to_another_one(day):
 def test_nobody_is_said_to_stand_where_another_one_does(day, say):
     here = day.operation.pose("r1")
     day.operation.leave("r0", "pushed aside")
-    with pytest.raises(ProblemError, match="'r0' cannot stand at .* 'r1' stands there"):
+    with pytest.raises(ProblemError, match="cannot stand at"):
         getattr(day.operation, say)("r0", pose=here)
     beside = (here[0], here[1] + 0.55, here[2])  # as near as somebody measures it
     getattr(day.operation, say)("r0", pose=beside)

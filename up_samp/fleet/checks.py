@@ -317,7 +317,7 @@ class _Checker:
         if lift is not None:
             return ride_seconds(self.records, lift, self.floor(origin), self.floor(to))
         ends = self.places[origin], self.places[to]
-        return self.floors.at(origin).lower_bound(self.bodies[kind], *ends)
+        return self.floors.at(origin).lower_bound(self.bodies[kind], ends)
 
     @cached_property
     def shut(self) -> frozenset[str]:

@@ -75,7 +75,7 @@ def _in_space(snapshot: Snapshot) -> bool:
 def _moved(
     snapshot: Snapshot,
     to_world: tuple[Frame, ...],
-    within: Sequence[tuple[float, float]] | None = None,
+    within: Sequence[tuple[float, float]] = ((-math.inf, math.inf),),
 ) -> Snapshot:
     """Return a problem with its poses in the plane that ``to_world`` leads back from; ``within``
     are the lowest and highest x there, by map.
@@ -85,7 +85,7 @@ def _moved(
     for name, pose in snapshot.configurations.items():
         k = snapshot.map_of[name]
         x, y, yaw = (round(v, _DIGITS) for v in back[k].of(pose))
-        low, high = (x, x) if within is None else within[k]
+        low, high = within[k]
         poses[name] = (min(max(x, low), high), y, yaw)
     return replace(snapshot, configurations=poses, to_world=to_world)
 
@@ -169,7 +169,7 @@ def _side_by_side(
 
 
 def _finer(cells: BoolArray, n: int) -> BoolArray:
-    return cells if n == 1 else np.repeat(np.repeat(cells, n, axis=0), n, axis=1)
+    return np.repeat(np.repeat(cells, n, axis=0), n, axis=1)
 
 
 def _common_cell(maps: Sequence[PlacedMap], grids: Sequence[OccupancyGrid]) -> float:

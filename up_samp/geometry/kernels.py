@@ -209,12 +209,12 @@ def convex_distance(a: FloatArray, n: int, b: FloatArray, m: int) -> float:
 @kernel
 def poly_distance(
     polys: PolyData, shape: ShapeData, x: float, y: float, th: float, enough: float
-) -> tuple[float, int]:
-    """Return the distance (m) from the bare footprint to the nearest obstacle, and its owner.
+) -> float:
+    """Return the distance (m) from the bare footprint to the nearest obstacle.
 
     Distances above ``enough`` need not be exact (a lower bound that is at least ``enough``).
     """
-    best, owner = FAR, -1
+    best = FAR
     placed = np.empty((shape.verts.shape[2], 2))
     for k in range(polys.counts.shape[0]):
         dx, dy = x - polys.centres[k, 0], y - polys.centres[k, 1]
@@ -222,15 +222,13 @@ def poly_distance(
         if far >= best:
             continue
         if far >= enough:
-            best, owner = far, polys.owner[k]
+            best = far
             continue
         for i in range(shape.verts.shape[1]):
             n = shape.counts[0, i]
             _place(shape.verts[0, i], n, x, y, th, placed)
-            d = convex_distance(placed, n, polys.verts[k], polys.counts[k])
-            if d < best:
-                best, owner = d, polys.owner[k]
-    return best, owner
+            best = min(best, convex_distance(placed, n, polys.verts[k], polys.counts[k]))
+    return best
 
 
 @kernel
@@ -239,18 +237,11 @@ def clearance(world: WorldData, x: float, y: float, th: float) -> float:
     polys, shape = world.polys, world.shape
     c = map_clearance(world.grid, shape, x, y, th)
     if c >= 0.0 and polys.counts.shape[0] > 0:
-        d, _ = poly_distance(polys, shape, x, y, th, c + shape.margin)
-        d -= shape.margin
+        d = poly_distance(polys, shape, x, y, th, c + shape.margin) - shape.margin
         if d < 0.0:
             return -1.0
         c = min(c, d)
     return c
-
-
-@kernel
-def pose_free(world: WorldData, x: float, y: float, th: float) -> bool:
-    """Return whether the footprint at a pose keeps the margin from map and obstacles."""
-    return clearance(world, x, y, th) >= 0.0
 
 
 @kernel

@@ -7,6 +7,7 @@ over them. They are kept apart from occupied cells only for messages and picture
 from __future__ import annotations
 
 import hashlib
+import itertools
 import math
 import warnings
 from collections.abc import Callable, Mapping
@@ -113,6 +114,14 @@ class OccupancyGrid:
         h.update(np.packbits(self.occupied).tobytes())
         h.update(np.packbits(self.unknown).tobytes())
         return h.hexdigest()[:32]
+
+    @cached_property
+    def box(self) -> tuple[FloatArray, FloatArray]:
+        """The least and the largest x and y (m) of the map in the world frame, (2,) each."""
+        rows, cols = self.shape
+        corners = itertools.product((-0.5, rows - 0.5), (-0.5, cols - 0.5))
+        points = np.array(list(itertools.starmap(self.point_of, corners)))
+        return points.min(axis=0), points.max(axis=0)
 
     def cells_of(self, points: npt.ArrayLike) -> IntArray:
         """Return the (row, col) of world ``points`` of shape (n, 2); may lie outside the map."""

@@ -22,9 +22,6 @@ from up_samp.geometry.scene import placed_polygons
 from up_samp.model import Body, Configuration, ProblemError, UnsupportedError
 from up_samp.model.arrays import FloatArray, IntArray
 
-_TOUCH = 1e-7
-"""Distance (m) of surfaces that counts as contact."""
-
 
 @cache
 def _library(name: str) -> Any:
@@ -228,9 +225,13 @@ def bodies_meet(body_a: Body, pose_a: Configuration, body_b: Body, pose_b: Confi
     heights = [p[2] for p in (pose_a, pose_b) if len(p) == 7]
     low, high = _tall((body_a, body_b), heights)
     (a, at_a), (b, at_b) = mesh_of(body_a, pose_a, low, high), mesh_of(body_b, pose_b, low, high)
-    if surface_distance(a, transform(at_a), b, transform(at_b)) < _TOUCH:
-        return True
-    return nested(a, at_a, b, at_b)
+    return _meet(a, at_a, b, at_b)
+
+
+def _meet(a: Mesh, pose_a: Configuration, b: Mesh, pose_b: Configuration) -> bool:
+    """Return whether two meshes touch (rounding counts), or lie one inside the other."""
+    gap = surface_distance(a, transform(pose_a), b, transform(pose_b))
+    return gap < 1e-7 or nested(a, pose_a, b, pose_b)
 
 
 def meets_walls(grid: OccupancyGrid, body: Body, pose: Configuration) -> bool:
@@ -242,12 +243,8 @@ def meets_walls(grid: OccupancyGrid, body: Body, pose: Configuration) -> bool:
     mesh, at = mesh_of(body, pose, low, high)
     row, col = grid.cells_of([pose[:2]])[0]
     rows, cols = grid.shape
-    if not (0 <= row < rows and 0 <= col < cols):
-        return True
-    rest = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
-    if surface_distance(mesh, transform(at), walls, transform(rest)) < _TOUCH:
-        return True
-    return nested(mesh, at, walls, rest)
+    inside = 0 <= row < rows and 0 <= col < cols
+    return not inside or _meet(mesh, at, walls, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
 
 
 def _tall(bodies: Sequence[Body], heights: Sequence[float]) -> tuple[float, float]:

@@ -110,8 +110,7 @@ class Scene:
         margin: float | None = None,
     ) -> bool:
         """Return whether ``body`` at ``pose`` keeps the margin from the map and the obstacles."""
-        x, y, th = map(float, pose[:3])
-        return bool(kernels.pose_free(self.world(self.shape(body, margin), obstacles), x, y, th))
+        return self.clearance(self.shape(body, margin), obstacles, pose) >= 0.0
 
     def room(self, x: float, y: float) -> float:
         """Return a lower bound (m) on a point's distance to what the map blocks (far without one,

@@ -7,7 +7,9 @@ plane projects to the same area as what a driver of that height would touch.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterable
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -26,20 +28,18 @@ LEAST = 1e-8
 _STILL = Kinematics(MotionModel.SE2)
 
 
-def on_the_floor(placed: Sequence[Placed], height: float) -> tuple[Placed, ...]:
-    """Return obstacles as a driver of a ``height`` (m) meets them: those in space as polygons of
-    the same name, none where all of it is higher; the others as they are.
+def met_by(body: Body, placed: Iterable[Placed]) -> tuple[Placed, ...]:
+    """Return obstacles as a body meets them: to drivers, those in space are their shadows on the
+    floor (polygons of the same name), none where all of it is above.
     """
-    flat: list[Placed] = []
-    for one in placed:
-        if one.body.flies:
-            flat += shadows(one, height)
-        else:
-            flat.append(one)
-    return tuple(flat)
+    if body.flies:
+        return tuple(placed)
+    parts = (_shadows(one, body.height) if one.body.flies else (one,) for one in placed)
+    return tuple(itertools.chain.from_iterable(parts))
 
 
-def shadows(placed: Placed, height: float) -> list[Placed]:
+@lru_cache(maxsize=1024)
+def _shadows(placed: Placed, height: float) -> tuple[Placed, ...]:
     """Return the shadow on the floor of the part of a body in space that is below ``height`` (m),
     as polygons without holes.
     """
@@ -48,7 +48,7 @@ def shadows(placed: Placed, height: float) -> list[Placed]:
     mesh = load_mesh(placed.body.mesh)
     corners = mesh.vertices @ rotation(placed.pose[3:]).T + np.array(placed.pose[:3])
     pieces = covered(corners[mesh.faces], height)
-    return [_resting(placed.name, piece) for piece in pieces]
+    return tuple(_resting(placed.name, piece) for piece in pieces)
 
 
 def covered(triangles: FloatArray, height: float) -> list[Any]:

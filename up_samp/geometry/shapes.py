@@ -105,17 +105,11 @@ def _slacks(margin: float, inner: float) -> list[float]:
 def shape_of(body: Body, margin: float = 0.0) -> Shape:
     """Return the (cached) shape of a planar body, asking for ``margin`` metres of clearance."""
     footprint = tuple((float(x), float(y)) for x, y in body.footprint)
-    ways = body.kinematics.ways
-    return _ruled(footprint, float(margin), ways) if ways else _shape(footprint, float(margin))
+    return _shape(footprint, float(margin), body.kinematics.ways)
 
 
 @lru_cache(maxsize=1024)
-def _ruled(footprint: tuple[Point, ...], margin: float, zones: tuple[TrafficZone, ...]) -> Shape:
-    return replace(_shape(footprint, margin), zones=zones)
-
-
-@lru_cache(maxsize=1024)
-def _shape(footprint: tuple[Point, ...], margin: float) -> Shape:
+def _shape(footprint: tuple[Point, ...], margin: float, zones: tuple[TrafficZone, ...]) -> Shape:
     ring = _checked(footprint)
     parts = tuple(convex_parts(ring))
     polygon = shapely.Polygon(ring)
@@ -135,6 +129,7 @@ def _shape(footprint: tuple[Point, ...], margin: float) -> Shape:
         inscribed=inscribed,
         inner=inner,
         discs=np.concatenate([_covering_discs(part) for part in parts]),
+        zones=zones,
     )
 
 

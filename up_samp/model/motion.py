@@ -145,7 +145,6 @@ class PathReport:
     blockers: frozenset[str] = frozenset()
     reason: str = ""
     planner: str = ""
-    seconds: float = 0.0
     complete: bool = False
     where: int | None = None
 
@@ -218,6 +217,5 @@ class GroupReport:
     conflict: frozenset[str] = frozenset()
     blockers: frozenset[str] = frozenset()
     reason: str = ""
-    seconds: float = 0.0
     complete: bool = False
     exhaustive: bool = False

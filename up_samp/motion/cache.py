@@ -11,7 +11,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from up_samp.geometry.memory import Memory
-from up_samp.model import Body, Configuration, Placed, ProblemError, Trajectory
+from up_samp.model import Body, Placed, ProblemError, Trajectory
 from up_samp.motion.protocol import Leg
 
 ObstacleKey = frozenset[tuple[object, ...]]
@@ -93,19 +93,6 @@ class MotionCache:
 
     def __len__(self) -> int:
         return sum(map(len, self._entries.values()))
-
-    @staticmethod
-    def key(
-        scope: tuple[object, ...],
-        body: Body,
-        start: Configuration,
-        goal: Configuration,
-        reversible: bool,
-    ) -> tuple[PairKey, bool]:
-        """Return the key of a leg, and whether it is stored the other way round."""
-        a, b = tuple(map(float, start)), tuple(map(float, goal))
-        swap = reversible and b < a
-        return (*scope, body_key(body), *((b, a) if swap else (a, b))), swap
 
     def get(self, key: PairKey) -> list[CachedLeg]:
         """Return all entries of a pair, those with fewest obstacles first."""

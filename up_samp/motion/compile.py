@@ -46,9 +46,6 @@ def warm_up(model: MotionModel) -> float:
 
 log = logging.getLogger(__name__)
 
-_MOST_SECONDS = 600.0
-
-
 SECONDS = {
     "paths": 13.0,
     "shortcuts": 3.5,
@@ -60,8 +57,6 @@ SECONDS = {
 """Parts and about how long each takes (s of one processor, where other processes compile what it
 shares with others); only the ratios count.
 """
-
-PARTS = tuple(SECONDS)
 
 SEVERAL = ("groups", "knots")
 """Parts that only problems with several moving bodies need."""
@@ -222,7 +217,7 @@ class Compilation:
     def _watch(self, report: Report | None) -> None:
         """Wait for the processes, end those that are left, and say so where one failed."""
         waiting, told = list(self._processes), 0
-        until = time.monotonic() + _MOST_SECONDS
+        until = time.monotonic() + 600.0
         try:
             while waiting and time.monotonic() < until:
                 time.sleep(0.02)

@@ -56,12 +56,7 @@ def docking_leg(scene: Scene, query: LegQuery) -> Leg | None:
     shape = widest_shape(scene, query.body, (query.start, query.goal), query.obstacles)
     if (
         shape is None
-        or sweeps.samples_free(
-            scene.world(shape, query.obstacles),
-            motion.poses.copy(),
-            1e-3 * float(shape.data.slack[2]),
-        )
-        >= 0
+        or sweeps.first_hit(scene.world(shape, query.obstacles), motion.poses.copy()) >= 0
     ):
         return Leg(None, "something stands where it comes straight to its dock", complete=True)
     return Leg(motion, complete=True, corners=rows)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -16,7 +17,6 @@ from up_samp.model import (
     Body,
     Configuration,
     Deadline,
-    Kinematics,
     Outcome,
     PathQuery,
     PathReport,
@@ -24,8 +24,7 @@ from up_samp.model import (
     Trajectory,
     UnsupportedError,
 )
-from up_samp.model.arrays import FloatArray
-from up_samp.motion.cache import CachedLeg, MotionCache, obstacle_key
+from up_samp.motion.cache import CachedLeg, MotionCache, PairKey, body_key, obstacle_key
 from up_samp.motion.curves.blending import TINY
 from up_samp.motion.curves.passing import driven_through, flown_through, pivoted_through
 from up_samp.motion.curves.ramps import with_ramps
@@ -51,11 +50,6 @@ def _in_plane(body: Body) -> bool:
     return not (body.flies or body.mobility.own_law)
 
 
-def _goes_back(poses: FloatArray, kinematics: Kinematics) -> bool:
-    """Return whether poses (n, 3) lead against the heading anywhere, where that is forbidden."""
-    return not kinematics.reverse and bool(np.any(twists(poses)[:, 0] < -NOISE))
-
-
 # ------------------ Legs strung together to one motion
 
 
@@ -75,7 +69,7 @@ def strung(scene: Scene, query: PathQuery, legs: Sequence[Leg]) -> tuple[Traject
 
 def check_ways(body: Body, motion: Trajectory, planner: str) -> None:
     """Raise where a planner from outside breaks a rule of zones."""
-    world = WorldData(open_plane(), Scene(None).polys(()), shape_of(body, 0.0).data)
+    world = Scene(None).world(shape_of(body))
     if sweeps.samples_free(world, motion.poses.copy(), 1e-4) >= 0:
         raise UnsupportedError(
             f"the motion planner '{planner}' drives against a zone's direction, or turns on the "
@@ -88,7 +82,7 @@ def strung_at_full_speed(
 ) -> tuple[Trajectory, bool]:
     """Return :func:`strung` without the limits of speed that hang on places and directions."""
     whole, smooth = _strung(scene, query, legs)
-    if _goes_back(whole.poses, query.body.kinematics):
+    if not query.body.kinematics.reverse and np.any(twists(whole.poses)[:, 0] < -NOISE):
         raise UnsupportedError(
             "a motion planner from outside drives a body backwards that may not ('reverse': False):"
             " it has to look at 'kinematics.reverse' of the bodies that it plans for"
@@ -127,12 +121,6 @@ _QUICK_EFFORT = {
 }
 """Expansions without a motion, after which a proof over positions and headings is tried; by whether
 a body may drive backwards (who may, and turns on the spot, is hardly ever trapped), and planner."""
-_PROOF_SECONDS = 5.0
-"""At most, for such a proof."""
-_FIRST_SHARE = 0.75
-"""Of a query's time, for the first planner where others give their opinion after it."""
-_SECOND_OPINION = 2.0
-"""s at most, for a second opinion."""
 _MORE_TIME = 1.2
 """A search that was cut short is done again where there is so many times its time."""
 
@@ -212,9 +200,9 @@ class Legs:
         reasons, complete = [], True
         for name in names:
             # the first planner ends by itself where it can, later ones are second opinions
-            limit = _FIRST_SHARE * deadline.remaining() if len(names) > 1 else None
+            limit = 0.75 * deadline.remaining() if len(names) > 1 else None
             if name != names[0]:
-                limit = _SECOND_OPINION
+                limit = 2.0
             found = self._lazily(name, query, deadline.within(limit), complete)
             if isinstance(found, PathReport):
                 return found
@@ -293,10 +281,7 @@ class Legs:
         """
         shape = self.scene.shape(query.body, MARGIN_SHARES[1] * self.scene.margin)
         world = self.scene.world(shape, query.obstacles)
-        least = 1e-3 * float(shape.data.slack[2])
-        return with_ramps(
-            motion, query.body, lambda rows: int(sweeps.samples_free(world, rows, least))
-        )
+        return with_ramps(motion, query.body, partial(sweeps.first_hit, world))
 
     def _ask_one_way(self, name: str, query: LegQuery, deadline: Deadline) -> Leg | PathReport:
         """Ask a planner; where it finds nothing soon, look for a stronger proof in between."""
@@ -308,7 +293,7 @@ class Legs:
         if deadline.expired() or (leg.trajectory is not None and leg.complete):
             return leg
         if leg.trajectory is None:
-            limit = deadline.within(_PROOF_SECONDS)
+            limit = deadline.within(5.0)
             ends = query.start, query.goal
             proof = self.certifier.prove_slowly(query.body, *ends, query.obstacles, limit)
             if proof is not None or leg.complete:
@@ -348,13 +333,15 @@ class Legs:
                 return replace(entry, leg=entry.leg.turned()) if swap else entry
         return None
 
-    def _key(self, name: str, query: LegQuery) -> tuple[tuple[object, ...], bool]:
+    def _key(self, name: str, query: LegQuery) -> tuple[PairKey, bool]:
+        """Return the key of a leg, and whether it is stored the other way round."""
         scope = (self.scene.digest, name, self.scene.margin, self.seed)
-        what = query.body, query.start, query.goal
+        a, b = tuple(map(float, query.start)), tuple(map(float, query.goal))
         # OMPL's planners by their own names never are, and need not be loaded to tell
         both_ways = query.body.kinematics.both_ways
         reversible = both_ways and name in PLANNERS and self._planner(name).reversible
-        return MotionCache.key(scope, *what, reversible)
+        swap = reversible and b < a
+        return (*scope, body_key(query.body), *((b, a) if swap else (a, b))), swap
 
     def clears(self, trajectory: Trajectory, body: Body, placed: Placed) -> bool:
         """Return whether a motion keeps the scene's margin from a resting object, all the way."""
@@ -364,17 +351,14 @@ class Legs:
         """Return the obstacles that the way on the empty map would hit (all, if that is
         unknown).
         """
-        body, obstacles = query.body, query.obstacles
-        if not _in_plane(body) or not obstacles:
-            return frozenset(p.name for p in obstacles)
-        alone = replace(query, obstacles=())
-        for name in planner_names(self.planner, body):
-            free = self._known(name, alone)
+        body, hit = query.body, query.obstacles
+        if _in_plane(body) and hit:
+            alone = replace(query, obstacles=())
+            ways = (self._known(name, alone) for name in planner_names(self.planner, body))
+            free = next((way.trajectory for way in ways if way is not None), None)
             if free is not None:
-                return frozenset(
-                    p.name for p in obstacles if not self.clears(free.trajectory, body, p)
-                )
-        return frozenset(p.name for p in obstacles)
+                hit = tuple(p for p in hit if not self.clears(free, body, p))
+        return frozenset(p.name for p in hit)
 
     def _planner(self, name: str) -> MotionPlanner:
         if name not in self._planners:

@@ -15,9 +15,8 @@ class PlannedBy:
     """How motions of one motion model are planned.
 
     ``planners``: asked in this order when nothing else is asked for, each where the ones before
-    found nothing. ``kernels``: the parts that it needs compiled
-    (:data:`up_samp.motion.compile.PARTS`). ``ompl``: what plans a leg with any of OMPL's planners,
-    as ``module:function``.
+    found nothing. ``kernels``: the parts that it needs compiled (:mod:`up_samp.motion.compile`).
+    ``ompl``: what plans a leg with any of OMPL's planners, as ``module:function``.
     """
 
     planners: tuple[str, ...]

@@ -94,7 +94,7 @@ def drive(moves: Sequence[ShortMove], kinematics: Kinematics) -> Trajectory:
     """Return moves one after the other, from time 0, with as few rests as the moves allow."""
     arcs = [move.arcs for move in moves if move.arcs is not None]
     if len(arcs) == len(moves):
-        ends = [tuple(float(v) for v in row) for row in (moves[0].rows[0], moves[-1].rows[-1])]
+        ends = [tuple(row.tolist()) for row in (moves[0].rows[0], moves[-1].rows[-1])]
         return trajectory_of(ends, [merged(np.concatenate(arcs))], kinematics)
     if kinematics.mobility.rolls:
         return rolled(corners_of(moves), kinematics)

@@ -62,9 +62,7 @@ def planner_names(name: str, body: Body) -> tuple[str, ...]:
     added = parts("planners").items()
     replaced = {m: n for n, made in added for m in getattr(made, "default_for", ())}
     first, *others = MODELS[model].planners
-    if body.kinematics.ways:
-        others = [n for n in others if n in PLANNERS]
-    if others and not has_ompl():
+    if body.kinematics.ways or (others and not has_ompl()):
         others = [n for n in others if n in PLANNERS]
     return (replaced.get(model, first), *others)
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import itertools
-import time
 from collections.abc import Sequence
 from dataclasses import replace
 
 from up_samp.extensions import parts
 from up_samp.geometry import OccupancyGrid, Scene
 from up_samp.geometry.memory import Memory
+from up_samp.geometry.shadows import met_by
 from up_samp.geometry.shapes import core_of
 from up_samp.model import (
     Body,
@@ -72,7 +72,6 @@ class MotionService:
         self.planner = planner
         self.seed = seed
         self.cache = MotionCache() if cache is None else cache
-        self._flat: Memory[tuple[Placed, ...]] = Memory(1_000)
         self._final: Memory[PathReport] = Memory(4_000)
         """Motions that no more time would change."""
         self.certifier = Certifier(self.scene)
@@ -82,15 +81,14 @@ class MotionService:
     def plan(self, query: PathQuery, deadline: Deadline) -> PathReport:
         """Answer a query: found, proven impossible, not found, or out of time."""
         warm_up(query.body.kinematics.model)
-        began = time.monotonic()
-        query = replace(query, obstacles=self.met_by(query.body, query.obstacles))
+        query = replace(query, obstacles=met_by(query.body, query.obstacles))
         key = (query.body, query.poses, obstacle_key(query.obstacles))
         report = self._final.get(key)
         if report is None:
             report, final = self._planned(query, deadline)
             if final:
                 self._final.put(key, report)
-        return _timed(report, began)
+        return report
 
     def _planned(self, query: PathQuery, deadline: Deadline) -> tuple[PathReport, bool]:
         """Answer a query, and return whether a motion was found that no more time would change."""
@@ -196,20 +194,10 @@ class MotionService:
         return (report, whole), all(leg.complete for leg in legs)
 
     def lower_bound(
-        self,
-        body: Body,
-        start: Configuration,
-        goal: Configuration,
-        obstacles: Sequence[Placed] = (),
-    ) -> float:
-        """Return seconds that no motion between the two poses can beat."""
-        return self.bounds.through(body, (start, goal), self.met_by(body, obstacles))
-
-    def lower_bound_through(
         self, body: Body, poses: Sequence[Configuration], obstacles: Sequence[Placed] = ()
     ) -> float:
         """Return seconds that no motion through ``poses`` can beat, stopping there or not."""
-        return self.bounds.through(body, poses, self.met_by(body, obstacles))
+        return self.bounds.through(body, poses, met_by(body, obstacles))
 
     def certificate(
         self, body: Body, poses: Sequence[Configuration], obstacles: Sequence[Placed]
@@ -217,16 +205,14 @@ class MotionService:
         """Return a proof that the motion is impossible, with blockers, or None."""
         if body.flies or not self.proofs:
             return None
-        began = time.monotonic()
-        proof = self.certifier.prove(body, poses, self.met_by(body, obstacles))
-        return None if proof is None else _timed(proof, began)
+        return self.certifier.prove(body, poses, met_by(body, obstacles))
 
     def in_order(self, placed: Sequence[Placed], obstacles: Sequence[Placed]) -> Apart | None:
         """Return what tells where two that drive surely never are together (None: nothing does)."""
         if not self.proofs or any(one.body.flies for one in placed):
             return None
         lowest = min((one.body for one in placed), key=lambda body: body.height)
-        return self.certifier.in_order(placed, self.met_by(lowest, obstacles))
+        return self.certifier.in_order(placed, met_by(lowest, obstacles))
 
     def pose_blockers(
         self, body: Body, pose: Configuration, obstacles: Sequence[Placed]
@@ -252,21 +238,11 @@ class MotionService:
         if body_a.flies:
             return self.overlap(body_b, pose_b, body_a, pose_a)
         if body_b.flies:
-            parts = self.met_by(body_a, (Placed("", body_b, pose_b),))
+            parts = met_by(body_a, (Placed("", body_b, pose_b),))
             return any(self.overlap(body_a, pose_a, p.body, p.pose) for p in parts)
         # either may be the one that moves, and has to be clear by its core
         return self.scene.overlap(core_of(body_a), pose_a, body_b, pose_b) and self.scene.overlap(
             body_a, pose_a, core_of(body_b), pose_b
-        )
-
-    def met_by(self, body: Body, obstacles: Sequence[Placed]) -> tuple[Placed, ...]:
-        """Return obstacles as a body meets them: to drivers, those in space are their shadows."""
-        if body.flies or not any(p.body.flies for p in obstacles):
-            return tuple(obstacles)
-        from up_samp.geometry.shadows import on_the_floor
-
-        return self._flat.get_or(
-            (body.height, tuple(obstacles)), lambda: on_the_floor(obstacles, body.height)
         )
 
     def coordinate(
@@ -290,7 +266,3 @@ def _seconds(found: PathReport, query: PathQuery) -> float:
     """Return what a motion takes, with what zones cost."""
     assert found.trajectory is not None
     return seconds_of(found.trajectory, query.body)
-
-
-def _timed(report: PathReport, began: float) -> PathReport:
-    return replace(report, seconds=time.monotonic() - began)

@@ -67,7 +67,7 @@ def compile_bounds() -> None:
     service = MotionService(hall)
     parked = (Placed("parked", _BODY, (3.0, 6.5, 0.0)),)
     Fields(service.scene).toward(shape_of(_BODY, 0.01), goal, parked)
-    service.lower_bound(_BODY, start, goal)
+    service.lower_bound(_BODY, (start, goal))
     service.certificate(_BODY, (start, goal), parked)
 
 
@@ -85,13 +85,13 @@ def compile_shortcuts() -> None:
     """Run what shortens a car's path, once: the last that planning it needs, so that another
     process has time to compile it.
     """
-    from up_samp.motion.planners.car_shortcuts import Effort, improve
+    from up_samp.motion.planners.car_shortcuts import improve
 
     scene = Scene(_hall())
     world = scene.world(shape_of(_BODY, 0.01), (Placed("parked", _BODY, (3.0, 6.5, 0.0)),))
     arcs = np.array([[0.0, 2.0], [1.0, 1.0], [0.0, 1.0]])
     start = np.array((1.0, 6.0, 0.0))
-    improve(world, start, arcs, limits_of(_BODY.kinematics), Effort(4, 4, 0))
+    improve(world, start, arcs, limits_of(_BODY.kinematics), (4, 4), 0)
 
 
 def _motion(name: str, *poses: tuple[float, float, float]) -> TimedMotion:
@@ -136,5 +136,5 @@ def compile_planar() -> None:
     service = MotionService(_hall())
     body = Body(_BODY.footprint, Kinematics(MotionModel.SE2))
     start, goal = (3.0, 2.0, 0.0), (9.0, 2.0, math.pi / 2)
-    service.lower_bound(body, start, goal)
+    service.lower_bound(body, (start, goal))
     service.plan(PathQuery(body, (start, goal)), Deadline.never())

@@ -404,13 +404,13 @@ def body_at(site: FleetRecords, robot: str, pose: Pose) -> Polygon:
     return Polygon(placed(site.robot_types[site.robots[robot].type].footprint, pose))
 
 
-def check_stand(day: Day, robot: str, pose: Pose) -> None:
-    """Raise where somebody says that a robot stands at a pose at which another one does: by more
-    than a tenth of a body, as nobody measures it exactly.
+def check_stand(site: FleetRecords, robot: str, pose: Pose, others: Mapping[str, Pose]) -> None:
+    """Raise where somebody says that a robot stands at a pose at which one of ``others`` does: by
+    more than a tenth of a body, as nobody measures it exactly.
     """
-    here = body_at(day.site, robot, pose)
-    for other in day.site.robots:
-        there = body_at(day.site, other, day.pose(other))
+    here = body_at(site, robot, pose)
+    for other, at in others.items():
+        there = body_at(site, other, at)
         both = here.intersection(there).area
         if other != robot and both > 0.1 * min(here.area, there.area):
             raise ProblemError(

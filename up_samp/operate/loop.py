@@ -253,7 +253,7 @@ class Operation(Day):
         """
         (name,) = self._some(robot)
         if pose is not None:
-            check_stand(self, name, pose)
+            check_stand(self.site, name, pose, {r: self.pose(r) for r in self.site.robots})
         now, here = self.clock.now(), pose or self.pose(name)
         with self.store:
             self.away[name], self.poses[name] = why, here
@@ -269,7 +269,7 @@ class Operation(Day):
         """
         (name,) = self._some(robot)
         if pose is not None:
-            check_stand(self, name, pose)
+            check_stand(self.site, name, pose, {r: self.pose(r) for r in self.site.robots})
         now = self.clock.now()
         with self.store:
             here = self.poses[name] = pose or self.pose(name)

@@ -21,7 +21,7 @@ from up_samp.execution.tolerances import TOLERANCES
 from up_samp.fleet.records import Order, Task
 from up_samp.fleet.statements import Meaning
 from up_samp.io.plan_dict import PlanDict
-from up_samp.motion.fleet.paths import TIMES
+from up_samp.motion.fleet.paths import ROUNDED
 from up_samp.operate.horizon import DELIVERS
 from up_samp.tuning import Tuning
 
@@ -142,7 +142,7 @@ def _timed(
     poses = np.vstack([path.natural.poses[goes], path.poses_at(fresh)])
     turn = np.argsort(every, kind="stable")
     rows = np.column_stack([np.interp(every, at, times), poses])[turn]
-    rows[:, 0] += TIMES.near * np.arange(len(rows))
+    rows[:, 0] += ROUNDED * np.arange(len(rows))
     return {
         **motion,
         "samples": rows.tolist(),

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from up_samp.model.arrays import FloatArray
 from up_samp.plotting.background import ground_of
 from up_samp.plotting.gantt import title_of
 from up_samp.plotting.rows import Row, rows_of
@@ -26,7 +27,7 @@ from up_samp.plotting.style import (
     mixed,
     with_short_names,
 )
-from up_samp.plotting.tracks import FloatArray, ObjectTrack, horizon, stops_of, tracks_of
+from up_samp.plotting.tracks import ObjectTrack, horizon, stops_of, tracks_of
 from up_samp.system.files import write_whole
 
 
@@ -62,7 +63,6 @@ def scene_of(plan: dict[str, Any]) -> dict[str, Any]:
 
 
 def _row(row: Row) -> dict[str, Any]:
-    changes = [] if row.track is None or row.track.moves else [t for t, _ in row.track.changes]
     return {
         "name": row.name,
         "color": row.color,
@@ -70,7 +70,7 @@ def _row(row: Row) -> dict[str, Any]:
         "ink": ink_on(row.color),
         "object": row.track is not None,
         "lanes": row.lanes,
-        "changes": changes,
+        "changes": [] if row.track is None or row.track.moves else row.changes,
         "bars": [
             {
                 "name": b.activity,

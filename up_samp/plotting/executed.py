@@ -59,10 +59,9 @@ def _bars(ax: Axes, row: Row, top: float, tall: float, pale: float) -> None:
 
 def _changes(ax: Axes, row: Row, middle: float, pale: float) -> None:
     """Mark when an object is put elsewhere in one instant."""
-    times = [] if row.track is None else [t for t, _ in row.track.changes]
-    if times:
+    if row.changes:
         ax.plot(
-            times, [middle] * len(times), "D", ms=6, mfc="white", mew=1.6, zorder=5,
+            row.changes, [middle] * len(row.changes), "D", ms=6, mfc="white", mew=1.6, zorder=5,
             mec=mixed(row.color, pale),
         )  # fmt: skip
 

@@ -6,7 +6,6 @@ from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch, Rectangle
-from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
 from up_samp.plotting.rows import Bar, Row, rows_of
@@ -126,8 +125,7 @@ def _draw_bar(ax: Axes, row: Row, bar: Bar, bottom: float) -> None:
 def _draw_changes(ax: Axes, row: Row, top: float, end: float) -> None:
     """Draw an object that is changed as one strip a configuration, with a mark at each change."""
     assert row.track is not None
-    times = [t for t, _ in row.track.changes]
-    middle = top + HEADROOM + BAR / 2
+    times, middle = row.changes, top + HEADROOM + BAR / 2
     for i, (start, stop) in enumerate(zip([0.0, *times], [*times, end], strict=True)):
         ax.plot(
             [start, stop], [middle, middle], color=mixed(row.color, 0.0 if i % 2 == 0 else 0.6),
@@ -155,10 +153,10 @@ def _write_label(ax: Axes, row: Row, bar: Bar, bottom: float, taken: list[Bbox])
             (start + end) / 2, middle, name, ha="center", va="center", fontsize=8,
             color=color, zorder=6, clip_on=True,
         )  # fmt: skip
-        if _extent(text).width <= room:
+        if text.get_window_extent().width <= room:
             if bar.motion and not solid:
                 text.set_bbox({"boxstyle": "round,pad=0.1", "fc": "#FFFFFFD0", "ec": "none"})
-            taken.append(_extent(text))
+            taken.append(text.get_window_extent())
             return
         text.remove()
     _write_above(ax, bar, bottom, taken)
@@ -172,18 +170,14 @@ def _write_above(ax: Axes, bar: Bar, bottom: float, taken: list[Bbox]) -> None:
             bar.start, bottom - 0.06, name, ha="left", va="bottom", fontsize=7, color=INK, zorder=6
         )
         text.set_in_layout(False)
-        box = _extent(text)
+        box = text.get_window_extent()
         if box.x1 > right_edge:
             text.set(ha="right", x=bar.end)
-            box = _extent(text)
+            box = text.get_window_extent()
         if not any(box.overlaps(other) for other in taken):
             taken.append(box)
             return
         text.remove()
-
-
-def _extent(text: Text) -> Bbox:
-    return text.get_window_extent()
 
 
 def _width(ax: Axes, start: float, end: float) -> float:

@@ -17,6 +17,7 @@ from matplotlib.patches import Patch, Polygon
 from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Bbox
 
+from up_samp.model.arrays import FloatArray
 from up_samp.model.frames import Frame
 from up_samp.plotting.background import Backdrop, ground_of
 from up_samp.plotting.gantt import title_of
@@ -33,7 +34,7 @@ from up_samp.plotting.style import (
     place_labels,
     with_short_names,
 )
-from up_samp.plotting.tracks import FloatArray, ObjectTrack, TrackPiece, stops_of, tracks_of
+from up_samp.plotting.tracks import ObjectTrack, TrackPiece, stops_of, tracks_of
 
 _Pose = tuple[float, float, float]
 

@@ -37,6 +37,11 @@ class Row:
     bars: list[Bar] = field(default_factory=list)
 
     @property
+    def changes(self) -> list[float]:
+        """When its object is put elsewhere in one instant (s)."""
+        return [] if self.track is None else [t for t, _ in self.track.changes]
+
+    @property
     def lanes(self) -> int:
         """How many bars lie above each other at most."""
         return max((b.lane for b in self.bars), default=0) + 1

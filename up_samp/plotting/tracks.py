@@ -8,12 +8,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.io.plan_dict import AREA
+from up_samp.model.arrays import FloatArray
 from up_samp.model.frames import Frame
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

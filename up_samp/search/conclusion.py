@@ -294,7 +294,7 @@ def _share_left(
     if report.complete and report.trajectory is not None:
         seconds = report.trajectory.duration
     for among in ((), obstacles):
-        least = service.lower_bound_through(query.body, query.poses, among)
+        least = service.lower_bound(query.body, query.poses, among)
         if facts.units(least) >= facts.units(seconds):
             return 0.0
         if 1 - least / seconds < NEAR:

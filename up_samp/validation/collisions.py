@@ -13,16 +13,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 
 from up_samp.model import ProblemError, check_time
+from up_samp.model.arrays import FloatArray
 from up_samp.validation.maps import BlockedMap
 from up_samp.validation.tolerances import TOLERANCES
 from up_samp.validation.tracks import Track
 from up_samp.validation.verdict import JUDGING_GRACE
-
-FloatArray = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from up_samp.validation.timeline import (
     StateTimeline,
     show,
 )
-from up_samp.validation.values import MISSING, Reader, chronicles
+from up_samp.validation.values import MISSING, Reader, chronicles, parts_of
 from up_samp.validation.verdict import Violation
 
 
@@ -197,11 +197,4 @@ def _clash(change: Change, what: str) -> Violation:
 
 def _fluents_in(node: Any) -> set[str]:
     """Return the names of all fluents that an expression mentions."""
-    names: set[str] = set()
-    stack = [node]
-    while stack:
-        item = stack.pop()
-        stack += item.args
-        if item.is_fluent_exp():
-            names.add(item.fluent().name)
-    return names
+    return {item.fluent().name for item in parts_of(node) if item.is_fluent_exp()}

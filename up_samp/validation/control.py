@@ -6,15 +6,13 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.model import ProblemError, UnsupportedError
+from up_samp.model.arrays import FloatArray
 from up_samp.validation.limits import Limits
 from up_samp.validation.tolerances import TOLERANCES
 from up_samp.validation.tracks import Pieces
 from up_samp.validation.verdict import Violation
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def breaks_law(

@@ -13,15 +13,13 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-import numpy.typing as npt
 
+from up_samp.model.arrays import BoolArray, FloatArray
 from up_samp.validation.control import breaks_law
 from up_samp.validation.limits import Limits
 from up_samp.validation.tolerances import TOLERANCES
 from up_samp.validation.tracks import Pieces, pieces_of
 from up_samp.validation.verdict import Violation
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def motion_violations(
@@ -76,7 +74,7 @@ def _worst(
 
 
 def _sampling(
-    what: str, times: FloatArray, dt: FloatArray, rests: npt.NDArray[np.bool_]
+    what: str, times: FloatArray, dt: FloatArray, rests: BoolArray
 ) -> Iterator[Violation]:
     gaps = np.where(rests, 0.0, dt)
     if gaps.max() > TOLERANCES.sampling + 1e-9:
@@ -176,10 +174,7 @@ def _pivoting(what: str, limits: Limits, times: FloatArray, pieces: Pieces) -> I
         what, "side-slip", "m sideways", times, np.abs(pieces.across), unseen, TOLERANCES.noise
     )
     yield from _drift(what, times, pieces)
-    rate = np.abs(pieces.turn) / dt
-    yield from _worst(
-        what, "turn-rate", "rad/s", times, rate, limits.omega_max, TOLERANCES.noise / dt
-    )
+    yield from _turn_rate(what, limits, times, dt, pieces.turn)
     speed = np.copysign(length, pieces.along) / dt
     yield from _worst(
         what, "speed", "m/s", times, np.abs(speed), limits.v_max, TOLERANCES.noise / dt
@@ -188,6 +183,13 @@ def _pivoting(what: str, limits: Limits, times: FloatArray, pieces: Pieces) -> I
     fuzz = TOLERANCES.noise + length * np.minimum(1.0, (limits.omega_max * dt) ** 2 / 8)
     fuzz = np.where(np.abs(pieces.turn) < 1e-9, TOLERANCES.noise, fuzz)
     yield from _acceleration(what, limits, times, dt, speed[:, None], fuzz, length < 1e-9)
+
+
+def _turn_rate(
+    what: str, limits: Limits, times: FloatArray, dt: FloatArray, turn: FloatArray
+) -> Iterator[Violation]:
+    rate, slack = np.abs(turn) / dt, TOLERANCES.noise / dt
+    yield from _worst(what, "turn-rate", "rad/s", times, rate, limits.omega_max, slack)
 
 
 def _drift(what: str, times: FloatArray, pieces: Pieces) -> Iterator[Violation]:
@@ -214,11 +216,8 @@ def _free(
 ) -> Iterator[Violation]:
     """A body that moves in any direction: ``speed`` (n - 1, d) m/s, ``turn`` (n - 1,) rad."""
     size = np.linalg.norm(speed, axis=1)
-    rate = np.abs(turn) / dt
     yield from _worst(what, "speed", "m/s", times, size, limits.v_max, TOLERANCES.noise / dt)
-    yield from _worst(
-        what, "turn-rate", "rad/s", times, rate, limits.omega_max, TOLERANCES.noise / dt
-    )
+    yield from _turn_rate(what, limits, times, dt, turn)
     rests = (size * dt < 1e-9) & (np.abs(turn) < 1e-9)
     fuzz = np.full(len(dt), TOLERANCES.noise)
     yield from _acceleration(what, limits, times, dt, speed, fuzz, rests)
@@ -231,7 +230,7 @@ def _acceleration(
     dt: FloatArray,
     speed: FloatArray,
     fuzz: FloatArray,
-    rests: npt.NDArray[np.bool_],
+    rests: BoolArray,
 ) -> Iterator[Violation]:
     """Changes of speed, from rest at the first sample to rest at the last one.
 

@@ -8,19 +8,19 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from up_samp.model.arrays import FloatArray
 from up_samp.validation.collisions import JudgedShape
 from up_samp.validation.judged import JudgedMotion, Jump
 from up_samp.validation.paths import pose_gap
 from up_samp.validation.rides import CarriedLoad, between, carried_along
 from up_samp.validation.scene import JudgedScene
 from up_samp.validation.se3 import track_of
+from up_samp.validation.solids import Solid
 from up_samp.validation.tolerances import TOLERANCES
 from up_samp.validation.tracks import Track
 from up_samp.validation.verdict import Violation
 
-FloatArray = npt.NDArray[np.float64]
 Motions = Mapping[str, tuple[FloatArray, FloatArray]]
 """Times (s) and poses of each task, by its name."""
 
@@ -38,14 +38,14 @@ class Piece:
     since: float
     until: float
     task: JudgedMotion | None
+    shape: JudgedShape | Solid
+    """The object's body, with what holds its load."""
     moves: tuple[float, float] | None = None
     """When the trajectory of ``task`` really leads from place to place: what is before and after
     is waiting (``None``: it does not move at all).
     """
     height: float = 0.0
     """Of the map (m) that it is on."""
-    shape: JudgedShape | None = None
-    """The body, where it is another one than the object's own (with what holds its load)."""
 
     def level(self, other: Piece) -> bool:
         """Return whether both are on maps of one height."""
@@ -138,14 +138,14 @@ def _live(
     found: list[Violation],
 ) -> Iterator[Piece]:
     """Walk through the events of one object's life."""
-    radius = scene.shapes[name].radius
+    own = scene.shapes[name]
     here = scene.pose(scene.initial[name]) if name in scene.initial else None
     height = scene.height(scene.initial[name]) if name in scene.initial else 0.0
     since, driven_by = -math.inf, ""
     for event in events:
         start, end = event.start * seconds, event.end * seconds
         if here is not None:
-            yield Piece(resting(here, radius), since, start, None, height=height)
+            yield Piece(resting(here, own.radius), since, start, None, own, height=height)
         if event.jump is not None:
             target = scene.pose(event.jump.place)
             if driven_by == event.jump.activity and here is not None:
@@ -157,7 +157,7 @@ def _live(
             here, driven_by, height = target, "", scene.height(event.jump.place)
         elif event.task is not None and event.task.name in motions:
             times, poses = motions[event.task.name]
-            moves, task, shape = _moving(times, poses), event.task, None
+            moves, task, shape = _moving(times, poses), event.task, own
             floor = scene.height(event.task.places[0])
             if event.ride is None:
                 shape = _held(scene, event.task)
@@ -169,23 +169,24 @@ def _live(
             first = tuple(poses[0].tolist())
             found.extend(_continuity(event.task, event.ride, (here, height), (first, floor)))
             here, driven_by, height = goal, by, floor
-            reach = radius if shape is None else max(radius, shape.radius)
-            track = track_of(times, poses, reach)
-            yield Piece(track, start, end, task, moves, height, shape=shape)
+            track = track_of(times, poses, max(own.radius, shape.radius))
+            yield Piece(track, start, end, task, shape, moves, height)
         since = end
     if here is not None:
-        yield Piece(resting(here, radius), since, math.inf, None, height=height)
+        yield Piece(resting(here, own.radius), since, math.inf, None, own, height=height)
 
 
-def _held(scene: JudgedScene, task: JudgedMotion) -> JudgedShape | None:
-    """Return what holds loads to the object of a task where they are not one polygon."""
+def _held(scene: JudgedScene, task: JudgedMotion) -> JudgedShape | Solid:
+    """Return the object of a task, with what holds its loads where they are not one polygon."""
     loads = []
     for ride in scene.rides:
         shape = scene.shapes[ride.load]
         if ride.task == task.name and isinstance(shape, JudgedShape):
             loads.append((shape, ride.offset))
     carrier = scene.shapes[task.object]
-    return between(carrier, loads) if loads and isinstance(carrier, JudgedShape) else None
+    if loads and isinstance(carrier, JudgedShape):
+        return between(carrier, loads) or carrier
+    return carrier
 
 
 def _moving(times: FloatArray, poses: FloatArray) -> tuple[float, float] | None:

@@ -8,17 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 import yaml
 from PIL import Image
 
 from up_samp.model import ProblemError, UnsupportedError
+from up_samp.model.arrays import BoolArray, FloatArray
 from up_samp.model.frames import Frame, PlacedMap
-
-FloatArray = npt.NDArray[np.float64]
-_BEYOND = 1e5
-"""Width (m) of the four blocked strips around a map: outside is not allowed."""
 
 
 class BlockedMap:
@@ -46,7 +42,7 @@ class BlockedMap:
             shapely.box(*(self.resolution * v for v in corners)) for corners in _rectangles(blocked)
         ]
         width, height = columns * self.resolution, rows * self.resolution
-        far = _BEYOND
+        far = 1e5  # wide strips around the map: outside is not allowed
         boxes += [
             shapely.box(-far, -far, 0, height + far),
             shapely.box(width, -far, width + far, height + far),
@@ -100,7 +96,7 @@ def _read_yaml(path: Path) -> dict[str, Any]:
         raise ProblemError(f"map {path} cannot be read: {error}") from error
 
 
-def _blocked_cells(path: Path, data: dict[str, Any]) -> npt.NDArray[np.bool_]:
+def _blocked_cells(path: Path, data: dict[str, Any]) -> BoolArray:
     """Return which cells are not free, shape (rows, columns), row 0 at the lowest y."""
     try:
         with Image.open(path.parent / data["image"], formats=("PNG", "PPM")) as image:
@@ -115,7 +111,7 @@ def _blocked_cells(path: Path, data: dict[str, Any]) -> npt.NDArray[np.bool_]:
     return ~np.flipud(free)
 
 
-def _grey(image: Any) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+def _grey(image: Any) -> tuple[FloatArray, BoolArray]:
     """Return grey levels 0..255 (the mean of the colours) and which pixels are fully opaque."""
     if image.mode.startswith("I"):
         levels = np.asarray(image, dtype=float)
@@ -125,7 +121,7 @@ def _grey(image: Any) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
     return pixels[..., :3].mean(axis=-1), pixels[..., 3] == 255
 
 
-def _rectangles(blocked: npt.NDArray[np.bool_]) -> Iterator[tuple[int, int, int, int]]:
+def _rectangles(blocked: BoolArray) -> Iterator[tuple[int, int, int, int]]:
     """Yield disjoint rectangles ``(x0, y0, x1, y1)`` (cells) that cover all blocked cells.
 
     Runs within a row, joined with equal runs of the rows above.

@@ -7,18 +7,15 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from unified_planning.model.motion import SE2WithControlsPath
 
 from up_samp.model import Trajectory, check_time
+from up_samp.model.arrays import FloatArray
 from up_samp.validation.judged import JudgedMotion
 from up_samp.validation.tolerances import TOLERANCES
 from up_samp.validation.tracks import Track, pieces_of
 from up_samp.validation.verdict import JUDGING_GRACE, Violation
 
-FloatArray = npt.NDArray[np.float64]
-
-_STEP = 0.05
 _CHUNK = 20_000
 """Pieces of a path between two looks at the clock."""
 
@@ -94,7 +91,7 @@ def integrate(
     # go on from the stated poses: errors must not add up
     stated = np.column_stack((x, y, np.cumsum(np.append(theta[:1], turn[:-1] + bend))))
     short = (duration <= TOLERANCES.sampling + 1e-9) | ((v == 0) & (omega == 0))
-    count = np.where(short, 1, np.ceil(duration / _STEP)).astype(int) * (duration > 0)
+    count = np.where(short, 1, np.ceil(duration / 0.05)).astype(int) * (duration > 0)
     before = np.cumsum(count) - count
     piece = np.repeat(np.arange(len(rows)), count)
     part = duration[piece] * (np.arange(len(piece)) + 1 - before[piece]) / count[piece]

@@ -5,6 +5,7 @@ The numbered rules in comments are those of ``docs/semantics.md``.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
@@ -13,11 +14,11 @@ from typing import Any
 import numpy as np
 
 from up_samp.model import ProblemError, Trajectory, UnsupportedError, check_time
+from up_samp.model.arrays import FloatArray
 from up_samp.validation.collisions import JudgedShape, hits_map
 from up_samp.validation.judged import JudgedMotion, Obstacle
 from up_samp.validation.kinematics import motion_violations, speeds_on_way
 from up_samp.validation.lives import (
-    FloatArray,
     Piece,
     build_lives,
     resting,
@@ -173,12 +174,10 @@ def _zones(
             continue
         check_time(JUDGING_GRACE)
         parts = []
-        for name, pieces in lives.items():
-            for piece in pieces:
-                shape = piece.shape or scene.shapes[name]
-                mine = piece.task is not None and piece.task.name == task.name
-                if mine and isinstance(shape, JudgedShape) and isinstance(piece.track, Track):
-                    parts.append((shape, piece.track.poses))
+        for piece in itertools.chain.from_iterable(lives.values()):
+            mine = piece.task is not None and piece.task.name == task.name
+            if mine and isinstance(piece.shape, JudgedShape) and isinstance(piece.track, Track):
+                parts.append((piece.shape, piece.track.poses))
         height = scene.height(task.places[0])
         for found in zone_violations(task.what, limits, parts, height, *motions[task.name]):
             yield replace(found, activities=(task.activity,), objects=(task.object,))
@@ -296,9 +295,8 @@ def _collisions(scene: JudgedScene, lives: Mapping[str, list[Piece]]) -> Iterato
         for piece in pieces:
             if piece.task is None:
                 continue
-            task, shape = piece.task, piece.shape or scene.shapes[name]
-            blocked = scene.map_driven(task)
-            time = _hits_map(shape, piece.track, blocked, piece.since, piece.until)
+            task, blocked = piece.task, scene.map_driven(piece.task)
+            time = _hits_map(piece.shape, piece.track, blocked, piece.since, piece.until)
             if time is not None:
                 text = f"{task.what} meets the map at {time:.3f} s"
                 yield Violation("map-collision", text, (task.activity,), (name,), time)
@@ -344,13 +342,12 @@ def _meeting(
     moving = [piece.moves]
     if theirs.task is not None and _keeps_clear(scene, theirs.task, task.object, task):
         moving.append(theirs.moves)
-    mine, shape = piece.shape or scene.shapes[task.object], theirs.shape or scene.shapes[other]
     times = []
     for window in moving:
         both = None if window is None else theirs.during(*window)
         during = None if both is None else piece.during(*both)
         if during is not None:
-            time = hits(mine, piece.track, shape, theirs.track, *during)
+            time = hits(piece.shape, piece.track, theirs.shape, theirs.track, *during)
             times += [] if time is None else [time]
     if times:
         doing = f" ({theirs.task.what})" if theirs.task else ""

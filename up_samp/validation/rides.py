@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 
+from up_samp.model.arrays import FloatArray
 from up_samp.validation.collisions import JudgedShape, placed
 from up_samp.validation.tolerances import TOLERANCES
 
-FloatArray = npt.NDArray[np.float64]
 Pose = tuple[float, ...]
 
 
@@ -65,9 +64,3 @@ def between(carrier: JudgedShape, loads: Sequence[tuple[JudgedShape, Pose]]) -> 
     hull = shapely.union_all(parts).convex_hull
     height = max(carrier.height, *(shape.height for shape, _ in loads))
     return JudgedShape(f"{carrier.name} with its load", np.array(hull.exterior.coords)[:-1], height)
-
-
-def configurations_of(values: Iterable[str | None], all_of_them: Sequence[str]) -> Iterator[str]:
-    """Return the configurations that ``values`` name; all, where one is not said (None)."""
-    names = list(values)
-    yield from all_of_them if None in names else (n for n in names if n is not None)

@@ -18,14 +18,15 @@ from unified_planning.model.motion import (
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.model.frames import PlacedMap
 from up_samp.validation.collisions import JudgedShape
+from up_samp.validation.conditions import present_activities, reader_at
 from up_samp.validation.judged import JudgedMotion, Jump, Obstacle
 from up_samp.validation.limits import Limits, height_of, limits_of
 from up_samp.validation.maps import BlockedMap, ground_of
-from up_samp.validation.rides import CarriedLoad, configurations_of, is_same, offset_between
+from up_samp.validation.rides import CarriedLoad, is_same, offset_between
 from up_samp.validation.solids import Solid, load_solid
 from up_samp.validation.timeline import Reading, StateTimeline, show
 from up_samp.validation.tolerances import TOLERANCES
-from up_samp.validation.values import MISSING, Reader
+from up_samp.validation.values import MISSING
 
 
 @dataclass(frozen=True)
@@ -159,8 +160,8 @@ class JudgedScene:
             for movable, place in getattr(activity, "motion_effects", {}).items():
                 if movable.is_object_exp() and movable.object().name == name:
                     values.append(place.object().name if place.is_object_exp() else None)
-        every = [o.name for o in self.problem.all_objects if isinstance(o, ConfigurationObject)]
-        places = configurations_of(values, every)
+        # where one is not said, it may be any
+        places = self.grounds if None in values else [p for p in values if p is not None]
         poses = (self.pose(n) for n in places if abs(self.height(n) - floor) <= TOLERANCES.height)
         return [pose for pose in poses if len(pose) == 3]
 
@@ -233,10 +234,8 @@ class JudgedScene:
         return found
 
     def _present(self) -> list[Any]:
-        times = self.timeline.decisions.times
-        return [
-            a for a in self.problem.activities if isinstance(a, MotionActivity) and a.name in times
-        ]
+        present = present_activities(self.problem, self.timeline)
+        return [a for a in present if isinstance(a, MotionActivity)]
 
     def _tasks_of(self, activity: Any) -> Iterator[JudgedMotion]:
         start, end = self.timeline.decisions.times[activity.name]
@@ -277,7 +276,8 @@ class JudgedScene:
                 node = self._telling(items[item], item)
                 what = f"the configuration of obstacle {item.name} of {owner}"
                 place = self._name(node, start, owner, what)
-                key = self._reader(start, owner).key(node) if node.is_fluent_exp() else None
+                reader = reader_at(self.timeline, start, Reading.LATER, owner)
+                key = reader.key(node) if node.is_fluent_exp() else None
                 found.append(Obstacle(item.name, static, place, key))
         return tuple(found)
 
@@ -287,16 +287,9 @@ class JudgedScene:
             return given(item)
         return self.problem.environment.expression_manager.auto_promote(given)[0]
 
-    def _reader(self, instant: int, owner: str | None) -> Reader:
-        return Reader(
-            self.timeline.decisions,
-            lambda key: self.timeline.value(key, instant, Reading.LATER),
-            owner,
-        )
-
     def _name(self, node: Any, instant: int, owner: str | None, what: str) -> str:
         """Return the name of the object that an expression means at an instant (rule 14)."""
-        value = self._reader(instant, owner).value(node)
+        value = reader_at(self.timeline, instant, Reading.LATER, owner).value(node)
         if value is MISSING or not isinstance(value, str):
             raise ProblemError(f"'{node}' in {what} names no object")
         return value

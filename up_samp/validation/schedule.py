@@ -26,7 +26,7 @@ from up_samp.validation.timeline import (
     constant,
     in_type,
 )
-from up_samp.validation.values import MISSING, Decisions, Key, Reader, Value, chronicles
+from up_samp.validation.values import MISSING, Decisions, Key, Reader, Value, chronicles, parts_of
 from up_samp.validation.verdict import Verdict, Violation
 
 Judged = tuple[Verdict, StateTimeline | None]
@@ -169,7 +169,7 @@ def _durations(problem: Any, timeline: StateTimeline, reading: Reading) -> Itera
 
 def _constraints(problem: Any, timeline: StateTimeline) -> Iterator[Violation]:
     """Rules 3 to 5."""
-    changed = _changed_fluents(problem)
+    changed = {effect.fluent.fluent().name for _, effect, _ in problem.all_effects()}
 
     def static(key: Key) -> Value:
         if key[0] in changed:
@@ -186,20 +186,9 @@ def _constraints(problem: Any, timeline: StateTimeline) -> Iterator[Violation]:
                 yield Violation("constraint", what, node=constraint)
 
 
-def _changed_fluents(problem: Any) -> set[str]:
-    """Return the names of all fluents that some effect could change."""
-    return {effect.fluent.fluent().name for _, effect, _ in problem.all_effects()}
-
-
 def _times_in(node: Any, timeline: StateTimeline) -> str:
     """Return the times of the activities that an expression mentions, for people."""
-    names: set[str] = set()
-    stack = [node]
-    while stack:
-        item = stack.pop()
-        stack += item.args
-        if item.node_type == OperatorKind.TIMING_EXP and item.timing().timepoint.container:
-            names.add(item.timing().timepoint.container)
-    times = timeline.decisions.times
-    shown = [f"{n} [{times[n][0]}, {times[n][1]}]" for n in sorted(names & set(times))]
+    timed = (n.timing() for n in parts_of(node) if n.node_type == OperatorKind.TIMING_EXP)
+    names, times = {timing.timepoint.container for timing in timed}, timeline.decisions.times
+    shown = [f"{n} [{times[n][0]}, {times[n][1]}]" for n in sorted(names & times.keys())]
     return f": {', '.join(shown)}" if shown else ""

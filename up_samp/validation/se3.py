@@ -17,9 +17,10 @@ import numpy as np
 import shapely
 
 from up_samp.model import UnsupportedError
+from up_samp.model.arrays import FloatArray
 from up_samp.validation.collisions import JudgedShape, first_contact, hits_body, placed
 from up_samp.validation.maps import BlockedMap
-from up_samp.validation.solids import FloatArray, Solid, matrices, mesh_distance, swallowed
+from up_samp.validation.solids import Solid, matrices, mesh_distance, swallowed
 from up_samp.validation.tracks import Track
 
 
@@ -104,7 +105,8 @@ def hits(
     flat = 2 if isinstance(other, JudgedShape) else 3
     body = other
     if isinstance(other, JudgedShape) and math.isfinite(other.height):
-        body = prism(other, _lowest(track) - 2 * shape.radius - 1.0)
+        lowest = min(0.0, float(track.poses[:, 2].min()))  # of its origin, the floor at most
+        body = prism(other, lowest - 2 * shape.radius - 1.0)
 
     def gap(times: FloatArray) -> FloatArray:
         mine, theirs = track.poses_at(times), other_track.poses_at(times)
@@ -132,11 +134,6 @@ def upright(pose: FloatArray) -> FloatArray:
         return pose
     x, y, heading = pose
     return np.array([x, y, 0.0, 0.0, 0.0, math.sin(heading / 2), math.cos(heading / 2)])
-
-
-def _lowest(track: Track) -> float:
-    """Return the lowest height (m) of a body's origin, the floor's at most."""
-    return min(0.0, float(track.poses[:, 2].min()))
 
 
 def prism(shape: JudgedShape, bottom: float) -> Solid:

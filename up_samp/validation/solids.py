@@ -9,12 +9,9 @@ import os
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
 from up_samp.model import ProblemError, UnsupportedError
-
-FloatArray = npt.NDArray[np.float64]
-
+from up_samp.model.arrays import BoolArray, FloatArray
 
 _EDGES = ((0, 1), (1, 2), (2, 0))
 
@@ -118,7 +115,7 @@ def _above(points: FloatArray, tri: FloatArray) -> FloatArray:
     return np.where(inside, np.abs(_dot(w, normal)) / np.sqrt(safe), np.inf)
 
 
-def pierced(start: FloatArray, end: FloatArray, tri: FloatArray) -> npt.NDArray[np.bool_]:
+def pierced(start: FloatArray, end: FloatArray, tri: FloatArray) -> BoolArray:
     """Return which segments (n, 3) to (n, 3) cross their triangles (n, 3, 3) (Ericson, 5.3.6)."""
     u, v = tri[:, 1] - tri[:, 0], tri[:, 2] - tri[:, 0]
     way, w = start - end, start - tri[:, 0]

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from up_samp.model.arrays import BoolArray, FloatArray
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Pieces:
     """Length of the reference point's arc (>= 0)."""
 
     @property
-    def at_rest(self) -> npt.NDArray[np.bool_]:
+    def at_rest(self) -> BoolArray:
         """Which pieces are rests."""
         return np.asarray((self.length < 1e-9) & (np.abs(self.turn) < 1e-9))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
@@ -121,6 +121,15 @@ def chronicles(problem: Any, decisions: Decisions) -> list[tuple[Any, str | None
     """Return what says something in a plan: the problem, and its present activities by name."""
     present = [(a, a.name) for a in problem.activities if a.name in decisions.times]
     return [(problem._base, None), *present]
+
+
+def parts_of(node: Any) -> Iterator[Any]:
+    """Yield an expression and all that it is made of."""
+    stack = [node]
+    while stack:
+        item = stack.pop()
+        stack += item.args
+        yield item
 
 
 def plain(number: Any) -> Value:

@@ -6,10 +6,10 @@ import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-import numpy.typing as npt
 import shapely
 
 from up_samp.model import TrafficZone
+from up_samp.model.arrays import BoolArray, FloatArray
 from up_samp.validation.collisions import JudgedShape, placed
 from up_samp.validation.limits import Limits
 from up_samp.validation.paths import pose_gap
@@ -17,8 +17,6 @@ from up_samp.validation.tolerances import TOLERANCES
 from up_samp.validation.tracks import pieces_of
 from up_samp.validation.verdict import Violation
 
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
 Parts = Sequence[tuple[JudgedShape, FloatArray]]
 """Rigid parts of a body: each with where it is at each sample of a motion, shape (n, 3)."""
 Drive = tuple[Parts, FloatArray, FloatArray]

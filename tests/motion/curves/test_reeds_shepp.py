@@ -5,9 +5,9 @@ import pytest
 
 from up_samp.geometry.kernels import advance
 from up_samp.motion.curves.arcs import merged, nodes_of, path_time, reversed_arcs
-from up_samp.motion.curves.reeds_shepp import CarLimits, fastest, run_time, shortest
+from up_samp.motion.curves.reeds_shepp import DriveLimits, fastest, run_time, shortest
 
-CAR = CarLimits(1.0, 2.0, 0.5)
+CAR = DriveLimits(1.0, 2.0, 0.5)
 
 
 def end_of(start, arcs):
@@ -43,9 +43,9 @@ def test_curves_end_where_they_should():
         for radius in (1.0, 2.5):
             _, arcs = shortest(start, goal, radius)
             assert away(end_of(start, arcs), goal) < 1e-9
-            time, arcs = fastest(start, goal, CarLimits(radius, 2.0, 0.5))
+            time, arcs = fastest(start, goal, DriveLimits(radius, 2.0, 0.5))
             assert away(end_of(start, arcs), goal) < 1e-9
-            assert time == pytest.approx(path_time(arcs, CarLimits(radius, 2.0, 0.5)), abs=1e-9)
+            assert time == pytest.approx(path_time(arcs, DriveLimits(radius, 2.0, 0.5)), abs=1e-9)
             assert np.all(np.abs(arcs[:, 0]) <= 1 / radius + 1e-12)
 
 
@@ -80,7 +80,9 @@ def test_lengths_ahead_only_agree_with_ompl():
         assert length == pytest.approx(apart, abs=1e-6)
         assert away(end_of(start, arcs), goal) < 1e-9
         assert np.all(arcs[:, 1] > 0)
-        assert fastest(start, goal, CarLimits(1.0, 2.0, 0.5, 1.0))[0] == run_time(length, 2.0, 0.5)
+        assert fastest(start, goal, DriveLimits(1.0, 2.0, 0.5, 1.0))[0] == run_time(
+            length, 2.0, 0.5
+        )
         assert length >= shortest(start, goal, 1.0)[0] - 1e-9
         # a search from the goal drives the same curve from its end
         back, arcs = shortest(goal, start, 1.0, -1.0)
@@ -121,7 +123,7 @@ def test_a_detour_beats_a_stop():
     """Turning round on the spot: three cusps are shorter, a loop without a stop is faster."""
     start, goal = (0.0, 0.0, 0.0), (6.0, 1.0, math.pi)
     _, short = shortest(start, goal, 1.0)
-    _, fast = fastest(start, goal, CarLimits(1.0, 2.0, 0.1))  # a stop costs 20 s
+    _, fast = fastest(start, goal, DriveLimits(1.0, 2.0, 0.1))  # a stop costs 20 s
     assert np.any(short[:, 1] < 0)
     assert len({float(s) for s in np.sign(fast[:, 1])}) == 1
 

@@ -131,7 +131,7 @@ def test_plans_in_rooms_are_valid_no_later_than_straight_on_and_not_below_the_bo
         assert parking_clears(service.scene, motion, body, parked, 0.0)
         assert motion.poses[0].tolist() == list(ends[0])
         assert motion.poses[-1, :2].tolist() == list(ends[1][:2])
-        assert motion.duration >= service.lower_bound(body, *ends, (parked,)) - 1e-9
+        assert motion.duration >= service.lower_bound(body, ends, (parked,)) - 1e-9
         assert stops is None or motion.duration <= stops.duration + 1e-9
         sooner += stops is None or motion.duration < 0.95 * stops.duration
     assert sooner > 0
@@ -150,7 +150,7 @@ def test_in_a_warehouse_it_is_nearly_as_fast_as_its_bound():
     for a, b in ways:
         query = PathQuery(body, (places[a], places[b]))
         took = service.plan(query, Deadline.never()).trajectory.duration
-        assert took <= 1.1 * service.lower_bound(body, places[a], places[b]), (a, b)
+        assert took <= 1.1 * service.lower_bound(body, (places[a], places[b])), (a, b)
     assert snapshot is not None
 
 

@@ -98,7 +98,7 @@ def test_straight_motions_last_as_long_as_the_closed_form_says(model):
         expected = closed_form(length, v, a)
         assert report.trajectory.duration == pytest.approx(expected, rel=1e-9)
         assert judged(body, report.trajectory) == []
-        assert service.lower_bound(body, start, goal) <= report.trajectory.duration + 1e-9
+        assert service.lower_bound(body, (start, goal)) <= report.trajectory.duration + 1e-9
 
 
 @pytest.mark.parametrize("model", [MotionModel.REEDSSHEPP, MotionModel.SE2])

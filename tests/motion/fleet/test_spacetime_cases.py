@@ -14,10 +14,11 @@ from up_samp.model import (
     Rest,
     TimedMotion,
 )
+from up_samp.motion.curves.reeds_shepp import DriveLimits
 from up_samp.motion.fleet import coordinate, earliest_arrival
-from up_samp.motion.fleet.paths import Safe
+from up_samp.motion.fleet.paths import TimeSets
 from up_samp.motion.fleet.speed import TunedPath, reachable
-from up_samp.motion.fleet.timed_path import Speeds, natural_timing, run_of
+from up_samp.motion.fleet.timed_path import natural_timing, run_of
 from up_samp.motion.fleet.together import couple
 from up_samp.motion.fleet.workspace import rest_run, workspace_of
 from up_samp.motion.service import MotionService
@@ -251,8 +252,8 @@ def test_two_stops_a_hair_apart_cost_no_memory():
     head = np.arange(len(edges) + 1)
     safe = np.tile([0.0, np.inf], (len(edges) + 1, 1))
     tops, held = np.full(len(edges), 20.0), np.zeros(len(edges) - 1, dtype=bool)
-    way = TunedPath(edges, halt, tops, held, halt | True, 0 * halt)
-    index, sets = reachable(way, Speeds(20.0, 1.0), Safe(head, safe), 0.0, np.inf)
+    way = TunedPath(edges, halt, tops, held, halt | True)
+    index, sets = reachable(way, DriveLimits(0.0, 20.0, 1.0), TimeSets(head, safe), 0.0, np.inf)
     assert len(index) <= 4 * len(edges) + 1
     last = (len(index) - 1) // len(edges) * (len(edges) - 1)
     arrival = sets[index[last], 0]

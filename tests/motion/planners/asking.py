@@ -1,7 +1,6 @@
 """Whole queries for OMPL's planners, leg by leg."""
 
 import itertools
-import time
 
 from up_samp.model import MotionModel, Outcome, PathReport
 from up_samp.motion.curves.trajectories import at_rest, joined
@@ -12,7 +11,6 @@ from up_samp.motion.protocol import LegQuery
 
 def plan_with_ompl(scene, query, deadline, *, planner, seed=0):
     """Answer a query with one of OMPL's planners, resting at each pose."""
-    began = time.monotonic()
     name = canonical(planner, query.body.kinematics.model is MotionModel.CONTROL)
     parts = [at_rest(query.poses[0])]
     for start, goal in itertools.pairwise(query.poses):
@@ -25,12 +23,6 @@ def plan_with_ompl(scene, query, deadline, *, planner, seed=0):
                 Outcome.NOT_FOUND if leg.complete else Outcome.OUT_OF_TIME,
                 reason=leg.reason,
                 planner=name,
-                seconds=time.monotonic() - began,
             )
         parts.append(leg.trajectory)
-    return PathReport(
-        Outcome.FOUND,
-        joined(parts),
-        planner=name,
-        seconds=time.monotonic() - began,
-    )
+    return PathReport(Outcome.FOUND, joined(parts), planner=name)

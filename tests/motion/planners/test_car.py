@@ -44,7 +44,7 @@ def check(service, body, poses, obstacles=()):
     assert ends_exactly(trajectory, poses[0], poses[-1])
     assert car_faults(trajectory, body.kinematics) == []
     assert smallest_clearance(trajectory, body, service.grid, obstacles) > 0
-    bound = sum(service.lower_bound(body, a, b, obstacles) for a, b in pairwise(poses))
+    bound = sum(service.lower_bound(body, (a, b), obstacles) for a, b in pairwise(poses))
     assert trajectory.duration >= bound - 1e-9
     return trajectory, bound
 

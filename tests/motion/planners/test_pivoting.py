@@ -88,7 +88,7 @@ def test_around_a_wall_within_limits_and_not_below_the_bound(start, goal):
     parked = (Placed("parked", BODY, (7.3, 9.2, 0.3)),)
     motion = planned(service, start, goal, parked)
     assert not list(motion_violations("m", limits(), motion.times, motion.poses))
-    assert motion.duration >= service.lower_bound(BODY, start, goal, parked) - 1e-9
+    assert motion.duration >= service.lower_bound(BODY, (start, goal), parked) - 1e-9
     assert parking_clears(service.scene, motion, BODY, parked[0], 0.0)
     assert motion.poses[0, :2].tolist() == list(start[:2])
     assert motion.poses[-1, :2].tolist() == list(goal[:2])

@@ -42,7 +42,7 @@ def check(service, body, poses, obstacles=()):
     assert ends_exactly(trajectory, poses[0], poses[-1])
     assert faults(trajectory, body.kinematics) == []
     assert smallest_clearance(trajectory, body, service.grid, obstacles) > 0
-    bound = service.lower_bound(body, poses[0], poses[-1], obstacles)
+    bound = service.lower_bound(body, (poses[0], poses[-1]), obstacles)
     assert trajectory.duration >= bound - 1e-9
     return trajectory, bound
 

@@ -43,7 +43,7 @@ def test_what_is_known_to_be_driven_is_found(seed, most, tmp_path):
         motion = planner.leg(LegQuery(body, *ends), Deadline.never()).trajectory
         assert motion is not None
         assert motion.duration <= known.motion.duration * most
-        assert motion.duration >= service.lower_bound(body, *ends) - 1e-9
+        assert motion.duration >= service.lower_bound(body, ends) - 1e-9
         assert not list(motion_violations("m", limits, motion.times, motion.poses))
         assert smallest_clearance(motion, body, grid, ()) > -1e-6
         for pose, end in zip(motion.poses[[0, -1]], ends, strict=True):

@@ -90,7 +90,7 @@ def test_a_slider_passes_corners_exactly_and_moving():
         assert report.trajectory.duration < apart
         for pose in poses[1:-1]:
             assert speed_at(report.trajectory, pose) > 0.0
-        assert report.trajectory.duration >= MotionService(None).lower_bound_through(SLIDER, poses)
+        assert report.trajectory.duration >= MotionService(None).lower_bound(SLIDER, poses)
 
 
 def test_where_walls_leave_no_room_to_pass_a_corner_moving_it_stops_and_says_so():

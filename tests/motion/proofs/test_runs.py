@@ -8,7 +8,7 @@ import pytest
 
 from up_samp.geometry.kernels import advance
 from up_samp.model import Kinematics, MotionModel
-from up_samp.motion.curves.reeds_shepp import CarLimits, fastest, run_time, shortest
+from up_samp.motion.curves.reeds_shepp import DriveLimits, fastest, run_time, shortest
 from up_samp.motion.proofs.runs import ahead, fastest_roll, fastest_runs
 
 
@@ -52,7 +52,7 @@ def test_no_drive_is_faster(seed):
     rng = random.Random(seed)
     radius, a = rng.uniform(0.2, 3.0), rng.uniform(0.2, 2.0)
     v = rng.choice((rng.uniform(0.3, 2.0), 1e6))
-    car = CarLimits(radius, v, a)
+    car = DriveLimits(radius, v, a)
     start = goal = drawn(rng)
     seconds, sign = 0.0, rng.choice((-1, 1))
     for _ in range(rng.randint(1, 4)):
@@ -70,7 +70,7 @@ def test_a_turn_in_one_run_is_known_to_be_fastest():
     start, goal, car = (
         (25.0, 29.0, math.pi / 2),
         (29.55, 35.72, -math.pi / 2),
-        CarLimits(1.28, 20, 1),
+        DriveLimits(1.28, 20, 1),
     )
     length = shortest(start, goal, 1.28)[0]
     best = fastest(start, goal, car)[0]

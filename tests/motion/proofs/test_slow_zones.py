@@ -116,9 +116,9 @@ def test_what_can_be_driven_keeps_all_bounds(kind):
             continue
         found += 1
         for some in (ends[:2], ends):
-            least = service.lower_bound_through(slowed, some)
+            least = service.lower_bound(slowed, some)
             assert least <= report.trajectory.duration + 1e-9, seed
-            more += least > service.lower_bound_through(body, some) + 0.1
+            more += least > service.lower_bound(body, some) + 0.1
         for zone in zones:
             known = service.bounds._slow_zone(slowed, zone)
             if known is not None:
@@ -138,6 +138,6 @@ def test_where_there_is_no_way_nothing_is_said():
         rules = tuple(TrafficZone(zone, 0.2) for zone in zones)
         body = Body(ROBOT.footprint, replace(KINDS["omni"], zones=rules))
         for ends in (((4.0, 4.5, 0.0), (13.0, 4.5, 0.0)), ((13.0, 4.5, 0.0), (1.2, 8.0, 0.0))):
-            assert math.isfinite(service.lower_bound(body, *ends))
-            outside = service.lower_bound(body, (-5.0, 4.5, 0.0), ends[1])
+            assert math.isfinite(service.lower_bound(body, ends))
+            outside = service.lower_bound(body, ((-5.0, 4.5, 0.0), ends[1]))
             assert math.isfinite(outside)

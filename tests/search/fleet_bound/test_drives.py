@@ -18,5 +18,5 @@ def test_a_drive_takes_no_less_than_its_bound_and_as_long_the_other_way_round():
         there, back = (service.plan(PathQuery(body, w, ()), Deadline.after(60.0)) for w in ways)
         assert there.complete
         assert abs(there.trajectory.duration - back.trajectory.duration) < 1e-9
-        least = service.lower_bound(body, start, pose["slot0"])
+        least = service.lower_bound(body, (start, pose["slot0"]))
         assert there.trajectory.duration >= least > 0.0

@@ -11,11 +11,11 @@ import numpy as np
 from up_samp.geometry.kernels import advance
 from up_samp.geometry.records import kernel
 from up_samp.model.arrays import FloatArray
-from up_samp.motion.curves.reeds_shepp import TINY, CarLimits, driven_on, run_time
+from up_samp.motion.curves.reeds_shepp import TINY, DriveLimits, driven_on, run_time
 
 
 @kernel
-def path_time(arcs: FloatArray, car: CarLimits) -> float:
+def path_time(arcs: FloatArray, car: DriveLimits) -> float:
     """Return the time (s) to drive ``arcs`` (n, 2) from rest to rest, resting at each cusp."""
     time, run = 0.0, 0.0
     for i in range(arcs.shape[0]):

@@ -4,40 +4,18 @@ in a bend.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from up_samp.model import Body
 from up_samp.model.arrays import BoolArray, FloatArray, IntArray
 from up_samp.motion.curves.rolling import ON_SPOT
 
-
-@dataclass(frozen=True)
-class PathCut:
-    """How paths are cut. Steps shorter than ``tiny`` (m) carry no shape of their own; a change of
-    the direction of the twist by ``kink`` ends a stretch of constant curvature; where the direction
-    of a body with its own equations changes by ``corner`` (rad) from sample to sample, it must
-    stop; ``levels``:
-    speed levels that the tuning aims at (see :mod:`up_samp.motion.fleet.speed`); ``least``: those
-    below the top speed of a tight arc, at least. An omnidirectional body bends where its direction
-    changes by ``straight`` from sample to sample; there it keeps to one speed, ``held`` of the one
-    that its planner chose. It rests where that would be less than ``slow`` of its top speed, and
-    where its direction changes by ``sharp``.
-    """
-
-    tiny: float = 1e-7
-    kink: float = 1e-6
-    corner: float = 0.1
-    straight: float = 1e-4
-    held: float = 0.95
-    sharp: float = 0.35
-    slow: float = 0.3
-    levels: int = 20
-    least: int = 2
-
-
-CUT = PathCut()
+SHORT = 1e-7
+"""Steps shorter than this (m) carry no shape of their own."""
+STRAIGHT, SHARP = 1e-4, 0.35
+"""An omnidirectional body bends where its direction changes by more from sample to sample, and
+rests where it changes by more.
+"""
 
 
 def bends_of(
@@ -56,12 +34,13 @@ def bends_of(
     spot = way < ON_SPOT * turn
     tops = np.where(spot, kin.v_max, np.minimum(kin.v_max, kin.omega_max * way / (turn + 1e-12)))
     driven = np.minimum(step / np.diff(times), kin.v_max)
-    unit = np.where(spot[:, None], 0.0, gone / np.maximum(way, CUT.tiny)[:, None])
+    unit = np.where(spot[:, None], 0.0, gone / np.maximum(way, SHORT)[:, None])
     change = np.hypot(*np.diff(unit, axis=0).T)
-    bend = change > CUT.straight
-    speed = CUT.held * np.minimum(driven[1:], driven[:-1])
-    slow = bend & (speed < CUT.slow * np.minimum(fast[1:], fast[:-1]))
-    rests = (spot[1:] != spot[:-1]) | slow | (change > CUT.sharp)
+    bend = change > STRAIGHT
+    # a little slower than its planner chose, and at rest where that is far below its top speed
+    speed = 0.95 * np.minimum(driven[1:], driven[:-1])
+    slow = bend & (speed < 0.3 * np.minimum(fast[1:], fast[:-1]))
+    rests = (spot[1:] != spot[:-1]) | slow | (change > SHARP)
     bend &= ~rests
     steady = np.zeros(len(step), dtype=np.bool_)
     for side in (slice(None, -1), slice(1, None)):
@@ -78,14 +57,14 @@ def ways_at(poses: FloatArray, s: FloatArray) -> tuple[FloatArray, FloatArray]:
     """
     unit = np.diff(poses[:, :2], axis=0) / np.diff(s)[:, None]
     change = np.concatenate([[0.0], np.hypot(*np.diff(unit, axis=0).T), [0.0]])
-    bend = change > CUT.straight
+    bend = change > STRAIGHT
     before, after = np.concatenate([unit[:1], unit]), np.concatenate([unit, unit[-1:]])
     begins = bend & ~np.append(False, bend[:-1])
     ends = bend & ~np.append(bend[1:], False)
     mean = 0.5 * (before + after)
     way = np.where((begins & ~ends)[:, None], before, mean)
     way = np.where((ends & ~begins)[:, None], after, way)
-    sharp = (change > CUT.sharp)[:, None]
+    sharp = (change > SHARP)[:, None]
     return np.where(sharp, before, way), np.where(sharp, after, way)
 
 

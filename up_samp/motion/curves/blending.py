@@ -22,12 +22,6 @@ from up_samp.model.arrays import FloatArray
 
 TINY = 1e-9
 
-PIN_ROUNDS = 60
-"""Rounds in which the corners at waypoints are moved until they fit."""
-
-PINNED = 1e-12
-"""Corners that move by less (m, rad) stay where they are."""
-
 
 @dataclass(frozen=True)
 class Chain:
@@ -109,7 +103,7 @@ def through(
     that fit it, none of them higher (None: no such corners were found).
     """
     nodes = chain.nodes
-    for _ in range(PIN_ROUNDS):
+    for _ in range(60):
         moved = nodes.copy()
         for i, pin in chain.pins.items():
             if speeds[i] > 0.0:
@@ -120,7 +114,7 @@ def through(
         nodes = moved
         chain = Chain.of(nodes, kinematics, chain.pins)
         fitting = settled(chain, np.minimum(speeds, first_speeds(chain)))
-        if step < PINNED and np.allclose(fitting, speeds, rtol=1e-12, atol=0.0):
+        if step < 1e-12 and np.allclose(fitting, speeds, rtol=1e-12, atol=0.0):
             return chain, speeds
         speeds = fitting
     return None

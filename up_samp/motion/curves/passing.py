@@ -19,9 +19,6 @@ from up_samp.motion.curves.trajectories import joined
 from up_samp.motion.curves.trapezoid import time_of_distance
 from up_samp.motion.curves.twists import twists
 
-STRAIGHT = 1e-7
-"""Change of direction that counts as none."""
-
 
 def driven_through(parts: Sequence[Trajectory], kinematics: Kinematics) -> Trajectory:
     """Return a car's legs as one motion from time 0 that rests at cusps only."""
@@ -66,7 +63,7 @@ def flown_through(parts: Sequence[Trajectory], kinematics: Kinematics) -> tuple[
     rates = rotations(whole.poses) / ways[:, None]
     units = np.diff(whole.poses[:, :3], axis=0) / ways[:, None]
     change = np.abs(np.diff(np.hstack([units, rates]), axis=0)).max(axis=1)
-    corners = np.flatnonzero(change > STRAIGHT) + 1
+    corners = np.flatnonzero(change > 1e-7) + 1
     top = np.linalg.norm(rates, axis=1)
 
     def limits(step: int) -> tuple[float, float]:
@@ -74,10 +71,8 @@ def flown_through(parts: Sequence[Trajectory], kinematics: Kinematics) -> tuple[
         fastest = kinematics.omega_max / turning if turning > 1e-12 else np.inf
         return min(kinematics.v_max, fastest), kinematics.a_max
 
-    stops = np.zeros(len(whole.times), dtype=np.bool_)
-    stops[corners] = True
     motion = _retimed(whole, ways, corners, inner, limits)
-    return motion, not np.any(stops[1:-1] & inner)
+    return motion, not inner[corners - 1].any()
 
 
 def _joints(parts: Sequence[Trajectory]) -> BoolArray:

@@ -19,7 +19,7 @@ from up_samp.model.arrays import FloatArray, IntArray
 from up_samp.motion.curves.rolling import moves_on
 from up_samp.motion.curves.slowing import driven
 from up_samp.motion.curves.trapezoid import MOST_TURN
-from up_samp.motion.curves.turning import SHARES, Bends
+from up_samp.motion.curves.turning import ALONG, MOMENT, SLOW, Bends
 from up_samp.motion.curves.twists import twists
 
 
@@ -50,7 +50,7 @@ def _windows(way: Bends, kinematics: Kinematics) -> FloatArray:
     s = np.concatenate([[0.0], np.cumsum(np.abs(way.ways))])
     rests = s[np.concatenate([[True], way.jumps == 0.0, [True]])]
     near = np.abs(s[1:-1, None] - rests).min(axis=1)
-    push = SHARES.along * kinematics.alpha_max
+    push = ALONG * kinematics.alpha_max
     # a short arc becomes a bump of its turn, which is the lower the longer it is
     turns = np.maximum(np.abs(way.turns[1:]), np.abs(way.turns[:-1]))
     windows = np.minimum(fast * way.jumps / push, np.sqrt(fast * turns / push))
@@ -65,8 +65,8 @@ def _ramped(
     blocked: Callable[[FloatArray], int],
 ) -> FloatArray | None:
     """Return a way with ramps over at most such ``windows`` (m) that is free, if there is one."""
-    step = SHARES.step * SHARES.slow * kinematics.v_max
-    for k in range(SHARES.tries):
+    step = MOMENT * SLOW * kinematics.v_max
+    for k in range(30):
         windows = np.where(windows > step, windows, 0.0)
         if not windows.any():
             return None

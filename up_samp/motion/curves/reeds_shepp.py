@@ -22,11 +22,11 @@ from up_samp.model.arrays import FloatArray
 Pose = tuple[float, float, float]
 
 
-class CarLimits(NamedTuple):
-    """What a car can do: turning ``radius`` (m), top speed ``v`` (m/s), acceleration ``a``
-    (m/s^2). ``sense``: 0 if it drives both ways, 1 ahead only, -1 backwards only (how a search that
-    begins at the goal drives a car that goes ahead only). ``omega`` (rad/s): how fast it turns on
-    the spot, which is an arc of the curvature ``SPOT`` (0: it does not).
+class DriveLimits(NamedTuple):
+    """What a body can do: turning ``radius`` (m; only a car's counts), top speed ``v`` (m/s),
+    acceleration ``a`` (m/s^2). ``sense``: 0 if it drives both ways, 1 ahead only, -1 backwards only
+    (how a search that begins at the goal drives a car that goes ahead only). ``omega`` (rad/s): how
+    fast it turns on the spot, which for a car is an arc of the curvature ``SPOT`` (0: it does not).
     """
 
     radius: float
@@ -56,14 +56,14 @@ def run_time(length: float, v: float, a: float) -> float:
 
 
 @inner
-def on_spot(kappa: float, car: CarLimits) -> bool:
+def on_spot(kappa: float, car: DriveLimits) -> bool:
     """Return whether an arc is a turn on the spot."""
     return car.omega > 0.0 and abs(kappa) >= SPOT
 
 
 @inner
 def driven_on(
-    time: float, run: float, kappa: float, s: float, car: CarLimits
+    time: float, run: float, kappa: float, s: float, car: DriveLimits
 ) -> tuple[float, float]:
     """Return the time (s) of the closed runs, and the signed length (m) of the open one, after
     another ``s`` m: where it turns back or on the spot, the run before is closed.
@@ -196,7 +196,7 @@ def _reversible(x: float, y: float, phi: float, words: FloatArray, n: int) -> in
 
 @inner
 def _time_of(
-    words: FloatArray, i: int, flip: float, car: CarLimits, runs: tuple[float, float]
+    words: FloatArray, i: int, flip: float, car: DriveLimits, runs: tuple[float, float]
 ) -> float:
     """Return the time (s) of a word between the runs before and after it; 1e300 if it drives where
     the car cannot.
@@ -214,7 +214,7 @@ def _time_of(
 
 @kernel
 def connect(
-    start: Pose, goal: Pose, car: CarLimits, runs: tuple[float, float], out: FloatArray
+    start: Pose, goal: Pose, car: DriveLimits, runs: tuple[float, float], out: FloatArray
 ) -> tuple[float, int]:
     """Find the fastest Reeds-Shepp curve between two poses.
 
@@ -253,15 +253,15 @@ def shortest(
     start: tuple[float, ...], goal: tuple[float, ...], radius: float, sense: float = 0.0
 ) -> tuple[float, FloatArray]:
     """Return length (m) and arcs (n, 2: curvature 1/m, signed length m) of the shortest curve."""
-    return fastest(start, goal, CarLimits(radius, 1.0, math.inf, sense))
+    return fastest(start, goal, DriveLimits(radius, 1.0, math.inf, sense))
 
 
 def fastest(
-    start: tuple[float, ...], goal: tuple[float, ...], car: CarLimits
+    start: tuple[float, ...], goal: tuple[float, ...], car: DriveLimits
 ) -> tuple[float, FloatArray]:
     """Return time (s) and arcs (n, 2) of the fastest curve from rest to rest (rest at cusps)."""
     out = np.empty((MAX_ARCS, 2))
-    car = CarLimits(*map(float, car))
+    car = DriveLimits(*map(float, car))
     (x0, y0, th0), (x1, y1, th1) = (map(float, pose[:3]) for pose in (start, goal))
     cost, n = connect((x0, y0, th0), (x1, y1, th1), car, (0.0, 0.0), out)
     return float(cost), out[:n].copy()

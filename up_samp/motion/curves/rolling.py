@@ -140,15 +140,16 @@ def thinned(rows: FloatArray, kinematics: Kinematics, kept: BoolArray | None = N
     more as it takes to tell how often the body turns round.
     """
     distinct = moves_on(rows)
-    rows, kept = rows[distinct], None if kept is None else kept[distinct]
+    rows = rows[distinct]
     rolls = rolls_of(rows, kinematics)
     kinds = rolls.kinds
     bends = np.where(np.abs(kinds) == 2, 0.0, kinds * rolls.turns / rolls.sizes)
     changes = (np.diff(kinds) != 0) | (np.abs(np.diff(bends)) > SAME)
+    if kept is not None:
+        changes |= kept[distinct][1:-1]
     stay = [0]
     for i in range(1, len(rows) - 1):
-        asked = kept is not None and kept[i]
-        if asked or changes[i - 1] or abs(rows[i + 1, 2] - rows[stay[-1], 2]) > MOST_TURN:
+        if changes[i - 1] or abs(rows[i + 1, 2] - rows[stay[-1], 2]) > MOST_TURN:
             stay.append(i)
     stay.append(len(rows) - 1)
     return rows[stay]

@@ -33,7 +33,7 @@ from up_samp.motion.curves.rolling import (
     through_rows,
 )
 from up_samp.motion.curves.turning import limits_in_bends, turns_evenly
-from up_samp.motion.curves.twists import partway, twists
+from up_samp.motion.curves.twists import partway, travels, twists
 
 OVER = 1e-3
 """Share by which a limit may be exceeded before a motion is slowed: rounding."""
@@ -70,8 +70,7 @@ def steps_in(zone: TrafficZone, poses: FloatArray, body: Body) -> BoolArray:
     area, centre, reach = _area(zone)
     corners = np.asarray(body.footprint, dtype=np.float64)
     radius = float(np.hypot(*corners.T).max())
-    moves = twists(poses)
-    travel = np.hypot(moves[:, 0], moves[:, 1]) + radius * np.abs(moves[:, 2])
+    travel = travels(poses, radius)
     gaps = np.hypot(*(poses[:, :2] - centre).T) - reach - radius
     near = gaps <= travel.max(initial=0.0)
     gaps[near] = shapely.distance(shapely.polygons(_placed(corners, poses[near])), area)
@@ -141,13 +140,12 @@ def slowed(trajectory: Trajectory, body: Body) -> Trajectory:
         return trajectory
     keep = moves_on(trajectory.poses)
     rows = trajectory.poses[keep]
-    begin = trajectory.start
     if kin.mobility.sideways:
         most = allowed_speeds(rows, body)
         found = _eased(Trajectory(trajectory.times[keep], rows.copy()), body, most)
     else:
         found = driven(rows, body)
-    return found if begin == 0.0 else found.shifted(begin)
+    return found.shifted(trajectory.start)
 
 
 def driven(rows: FloatArray, body: Body) -> Trajectory:

@@ -1,4 +1,4 @@
-"""Joining and turning round timed motions."""
+"""Joining timed motions, turning them round, and where they begin and end."""
 
 from __future__ import annotations
 
@@ -30,6 +30,15 @@ def joined(parts: Sequence[Trajectory]) -> Trajectory:
             times.pop()
             poses.pop()
     return Trajectory(np.concatenate(times), np.concatenate(poses))
+
+
+def with_ends(motion: Trajectory, start: Configuration, goal: Configuration) -> Trajectory:
+    """Return a planar motion with its ends exactly at two poses, off which it is by rounding."""
+    poses = motion.poses.copy()
+    for k, pose in ((0, start), (-1, goal)):
+        turns = 2 * math.pi * round((float(poses[k, 2]) - pose[2]) / (2 * math.pi))
+        poses[k] = (pose[0], pose[1], pose[2] + turns)
+    return Trajectory(motion.times.copy(), poses)
 
 
 def at_rest(pose: Configuration) -> Trajectory:

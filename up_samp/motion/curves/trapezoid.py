@@ -13,7 +13,7 @@ from up_samp.geometry.records import kernel
 from up_samp.model import Configuration, Kinematics, Trajectory
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.curves.arcs import nodes_of
-from up_samp.motion.curves.reeds_shepp import CarLimits, run_time
+from up_samp.motion.curves.reeds_shepp import DriveLimits, run_time
 
 SHORTEST = 1e-6
 """Arcs shorter than this (m) are no samples of their own. They turn all the same: what comes after
@@ -26,13 +26,13 @@ round in no time, and which way has to be told.
 """
 
 
-def limits_of(kinematics: Kinematics) -> CarLimits:
+def limits_of(kinematics: Kinematics) -> DriveLimits:
     """Return the limits of a car.
 
     Nothing is kept in hand: a motion that takes 17 s takes 17 s, not a hair more. Rounding (1e-12)
     stays far within what any judge of limits has to allow.
     """
-    return CarLimits(
+    return DriveLimits(
         float(kinematics.turning_radius),
         float(kinematics.v_max),
         float(kinematics.a_max),

@@ -9,7 +9,6 @@ moment; where that is too slow, the body rests. :mod:`.ramps` makes small steps 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -19,24 +18,16 @@ from up_samp.model.arrays import BoolArray, FloatArray, IntArray
 from up_samp.motion.curves.rolling import ON_SPOT, SAME
 from up_samp.motion.curves.twists import twists
 
-
-@dataclass(frozen=True)
-class TurnShares:
-    """How ``alpha_max`` is used along a way: at most the share ``along`` for changes of curvature,
-    what is left for changes of speed. What it makes good within a ``step`` (s) needs no ramp of its
-    own; headings may be off by ``noise`` (rad). A body rests where the curvature jumps so that it
-    could pass with less than ``slow`` of its top speed only. Ramps are shortened so many times
-    (``tries``) where they are not free.
-    """
-
-    along: float = 0.5
-    step: float = 0.05
-    noise: float = 1e-7
-    slow: float = 0.3
-    tries: int = 30
-
-
-SHARES = TurnShares()
+ALONG = 0.5
+"""At most this share of ``alpha_max`` is for changes of curvature, what is left for changes of
+speed.
+"""
+MOMENT = 0.05
+"""What ``alpha_max`` makes good within so many s needs no ramp of its own."""
+SLOW = 0.3
+"""A body rests where the curvature jumps so that it could pass with less than this share of its top
+speed only.
+"""
 
 
 class Bends(NamedTuple):
@@ -60,7 +51,7 @@ class Bends(NamedTuple):
         passes = drives[:-1] * drives[1:] > 0.0
         least = np.where(passes, np.minimum(*np.abs([ways[:-1], ways[1:]])), 1.0)
         jumps = np.where(passes, np.abs(np.diff(bends)), 0.0)
-        jumps[jumps <= SAME + SHARES.noise / least] = 0.0
+        jumps[jumps <= SAME + 1e-7 / least] = 0.0  # headings may be off by 1e-7 rad
         turns_on = spot[:-1] & spot[1:] & (turns[:-1] * turns[1:] > 0.0)
         cut = (jumps > 0.0) | ~(passes | turns_on)
         arc = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(cut)])
@@ -92,7 +83,7 @@ def limits_in_bends(poses: FloatArray, kinematics: Kinematics) -> TurnLimits:
     """Return what the bends of a way (n, 3) allow.
 
     A step dk of the curvature over l m turns faster by v^2 dk / l, which takes at most a share of
-    ``alpha_max`` (``TurnShares``), and half of it on either side. What the steps beside an arc of
+    ``alpha_max`` (``ALONG``), and half of it on either side. What the steps beside an arc of
     curvature k leave of ``alpha_max`` is for speeding up in it, which takes k a.
     """
     n = len(poses) - 1
@@ -105,10 +96,10 @@ def limits_in_bends(poses: FloatArray, kinematics: Kinematics) -> TurnLimits:
     least = np.minimum(length[:-1], length[1:])
     jumps = way.jumps if math.isfinite(alpha) else np.zeros(n - 1)
     steps = np.where(jumps > 0.0, jumps, SAME**2)
-    push = SHARES.along * alpha
-    speeds = np.minimum(np.sqrt(push * least / steps), push * SHARES.step / steps)
+    push = ALONG * alpha
+    speeds = np.minimum(np.sqrt(push * least / steps), push * MOMENT / steps)
     fast = np.minimum(kinematics.v_max, np.minimum(most[:-1], most[1:]))
-    rests = (jumps > 0.0) & (speeds < SHARES.slow * fast)
+    rests = (jumps > 0.0) & (speeds < SLOW * fast)
     speeds = np.where(rests | (jumps == 0.0), math.inf, speeds)
     most[:-1] = np.minimum(most[:-1], speeds)
     most[1:] = np.minimum(most[1:], speeds)
@@ -120,7 +111,7 @@ def limits_in_bends(poses: FloatArray, kinematics: Kinematics) -> TurnLimits:
 
 def turns_evenly(motion: Trajectory, kinematics: Kinematics) -> bool:
     """Return whether the turn rate of a motion never changes faster than it may, from rest to rest:
-    means between samples, and a moment (``TurnShares.step``) is allowed for steps.
+    means between samples, and a ``MOMENT`` is allowed for steps.
     """
     alpha = kinematics.alpha_max
     if math.isinf(alpha):
@@ -130,5 +121,5 @@ def turns_evenly(motion: Trajectory, kinematics: Kinematics) -> bool:
     rates = np.concatenate([[0.0], np.diff(motion.poses[:, 2]) / np.diff(times), [0.0]])
     # since any time before, by more than alpha times what has passed
     grown = [s * rates - alpha * (1.0 + SAME) * middle for s in (1.0, -1.0)]
-    least = alpha * SHARES.step
+    least = alpha * MOMENT
     return all(bool(np.all(g - np.minimum.accumulate(g) <= least)) for g in grown)

@@ -32,6 +32,14 @@ def twists(poses: FloatArray) -> FloatArray:
     return np.stack([dx, dy, d[:, 2]], axis=1)
 
 
+def travels(poses: FloatArray, radius: float) -> FloatArray:
+    """Return how far (m) any point of a body of this ``radius`` (m) moves at most between samples,
+    along arcs, shape (n - 1,).
+    """
+    moves = twists(poses)
+    return np.asarray(np.hypot(moves[:, 0], moves[:, 1]) + radius * np.abs(moves[:, 2]))
+
+
 def partway(a: FloatArray, b: FloatArray, share: FloatArray) -> FloatArray:
     """Return the poses (k, 3) that are ``share`` (k,) of the way from ``a`` to ``b`` (k, 3)."""
     d = b - a

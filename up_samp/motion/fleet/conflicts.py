@@ -6,14 +6,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from itertools import product
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from up_samp.geometry.records import inner, kernel
 from up_samp.geometry.scene import Scene
 from up_samp.model import check_time
-from up_samp.model.arrays import FloatArray, IntArray
+from up_samp.model.arrays import BoolArray, FloatArray, IntArray
 
 DEPTH = 2
 """Times that a cell may be halved."""
@@ -177,15 +177,9 @@ class Part(NamedTuple):
     radius: float
 
 
-class PathFrame(NamedTuple):
-    """Where a body is in the frame of another one: ``x``, ``y`` (m), ``cos`` and ``sin`` of the
-    heading.
-    """
-
-    x: float
-    y: float
-    cos: float
-    sin: float
+Sway = tuple[float, float, float, float, float]
+Frame = tuple[float, float, float, float]
+"""Where a body is in the frame of another one: x, y (m), cosine and sine of the heading."""
 
 
 @inner
@@ -194,34 +188,30 @@ def _part(hull: Hull, i: int) -> Part:
 
 
 @inner
-def _frame(p: SweptPiece, q: SweptPiece) -> PathFrame:
+def _frame(p: SweptPiece, q: SweptPiece) -> Frame:
     """Return where ``q`` is in the frame of ``p`` (in their middles)."""
     dx, dy = q.x - p.x, q.y - p.y
-    return PathFrame(
-        p.cos * dx + p.sin * dy,
-        -p.sin * dx + p.cos * dy,
-        p.cos * q.cos + p.sin * q.sin,
-        p.cos * q.sin - p.sin * q.cos,
-    )
+    x, y = p.cos * dx + p.sin * dy, -p.sin * dx + p.cos * dy
+    return x, y, p.cos * q.cos + p.sin * q.sin, p.cos * q.sin - p.sin * q.cos
 
 
 @inner
-def _edge_gap(mine: Part, i: int, other: Part, at: PathFrame) -> tuple[float, float, float]:
+def _edge_gap(mine: Part, i: int, other: Part, at: Frame) -> tuple[float, float, float]:
     """Return the gap (m) along the normal of an edge of ``mine`` to the ``other`` part, which is
     ``at`` a place in its frame, and the normal.
     """
-    v, w = mine.corners, other.corners
+    v, w, (x, y, c, s) = mine.corners, other.corners, at
     j = i + 1 if i + 1 < mine.many else 0
     nx, ny = v[j, 1] - v[i, 1], v[i, 0] - v[j, 0]
     norm = 1.0 / np.sqrt(nx * nx + ny * ny)
     nx *= norm
     ny *= norm
     # least of n . (o + R v) over the other's corners, minus the edge's own offset
-    gx, gy = at.cos * nx + at.sin * ny, -at.sin * nx + at.cos * ny
+    gx, gy = c * nx + s * ny, -s * nx + c * ny
     least = gx * w[0, 0] + gy * w[0, 1]
     for k in range(1, other.many):
         least = min(least, gx * w[k, 0] + gy * w[k, 1])
-    return least + nx * (at.x - v[i, 0]) + ny * (at.y - v[i, 1]), nx, ny
+    return least + nx * (x - v[i, 0]) + ny * (y - v[i, 1]), nx, ny
 
 
 @inner
@@ -232,22 +222,28 @@ def apart(a: SweptPiece, mine: Part, b: SweptPiece, other: Part, margin: float) 
     ha, hb = a.half, b.half
     spin = a.turn * ha * (mine.radius + 0.5 * ha)
     spin = spin + b.turn * hb * (other.radius + 0.5 * hb) + a.jump + b.jump
-    tx, ty = ha * a.tx, ha * a.ty
-    ux, uy = hb * b.tx, hb * b.ty
-    found = 0
-    for side in range(2):
-        p, q = (a, b) if side == 0 else (b, a)
-        one, two = (mine, other) if side == 0 else (other, mine)
-        at = _frame(p, q)
-        for i in range(one.many):
-            gap, nx, ny = _edge_gap(one, i, two, at)
-            gap -= margin
-            if gap > 0.0:
-                found = 1
-                wx, wy = p.cos * nx - p.sin * ny, p.sin * nx + p.cos * ny
-                moved = abs(tx * wx + ty * wy) + abs(ux * wx + uy * wy) + spin
-                if gap > moved:
-                    return 2
+    sway = ha * a.tx, ha * a.ty, hb * b.tx, hb * b.ty, spin
+    said = _told_apart(a, mine, b, other, margin, sway)
+    return said if said == 2 else max(said, _told_apart(b, other, a, mine, margin, sway))
+
+
+@inner
+def _told_apart(
+    p: SweptPiece, mine: Part, q: SweptPiece, other: Part, margin: float, sway: Sway
+) -> int:
+    """Return what the edges of ``mine`` alone tell of :func:`apart`; ``sway``: how far both move
+    (m): x and y of one, of the other, and what they turn.
+    """
+    (tx, ty, ux, uy, spin), at, found = sway, _frame(p, q), 0
+    for i in range(mine.many):
+        gap, nx, ny = _edge_gap(mine, i, other, at)
+        gap -= margin
+        if gap > 0.0:
+            found = 1
+            wx, wy = p.cos * nx - p.sin * ny, p.sin * nx + p.cos * ny
+            moved = abs(tx * wx + ty * wy) + abs(ux * wx + uy * wy) + spin
+            if gap > moved:
+                return 2
     return found
 
 
@@ -307,27 +303,39 @@ def _gap(a: SweptPiece, g: Hull, b: SweptPiece, h: Hull) -> float:
     for u in range(len(g.counts)):
         for w in range(len(h.counts)):
             mine, other = _part(g, u), _part(h, w)
-            best = -np.inf
-            for side in range(2):
-                p, q = (a, b) if side == 0 else (b, a)
-                one, two = (mine, other) if side == 0 else (other, mine)
-                at = _frame(p, q)
-                for i in range(one.many):
-                    best = max(best, _edge_gap(one, i, two, at)[0])
+            best = max(_widest(mine, other, _frame(a, b)), _widest(other, mine, _frame(b, a)))
             least = min(least, best)
     return least
 
 
 @inner
-def _noted(runs: IntArray, used: int, i: int, first: int, last: int) -> IntArray:
-    """Return the runs with one more in row ``used``, in twice the room if there was none left."""
-    if used == len(runs):
-        more = np.empty((2 * used, 3), dtype=np.int64)
-        for k in range(used):
-            more[k, 0], more[k, 1], more[k, 2] = runs[k, 0], runs[k, 1], runs[k, 2]
-        runs = more
-    runs[used, 0], runs[used, 1], runs[used, 2] = i, first, last
-    return runs
+def _widest(mine: Part, other: Part, at: Frame) -> float:
+    """Return the largest gap (m) along a normal of an edge of ``mine``."""
+    best = -np.inf
+    for i in range(mine.many):
+        best = max(best, _edge_gap(mine, i, other, at)[0])
+    return best
+
+
+Rows = TypeVar("Rows", FloatArray, IntArray)
+
+
+@inner
+def with_room(rows: Rows, needed: int) -> Rows:
+    """Return the rows in twice the room, if there is none for so many."""
+    if needed <= len(rows):
+        return rows
+    more = np.empty((2 * len(rows), rows.shape[1]), dtype=rows.dtype)
+    more[: len(rows)] = rows
+    return more
+
+
+@inner
+def noted(rows: Rows, used: int, number: int, first: float, last: float) -> Rows:
+    """Return the rows (number, first, last) with one more in row ``used``."""
+    rows = with_room(rows, used + 1)
+    rows[used, 0], rows[used, 1], rows[used, 2] = number, first, last
+    return rows
 
 
 @inner
@@ -379,14 +387,14 @@ def conflict_runs(one: Swept, other: Swept, margin: float) -> IntArray:
             if hit and open_from < 0:
                 open_from = j
             if not hit and open_from >= 0:
-                runs = _noted(runs, used, i, open_from, j - 1)
+                runs = noted(runs, used, i, open_from, j - 1)
                 used += 1
                 open_from = -1
             same = max(0, same)
             room = min(room, far - same * step)
             j += 1 + same
         if open_from >= 0:
-            runs = _noted(runs, used, i, open_from, m - 1)
+            runs = noted(runs, used, i, open_from, m - 1)
             used += 1
         i += 1 + max(0, int(min(room / pace, float(len(ta)))) - 1)
     return runs[:used].copy()  # a part would keep all of it
@@ -411,30 +419,18 @@ def conflicting_cells(one: Swept, other: Swept, margin: float, most: int = 5_000
 
 
 @kernel
-def separation(p: FloatArray, g: Hull, q: FloatArray, h: Hull, enough: float) -> float:
-    """Return the largest gap (m) between two placed bodies along an edge normal (<= 0: overlap);
-    ``enough`` where it is more than that.
+def separation(p: FloatArray, g: Hull, q: FloatArray, h: Hull) -> float:
+    """Return the largest gap (m) between two placed bodies along an edge normal (0: they touch or
+    overlap).
     """
-    a, b = standing(p[0], p[1], p[2]), standing(q[0], q[1], q[2])
-    worst = enough
-    for i in range(len(g.counts)):
-        for j in range(len(h.counts)):
-            mine, other = _part(g, i), _part(h, j)
-            # bisect the margin at which the parts stop being apart: cheap, and done rarely
-            low, high = 0.0, enough
-            if apart(a, mine, b, other, low) == 0:
-                return 0.0
-            if apart(a, mine, b, other, high) == 0:
-                for _ in range(40):
-                    middle = 0.5 * (low + high)
-                    if apart(a, mine, b, other, middle) == 0:
-                        high = middle
-                    else:
-                        low = middle
-            else:
-                low = high
-            worst = min(worst, low)
-    return worst
+    return max(0.0, _gap(standing(p[0], p[1], p[2]), g, standing(q[0], q[1], q[2]), h))
+
+
+def runs_in(cells: BoolArray) -> IntArray:
+    """Return which pairs of cells (n, m) are set, as rows (i, j first, j last)."""
+    edges = np.diff(np.pad(cells.astype(np.int8), ((0, 0), (1, 1))), axis=1)
+    begins, ends = np.argwhere(edges > 0), np.argwhere(edges < 0)
+    return np.column_stack([begins, ends[:, 1] - 1])
 
 
 # ------------------ How much clearance two bodies keep from each other
@@ -464,7 +460,7 @@ def kept(wish: float, a: Iterable[FloatArray], g: Hull, b: Iterable[FloatArray],
     """
     margin = wish
     for p, q in product(a, b):
-        gap = separation(p, g, q, h, margin + ROOM)
+        gap = separation(p, g, q, h)
         if gap > 0.0:
             margin = eased(margin, gap)
     return margin

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import time
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -26,7 +25,7 @@ from up_samp.motion.budget import WorkBudget
 from up_samp.motion.fleet.detours import virtual_obstacles
 from up_samp.motion.fleet.neighbourhoods import MovingGroup, Runs, first_runs, improve
 from up_samp.motion.fleet.one_robot import Attempt, nothing, plan_one
-from up_samp.motion.fleet.paths import TIMES, Path
+from up_samp.motion.fleet.paths import ON_TIME, SAME_TIME, Path
 from up_samp.motion.fleet.speed import parked_all_the_time
 from up_samp.motion.fleet.timed_path import TimedPath
 from up_samp.motion.fleet.together import couple
@@ -129,11 +128,10 @@ def coordinate(
 def _coordinated(
     workspace: Workspace, query: GroupQuery, deadline: Deadline, seed: int, anytime: bool
 ) -> GroupReport:
-    began = time.monotonic()
     group = _group_of(workspace, query, deadline)
     alone, attempt, name = _alone(group)
     if len(alone) < len(group.motions):
-        return _hopeless(name, attempt, time.monotonic() - began)
+        return _hopeless(name, attempt)
     group.least = group.lateness(alone)
     conflicts = _meetings(group, alone)
     if conflicts:
@@ -143,7 +141,7 @@ def _coordinated(
     else:
         group.best = alone
     conflict = _shrunk(group, alone, conflicts) if _is_bad(group) else frozenset()
-    report = _report(group, conflict, time.monotonic() - began)
+    report = _report(group, conflict)
     return replace(report, exhaustive=_is_tried_out(group, alone))
 
 
@@ -190,17 +188,17 @@ def _eject(group: MovingGroup, alone: Runs, seed: int, anytime: bool) -> None:
     few = effort.again * len(runs)
 
     def enough(runs: Runs) -> bool:
-        late = group.lateness(runs) > group.least + TIMES.on_time
+        late = group.lateness(runs) > group.least + ON_TIME
         factor = effort.enough if group.budget.used < few else MUCH
         soon = sum(run.arrival for run in runs.values()) <= factor * least
         return soon and not late and not anytime
 
     # who is late may have to be: that is not worth more
-    late = group.lateness(runs) > group.least + TIMES.on_time
+    late = group.lateness(runs) > group.least + ON_TIME
     most = few if late else max(few, effort.again * FEW)
     group.budget = WorkBudget(group.deadline, None if anytime else most)
     group.best = improve(group, runs, list(runs), seed, enough)
-    ratio = sum(run.arrival for run in group.best.values()) / max(least, TIMES.same)
+    ratio = sum(run.arrival for run in group.best.values()) / max(least, SAME_TIME)
     end = "the time or work is done" if group.budget.cut else "that is good enough"
     group.ended = f"{ratio:.2f} times the arrivals alone: {end}"
 
@@ -321,7 +319,7 @@ def _polished(group: MovingGroup, runs: Runs) -> Runs:
             others = group.others(name, found)
             attempt = _plan(group, name, found, others)
             old = found[name].arrival
-            if attempt.run is not None and attempt.run.arrival < old - TIMES.on_time:
+            if attempt.run is not None and attempt.run.arrival < old - ON_TIME:
                 found[name] = attempt.run
                 gained += old - attempt.run.arrival
             if group.deadline.expired():
@@ -412,7 +410,7 @@ def _group_of(workspace: Workspace, query: GroupQuery, deadline: Deadline) -> Mo
     return MovingGroup(workspace, motions, world, WorkBudget(deadline))
 
 
-def _hopeless(name: str, attempt: Attempt, seconds: float) -> GroupReport:
+def _hopeless(name: str, attempt: Attempt) -> GroupReport:
     report = attempt.report
     assert report is not None
     return GroupReport(
@@ -420,18 +418,16 @@ def _hopeless(name: str, attempt: Attempt, seconds: float) -> GroupReport:
         conflict=frozenset({name}),
         blockers=report.blockers,
         reason=f"{name}: {report.reason}",
-        seconds=seconds,
     )
 
 
-def _report(group: MovingGroup, conflict: frozenset[str], seconds: float) -> GroupReport:
+def _report(group: MovingGroup, conflict: frozenset[str]) -> GroupReport:
     if group.best is None:
         return GroupReport(
             nothing(group.deadline),
             conflict=conflict,
             blockers=_resting(group),
             reason="no order of the robots was found in which all can drive",
-            seconds=seconds,
         )
     runs = group.best
     late = {name: runs[name].arrival for name in sorted(runs) if group.is_late(runs[name])}
@@ -442,7 +438,6 @@ def _report(group: MovingGroup, conflict: frozenset[str], seconds: float) -> Gro
         conflict,
         _resting(group) if late else frozenset(),
         f"late: {', '.join(late)}" if late else group.ended,
-        seconds,
     )
 
 

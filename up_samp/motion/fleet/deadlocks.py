@@ -6,16 +6,17 @@ import itertools
 import math
 import random
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 import shapely
 
 from up_samp.geometry.scene import Scene
-from up_samp.model import Body, Configuration, Deadline, Placed, TimedMotion, Trajectory, avoids
-from up_samp.motion.fleet.conflicts import kept, sweeps_meet, swept_in_step
-from up_samp.motion.fleet.flyers import met_by
+from up_samp.geometry.shadows import met_by
+from up_samp.model import Body, Configuration, Deadline, Placed, TimedMotion, avoids
+from up_samp.motion.curves.trajectories import with_ends
+from up_samp.motion.fleet.conflicts import Swept, kept, sweeps_meet, swept_in_step
 from up_samp.motion.fleet.paths import Path, hull_of, path_of
 from up_samp.motion.fleet.roadmap import Roadmap, RoadmapEdge, cells_of
 from up_samp.motion.fleet.speed import parked_all_the_time
@@ -24,15 +25,6 @@ from up_samp.motion.fleet.workspace import Workspace
 from up_samp.motion.moves import ShortMove, drive, in_step
 
 State = tuple[int, ...]
-
-PUSHES = 2_000
-"""Moves tried for one joint move before the next constraint is added."""
-
-PASSES = 8
-"""Passes over a sequence in which stops are left out."""
-
-STOP = 1.0
-"""Seconds that a stop is worth."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,8 +66,7 @@ class Joint:
         self.rng = random.Random(0)
         self.work = 0
         self.dry = False
-        self._conflicts: dict[tuple[int, int, int, int], bool] = {}
-        self._overlaps: dict[tuple[int, int, int, int], bool] = {}
+        self._known: dict[tuple[object, ...], bool] = {}
         self._budget = 0
 
     def search(self, most: int, deadline: Deadline) -> list[tuple[RoadmapEdge, ...]] | None:
@@ -120,13 +111,7 @@ class Joint:
 
     def meet(self, i: int, a: RoadmapEdge, j: int, b: RoadmapEdge) -> bool:
         """Return whether two robots' moves, driven in step, come too close to each other."""
-        if not self.heeds[i][j] or not self._near(a, b):
-            return False
-        key = (i, a.number, j, b.number) if i < j else (j, b.number, i, a.number)
-        known = self._conflicts.get(key)
-        if known is None:
-            known = self._conflicts[key] = swept_in_step(a.swept, b.swept, self.margin)
-        return known
+        return self._too_close(swept_in_step, i, a, j, b)
 
     def _valid(self, state: State) -> bool:
         rests = [a.roadmap.rest(at) for a, at in zip(self.agents, state, strict=True)]
@@ -159,7 +144,7 @@ class Joint:
             if any(self.meet(robot, edge, other, e) for other, e in chosen.items()):
                 return None
             chosen[robot] = edge
-        self._budget = PUSHES
+        self._budget = 2_000  # moves tried before the next constraint is added
         rests = [a.roadmap.rest(at) for a, at in zip(self.agents, node.state, strict=True)]
         # those that a forced move drives into go first
         pushed = [
@@ -207,17 +192,28 @@ class Joint:
 
     def overlap(self, i: int, a: RoadmapEdge, j: int, b: RoadmapEdge) -> bool:
         """Return whether any parts of two robots' moves come too close to each other."""
-        if not self.heeds[i][j] or not self._near(a, b):
-            return False
-        key = (i, a.number, j, b.number) if i < j else (j, b.number, i, a.number)
-        if key not in self._overlaps:
-            self._overlaps[key] = sweeps_meet(a.swept, b.swept, self.margin)
-        return self._overlaps[key]
+        return self._too_close(sweeps_meet, i, a, j, b)
 
-    def _near(self, a: RoadmapEdge, b: RoadmapEdge) -> bool:
+    def _too_close(
+        self,
+        test: Callable[[Swept, Swept, float], bool],
+        i: int,
+        a: RoadmapEdge,
+        j: int,
+        b: RoadmapEdge,
+    ) -> bool:
+        """Return what a test of two robots' moves says, asked once where they are near."""
+        if not self.heeds[i][j]:
+            return False
         p, q = a.circle, b.circle
         reach = p[2] + q[2] + self.margin
-        return (p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 < reach * reach
+        if (p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 >= reach * reach:
+            return False
+        pair = (i, a.number, j, b.number) if i < j else (j, b.number, i, a.number)
+        known = self._known.get((test, *pair))
+        if known is None:
+            known = self._known[(test, *pair)] = test(a.swept, b.swept, self.margin)
+        return known
 
     def _push(
         self, robot: int, node: _Node, rests: Sequence[RoadmapEdge], chosen: dict[int, RoadmapEdge]
@@ -292,7 +288,7 @@ def loosened(joint: Joint, steps: Sequence[tuple[RoadmapEdge, ...]]) -> list[Sta
     between.
     """
     found = _joined(joint, _in_order(joint, steps))
-    for _ in range(PASSES):
+    for _ in range(8):
         before = len(found), _seconds(found)
         k = 0
         while k < len(found):
@@ -382,7 +378,7 @@ def _merge(joint: Joint, stages: list[Stage], k: int) -> bool:
         if first.start == second.end:
             del stages[n], stages[k]
             return True
-        limit = first.seconds + second.seconds + STOP
+        limit = first.seconds + second.seconds + 1.0  # what a stop is worth
         rests = _rests(joint, stages, when)
         way = _route(joint, first.robot, (first.start, second.end), rests, limit)
         if way is not None:
@@ -441,15 +437,6 @@ def _route(
 # proves nothing: the roadmaps leave poses out.
 
 
-TOGETHER = 150_000
-"""Moves looked at in one search where some have to go at the same time."""
-
-MANY = 3_000
-"""Places from which on a finer roadmap is not worth its making."""
-
-AIR = 0.02
-"""Metres kept from what rests beside a drive, for rounding."""
-
 Drives = tuple[tuple[int, Path], ...]
 """Paths of robots at the same time: one, or several with a timing in which they keep clear."""
 
@@ -500,7 +487,7 @@ def untie(
     knot = Knot(workspace, scene, motions, world, deadline)
     searches = [(most, False) for most in workspace.tuning.knots]
     if len(motions) > 2:  # nobody can go first: some at the same time; in a ring there are three
-        searches.append((TOGETHER, True))
+        searches.append((150_000, True))
     known: list[list[Agent]] = []
     dry: set[int] = set()
     for turn, (most, together) in enumerate(searches):
@@ -536,18 +523,16 @@ def drives_of(knot: Knot, joint: Joint, stages: Sequence[Stage]) -> list[Drives]
 
 
 def _coarse_to_fine(knot: Knot) -> Iterator[list[Agent]]:
-    """Yield the robots on roadmaps of each grain, until one has many places."""
+    """Yield the robots on roadmaps of each grain, until one has so many places that a finer one is
+    not worth its making.
+    """
     grains = dict.fromkeys(zip(*(cells_of(m.body) for m in knot.motions), strict=True))
     for cells in grains:
         agents = _agents(knot, cells)
         if agents is not None and all(agent.start in agent.to_go for agent in agents):
             yield agents
-            if _places(agents) > MANY:
+            if max(len(agent.roadmap.poses) for agent in agents) > 3_000:
                 return
-
-
-def _places(agents: Sequence[Agent]) -> int:
-    return max(len(agent.roadmap.poses) for agent in agents)
 
 
 def _margin(wish: float, motions: Sequence[TimedMotion]) -> float:
@@ -587,7 +572,7 @@ def _together(
     moves = [t.edges[0].move for t in stage]
     motions = in_step(moves, [knot.motions[i].body.kinematics for i in robots])
     return tuple(
-        (i, path_of(_between(motion, at[i], ends[i]), knot.motions[i].body, _marks([move])))
+        (i, path_of(with_ends(motion, at[i], ends[i]), knot.motions[i].body, _marks([move])))
         for i, move, motion in zip(robots, moves, motions, strict=True)
     )
 
@@ -602,26 +587,18 @@ def _drive(
         for j, other in enumerate(knot.motions)
         if joint.heeds[robot][j]
     ]
-    wide = [Placed(p.name, grown(p.body, AIR), p.pose) for p in parked]
+    # a little more room, for rounding
+    wide = [Placed(p.name, grown(p.body, 0.02), p.pose) for p in parked]
     path = knot.workspace.detour(
         motion.body, (at[robot], end), knot.static[robot], wide, knot.deadline
     )
     moves = [edge.move for edge in trip.edges]
-    whole = _between(drive(moves, motion.body.kinematics), at[robot], end)
+    whole = with_ends(drive(moves, motion.body.kinematics), at[robot], end)
     own = path_of(whole, motion.body, _marks(moves))
     options = sorted((p for p in (path, own) if p is not None), key=lambda p: p.natural.duration)
     rests = [knot.workspace.resting(p.body, p.pose) for p in parked]
     clear = (p for p in options if not any(len(knot.workspace.conflicts(p, r)) for r in rests))
     return next(clear, None)
-
-
-def _between(motion: Trajectory, start: Configuration, goal: Configuration) -> Trajectory:
-    """Return a motion with its ends exactly at two poses: a lattice's are off by rounding."""
-    rows = motion.poses.copy()
-    for k, pose in ((0, start), (-1, goal)):
-        turns = 2 * math.pi * round((float(rows[k, 2]) - pose[2]) / (2 * math.pi))
-        rows[k] = (pose[0], pose[1], pose[2] + turns)
-    return Trajectory(motion.times.copy(), rows)
 
 
 def grown(body: Body, by: float) -> Body:
@@ -631,5 +608,5 @@ def grown(body: Body, by: float) -> Body:
 
 
 def _marks(moves: Sequence[ShortMove]) -> list[Configuration]:
-    marks = [tuple(float(v) for v in moves[0].rows[0])]
-    return marks + [tuple(float(v) for v in m.rows[-1]) for m in moves]
+    rows = [moves[0].rows[0], *(move.rows[-1] for move in moves)]
+    return [tuple(row.tolist()) for row in rows]

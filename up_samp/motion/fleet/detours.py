@@ -27,15 +27,15 @@ from up_samp.model import (
 )
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.curves.arcs import merged, nodes_of
-from up_samp.motion.curves.bends import CUT
-from up_samp.motion.curves.reeds_shepp import CarLimits, fastest
+from up_samp.motion.curves.reeds_shepp import DriveLimits
 from up_samp.motion.curves.rolling import rolled, rolling_radius, thinned
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
 from up_samp.motion.docking import before_docking, dock_of, docking_leg
 from up_samp.motion.fleet.conflicts import ROOM
-from up_samp.motion.fleet.lanes import lane_offsets
+from up_samp.motion.fleet.lanes import curves_through, lane_offsets
 from up_samp.motion.fleet.paths import (
-    TIMES,
+    LEVELS,
+    ON_TIME,
     Path,
     path_of,
     safe_intervals,
@@ -52,8 +52,6 @@ CUTS = (math.inf, 0.3, 0.1, 0.02)
 """By how much a way's corners are cut off at most, in turn: shares of a footprint's diameter."""
 ROUNDS = 4
 """Of paths around, and of lanes beside, what the last path met."""
-COPIES = 0.8
-"""Radii of a mover between the copies of it that a detour keeps clear of."""
 BESIDE = (1.0, 1.4)
 """Shares, in turn, of the room that two lanes take at least."""
 STRETCH = (2.0, 6.0)
@@ -62,7 +60,7 @@ STRETCH = (2.0, 6.0)
 
 def is_good(run: TimedPath | None, motion: TimedMotion) -> bool:
     """Return whether a run arrives in time."""
-    return run is not None and run.arrival <= motion.due + TIMES.on_time
+    return run is not None and run.arrival <= motion.due + ON_TIME
 
 
 def met_at_full_speed(
@@ -206,7 +204,7 @@ def virtual_obstacles(
         for j in hits:
             pose = other.path.middle(int(j))
             near = math.dist(pose[:size], centre) <= 4 * reach
-            if not near or math.dist(pose[:size], last) < COPIES * other.path.radius:
+            if not near or math.dist(pose[:size], last) < 0.8 * other.path.radius:
                 continue
             if workspace.crowds(path, other.path.body, pose):
                 continue
@@ -348,12 +346,12 @@ def drivable(
     shape = widest_shape(scene, body, poses, ())
     if shape is None:
         return None
-    world, least = scene.world(shape), 1e-3 * float(shape.data.slack[2])
+    world = scene.world(shape)
     if able.sideways or able.pivots:
         # where the widest bends meet something (a door's frame), sharper ones may not
         size = float(np.hypot(*np.ptp(np.array(body.footprint), axis=0)))
         bends = (_bent(points, able, kin, cut * size) for cut in CUTS)
-        found = (_rolled(world, body, poses, rows, flip, least) for rows in bends)
+        found = (_rolled(world, body, poses, rows, flip) for rows in bends)
         return next((path for path in found if path is not None), None)
     steered = (_steered(poses, points, limits_of(kin), flip, near) for near in (False, True))
     start = np.array(poses[0], dtype=np.float64)
@@ -384,7 +382,7 @@ def _bent(points: FloatArray, able: Mobility, kin: Kinematics, cut: float) -> Fl
         return _rounded(points, kin.v_max**2 / kin.a_max, cut)
     radius = rolling_radius(kin)
     # a tighter arc is slower than the lowest speed that a path's cells have
-    return _rounded(points, radius, cut, radius / math.sqrt(CUT.levels))
+    return _rounded(points, radius, cut, radius / math.sqrt(LEVELS))
 
 
 def _rolled(
@@ -393,15 +391,14 @@ def _rolled(
     poses: tuple[Configuration, ...],
     rows: FloatArray | None,
     flip: bool,
-    least: float,
 ) -> Path | None:
     """Return the path along a way of what moves sideways or turns on the spot, if it is free."""
     if rows is None:
         return None
     if body.mobility.sideways:
-        return _slid(body, poses, rows, world, least)
+        return _slid(body, poses, rows, world)
     rows = thinned(_turned(poses, rows, flip), body.kinematics)
-    if sweeps.samples_free(world, rows, least) >= 0:
+    if sweeps.first_hit(world, rows) >= 0:
         return None
     return path_of(rolled(rows, body.kinematics), body, poses)
 
@@ -447,11 +444,7 @@ def _rounded(
 
 
 def _slid(
-    body: Body,
-    poses: tuple[Configuration, ...],
-    rows: FloatArray,
-    world: WorldData,
-    least: float,
+    body: Body, poses: tuple[Configuration, ...], rows: FloatArray, world: WorldData
 ) -> Path | None:
     """Return the path of a body that moves sideways along a way, turning where there is room."""
     kin = body.kinematics
@@ -471,7 +464,7 @@ def _slid(
         share = np.clip((at - first) / max(takes, 1e-9), 0.0, 1.0)
         found = np.stack([x, y, poses[0][2] + turn * share], axis=1)
         found[0], found[-1, :2] = poses[0], poses[1][:2]
-        if sweeps.samples_free(world, found, least) < 0:
+        if sweeps.first_hit(world, found) < 0:
             return _timed_slide(body, poses, found)
     return None
 
@@ -504,7 +497,7 @@ def _turned(poses: tuple[Configuration, ...], rows: FloatArray, flip: bool) -> F
     parts = [np.array([poses[0][:3]], dtype=np.float64)]
     for a, b in itertools.pairwise(rows):
         parts.append(a[None, :])
-        way = math.atan2(b[1] - a[1], b[0] - a[0]) + (math.pi if flip else 0.0)
+        way = math.atan2(b[1] - a[1], b[0] - a[0]) + math.pi * flip
         if abs(math.remainder(way - a[2], 2 * math.pi)) > 1.0:  # it turned back here
             turned = b.copy()
             turned[:2] = a[:2]
@@ -517,27 +510,23 @@ def _turned(poses: tuple[Configuration, ...], rows: FloatArray, flip: bool) -> F
 
 
 def _steered(
-    poses: tuple[Configuration, ...], points: FloatArray, car: CarLimits, flip: bool, near: bool
+    poses: tuple[Configuration, ...], points: FloatArray, car: DriveLimits, flip: bool, near: bool
 ) -> FloatArray | None:
     """Return a car's arcs from pose to pose by way of the middles of straight pieces, or from one
     end of each to the other, as ``near`` to the corners as its tightest arcs allow.
     """
     gone = np.diff(points, axis=0)
-    ways = np.arctan2(gone[:, 1], gone[:, 0])
-    turns = np.abs((np.diff(ways) + math.pi) % (2 * math.pi) - math.pi)
+    headings = np.arctan2(gone[:, 1], gone[:, 0])
+    turns = np.abs((np.diff(headings) + math.pi) % (2 * math.pi) - math.pi)
     bends = np.array([0.0, *car.radius * np.tan(0.5 * np.minimum(turns, 2.4)), 0.0])
     marks = [poses[0]]
     for i, size in enumerate(np.hypot(*gone.T)):
         spare = (bends[i], bends[i + 1]) if near else (0.4 * size, 0.4 * size)
         long = sum(spare) < size if near else size >= 2.0 * car.radius and len(points) > 2
         shares = (spare[0] / size, 1.0 - spare[1] / size) if long else (0.5,)
-        way = float(ways[i]) + (math.pi if flip else 0.0)
+        way = float(headings[i]) + math.pi * flip
         marks += [(*(points[i] + s * gone[i]), way) for s in shares if 0.0 < s < 1.0]
     marks.append(poses[1])
-    found = []
-    for p, q in itertools.pairwise(marks):
-        arcs = fastest(p, q, car)[1]
-        if np.abs(arcs[:, 1]).sum() > 2.0 * math.dist(p[:2], q[:2]) + 6 * car.radius:
-            return None
-        found.append(arcs)
-    return merged(np.concatenate(found))
+    ways = (math.dist(p[:2], q[:2]) for p, q in itertools.pairwise(marks))
+    found = curves_through(marks, ways, car)
+    return None if found is None else merged(np.concatenate(found))

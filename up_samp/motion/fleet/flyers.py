@@ -8,16 +8,15 @@ again (conservative advancement; Mirtich 1996).
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable
-from functools import lru_cache
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from up_samp.geometry.meshes import contains, mesh_of, rotation, surface_distance, transform
-from up_samp.geometry.shadows import on_the_floor
-from up_samp.model import Body, Placed, check_time
+from up_samp.model import Body, check_time
 from up_samp.model.arrays import FloatArray, IntArray
+from up_samp.motion.fleet.conflicts import runs_in
 
 TOUCH = 5e-5
 """Clearance (m) that counts as none; path planners keep more."""
@@ -121,15 +120,10 @@ def meeting_cells(a: SweptSolid, b: SweptSolid, margin: float) -> IntArray:
     size = 3 if a.flies and b.flies else 2
     away = np.linalg.norm(a.centres[:, None, :size] - b.centres[None, :, :size], axis=2)
     near = away - a.extents[:, None] - b.extents[None, :] <= a.reach + b.reach + margin
-    rows = []
-    for i in np.flatnonzero(near.any(axis=1)):
+    for i, j in np.argwhere(near).tolist():
         check_time()
-        hits = np.zeros(len(b.low) + 2, dtype=np.int8)
-        for j in np.flatnonzero(near[i]):
-            hits[j + 1] = _may_meet(a, int(i), b, int(j), margin)
-        edges = np.flatnonzero(np.diff(hits))
-        rows += [(i, first, last - 1) for first, last in edges.reshape(-1, 2)]
-    return np.array(rows, dtype=np.int64).reshape(-1, 3)
+        near[i, j] = _may_meet(a, i, b, j, margin)
+    return runs_in(near)
 
 
 def _may_meet(a: SweptSolid, i: int, b: SweptSolid, j: int, margin: float) -> bool:
@@ -148,18 +142,3 @@ def _may_meet(a: SweptSolid, i: int, b: SweptSolid, j: int, margin: float) -> bo
         else:
             todo += [(p, 2 * q), (p, 2 * q + 1)]
     return False
-
-
-def met_by(body: Body, placed: Iterable[Placed]) -> tuple[Placed, ...]:
-    """Return obstacles as a body meets them: to drivers, those in space are their shadows on the
-    floor, none where all of them is above.
-    """
-    if body.flies:
-        return tuple(placed)
-    parts = (_shadows(one, body.height) if one.body.flies else (one,) for one in placed)
-    return tuple(itertools.chain.from_iterable(parts))
-
-
-@lru_cache(maxsize=1024)
-def _shadows(placed: Placed, height: float) -> tuple[Placed, ...]:
-    return on_the_floor([placed], height)

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Iterable
 
 import numpy as np
 
 from up_samp.geometry import sweeps
 from up_samp.geometry.scene import Scene
-from up_samp.model import Configuration
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.curves.arcs import merged
 from up_samp.motion.curves.blending import pieces
-from up_samp.motion.curves.reeds_shepp import CarLimits, fastest
+from up_samp.motion.curves.reeds_shepp import DriveLimits, fastest
 from up_samp.motion.curves.rolling import rolled, rolling_radius, rows_of, thinned
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
 from up_samp.motion.fleet.paths import Path, path_of
 from up_samp.motion.planners.car_shortcuts import settle
-from up_samp.motion.planners.gliding import Glider
+from up_samp.motion.planners.gliding import glide
 
 EXACT = 1e-7
 """Metres, or rad, by which a lane may miss the path that it comes back to."""
@@ -63,10 +63,9 @@ def _beside(scene: Scene, path: Path, first: float, last: float, offset: float) 
     before = path.poses_at(np.append(path.s[path.s < begin], begin))
     after = path.poses_at(np.append(end, path.s[path.s > end]))
     nodes = np.concatenate([_thinned(before), _thinned(middle), _thinned(after)])
-    goal = tuple(float(x) for x in path.poses[-1])
-    found = Glider(scene, path.body, scene.shape(path.body), ()).glide(pieces(nodes), goal)
-    ends = (tuple(float(x) for x in path.poses[0]), goal)
-    return None if found is None else path_of(found[0], path.body, ends)
+    world = scene.world(scene.shape(path.body))
+    found = glide(world, path.body.kinematics, pieces(nodes), path.ends[1])
+    return None if found is None else path_of(found[0], path.body, path.ends)
 
 
 def _thinned(rows: FloatArray, off_line: float = 0.01) -> FloatArray:
@@ -92,7 +91,7 @@ def _swerved(scene: Scene, path: Path, first: float, last: float, offset: float)
     begin, end = max(first - reach, 0.0), min(last + reach, path.length)
     marks = np.array([begin, first, last, end])
     poses = _aside(path, marks, offset)
-    curves = _curves(poses, np.diff(marks), limits_of(kin))
+    curves = curves_through(poses, np.diff(marks), limits_of(kin))
     if curves is None:
         return None
     ends = arcs_between(path, 0.0, begin), arcs_between(path, end, path.length)
@@ -102,7 +101,7 @@ def _swerved(scene: Scene, path: Path, first: float, last: float, offset: float)
         return None
     if settle(start, goal, whole) > EXACT:
         return None
-    return path_of(trajectory_of(_ends(path), [whole], kin), path.body, _ends(path))
+    return path_of(trajectory_of(path.ends, [whole], kin), path.body, path.ends)
 
 
 def _rolled_aside(
@@ -120,7 +119,7 @@ def _rolled_aside(
         return None
     marks = np.array([begin, first, last, end])
     poses = _aside(path, marks, offset)
-    curves = _curves(poses, np.diff(marks), car)
+    curves = curves_through(poses, np.diff(marks), car)
     if curves is None:
         return None
     parts = [np.concatenate([path.poses[path.s < begin - EXACT], poses[:1]])]
@@ -132,10 +131,9 @@ def _rolled_aside(
     after = path.poses[path.s > end + EXACT].copy()
     after[:, 2] += parts[-1][-1, 2] - poses[-1, 2] - _off(parts[-1][-1], poses[-1])[2]
     rows = thinned(np.concatenate([*parts, after]), kin)
-    shape = scene.shape(path.body)
-    if sweeps.samples_free(scene.world(shape), rows, 1e-3 * float(shape.data.slack[2])) >= 0:
+    if sweeps.first_hit(scene.world(scene.shape(path.body)), rows) >= 0:
         return None
-    return path_of(rolled(rows, kin), path.body, _ends(path))
+    return path_of(rolled(rows, kin), path.body, path.ends)
 
 
 def _swerve(offset: float, radius: float) -> float:
@@ -154,7 +152,9 @@ def _aside(path: Path, marks: FloatArray, offset: float) -> FloatArray:
     return poses
 
 
-def _curves(poses: FloatArray, ways: FloatArray, car: CarLimits) -> list[FloatArray] | None:
+def curves_through(
+    poses: Iterable[Iterable[float]], ways: Iterable[float], car: DriveLimits
+) -> list[FloatArray] | None:
     """Return the arcs from pose to pose, if none is much longer than its part (m) of the path."""
     found = []
     for (a, b), way in zip(itertools.pairwise(poses), ways, strict=True):
@@ -170,16 +170,6 @@ def _off(pose: FloatArray, target: FloatArray) -> FloatArray:
     off = pose - target
     off[2] = math.remainder(float(off[2]), 2 * math.pi)
     return np.asarray(off)
-
-
-def _ends(path: Path) -> tuple[Configuration, Configuration]:
-    """Return where a path begins and ends."""
-    return pose_of(path.poses[0]), pose_of(path.poses[-1])
-
-
-def pose_of(row: FloatArray) -> Configuration:
-    """Return a row of an array as a configuration."""
-    return tuple(float(x) for x in row)
 
 
 def arcs_between(path: Path, first: float, last: float) -> FloatArray:

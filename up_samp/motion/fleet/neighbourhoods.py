@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 
 from up_samp.model import Deadline, Rest, TimedMotion
 from up_samp.motion.budget import WorkBudget
-from up_samp.motion.fleet.paths import TIMES, Path
+from up_samp.motion.fleet.paths import ON_TIME, Path
 from up_samp.motion.fleet.space_time import proposer_of
 from up_samp.motion.fleet.speed import fit
 from up_samp.motion.fleet.timed_path import TimedPath, natural_timing, run_of
@@ -26,20 +26,11 @@ from up_samp.motion.fleet.workspace import Workspace, rest_run
 Runs = Mapping[str, TimedPath]
 """Runs by the names of their motions."""
 
-LATE = 100.0
-"""What a second costs after a motion's due; before, it costs 1."""
-
 SOON = 0.2
 """A motion that is so much later (s) than alone is given other ways."""
 
-KNOWN = 8
-"""Ways that are known for each motion, at most."""
-
 PRICE, MORE = 8.0, 4.0
 """What it costs (s) to eject who is in the way, and by how much more each time that it has been."""
-
-LEAVE = 3.0
-"""Seconds that who has to go again and again gets to leave its start."""
 
 SIZES = (2, 3, 4, 5, 6, 8)
 """Of neighbourhoods."""
@@ -87,21 +78,23 @@ class MovingGroup:
         return self.budget.deadline
 
     def cost(self, name: str, arrival: float) -> float:
-        """Return what it costs that a motion arrives at a time (s)."""
-        return arrival + LATE * max(0.0, arrival - self.motions[name].due - TIMES.on_time)
+        """Return what it costs that a motion arrives at a time (s): a second costs 1, after the
+        motion's due 100 more.
+        """
+        return arrival + 100.0 * max(0.0, arrival - self.motions[name].due - ON_TIME)
 
     def is_late(self, run: TimedPath) -> bool:
         """Return whether a run arrives after its motion's due."""
-        return run.arrival > self.motions[run.name].due + TIMES.on_time
+        return run.arrival > self.motions[run.name].due + ON_TIME
 
     def lateness(self, runs: Runs) -> float:
         """Return the sum of all lateness (s)."""
         late = (runs[name].arrival - self.motions[name].due for name in sorted(runs))
-        return sum(x for x in late if x > TIMES.on_time)
+        return sum(x for x in late if x > ON_TIME)
 
     def finished(self) -> bool:
         """Return whether nobody can be less late, as far as driving alone tells."""
-        return self.best is not None and self.lateness(self.best) <= self.least + TIMES.on_time
+        return self.best is not None and self.lateness(self.best) <= self.least + ON_TIME
 
     def keep(self, runs: Runs) -> None:
         """Make runs the best ones, if they are less late, or as late and over sooner."""
@@ -129,7 +122,7 @@ class MovingGroup:
         if previous is None or previous not in runs:
             return motion
         arrival = runs[previous].arrival
-        since = max(motion.present_from, arrival) if motion.present_from > -math.inf else arrival
+        since = max(motion.present_from, arrival)
         release = max(motion.release, arrival)
         return replace(motion, present_from=min(since, release), release=release)
 
@@ -160,12 +153,12 @@ class MovingGroup:
         return best
 
     def _forget(self, name: str, best: TimedPath | None) -> None:
-        """Keep the ways that were of use last, and the best one alone."""
+        """Keep the eight ways that were of use last, the best one alone among them."""
         ways = self.ways[name]
         if best is not None and best.path in ways[1:]:
             ways.remove(best.path)
             ways.insert(1, best.path)
-        del ways[KNOWN:]
+        del ways[8:]
 
     def met(self, run: TimedPath, runs: Runs) -> list[str]:
         """Return which runs one meets."""
@@ -254,14 +247,14 @@ def _forced(
     """Return a run of a motion that has none among ``runs``, and who has to go for it.
 
     Two could eject each other for ever. So who has ejected it, or was ejected by it, keeps its run
-    where there is a way at all, or else gets time to leave its start, more each time (Cap, Novak,
-    Kleiner, Selecky 2015, keep clear of starts).
+    where there is a way at all, or else gets time to leave its start, 3 s more each time (Cap,
+    Novak, Kleiner, Selecky 2015, keep clear of starts).
     """
     mine = problem.motions[name].object
     own = {n: run for n, run in runs.items() if problem.motions[n].object == mine}
     kept = [n for n in runs if (name, n) in quarrels and n not in own]
     kept.sort(key=lambda n: (-quarrels[name, n], n))
-    starts = {n: problem.at_start(n, LEAVE * quarrels[name, n]) for n in kept}
+    starts = {n: problem.at_start(n, 3.0 * quarrels[name, n]) for n in kept}
     while True:
         run = problem.plan(name, {**own, **starts, **{n: runs[n] for n in kept}})
         if run is not None:

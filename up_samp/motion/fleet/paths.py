@@ -17,15 +17,15 @@ import shapely
 
 from up_samp.geometry.meshes import load_mesh
 from up_samp.geometry.records import inner, kernel
-from up_samp.geometry.shapes import Shape, shape_of
+from up_samp.geometry.shapes import Shape, padded, shape_of
 from up_samp.model import Body, Configuration, Trajectory
 from up_samp.model.arrays import BoolArray, FloatArray, IntArray
-from up_samp.motion.curves.bends import CUT, bends_of, between_bends, ways_at
+from up_samp.motion.curves.bends import SHORT, bends_of, between_bends, ways_at
 from up_samp.motion.curves.rolling import ON_SPOT, rolls_of
 from up_samp.motion.curves.slowing import allowed_speeds, last_way_in, push_along, slowed, steps_in
 from up_samp.motion.curves.turning import limits_in_bends
-from up_samp.motion.curves.twists import partway, twists
-from up_samp.motion.fleet.conflicts import Hull, Swept, sweep_table
+from up_samp.motion.curves.twists import partway, travels, twists
+from up_samp.motion.fleet.conflicts import Hull, Swept, runs_in, sweep_table
 from up_samp.motion.fleet.flyers import ROUND, SweptSolid
 
 # ------------------ Compiled bookkeeping in time
@@ -34,33 +34,31 @@ from up_samp.motion.fleet.flyers import ROUND, SweptSolid
 # between two cells counts as being in the one behind it.
 
 
-class CellTimes(NamedTuple):
-    """What counts as nothing in time, all in seconds: times closer than ``same`` are equal;
-    ``near`` is the rounding that adds up over the cells of a path; samples nearer than ``close`` to
-    a stop, and shorter waits, are left out; ``on_time`` is lateness that does not count; ``pad`` is
-    kept free before and after a moving body's visit to a cell.
-    """
-
-    same: float = 1e-9
-    near: float = 1e-7
-    close: float = 1e-4
-    on_time: float = 1e-6
-    pad: float = 0.01
-
-
-TIMES = CellTimes()
-
+SAME_TIME = 1e-9
+"""Times (s) that are closer are equal."""
+ROUNDED = 1e-7
+"""Rounding (s) that adds up over the cells of a path."""
+ON_TIME = 1e-6
+"""Lateness (s) that does not count."""
 A_AVOIDS = 1
 """Bit of a pair's flags: the first body, moving, must keep clear of the second."""
 B_AVOIDS = 2
 """Bit of a pair's flags: the second body, moving, must keep clear of the first."""
 
 
-class Safe(NamedTuple):
-    """When cells are free: cell ``i`` in ``intervals[head[i]:head[i + 1]]`` (rows begin, end)."""
+class TimeSets(NamedTuple):
+    """Sets of times (s), by number: set ``k`` is ``intervals[head[k]:head[k + 1]]``, rows (begin,
+    end), ascending.
+    """
 
     head: IntArray
     intervals: FloatArray
+
+
+@inner
+def times_of(sets: TimeSets, k: int) -> FloatArray:
+    """Return the intervals (n, 2) of a set."""
+    return sets.intervals[sets.head[k] : sets.head[k + 1]]
 
 
 @kernel
@@ -77,7 +75,7 @@ def occupancy(
     k = 0
     for j in range(m):
         # the last time at which s <= edges[j]
-        while k + 1 < n and s[k + 1] <= edges[j] + TIMES.same:
+        while k + 1 < n and s[k + 1] <= edges[j] + SAME_TIME:
             k += 1
         at = times[k]
         if k + 1 < n and s[k] < edges[j]:
@@ -86,7 +84,7 @@ def occupancy(
         out[j + 1] = at
     arrival = times[n - 1]
     for i in range(n - 1, -1, -1):
-        if s[i] < edges[m] - TIMES.same:
+        if s[i] < edges[m] - SAME_TIME:
             break
         arrival = times[i]
     out[m + 1] = arrival
@@ -119,9 +117,9 @@ def forbidden(
         low, high = held[j0], held[j1 + 1]
         if not resting:
             # sampling moves a crossing by about a millisecond; a rest begins and ends exactly
-            low -= TIMES.pad if j0 > 0 else 0.0
-            high += TIMES.pad if j1 < last else 0.0
-        if high - low > TIMES.same:
+            low -= 0.01 if j0 > 0 else 0.0
+            high += 0.01 if j1 < last else 0.0
+        if high - low > SAME_TIME:
             out[used, 0], out[used, 1], out[used, 2] = i, low, high
             used += 1
     return used
@@ -190,7 +188,7 @@ def first_meeting(
             continue
         for j in range(j0, j1 + 1):
             low, high = max(a[i], b[j]), min(a[i + 1], b[j + 1])
-            if high - low <= TIMES.same or low >= best:
+            if high - low <= SAME_TIME or low >= best:
                 continue
             a_moves, b_moves = 0 < i < end_a, 0 < j < end_b
             if (a_moves and flags & A_AVOIDS) or (b_moves and flags & B_AVOIDS):
@@ -207,7 +205,7 @@ def shared_stretch(runs: IntArray, a: FloatArray, b: FloatArray, after: float) -
     for r in range(len(runs)):
         i, j0, j1 = runs[r, 0], runs[r, 1], runs[r, 2]
         low[r] = max(a[i], b[j0])
-        if min(a[i + 1], b[j1 + 1]) - low[r] <= TIMES.same or low[r] < after - TIMES.same:
+        if min(a[i + 1], b[j1 + 1]) - low[r] <= SAME_TIME or low[r] < after - SAME_TIME:
             low[r] = np.inf
     first, last = -1, -1
     until = low.min() if len(low) > 0 else np.inf
@@ -226,10 +224,8 @@ def shared_stretch(runs: IntArray, a: FloatArray, b: FloatArray, after: float) -
 
 
 @kernel
-def safe_intervals(rows: FloatArray, cells: int) -> Safe:
-    """Return the safe time intervals of all extended cells, ascending, outside of ``rows`` (cell,
-    from, until).
-    """
+def safe_intervals(rows: FloatArray, cells: int) -> TimeSets:
+    """Return when all extended cells are safe: outside of ``rows`` (cell, from, until)."""
     count = np.zeros(cells + 3, dtype=np.int64)
     for r in range(len(rows)):
         count[int(rows[r, 0]) + 1] += 1
@@ -254,7 +250,7 @@ def safe_intervals(rows: FloatArray, cells: int) -> Safe:
         free_from = -np.inf
         for k in range(start[cell], start[cell + 1]):
             low, high = rows[order[k], 1], rows[order[k], 2]
-            if low > free_from + TIMES.same:
+            if low > free_from + SAME_TIME:
                 safe[used, 0], safe[used, 1] = free_from, low
                 used += 1
             free_from = max(free_from, high)
@@ -262,7 +258,7 @@ def safe_intervals(rows: FloatArray, cells: int) -> Safe:
             safe[used, 0], safe[used, 1] = free_from, np.inf
             used += 1
         head[cell + 1] = used
-    return Safe(head, safe[:used])
+    return TimeSets(head, safe[:used])
 
 
 @kernel
@@ -311,6 +307,10 @@ def first_gap(blocked: FloatArray, earliest: float, latest: float) -> float:
 # Their parameter, where they kink, where the body must rest or drive slowly.
 
 
+LEVELS = 20
+"""Speed levels that the tuning aims at (see :mod:`up_samp.motion.fleet.speed`)."""
+
+
 def path_steps(poses: FloatArray, body: Body, radius: float) -> FloatArray:
     """Return the steps of ``s`` (m) between samples of a body of this ``radius`` (m)."""
     if body.flies:
@@ -357,11 +357,11 @@ def _reached(s: FloatArray, stop: BoolArray, body: Body) -> FloatArray:
 
 def kept_samples(s: FloatArray) -> IntArray:
     """Return samples that lie at least a tiny step apart, always with the first and the last."""
-    if np.all(np.diff(s) >= CUT.tiny):
+    if np.all(np.diff(s) >= SHORT):
         return np.arange(len(s), dtype=np.int64)
     keep = [0]
     for i in range(1, len(s)):
-        if s[i] - s[keep[-1]] >= CUT.tiny:
+        if s[i] - s[keep[-1]] >= SHORT:
             keep.append(i)
     if keep[-1] != len(s) - 1 and len(keep) > 1:
         keep[-1] = len(s) - 1
@@ -375,7 +375,7 @@ def kinks_and_stops(poses: FloatArray, s: FloatArray, body: Body) -> tuple[BoolA
     kink[0] = kink[-1] = stop[0] = stop[-1] = True
     if n > 2 and not body.flies:
         unit = twists(poses) / np.diff(s)[:, None]
-        kink[1:-1] = np.abs(np.diff(unit, axis=0)).max(axis=1) > CUT.kink
+        kink[1:-1] = np.abs(np.diff(unit, axis=0)).max(axis=1) > 1e-6
         if body.mobility.steers:
             stop[1:-1] = unit[:-1, 0] * unit[1:, 0] < 0
         elif body.mobility.rolls:  # it turns at will, but on the spot it rests
@@ -383,7 +383,7 @@ def kinks_and_stops(poses: FloatArray, s: FloatArray, body: Body) -> tuple[BoolA
         elif not body.mobility.sideways:
             # a velocity may not jump: chords of smooth curves turn little from sample to sample
             chord = np.diff(poses, axis=0) / np.diff(s)[:, None]
-            stop[1:-1] = np.abs(np.diff(chord, axis=0)).max(axis=1) > CUT.corner
+            stop[1:-1] = np.abs(np.diff(chord, axis=0)).max(axis=1) > 0.1
     return kink, stop
 
 
@@ -437,13 +437,7 @@ def hull_of(body: Body) -> Hull:
 
 @lru_cache(maxsize=1024)
 def _hull(shape: Shape) -> Hull:
-    most = max(len(part) for part in shape.parts)
-    verts = np.zeros((len(shape.parts), most, 2))
-    counts = np.zeros(len(shape.parts), dtype=np.int64)
-    for i, part in enumerate(shape.parts):
-        verts[i, : len(part)] = part
-        verts[i, len(part) :] = part[-1]
-        counts[i] = len(part)
+    verts, counts = padded(shape.parts)
     beside = shapely.Polygon(shape.footprint).distance(shapely.Point(0.0, 0.0))
     return Hull(verts, counts, float(shape.circumscribed), float(shape.inscribed - beside))
 
@@ -543,9 +537,14 @@ class Path:
         return ways_at(self.poses, self.s)
 
     @cached_property
+    def ends(self) -> tuple[Configuration, Configuration]:
+        """Where the body rests at first and in the end."""
+        return tuple(self.poses[0].tolist()), tuple(self.poses[-1].tolist())
+
+    @cached_property
     def rests(self) -> tuple[tuple[Solid, Configuration], tuple[Solid, Configuration]]:
         """What the body looks like, and where it rests at first and in the end."""
-        first, last = (tuple(float(x) for x in self.poses[i]) for i in (0, -1))
+        first, last = self.ends
         return (solid_of(self.body), first), (solid_of(self.body), last)
 
     @cached_property
@@ -568,14 +567,14 @@ class Path:
         """The body's surface along the path, in space."""
         ratio = 1.0
         if not self.body.flies and len(self.s) > 1:
-            moved = _driven(self.poses, self.radius) / np.diff(self.s)
+            moved = travels(self.poses, self.radius) / np.diff(self.s)
             ratio = ROUND * float(moved.max())
         return SweptSolid(self.body, self.radius, self.edges, self.poses_at, ratio)
 
     def middle(self, cell: int) -> Configuration:
         """Return the pose in the middle of an extended cell."""
         low, high = self.edges[max(cell - 1, 0)], self.edges[min(cell, self.cells)]
-        return tuple(float(x) for x in self.poses_at(np.array([0.5 * (low + high)]))[0])
+        return tuple(self.poses_at(np.array([0.5 * (low + high)]))[0].tolist())
 
     @cached_property
     def natural_held(self) -> FloatArray:
@@ -693,24 +692,16 @@ def through_zones(rows: IntArray, one: IntArray, other: IntArray) -> IntArray:
     """
     if np.array_equal(one, np.arange(len(one))) and np.array_equal(other, np.arange(len(other))):
         return rows
-    grid = np.zeros((len(one), len(other) + 1), dtype=np.int8)
+    cells = np.zeros((len(one), len(other)), dtype=np.bool_)
     for i, first, last in rows:
-        grid[one[i] : i + 1, other[first] : last + 1] = 1
-    edges = np.diff(grid, axis=1, prepend=0)
-    begins, ends = np.argwhere(edges > 0), np.argwhere(edges < 0)
-    return np.column_stack([begins, ends[:, 1] - 1])
+        cells[one[i] : i + 1, other[first] : last + 1] = True
+    return runs_in(cells)
 
 
 def resting_path(body: Body, pose: Configuration) -> Path:
     """Return the path of a body that stays where it is."""
     trajectory = Trajectory(np.zeros(1), np.array([pose], dtype=np.float64))
     return path_of(trajectory, body)
-
-
-def _driven(poses: FloatArray, radius: float) -> FloatArray:
-    """Return how far (m) any point of a planar body moves at most between samples: along arcs."""
-    moves = twists(poses)
-    return np.asarray(np.hypot(moves[:, 0], moves[:, 1]) + radius * np.abs(moves[:, 2]))
 
 
 def _waypoints(
@@ -731,7 +722,7 @@ def _waypoints(
 
 def _pauses(trajectory: Trajectory, natural_s: FloatArray, s: FloatArray) -> BoolArray:
     """Return at which samples of the path the trajectory stands still for a while."""
-    still = np.diff(natural_s) < CUT.tiny
+    still = np.diff(natural_s) < SHORT
     paused = np.flatnonzero(still & (np.diff(trajectory.times) > 0.5 * Trajectory.MAX_STEP))
     return _marks(s, natural_s[paused])
 
@@ -747,7 +738,7 @@ def _marks(s: FloatArray, values: Iterable[float]) -> BoolArray:
 def _cell_length(body: Body) -> float:
     """Return the wished length (m) of a cell: short beside the body, about so many speeds."""
     k, radius = body.kinematics, radius_of(body)
-    return float(np.clip(k.v_max**2 / (2 * k.a_max * CUT.levels), 0.1 * radius, 0.2 * radius))
+    return float(np.clip(k.v_max**2 / (2 * k.a_max * LEVELS), 0.1 * radius, 0.2 * radius))
 
 
 def _crawled(
@@ -759,7 +750,7 @@ def _crawled(
     """
     found = np.zeros(len(s), dtype=np.bool_)
     for low, high in itertools.pairwise(np.flatnonzero(stop)):
-        least = math.sqrt(2 * push * CUT.least * float(s[high] - s[low]) / most)
+        least = math.sqrt(4 * push * float(s[high] - s[low]) / most)
         slow = np.concatenate([[False], np.abs(tops[low:high]) < least, [False]])
         for begin, end in np.flatnonzero(slow[1:] != slow[:-1]).reshape(-1, 2) + low:
             found[[begin, end]] |= bool((tops[begin:end] > 0.0).any())
@@ -782,10 +773,10 @@ def _cells(
         top, length = float(tops[low:high].min()), float(s[high] - s[low])
         size = wish
         if top < kin.v_max:  # cells so short that there are speeds below the slowest arc's
-            least = 1 if body.mobility.sideways else CUT.least
+            least = 1 if body.mobility.sideways else 2
             size = min(wish, top**2 / (2 * push * least))
         if ruled[low:high].any():
-            most = top**2 / (2 * push) * (1.0 - TIMES.near)
+            most = top**2 / (2 * push) * (1.0 - ROUNDED)
             size = most / math.ceil(most / size)
         count = 2 * max(1, math.ceil(length / size / 2))
         edges.append(np.linspace(s[low], s[high], count + 1)[:-1])

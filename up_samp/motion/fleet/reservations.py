@@ -19,7 +19,7 @@ from up_samp.motion.fleet.one_robot import Attempt, plan_one
 from up_samp.motion.fleet.paths import Path
 from up_samp.motion.fleet.space_time import proposer_of
 from up_samp.motion.fleet.speed import fit
-from up_samp.motion.fleet.timed_path import TimedPath, pair_flags, pose_at
+from up_samp.motion.fleet.timed_path import TimedPath, pair_flags
 from up_samp.motion.fleet.workspace import KnownPaths, PathPlanner, rest_run, workspace_of
 
 
@@ -120,7 +120,7 @@ class ReservationTable:
         """
         others = self._others({motion.object}, -math.inf)
         ends = [
-            Placed(o.object, o.path.body, pose_at(o.path, -1))
+            Placed(o.object, o.path.body, o.path.ends[1])
             for o in others
             if o.until == math.inf and avoids(motion.avoid, o.object)
         ]

@@ -481,8 +481,7 @@ class Roadmap:
         return self._places[key]
 
     def _sweeps_free(self, rows: FloatArray) -> bool:
-        least = 1e-3 * float(self.shape.data.slack[2])
-        return bool(sweeps.samples_free(self._world, rows, least) < 0)
+        return sweeps.first_hit(self._world, rows) < 0
 
     def _new(self, pose: Configuration) -> int:
         self.poses.append(pose)

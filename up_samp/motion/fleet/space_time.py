@@ -27,12 +27,14 @@ from up_samp.geometry.ways import piece_obeys
 from up_samp.model import Body, Configuration, Mobility, TimedMotion
 from up_samp.model.arrays import BoolArray, FloatArray, Int32Array, IntArray
 from up_samp.motion.docking import before_docking
+from up_samp.motion.fleet.conflicts import noted
 from up_samp.motion.fleet.detours import docked, drivable
 from up_samp.motion.fleet.paths import (
     Path,
-    Safe,
+    TimeSets,
     hull_of,
     safe_intervals,
+    times_of,
 )
 from up_samp.motion.fleet.timed_path import TimedPath, pair_flags
 from up_samp.motion.fleet.workspace import Workspace
@@ -46,9 +48,6 @@ PLACES = 60_000
 
 SAMPLE = 0.2
 """Seconds between the moments at which a run is looked at."""
-
-LINKS = 1.6
-"""Steps from an end to the places that it is joined to, at most."""
 
 EAGER = 1.1
 """Weight of what is left of a way: the first good one is nearly as good as the best, and as the
@@ -101,17 +100,6 @@ def neighbours(
     return found
 
 
-@inner
-def _noted(rows: FloatArray, used: int, place: int, since: float, until: float) -> FloatArray:
-    """Return the rows with one more in row ``used``, in twice the room if there was none left."""
-    if used == len(rows):
-        more = np.empty((2 * used, 3))
-        more[:used] = rows
-        rows = more
-    rows[used, 0], rows[used, 1], rows[used, 2] = place, since, until
-    return rows
-
-
 @kernel
 def visits(
     lattice: Lattice, times: FloatArray, poses: FloatArray, ends: FloatArray, reach: float
@@ -143,13 +131,13 @@ def visits(
                 place = j * cols + i
                 if open_from[place] == np.inf or open_until[place] < low - 1e-6:
                     if open_from[place] < np.inf:
-                        out = _noted(out, used, place, open_from[place], open_until[place])
+                        out = noted(out, used, place, open_from[place], open_until[place])
                         used += 1
                     open_from[place] = low
                 open_until[place] = high
     for place in range(rows * cols):
         if open_from[place] < np.inf:
-            out = _noted(out, used, place, open_from[place], open_until[place])
+            out = noted(out, used, place, open_from[place], open_until[place])
             used += 1
     return out[:used].copy()
 
@@ -186,7 +174,9 @@ class Links(NamedTuple):
 
 @kernel
 def links_of(lattice: Lattice, x: float, y: float, sign: int, ways: IntArray) -> Links:
-    """Return the places around an end, with directions to them (from them, where ``sign`` < 0)."""
+    """Return the places around an end, 1.6 steps from it at most, with directions to them (from
+    them, where ``sign`` < 0).
+    """
     rows, cols = lattice.free.shape
     col, row = (x - lattice.x) / lattice.step, (y - lattice.y) / lattice.step
     places, metres = np.empty(36, dtype=np.int64), np.empty(36)
@@ -198,7 +188,7 @@ def links_of(lattice: Lattice, x: float, y: float, sign: int, ways: IntArray) ->
             u, v = lattice.x + i * lattice.step, lattice.y + j * lattice.step
             a, b, c, d = (x, y, u, v) if sign > 0 else (u, v, x, y)
             obeys = piece_obeys(lattice.rules, a, b, c, d, 0.0, 0.0)
-            if far > LINKS or not lattice.free[j, i] or not obeys:
+            if far > 1.6 or not lattice.free[j, i] or not obeys:
                 continue
             best = -np.inf
             for w in range(len(ways)):
@@ -261,7 +251,7 @@ def distances(lattice: Lattice, goal: Links, ways: IntArray) -> FloatArray:
 
 
 @inner
-def _free_at(safe: Safe, place: int, t: float) -> bool:
+def _free_at(safe: TimeSets, place: int, t: float) -> bool:
     for r in range(safe.head[place], safe.head[place + 1]):
         if safe.intervals[r, 0] <= t and t <= safe.intervals[r, 1]:
             return True
@@ -287,7 +277,7 @@ def _step(
 
 
 @inner
-def _clear_between(cols: int, safe: Safe, place: int, way: IntArray, half: float) -> bool:
+def _clear_between(cols: int, safe: TimeSets, place: int, way: IntArray, half: float) -> bool:
     """Return whether a long step passes between two places that are free then."""
     a, b = way
     if abs(a) + abs(b) < 3:
@@ -313,7 +303,7 @@ def _traced(place_of: IntArray, best: FloatArray, parent: Int32Array, last: int)
 
 
 @inner
-def _tables(task: Errand, safe: Safe, places: int) -> tuple[IntArray, IntArray]:
+def _tables(task: Errand, safe: TimeSets, places: int) -> tuple[IntArray, IntArray]:
     """Return each safe interval's place, and each place's row among those around the goal."""
     place_of = np.empty(len(safe.intervals), dtype=np.int64)
     for place in range(places + 2):
@@ -326,7 +316,7 @@ def _tables(task: Errand, safe: Safe, places: int) -> tuple[IntArray, IntArray]:
 
 @inner
 def _begun(
-    task: Errand, safe: Safe, places: int, best: FloatArray
+    task: Errand, safe: TimeSets, places: int, best: FloatArray
 ) -> list[tuple[float, float, float, int]]:
     """Return a queue of where the body stands as it is released, and set when it is there."""
     queue = [(0.0, 0.0, 0.0, 0)]
@@ -339,15 +329,15 @@ def _begun(
 
 
 @inner
-def _goal_free(safe: Safe, goal: int) -> float:
+def _goal_free(safe: TimeSets, goal: int) -> float:
     """Return from when on a goal stays free for good (inf: it does not)."""
-    last = safe.head[goal + 1] - 1
-    endless = last >= safe.head[goal] and safe.intervals[last, 1] == np.inf
-    return float(safe.intervals[last, 0]) if endless else np.inf
+    free = times_of(safe, goal)
+    endless = len(free) > 0 and free[-1, 1] == np.inf
+    return float(free[-1, 0]) if endless else np.inf
 
 
 @kernel
-def search(lattice: Lattice, task: Errand, safe: Safe, most: int) -> FloatArray:
+def search(lattice: Lattice, task: Errand, safe: TimeSets, most: int) -> FloatArray:
     """Return the rows (place, arrival s) of a way from the start to the goal (none: not found with
     ``most`` states expanded).
 
@@ -507,7 +497,7 @@ class Proposer:
 
     def _safe(
         self, motion: TimedMotion, lattice: Lattice, others: Sequence[TimedPath], wide: bool
-    ) -> Safe:
+    ) -> TimeSets:
         """Return when places are free, then the start, then the goal."""
         count = lattice.free.size
         parts = []
@@ -542,7 +532,7 @@ class Proposer:
         whole: tuple[Configuration, ...],
         lattice: Lattice,
         rows: FloatArray,
-        safe: Safe,
+        safe: TimeSets,
         flip: bool,
     ) -> Path | None:
         points = _points(lattice, motion, rows)
@@ -587,7 +577,7 @@ def _timed_task(
     flip: bool,
 ) -> Errand:
     kin, able = motion.body.kinematics, motion.body.mobility
-    ways = np.arctan2(WAYS[:, 1], WAYS[:, 0]) + (math.pi if flip else 0.0)
+    ways = np.arctan2(WAYS[:, 1], WAYS[:, 0]) + math.pi * flip
     costs = []
     for pose in motion.poses:
         turn = np.abs(np.remainder(ways - pose[2] + math.pi, 2 * math.pi) - math.pi)
@@ -650,7 +640,7 @@ def _pulled(
     lattice: Lattice,
     points: FloatArray,
     rows: FloatArray,
-    safe: Safe,
+    safe: TimeSets,
     pivots: bool,
 ) -> FloatArray:
     """Return a way without the corners that can be left out, as far as the lattice tells."""
@@ -668,7 +658,7 @@ def _straight(
     lattice: Lattice,
     run: FloatArray,
     pair: tuple[int, int],
-    safe: Safe,
+    safe: TimeSets,
     grid: GridData,
     room: tuple[float, float],
 ) -> bool:
@@ -702,7 +692,7 @@ def _straight(
 
 @kernel
 def pulled(
-    lattice: Lattice, run: FloatArray, safe: Safe, grid: GridData, room: tuple[float, float]
+    lattice: Lattice, run: FloatArray, safe: TimeSets, grid: GridData, room: tuple[float, float]
 ) -> IntArray:
     """Return which corners of a ``run`` (x, y, arrival) to keep: each leads straight on to the
     farthest one that it can reach, at times between those of the way.

@@ -17,23 +17,24 @@ import numpy as np
 
 from up_samp.geometry.records import inner, kernel
 from up_samp.model import (
-    Configuration,
     Placed,
     TimedMotion,
     avoids,
 )
 from up_samp.model.arrays import BoolArray, FloatArray, IntArray
+from up_samp.motion.curves.reeds_shepp import DriveLimits
+from up_samp.motion.fleet.conflicts import with_room
 from up_samp.motion.fleet.paths import (
-    TIMES,
+    ROUNDED,
+    SAME_TIME,
     Path,
-    Safe,
+    TimeSets,
     first_gap,
     forbidden_starts,
     safe_intervals,
+    times_of,
 )
 from up_samp.motion.fleet.timed_path import (
-    Levels,
-    Speeds,
     TimedPath,
     Timing,
     natural_timing,
@@ -49,26 +50,6 @@ SHARE = 1.0 - 2e-6
 
 MOST = 64
 """Intervals kept for one (vertex, level); later ones are dropped (sound, maybe later arrivals)."""
-
-
-class Reached(NamedTuple):
-    """When vertices can be reached: slot ``i * width + k`` of (vertex i, level k) holds the
-    intervals ``sets[slots[slot]:slots[slot + 1]]``. Each vertex's last slot is level 0 *with*
-    waiting.
-    """
-
-    slots: IntArray
-    sets: FloatArray
-
-
-@inner
-def _times(reached: Reached, slot: int) -> FloatArray:
-    return reached.sets[reached.slots[slot] : reached.slots[slot + 1]]
-
-
-@inner
-def _free(safe: Safe, cell: int) -> FloatArray:
-    return safe.intervals[safe.head[cell] : safe.head[cell + 1]]
 
 
 @inner
@@ -91,7 +72,7 @@ def _merge(lo: FloatArray, hi: FloatArray, count: int) -> int:
         lo[k], hi[k] = x, y
     kept = 0
     for i in range(count):
-        if kept > 0 and lo[i] <= hi[kept - 1] + TIMES.same:
+        if kept > 0 and lo[i] <= hi[kept - 1] + SAME_TIME:
             hi[kept - 1] = max(hi[kept - 1], hi[i])
         else:
             lo[kept], hi[kept] = lo[i], hi[i]
@@ -99,18 +80,10 @@ def _merge(lo: FloatArray, hi: FloatArray, count: int) -> int:
     return min(kept, MOST)
 
 
-@inner
-def _grown(rows: FloatArray) -> FloatArray:
-    out = np.empty((2 * len(rows), 2))
-    for i in range(len(rows)):
-        out[i, 0], out[i, 1] = rows[i, 0], rows[i, 1]
-    return out
-
-
 class TunedPath(NamedTuple):
     """A path to be tuned, by vertex: where it is (``edges``, m), whether the body must rest there
     (``halt``), its top speed there (``caps``, m/s); by cell whether it keeps to one speed
-    (``held``), and by vertex whether it may wait there (``waits``), and its ``least`` speed level.
+    (``held``), and by vertex whether it may wait there (``waits``).
     """
 
     edges: FloatArray
@@ -118,7 +91,6 @@ class TunedPath(NamedTuple):
     caps: FloatArray
     held: BoolArray
     waits: BoolArray
-    least: IntArray
 
 
 class Cell(NamedTuple):
@@ -157,7 +129,7 @@ def _waits(came: FloatArray, free: FloatArray, lo: FloatArray, hi: FloatArray) -
     for q in range(len(came)):
         for r in range(len(free)):
             if (
-                free[r, 0] <= came[q, 0] + TIMES.same
+                free[r, 0] <= came[q, 0] + SAME_TIME
                 and came[q, 0] <= free[r, 1]
                 and count < len(lo)
             ):
@@ -169,18 +141,18 @@ def _waits(came: FloatArray, free: FloatArray, lo: FloatArray, hi: FloatArray) -
 
 @inner
 def _arrivals(
-    before: Reached, level: int, can: Speeds, cell: Cell, lo: FloatArray, hi: FloatArray
+    before: TimeSets, level: int, can: DriveLimits, cell: Cell, lo: FloatArray, hi: FloatArray
 ) -> int:
     """Fill ``lo``, ``hi`` with arrivals at ``level`` from the vertex ``before``; return how
     many.
     """
-    count, width = 0, len(before.slots) - 1
+    count, width = 0, len(before.head) - 1
     v1 = speed_of(level, can, cell.ds)
     # a level up or down or the same; never from rest to rest
     for other in range(abs(level - 1), min(level + 1, width - 2) + 1):
         if cell.held and other != level:
             continue
-        begin = _times(before, other if other > 0 else width - 1)
+        begin = times_of(before, other if other > 0 else width - 1)
         if len(begin) > 0:
             tau = _crossing(speed_of(other, can, cell.ds), v1, can.a, cell.ds)
             count = _advance(begin, cell, tau, lo, hi, count)
@@ -188,13 +160,7 @@ def _arrivals(
 
 
 @inner
-def _levels(can: Speeds, ds: float) -> int:
-    """Return the level of top speed over cells of ``ds`` m."""
-    return int(np.ceil(can.v * can.v / (2 * can.a * ds) - 1e-9))
-
-
-@inner
-def _most(way: TunedPath, can: Speeds) -> IntArray:
+def _most(way: TunedPath, can: DriveLimits) -> IntArray:
     """Return the highest speed level at each vertex: that of top speed there, or from which the
     cells to the next halt or tighter bend are just enough. (Two stops a hair apart make tiny cells,
     of which top speed would be millions of levels.)
@@ -204,15 +170,19 @@ def _most(way: TunedPath, can: Speeds) -> IntArray:
     for i in range(m - 1, 0, -1):
         if not way.halt[i]:
             ds = way.edges[i] - way.edges[i - 1]
-            most[i] = min(most[i + 1] + 1, _levels(can, ds))
+            top = int(np.ceil(can.v * can.v / (2 * can.a * ds) - 1e-9))
+            most[i] = min(most[i + 1] + 1, top)
             if way.caps[i] < can.v:
                 most[i] = min(most[i], int(way.caps[i] ** 2 / (2 * can.a * ds) + 1e-9))
     return most
 
 
 @kernel
-def reachable(way: TunedPath, can: Speeds, safe: Safe, release: float, horizon: float) -> Reached:
-    """Return the reachable times.
+def reachable(
+    way: TunedPath, can: DriveLimits, safe: TimeSets, release: float, horizon: float
+) -> TimeSets:
+    """Return when vertices can be reached: set ``i * width + k`` is that of (vertex i, level k),
+    each vertex's last one that of level 0 *with* waiting.
 
     What cannot arrive until ``horizon`` (s) even at top speed from there is left out.
     """
@@ -223,9 +193,9 @@ def reachable(way: TunedPath, can: Speeds, safe: Safe, release: float, horizon: 
     index = np.zeros((m + 1) * width + 1, dtype=np.int64)
     sets = np.empty((4096, 2))
     used = 0
-    first = _free(safe, 0)
+    first = times_of(safe, 0)
     for k in range(len(first)):
-        if first[k, 0] <= release + TIMES.same and release < first[k, 1]:
+        if first[k, 0] <= release + SAME_TIME and release < first[k, 1]:
             sets[0, 0], sets[0, 1] = release, first[k, 1]
             used = 1
     index[width] = used
@@ -233,18 +203,17 @@ def reachable(way: TunedPath, can: Speeds, safe: Safe, release: float, horizon: 
     for i in range(1, m + 1):
         ds, cap = edges[i] - edges[i - 1], most[i]
         latest = horizon - (edges[m] - edges[i]) / can.v
-        cell = Cell(ds, _free(safe, i), latest, way.held[i - 1])
+        cell = Cell(ds, times_of(safe, i), latest, way.held[i - 1])
         for k in range(width):
             count = 0
             if k == width - 1:
-                came = _times(Reached(index, sets), i * width)
+                came = times_of(TimeSets(index, sets), i * width)
                 count = _waits(came, cell.free if way.waits[i] else came, lo, hi)
-            elif way.least[i] <= k <= cap:
-                before = Reached(index[(i - 1) * width : i * width + 1], sets)
+            elif k <= cap and (k > 0 or way.halt[i] or way.waits[i]):
+                before = TimeSets(index[(i - 1) * width : i * width + 1], sets)
                 count = _arrivals(before, k, can, cell, lo, hi)
             count = _merge(lo, hi, count)
-            if used + count > len(sets):
-                sets = _grown(sets)
+            sets = with_room(sets, used + count)
             for q in range(count):
                 sets[used + q, 0], sets[used + q, 1] = lo[q], hi[q]
             used += count
@@ -252,14 +221,14 @@ def reachable(way: TunedPath, can: Speeds, safe: Safe, release: float, horizon: 
         if used == index[i * width]:
             index[(i + 1) * width + 1 :] = used  # nobody comes here in time
             break
-    return Reached(index, sets[:used])
+    return TimeSets(index, sets[:used])
 
 
 @inner
 def _spans(intervals: FloatArray, begin: float, end: float) -> bool:
     """Return whether one interval contains [begin, end], but for rounding."""
     for r in range(len(intervals)):
-        if intervals[r, 0] <= begin + TIMES.near and end <= intervals[r, 1] + TIMES.near:
+        if intervals[r, 0] <= begin + ROUNDED and end <= intervals[r, 1] + ROUNDED:
             return True
     return False
 
@@ -269,61 +238,60 @@ def _came(came: FloatArray, free: FloatArray, t: float) -> float:
     """Return the latest arrival up to ``t`` from which one can wait until ``t`` (-inf: none)."""
     low = -np.inf
     for r in range(len(free)):
-        if free[r, 0] <= t + TIMES.near and t <= free[r, 1] + TIMES.near:
+        if free[r, 0] <= t + ROUNDED and t <= free[r, 1] + ROUNDED:
             low = free[r, 0]
     best = -np.inf
     for q in range(len(came)):
-        if came[q, 0] <= t + TIMES.near and came[q, 1] >= low - TIMES.near:
+        if came[q, 0] <= t + ROUNDED and came[q, 1] >= low - ROUNDED:
             best = max(best, min(came[q, 1], t))
     return best
 
 
 @kernel
 def backtrack(
-    way: TunedPath, can: Speeds, safe: Safe, reachable: Reached, arrival: float
-) -> tuple[bool, Levels]:
-    """Return whether there is a timing that arrives at ``arrival``, and that.
+    way: TunedPath, can: DriveLimits, safe: TimeSets, reached: TimeSets, arrival: float
+) -> tuple[bool, IntArray, FloatArray]:
+    """Return whether there is a timing that arrives at ``arrival`` (s), and by vertex its speed
+    level, and when it leaves.
 
     Of several predecessors the fastest is taken, so waits fall as early as they can.
     """
     edges = way.edges
     m = len(edges) - 1
-    width = (len(reachable.slots) - 1) // (m + 1)
+    width = (len(reached.head) - 1) // (m + 1)
     level = np.zeros(m + 1, dtype=np.int64)
-    reached, left = np.empty(m + 1), np.empty(m + 1)
-    reached[m] = left[m] = arrival
-    levels = Levels(level, reached, left)
+    left = np.empty(m + 1)
+    left[m] = arrival
     t, k = arrival, 0
     for i in range(m, 0, -1):
         ds = edges[i] - edges[i - 1]
         v1 = speed_of(k, can, ds)
-        free = _free(safe, i)
+        free = times_of(safe, i)
         found = False
         for before in range(min(k + 1, width - 2), abs(k - 1) - 1, -1):
             if way.held[i - 1] and before != k:
                 continue
             begin = t - _crossing(speed_of(before, can, ds), v1, can.a, ds)
             source = (i - 1) * width + (before if before > 0 else width - 1)
-            options = _times(reachable, source)
+            options = times_of(reached, source)
             if _spans(free, begin, t) and _spans(options, begin, begin):
                 found = True
                 k, t = before, begin
                 break
         if not found:
-            return False, levels
+            return False, level, left
         level[i - 1] = k
-        reached[i - 1] = left[i - 1] = t
+        left[i - 1] = t
         if k == 0 and i > 1:
-            t = _came(_times(reachable, (i - 1) * width), _free(safe, i - 1), t)
+            t = _came(times_of(reached, (i - 1) * width), times_of(safe, i - 1), t)
             if t == -np.inf:
-                return False, levels
-            reached[i - 1] = t
-    return True, levels
+                return False, level, left
+    return True, level, left
 
 
 def tune(
     path: Path,
-    safe: Safe,
+    safe: TimeSets,
     release: float,
     goal_free: float,
     horizon: float = math.inf,
@@ -333,19 +301,18 @@ def tune(
     It leaves not before ``release`` and arrives not before ``goal_free`` nor after ``horizon`` (s).
     """
     kin = path.body.kinematics
-    can = Speeds(kin.v_max * SHARE, path.push * SHARE)
+    can = DriveLimits(0.0, kin.v_max * SHARE, path.push * SHARE)
     waits = np.append(path.entries[1:-1] == np.arange(1, path.cells + 1), True)
-    least = (~(path.halt | waits)).astype(np.int64)
-    way = TunedPath(path.edges, path.halt, path.caps * SHARE, path.held, waits, least)
+    way = TunedPath(path.edges, path.halt, path.caps * SHARE, path.held, waits)
     reached = reachable(way, can, safe, release, horizon)
-    width = (len(reached.slots) - 1) // (path.cells + 1)
-    last = path.cells * width
-    arrivals = reached.sets[reached.slots[last] : reached.slots[last + 1]]
+    width = (len(reached.head) - 1) // (path.cells + 1)
+    first, last = reached.head[path.cells * width :][:2]
+    arrivals = reached.intervals[first:last]
     times = [max(float(lo), goal_free) for lo, hi in arrivals if hi >= goal_free]
     if not times or min(times) > horizon:
         return None
-    found, levels = backtrack(way, can, safe, reached, min(times))
-    return sampled(path, levels, can) if found else None
+    found, level, left = backtrack(way, can, safe, reached, min(times))
+    return sampled(path, level, left, can) if found else None
 
 
 # ------------------ The earliest arrival along one path among runs: waiting, and speeds tuned
@@ -396,12 +363,25 @@ def first_start(
 ) -> float | None:
     """Return when a motion can first begin its ``path`` with the path's own timing (s), if ever."""
     rows = workspace.forbidden(path, motion.object, motion.avoid, others)
-    rows = rows[(rows[:, 2] > motion.release) | (rows[:, 0] == path.cells + 1)]
+    start = _start(motion, path, _to_come(motion, path, rows))
+    return start if start < math.inf else None
+
+
+def _start(motion: TimedMotion, path: Path, rows: FloatArray) -> float:
+    """Return when a motion can first begin its ``path`` with the path's own timing (s; inf: never),
+    with forbidden (cell, from, until) ``rows``.
+    """
     blocked, earliest, latest = forbidden_starts(
         rows, path.natural_held, motion.release, motion.present_until
     )
-    start = first_gap(blocked[np.argsort(blocked[:, 0], kind="stable")], earliest, latest)
-    return start if start < math.inf else None
+    return first_gap(blocked[np.argsort(blocked[:, 0], kind="stable")], earliest, latest)
+
+
+def _to_come(motion: TimedMotion, path: Path, rows: FloatArray) -> FloatArray:
+    """Return the forbidden ``rows`` that are not over as a motion is released, and those at its
+    end.
+    """
+    return rows[(rows[:, 2] > motion.release) | (rows[:, 0] == path.cells + 1)]
 
 
 def _earliest(
@@ -413,11 +393,8 @@ def _earliest(
     """Return the earliest arrival along ``path``, before ``limit``, with forbidden (cell, from,
     until) ``rows``; at another speed only if that gains ``GAIN`` s.
     """
-    rows = rows[(rows[:, 2] > motion.release) | (rows[:, 0] == path.cells + 1)]
-    until = motion.present_until
-    blocked, earliest, latest = forbidden_starts(rows, path.natural_held, motion.release, until)
-    blocked = blocked[np.argsort(blocked[:, 0], kind="stable")]
-    start = first_gap(blocked, earliest, latest)
+    rows = _to_come(motion, path, rows)
+    start = _start(motion, path, rows)
     best = None
     if start + path.natural.duration < limit:
         best = natural_timing(path, start)
@@ -425,7 +402,7 @@ def _earliest(
     if start > motion.release and path.tunable and path.cells > 0:
         safe = safe_intervals(rows, path.cells)
         # at the end it must be able to rest, so it arrives after the last visit of another
-        ends = rows[(rows[:, 0] == path.cells + 1) & (rows[:, 1] < until)]
+        ends = rows[(rows[:, 0] == path.cells + 1) & (rows[:, 1] < motion.present_until)]
         goal_free = float(np.max(ends[:, 2], initial=-math.inf))
         # hundredths of a second are not worth a timing that stops and goes
         if max(goal_free, motion.release + path.fastest) < limit - GAIN:
@@ -436,18 +413,11 @@ def _earliest(
 
 def parked_all_the_time(motion: TimedMotion, others: Iterable[TimedPath]) -> list[Placed]:
     """Return what rests in one place all through the motion's window."""
-    return [
-        Placed(other.object, other.path.body, rest)
-        for other in others
-        if other.object != motion.object
-        and avoids(motion.avoid, other.object)
-        and other.since <= motion.release
-        and (rest := _rest_until(other, motion)) is not None
-    ]
-
-
-def _rest_until(other: TimedPath, motion: TimedMotion) -> Configuration | None:
-    end = max(motion.due, motion.release)
-    if other.until < end:
-        return None
-    return other.rests_during(motion.release, end)
+    end, found = max(motion.due, motion.release), []
+    for other in others:
+        there = other.since <= motion.release and other.until >= end
+        if there and other.object != motion.object and avoids(motion.avoid, other.object):
+            rest = other.rests_during(motion.release, end)
+            if rest is not None:
+                found.append(Placed(other.object, other.path.body, rest))
+    return found

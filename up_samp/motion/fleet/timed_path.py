@@ -4,37 +4,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
 from up_samp.geometry.records import inner, kernel
 from up_samp.model import Configuration, TimedMotion, Trajectory, avoids
 from up_samp.model.arrays import FloatArray, IntArray
-from up_samp.motion.fleet.paths import A_AVOIDS, B_AVOIDS, TIMES, Path, occupancy
+from up_samp.motion.curves.reeds_shepp import DriveLimits
+from up_samp.motion.fleet.paths import A_AVOIDS, B_AVOIDS, SAME_TIME, Path, occupancy
 
-
-class Speeds(NamedTuple):
-    """What a body may do along its path: top speed ``v`` (m/s), acceleration ``a`` (m/s^2)."""
-
-    v: float
-    a: float
+CLOSE = 1e-4
+"""Samples nearer than this (s) to a stop, and shorter waits, are left out."""
 
 
 @inner
-def speed_of(level: int, can: Speeds, ds: float) -> float:
+def speed_of(level: int, can: DriveLimits, ds: float) -> float:
     """Return the speed (m/s) at a level: one cell of ``ds`` m at full acceleration apart."""
     return min(can.v, np.sqrt(2 * can.a * ds * level))
-
-
-class Levels(NamedTuple):
-    """How a path is driven: by vertex the speed ``level``, and when it is ``reached`` and ``left``
-    (s).
-    """
-
-    level: IntArray
-    reached: FloatArray
-    left: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,9 +36,9 @@ def natural_timing(path: Path, start: float) -> Timing:
     return Timing(path.natural.shifted(start), path.natural_s)
 
 
-def sampled(path: Path, levels: Levels, can: Speeds) -> Timing:
-    """Return the trajectory for speed levels and times per vertex."""
-    phases, forced = _phases(path.edges, levels, can)
+def sampled(path: Path, level: IntArray, left: FloatArray, can: DriveLimits) -> Timing:
+    """Return the trajectory for the speed level at each vertex, and when it is left (s)."""
+    phases, forced = _phases(path.edges, level, left, can)
     t, s, v, acc = phases.T
     # kinks must be samples: solve s + v dt + acc dt^2 / 2 = kink in the phase that passes it
     kinks = path.s[path.kink][1:-1]
@@ -65,9 +51,9 @@ def sampled(path: Path, levels: Levels, can: Speeds) -> Timing:
         np.abs(crossed - forced[np.minimum(near, len(forced) - 1)]),
         np.abs(crossed - forced[np.maximum(near - 1, 0)]),
     )
-    marks = np.concatenate([forced, crossed[close > TIMES.close]])
+    marks = np.concatenate([forced, crossed[close > CLOSE]])
     marks.sort()
-    marks = marks[np.concatenate([[True], np.diff(marks) > TIMES.same])]
+    marks = marks[np.concatenate([[True], np.diff(marks) > SAME_TIME])]
     times = _filled(marks)
     i = np.clip(np.searchsorted(t, times, side="right") - 1, 0, len(t) - 1)
     dt = times - t[i]
@@ -81,12 +67,13 @@ def sampled(path: Path, levels: Levels, can: Speeds) -> Timing:
 
 
 @kernel
-def _phases(edges: FloatArray, levels: Levels, can: Speeds) -> tuple[FloatArray, FloatArray]:
+def _phases(
+    edges: FloatArray, level: IntArray, left: FloatArray, can: DriveLimits
+) -> tuple[FloatArray, FloatArray]:
     """Return phases of constant acceleration (begin, s, v, acceleration; a wait has speed 0), shape
     (k, 4), and the times at which it stops or starts.
     """
-    level, left, a = levels.level, levels.left, can.a
-    m = len(edges) - 1
+    a, m = can.a, len(edges) - 1
     rows, forced = np.empty((3 * m, 4)), np.empty(2 * m + 1)
     now = left[0]
     forced[0] = now
@@ -112,7 +99,7 @@ def _phases(edges: FloatArray, levels: Levels, can: Speeds) -> tuple[FloatArray,
         if level[i] == 0:
             forced[stops] = now
             stops += 1
-            if i < m and left[i] - now > TIMES.close:
+            if i < m and left[i] - now > CLOSE:
                 rows[n, 0], rows[n, 1], rows[n, 2], rows[n, 3] = now, edges[i], 0.0, 0.0
                 n += 1
                 now = left[i]
@@ -124,7 +111,7 @@ def _phases(edges: FloatArray, levels: Levels, can: Speeds) -> tuple[FloatArray,
 def _filled(marks: FloatArray) -> FloatArray:
     """Return ``marks`` with evenly spread times in between, at most ``MAX_STEP`` s apart."""
     gaps = np.diff(marks)
-    counts = np.maximum(1, np.ceil(gaps / Trajectory.MAX_STEP - TIMES.same).astype(np.int64))
+    counts = np.maximum(1, np.ceil(gaps / Trajectory.MAX_STEP - SAME_TIME).astype(np.int64))
     which = np.repeat(np.arange(len(gaps)), counts)
     first = np.concatenate([[0], np.cumsum(counts)[:-1]])
     share = (np.arange(len(which)) - first[which]) / counts[which]
@@ -174,15 +161,10 @@ class TimedPath:
         """Return where it stands if it does not move in all of [start, end]."""
         times = self.timing.trajectory.times
         if end <= times[0] or self.path.cells == 0:
-            return pose_at(self.path, 0)
+            return self.path.ends[0]
         if start >= times[-1]:
-            return pose_at(self.path, -1)
+            return self.path.ends[1]
         return None
-
-
-def pose_at(path: Path, index: int) -> Configuration:
-    """Return a sample of a path as a configuration."""
-    return tuple(float(x) for x in path.poses[index])
 
 
 def pair_flags(
@@ -191,10 +173,6 @@ def pair_flags(
     """Return who of two objects must, while moving, keep clear of whom (bits)."""
     flags = A_AVOIDS if avoids(a_avoid, b) else 0
     return flags | (B_AVOIDS if avoids(b_avoid, a) else 0)
-
-
-NOBODY: frozenset[str] = frozenset()
-"""A resting body keeps clear of nobody: it does not move."""
 
 
 def run_of(motion: TimedMotion, path: Path, timing: Timing) -> TimedPath:

@@ -21,11 +21,8 @@ from up_samp.motion.fleet.deadlocks import Drives, untie
 from up_samp.motion.fleet.detours import pass_by
 from up_samp.motion.fleet.paths import Path, path_of
 from up_samp.motion.fleet.speed import first_start, fit
-from up_samp.motion.fleet.timed_path import TimedPath, Timing, natural_timing, pose_at, run_of
+from up_samp.motion.fleet.timed_path import TimedPath, Timing, natural_timing, run_of
 from up_samp.motion.fleet.workspace import Workspace, rest_run
-
-BEGINS = 40
-"""Begins tried for drives that have to be at the same time."""
 
 
 def couple(
@@ -76,7 +73,7 @@ def _docking(workspace: Workspace, motions: Sequence[TimedMotion]) -> list[Drive
 def _may_rest(legs: Sequence[Sequence[TimedPath]]) -> bool:
     """Return whether robots may stand where they rest between their drives."""
     later = (run.path for runs in legs for run in runs[1:])
-    return all(may_stand(path.body, pose_at(path, 0)) for path in later)
+    return all(may_stand(path.body, path.ends[0]) for path in later)
 
 
 def _can_couple(motions: Sequence[TimedMotion]) -> bool:
@@ -133,7 +130,7 @@ def _leg(motion: TimedMotion, legs: Sequence[TimedPath], path: Path) -> tuple[Ti
     final = path.poses[-1][:2].tolist() == list(motion.poses[-1][:2])
     leg = replace(
         motion,
-        poses=(pose_at(path, 0), pose_at(path, -1)),
+        poses=path.ends,
         release=max(motion.release, last.arrival) if moved else motion.release,
         present_from=last.arrival if moved else motion.present_from,
         present_until=motion.present_until if final else math.inf,
@@ -153,7 +150,7 @@ def _begun(
         run = fit(workspace, *parts[0], others)
         return None if run is None else [run]
     begin = max(leg.release for leg, _ in parts)
-    for _ in range(BEGINS):
+    for _ in range(40):
         found = []
         for leg, path in parts:
             start = first_start(workspace, replace(leg, release=begin), path, others)
@@ -177,6 +174,6 @@ def _one_run(motion: TimedMotion, legs: Sequence[TimedPath]) -> TimedPath:
         times.append(t[skip:])
         poses.append(rows[skip:])
     whole = Trajectory(np.concatenate(times), np.concatenate(poses))
-    stops = [pose_at(leg.path, -1) for leg in legs]
+    stops = [leg.path.ends[1] for leg in legs]
     path = path_of(whole, motion.body, (motion.poses[0], *stops), decided=True)
     return run_of(motion, path, Timing(whole, path.natural_s))

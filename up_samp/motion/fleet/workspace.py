@@ -15,7 +15,8 @@ import numpy as np
 
 from up_samp.geometry.memory import Memory
 from up_samp.geometry.scene import Scene
-from up_samp.geometry.sweeps import samples_free
+from up_samp.geometry.shadows import met_by
+from up_samp.geometry.sweeps import first_hit
 from up_samp.model import (
     Body,
     Configuration,
@@ -39,7 +40,7 @@ from up_samp.motion.fleet.conflicts import (
     separation,
     wished,
 )
-from up_samp.motion.fleet.flyers import gaps_at_ends, meeting_cells, met_by
+from up_samp.motion.fleet.flyers import gaps_at_ends, meeting_cells
 from up_samp.motion.fleet.lanes import shifted_lane
 from up_samp.motion.fleet.paths import (
     Path,
@@ -51,7 +52,7 @@ from up_samp.motion.fleet.paths import (
     stay_far,
     through_zones,
 )
-from up_samp.motion.fleet.timed_path import NOBODY, TimedPath, Timing, pair_flags
+from up_samp.motion.fleet.timed_path import TimedPath, Timing, pair_flags
 from up_samp.motion.guides.search_space import widest_shape
 from up_samp.motion.legs import strung
 from up_samp.motion.models import MODELS, made_by
@@ -86,20 +87,10 @@ def but_cleared(rows: IntArray, a: Path, b: Path) -> IntArray:
     return rows
 
 
-CHORD = 0.1
-"""Allowance (m) for positions read along chords instead of arcs."""
-
-
 PATHS, DIAGRAMS = 4_000, 400_000
 """Paths of each kind (a fleet of 50 with 150 orders drives 300), and pairs of paths whose conflicts
 are known, that are remembered.
 """
-
-QUICK = 0.5
-"""Seconds for a detour where no planner stops after fixed work."""
-
-LANE = 25.0
-"""Metres of a stretch beside which a lane is tried, at most."""
 
 NOTHING = np.empty((0, 3), dtype=np.int64)
 """No conflicting cells."""
@@ -211,10 +202,7 @@ class Workspace:
         if self.scene is None or path.body.flies:
             return True
         shape = widest_shape(self.scene, path.body, poses, static)
-        if shape is None:
-            return False
-        least = 1e-3 * float(shape.data.slack[2])
-        return samples_free(self.scene.world(shape, static), path.poses, least) < 0
+        return shape is not None and first_hit(self.scene.world(shape, static), path.poses) < 0
 
     def _detour(
         self,
@@ -225,8 +213,8 @@ class Workspace:
     ) -> Path | None:
         quick = self._quick_planner(body)
         if quick is None or self.scene is None:
-            if not body.flies:  # who plans for flyers counts its work
-                deadline = deadline.within(QUICK)
+            if not body.flies:  # who plans for flyers counts its work, others get half a second
+                deadline = deadline.within(0.5)
             path = self.path(body, poses, obstacles, deadline)
             return path if isinstance(path, Path) else None
         around = frozenset((solid_of(p.body), p.pose) for p in obstacles)
@@ -272,9 +260,11 @@ class Workspace:
         return wished(self.scene)
 
     def lane(self, path: Path, first: float, last: float, offset: float) -> Path | None:
-        """Return ``path`` moved sideways by ``offset`` m on [first, last] m, if the map allows."""
+        """Return ``path`` moved sideways by ``offset`` m on [first, last] m, if the map allows; not
+        on more than 25 m.
+        """
         scene = self.scene
-        if scene is None or path.body.flies or last - first > LANE:
+        if scene is None or path.body.flies or last - first > 25.0:
             return None
         key = (path.number, first, last, offset)
         lane = self._lanes.get_or(key, lambda: shifted_lane(scene, path, first, last, offset))
@@ -291,7 +281,7 @@ class Workspace:
         if path.body.flies or body.flies:
             return min(gaps_at_ends(path.solid, rest.solid)) < enough
         return any(
-            separation(end, path.hull, rest.poses[0], rest.hull, enough) < enough
+            separation(end, path.hull, rest.poses[0], rest.hull) <= enough
             for end in path.poses[[0, -1]]
         )
 
@@ -367,8 +357,8 @@ def _stay_far(a: TimedPath, b: TimedPath, margin: float) -> bool:
     p, q = a.timing.trajectory, b.timing.trajectory
     low = max(a.held[0], b.held[0], -1e9)
     high = min(a.held[-1], b.held[-1], 1e9)
-    reach = a.path.radius + b.path.radius + 2 * margin + CHORD
-    # a slack millisecond step moves less than the chord's allowance
+    # 0.1 m for positions read along chords: a slack millisecond step moves less than that
+    reach = a.path.radius + b.path.radius + 2 * margin + 0.1
     speed = max(1e-6, a.speed + b.speed)
     return bool(stay_far(p.times, p.poses, q.times, q.poses, low, high, reach, speed))
 
@@ -386,12 +376,5 @@ def workspace_of(service: PathPlanner) -> Workspace:
 def rest_run(workspace: Workspace, rest: Rest) -> TimedPath:
     """Return a resting object as a run."""
     path = workspace.resting(rest.body, rest.pose)
-    return TimedPath(
-        rest.name,
-        rest.name,
-        path,
-        Timing(path.natural, path.natural_s),
-        rest.since,
-        rest.until,
-        NOBODY,
-    )
+    timing, nobody = Timing(path.natural, path.natural_s), frozenset[str]()  # it does not move
+    return TimedPath(rest.name, rest.name, path, timing, rest.since, rest.until, nobody)

@@ -173,11 +173,6 @@ def distances(blocked: BoolArray, sums: Int32Array, row: int, col: int) -> npt.N
     return dist
 
 
-def empty_field() -> Field:
-    """Return a field that says nothing."""
-    return Field(np.zeros((0, 0), np.float32), NO_FRAME)
-
-
 class Fields:
     """Goal-distance fields of one scene, cached by goal cell, body size and obstacles."""
 
@@ -189,7 +184,7 @@ class Fields:
     def toward(self, shape: Shape, goal: Sequence[float], obstacles: tuple[Placed, ...]) -> Field:
         """Return the distances (m) of the reference point's disc to ``goal``."""
         if self.scene.grid is None or shape.inscribed <= 0.0:
-            return empty_field()
+            return Field(np.zeros((0, 0), np.float32), NO_FRAME)
         key = (
             round(shape.inscribed, 6),
             float(goal[0]),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import starmap
 from typing import NamedTuple
 
 import numpy as np
@@ -18,17 +17,20 @@ MARGIN_SHARES = (1.0, 0.25, 0.06, 0.015, 0.004, 0.001)
 TOUCHES = "the start or the goal touches the map or an obstacle"
 """Why there is no motion where not even the least of these can be kept."""
 
-BEAT = 0.995
-"""Share of the best time that an estimate must beat."""
+OUT_OF_TIME = "out of time"
+DRY = "no path at the finest resolution"
+STUCK = f"{DRY} within fixed effort"
+"""Why a search over poses found none."""
 
 
 class Space(NamedTuple):
     """The box and the resolution of a search over poses, as the kernels take it.
 
     ``x``, ``y``: its low corner (m); ``cell`` (m), ``cols``, ``rows``; ``bins`` of headings.
-    ``extra``: expansions to go on for after the first solution; ``near``: range (m) in which
-    Reeds-Shepp times guide; ``beat``: share of the best time that an estimate must beat;
-    ``weight``: of the distance to go.
+    ``weight``: of what is left of the way. Of a car's search ``extra``: expansions to go on for
+    after the first solution; ``near``: range (m) in which Reeds-Shepp times guide. Of a search by
+    straight moves ``tight``: where a step does not go all the way, slide up to what is in the way,
+    and half as far: so the tree gets into gaps that are narrower than its steps.
     """
 
     x: float
@@ -37,10 +39,10 @@ class Space(NamedTuple):
     cols: int
     rows: int
     bins: int
+    weight: float = 1.0
     extra: int = 0
     near: float = 0.0
-    beat: float = BEAT
-    weight: float = 1.0
+    tight: bool = False
 
 
 def widest_shape(
@@ -62,10 +64,7 @@ def search_box(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the corners of the map, or without one of what is known and ``reach`` m around it."""
     if scene.grid is not None:
-        rows, cols = scene.grid.shape
-        corners = [(r, c) for r in (-0.5, rows - 0.5) for c in (-0.5, cols - 0.5)]
-        points = np.array(list(starmap(scene.grid.point_of, corners)))
-        return points.min(axis=0), points.max(axis=0)
+        return scene.grid.box
     points = np.array([p[:2] for p in poses])
     polys = scene.polys(obstacles)
     if len(polys.counts):

@@ -14,61 +14,47 @@ from up_samp.model import Deadline
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.budget import WorkBudget
 from up_samp.motion.curves.arcs import merged, path_time, reversed_arcs
-from up_samp.motion.curves.reeds_shepp import SPOT, CarLimits, fastest
+from up_samp.motion.curves.reeds_shepp import SPOT, DriveLimits, fastest
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
 from up_samp.motion.guides.cost_to_go import Fields, least_value
-from up_samp.motion.guides.search_space import TOUCHES, pose_space, widest_shape
+from up_samp.motion.guides.search_space import (
+    DRY,
+    OUT_OF_TIME,
+    STUCK,
+    TOUCHES,
+    pose_space,
+    widest_shape,
+)
 from up_samp.motion.planners import hybrid_astar as hybrid
-from up_samp.motion.planners.car_shortcuts import Effort, improve, settle
+from up_samp.motion.planners.car_shortcuts import improve, settle
 from up_samp.motion.protocol import Leg, LegQuery
-
-_DRY = "no path at the finest resolution"
-
-
-_STUCK = "no path at the finest resolution within fixed effort"
-
-
-_CUT = "out of time"
 
 
 @dataclass(frozen=True)
 class CarSettings:
     """How hard a car's path is sought: by hybrid A* with arc primitives of ``levels`` (turning
-    radii, coarse to fine), each with a tree of so many ``nodes``, and ``extra`` expansions after
-    its first solution; then by ``rounds`` of shortening, so many (``patience``) without a gain.
-    From the level ``thin`` on a level is for ways as thin as the body: it is left out but where the
-    one before gave up within the ``few``th part of this one's nodes, for it has about as many times
-    the states.
-
-    ``near`` (turning radii) the goal Reeds-Shepp times guide, and the distance to go has a
-    ``weight``. The clock is looked at once in a ``slice`` of expansions; a level is given up after
-    so many of them that came no nearer (``stuck``). Where a body turns tighter, the ``least`` share
-    of its inner radius counts as its turning radius, and no more than so many (``most``) of them
-    do where it turns on the spot, too. Who runs dry within ``narrow`` expansions was
-    trapped where it began.
+    radii, coarse to fine), each with a tree of so many ``nodes``; then by ``rounds`` of shortening,
+    so many (``patience``) without a gain. From the fourth level on a level is for ways as thin as
+    the body: it is left out but where the one before gave up within the ``few``th part of this
+    one's nodes, for it has about as many times the states. The clock is looked at once in a
+    ``slice`` of expansions; a level is given up after so many of them that came no nearer
+    (``stuck``).
     """
 
     levels: tuple[float, ...] = (0.7, 0.35, 0.18, 0.09, 0.045)
     nodes: tuple[int, ...] = (60_000, 250_000, 400_000, 400_000, 400_000)
-    thin: int = 3
     few: int = 8
-    extra: int = 400
-    near: float = 10.0
-    weight: float = 2.5
     rounds: int = 1500
     patience: int = 200
     slice: int = 4000
     stuck: int = 6
-    least: float = 0.5
-    most: float = 4.0
-    narrow: int = 300
 
 
 QUICK = CarSettings((0.7,), (8_000,), rounds=400, patience=120)
 """Little work, for detours."""
 
 
-def _primitives(car: CarLimits, unit: float, share: float) -> list[tuple[float, float]]:
+def _primitives(car: DriveLimits, unit: float, share: float) -> list[tuple[float, float]]:
     """Return the arcs (curvature, signed length) that a search is made of.
 
     Steps are ``share`` of ``unit``, turns are as tight as can be. Where a car turns tighter than it
@@ -89,8 +75,8 @@ def _primitives(car: CarLimits, unit: float, share: float) -> list[tuple[float, 
 class CarPlanner:
     """Plans legs of car-like bodies in one scene. Deterministic for a seed.
 
-    The search is greedy (``weight``), because a stop that is needed somewhere costs the same all
-    along the way: an exact search would try all these places. The shortening makes up for it.
+    The search is greedy (``Space.weight``), because a stop that is needed somewhere costs the same
+    all along the way: an exact search would try all these places. The shortening makes up for it.
     """
 
     name = "hybrid-astar"
@@ -119,7 +105,7 @@ class CarPlanner:
         return Leg(motion, reason, budget.used, complete)
 
     def path(
-        self, query: LegQuery, budget: WorkBudget, car: CarLimits
+        self, query: LegQuery, budget: WorkBudget, car: DriveLimits
     ) -> tuple[FloatArray | None, str]:
         """Return arcs (n, 2) or None, and what happened; ``car``: what the body can do."""
         body, start, goal, obstacles = query.body, query.start, query.goal, query.obstacles
@@ -134,7 +120,7 @@ class CarPlanner:
         count, dry = 0, False
         sides = [False, True]  # the search from the goal's side ends in other local optima
         for level, nodes in enumerate(self.settings.nodes):
-            if level >= self.settings.thin and self.settings.few * count > nodes:
+            if level >= 3 and self.settings.few * count > nodes:
                 break
             for turned in tuple(sides):
                 if budget.spent():
@@ -148,24 +134,22 @@ class CarPlanner:
                     arcs = self._smooth(self.scene.world(form, obstacles), asked, arcs, driver)
                     found.append(reversed_arcs(arcs) if turned else arcs)
                 elif dry:  # trapped, at this resolution; begin at the narrower end next time
-                    sides = (
-                        [turned, not turned]
-                        if count < self.settings.narrow
-                        else [not turned, turned]
-                    )
+                    trapped = count < 300  # where it began
+                    sides = [turned, not turned] if trapped else [not turned, turned]
                     break
             if found or budget.cut:
                 break
         if not found:
-            return None, _CUT if budget.cut else _DRY if dry else _STUCK
+            return None, OUT_OF_TIME if budget.cut else DRY if dry else STUCK
         return min(found, key=lambda arcs: float(path_time(arcs, car))), ""
 
     def _search(
-        self, query: LegQuery, car: CarLimits, shape: Shape, level: int, budget: WorkBudget
+        self, query: LegQuery, car: DriveLimits, shape: Shape, level: int, budget: WorkBudget
     ) -> tuple[FloatArray | None, int, bool]:
         """Run hybrid A* at one resolution; return arcs or None, expansions, whether it ran dry."""
         problem = self._problem(query, car, shape, level)
-        tree = self._tree(self.settings.nodes[level])
+        nodes = self.settings.nodes[level]
+        tree = self._trees.get_or(nodes, lambda: hybrid.new_tree(nodes))
         target = np.array(problem.goal)
         hybrid.plant(tree, np.array(query.start[:3], dtype=np.float64))
         state, looked, nearest, idle = 0, 0, math.inf, 0
@@ -189,41 +173,42 @@ class CarPlanner:
         return arcs, count, state == 2
 
     def _problem(
-        self, query: LegQuery, car: CarLimits, shape: Shape, level: int
-    ) -> hybrid.CarProblem:
+        self, query: LegQuery, car: DriveLimits, shape: Shape, level: int
+    ) -> hybrid.PoseSearch:
         """Return what one search is about, at one resolution."""
-        settings, finest = self.settings, self.settings.levels[level]
-        unit = max(car.radius, settings.least * shape.inner[2])
+        finest = self.settings.levels[level]
+        # steps are shares of the turning radius, but what turns tighter than it is wide, or on the
+        # spot, too, needs no finer ones, or no coarser ones
+        unit = max(car.radius, 0.5 * shape.inner[2])
         if car.omega > 0.0:
-            unit = min(unit, settings.most * shape.inner[2])
+            unit = min(unit, 4.0 * shape.inner[2])
         step = finest * unit
         ends, obstacles = (query.start, query.goal), query.obstacles
         reach = 8 * unit + 2 * shape.circumscribed
         bins = math.ceil(2 * math.pi / (finest / 1.5))
-        space = pose_space(self.scene, ends, obstacles, reach, step / 1.5, bins)._replace(
-            extra=settings.extra, near=settings.near * unit, weight=settings.weight
-        )
-        steps = np.array(_primitives(car, unit, finest))
+        space = pose_space(self.scene, ends, obstacles, reach, step / 1.5, bins)
         x, y, th = map(float, query.goal[:3])
-        field = self.fields.toward(shape, query.goal, obstacles)
-        world = self.scene.world(shape, obstacles)
-        return hybrid.CarProblem(world, car, (x, y, th), field, space, steps)
-
-    def _tree(self, nodes: int) -> hybrid.Tree:
-        return self._trees.get_or((nodes,), lambda: hybrid.new_tree(nodes))
+        return hybrid.PoseSearch(
+            world=self.scene.world(shape, obstacles),
+            limits=car,
+            goal=(x, y, th),
+            field=self.fields.toward(shape, query.goal, obstacles),
+            space=space._replace(weight=2.5, extra=400, near=10.0 * unit),
+            steps=np.array(_primitives(car, unit, finest)),
+        )
 
     def _smooth(
-        self, world: WorldData, query: LegQuery, arcs: FloatArray, car: CarLimits
+        self, world: WorldData, query: LegQuery, arcs: FloatArray, car: DriveLimits
     ) -> FloatArray:
         """Return a shortened path, or the path itself where that is no slower."""
         origin, target = (np.array(p[:3], dtype=np.float64) for p in (query.start, query.goal))
-        effort = Effort(self.settings.rounds, self.settings.patience, self.seed)
-        found = improve(world, origin, arcs, car, effort)
+        rounds = self.settings.rounds, self.settings.patience
+        found = improve(world, origin, arcs, car, rounds, self.seed)
         better = path_time(found, car) < path_time(arcs, car)
         return found if better and settle(origin, target, found) < 1e-7 else arcs
 
 
-def _direct(world: WorldData, query: LegQuery, car: CarLimits) -> FloatArray | None:
+def _direct(world: WorldData, query: LegQuery, car: DriveLimits) -> FloatArray | None:
     """Return the fastest unobstructed curve if it happens to be free."""
     _, arcs = fastest(query.start, query.goal, car)
     origin = np.array(query.start[:3], dtype=np.float64)

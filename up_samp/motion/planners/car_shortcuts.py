@@ -14,7 +14,7 @@ from up_samp.model.arrays import FloatArray, IntArray
 from up_samp.motion.curves.arcs import ends_of, merged, nodes_of, path_time
 from up_samp.motion.curves.reeds_shepp import (
     TINY,
-    CarLimits,
+    DriveLimits,
     Pose,
     connect,
     driven_on,
@@ -23,25 +23,9 @@ from up_samp.motion.curves.reeds_shepp import (
 )
 
 
-class Effort(NamedTuple):
-    """How hard a path is shortened: ``rounds`` of random replacements, or ``patience`` of them
-    without a gain; drawn by ``seed``.
-    """
-
-    rounds: int
-    patience: int
-    seed: int
-
-
-@inner
-def _locate(ends: FloatArray, p: float) -> int:
-    """Return the arc in which the position ``p`` (m along the path) lies."""
-    return min(int(np.searchsorted(ends, p)), ends.shape[0] - 1)
-
-
 @inner
 def _side(
-    arcs: FloatArray, i: int, part: float, forward: bool, car: CarLimits
+    arcs: FloatArray, i: int, part: float, forward: bool, car: DriveLimits
 ) -> tuple[float, float]:
     """Return (signed length of the run at a cut, time of the complete runs beyond it).
 
@@ -72,7 +56,7 @@ def _cut(
     arcs: FloatArray, nodes: FloatArray, ends: FloatArray, p: float
 ) -> tuple[int, float, Pose]:
     """Return (arc, signed length into it, pose) at position ``p``."""
-    i = _locate(ends, p)
+    i = min(int(np.searchsorted(ends, p)), ends.shape[0] - 1)
     into = p - (ends[i] - abs(arcs[i, 1]))
     into = min(max(into, 0.0), abs(arcs[i, 1]))
     part = into if arcs[i, 1] >= 0.0 else -into
@@ -151,7 +135,7 @@ def _over(
     middle: Shortcut,
     first: Shortcut,
     last: Shortcut,
-    car: CarLimits,
+    car: DriveLimits,
     new: FloatArray,
 ) -> tuple[float, int]:
     """Join two cuts over a pose near one between them, at random; fill ``new`` and return the time
@@ -177,15 +161,21 @@ def _over(
 
 @kernel
 def improve(
-    world: WorldData, start: FloatArray, arcs: FloatArray, car: CarLimits, effort: Effort
+    world: WorldData,
+    start: FloatArray,
+    arcs: FloatArray,
+    car: DriveLimits,
+    rounds: tuple[int, int],
+    seed: int,
 ) -> FloatArray:
-    """Return a path that is not slower, by random replacements.
+    """Return a path that is not slower, by random replacements: so many ``rounds``, or so many of
+    them without a gain.
 
     Each round cuts the path at two places and joins them by the fastest curve, directly or over a
     randomly displaced pose of the path between them. Deterministic for a seed.
     """
     state = np.empty(1, dtype=np.int64)
-    state[0] = effort.seed
+    state[0] = seed
     for _ in range(8):
         random_share(state)
     new = np.empty((10, 2))
@@ -193,8 +183,9 @@ def improve(
     nodes = nodes_of(start, arcs)
     ends = ends_of(arcs)
     idle = 0
-    for r in range(effort.rounds):
-        if arcs.shape[0] < 2 or idle > effort.patience:
+    most, patience = rounds
+    for r in range(most):
+        if arcs.shape[0] < 2 or idle > patience:
             break
         idle += 1
         p, q = _stretch(state, r, ends[-1], car.radius)

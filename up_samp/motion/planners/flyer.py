@@ -50,10 +50,6 @@ from up_samp.motion.planners.ompl_solve import (
 )
 from up_samp.motion.protocol import Leg, LegQuery
 
-_SHORTCUTS = 300
-"""Rounds of shortening..."""
-_PATIENCE = 80
-"""...so many without a gain."""
 TOUCH = 1e-4
 """Clearance (m) that counts as none (and the shortest step of the edge checks)."""
 
@@ -107,12 +103,8 @@ class FlyerWorld:
         low, high = np.min(points, axis=0), np.max(points, axis=0)
         reach = 3 * self.mesh.radius
         low, high = low - reach, high + reach
-        grid = self._scene.grid
-        if grid is not None:
-            rows, cols = grid.shape
-            corners = itertools.product((-0.5, rows - 0.5), (-0.5, cols - 0.5))
-            flat = np.array(list(itertools.starmap(grid.point_of, corners)))
-            low[:2], high[:2] = flat.min(axis=0), flat.max(axis=0)
+        if self._scene.grid is not None:
+            low[:2], high[:2] = self._scene.grid.box
         return low, high
 
     def clearance(self, pose: Sequence[float]) -> float:
@@ -182,14 +174,7 @@ def _state(si: Any, pose: Configuration) -> Any:
     return state
 
 
-def flyer_leg(
-    scene: Scene,
-    query: LegQuery,
-    deadline: Deadline,
-    *,
-    planner: str = "RRTConnect",
-    seed: int = 0,
-) -> Leg:
+def flyer_leg(scene: Scene, query: LegQuery, deadline: Deadline, *, planner: str, seed: int) -> Leg:
     """Return a free flyer's motion from rest at the start to rest at the goal.
 
     Straight pieces with rest at each corner; ``v_max``, ``a_max`` and ``omega_max`` hold.
@@ -224,11 +209,13 @@ def flyer_leg(
 
 
 def shorten(world: FlyerWorld, nodes: FloatArray, budget: WorkBudget, seed: int) -> FloatArray:
-    """Return a chain that is not slower, by random shortcuts (Geraerts & Overmars 2007)."""
+    """Return a chain that is not slower, by random shortcuts (Geraerts & Overmars 2007): 300, or 80
+    in a row that gain nothing.
+    """
     rng = random.Random(seed)
     idle = 0
-    for _ in range(_SHORTCUTS):
-        if len(nodes) < 3 or idle > _PATIENCE or budget.spent():
+    for _ in range(300):
+        if len(nodes) < 3 or idle > 80 or budget.spent():
             break
         idle += 1
         p, q = sorted((rng.uniform(0, len(nodes) - 1), rng.uniform(0, len(nodes) - 1)))

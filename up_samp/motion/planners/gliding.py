@@ -4,68 +4,58 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from up_samp.geometry import Scene, Shape, sweeps
-from up_samp.model import Body, Configuration, Placed, Trajectory
+from up_samp.geometry import Scene
+from up_samp.geometry.records import WorldData
+from up_samp.geometry.sweeps import first_hit
+from up_samp.model import Body, Configuration, Kinematics, Placed, Trajectory
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.curves.blending import Chain, first_speeds, settled, through, timed
 from up_samp.motion.curves.trajectories import at_rest
 from up_samp.motion.guides.search_space import widest_shape
 
-ROUNDS = 40
-"""Timings that are tried for one way, each slower where the one before hit something."""
 
-
-@dataclass(frozen=True)
-class Glider:
-    """A body with a margin (``shape``) among resting ``obstacles``."""
-
-    scene: Scene
-    body: Body
-    shape: Shape
-    obstacles: tuple[Placed, ...]
-
-    def glide(
-        self, nodes: FloatArray, goal: Configuration, pins: Mapping[int, FloatArray] | None = None
-    ) -> tuple[Trajectory, bool] | None:
-        """Return the safe motion along ``nodes`` (n, 3) that ends exactly at ``goal``, and whether
-        it passes all ``pins`` (poses by node, met exactly) without a stop but where it turns back;
-        None if there is none.
-        """
-        if len(nodes) < 2:
-            return at_rest(goal), True
-        kinematics = self.body.kinematics
-        straight = Chain.of(nodes, kinematics, pins)
-        speeds = first_speeds(straight)
-        world = self.scene.world(self.shape, self.obstacles)
-        least = 1e-3 * float(self.shape.data.slack[2])
-        for _ in range(ROUNDS):
-            chain = straight
-            if pins:
-                fitting = through(straight, speeds, kinematics)
-                if fitting is None:
-                    slower = _slowed(speeds, set(pins), straight.v)
-                    if slower is None:
-                        return None
-                    speeds = settled(straight, slower)
-                    continue
-                chain, speeds = fitting
-            motion, owners = timed(chain, speeds)
-            turns = round((nodes[-1, 2] - goal[2]) / (2 * math.pi))
-            rows = motion.poses.copy()
-            rows[-1] = (goal[0], goal[1], goal[2] + turns * 2 * math.pi)
-            hit = sweeps.samples_free(world, rows, least)
-            if hit < 0:
-                passed = all(speeds[i] > 0.0 or straight.turns_back(i) for i in pins or ())
-                return Trajectory(motion.times.copy(), rows), passed
-            slowed = _slowed(speeds, {owners[hit], owners[min(hit + 1, len(owners) - 1)]}, chain.v)
-            if slowed is None:
-                return None
-            speeds = settled(chain, slowed)
-        return None
+def glide(
+    world: WorldData,
+    kinematics: Kinematics,
+    nodes: FloatArray,
+    goal: Configuration,
+    pins: Mapping[int, FloatArray] | None = None,
+) -> tuple[Trajectory, bool] | None:
+    """Return the safe motion along ``nodes`` (n, 3) that ends exactly at ``goal``, and whether it
+    passes all ``pins`` (poses by node, met exactly) without a stop but where it turns back; None if
+    there is none. ``world``: the body with its margin, and what it must keep clear of.
+    """
+    if len(nodes) < 2:
+        return at_rest(goal), True
+    straight = Chain.of(nodes, kinematics, pins)
+    speeds = first_speeds(straight)
+    for _ in range(40):  # each timing slower where the one before hit something
+        chain = straight
+        if pins:
+            fitting = through(straight, speeds, kinematics)
+            if fitting is None:
+                slower = _slowed(speeds, set(pins), straight.v)
+                if slower is None:
+                    return None
+                speeds = settled(straight, slower)
+                continue
+            chain, speeds = fitting
+        motion, owners = timed(chain, speeds)
+        turns = round((nodes[-1, 2] - goal[2]) / (2 * math.pi))
+        rows = motion.poses.copy()
+        rows[-1] = (goal[0], goal[1], goal[2] + turns * 2 * math.pi)
+        hit = first_hit(world, rows)
+        if hit < 0:
+            passed = all(speeds[i] > 0.0 or straight.turns_back(i) for i in pins or ())
+            return Trajectory(motion.times.copy(), rows), passed
+        slowed = _slowed(speeds, {owners[hit], owners[min(hit + 1, len(owners) - 1)]}, chain.v)
+        if slowed is None:
+            return None
+        speeds = settled(chain, slowed)
+    return None
 
 
 def _slowed(speeds: FloatArray, near: set[int], v: float) -> FloatArray | None:
@@ -101,4 +91,5 @@ def glide_through(
         turns = round(float(last[2] - way[0, 2]) / (2 * math.pi))
         rows.append(way[1:] + np.array([0.0, 0.0, turns * 2 * math.pi]))
     nodes = np.concatenate(rows)
-    return Glider(scene, body, shape, obstacles).glide(nodes, poses[-1], pins)
+    world = scene.world(shape, obstacles)
+    return glide(world, body.kinematics, nodes, poses[-1], pins)

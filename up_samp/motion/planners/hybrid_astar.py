@@ -18,10 +18,13 @@ from up_samp.geometry.kernels import advance
 from up_samp.geometry.records import WorldData, inner, kernel
 from up_samp.geometry.sweeps import arc_free, first_blocked
 from up_samp.model.arrays import FloatArray, IntArray
-from up_samp.motion.curves.reeds_shepp import CarLimits, Pose, connect, driven_on, run_time
+from up_samp.motion.curves.reeds_shepp import DriveLimits, Pose, connect, driven_on, run_time
 from up_samp.motion.guides.cost_to_go import Field, field_value
 from up_samp.motion.guides.heap import pop, push
 from up_samp.motion.guides.search_space import Space
+
+BEAT = 0.995
+"""Share of the best time that an estimate must beat."""
 
 
 class Tree(NamedTuple):
@@ -46,13 +49,14 @@ class Tree(NamedTuple):
     tail: FloatArray
 
 
-class CarProblem(NamedTuple):
-    """What one search is about: a car that drives to ``goal`` (x, y, theta) by primitive arcs
-    ``steps`` (n, 2: curvature, signed length).
+class PoseSearch(NamedTuple):
+    """What one search is about: a body that gets to ``goal`` (x, y, theta) by primitive ``steps``:
+    a car's are arcs (n, 2: curvature, signed length), those of what moves in any direction straight
+    moves (n, 3: m, m, rad).
     """
 
     world: WorldData
-    car: CarLimits
+    limits: DriveLimits
     goal: Pose
     field: Field
     space: Space
@@ -71,7 +75,7 @@ def slot_of(
     turn = (th % (2.0 * math.pi)) / (2.0 * math.pi)
     k = int(turn * space.bins + 0.5) % space.bins
     index = (int(row) * space.cols + int(col)) * space.bins + k
-    key = 2 * index + (1 if backwards else 0)
+    key = 2 * index + int(backwards)
     mask = tree.keys.shape[0] - 1
     # Fibonacci hashing (Knuth, The Art of Computer Programming 3, section 6.4)
     slot = ((key * 11400714819323) >> 20) & mask
@@ -81,9 +85,9 @@ def slot_of(
 
 
 @inner
-def _estimate(problem: CarProblem, pose: Pose, closed: float, run: float, out: FloatArray) -> float:
+def _estimate(problem: PoseSearch, pose: Pose, closed: float, run: float, out: FloatArray) -> float:
     """Return the estimated total time of a path through a node."""
-    goal, field, space, car = problem.goal, problem.field, problem.space, problem.car
+    goal, field, space, car = problem.goal, problem.field, problem.space, problem.limits
     dx, dy = goal[0] - pose[0], goal[1] - pose[1]
     away = math.sqrt(dx * dx + dy * dy)
     far = away
@@ -125,10 +129,10 @@ def plant(tree: Tree, start: FloatArray) -> None:
 
 
 @inner
-def _shoot(tree: Tree, problem: CarProblem, node: int, out: FloatArray) -> None:
+def _shoot(tree: Tree, problem: PoseSearch, node: int, out: FloatArray) -> None:
     """Try to reach the goal from a node by one Reeds-Shepp curve."""
     pose = tree.nodes[node, 0], tree.nodes[node, 1], tree.nodes[node, 2]
-    time, n = connect(pose, problem.goal, problem.car, (tree.nodes[node, 4], 0.0), out)
+    time, n = connect(pose, problem.goal, problem.limits, (tree.nodes[node, 4], 0.0), out)
     total = tree.nodes[node, 3] + time
     if total >= tree.best[0] - 1e-6 or first_blocked(problem.world, pose, out, n) >= 0:
         return
@@ -143,12 +147,12 @@ def _shoot(tree: Tree, problem: CarProblem, node: int, out: FloatArray) -> None:
 
 @inner
 def _grow(
-    tree: Tree, problem: CarProblem, node: int, kappa: float, s: float, out: FloatArray
+    tree: Tree, problem: PoseSearch, node: int, kappa: float, s: float, out: FloatArray
 ) -> None:
     """Add the child reached by one arc, if it is free and better than what is known there."""
     x0, y0, th0 = tree.nodes[node, 0], tree.nodes[node, 1], tree.nodes[node, 2]
     x, y, th = advance(x0, y0, th0, kappa, s)
-    car = problem.car
+    car = problem.limits
     closed, run = driven_on(tree.nodes[node, 3], tree.nodes[node, 4], kappa, s, car)
     slot, key = slot_of(tree, problem.space, x, y, th, run < 0.0)
     if slot < 0:
@@ -157,7 +161,7 @@ def _grow(
     if time >= tree.table[slot] - 1e-4:
         return
     estimate = _estimate(problem, (x, y, th), closed, run, out)
-    if estimate >= tree.best[0] * problem.space.beat or estimate == math.inf:
+    if estimate >= tree.best[0] * BEAT or estimate == math.inf:
         return
     if not arc_free(problem.world, x0, y0, th0, kappa, s):
         return
@@ -167,12 +171,12 @@ def _grow(
 
 
 @kernel
-def expand(tree: Tree, problem: CarProblem, budget: int) -> int:
+def expand(tree: Tree, problem: PoseSearch, budget: int) -> int:
     """Expand up to ``budget`` nodes. Returns 0: more to do, 1: done (see ``tree.best``), 2: the
     open list ran empty, 3: the tree is full.
     """
     out = np.empty((5, 2))
-    space, steps, car = problem.space, problem.steps, problem.car
+    space, steps, car = problem.space, problem.steps, problem.limits
     for _ in range(budget):
         if tree.counters[1] == 0:
             return 1 if tree.counters[3] >= 0 else 2
@@ -181,7 +185,7 @@ def expand(tree: Tree, problem: CarProblem, budget: int) -> int:
         if tree.counters[3] >= 0 and tree.counters[2] > tree.counters[4] + space.extra:
             return 1
         node = pop(tree.heap, tree.nodes, tree.counters)
-        if tree.nodes[node, 5] >= tree.best[0] * space.beat:
+        if tree.nodes[node, 5] >= tree.best[0] * BEAT:
             return 1
         run = tree.nodes[node, 4]
         time = tree.nodes[node, 3] + run_time(abs(run), car.v, car.a)

@@ -11,17 +11,23 @@ from typing import NamedTuple
 import numpy as np
 
 from up_samp.geometry import Scene, Shape
-from up_samp.model import Configuration, Deadline, MotionModel, Trajectory
+from up_samp.model import Deadline, MotionModel, Trajectory
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.budget import WorkBudget
 from up_samp.motion.curves.blending import chain_time, moved_corner, pieces
 from up_samp.motion.curves.reeds_shepp import run_time
 from up_samp.motion.guides.cost_to_go import Fields, field_value
-from up_samp.motion.guides.search_space import TOUCHES, pose_space, widest_shape
+from up_samp.motion.guides.search_space import (
+    DRY,
+    OUT_OF_TIME,
+    STUCK,
+    TOUCHES,
+    pose_space,
+    widest_shape,
+)
 from up_samp.motion.planners import hybrid_astar as hybrid
-from up_samp.motion.planners.gliding import Glider
+from up_samp.motion.planners.gliding import glide
 from up_samp.motion.planners.omni_astar import (
-    PlanarProblem,
     expand_planar,
     planar_limits,
     shortened,
@@ -61,8 +67,8 @@ class PlanarSettings:
     ones where the others find nothing.
     ``roundabout``: what takes longer than so many times the shortest way of a disc is sought from
     its goal as well, where the steps fall elsewhere. ``tries``: how often a way is cut short by
-    ``rounds`` random shortcuts; the fastest counts. ``bends`` (inner radii of the footprint): of
-    those who are driven along their heading.
+    ``rounds`` random shortcuts; the fastest counts. ``shifts`` (inner radii): by how much corners
+    are pushed outwards.
     """
 
     grains: tuple[PlanarGrain, ...] = (
@@ -73,13 +79,10 @@ class PlanarSettings:
         PlanarGrain(0.25, 36, 400_000),
         PlanarGrain(0.5, 24, 60_000, cell=0.02),
     )
-    weight: float = 1.15
     rounds: int = 600
     shifts: tuple[float, ...] = (0.25, 1.0, 0.5, 0.125)
-    slice: int = 4000
     roundabout: float = 1.15
     tries: int = 4
-    bends: float = 4.0
 
 
 class PlanarPlanner:
@@ -99,10 +102,9 @@ class PlanarPlanner:
     @classmethod
     def quick(cls, scene: Scene, seed: int = 0) -> PlanarPlanner:
         """Return a planner that gives up after little work, for detours."""
-        few = PlanarSettings(
-            (PlanarGrain(1.0, 16, 20_000),), (), rounds=200, shifts=(0.25,), tries=1
-        )
-        return cls(scene, seed, replace(few, roundabout=math.inf))
+        grains = (PlanarGrain(1.0, 16, 20_000),)
+        few = PlanarSettings(grains, (), rounds=200, shifts=(0.25,), roundabout=math.inf, tries=1)
+        return cls(scene, seed, few)
 
     def leg(self, query: LegQuery, deadline: Deadline) -> Leg:
         """Return a fast motion between two poses among resting obstacles."""
@@ -141,7 +143,7 @@ class PlanarPlanner:
         """Return a motion that always leads along the heading, or turns on the spot: in bends as
         thin as the body there are no straight moves, and no others.
         """
-        kin, radius = query.body.kinematics, self.settings.bends * shape.inner[2]
+        kin, radius = query.body.kinematics, 4.0 * shape.inner[2]  # of its bends
         # the acceleration is shared by what leads ahead and what leads round
         push = float(kin.a_max) / math.sqrt(2)
         v = min(float(kin.v_max), math.sqrt(push * radius), float(kin.omega_max) * radius)
@@ -180,34 +182,30 @@ class PlanarPlanner:
         grains: Sequence[PlanarGrain],
     ) -> Leg:
         """Return a motion by searches from the start."""
-        goal, obstacles = query.goal, query.obstacles
-        reason = "out of time"
+        reason = OUT_OF_TIME
         for k, grain in enumerate(grains):
             if k > 0 and budget.spent():
                 break
             shape = shape.finer if grain.tight else shape
             nodes, dry = self._search(query, shape, grain, budget)
             if nodes is None:
-                reason = "no path at the finest resolution" + (
-                    "" if dry else " within fixed effort"
-                )
+                reason = DRY if dry else STUCK
                 continue
-            glider = Glider(self.scene, query.body, shape, obstacles)
-            found = min(self._short(nodes, glider, goal), key=_duration, default=None)
+            found = min(self._short(query, shape, nodes), key=_duration, default=None)
             if found is not None:
-                motion, chain = self._rounded(glider, *found, goal, budget)
+                motion, chain = self._rounded(query, shape, found, budget)
                 return Leg(motion, "", budget.used, not budget.cut, chain)
             reason = "no safe timing along the path found"
-        reason = "out of time" if budget.cut else reason
+        reason = OUT_OF_TIME if budget.cut else reason
         return Leg(None, reason, budget.used, not budget.cut)
 
-    def _short(self, nodes: FloatArray, glider: Glider, goal: Configuration) -> Iterator[Way]:
+    def _short(self, query: LegQuery, shape: Shape, nodes: FloatArray) -> Iterator[Way]:
         """Yield motions along a way that is cut short at random, and their nodes."""
-        world = self.scene.world(glider.shape, glider.obstacles)
-        limits, cuts = planar_limits(glider.body.kinematics), self.settings
+        world, kin = self.scene.world(shape, query.obstacles), query.body.kinematics
+        limits, cuts = planar_limits(kin), self.settings
         for n in range(cuts.tries):
             chain = pieces(shortened(world, nodes, limits, cuts.rounds, self.seed + n))
-            found = glider.glide(chain, goal)
+            found = glide(world, kin, chain, query.goal)
             if found is not None:
                 yield found[0], chain
 
@@ -217,9 +215,8 @@ class PlanarPlanner:
         """Run A* at one resolution; return the chain or None, and whether it ran dry."""
         origin, target = (np.array(p[:3], dtype=np.float64) for p in (query.start, query.goal))
         turn = math.remainder(target[2] - origin[2], 2 * math.pi)
-        x, y, th = map(float, origin)
         way = float(target[0] - origin[0]), float(target[1] - origin[1]), turn
-        if straight_free(self.scene.world(shape, query.obstacles), (x, y, th), way):
+        if straight_free(self.scene.world(shape, query.obstacles), _floats(origin), way):
             return np.array([origin, [target[0], target[1], origin[2] + turn]]), False
         problem = self._problem(query, shape, grain)
         tree = hybrid.new_tree(grain.nodes)
@@ -227,7 +224,7 @@ class PlanarPlanner:
         state = 0
         while state == 0 and not budget.spent():
             before = int(tree.counters[2])
-            state = expand_planar(tree, problem, self.settings.slice)
+            state = expand_planar(tree, problem, 4000)  # between two looks at the clock
             budget.used += int(tree.counters[2]) - before
         if state != 1:
             return None, state == 2
@@ -239,7 +236,7 @@ class PlanarPlanner:
         rows[-1][2] = rows[-2][2] + math.remainder(target[2] - rows[-2][2], 2 * math.pi)
         return np.array(rows), False
 
-    def _problem(self, query: LegQuery, shape: Shape, grain: PlanarGrain) -> PlanarProblem:
+    def _problem(self, query: LegQuery, shape: Shape, grain: PlanarGrain) -> hybrid.PoseSearch:
         """Return what one search is about, at one resolution."""
         ends, obstacles, bins = (query.start, query.goal), query.obstacles, grain.bins
         step = grain.step * shape.inner[2]
@@ -247,50 +244,40 @@ class PlanarPlanner:
         space = pose_space(self.scene, ends, obstacles, 16 * shape.circumscribed, cell, bins)
         moves = [(i * step, j * step, 0.0) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]
         moves += [(0.0, 0.0, 2 * math.pi / bins), (0.0, 0.0, -2 * math.pi / bins)]
-        x, y, th = map(float, query.goal[:3])
-        return PlanarProblem(
+        return hybrid.PoseSearch(
             world=self.scene.world(shape, obstacles),
             limits=planar_limits(query.body.kinematics),
-            goal=(x, y, th),
+            goal=_floats(query.goal),
             field=self.fields.toward(shape, query.goal, obstacles),
-            space=space._replace(weight=self.settings.weight),
+            space=space._replace(weight=1.15, tight=grain.tight),
             steps=np.array(moves),
-            tight=grain.tight,
         )
 
-    def _rounded(
-        self,
-        glider: Glider,
-        motion: Trajectory,
-        nodes: FloatArray,
-        goal: Configuration,
-        budget: WorkBudget,
-    ) -> Way:
+    def _rounded(self, query: LegQuery, shape: Shape, way: Way, budget: WorkBudget) -> Way:
         """Return a motion that is not slower, and its nodes: corners pushed outwards or cut in two.
 
         A shortest path hugs the inner side of every corner, where a blend has no room.
         """
         slower = math.inf
-        while motion.duration < slower - GAIN:
-            slower = motion.duration
+        while _duration(way) < slower - GAIN:
+            slower = _duration(way)
             for pushed in itertools.product(self.settings.shifts, (0.0, 1.0)):
-                motion, nodes = self._pushed(glider, motion, nodes, goal, pushed, budget)
-        return motion, nodes
+                way = self._pushed(query, shape, way, pushed, budget)
+        return way
 
     def _pushed(
         self,
-        glider: Glider,
-        motion: Trajectory,
-        nodes: FloatArray,
-        goal: Configuration,
+        query: LegQuery,
+        shape: Shape,
+        way: Way,
         pushed: tuple[float, float],
         budget: WorkBudget,
     ) -> Way:
         """Return a motion with those corners ``pushed`` (outwards in inner, and cut in
         circumscribed radii) that are passed sooner then, and its nodes.
         """
-        shape, body = glider.shape, glider.body
-        world, (shift, cut) = self.scene.world(shape, glider.obstacles), pushed
+        (motion, nodes), (shift, cut) = way, pushed
+        world, body = self.scene.world(shape, query.obstacles), query.body
         i = 1
         while i < len(nodes) - 1 and not budget.spent():
             trial = moved_corner(nodes, i, shift * shape.inner[2], cut * shape.circumscribed)
@@ -302,7 +289,7 @@ class PlanarPlanner:
                 for a, b in itertools.pairwise(trial[i - 2 : i + 2])
             ):
                 continue
-            faster = glider.glide(trial, goal)
+            faster = glide(world, body.kinematics, trial, query.goal)
             if faster is not None and faster[0].duration < motion.duration - GAIN:
                 i += len(trial) - len(nodes)
                 nodes, motion = trial, faster[0]
@@ -313,6 +300,6 @@ def _duration(way: Way) -> float:
     return way[0].duration
 
 
-def _floats(row: FloatArray) -> tuple[float, float, float]:
-    x, y, th = map(float, row)
+def _floats(row: Sequence[float] | FloatArray) -> tuple[float, float, float]:
+    x, y, th = map(float, row[:3])
     return x, y, th

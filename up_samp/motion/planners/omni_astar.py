@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -12,50 +11,20 @@ from up_samp.geometry.records import WorldData, inner, kernel
 from up_samp.geometry.ways import piece_obeys
 from up_samp.model import Kinematics
 from up_samp.model.arrays import FloatArray
-from up_samp.motion.curves.reeds_shepp import Pose, run_time, wrapped
-from up_samp.motion.guides.cost_to_go import Field, field_value
+from up_samp.motion.curves.reeds_shepp import DriveLimits, Pose, run_time, wrapped
+from up_samp.motion.curves.trapezoid import limits_of
+from up_samp.motion.guides.cost_to_go import field_value
 from up_samp.motion.guides.heap import pop
-from up_samp.motion.guides.search_space import Space
 from up_samp.motion.planners.car_shortcuts import random_share
-from up_samp.motion.planners.hybrid_astar import Tree, add_node, slot_of
+from up_samp.motion.planners.hybrid_astar import PoseSearch, Tree, add_node, slot_of
 
 Move = tuple[float, float, float]
 """A straight move (dx m, dy m, turn rad): the body goes straight and turns evenly."""
 
-SLIDE = 0.02
-"""Shares of a step that are too short for a slide."""
 
-
-class PlanarLimits(NamedTuple):
-    """What a body that moves in any direction can do: top speed ``v`` (m/s), turn rate ``omega``
-    (rad/s), acceleration ``a`` (m/s^2).
-    """
-
-    v: float
-    omega: float
-    a: float
-
-
-def planar_limits(kinematics: Kinematics) -> PlanarLimits:
+def planar_limits(kinematics: Kinematics) -> DriveLimits:
     """Return the limits of a body that moves in any direction."""
-    return PlanarLimits(*map(float, (kinematics.v_max, kinematics.omega_max, kinematics.a_max)))
-
-
-class PlanarProblem(NamedTuple):
-    """What one search is about: the way to ``goal`` by primitive moves ``steps`` (n, 3).
-
-    ``tight``: where a step does not go all the way, slide up to what is in the way, and half as
-    far: so the tree gets into gaps that are narrower than its steps. ``space.weight``: of the time
-    to go.
-    """
-
-    world: WorldData
-    limits: PlanarLimits
-    goal: Pose
-    field: Field
-    space: Space
-    steps: FloatArray
-    tight: bool
+    return limits_of(kinematics)._replace(omega=float(kinematics.omega_max))
 
 
 @inner
@@ -90,14 +59,14 @@ def straight_free(world: WorldData, pose: Pose, move: Move) -> bool:
 
 
 @inner
-def _cost(move: Move, limits: PlanarLimits) -> float:
+def _cost(move: Move, limits: DriveLimits) -> float:
     """Return the time (s) of a straight move at full speed."""
     dx, dy, turn = move
     return max(math.sqrt(dx * dx + dy * dy) / limits.v, abs(turn) / limits.omega)
 
 
 @inner
-def _to_go(problem: PlanarProblem, x: float, y: float, th: float) -> float:
+def _to_go(problem: PoseSearch, x: float, y: float, th: float) -> float:
     field, goal, limits = problem.field, problem.goal, problem.limits
     dx, dy = goal[0] - x, goal[1] - y
     far = math.sqrt(dx * dx + dy * dy)
@@ -107,7 +76,7 @@ def _to_go(problem: PlanarProblem, x: float, y: float, th: float) -> float:
 
 
 @inner
-def _grown(tree: Tree, problem: PlanarProblem, node: int, move: Move) -> bool:
+def _grown(tree: Tree, problem: PoseSearch, node: int, move: Move) -> bool:
     """Add the pose a straight move away from ``node`` to the tree, where it is free and the
     soonest way there; return False where something is in the way of the move.
     """
@@ -128,7 +97,7 @@ def _grown(tree: Tree, problem: PlanarProblem, node: int, move: Move) -> bool:
 
 
 @kernel
-def expand_planar(tree: Tree, problem: PlanarProblem, budget: int) -> int:
+def expand_planar(tree: Tree, problem: PoseSearch, budget: int) -> int:
     """Expand up to ``budget`` nodes towards the goal.
 
     Returns 0: more to do, 1: reached by a straight move from node ``counters[3]``, 2: the open
@@ -154,17 +123,17 @@ def expand_planar(tree: Tree, problem: PlanarProblem, budget: int) -> int:
             dx, dy, turn = steps[i, 0], steps[i, 1], steps[i, 2]
             if _grown(tree, problem, node, (dx, dy, turn)):
                 continue
-            if problem.tight:
+            if problem.space.tight:
                 # a little short of what straight_free takes: from there it must pass again
                 free = _free_share(world, pose, (dx, dy, turn), 0.2 * world.shape.slack[2])
                 for part in (0.5 * free, free):
-                    if SLIDE < part < 1.0:
+                    if 0.02 < part < 1.0:  # too short a slide leads nowhere
                         _grown(tree, problem, node, (part * dx, part * dy, part * turn))
     return 0
 
 
 @inner
-def _rest_time(move: Move, limits: PlanarLimits) -> float:
+def _rest_time(move: Move, limits: DriveLimits) -> float:
     """Return the rest-to-rest time (s) of a straight move."""
     dx, dy, turn = move
     way = math.sqrt(dx * dx + dy * dy)
@@ -220,7 +189,7 @@ def _bridged(
 
 @kernel
 def shortened(
-    world: WorldData, chain: FloatArray, limits: PlanarLimits, rounds: int, seed: int
+    world: WorldData, chain: FloatArray, limits: DriveLimits, rounds: int, seed: int
 ) -> FloatArray:
     """Return a chain of straight moves (n, 3) that takes no longer, by random shortcuts.
 

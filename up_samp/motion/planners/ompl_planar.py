@@ -31,11 +31,11 @@ from up_samp.model.arrays import FloatArray
 from up_samp.motion.budget import WorkBudget
 from up_samp.motion.curves.arcs import merged, path_time
 from up_samp.motion.curves.blending import pieces
-from up_samp.motion.curves.reeds_shepp import CarLimits, Pose, connect, shortest
+from up_samp.motion.curves.reeds_shepp import DriveLimits, Pose, connect, shortest
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
 from up_samp.motion.guides.search_space import TOUCHES, search_box, widest_shape
-from up_samp.motion.planners.car_shortcuts import Effort, improve, settle
-from up_samp.motion.planners.gliding import Glider
+from up_samp.motion.planners.car_shortcuts import improve, settle
+from up_samp.motion.planners.gliding import glide
 from up_samp.motion.planners.omni_astar import planar_limits, shortened, straight_free
 from up_samp.motion.planners.ompl_solve import (
     EdgeValidity,
@@ -50,8 +50,6 @@ from up_samp.motion.planners.ompl_solve import (
 )
 from up_samp.motion.protocol import Leg, LegQuery
 
-POLISH = 400
-"""Edge checks that improving planners spend after a first path."""
 ROUNDS, PATIENCE = 1500, 300
 """Of the shortening."""
 REACH, SHARE = 6.0, 0.05
@@ -61,7 +59,7 @@ diagonal.
 
 
 @kernel
-def curve_free(world: WorldData, car: CarLimits, a: Pose, b: Pose) -> bool:
+def curve_free(world: WorldData, car: DriveLimits, a: Pose, b: Pose) -> bool:
     """Return whether the fastest Reeds-Shepp curve between two poses keeps the margin (with v = 1
     and a = inf it is the shortest).
     """
@@ -195,7 +193,7 @@ def search(
     method = getattr(og, name)(si)
     if hasattr(method, "setRange"):
         method.setRange(reach)
-    states, status = solve(method, pdef, budget, polish=POLISH, read=_read)
+    states, status = solve(method, pdef, budget, polish=400, read=_read)
     poses = vertices(method, _read) if tree else []
     reached = np.array(poses, dtype=np.float64).reshape(-1, 3)
     if states is None:
@@ -223,9 +221,8 @@ def _drive(
     curves = [shortest(tuple(a), tuple(b), limits.radius, limits.sense)[1] for a, b in pairs]
     raw = merged(np.concatenate(curves))
     origin, target = nodes[0], np.array(goal[:3], dtype=np.float64)
-    effort = Effort(ROUNDS, PATIENCE, seed)
     best = None
-    for arcs in (raw, improve(world.data, origin, raw, limits, effort)):
+    for arcs in (raw, improve(world.data, origin, raw, limits, (ROUNDS, PATIENCE), seed)):
         faster = best is None or path_time(arcs, limits) < path_time(best, limits)
         if settle(origin, target, arcs) < 1e-7 and faster:
             best = arcs
@@ -240,20 +237,14 @@ def _glide(
     """Return an omnidirectional body's timed motion along ``nodes``, shortened, corners blended,
     and its corners.
     """
-    limits = planar_limits(world.body.kinematics)
-    nodes = shortened(world.data, nodes, limits, ROUNDS, seed)
-    corners = pieces(nodes)
-    found = Glider(world.scene, world.body, world.shape, world.obstacles).glide(corners, goal)
+    kin = world.body.kinematics
+    corners = pieces(shortened(world.data, nodes, planar_limits(kin), ROUNDS, seed))
+    found = glide(world.data, kin, corners, goal)
     return (None if found is None else found[0]), corners
 
 
 def planar_leg(
-    scene: Scene,
-    query: LegQuery,
-    deadline: Deadline,
-    *,
-    planner: str,
-    seed: int,
+    scene: Scene, query: LegQuery, deadline: Deadline, *, planner: str, seed: int
 ) -> Leg:
     """Return a motion from rest to rest by one of OMPL's planners."""
     start, goal = query.start, query.goal

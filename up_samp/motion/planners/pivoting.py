@@ -13,12 +13,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from up_samp.geometry import Scene, Shape, sweeps
+from up_samp.geometry import Scene, Shape
+from up_samp.geometry.sweeps import first_hit
 from up_samp.model import Configuration, Deadline, Kinematics, Trajectory
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.budget import WorkBudget
 from up_samp.motion.curves.involute import swerves
-from up_samp.motion.curves.reeds_shepp import CarLimits, run_time
+from up_samp.motion.curves.reeds_shepp import DriveLimits, run_time
 from up_samp.motion.curves.rolling import (
     moves_on,
     rolled,
@@ -27,7 +28,7 @@ from up_samp.motion.curves.rolling import (
     rolls_of,
     rows_of,
 )
-from up_samp.motion.curves.trajectories import at_rest
+from up_samp.motion.curves.trajectories import at_rest, with_ends
 from up_samp.motion.curves.trapezoid import limits_of
 from up_samp.motion.guides.search_space import TOUCHES, widest_shape
 from up_samp.motion.moves import corners_of, steer
@@ -77,7 +78,7 @@ class PivotPlanner:
         while i < len(rests) - 1 and not deadline.expired():
             for k in range(len(rests) - 1, i, -1):
                 a, b = rests[i], rests[k]
-                p, q = (tuple(float(v) for v in rows[at]) for at in (a, b))
+                p, q = (tuple(rows[at].tolist()) for at in (a, b))
                 seconds = rolling_time(rows[a : b + 1], query.body.kinematics)
                 better = next(self._straight(shape, query, p, q, seconds - 1e-6), None)
                 if better is not None:
@@ -99,23 +100,18 @@ class PivotPlanner:
         on the spot at its ends, or as it sets off and comes to rest.
         """
         world, kin = self.scene.world(shape, query.obstacles), query.body.kinematics
-        least = 1e-3 * float(shape.data.slack[2])
-
-        def free(rows: FloatArray) -> bool:
-            return bool(sweeps.samples_free(world, rows, least) < 0)
-
         nearest = run_time(math.dist(start[:2], goal[:2]), kin.v_max, kin.a_max)
         turning = corners_of(steer(query.body, start, goal))
         line = turning[1:-1] if len(turning) == 4 else turning[:1]
-        if nearest < most and free(line):
+        if nearest < most and first_hit(world, line) < 0:
             # with a limit to how fast a turn begins there are no such bends at a rest
             bent = swerves(start, goal, kin) if math.isinf(kin.alpha_max) else []
             for rows in (*bent, turning):
-                if rolling_time(rows, kin) < most and free(rows):
+                if rolling_time(rows, kin) < most and first_hit(world, rows) < 0:
                     yield rows
 
 
-def rolling_limits(kinematics: Kinematics) -> CarLimits:
+def rolling_limits(kinematics: Kinematics) -> DriveLimits:
     """Return the limits of a car that turns no tighter than such a body does at top speed, and on
     the spot as it does.
     """
@@ -142,9 +138,4 @@ def _timed(query: LegQuery, rows: FloatArray) -> Trajectory:
     """Return the motion through ``rows``, exactly between the query's poses."""
     if len(rows) < 2:
         return at_rest(query.goal)
-    motion = rolled(rows, query.body.kinematics)
-    poses = motion.poses.copy()
-    for k, pose in ((0, query.start), (-1, query.goal)):
-        turns = 2 * math.pi * round((float(poses[k, 2]) - pose[2]) / (2 * math.pi))
-        poses[k] = (pose[0], pose[1], pose[2] + turns)
-    return Trajectory(motion.times.copy(), poses)
+    return with_ends(rolled(rows, query.body.kinematics), query.start, query.goal)

@@ -6,9 +6,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from up_samp.model import (
-    Configuration,
-)
+from up_samp.model import Configuration
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.planners.control_law import ControlPiece, Roller, miss, steps_of, total
 

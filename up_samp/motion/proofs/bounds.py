@@ -166,11 +166,10 @@ class DurationBounds:
             round(radius, 9),
             frozenset((p.body.footprint, tuple(p.pose)) for p in obstacles),
         )
-        return self._known.get_or(key, lambda: self._looked(radius, obstacles))
-
-    def _looked(self, radius: float, obstacles: Sequence[Placed]) -> Visibility:
-        assert self.scene.grid is not None
-        return Visibility(self.certifier.blocked(radius, obstacles), self.scene.grid.resolution)
+        size = self.scene.data.frame.size
+        return self._known.get_or(
+            key, lambda: Visibility(self.certifier.blocked(radius, obstacles), size)
+        )
 
 
 def _turn(able: Mobility, start: Configuration, goal: Configuration) -> float:

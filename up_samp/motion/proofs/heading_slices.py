@@ -34,13 +34,12 @@ def discs_inside(body: Body) -> FloatArray:
     """Return discs (k, 3: x, y, r in the body frame, m) that lie inside the footprint."""
     polygon = shapely.Polygon(shape_of(body).footprint)
     low_x, low_y, high_x, high_y = polygon.bounds
-    rows = []
-    for x in np.linspace(low_x, high_x, 25):
-        for y in np.linspace(low_y, high_y, 13):
-            point = shapely.Point(x, y)
-            if polygon.contains(point):
-                rows.append((x, y, polygon.exterior.distance(point) * (1 - 1e-9)))
-    rows.sort(key=lambda row: -row[2])
+    xs, ys = np.meshgrid(np.linspace(low_x, high_x, 25), np.linspace(low_y, high_y, 13))
+    points = shapely.points(xs.T.ravel(), ys.T.ravel())
+    points = points[shapely.contains(polygon, points)]
+    radii = shapely.distance(polygon.exterior, points) * (1 - 1e-9)
+    order = np.argsort(-radii, kind="stable")
+    rows = np.column_stack((shapely.get_coordinates(points), radii))[order].tolist()
     chosen: list[tuple[float, float, float]] = [shape_of(body).inner]
     for x, y, r in rows:
         if all(math.hypot(x - a, y - b) > 0.45 * max(r, c) for a, b, c in chosen):

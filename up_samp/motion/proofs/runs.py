@@ -15,13 +15,15 @@ import numpy as np
 
 from up_samp.model import Configuration, Kinematics
 from up_samp.model.arrays import FloatArray
-from up_samp.motion.curves.reeds_shepp import CarLimits, run_time
+from up_samp.motion.curves.reeds_shepp import DriveLimits, run_time
 
 RESTS = 0.5 * 1.2 ** np.arange(-80.0, 1.0)
 """Shares of the whole way for which the runs beside the longest one are told apart."""
 
 
-def fastest_runs(start: Configuration, goal: Configuration, car: CarLimits, length: float) -> float:
+def fastest_runs(
+    start: Configuration, goal: Configuration, car: DriveLimits, length: float
+) -> float:
     """Return seconds that no motion of a car between two poses beats whose way is ``length`` m at
     least: from rest to rest, resting at each cusp.
     """

@@ -154,6 +154,9 @@ def guess_of(search: Search, large: LargeProblem) -> TravelTimeModel:
     """Return what work takes, as far as it can be told before motions are decided."""
     service = search.motions.service
 
+    def lasts(body: Body, start: Configuration, goal: Configuration) -> float:
+        return service.lower_bound(body, (start, goal))
+
     def drives(
         body: Body, start: Configuration, goal: Configuration, deadline: Deadline
     ) -> float | None:
@@ -163,7 +166,7 @@ def guess_of(search: Search, large: LargeProblem) -> TravelTimeModel:
 
     pauses = pauses_of(large.problem, large.jobs)
     duties = duties_of(large.problem, large.snapshot, large.jobs)
-    return TravelTimeModel(large.snapshot, service.lower_bound, drives, pauses, duties)
+    return TravelTimeModel(large.snapshot, lasts, drives, pauses, duties)
 
 
 Found = tuple[Incumbent, FleetLNS]

@@ -115,7 +115,7 @@ class JobWork:
         """Return units that it takes at least from place to place, by whatever drives."""
         body, start, goal = leg
         pose = self._facts.snapshot.configurations
-        return self._facts.units(self._service.lower_bound(body, pose[start], pose[goal]))
+        return self._facts.units(self._service.lower_bound(body, (pose[start], pose[goal])))
 
     def drives(self, robot: str) -> Sequence[MotionTask]:
         """Return all drives of a robot."""

@@ -28,7 +28,7 @@ def lower_bounds(motions: Motions, knowledge: Knowledge) -> list[Refinement]:
     why = "no motion between these poses is faster, whatever else stands there"
     bounds: dict[MotionTask, dict[MotionCase, int]] = {}
     for signature, cases in motions.facts.by_signature.items():
-        units = motions.facts.units(motions.service.lower_bound_through(*signature))
+        units = motions.facts.units(motions.service.lower_bound(*signature))
         knowledge.stated[signature] = units if units > 1 else 0
         for case in cases:
             bounds.setdefault(case.task, {})[case] = units
