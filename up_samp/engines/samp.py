@@ -43,9 +43,9 @@ from up_samp.model import (
     MotionModel,
     OutOfTimeError,
     ProblemError,
-    Refusal,
     SampError,
     UnsupportedError,
+    Violation,
     in_force,
 )
 from up_samp.model.errors import InterruptedSearch
@@ -318,11 +318,8 @@ class SampRefine(ReplanningFace, MetaEngine, OneshotPlannerMixin, AnytimePlanner
             params = with_progress(params, stream)
         spu = params.seconds_per_unit
 
-        def check_plan(plan: SampSchedule) -> list[Refusal]:
-            verdict = validate_plan(problem, plan, seconds_per_unit=spu)
-            return [
-                Refusal(v.kind, v.what, v.activities, v.objects, v.time) for v in verdict.violations
-            ]
+        def check_plan(plan: SampSchedule) -> list[Violation]:
+            return list(validate_plan(problem, plan, seconds_per_unit=spu).violations)
 
         def worth(schedule: CandidateSchedule) -> int | Fraction:
             return value_of(problem, build_schedule(problem, schedule))

@@ -27,6 +27,7 @@ from up_samp.execution.tolerances import TOLERANCES
 from up_samp.io.floors import side_by_side
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import avoids
+from up_samp.model.violation import Violation
 from up_samp.scheduling.partial_order.orders import constraint_texts
 from up_samp.upio.movers import named_as_planned
 from up_samp.validation.collisions import JudgedShape, hits_body
@@ -36,7 +37,6 @@ from up_samp.validation.rides import between, carried_along
 from up_samp.validation.schedule import objects_by_type
 from up_samp.validation.tracks import Track
 from up_samp.validation.values import Decisions
-from up_samp.validation.verdict import Violation
 
 Drivings = dict[tuple[str, str], list[tuple[float, float]]]
 """(time, progress) of each motion (activity, object)."""

@@ -33,7 +33,6 @@ from up_samp.model.motion import (
     interpolate,
 )
 from up_samp.model.objective import MetricMeaning
-from up_samp.model.refusal import Refusal
 from up_samp.model.schedule import (
     CandidateSchedule,
     ScheduledChange,
@@ -41,6 +40,7 @@ from up_samp.model.schedule import (
     ScheduleReport,
     ScheduleStatus,
 )
+from up_samp.model.violation import Violation
 
 __all__ = [
     "Body",
@@ -62,7 +62,6 @@ __all__ = [
     "PathReport",
     "Placed",
     "ProblemError",
-    "Refusal",
     "Rest",
     "SampError",
     "ScheduleReport",
@@ -73,6 +72,7 @@ __all__ = [
     "TrafficZone",
     "Trajectory",
     "UnsupportedError",
+    "Violation",
     "avoids",
     "check_time",
     "in_force",

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from up_samp.model import Refusal, ScheduleReport
+from up_samp.model import ScheduleReport, Violation
 from up_samp.model.refinement import Refinement
 from up_samp.search.history import History, ProgressEvent
 from up_samp.search.knowledge import Incumbent
@@ -89,7 +89,7 @@ class Observer:
     def on_plan(self, state: State, incumbent: Incumbent) -> None:
         """A plan was found that is better than all before it."""
 
-    def on_refusal(self, state: State, refusals: Sequence[Refusal]) -> None:
+    def on_refusal(self, state: State, refusals: Sequence[Violation]) -> None:
         """The independent validator refused a plan."""
 
     def on_restart(self, state: State, query_seconds: float) -> None:
@@ -157,7 +157,7 @@ class ProgressObserver(Observer):
         told = "-" if cost is None else shown(measure.sign * cost)
         self._tell(state, "plan", f"plan with {measure.name} {told}")
 
-    def on_refusal(self, state: State, refusals: Sequence[Refusal]) -> None:
+    def on_refusal(self, state: State, refusals: Sequence[Violation]) -> None:
         """Show what the validator had against a plan."""
         self._tell(state, "refused", f"{refusals[0].kind}: {refusals[0].what}")
 

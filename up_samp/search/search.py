@@ -9,7 +9,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Se
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from up_samp.model import CandidateSchedule, Refusal, Trajectory
+from up_samp.model import CandidateSchedule, Trajectory, Violation
 from up_samp.model.refinement import Refinement, Strength
 from up_samp.scheduling import Scheduler
 from up_samp.scheduling.cpsat import CpsatSession
@@ -86,7 +86,7 @@ class Problem:
     relax: Callable[[], Relaxation]
     schedule: Callable[[Relaxation, int], Scheduler]
     build: Callable[[CandidateSchedule, Mapping[str, Trajectory]], SampSchedule]
-    judge: Callable[[SampSchedule], list[Refusal]]
+    judge: Callable[[SampSchedule], list[Violation]]
     native: bool
     measure: Measure = field(default_factory=lambda: Measure(lambda s: s.makespan))
 
@@ -170,7 +170,7 @@ class Search:
         log.error("%s", told)
         self.history.refuted.append(told)
 
-    def judged(self, plan: SampSchedule) -> list[Refusal]:
+    def judged(self, plan: SampSchedule) -> list[Violation]:
         """Return what the independent validator has against a plan."""
         with self.history.stages.of(VALIDATING):
             return self.problem.judge(plan)

@@ -21,8 +21,8 @@ from up_samp.model import (
     Deadline,
     Placed,
     ProblemError,
-    Refusal,
     Trajectory,
+    Violation,
 )
 from up_samp.model.snapshot import Snapshot
 from up_samp.motion import MotionService
@@ -89,7 +89,7 @@ _TOUR_ROUNDS = 10
 NEEDED = ("lower bounds on motions",)
 """What is stated before a plan of a thinned problem is sought."""
 ScheduleCheck = Callable[[Any, Schedule], list[str]]
-PlanCheck = Callable[[SampSchedule], list[Refusal]]
+PlanCheck = Callable[[SampSchedule], list[Violation]]
 
 
 @dataclass(frozen=True)

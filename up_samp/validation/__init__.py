@@ -4,10 +4,11 @@ It shares no map reading, collision checking, timing or scheduling code with the
 accepts was found right twice. The rules are stated in ``docs/semantics.md``.
 """
 
+from up_samp.model.violation import Violation
 from up_samp.validation.metrics import ranked, terms_of, value_of
 from up_samp.validation.plan import judge_plan, validate_plan
 from up_samp.validation.schedule import validate_schedule
-from up_samp.validation.verdict import Verdict, Violation
+from up_samp.validation.verdict import Verdict
 
 __all__ = [
     "Verdict",

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from up_samp.model import UnsupportedError
+from up_samp.model.violation import Violation
 from up_samp.validation.timeline import (
     Change,
     Reading,
@@ -15,7 +16,6 @@ from up_samp.validation.timeline import (
     show,
 )
 from up_samp.validation.values import MISSING, Reader, chronicles, parts_of
-from up_samp.validation.verdict import Violation
 
 
 @dataclass(frozen=True)

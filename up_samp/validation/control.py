@@ -9,10 +9,10 @@ import numpy as np
 
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.model.arrays import FloatArray
+from up_samp.model.violation import Violation
 from up_samp.validation.limits import Limits
 from up_samp.validation.tolerances import TOLERANCES
 from up_samp.validation.tracks import Pieces
-from up_samp.validation.verdict import Violation
 
 
 def breaks_law(

@@ -15,11 +15,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from up_samp.model.arrays import BoolArray, FloatArray
+from up_samp.model.violation import Violation
 from up_samp.validation.control import breaks_law
 from up_samp.validation.limits import Limits
 from up_samp.validation.tolerances import TOLERANCES
 from up_samp.validation.tracks import Pieces, pieces_of
-from up_samp.validation.verdict import Violation
 
 
 def motion_violations(

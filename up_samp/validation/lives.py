@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from up_samp.model.arrays import FloatArray
+from up_samp.model.violation import Violation
 from up_samp.validation.collisions import JudgedShape
 from up_samp.validation.judged import JudgedMotion, Jump
 from up_samp.validation.paths import pose_gap
@@ -19,7 +20,6 @@ from up_samp.validation.se3 import track_of
 from up_samp.validation.solids import Solid
 from up_samp.validation.tolerances import TOLERANCES
 from up_samp.validation.tracks import Track
-from up_samp.validation.verdict import Violation
 
 Motions = Mapping[str, tuple[FloatArray, FloatArray]]
 """Times (s) and poses of each task, by its name."""

@@ -15,6 +15,7 @@ import numpy as np
 
 from up_samp.model import ProblemError, Trajectory, UnsupportedError, check_time
 from up_samp.model.arrays import FloatArray
+from up_samp.model.violation import Violation
 from up_samp.validation.collisions import JudgedShape, hits_map
 from up_samp.validation.judged import JudgedMotion, Obstacle
 from up_samp.validation.kinematics import motion_violations, speeds_on_way
@@ -34,7 +35,7 @@ from up_samp.validation.solids import Solid
 from up_samp.validation.tolerances import TOLERANCES
 from up_samp.validation.tracks import Track
 from up_samp.validation.values import Decisions
-from up_samp.validation.verdict import JUDGING_GRACE, Verdict, Violation
+from up_samp.validation.verdict import JUDGING_GRACE, Verdict
 from up_samp.validation.zones import zone_violations
 
 

@@ -13,6 +13,7 @@ from unified_planning.model import OperatorKind, TimepointKind
 
 from up_samp.extensions import parts
 from up_samp.model import UnsupportedError
+from up_samp.model.violation import Violation
 from up_samp.validation.conditions import (
     broken_conditions,
     interference,
@@ -27,7 +28,7 @@ from up_samp.validation.timeline import (
     in_type,
 )
 from up_samp.validation.values import MISSING, Decisions, Key, Reader, Value, chronicles, parts_of
-from up_samp.validation.verdict import Verdict, Violation
+from up_samp.validation.verdict import Verdict
 
 Judged = tuple[Verdict, StateTimeline | None]
 """The verdict on a schedule, with what it decides and the fluents over time (``None``: the plan is

@@ -15,6 +15,7 @@ from typing import Any
 from unified_planning.model import TimepointKind
 
 from up_samp.model import ProblemError, UnsupportedError
+from up_samp.model.violation import Violation
 from up_samp.validation.values import (
     MISSING,
     Decisions,
@@ -24,7 +25,6 @@ from up_samp.validation.values import (
     chronicles,
     combinations,
 )
-from up_samp.validation.verdict import Violation
 
 
 class Reading(enum.Enum):

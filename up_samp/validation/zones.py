@@ -10,12 +10,12 @@ import shapely
 
 from up_samp.model import TrafficZone
 from up_samp.model.arrays import BoolArray, FloatArray
+from up_samp.model.violation import Violation
 from up_samp.validation.collisions import JudgedShape, placed
 from up_samp.validation.limits import Limits
 from up_samp.validation.paths import pose_gap
 from up_samp.validation.tolerances import TOLERANCES
 from up_samp.validation.tracks import pieces_of
-from up_samp.validation.verdict import Violation
 
 Parts = Sequence[tuple[JudgedShape, FloatArray]]
 """Rigid parts of a body: each with where it is at each sample of a motion, shape (n, 3)."""

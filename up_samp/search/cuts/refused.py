@@ -10,14 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from up_samp.model import Refusal
+from up_samp.model import Violation
 from up_samp.model.refinement import Refinement
 from up_samp.refinement import rules, timed
 from up_samp.search.facts import Facts
 from up_samp.upio import Itinerary
 
 
-def cuts_from(facts: Facts, itinerary: Itinerary, refusals: Sequence[Refusal]) -> list[Refinement]:
+def cuts_from(
+    facts: Facts, itinerary: Itinerary, refusals: Sequence[Violation]
+) -> list[Refinement]:
     """Return refinements that forbid the itinerary's schedule, one for each refusal."""
     found: dict[object, Refinement] = {}
     for refusal in refusals:
@@ -26,7 +28,7 @@ def cuts_from(facts: Facts, itinerary: Itinerary, refusals: Sequence[Refusal]) -
     return list(found.values())
 
 
-def _set_onto(facts: Facts, itinerary: Itinerary, refusal: Refusal) -> Refinement | None:
+def _set_onto(facts: Facts, itinerary: Itinerary, refusal: Violation) -> Refinement | None:
     """State that an object must not be set to where another one rests, if that is it."""
     if refusal.kind != "collision" or len(refusal.activities) != 1 or len(refusal.objects) != 2:
         return None
@@ -51,7 +53,7 @@ def _set_onto(facts: Facts, itinerary: Itinerary, refusal: Refusal) -> Refinemen
     return rules.only_given(cut, itinerary.given)
 
 
-def _as_timed(facts: Facts, itinerary: Itinerary, refusal: Refusal) -> Refinement:
+def _as_timed(facts: Facts, itinerary: Itinerary, refusal: Violation) -> Refinement:
     """State that the activities of a refusal, with what moved its objects last, do not go
     together as they are timed; all that are present where it names none.
     """
