@@ -1,5 +1,7 @@
 """Loads that are on robots when the plan begins."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ from tests.fleet.modern import Modern
 from tests.fleet.test_physics import told
 from tests.fleet.witness import NoWitnessError, fleet_of
 from up_samp import Fleet
-from up_samp.fleet import FleetError
+from up_samp.fleet import FleetError, read_problem_file, write_problem_file
 from up_samp.geometry.maps import write_map
 from up_samp.model import UnsupportedError
 from up_samp.operate.planner import check_site
@@ -135,3 +137,16 @@ def test_many_do(first, tmp_path):
     findings = known(first, first + 50, tmp_path)
     assert len(findings) > 3
     assert not any(findings.values()), findings
+
+
+@pytest.mark.parametrize("key", ["on", '"on"', "'on'"])
+def test_files_say_so_without_quotes(key, tmp_path):
+    """YAML 1.1 reads a plain ``on`` as true."""
+    fleet = hall(tmp_path)
+    fleet.add_order("o1", ABOARD, "p1")
+    write_problem_file(tmp_path / "p.yaml", fleet.records)
+    text = (tmp_path / "p.yaml").read_text()
+    told = re.sub(r"""["']on["']:""", f"{key}:", text)
+    assert f"{key}: r1" in told
+    (tmp_path / "p.yaml").write_text(told)
+    assert read_problem_file(tmp_path / "p.yaml").orders[0].pickup.on == "r1"

@@ -2,8 +2,24 @@
 
 import math
 
+import numpy as np
+import pytest
+
 from tests.validation.validation_kit import HOME, WAY, World, drive, judge, kinds
+from up_samp.model import Trajectory
 from up_samp.validation import validate_plan
+
+
+@pytest.mark.parametrize(
+    ("stay", "found"), [((26, 26), ["overlap"]), ((26, 27), []), ((27, 27), []), ((0, 0), [])]
+)
+def test_who_takes_no_time_does_not_drive_just_when_another_drive_ends(world, stay, found):
+    """Whether or not that one says by a motion effect where it ends."""
+    way = drive(HOME, WAY)
+    world.move("m", "r1", way, 0, 26)
+    place = way.poses[:1] if stay == (0, 0) else way.poses[-1:]
+    world.move("stay", "r1", Trajectory(np.array([float(stay[0])]), place.copy()), *stay)
+    assert kinds(judge(world)) == found
 
 
 def test_missing_and_stray_trajectories(world):

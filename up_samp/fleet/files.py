@@ -377,7 +377,8 @@ def _plain(path: File, root: yaml.Node) -> Any:
         if isinstance(node, yaml.MappingNode):
             found: dict[Any, Any] = {}
             for key, value in node.value:
-                name = visit(key, depth + 1)
+                # the key that YAML 1.1 takes for a truth value if it is not quoted
+                name = "on" if key.value == "on" else visit(key, depth + 1)
                 line = key.start_mark.line + 1
                 if not isinstance(name, str):
                     what = f"the key {key.value or name} must be text: quote it"

@@ -101,7 +101,9 @@ def build_lives(
 
 
 def _overlaps(name: str, events: list[_LifeEvent]) -> Iterator[Violation]:
-    """Rule 16: one activity at a time moves an object. Two drives may touch."""
+    """Rule 16: one activity at a time moves an object. Two drives may touch, if the later one takes
+    time.
+    """
     for i, one in enumerate(events):
         for other in events[i + 1 :]:
             if other.start > one.end:
@@ -115,7 +117,7 @@ def _overlaps(name: str, events: list[_LifeEvent]) -> Iterator[Violation]:
 def _clash(name: str, one: _LifeEvent, other: _LifeEvent) -> str | None:
     """Return what is wrong with two events of an object that are not apart, ``other`` the later."""
     if one.task is not None and other.task is not None:
-        if other.start == one.end:
+        if one.end == other.start < other.end:
             return None
         return f"{one.task.what} and {other.task.what} at the same time"
     if one.task is not None:
