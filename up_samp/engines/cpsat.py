@@ -142,7 +142,7 @@ class CpsatEngine(DirectFace, Engine, OneshotPlannerMixin, AnytimePlannerMixin):
 
         def progress(schedule: CandidateSchedule, bound: int | Fraction | None) -> None:
             if stop.is_set():
-                raise _StoppedError
+                raise RuntimeError("whoever asked for schedules has gone")
             found.put(ScheduleReport(ScheduleStatus.FOUND, schedule, bound, "", deadline.elapsed()))
 
         def work() -> None:
@@ -211,10 +211,6 @@ class CpsatEngine(DirectFace, Engine, OneshotPlannerMixin, AnytimePlannerMixin):
 
         metrics = {"engine_internal_time": f"{report.seconds:.3f}"}
         return result_of_schedule(self.name, problem, report, metrics, promised=True, final=final)
-
-
-class _StoppedError(Exception):
-    """The consumer of an anytime solve has gone."""
 
 
 def _write(stream: IO[str] | None, result: PlanGenerationResult) -> None:
