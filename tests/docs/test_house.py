@@ -99,13 +99,14 @@ def test_this_package_has_no_circle(package):
 
 
 LIMITS = {
-    "long_functions": 4,
-    "wide_functions": 18,
+    "long_functions": 3,
+    "wide_functions": 16,
     "long_files": 0,
-    "said_twice": 8,
+    "said_twice": 7,
     "tunables": 18,
 }
-NUMBERS = 272
+NUMBERS = 248
+CLASSES = 530
 COUNTS = {"shared_names": 0, "type_circles": 0, "big_rooms": 2}
 """What the figures may be at most: lower them when they fall, never raise them for convenience."""
 
@@ -118,5 +119,6 @@ def test_the_figures_do_not_grow(package):
     assert not grown, f"(now, at most): {grown}; see scripts/house.py"
     # a tunable that no sweep shows to matter becomes a constant beside its use
     assert package.tunables + package.constants <= NUMBERS
+    assert package.classes <= CLASSES
     # what is left out of lines alone (imports, problems built line by line) raises this: count both
     assert package.branches / package.lines < 0.2763
