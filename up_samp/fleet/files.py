@@ -211,7 +211,7 @@ def read_problem_text(
         raise FleetError(
             (), f"{path}: {what}a problem file has keys such as map, robots and orders"
         )
-    data = _plain(path, root)
+    data = plain(path, root)
     if data.get("format") == FORMAT:
         what = "is a plan, and a problem file is needed: what its plan was made of"
         raise FleetError((), f"{path}: {what} ('solve PROBLEM --from PLAN' goes on from a plan)")
@@ -364,7 +364,7 @@ def _scalar(path: File, where: Path, loader: yaml.SafeLoader, node: yaml.Node) -
         raise FleetError((), f"{place}: {_shown(node.value)} cannot be read") from error
 
 
-def _plain(path: File, root: yaml.Node) -> Any:
+def plain(path: File, root: yaml.Node) -> Any:
     """Return the tree as plain data. Every alias is expanded, up to a size."""
     loader = yaml.SafeLoader("")
     budget = [FILE_LIMITS.file_bytes // 16]

@@ -6,10 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from up_samp.fleet.faults import FleetError
-from up_samp.fleet.files import LOADER
+from up_samp.fleet.files import compose, plain
 from up_samp.fleet.records import Order, Task
 from up_samp.fleet.tables import text_of
 from up_samp.model import SampError
@@ -78,10 +76,8 @@ def _listed(file: Path) -> Iterator[Order | Task]:
 
     :raises FleetError: where it is no such file.
     """
-    try:
-        data = yaml.load(text_of(file), LOADER)
-    except yaml.YAMLError as error:
-        raise FleetError((), f"{file}: {error}") from error
+    root = compose(file, text_of(file))
+    data = [] if root is None else plain(file, root)
     if isinstance(data, dict) and not data.keys() - {"orders", "tasks"}:
         data = [*(data.get("orders") or ()), *(data.get("tasks") or ())]
     if not isinstance(data, list) or not all(isinstance(entry, dict) for entry in data):
