@@ -43,7 +43,12 @@ def draw_fleet(records: FleetRecords, folder: Path, findings: Iterable[Finding] 
         for floor in (GROUND, *records.floors)
     ]
     rules = [
-        {"initial": None, "zones": [zone_entry(zone) for zone in rules_for(records, kind)]}
+        {
+            "name": kind,
+            "initial": None,
+            "footprint": [],
+            "zones": [zone_entry(zone) for zone in rules_for(records, kind)],
+        }
         for kind in records.robot_types
     ]
     site = {"map": maps[0], "maps": maps, "objects": rules, "motions": [], "changes": []}
