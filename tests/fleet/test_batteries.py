@@ -193,7 +193,7 @@ def test_a_battery_is_swapped_for_a_full_one():
 
 def test_a_fuller_battery_charges_slower():
     """A step of 5 s gives 10 below half, and half of that from there on."""
-    for level, need, steps in ((2, 10, 1), (2, 11.8, 1), (2, 12.1, 2)):
+    for level, need, steps in ((2, 11.8, 1), (2, 12.1, 2)):
         fleet = refill(level, need, per_second=2.0, step=5)
         result = fleet.solve(optimal=True, timeout=120)
         assert result.status == "SOLVED_OPTIMALLY", result.explain()

@@ -16,7 +16,7 @@ from up_samp.model.frames import Frame
 from up_samp.upio.read import read_problem
 from up_samp.validation import validate_plan
 
-MODELS = ("car", "diff", "omni")
+MODELS = ("car", "diff", pytest.param("omni", marks=pytest.mark.long))
 
 
 def site(folder, rng, model="diff", **docking):
@@ -59,7 +59,7 @@ def straight(plan, name, trajectory, reach):
 
 @pytest.mark.parametrize("model", MODELS)
 def test_drives_to_docks_end_straight(tmp_path, model):
-    result = site(tmp_path, np.random.default_rng(MODELS.index(model)), model).solve(
+    result = site(tmp_path, np.random.default_rng(len(model)), model).solve(
         timeout=60, first_plan=True
     )
     assert result.plan is not None
@@ -84,7 +84,7 @@ def test_drives_to_docks_end_straight(tmp_path, model):
     assert "docking" in kinds
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.long)])
 def test_the_rest_of_a_drive_to_a_dock_is_planned_from_anywhere(tmp_path, seed):
     rng = np.random.default_rng(seed)
     result = site(tmp_path, rng, "diff").solve(timeout=60, first_plan=True)

@@ -33,8 +33,11 @@ def drives(seed, folder):
         yield world.kind, grid, snapshot.objects[name].body, ends, limits, drive
 
 
+LONG = pytest.param(30, 1.3, marks=pytest.mark.long)
+
+
 @pytest.mark.parametrize(
-    ("seed", "most"), [*((seed, 1.1) for seed in (2, 5, 7, 8, 28, 31, 56)), (30, 1.3)]
+    ("seed", "most"), [*((seed, 1.1) for seed in (2, 5, 7, 8, 28, 31, 56)), LONG]
 )
 def test_what_is_known_to_be_driven_is_found(seed, most, tmp_path):
     for kind, grid, body, ends, limits, known in drives(seed, tmp_path):
