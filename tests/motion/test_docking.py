@@ -126,6 +126,17 @@ def broken_by_dock(body, rows):
     return [v for v in broken_by("r", body, Trajectory(times, rows)) if v.kind == "docking"]
 
 
+@KINDS
+def test_no_lane_leads_beside_the_straight_way(kinematics):
+    """A lane that crosses the way in is worth leaving it for, by what is driven beside lanes."""
+    goal = (8.0, 7.0, math.pi / 2)
+    zone, front = dock(goal, 5.0, 0.8)
+    lane = TrafficZone(((6.8, 1.0), (7.8, 1.0), (7.8, 8.0), (6.8, 8.0)), prefer=9.0)
+    body = Body(RING, replace(kinematics, zones=(lane, zone)))
+    motion = drive(body, (2.0, 2.0, 0.0), front, goal)
+    assert comes_straight(motion.poses, body)
+
+
 @settings(max_examples=15, deadline=None, derandomize=True)
 @given(
     seed=st.integers(0, 10**6),

@@ -34,7 +34,7 @@ from up_samp.motion.curves.slowing import (
     slowed,
     slowing_zones,
 )
-from up_samp.motion.docking import but_docks
+from up_samp.motion.docking import before_docking, but_docks
 from up_samp.motion.guides.preferred import along_lanes
 from up_samp.motion.legs import Legs, check_ways, strung, strung_at_full_speed
 from up_samp.motion.proofs.bounds import DurationBounds
@@ -142,9 +142,9 @@ class MotionService:
             ahead = replace(query.body, kinematics=replace(query.body.kinematics, reverse=False))
             others.append(replace(query, body=ahead))
         if query.body.kinematics.lanes:
-            others.append(
-                replace(query, poses=along_lanes(query.body, query.poses, self.bounds.length))
-            )
+            head = before_docking(query.body, query.poses)
+            along = along_lanes(query.body, head, self.bounds.length)
+            others.append(replace(query, poses=(*along, *query.poses[len(head) :])))
         best, final = self._around_zones(query, query, (slow, whole), deadline)
         for other in others:
             found, sought = self._slowed_way(query, other, deadline)
