@@ -1,7 +1,9 @@
 import csv
 import itertools
+import json
 import math
 
+import jsonschema
 import numpy as np
 import pytest
 from hypothesis import given
@@ -149,3 +151,49 @@ def test_a_folder_may_be_named_by_text(tmp_path):
     assert all(file.is_file() for file in files)
     with pytest.raises(ProblemError, match="is a file; name a folder"):
         export_plan(door_plan(), "csv", str(files[0]))
+
+
+def test_states_of_an_rmf_fleet_say_where_each_robot_is_every_second(tmp_path):
+    plan = door_plan()
+    plan["words"] = {"actions": {"go_r0": {"type": "pick", "parameters": {"for": "o1"}}}}
+    (file,) = export_plan(plan, "rmf", tmp_path)
+    updates = [json.loads(line) for line in file.read_text().splitlines()]
+    assert {u["type"] for u in updates} == {"fleet_state_update"}
+    states = [u["data"]["robots"] for u in updates]
+    assert {frozenset(s) for s in states} == {frozenset({"r0", "r1"})}
+    times = [s["r0"]["unix_millis_time"] for s in states]
+    end = 1000 * plan["makespan"] * plan["seconds_per_unit"]
+    assert times == [*range(0, int(end), 1000), round(end)]
+    last = {m["object"]: m["samples"][-1] for m in plan["motions"]}
+    for name, (_, *pose) in last.items():
+        there = states[-1][name]["location"]
+        assert [there["x"], there["y"], there["yaw"]] == pytest.approx(pose)
+    begun = plan["motions"][0]["samples"][0][0]
+    first = states[math.ceil(begun)]["r0"]
+    assert (first["status"], first["task_id"]) == ("working", "o1")
+    assert {s["r1"]["status"] for s in states} == {"idle", "working"}
+    state = jsonschema.Draft202012Validator(RMF_STATE)
+    for one in (robot for s in states for robot in s.values()):
+        state.validate(one)
+
+
+RMF_STATE = {
+    "type": "object",
+    "properties": {
+        "name": {"type": "string"},
+        "status": {"enum": ["idle", "charging", "working"]},
+        "task_id": {"type": "string"},
+        "unix_millis_time": {"type": "integer"},
+        "location": {
+            "type": "object",
+            "properties": {
+                "map": {"type": "string"},
+                **{key: {"type": "number"} for key in ("x", "y", "yaw")},
+            },
+            "required": ["map", "x", "y", "yaw"],
+        },
+        "issues": {"type": "array", "maxItems": 0},
+    },
+    "additionalProperties": False,
+}
+"""What ``robot_state.json`` of ``rmf_api_msgs`` asks of what is written."""

@@ -1,4 +1,5 @@
-"""Plans in other people's formats: tables (CSV), VDA 5050 orders, ROS 2 messages (MCAP), Nav2 legs.
+"""Plans in other people's formats: tables (CSV), VDA 5050 orders, ROS 2 messages (MCAP), Nav2 legs,
+states of an Open-RMF fleet.
 
 All of them are made from the plan dictionary (docs/plan-format.md) alone.
 """
@@ -20,6 +21,7 @@ FORMATS = {
     "vda5050-3": ("vda5050", "export_later"),
     "mcap": ("mcap_file", "export"),
     "nav2": ("nav2", "export"),
+    "rmf": ("rmf", "export"),
 }
 """Formats, and the modules and functions ``(plan, folder) -> files`` that write them."""
 

@@ -7,7 +7,6 @@ Times are seconds from the plan's start. Needs the extra ``[mcap]``.
 
 from __future__ import annotations
 
-import bisect
 import math
 from collections.abc import Iterator
 from importlib import resources
@@ -20,7 +19,7 @@ import numpy as np
 from up_samp.export.legs import motions_of, quaternion, robots_of
 from up_samp.geometry.maps import OccupancyGrid, load_map
 from up_samp.io import PlanDict
-from up_samp.io.floors import map_number, maps_of, named_maps
+from up_samp.io.floors import heights_of, map_at, maps_in_turn, maps_of, named_maps
 from up_samp.io.precision import PRECISION
 from up_samp.model.frames import PlacedMap
 from up_samp.plotting.tracks import ObjectTrack, horizon, tracks_of
@@ -114,21 +113,6 @@ def _pose(x: float, y: float, yaw: float, z: float = 0.0) -> Message:
     }
 
 
-def _heights(plan: PlanDict) -> dict[str, list[tuple[float, float]]]:
-    """Return for each object since when (s) it is how high (m): floors lie above each other."""
-    heights = [m.height for m in maps_of(plan)] or [0.0]
-    found = {o["name"]: [(-math.inf, heights[map_number(o)])] for o in plan["objects"]}
-    for motion in plan["motions"]:
-        found[motion["object"]].append((motion["samples"][0][0], heights[map_number(motion)]))
-    for change in plan["changes"]:
-        found[change["object"]].append((change["time"], heights[map_number(change)]))
-    return {name: sorted(events) for name, events in found.items()}
-
-
-def _at(events: list[tuple[float, float]], time: float) -> float:
-    return events[bisect.bisect(events, (time, math.inf)) - 1][1]
-
-
 def _grid(grid: OccupancyGrid, placed: PlacedMap) -> Message:
     cells = grid.occupied.astype(np.int8)
     cells *= 100
@@ -151,9 +135,10 @@ def _grid(grid: OccupancyGrid, placed: PlacedMap) -> Message:
 def _path(plan: PlanDict, robot: str) -> Message:
     rows = [row for motion in motions_of(plan, robot) for row in motion["samples"]]
     flat = [(row[0], row[1], row[2], row[3] if len(row) == 4 else 0.0) for row in rows]
-    high = _heights(plan)[robot]
+    maps, heights = maps_in_turn(plan)[robot], heights_of(plan)
     poses = [
-        {"header": _header(t), "pose": _pose(x, y, yaw, _at(high, t))} for t, x, y, yaw in flat
+        {"header": _header(t), "pose": _pose(x, y, yaw, heights[map_at(maps, t)])}
+        for t, x, y, yaw in flat
     ]
     return {"header": _header(0.0), "poses": poses}
 
@@ -182,14 +167,14 @@ def _outline(number: int, track: ObjectTrack) -> Message:
 
 def _transforms(plan: PlanDict, tracks: list[ObjectTrack]) -> Iterator[Timed]:
     """Yield who is where, at steps of ``PRECISION.step`` s; in between viewers interpolate."""
-    end, heights = horizon(plan), _heights(plan)
+    end, maps, heights = horizon(plan), maps_in_turn(plan), heights_of(plan)
     for k in range(math.ceil(end / PRECISION.step) + 1):
         time = min(k * PRECISION.step, end)
         placed = []
         for track in tracks:
             pose = track.at(time)
             if pose is not None:
-                at = _pose(*pose, _at(heights[track.name], time))
+                at = _pose(*pose, heights[map_at(maps[track.name], time)])
                 move = {"translation": at["position"], "rotation": at["orientation"]}
                 placed.append(
                     {"header": _header(time), "child_frame_id": track.name, "transform": move}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bisect
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import starmap
@@ -64,6 +65,26 @@ def map_entries(plan: Mapping[str, Any]) -> list[dict[str, Any]]:
 def map_number(entry: Mapping[str, Any]) -> int:
     """Return the number of the map of an object's first pose, a motion or a change."""
     return int(entry.get("map", 0))
+
+
+def maps_in_turn(plan: Mapping[str, Any]) -> dict[str, list[tuple[float, int]]]:
+    """Return for each object since when (s) it is on which map, by number."""
+    found = {o["name"]: [(-math.inf, map_number(o))] for o in plan["objects"]}
+    for motion in plan["motions"]:
+        found[motion["object"]].append((motion["samples"][0][0], map_number(motion)))
+    for change in plan["changes"]:
+        found[change["object"]].append((change["time"], map_number(change)))
+    return {name: sorted(events) for name, events in found.items()}
+
+
+def heights_of(plan: Mapping[str, Any]) -> list[float]:
+    """Return how high (m) each map is."""
+    return [m.height for m in maps_of(plan)] or [0.0]
+
+
+def map_at(turn: Sequence[tuple[float, int]], time: float) -> int:
+    """Return the number of the map on which something is at a time (s)."""
+    return turn[bisect.bisect(turn, (time, math.inf)) - 1][1]
 
 
 def moved(plan: Mapping[str, Any], frames: Sequence[Frame]) -> PlanDict:
