@@ -123,6 +123,42 @@ def test_a_speed_limit_backwards_slows_or_turns_the_body_round(kinematics):
     )
 
 
+@pytest.mark.parametrize("kinematics", [CAR, WHEELS], ids=["car", "diff"])
+def test_driving_backwards_is_chosen_where_it_is_worth_what_it_counts(kinematics):
+    ends = (8.0, 4.5, 0.0), (5.0, 4.5, 0.0)
+    free = drive(Body(RING, kinematics), *ends)
+    never = drive(Body(RING, replace(kinematics, reverse=False)), *ends)
+    assert free.complete
+    assert free.trajectory.duration < never.trajectory.duration
+    turning = never.trajectory.duration / free.trajectory.duration
+    for cost, chosen in ((0.9 * turning, free), (1.1 * turning, never)):
+        body = Body(RING, replace(kinematics, back_cost=cost))
+        report = drive(body, *ends)
+        assert report.trajectory.duration == pytest.approx(chosen.trajectory.duration)
+        assert seconds_of(report.trajectory, body) <= seconds_of(free.trajectory, body)
+        assert not report.complete  # the fastest is another one, perhaps
+    ahead = drive(Body(RING, replace(kinematics, back_cost=9.0)), *ends[::-1])
+    assert ahead.complete
+    assert seconds_of(ahead.trajectory, Body(RING, kinematics)) == ahead.trajectory.duration
+
+
+@pytest.mark.parametrize(
+    ("model", "radius", "given", "told"),
+    [
+        (MotionModels.SE2, 1.0, 2.0, "along its heading"),
+        (MotionModels.REEDSSHEPP, 1.0, 0.5, "1 or more"),
+        (MotionModels.REEDSSHEPP, 1.0, "two", "positive number"),
+    ],
+)
+def test_what_driving_backwards_counts_is_checked(model, radius, given, told):
+    parameters = {"turning_radius": radius, "reverse_cost": given}
+    robot = MovableObject(
+        "r", MovableType("r"), footprint=RING, motion_model=model, motion_parameters=parameters
+    )
+    with pytest.raises((ProblemError, UnsupportedError), match=told):
+        read_movable(robot)
+
+
 @settings(max_examples=12, deadline=None, derandomize=True)
 @given(
     seed=st.integers(0, 10**6),

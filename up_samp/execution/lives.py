@@ -219,6 +219,7 @@ def body_of(entry: Mapping[str, Any]) -> Body:
         v_back=float(entry.get("reverse_v_max", math.inf)),
         lateral_a_max=float(entry.get("lateral_a_max", math.inf)),
         alpha_max=float(entry.get("alpha_max", math.inf)),
+        back_cost=float(entry.get("reverse_cost", 1.0)),
         zones=tuple(_zone(zone) for zone in entry.get("zones", ())),
     )
     return Body(corners, limits, entry.get("mesh"), float(entry.get("height", math.inf)))

@@ -95,6 +95,7 @@ class RobotType:
     drives in any direction. ``turning_radius`` is for cars, ``omega_max`` for the others.
     ``reverse``: ``free``; ``slow``: at ``reverse_v_max`` (m/s) at most; or ``never``: it drives
     ahead only, as what looks ahead only should (a ``diff`` still turns on the spot).
+    ``reverse_cost``: a second backwards counts so many times in the choice of ways.
     ``lateral_a_max`` (m/s^2) limits the speed in bends, ``alpha_max`` (rad/s^2) how fast the turn
     rate changes, of cars and diffs; none: no limit. ``pivoting``:
     a ``diff`` that never turns on the spot drives on curves no tighter than it can at top speed
@@ -115,6 +116,7 @@ class RobotType:
     omega_max: Positive = 1.0
     reverse: Literal["free", "slow", "never"] = "free"
     reverse_v_max: Positive | None = None
+    reverse_cost: Annotated[Positive, Ge(1)] = 1.0
     lateral_a_max: Positive | None = None
     alpha_max: Positive | None = None
     pivoting: Literal["free", "never"] = "free"

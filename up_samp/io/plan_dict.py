@@ -218,6 +218,8 @@ def _object(movable: Movable, snapshot: Snapshot) -> dict[str, Any]:
     most = {"reverse_v_max": limits.v_back, "lateral_a_max": limits.lateral_a_max}
     most["alpha_max"] = limits.alpha_max
     entry |= {key: _plain(value) for key, value in most.items() if math.isfinite(value)}
+    if limits.back_cost > 1.0:
+        entry["reverse_cost"] = _plain(limits.back_cost)
     if limits.zones:
         entry["zones"] = [zone_entry(zone) for zone in limits.zones]
     if math.isfinite(movable.body.height):

@@ -158,7 +158,8 @@ class Kinematics:
     ``v_back`` the top speed (m/s) then; a body that moves in any direction, or by equations of its
     own, has nothing to forbid; nor has it a limit of the lateral acceleration in bends
     (``lateral_a_max``, m/s^2), or of changes of the turn rate (``alpha_max``, rad/s^2), which both
-    are infinite where nothing is said. ``zones``: rules of places, for bodies in the plane that
+    are infinite where nothing is said. ``back_cost``, a wish and no limit: a planner counts a
+    second backwards so many times. ``zones``: rules of places, for bodies in the plane that
     have no equations of their own.
     """
 
@@ -173,6 +174,7 @@ class Kinematics:
     lateral_a_max: float = math.inf
     alpha_max: float = math.inf
     zones: tuple[TrafficZone, ...] = ()
+    back_cost: float = 1.0
 
     def __post_init__(self) -> None:
         for name in ("turning_radius", "v_max", "a_max", "omega_max"):
@@ -183,7 +185,9 @@ class Kinematics:
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be positive, not {getattr(self, name)!r}")
         along = self.mobility.steers or self.mobility.rolls
-        if not (along or (self.reverse and math.isinf(self.v_back))):
+        if not 1.0 <= self.back_cost < math.inf:
+            raise ValueError(f"back_cost is 1 or more, not {self.back_cost!r}")
+        if not (along or (self.reverse and math.isinf(self.v_back) and self.back_cost == 1.0)):
             raise ValueError("only who drives along its heading can be kept from reversing")
         if self.heeds_turns and not along:
             raise ValueError(

@@ -123,6 +123,7 @@ _PARAMETERS = ("turning_radius", "v_max", "a_max", "omega_max")
 _HEIGHT = "height"
 _REVERSE = "reverse"
 _V_BACK = "reverse_v_max"
+_BACK_COST = "reverse_cost"
 _TURNS = ("lateral_a_max", "alpha_max")
 _ZONES = "zones"
 _BICYCLE = {"v_min", "v_max", "phi_min", "phi_max"}
@@ -184,7 +185,7 @@ def _corners(
 
 
 def _read_kinematics(obj: MovableObject, model: MotionModel) -> Kinematics:
-    own = (_HEIGHT, _REVERSE, _V_BACK, *_TURNS, _ZONES)
+    own = (_HEIGHT, _REVERSE, _V_BACK, _BACK_COST, *_TURNS, _ZONES)
     given = {k: v for k, v in (obj.motion_parameters or {}).items() if k not in own}
     if obj.control_model is None:
         # UP's own examples put the turning radius there
@@ -235,6 +236,8 @@ def _with_rules(obj: MovableObject, limits: Kinematics) -> Kinematics:
     told = f"it has '{_V_BACK}'" if reverse else f"'{_REVERSE}' is False"
     back = float(positive(_V_BACK, " of m/s"))
     limits = limited(f"{told}: ", reverse=reverse, v_back=back)
+    if _BACK_COST in own:
+        limits = limited(f"'{_BACK_COST}': ", back_cost=float(positive(_BACK_COST)))
     limits = limited("", **{key: positive(key) for key in _TURNS if key in own})
     return limited(f"it has '{_ZONES}': ", zones=_read_zones(obj.name, own.get(_ZONES, ())))
 

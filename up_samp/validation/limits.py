@@ -15,6 +15,7 @@ _KNOWN = ("turning_radius", "v_max", "a_max", "omega_max")
 _HEIGHT = "height"
 _REVERSE = "reverse"
 _V_BACK = "reverse_v_max"
+_WISHES = ("reverse_cost",)
 _TURNS = ("lateral_a_max", "alpha_max")
 _ZONES = "zones"
 
@@ -93,7 +94,7 @@ def _limits(item: Any) -> Limits:
     as motions start and end at rest), and its curvature is at most what the model itself gives
     for the steering limits.
     """
-    own = (_HEIGHT, _REVERSE, _V_BACK, *_TURNS, _ZONES)
+    own = (_HEIGHT, _REVERSE, _V_BACK, *_WISHES, *_TURNS, _ZONES)
     given = {k: v for k, v in (item.motion_parameters or {}).items() if k not in own}
     if item.control_model is None:
         # parameters without a control model are motion parameters too (UP's examples do so)

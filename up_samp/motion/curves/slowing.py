@@ -8,6 +8,7 @@ times a way again takes its top speeds from here.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -216,8 +217,13 @@ def may_stand(body: Body, pose: Configuration) -> bool:
 
 def seconds_of(motion: Trajectory, body: Body) -> float:
     """Return what a motion lasts, with what zones on its way cost (s), and what it drives beside
-    the lanes that are preferred most.
+    the lanes that are preferred most, and backwards.
     """
+    if body.kinematics.back_cost > 1.0:
+        usual = replace(body, kinematics=replace(body.kinematics, back_cost=1.0))
+        back = twists(motion.poses)[:, 0] < -ON_SPOT * np.diff(motion.times)
+        more = (body.kinematics.back_cost - 1.0) * float(np.diff(motion.times) @ back)
+        return seconds_of(motion, usual) + more
     zones = (zone for zone in body.kinematics.zones if zone.cost)
     costs = sum(z.cost for z in zones if steps_in(z, motion.poses, body).any())
     lanes = body.kinematics.lanes
@@ -244,9 +250,12 @@ def slowing_zones(motion: Trajectory, body: Body) -> tuple[TrafficZone, ...]:
 
 
 def is_slowed_backwards(motion: Trajectory, body: Body) -> bool:
-    """Return whether a motion drives backwards anywhere faster than its body may."""
+    """Return whether a motion drives backwards anywhere faster than its body may, or at all where
+    that counts more than driving ahead.
+    """
     speed = -twists(motion.poses)[:, 0] / np.diff(motion.times)
-    return bool(np.any(speed > body.kinematics.v_back * (1.0 + OVER)))
+    most = body.kinematics.v_back if body.kinematics.back_cost == 1.0 else ON_SPOT
+    return bool(np.any(speed > most * (1.0 + OVER)))
 
 
 def as_obstacle(zone: TrafficZone) -> Placed:
