@@ -44,6 +44,19 @@ print(isinstance(values, pd.Series), int(values.sum()))
     assert said == ["False", "False", "True", "1"]
 
 
+def test_benchmarks_come_without_what_reads_sites():
+    said = _run(
+        """
+import sys
+from up_samp.benchmarks import building
+print("up_samp.fleet" in sys.modules)
+print(building(2, 2).name)
+"""
+    )
+    assert said[0] == "False"
+    assert said[1].startswith("building-rooms-r2-o2")
+
+
 def test_planning_models_come_without_networkx_and_get_it_when_asked():
     said = _run(
         """

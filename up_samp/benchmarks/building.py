@@ -17,7 +17,6 @@ from typing import Literal
 from unified_planning.model.motion import SchedulingMotionProblem
 
 from up_samp.benchmarks.maps import Rectangle, drawn_map, outer_wall
-from up_samp.fleet import Fleet
 from up_samp.model import ProblemError
 
 BuildingKind = Literal["rooms", "aisles"]
@@ -60,6 +59,8 @@ def building(
     rng = random.Random(title)
     places = rng.randint(4, 5) + orders // 2
     size, walls, spots = building_floor(kind, robots + places, rng)
+    from up_samp.fleet import Fleet  # what reads sites is slow to import
+
     fleet = Fleet(drawn_map(title, size, walls), name=title, objective=_OBJECTIVE[metric])
     capacity = {"capacity": {"item": loads}} if loads > 1 else {}
     fleet.add_robot_type("agv", SIZE, **LIMITS, **rng.choice(MODELS), **capacity)
