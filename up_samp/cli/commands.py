@@ -272,8 +272,10 @@ def _solve(args: argparse.Namespace) -> int:
 
 def _go_on(args: argparse.Namespace) -> int:
     """Plan what is left of a plan, and say where everybody stands then."""
-    if args.at is None or not 0 <= args.at < math.inf:
+    if args.at is None:
         raise ProblemError("--from needs a time: --at S, in seconds since the plan's start")
+    if not 0 <= args.at < math.inf:
+        raise ProblemError(f"--at {args.at:g}: give seconds since the plan's start, 0 or more")
     if args.seconds_per_unit is not None or args.margin is not None:
         raise ProblemError("the rest of a plan keeps the plan's unit of time and its margin")
     plan = read_plan(args.plan)
