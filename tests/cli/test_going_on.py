@@ -49,7 +49,7 @@ def test_who_is_out_of_order_does_nothing_more(planned, tmp_path):
     ("more", "said"),
     [
         ((), "--from needs a time"),
-        (("--at", "nan"), "--from needs a time"),
+        (("--at", "nan"), "--at nan: give seconds"),
         (("--at", "1e6"), "nothing is left at 1e+06 s"),
         (("--at", "3", "--broken", "r9"), "'r9' cannot break down"),
         (("--at", "3", "--cancel", "x"), "cancelled 'x' is no activity"),
