@@ -26,6 +26,8 @@ from up_samp.fleet.records import Battery, Charger, FleetRecords
 from up_samp.fleet.statements import Kind, Written
 from up_samp.io.sampling import rows_trajectory
 from up_samp.model import Body, Deadline, PathQuery, Placed, Trajectory
+from up_samp.motion.curves.slowing import chooses
+from up_samp.motion.fleet.workspace import workspace_of
 
 MOST_STEPS, WAY_SECONDS, PATIENCE = 60, 10.0, 60.0
 """Steps of a charger's activity, at most; time for one drive whose way is asked for, and for all of
@@ -79,13 +81,21 @@ class Meter:
         return battery is not None and self.drive(robot, origin, to) > usable(battery)
 
     def _way(self, kind: str, origin: str, to: str) -> Trajectory | None:
-        """Return how a robot drives when nobody is in its way."""
+        """Return how a robot drives when nobody is in its way.
+
+        Where no rule makes it choose between ways, a quick search will do: a fifth of the work for
+        a way that is hardly ever longer.
+        """
         zones = kept_out(self._records, kind, floor_of(self._records, origin))
         poses = way_between(self._records, origin, to)
-        query = PathQuery(self._body(kind, origin, to), poses, zones)
+        service, body = self._floors.at(origin), self._body(kind, origin, to)
         share = 1.0 if self._in_vain < PATIENCE else 0.1
         deadline = Deadline.after(share * WAY_SECONDS)
-        way = self._floors.at(origin).plan(query, deadline).trajectory
+        if not chooses(body):
+            quick = workspace_of(service).detour(body, poses, zones, (), deadline)
+            if quick is not None:
+                return quick.natural
+        way = service.plan(PathQuery(body, poses, zones), deadline).trajectory
         self._in_vain += deadline.elapsed() if way is None else 0.0
         return way
 

@@ -234,6 +234,15 @@ def seconds_of(motion: Trajectory, body: Body) -> float:
     return motion.duration + costs + float(np.diff(motion.times) @ (worth - 1.0))
 
 
+def chooses(body: Body) -> bool:
+    """Return whether rules make a body choose between ways: of zones, but for those of docks, and
+    of driving backwards.
+    """
+    kin = body.kinematics
+    free = math.isinf(kin.v_back) and kin.back_cost == 1.0
+    return not free or any(zone.dock is None for zone in kin.zones)
+
+
 def slowing_zones(motion: Trajectory, body: Body) -> tuple[TrafficZone, ...]:
     """Return the zones in which a motion is faster than they allow, or that cost something, and
     that the body does not touch where it begins or ends.
