@@ -1,9 +1,11 @@
 """Places that robots come to straight: planned, judged, told, and gone on with from anywhere."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from unified_planning.model.motion import SE2
 from unified_planning.shortcuts import OneshotPlanner, get_environment
 
 import up_samp  # noqa: F401
@@ -14,6 +16,7 @@ from up_samp.fleet import Fleet, FleetError
 from up_samp.model import ProblemError, Trajectory, UnsupportedError
 from up_samp.model.frames import Frame
 from up_samp.upio.read import read_problem
+from up_samp.upio.read_maps import read_movable
 from up_samp.validation import validate_plan
 
 MODELS = ("car", "diff", pytest.param("omni", marks=pytest.mark.long))
@@ -122,6 +125,35 @@ def test_motions_of_problems_that_do_not_come_straight_are_refused_by_name(tmp_p
     constraint._waypoints = [rack]
     with pytest.raises(ProblemError, match=r"come straight to rack"):
         read_problem(problem)
+    here = front.object().configuration
+    front.object()._configuration = SE2(here.x, here.y + 0.3, here.theta)  # in the zone
+    constraint._waypoints = [front, rack]
+    with pytest.raises(ProblemError, match=r"come straight to rack.* where the zone begins"):
+        read_problem(problem)
+    front.object()._configuration = here
     constraint._waypoints = [front, rack, front, rack]
     with pytest.raises(UnsupportedError, match="goes on from a dock"):
         read_problem(problem)
+
+
+def test_zones_through_which_nobody_comes_to_their_dock_are_refused_by_name(tmp_path):
+    problem = site(tmp_path, np.random.default_rng(2)).problem
+    drive = next(a for a in problem.motion_activities if a.name.endswith("home1_to_rack"))
+    (constraint,) = drive.motion_constraints
+    robot = constraint.movable.object()
+    zone = next(z for z in robot.motion_parameters["zones"] if z.binds((10.0, 4.6, math.pi / 2)))
+    x, y, _ = zone.dock
+    for polygon in (
+        ((x - 1, y - 1.0), (x + 1, y - 1.0), (x + 1, y - 0.5), (x - 1, y - 0.5)),  # before it
+        ((x - 1, y - 1.0), (x + 1, y - 1.0), (x + 1, y), (x - 1, y)),  # it is on the edge
+        ((x, y - 1.0), (x + 1, y - 1.0), (x + 1, y + 0.1), (x, y + 0.1)),  # the line is an edge
+        ((x - 1, y - 1.0), (x + 1, y - 0.5), (x + 1, y + 0.1), (x - 1, y + 0.1)),  # farthest aside
+    ):
+        for k in range(4):
+            turned = (*polygon[k:], *polygon[:k])[:: (-1) ** k]
+            robot.motion_parameters["zones"] = (replace(zone, polygon=turned),)
+            with pytest.raises(ProblemError, match=r"has to hold the dock, and the straight way"):
+                read_movable(robot)
+    wide = ((x - 1, y - 1.0), (x + 1, y - 1.0), (x + 1, y + 0.1), (x - 1, y + 0.1))
+    robot.motion_parameters["zones"] = (replace(zone, polygon=wide),)
+    assert read_movable(robot)

@@ -4,15 +4,28 @@ import math
 from itertools import islice
 
 import numpy as np
+import pytest
 
-from tests.motion.fleet.independent import judge
+from tests.motion.fleet.independent import broken_by, judge
 from up_samp.geometry import OccupancyGrid
-from up_samp.model import Deadline, GroupQuery, Outcome, PathQuery, TimedMotion
+from up_samp.model import (
+    Deadline,
+    GroupQuery,
+    Kinematics,
+    MotionModel,
+    Outcome,
+    PathQuery,
+    TimedMotion,
+)
 from up_samp.motion import MotionService
 from up_samp.motion.curves.slowing import may_stand
 
 RING = ((-0.6, -0.35), (0.6, -0.35), (0.6, 0.35), (-0.6, 0.35))
 WEDGE = ((-0.3, -0.35), (0.9, 0.0), (-0.3, 0.35))
+CAR = Kinematics(MotionModel.REEDSSHEPP, 0.8, 1.5, 0.7)
+WHEELS = Kinematics(MotionModel.PIVOT, v_max=1.5, a_max=0.7, omega_max=0.8)
+ANY = Kinematics(MotionModel.SE2, v_max=1.5, a_max=0.7, omega_max=0.8)
+KINDS = pytest.mark.parametrize("kinematics", [CAR, WHEELS, ANY], ids=["car", "diff", "omni"])
 
 
 def hall(length=16.0, width=9.0):
@@ -35,6 +48,14 @@ def free_pose(rng, service, body):
         pose = tuple(map(float, rng.uniform((0.9, 0.9, -math.pi), (13.1, 9.1, math.pi))))
         if service.scene.pose_free(body, pose) and may_stand(body, pose):
             return pose
+
+
+def drive(body, *poses, service=None):
+    """Return the report on a motion that was found, and that the rules allow."""
+    report = (service or MotionService(hall())).plan(PathQuery(body, poses), Deadline.after(300))
+    assert report.outcome is Outcome.FOUND, report.reason
+    assert not broken_by("r", body, report.trajectory)
+    return report
 
 
 class Crossing:

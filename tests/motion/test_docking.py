@@ -9,13 +9,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.motion.crossings import RING, WEDGE, floor, free_pose, hall
+from tests.motion.crossings import (
+    ANY,
+    CAR,
+    KINDS,
+    RING,
+    WEDGE,
+    WHEELS,
+    drive,
+    floor,
+    free_pose,
+    hall,
+)
 from tests.motion.fleet.independent import broken_by
 from up_samp.model import (
     Body,
     Deadline,
-    Kinematics,
-    MotionModel,
     Outcome,
     PathQuery,
     Placed,
@@ -26,11 +35,6 @@ from up_samp.model.frames import Frame
 from up_samp.motion import MotionService
 from up_samp.motion.docking import comes_straight, docking_leg
 from up_samp.motion.protocol import LegQuery
-
-CAR = Kinematics(MotionModel.REEDSSHEPP, 0.8, 1.5, 0.7)
-WHEELS = Kinematics(MotionModel.PIVOT, v_max=1.5, a_max=0.7, omega_max=0.8)
-ANY = Kinematics(MotionModel.SE2, v_max=1.5, a_max=0.7, omega_max=0.8)
-KINDS = pytest.mark.parametrize("kinematics", [CAR, WHEELS, ANY], ids=["car", "diff", "omni"])
 
 
 def dock(pose, metres, v_max=math.inf, behind=False):
@@ -43,27 +47,20 @@ def dock(pose, metres, v_max=math.inf, behind=False):
     return TrafficZone(tuple(map(tuple, corners.tolist())), v_max, dock=tuple(pose)), front
 
 
-def drive(body, *poses, service=None):
-    report = (service or MotionService(hall())).plan(PathQuery(body, poses), Deadline.after(300))
-    assert report.outcome is Outcome.FOUND, report.reason
-    assert not broken_by("r", body, report.trajectory)
-    return report.trajectory
-
-
 @KINDS
 @pytest.mark.parametrize("behind", [False, True], ids=["ahead", "behind"])
 def test_the_last_metres_are_driven_straight_and_slowly(kinematics, behind):
     goal = (12.0, 6.0, math.pi / 3)
     zone, front = dock(goal, 1.5, 0.3, behind)
     body = Body(RING, replace(kinematics, zones=(zone,)))
-    motion = drive(body, (2.0, 3.0, 0.0), front, goal)
+    motion = drive(body, (2.0, 3.0, 0.0), front, goal).trajectory
     far = np.hypot(*(motion.poses[:, :2] - goal[:2]).T) > 1.48
     last = slice(int(np.flatnonzero(far)[-1]) + 1, None)
     rows, times = Frame(*goal).inverse.out(motion.poses[last]), motion.times[last]
     assert np.abs(rows[:, 1]).max() < 1e-4
     assert np.abs(np.remainder(rows[:, 2] + 1, math.tau) - 1).max() < 1e-4
     assert (np.hypot(*np.diff(rows[:, :2], axis=0).T) / np.diff(times)).max() <= 0.301
-    usual = drive(Body(RING, kinematics), (2.0, 3.0, 0.0), front, goal)
+    usual = drive(Body(RING, kinematics), (2.0, 3.0, 0.0), front, goal).trajectory
     assert motion.duration > usual.duration + 2.0
     assert broken_by("r", body, usual)
     assert MotionService(hall()).lower_bound(body, ((2.0, 3.0, 0.0), front, goal)) > (
@@ -76,8 +73,8 @@ def test_who_passes_or_leaves_is_not_bound(kinematics):
     goal = (8.0, 4.5, math.pi / 2)
     zone, _ = dock(goal, 1.5, 0.1)
     for ends in (((2.0, 3.8, 0.0), (14.0, 3.8, 0.0)), (goal, (14.0, 3.8, 0.0))):
-        free = drive(Body(RING, kinematics), *ends)
-        ruled = drive(Body(RING, replace(kinematics, zones=(zone,))), *ends)
+        free = drive(Body(RING, kinematics), *ends).trajectory
+        ruled = drive(Body(RING, replace(kinematics, zones=(zone,))), *ends).trajectory
         assert ruled.duration == free.duration
 
 
@@ -120,6 +117,26 @@ def test_ways_from_the_side_are_not_straight():
     assert comes_straight(np.linspace((4.5, 5.0, 0.0), goal, 20), body)  # it began there
 
 
+@settings(max_examples=200, deadline=None, derandomize=True)
+@given(st.integers(0, 10**6))
+def test_the_planner_and_the_judge_agree_on_what_is_straight(seed):
+    rng = np.random.default_rng(seed)
+    goal = tuple(rng.uniform((5, 3, -3), (11, 6, 3)).tolist())
+    metres, behind = float(rng.uniform(0.3, 2.0)), bool(rng.integers(2))
+    zone, _ = dock(goal, metres, behind=behind)
+    side = 1.0 if behind else -1.0
+    aside = 0.3 * rng.choice([-1.0, 1.0]) * (rng.random(2) < 0.3)
+    line = [(0.0, 0.0, 0.0), (side * metres * float(rng.choice([0.4, 0.8, 1.0, 1.5])), *aside)]
+    # ways that come from beside the line, from the other side, or that begin on it
+    before = [(-side * metres, 0.0, 0.0), (line[1][0], 2.0, 1.0), (side * metres / 2, 0.0, 0.0)]
+    some = rng.permutation(len(before))[: rng.integers(len(before) + 1)]
+    corners = [Frame(*goal).of(at) for at in [*(before[k] for k in some), line[1], line[0]]]
+    ways = [np.linspace(a, b, 60) for a, b in itertools.pairwise(corners)]
+    rows = np.concatenate([ways[0], *(way[1:] for way in ways[1:])])
+    body = Body(RING, replace(ANY, zones=(zone,)))
+    assert comes_straight(rows, body) is not bool(broken_by_dock(body, rows))
+
+
 def broken_by_dock(body, rows):
     """Slowly enough to keep all other limits."""
     times = np.linspace(0.0, 0.1 * len(rows), len(rows))
@@ -133,7 +150,7 @@ def test_no_lane_leads_beside_the_straight_way(kinematics):
     zone, front = dock(goal, 5.0, 0.8)
     lane = TrafficZone(((6.8, 1.0), (7.8, 1.0), (7.8, 8.0), (6.8, 8.0)), prefer=9.0)
     body = Body(RING, replace(kinematics, zones=(lane, zone)))
-    motion = drive(body, (2.0, 2.0, 0.0), front, goal)
+    motion = drive(body, (2.0, 2.0, 0.0), front, goal).trajectory
     assert comes_straight(motion.poses, body)
 
 

@@ -12,14 +12,24 @@ from hypothesis import strategies as st
 from unified_planning.model.motion import MotionModels, MovableObject
 from unified_planning.shortcuts import MovableType
 
-from tests.motion.crossings import RING, WEDGE, Crossing, floor, free_pose, hall
+from tests.motion.crossings import (
+    ANY,
+    CAR,
+    KINDS,
+    RING,
+    WEDGE,
+    WHEELS,
+    Crossing,
+    drive,
+    floor,
+    free_pose,
+    hall,
+)
 from tests.motion.fleet.independent import broken_by
 from up_samp.extensions import extended
 from up_samp.model import (
     Body,
     Deadline,
-    Kinematics,
-    MotionModel,
     Outcome,
     PathQuery,
     ProblemError,
@@ -34,21 +44,9 @@ from up_samp.motion.curves.twists import twists
 from up_samp.upio.read_maps import read_movable
 from up_samp.validation.limits import limits_of
 
-CAR = Kinematics(MotionModel.REEDSSHEPP, 0.8, 1.5, 0.7)
-WHEELS = Kinematics(MotionModel.PIVOT, v_max=1.5, a_max=0.7, omega_max=0.8)
-ANY = Kinematics(MotionModel.SE2, v_max=1.5, a_max=0.7, omega_max=0.8)
-KINDS = pytest.mark.parametrize("kinematics", [CAR, WHEELS, ANY], ids=["car", "diff", "omni"])
-
 
 def block(x, y, long, wide, **rules):
     return TrafficZone(((x, y), (x + long, y), (x + long, y + wide), (x, y + wide)), **rules)
-
-
-def drive(body, *poses, service=None):
-    report = (service or MotionService(hall())).plan(PathQuery(body, poses), Deadline.after(300))
-    assert report.outcome is Outcome.FOUND, report.reason
-    assert not broken_by("r", body, report.trajectory)
-    return report
 
 
 @KINDS

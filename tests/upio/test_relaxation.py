@@ -136,6 +136,38 @@ def test_drives_touch_that_start_where_a_fluent_says(tmp_path, low, engine):
     assert report.schedule.makespan == 10 + (engine == "aries" and low == 0)
 
 
+@pytest.mark.parametrize("first", [True, False], ids=["back_first", "go_first"])
+@pytest.mark.parametrize("via", [None, "robot_at", "other", "place"])
+@pytest.mark.parametrize("start", ["robot_at", "other", "place"])
+def test_a_drive_waits_for_what_its_waypoints_tell_and_no_longer(tmp_path, start, via, first):
+    """A fluent is read at the start: one that is set as another drive ends tells it a unit later.
+    What a fluent in the middle tells is where the way leads through.
+    """
+    hall = Hall(tmp_path)
+    left, right = hall.poses["left0"], hall.poses["right0"]
+    named = {"place": right}
+    named["robot_at"] = hall.problem.add_fluent("robot_at", hall.place, default_initial_value=left)
+    named["other"] = hall.problem.add_fluent("other", hall.place, default_initial_value=right)
+    ways = {"go": (left, [right]), "back": (named[start], [*([named[via]] if via else []), left])}
+    for name in ("back", "go") if first else ("go", "back"):
+        origin, waypoints = ways[name]
+        move = hall.problem.add_motion_activity(name)
+        move.set_duration_bounds(5, 50)
+        move.add_motion_constraint(ActivityWaypoints(hall.robots[0], origin, waypoints))
+        move.add_effect(move.end, named["robot_at"], waypoints[-1])
+    if "robot_at" in (start, via):
+        hall.problem.add_constraint(
+            LE(hall.problem.get_activity("go").end, hall.problem.get_activity("back").start)
+        )
+    relaxation = relax(hall.problem, read_problem(hall.problem))
+    assert str(relaxation.state["r0"]) == "robot_at"
+    schedule = solve(relaxation).schedule
+    late = "robot_at" in (start, via)
+    assert schedule.times == {"go": (0, 5), "back": (5 + late, 10 + late)}
+    motions = {m.activity: m.configurations for m in read_itinerary(relaxation, schedule).motions}
+    assert motions["back"] == ("right0", *(["right0"] if via else []), "left0")
+
+
 def test_who_takes_no_time_is_where_it_says(tmp_path):
     """Nothing is driven, but from there."""
     hall = Hall(tmp_path)

@@ -5,8 +5,12 @@ from unified_planning.model import Timing
 from unified_planning.model.motion import (
     ActivityWaypoints,
 )
+from unified_planning.shortcuts import Equals, IntType, Minus
 
 from tests.validation.validation_kit import DOOR, HOME, World, drive, judge, kinds
+from up_samp.model import Deadline
+from up_samp.scheduling.cpsat import CpsatSession
+from up_samp.upio import read_problem, relax
 from up_samp.validation import validate_plan
 
 
@@ -121,3 +125,51 @@ def test_places_from_fluents_and_parameters(tmp_path):
         plan = w.plan()
         plan.set(to, place)
         assert kinds(validate_plan(w.problem, plan, w.trajectories)) == found
+
+
+@pytest.mark.parametrize("least", [0, 1], ids=["may_take_no_time", "lasts"])
+@pytest.mark.parametrize("how", ["start", "end - 1", "end", "end + 2", "says_the_same", "own"])
+def test_the_scheduler_takes_what_is_valid_with_obstacles_told_by_fluents(tmp_path, how, least):
+    """Whenever the motion begins, while an obstacle is moved, and its fluent set."""
+    w = World(tmp_path)
+    w.object("r1", HOME)
+    box = w.object("box", (30.0, 4.0, 0.0), DOOR)
+    here, there = w.place((30.0, 4.0, 0.0)), w.place((30.0, 15.0, 0.0))
+    at = w.problem.add_fluent("box_at", w.place_type, default_initial_value=here)
+    mover = w.set_place("put", "box", (30.0, 15.0, 0.0), 14, 16)
+    mover.set_duration_bounds(least, 20)
+    if how == "own":
+        mover.add_effect(mover.end - 1, at, there)
+        mover.add_condition(mover.start, Equals(at, here))
+    elif how == "says_the_same":
+        teller = w.problem.add_activity("tell", duration=2)
+        w.times["tell"] = (14, 16)
+        teller.add_effect(teller.end, at, here)
+        w.times["put"] = (38, 40)
+    else:
+        delay = {"end - 1": -1, "end + 2": 2}.get(how, 0)
+        mover.add_effect(Timing(delay, mover.start if how == "start" else mover.end), at, there)
+    motion = w.move("m", "r1", drive(HOME, [(6.0, 0.0)]), 0, 9, static_obstacles={box: at})
+    valid, taken = set(), set()
+    for start in range(2, 22):
+        w.times["m"] = (start, start + 9)
+        w.trajectories["m"] = drive(HOME, [(6.0, 0.0)], start)
+        if judge(w).valid:
+            valid.add(start)
+    relaxation = relax(w.problem, read_problem(w.problem))
+    for activity in relaxation.problem.activities:
+        if activity.name != motion.name:
+            start, end = w.times[activity.name]
+            relaxation.problem.add_constraint(Equals(activity.start, start))
+            relaxation.problem.add_constraint(Equals(activity.end, end))
+    move = relaxation.activities[motion.name]
+    relaxation.problem.add_constraint(Equals(Minus(move.end, move.start), 9))
+    low = relaxation.problem.add_variable("low", IntType(2, 21))
+    relaxation.problem.add_constraint(Equals(move.start, low))
+    for start in range(2, 22):
+        problem = relaxation.problem.clone()
+        problem.add_constraint(Equals(low, start))
+        if CpsatSession(problem, workers=1).solve(Deadline.after(20.0)).schedule is not None:
+            taken.add(start)
+    assert valid
+    assert valid == taken

@@ -704,7 +704,9 @@ class _Builder:
         goal = tuple(last.object().configuration)
         zones = (mover.motion_parameters or {}).get("zones", ())
         off = any(z.dock and z.binds(goal) and not z.leads_in(tuple(start)) for z in zones)
-        return [*(left or inner[-1:] if off else left), last]
+        if off and not left:
+            left = inner[-1:]
+        return [*left, last]
 
     # ------------------------------------------------------------------ fluents
 

@@ -8,7 +8,7 @@ Times are seconds from the plan's start. Needs the extra ``[mcap]``.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from importlib import resources
 from itertools import starmap
 from pathlib import Path
@@ -87,9 +87,9 @@ def messages(plan: PlanDict) -> Iterator[Timed]:
     for placed, name in zip(maps, named_maps(plan), strict=False):
         topic = f"/map/{name}" if len(maps) > 1 else "/map"
         yield 0.0, topic, "nav_msgs/msg/OccupancyGrid", _grid(load_map(placed.file), placed)
-    tracks = tracks_of(plan)
+    tracks, turns = tracks_of(plan), maps_in_turn(plan)
     for robot in robots_of(plan):
-        yield 0.0, f"/{robot}/path", "nav_msgs/msg/Path", _path(plan, robot)
+        yield 0.0, f"/{robot}/path", "nav_msgs/msg/Path", _path(plan, robot, turns[robot])
     outlines = list(starmap(_outline, enumerate(tracks)))
     yield 0.0, "/footprints", "visualization_msgs/msg/MarkerArray", {"markers": outlines}
     yield from _transforms(plan, tracks)
@@ -132,10 +132,10 @@ def _grid(grid: OccupancyGrid, placed: PlacedMap) -> Message:
     }
 
 
-def _path(plan: PlanDict, robot: str) -> Message:
+def _path(plan: PlanDict, robot: str, maps: Sequence[tuple[float, int]]) -> Message:
     rows = [row for motion in motions_of(plan, robot) for row in motion["samples"]]
     flat = [(row[0], row[1], row[2], row[3] if len(row) == 4 else 0.0) for row in rows]
-    maps, heights = maps_in_turn(plan)[robot], heights_of(plan)
+    heights = heights_of(plan)
     poses = [
         {"header": _header(t), "pose": _pose(x, y, yaw, heights[map_at(maps, t)])}
         for t, x, y, yaw in flat

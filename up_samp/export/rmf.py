@@ -23,22 +23,32 @@ def export(plan: PlanDict, folder: Path, step: float = 1.0) -> list[Path]:
     end = plan["makespan"] * plan["seconds_per_unit"]
     rows = {row.name: row for row in rows_of(plan) if row.track is not None}
     robots = [rows[name] for name in robots_of(plan)]
+    turns, frames, maps = maps_in_turn(plan), own_frames(plan), list(named_maps(plan))
+
+    def location(row: Row, time: float) -> dict[str, Any]:
+        """Return where a robot is, in the frame of its map's file."""
+        assert row.track is not None
+        pose = row.track.at(time)
+        assert pose is not None, f"{row.name} drives, so it has a place at first"
+        number = map_at(turns[row.name], time)
+        x, y, yaw = (round(v, PRECISION.decimals) for v in frames[number].of(pose))
+        return {"map": maps[number], "x": x, "y": y, "yaw": yaw}
+
     path = folder / "fleet_states.jsonl"
     with path.open("w", encoding="utf-8") as file:
         for k in range(math.ceil(end / step) + 1):
-            states = {row.name: _state(plan, row, min(k * step, end)) for row in robots}
+            time = min(k * step, end)
+            states = {
+                row.name: _state(plan, row, time) | {"location": location(row, time)}
+                for row in robots
+            }
             data = {"name": plan["problem"], "robots": states}
             file.write(json.dumps({"type": "fleet_state_update", "data": data}) + "\n")
     return [path]
 
 
 def _state(plan: PlanDict, row: Row, time: float) -> dict[str, Any]:
-    """Return what a robot is to do at a time (s), and where: in the frame of the map's file."""
-    assert row.track is not None
-    number = map_at(maps_in_turn(plan)[row.name], time)
-    pose = row.track.at(time)
-    assert pose is not None, f"{row.name} drives, so it has a place at first"
-    x, y, yaw = (round(v, PRECISION.decimals) for v in own_frames(plan)[number].of(pose))
+    """Return what a robot is to do at a time (s)."""
     doing = next((bar.activity for bar in row.bars if bar.start <= time < bar.end), "")
     told = plan.get("words", {}).get("actions", {}).get(doing, {})
     status = "charging" if told.get("type") == "startCharging" else "working" if doing else "idle"
@@ -47,6 +57,5 @@ def _state(plan: PlanDict, row: Row, time: float) -> dict[str, Any]:
         "status": status,
         "task_id": told.get("parameters", {}).get("for") or doing,
         "unix_millis_time": round(1000 * time),
-        "location": {"map": list(named_maps(plan))[number], "x": x, "y": y, "yaw": yaw},
         "issues": [],
     }

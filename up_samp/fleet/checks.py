@@ -147,7 +147,8 @@ class _Checker:
                         f"{at} would stand in a wall, in unknown cells or outside the map"
                     )
                 elif not self._docks(kind, name):
-                    blocked.append(f"{at} would touch a wall on its straight way in (docking)")
+                    text = f"{at} would touch a wall, or a zone it must keep out of, on its"
+                    blocked.append(f"{text} straight way in (docking)")
                 for area in in_doorways(self.records, kind, name):
                     text = f"{at} would stand in '{area}': drive through it only"
                     yield Finding(Level.ERROR, name, text, kind)

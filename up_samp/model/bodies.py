@@ -138,11 +138,12 @@ class TrafficZone:
 
     def leads_in(self, start: Sequence[float]) -> bool:
         """Return whether a pose is on the straight way to its dock: in the zone, or 5 cm before
-        that at most.
+        that at most, where it begins.
         """
         ahead, off = self.off_dock(start)
         along = [self.off_dock((*corner, 0.0))[0] for corner in self.polygon]
-        return off <= 1e-4 and min(along) - 0.05 <= ahead <= max(along) + 0.05
+        most = 0.05 if abs(ahead) >= self.long else 0.0
+        return off <= 1e-4 and min(along) - most <= ahead <= max(along) + most
 
     @property
     def turned(self) -> TrafficZone:
@@ -188,7 +189,7 @@ class Kinematics:
         if not 1.0 <= self.back_cost < math.inf:
             raise ValueError(f"back_cost is 1 or more, not {self.back_cost!r}")
         if not (along or (self.reverse and math.isinf(self.v_back) and self.back_cost == 1.0)):
-            raise ValueError("only who drives along its heading can be kept from reversing")
+            raise ValueError("only who drives along its heading reverses")
         if self.heeds_turns and not along:
             raise ValueError(
                 "only who drives along its heading has a lateral_a_max or an alpha_max: "

@@ -10,7 +10,7 @@ import numpy as np
 from up_samp.geometry import Scene, sweeps
 from up_samp.model import Body, Configuration, TrafficZone
 from up_samp.model.arrays import FloatArray
-from up_samp.motion.curves.slowing import last_way_in
+from up_samp.motion.curves.slowing import last_stay
 from up_samp.motion.curves.straight import timed_chain
 from up_samp.motion.guides.search_space import widest_shape
 from up_samp.motion.protocol import Leg, LegQuery
@@ -69,8 +69,9 @@ def comes_straight(poses: FloatArray, body: Body) -> bool:
     zone = dock_of(body, tuple(poses[-1].tolist()))
     if zone is None:
         return True
-    last = last_way_in(zone, poses)
-    inside = poses if zone.leads_in(poses[0]) and last == 0 else poses[last + 1 :]
-    step = math.dist(poses[last, :2], inside[0, :2])
-    late = len(inside) < len(poses) and zone.long - abs(zone.off_dock(inside[0])[0]) > step
-    return not late and all(zone.leads_in(pose) for pose in inside)
+    since = last_stay(zone, poses)
+    if since:  # where it comes in, as far as samples tell
+        step = math.dist(poses[since - 1, :2], poses[since, :2])
+        if zone.long - abs(zone.off_dock(poses[since])[0]) > step:
+            return False
+    return all(zone.leads_in(pose) for pose in poses[since:])

@@ -154,11 +154,9 @@ class Legs:
         """
         straight = docking_leg(self.scene, query)
         if straight is not None:
-            return (
-                ("straight", straight)
-                if straight.trajectory
-                else self._not_straight(straight, query)
-            )
+            if straight.trajectory is None:
+                return self._not_straight(straight, query)
+            return "straight", straight
         names = planner_names(self.planner, query.body)
         for name in names:
             known = self._usable(name, query, deadline)
@@ -199,7 +197,7 @@ class Legs:
         """Ask planners one after the other."""
         reasons, complete = [], True
         for name in names:
-            # the first planner ends by itself where it can, later ones are second opinions
+            # the first planner ends by itself where it can, later ones are second opinions of 2 s
             limit = 0.75 * deadline.remaining() if len(names) > 1 else None
             if name != names[0]:
                 limit = 2.0
@@ -293,7 +291,7 @@ class Legs:
         if deadline.expired() or (leg.trajectory is not None and leg.complete):
             return leg
         if leg.trajectory is None:
-            limit = deadline.within(5.0)
+            limit = deadline.within(5.0)  # s, for such a proof
             ends = query.start, query.goal
             proof = self.certifier.prove_slowly(query.body, *ends, query.obstacles, limit)
             if proof is not None or leg.complete:

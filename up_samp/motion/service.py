@@ -29,7 +29,7 @@ from up_samp.motion.cache import MotionCache, obstacle_key
 from up_samp.motion.compile import warm_up
 from up_samp.motion.curves.slowing import (
     as_obstacle,
-    is_slowed_backwards,
+    reverses_at_a_cost,
     seconds_of,
     slowed,
     slowing_zones,
@@ -138,7 +138,7 @@ class MotionService:
         It may not be the fastest that there is: what comes of it is never called complete.
         """
         others = []
-        if is_slowed_backwards(whole, query.body):
+        if reverses_at_a_cost(whole, query.body):
             ahead = replace(query.body, kinematics=replace(query.body.kinematics, reverse=False))
             others.append(replace(query, body=ahead))
         if query.body.kinematics.lanes:

@@ -252,8 +252,7 @@ class Operation(Day):
         to be); others drive round it.
         """
         (name,) = self._some(robot)
-        if pose is not None:
-            check_stand(self.site, name, pose, {r: self.pose(r) for r in self.site.robots})
+        self._check_stand(name, pose)
         now, here = self.clock.now(), pose or self.pose(name)
         with self.store:
             self.away[name], self.poses[name] = why, here
@@ -268,8 +267,7 @@ class Operation(Day):
         the plan has it elsewhere, it stays until there is another one.
         """
         (name,) = self._some(robot)
-        if pose is not None:
-            check_stand(self.site, name, pose, {r: self.pose(r) for r in self.site.robots})
+        self._check_stand(name, pose)
         now = self.clock.now()
         with self.store:
             here = self.poses[name] = pose or self.pose(name)
@@ -279,6 +277,10 @@ class Operation(Day):
             self.store.note(now, "robot", name, "joined")
             self._keep_fleet()
         self._other_floor(f"robot '{name}' joined")
+
+    def _check_stand(self, robot: str, pose: Pose | None) -> None:
+        if pose is not None:
+            check_stand(self.site, robot, pose, {r: self.pose(r) for r in self.site.robots})
 
     def _put(self, robot: str, pose: Pose) -> None:
         """Note that a robot stands where no plan has it: others keep away from there."""

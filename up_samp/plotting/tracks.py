@@ -56,11 +56,12 @@ class ObjectTrack:
     def at(self, t: float) -> tuple[float, float, float] | None:
         """Return x, y (m) and yaw (rad) at ``t`` s; None where the plan does not tell."""
         pose, since = self.initial, -math.inf
-        for leg in self.legs:
-            if leg.times[0] <= t and leg.times[0] >= since:
-                since = float(leg.times[0])
-                x, y, yaw = (float(np.interp(t, leg.times, leg.poses[:, k])) for k in range(3))
-                pose = (x, y, yaw)
+        begun = (leg for leg in reversed(self.legs) if leg.times[0] <= t)
+        last = max(begun, key=lambda leg: float(leg.times[0]), default=None)
+        if last is not None:
+            since = float(last.times[0])
+            x, y, yaw = (float(np.interp(t, last.times, last.poses[:, k])) for k in range(3))
+            pose = (x, y, yaw)
         for when, configuration in self.changes:
             if since <= when <= t:
                 since, pose = when, configuration

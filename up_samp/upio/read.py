@@ -63,7 +63,7 @@ def read_problem(problem: SchedulingMotionProblem, seconds_per_unit: float = 1.0
     _check_dimensions(floor, users)
     check_flat(maps, objects)
     check_zones(maps, objects)
-    check_docks(objects, configurations, tasks)
+    check_docks(objects, configurations, maps, tasks)
     tasks, changes = find_rides(tasks, changes, floor)
     return Snapshot(
         name=problem.name or "problem",

@@ -237,7 +237,10 @@ def _with_rules(obj: MovableObject, limits: Kinematics) -> Kinematics:
     back = float(positive(_V_BACK, " of m/s"))
     limits = limited(f"{told}: ", reverse=reverse, v_back=back)
     if _BACK_COST in own:
-        limits = limited(f"'{_BACK_COST}': ", back_cost=float(positive(_BACK_COST)))
+        cost = float(positive(_BACK_COST))
+        if not 1.0 <= cost < math.inf:
+            raise ProblemError(f"{who}: '{_BACK_COST}' is 1 or more, not {cost}")
+        limits = limited(f"it has '{_BACK_COST}': ", back_cost=cost)
     limits = limited("", **{key: positive(key) for key in _TURNS if key in own})
     return limited(f"it has '{_ZONES}': ", zones=_read_zones(obj.name, own.get(_ZONES, ())))
 
@@ -266,13 +269,25 @@ def _read_zones(name: str, given: Any) -> tuple[TrafficZone, ...]:
 
 
 def _check_dock(name: str, zone: TrafficZone) -> None:
-    """Raise where a zone's dock is no pose, or where it says more than how its dock is come to."""
+    """Raise where a zone's dock is no pose, where no straight way through the zone leads to it, or
+    where the zone says more than how its dock is come to.
+    """
+    import shapely  # see above
+
     try:
         x, y, heading = (float(v) for v in zone.dock or ())
     except (TypeError, ValueError):
         x = y = heading = math.nan
     if not all(map(math.isfinite, (x, y, heading))):
         raise ProblemError(f"object '{name}': a zone's dock is (x, y, heading), not {zone.dock}")
+    far, area = zone.long - 2e-3, shapely.Polygon(zone.polygon)
+    ends = (Frame(x, y, heading).of((side * far, 0.0, 0.0))[:2] for side in (-1.0, 1.0))
+    # by a millimetre: who drives along an edge is inside or outside by rounding
+    if not any(area.covers(shapely.LineString([(x, y), end]).buffer(1e-3)) for end in ends):
+        raise ProblemError(
+            f"object '{name}': the zone of the dock {zone.dock} has to hold the dock, and the "
+            "straight way to it along its heading from where the zone is farthest, 1 mm inside"
+        )
     only = replace(zone, one_way=None, pivots=True, stops=True, cost=0.0, prefer=1.0)
     if zone != only:
         raise UnsupportedError(

@@ -159,7 +159,7 @@ def _of_fluent(
     relaxation: Relaxation, activity: Activity, text: str, *, at_end: bool, state: FNode | None
 ) -> ConfigurationChoice:
     problem = relaxation.problem
-    fluent = _fluent(relaxation, activity, text)
+    fluent = named_fluent(relaxation, activity, text)
     ground = [f for f in relaxation.given_values if _may_be(fluent, f)]
     values = tuple(sorted({v for f in ground for v in _reachable(relaxation, f)}))
     manager = problem.environment.expression_manager
@@ -185,7 +185,7 @@ def _add_parameter(relaxation: Relaxation, activity: Activity, what: str, tpe: A
     return mine
 
 
-def _fluent(relaxation: Relaxation, activity: Activity, text: str) -> FNode:
+def named_fluent(relaxation: Relaxation, activity: Activity, text: str) -> FNode:
     """Return a waypoint's fluent over plain things."""
     if text in relaxation.ground_fluents:
         return relaxation.ground_fluents[text]

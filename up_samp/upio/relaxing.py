@@ -23,6 +23,7 @@ from unified_planning.model.motion import MotionActivity, SchedulingMotionProble
 from unified_planning.model.scheduling import Activity, SchedulingProblem
 from unified_planning.model.scheduling.chronicle import Chronicle
 from unified_planning.model.timing import (
+    OpenTimeInterval,
     RightOpenTimeInterval,
     TimePointInterval,
 )
@@ -30,7 +31,7 @@ from unified_planning.model.timing import (
 from up_samp.model import ProblemError, UnsupportedError, check_time
 from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
 from up_samp.upio.objective import objective_of, only_makespan
-from up_samp.upio.relaxation import Relaxation, choose, told_fluents
+from up_samp.upio.relaxation import Relaxation, choose, named_fluent, told_fluents
 from up_samp.upio.rewrite import Rewriter
 from up_samp.upio.spans import (
     closed,
@@ -162,11 +163,17 @@ def _add_state(relaxation: Relaxation, name: str, lasting: frozenset[str]) -> No
     manager = relaxation.problem.environment.expression_manager
     for task in tasks:
         activity = relaxation.activities[task.activity]
+        first, *others = task.terms
         # reading the state also keeps others from moving the object meanwhile
-        start, *via = [choose(relaxation, activity, t, state=state) for t in task.terms]
-        # a fluent that names the start is read then, and may not be this one
+        start = choose(relaxation, activity, first, state=state)
+        via = [choose(relaxation, activity, term) for term in others]
+        # what the problem reads at the very start, nobody changes then
         told = own is not None and (
-            task.terms[0].kind is TermKind.FLUENT or _reads(activity, state)
+            (
+                first.kind is TermKind.FLUENT
+                and named_fluent(relaxation, activity, first.name) == own
+            )
+            or _reads(activity, own)
         )
         span = closed(activity) if told and not early else whole(activity, early)
         activity.add_condition(span, manager.Equals(state, start))
@@ -424,8 +431,14 @@ def _hold(relaxation: Relaxation, activity: Activity, name: str, told: FNode) ->
     else:
         return
     equal = manager.Equals(told, place)
-    activity.add_condition(TimePointInterval(Timing(0, activity.start)), equal)
+    at_start = TimePointInterval(Timing(0, activity.start))
     span = RightOpenTimeInterval(Timing(0, activity.start), Timing(-1, activity.end))
+    if state is not None and not relaxation.early[name]:
+        # the state tells a unit late what happens right at the start; the fluent stays then
+        activity.add_condition(at_start, manager.Equals(told, told))
+        span = OpenTimeInterval(Timing(0, activity.start), Timing(-1, activity.end))
+    else:
+        activity.add_condition(at_start, equal)
     activity.add_condition(span, equal)
 
 

@@ -12,15 +12,20 @@ from up_samp.model.snapshot import MotionTask, TermKind
 def check_docks(
     objects: Mapping[str, Movable],
     configurations: Mapping[str, Configuration],
+    maps: Sequence[PlacedMap],
     tasks: Sequence[MotionTask],
 ) -> None:
-    """Raise where a motion to a dock does not say from where it comes straight to it, or where it
-    goes on from there.
+    """Check motions on maps with docks.
 
-    :raises UnsupportedError: where the goal of a motion is decided later, or where it goes on.
+    :raises ProblemError: where one does not say from where it comes straight to a dock.
+    :raises UnsupportedError: where it goes on from there, or any of its poses is decided later.
     """
     for task in tasks:
-        zones = [z for z in objects[task.object].body.kinematics.zones if z.dock]
+        zones = [
+            zone
+            for zone in objects[task.object].body.kinematics.zones
+            if zone.dock and zone.height == maps[task.map].height
+        ]
         if not zones:
             continue
         what = f"activity '{task.activity}': '{task.object}', which has docks,"
@@ -30,7 +35,8 @@ def check_docks(
         for zone in zones:
             if any(zone.binds(pose) for pose in poses[1:-1]):
                 raise UnsupportedError(f"{what} goes on from a dock: let the motion end there")
-            if zone.binds(poses[-1]) and not zone.leads_in(poses[-2]):
+            begins = len(poses) == 2 or abs(zone.off_dock(poses[-2])[0]) > zone.long - 1e-4
+            if zone.binds(poses[-1]) and not (begins and zone.leads_in(poses[-2])):
                 raise ProblemError(
                     f"{what} has to come straight to {task.terms[-1].name}: give it, as the last "
                     "waypoint before, a pose on the line along that heading where the zone begins"

@@ -15,7 +15,7 @@ from up_samp.validation.timeline import (
     StateTimeline,
     show,
 )
-from up_samp.validation.values import MISSING, Reader, chronicles, parts_of
+from up_samp.validation.values import MISSING, Reader, chronicles, parts_of, telling
 
 
 @dataclass(frozen=True)
@@ -164,27 +164,36 @@ def _other_interference(
     problem: Any, timeline: StateTimeline, by_name: dict[str, list[Change]]
 ) -> Iterator[Violation]:
     """Rule 11 for what effects, durations and motions read."""
-    readings = list(timeline.effect_reads)
+    readings = [(time, time, by, keys, what) for time, by, keys, what in timeline.effect_reads]
+    step = timeline.decisions.instant
     for activity in present_activities(problem, timeline):
-        for instant, told, nodes in _read_by(activity, *timeline.decisions.times[activity.name]):
-            reader = reader_at(timeline, instant, Reading.LATER, activity.name)
+        start, end = timeline.decisions.times[activity.name]
+        for first, last, told, nodes in _read_by(activity, start, end, step):
+            reader = reader_at(timeline, first, Reading.LATER, activity.name)
             for node in nodes:
                 reader.value(node)
-            what = f"the {told} of {activity.name}, read at {instant}"
-            readings.append((instant, activity.name, frozenset(reader.reads), what))
-    for time, owner, keys, what in readings:
+            what = f"the {told} of {activity.name}, read at {first}"
+            readings.append((first, last, activity.name, frozenset(reader.reads), what))
+    for first, last, owner, keys, what in readings:
         for change in (c for key in sorted(keys, key=str) for c in by_name[key[0]]):
-            same = change.time == time and change.key in keys
-            if same and owner is not None and change.owner != owner:
+            read = first <= change.time <= last and change.key in keys
+            if read and owner is not None and change.owner != owner:
                 yield _clash(change, what)
 
 
-def _read_by(activity: Any, start: Any, end: Any) -> Iterator[tuple[Any, str, list[Any]]]:
-    """Yield what an activity reads besides its conditions and effects, and when (rules 2, 14)."""
-    yield start, "duration", [activity.duration.lower, activity.duration.upper]
+def _read_by(
+    activity: Any, start: Any, end: Any, step: Any
+) -> Iterator[tuple[Any, Any, str, list[Any]]]:
+    """Yield what an activity reads besides its conditions and effects, and from when to when (rules
+    2, 14 and 19).
+    """
+    yield start, start, "duration", [activity.duration.lower, activity.duration.upper]
     for constraint in getattr(activity, "motion_constraints", ()):
-        yield start, "motion", [constraint.starting, *constraint.waypoints]
-    yield end, "motion effect", list(getattr(activity, "motion_effects", {}).values())
+        yield start, start, "motion", [constraint.starting, *constraint.waypoints]
+        still = constraint.static_obstacles
+        told = [telling(still[item], item) for item in still] if isinstance(still, dict) else []
+        yield start, max(start, end - 2 * step), "static obstacles", told
+    yield end, end, "motion effect", list(getattr(activity, "motion_effects", {}).values())
 
 
 def _clash(change: Change, what: str) -> Violation:

@@ -26,7 +26,7 @@ from up_samp.validation.rides import CarriedLoad, is_same, offset_between
 from up_samp.validation.solids import Solid, load_solid
 from up_samp.validation.timeline import Reading, StateTimeline, show
 from up_samp.validation.tolerances import TOLERANCES
-from up_samp.validation.values import MISSING
+from up_samp.validation.values import MISSING, telling
 
 
 @dataclass(frozen=True)
@@ -273,19 +273,13 @@ class JudgedScene:
                 if not isinstance(items, dict):
                     found.append(Obstacle(item.name, static))
                     continue
-                node = self._telling(items[item], item)
+                node = telling(items[item], item)
                 what = f"the configuration of obstacle {item.name} of {owner}"
                 place = self._name(node, start, owner, what)
                 reader = reader_at(self.timeline, start, Reading.LATER, owner)
                 key = reader.key(node) if node.is_fluent_exp() else None
                 found.append(Obstacle(item.name, static, place, key))
         return tuple(found)
-
-    def _telling(self, given: Any, item: Any) -> Any:
-        """Return the expression for a listed obstacle: ``at`` means ``at(item)`` (rule 19)."""
-        if getattr(given, "arity", 0) == 1 and given.signature[0].type.is_compatible(item.type):
-            return given(item)
-        return self.problem.environment.expression_manager.auto_promote(given)[0]
 
     def _name(self, node: Any, instant: int, owner: str | None, what: str) -> str:
         """Return the name of the object that an expression means at an instant (rule 14)."""

@@ -213,3 +213,10 @@ _OPERATORS: dict[Any, Callable[[list[Value]], Value]] = {
     Op.TIMES: _strict(lambda *v: math.prod(v)),
     Op.DIV: _strict(lambda a, b: Fraction(a) / Fraction(b)),
 }
+
+
+def telling(given: Any, item: Any) -> Any:
+    """Return the expression for a listed obstacle: ``at`` means ``at(item)`` (rule 19)."""
+    if getattr(given, "arity", 0) == 1 and given.signature[0].type.is_compatible(item.type):
+        return given(item)
+    return item.environment.expression_manager.auto_promote(given)[0]

@@ -8,7 +8,6 @@ times a way again takes its top speeds from here.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -65,9 +64,9 @@ def steps_in(zone: TrafficZone, poses: FloatArray, body: Body) -> BoolArray:
     shape (n - 1,): swept, by halves; of a dock's zone, from where it comes straight to the dock.
     """
     if zone.dock is not None:
-        return np.arange(len(poses) - 1) >= (
-            last_way_in(zone, poses) if zone.binds(poses[-1]) else len(poses)
-        )
+        if not zone.binds(poses[-1]):
+            return np.zeros(len(poses) - 1, dtype=np.bool_)
+        return np.arange(1, len(poses)) >= last_stay(zone, poses)
     area, centre, reach = _area(zone)
     corners = np.asarray(body.footprint, dtype=np.float64)
     radius = float(np.hypot(*corners.T).max())
@@ -100,12 +99,12 @@ def steps_in(zone: TrafficZone, poses: FloatArray, body: Body) -> BoolArray:
     return touched
 
 
-def last_way_in(zone: TrafficZone, poses: FloatArray) -> int:
-    """Return which of some poses (n, 3) is the last with the reference point outside of a zone (the
-    first one, where it is never outside).
+def last_stay(zone: TrafficZone, poses: FloatArray) -> int:
+    """Return from which of some poses (n, 3) on the reference point is in a zone to the end; the
+    last pose counts as one in it.
     """
-    inside = shapely.intersects_xy(_area(zone)[0], poses[:, :2])
-    return int(np.flatnonzero(~inside).max(initial=0))
+    inside = shapely.intersects_xy(_area(zone)[0], poses[:-1, :2])
+    return int(np.flatnonzero(~inside).max(initial=-1)) + 1
 
 
 @lru_cache(maxsize=256)
@@ -219,19 +218,18 @@ def seconds_of(motion: Trajectory, body: Body) -> float:
     """Return what a motion lasts, with what zones on its way cost (s), and what it drives beside
     the lanes that are preferred most, and backwards.
     """
-    if body.kinematics.back_cost > 1.0:
-        usual = replace(body, kinematics=replace(body.kinematics, back_cost=1.0))
-        back = twists(motion.poses)[:, 0] < -ON_SPOT * np.diff(motion.times)
-        more = (body.kinematics.back_cost - 1.0) * float(np.diff(motion.times) @ back)
-        return seconds_of(motion, usual) + more
     zones = (zone for zone in body.kinematics.zones if zone.cost)
     costs = sum(z.cost for z in zones if steps_in(z, motion.poses, body).any())
     lanes = body.kinematics.lanes
     most = max((lane.prefer for lane in lanes), default=1.0)
     at = 0.5 * (motion.poses[:-1, :2] + motion.poses[1:, :2])
     on = [np.where(shapely.contains_xy(_area(z)[0], at), most / z.prefer, most) for z in lanes]
-    worth = np.minimum.reduce([np.full(len(at), most), *on])
-    return motion.duration + costs + float(np.diff(motion.times) @ (worth - 1.0))
+    seconds = np.diff(motion.times)
+    more = np.minimum.reduce([np.full(len(at), most), *on]) - 1.0
+    if body.kinematics.back_cost > 1.0:
+        back = twists(motion.poses)[:, 0] < -ON_SPOT * seconds
+        more += (body.kinematics.back_cost - 1.0) * back
+    return motion.duration + costs + float(seconds @ more)
 
 
 def chooses(body: Body) -> bool:
@@ -258,7 +256,7 @@ def slowing_zones(motion: Trajectory, body: Body) -> tuple[TrafficZone, ...]:
     return tuple(found)
 
 
-def is_slowed_backwards(motion: Trajectory, body: Body) -> bool:
+def reverses_at_a_cost(motion: Trajectory, body: Body) -> bool:
     """Return whether a motion drives backwards anywhere faster than its body may, or at all where
     that counts more than driving ahead.
     """

@@ -178,7 +178,9 @@ class Part(NamedTuple):
 
 
 Sway = tuple[float, float, float, float, float]
-Frame = tuple[float, float, float, float]
+"""How far two pieces may move from their middles (m): x and y of one, of the other, what both turn.
+"""
+RelativePose = tuple[float, float, float, float]
 """Where a body is in the frame of another one: x, y (m), cosine and sine of the heading."""
 
 
@@ -188,7 +190,7 @@ def _part(hull: Hull, i: int) -> Part:
 
 
 @inner
-def _frame(p: SweptPiece, q: SweptPiece) -> Frame:
+def _relative_pose(p: SweptPiece, q: SweptPiece) -> RelativePose:
     """Return where ``q`` is in the frame of ``p`` (in their middles)."""
     dx, dy = q.x - p.x, q.y - p.y
     x, y = p.cos * dx + p.sin * dy, -p.sin * dx + p.cos * dy
@@ -196,7 +198,7 @@ def _frame(p: SweptPiece, q: SweptPiece) -> Frame:
 
 
 @inner
-def _edge_gap(mine: Part, i: int, other: Part, at: Frame) -> tuple[float, float, float]:
+def _edge_gap(mine: Part, i: int, other: Part, at: RelativePose) -> tuple[float, float, float]:
     """Return the gap (m) along the normal of an edge of ``mine`` to the ``other`` part, which is
     ``at`` a place in its frame, and the normal.
     """
@@ -231,10 +233,8 @@ def apart(a: SweptPiece, mine: Part, b: SweptPiece, other: Part, margin: float) 
 def _told_apart(
     p: SweptPiece, mine: Part, q: SweptPiece, other: Part, margin: float, sway: Sway
 ) -> int:
-    """Return what the edges of ``mine`` alone tell of :func:`apart`; ``sway``: how far both move
-    (m): x and y of one, of the other, and what they turn.
-    """
-    (tx, ty, ux, uy, spin), at, found = sway, _frame(p, q), 0
+    """Return what the edges of ``mine`` alone tell of :func:`apart`."""
+    (tx, ty, ux, uy, spin), at, found = sway, _relative_pose(p, q), 0
     for i in range(mine.many):
         gap, nx, ny = _edge_gap(mine, i, other, at)
         gap -= margin
@@ -303,13 +303,16 @@ def _gap(a: SweptPiece, g: Hull, b: SweptPiece, h: Hull) -> float:
     for u in range(len(g.counts)):
         for w in range(len(h.counts)):
             mine, other = _part(g, u), _part(h, w)
-            best = max(_widest(mine, other, _frame(a, b)), _widest(other, mine, _frame(b, a)))
+            best = max(
+                _widest(mine, other, _relative_pose(a, b)),
+                _widest(other, mine, _relative_pose(b, a)),
+            )
             least = min(least, best)
     return least
 
 
 @inner
-def _widest(mine: Part, other: Part, at: Frame) -> float:
+def _widest(mine: Part, other: Part, at: RelativePose) -> float:
     """Return the largest gap (m) along a normal of an edge of ``mine``."""
     best = -np.inf
     for i in range(mine.many):

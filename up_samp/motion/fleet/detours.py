@@ -204,6 +204,7 @@ def virtual_obstacles(
         for j in hits:
             pose = other.path.middle(int(j))
             near = math.dist(pose[:size], centre) <= 4 * reach
+            # copies of its body, a little less than its radius apart, leave no gap to go through
             if not near or math.dist(pose[:size], last) < 0.8 * other.path.radius:
                 continue
             if workspace.crowds(path, other.path.body, pose):

@@ -22,7 +22,7 @@ from up_samp.model import Body, Configuration, Trajectory
 from up_samp.model.arrays import BoolArray, FloatArray, IntArray
 from up_samp.motion.curves.bends import SHORT, bends_of, between_bends, ways_at
 from up_samp.motion.curves.rolling import ON_SPOT, rolls_of
-from up_samp.motion.curves.slowing import allowed_speeds, last_way_in, push_along, slowed, steps_in
+from up_samp.motion.curves.slowing import allowed_speeds, last_stay, push_along, slowed, steps_in
 from up_samp.motion.curves.turning import limits_in_bends
 from up_samp.motion.curves.twists import partway, travels, twists
 from up_samp.motion.fleet.conflicts import Hull, Swept, runs_in, sweep_table
@@ -116,7 +116,7 @@ def forbidden(
                 continue
         low, high = held[j0], held[j1 + 1]
         if not resting:
-            # sampling moves a crossing by about a millisecond; a rest begins and ends exactly
+            # sampling moves a crossing by about 1 ms, so keep off by 10; a rest ends exactly
             low -= 0.01 if j0 > 0 else 0.0
             high += 0.01 if j1 < last else 0.0
         if high - low > SAME_TIME:
@@ -375,7 +375,7 @@ def kinks_and_stops(poses: FloatArray, s: FloatArray, body: Body) -> tuple[BoolA
     kink[0] = kink[-1] = stop[0] = stop[-1] = True
     if n > 2 and not body.flies:
         unit = twists(poses) / np.diff(s)[:, None]
-        kink[1:-1] = np.abs(np.diff(unit, axis=0)).max(axis=1) > 1e-6
+        kink[1:-1] = np.abs(np.diff(unit, axis=0)).max(axis=1) > 1e-6  # more than rounding
         if body.mobility.steers:
             stop[1:-1] = unit[:-1, 0] * unit[1:, 0] < 0
         elif body.mobility.rolls:  # it turns at will, but on the spot it rests
@@ -642,13 +642,13 @@ def path_of(
         stop[1:-1] |= limits_in_bends(kept, body.kinematics).rests
         for zone in body.kinematics.zones:
             if zone.dock is not None and zone.binds(kept[-1]):
-                stop[last_way_in(zone, kept)] = True  # cells that are slow enough begin there
+                stop[max(last_stay(zone, kept) - 1, 0)] = True  # slow cells begin there
         kink |= stop | _waypoints(trajectory, natural_s, s, waypoints[1:-1])
     most = np.full(len(kept) - 1, math.inf)
     if tunable and len(kept) > 1:
         most = allowed_speeds(kept, body)
     push = push_along(kept, body)
-    tops, steady, rests = _tops(Trajectory(trajectory.times[keep], kept), s, stop, body, most)
+    tops, steady, rests = _tops(Trajectory(trajectory.times[keep], kept), s, stop, body, most, push)
     stop |= rests
     edges, halt = _cells(s, stop, tops, body, push, np.isfinite(most))
     return Path(
@@ -669,10 +669,16 @@ def path_of(
 
 
 def _tops(
-    motion: Trajectory, s: FloatArray, stop: BoolArray, body: Body, most: FloatArray
+    motion: Trajectory,
+    s: FloatArray,
+    stop: BoolArray,
+    body: Body,
+    most: FloatArray,
+    push: float,
 ) -> tuple[FloatArray, BoolArray, BoolArray]:
     """Return the top speeds (m/s) between a path's samples, whether it keeps to one speed there,
-    and at which samples it has to rest, too; ``most`` is what zones and bends allow.
+    and at which samples it has to rest, too; ``most`` is what zones and bends allow, and ``push``
+    the acceleration (m/s^2) everywhere.
     """
     poses = motion.poses
     steady, rests = np.zeros(len(most), dtype=np.bool_), np.zeros(len(s), dtype=np.bool_)
@@ -681,7 +687,7 @@ def _tops(
         tops, steady, rests = bends_of(poses, s, motion.times, body, most)
     limits = tops < _reached(s, stop | rests, body)
     if body.mobility.steers or body.mobility.rolls:
-        rests |= _crawled(s, stop, np.where(limits, tops, -tops), push_along(poses, body))
+        rests |= _crawled(s, stop, np.where(limits, tops, -tops), push)
         limits = tops < _reached(s, stop | rests, body)
     return np.where(limits, tops, body.kinematics.v_max), steady, rests
 

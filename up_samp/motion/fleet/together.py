@@ -43,10 +43,12 @@ def couple(
     beside = pass_by(workspace, motions, alone, world)
     if beside is not None:
         return beside
+    tails = _docking(workspace, motions)
+    if tails is None:
+        return None
     heads = [replace(m, poses=before_docking(m.body, m.poses)) for m in motions]
     sequence = untie(workspace, heads, world, deadline)
-    tails = _docking(workspace, motions)
-    if sequence is None or tails is None:
+    if sequence is None:
         return None
     legs = _timed(workspace, motions, world, [*sequence, *tails])
     if legs is None or _collide(workspace, world, legs) or not _may_rest(legs):

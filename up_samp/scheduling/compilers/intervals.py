@@ -301,7 +301,8 @@ def compile_intervals(problem: PlainProblem) -> Compiled:
 
     The result is not exact (``Compiled.exact``) where the condition's activity changes the same
     fluent itself: there the interval is just demanded not to be empty. Nor is it where an
-    interval may begin before time 0, or be empty towards the plan's end.
+    interval may begin before time 0, or be empty towards the plan's end, nor where what is asked
+    at an activity's only instant is asked at the start of a longer one, too.
     """
     taken = names_in_use(problem)
     hosts: list[Activity] = []

@@ -240,11 +240,11 @@ class Jobs:
 
     @property
     def draws(self) -> dict[str, list[str]]:
-        """Activity -> those that it has to be present with."""
-        found: dict[str, list[str]] = defaultdict(list)
+        """Activity -> those that cannot be present without it."""
+        found: dict[str, list[str]] = {}
         for name, others in self.needs.items():
             for other in others:
-                found[other].append(name)
+                found.setdefault(other, []).append(name)
         return found
 
 
@@ -288,7 +288,7 @@ def _with_extras(jobs: Jobs, dues: Mapping[str, float], ways: set[str]) -> Jobs:
     for options in jobs.options:
         whole = []
         for option in options:
-            extras = {n for m in option.members for n in draws[m]} - option.members - ways
+            extras = {n for m in option.members for n in draws.get(m, ())} - option.members - ways
             due = min((dues.get(m, math.inf) for m in option.members), default=math.inf)
             whole.append(replace(option, due=due, extras=frozenset(extras)))
         found.append(tuple(whole))

@@ -92,7 +92,7 @@ class LabelTable:
         same = (self.done[1:] == self.done[:-1]) & (self.last[1:] == self.last[:-1]).all(1)
         same &= (self.own[1:] == self.own[:-1]).all(1)
         group = np.concatenate(([0], np.cumsum(~same)))
-        for shift in range(1, min(24 + 1, len(self))):
+        for shift in range(1, min(25, len(self))):
             near = group[shift:] == group[:-shift]
             a = np.flatnonzero(near & ~worse[shift:])
             if deadline.expired() or not near.any():
