@@ -1,10 +1,12 @@
 """Places that robots come to straight: planned, judged, told, and gone on with from anywhere."""
 
+import itertools
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 from unified_planning.model.motion import SE2
 from unified_planning.shortcuts import OneshotPlanner, get_environment
 
@@ -13,7 +15,9 @@ from tests.fleet.floors import map_with
 from up_samp.execution import Executor, dependencies_of
 from up_samp.execution.simulate import Delays, Floor, draw
 from up_samp.fleet import Fleet, FleetError
+from up_samp.fleet.picture import draw_fleet
 from up_samp.model import ProblemError, Trajectory, UnsupportedError
+from up_samp.model.bodies import same_pose
 from up_samp.model.frames import Frame
 from up_samp.upio.read import read_problem
 from up_samp.upio.read_maps import read_movable
@@ -114,6 +118,64 @@ def test_walls_on_the_straight_way_and_robots_that_cannot_reverse_are_told(tmp_p
     fleet.add_robot_type("amr", footprint=(0.8, 0.6), model="diff", reverse="never")
     with pytest.raises(FleetError, match="never drive backwards"):
         fleet.add_place("bay", 6, 1, 1.57, docking={"metres": 1.0, "backwards": True})
+
+
+def test_places_at_one_pose_are_docked_at_alike(tmp_path):
+    docking = {"metres": 1.0, "v_max": 0.3}
+    places = [("bay", 0.0, docking), ("bay2", math.tau, docking), ("left", math.pi, None)]
+    for listing in itertools.permutations(places):
+        fleet = Fleet(map_with((), tmp_path))
+        for name, theta, how in listing:
+            fleet.add_place(name, 6.0, 3.0, theta, **({"docking": how} if how else {}))
+        fleet.save(tmp_path / "site.yaml")
+        assert set(Fleet.from_file(tmp_path / "site.yaml").records.places) == {
+            "bay",
+            "bay2",
+            "left",
+        }
+    for there in ({}, {"docking": docking | {"v_max": 0.2}}):
+        for name in ("aisle", "zoo"):  # listed before it, and after it
+            data = yaml.safe_load((tmp_path / "site.yaml").read_text())
+            data["places"][name] = {"pose": [6.0, 3.0004, -math.tau], **there}
+            data["places"] = dict(sorted(data["places"].items()))
+            (tmp_path / "wrong.yaml").write_text(yaml.safe_dump(data, sort_keys=False))
+            with pytest.raises(
+                FleetError, match=r"is at the same pose, and is docked at otherwise"
+            ):
+                Fleet.from_file(tmp_path / "wrong.yaml")
+
+
+def test_rules_are_drawn_before_there_are_robot_types(tmp_path):
+    fleet = Fleet(map_with((), tmp_path))
+    fleet.add_zone("slowly", [(3, 3), (5, 3), (5, 5), (3, 5)], v_max=0.4)
+    drawn = len(draw_fleet(fleet.records, tmp_path).get_children())
+    fleet.add_robot_type("amr", footprint=(0.8, 0.6))
+    assert len(draw_fleet(fleet.records, tmp_path).get_children()) == drawn
+    fleet.records.zones.clear()
+    assert len(draw_fleet(fleet.records, tmp_path).get_children()) < drawn
+
+
+def test_only_waypoints_that_lie_ahead_are_left_of_a_drive(tmp_path):
+    """Who stands on the straight way has its front behind it, whichever robot is asked."""
+    result = site(tmp_path, np.random.default_rng(3)).solve(timeout=60, first_plan=True)
+    plan = result.data
+    found = dependencies_of(result.problem, plan)
+    fronts = {True: 0, False: 0}
+    executor = Executor(plan, result.problem, dependencies=found)
+    floor = Floor(executor, found, *draw(Delays(), found, 0))
+    while floor.now < plan["makespan"] - 1:
+        floor.step()
+        left = executor.remaining_problem()
+        for activity in left.problem.motion_activities:
+            for constraint in activity.motion_constraints:
+                zones = constraint.movable.object().motion_parameters["zones"]
+                *inner, last = (node.object().configuration for node in constraint.waypoints)
+                goal, start = tuple(last), tuple(constraint.starting.object().configuration)
+                zone = next((z for z in zones if z.dock and z.binds(goal)), None)
+                if zone is not None and not (inner and same_pose(tuple(inner[-1]), start, 0.02)):
+                    assert bool(inner) is not zone.leads_in(start), (activity.name, start)
+                    fronts[bool(inner)] += 1
+    assert min(fronts.values()) > 0
 
 
 def test_motions_of_problems_that_do_not_come_straight_are_refused_by_name(tmp_path):

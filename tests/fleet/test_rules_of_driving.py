@@ -218,6 +218,20 @@ def test_what_is_wrong_with_a_lane_is_said(tmp_path, points, options, what):
         fleet.add_lane("main", points, **options)
 
 
+def test_what_a_second_backwards_counts_goes_with_plans(tmp_path):
+    fleet = hall(tmp_path, reverse_cost=2.5)
+    fleet.save(tmp_path / "problem.yaml")
+    assert read_problem_file(tmp_path / "problem.yaml").robot_types["truck"].reverse_cost == 2.5
+    result = fleet.solve(timeout=300, first_plan=True, query_seconds=0.3)
+    assert validate_plan(fleet.problem, result.plan).valid
+    result.save(tmp_path / "out")
+    read = lives_of(read_plan(tmp_path / "out" / "plan.json"))
+    assert read["t"].body.kinematics.back_cost == 2.5
+    for options in ({"model": "omni"}, {"reverse": "never"}, {"reverse_cost": 0.5}):
+        with pytest.raises(FleetError, match="reverse_cost"):
+            _ = hall(tmp_path, **{"reverse_cost": 2.0, **options}).problem
+
+
 @pytest.mark.parametrize("options", [{"reverse": "slow"}, {"reverse_v_max": 0.3}])
 def test_a_speed_backwards_goes_with_slow(tmp_path, options):
     with pytest.raises(FleetError, match="reverse_v_max"):

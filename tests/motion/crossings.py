@@ -59,24 +59,27 @@ def drive(body, *poses, service=None):
 
 
 class Crossing:
-    """Robots with some ``bodies`` on one floor: each has a way, and its ends to itself."""
+    """Robots with some ``bodies`` on one floor: each has a way, and its ends to itself.
+    ``before`` tells through which poses a way to a goal leads.
+    """
 
-    def __init__(self, rng, grid, bodies, count, seconds, due):
+    def __init__(self, rng, grid, bodies, count, seconds, due, before=lambda goal: ()):
         self.grid, self.service = grid, MotionService(grid, seed=0)
         starts, goals, motions = [], [], []
         for k, body in enumerate(islice(bodies, count)):
             while True:
-                poses = tuple(free_pose(rng, self.service, body) for _ in range(2))
+                start, goal = (free_pose(rng, self.service, body) for _ in range(2))
+                poses = (start, *before(goal), goal)
                 far = all(
                     math.dist(pose[:2], other[:2]) > 2.2
-                    for pose, known in zip(poses, (starts, goals), strict=True)
+                    for pose, known in ((start, starts), (goal, goals))
                     for other in known
                 )
                 alone = self.service.plan(PathQuery(body, poses), Deadline.after(seconds))
                 if far and alone.outcome is Outcome.FOUND:
                     break
-            starts.append(poses[0])
-            goals.append(poses[1])
+            starts.append(start)
+            goals.append(goal)
             motions.append(TimedMotion(f"m{k}", f"r{k}", body, poses, 0.0, due))
         self.query, self.seconds = GroupQuery(tuple(motions)), seconds
 

@@ -3,6 +3,7 @@
 import itertools
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,18 +17,21 @@ from tests.motion.crossings import (
     RING,
     WEDGE,
     WHEELS,
+    Crossing,
     drive,
     floor,
     free_pose,
     hall,
 )
-from tests.motion.fleet.independent import broken_by
+from tests.motion.fleet.independent import broken_by, judge
 from up_samp.model import (
     Body,
     Deadline,
+    GroupQuery,
     Outcome,
     PathQuery,
     Placed,
+    TimedMotion,
     TrafficZone,
     Trajectory,
 )
@@ -60,6 +64,9 @@ def test_the_last_metres_are_driven_straight_and_slowly(kinematics, behind):
     assert np.abs(rows[:, 1]).max() < 1e-4
     assert np.abs(np.remainder(rows[:, 2] + 1, math.tau) - 1).max() < 1e-4
     assert (np.hypot(*np.diff(rows[:, :2], axis=0).T) / np.diff(times)).max() <= 0.301
+    # as fast as can be: what the dock asks for is the same on every way
+    # (what moves in any direction might pass the front faster than it is told to)
+    assert drive(body, (2.0, 3.0, 0.0), front, goal).complete is (kinematics is not ANY)
     usual = drive(Body(RING, kinematics), (2.0, 3.0, 0.0), front, goal).trajectory
     assert motion.duration > usual.duration + 2.0
     assert broken_by("r", body, usual)
@@ -76,6 +83,19 @@ def test_who_passes_or_leaves_is_not_bound(kinematics):
         free = drive(Body(RING, kinematics), *ends).trajectory
         ruled = drive(Body(RING, replace(kinematics, zones=(zone,))), *ends).trajectory
         assert ruled.duration == free.duration
+
+
+@KINDS
+@pytest.mark.parametrize("gap", [0.02, 0.005, 0.001, 0.0001, -0.001])
+def test_the_straight_way_is_as_narrow_as_it_is(kinematics, gap):
+    goal = (12.0, 6.0, 0.0)
+    zone, front = dock(goal, 3.0)
+    body = Body(RING, replace(kinematics, zones=(zone,)))
+    post = Body(((-0.1, -0.1), (0.1, -0.1), (0.1, 0.1), (-0.1, 0.1)), kinematics)
+    beside = Placed("post", post, (10.2, 6.0 + 0.35 + 0.1 + gap, 0.0))
+    query = PathQuery(body, ((2.0, 3.0, 0.0), front, goal), (beside,))
+    report = MotionService(hall()).plan(query, Deadline.after(60))
+    assert (report.trajectory is not None) is (gap > 0)
 
 
 @KINDS
@@ -183,3 +203,58 @@ def test_random_docks_are_come_to_straight(seed, ring, kinematics, behind):
         leg = docking_leg(service.scene, LegQuery(body, front, goal))
         there = service.plan(PathQuery(body, (start, front)), Deadline.after(300))
         assert leg.trajectory is None or there.outcome is not Outcome.FOUND
+
+
+def docking(seed, count, swap=False):
+    """Robots on one floor that each come to a dock; all know of all docks, in any order. ``swap``:
+    each begins at the dock of another one.
+    """
+    rng = np.random.default_rng(seed)
+    grid = floor(rng, 2, 1.6)
+    metres, behind = float(rng.uniform(0.5, 2.0)), bool(rng.integers(2))
+
+    def before(goal):
+        return (dock(goal, metres, behind=behind)[1],)
+
+    kinds = [(CAR, WHEELS, ANY)[int(k)] for k in rng.integers(3, size=count)]
+    plain = [Body(RING, kin) for kin in kinds]
+    group = Crossing(rng, grid, plain, count, seconds=300, due=200.0, before=before)
+    zones = [dock(m.poses[-1], metres, 0.4, behind)[0] for m in group.query.motions]
+    motions = []
+    for k in rng.permutation(count):
+        motion = group.query.motions[k]
+        if swap:
+            begin = group.query.motions[k - 1].poses[-1]
+            motion = replace(motion, poses=(begin, *motion.poses[1:]))
+        some = tuple(zones[i] for i in rng.permutation(count))
+        kin = replace(motion.body.kinematics, zones=some)
+        motions.append(replace(motion, body=replace(motion.body, kinematics=kin)))
+    group.query = GroupQuery(tuple(motions))
+    return group
+
+
+def test_robots_in_traffic_come_to_their_docks_straight(tmp_path):
+    assert sum([docking(seed, 3, seed % 2 > 0).found(tmp_path) for seed in range(6)]) >= 3
+
+
+@KINDS
+@pytest.mark.parametrize("first", [True, False], ids=["told_first", "told_last"])
+@pytest.mark.parametrize("release", [0.0, 20.0])
+def test_who_stands_on_the_straight_way_for_a_while_is_waited_for(
+    kinematics, first, release, tmp_path
+):
+    goal = (13.0, 4.5, 0.0)
+    zone, front = dock(goal, 6.0, 0.8)
+    docked = Body(RING, replace(kinematics, zones=(zone,)))
+    comes = TimedMotion("m0", "r0", docked, ((2.0, 3.0, 0.0), front, goal), 0.0, 200.0)
+    ends = ((10.0, 4.5, math.pi / 2), (4.0, 7.0, math.pi))
+    leaves = TimedMotion("m1", "r1", Body(RING, kinematics), ends, release, 200.0)
+    query = GroupQuery((comes, leaves)[:: 1 if first else -1])
+    report = MotionService(hall()).coordinate(query, Deadline.after(300))
+    judge(SimpleNamespace(query=query, grid=hall()), report, tmp_path)
+    assert report.trajectories["m0"].end > release
+
+
+@pytest.mark.long
+def test_many_robots_in_traffic_come_to_their_docks_straight(tmp_path):
+    assert sum([docking(seed, 4, seed % 2 > 0).found(tmp_path) for seed in range(6, 36)]) >= 15

@@ -1,5 +1,6 @@
 """Who goes first in a plan of two is decided by what orders' ends cost, and the times say so."""
 
+import itertools
 import random
 from types import SimpleNamespace
 
@@ -161,8 +162,12 @@ def test_new_work_waits_for_what_is_kept_of_its_robot_its_resources_and_what_com
         activities=({"name": "deliver_o0", "start": 0, "end": 5},),
         meanings={"deliver_o0": Meaning(Kind.DELIVERY, "o0", "r0")},
     )
-    ask = SimpleNamespace(kept=kept, kept_jobs=(first,), to_do=later)
     new = {f"pick_{j.id}#1": Meaning(Kind.PICKUP, j.id, "r1") for j in later}
     new["home_r0#1"] = Meaning(Kind.MOVE, "", "r0")
-    found = [two for _, two in _after(ask, new, {**kept.meanings, **new})]
-    assert found == ["home_r0#1", "pick_o1#1", "pick_o2#1"]
+    for listing in itertools.permutations(range(3)):
+        some = [later[k] for k in listing]
+        ask = SimpleNamespace(kept=kept, kept_jobs=(first,), to_do=some)
+        meant = dict(sorted(new.items(), reverse=listing[0] > listing[1]))
+        found = sorted(_after(ask, meant, {**kept.meanings, **meant}))
+        waits = ("home_r0#1", "pick_o1#1", "pick_o2#1")
+        assert found == [("deliver_o0", name) for name in waits]

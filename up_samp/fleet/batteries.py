@@ -80,6 +80,11 @@ class Meter:
         battery = self._records.robot_types[self._records.robots[robot].type].battery
         return battery is not None and self.drive(robot, origin, to) > usable(battery)
 
+    def _empties(self, kind: str, way: Trajectory) -> bool:
+        """Return whether a drive takes more than that by some way: a shorter one may not."""
+        battery = self._records.robot_types[kind].battery
+        return battery is not None and grains(battery, taken(battery, way)) > usable(battery)
+
     def _way(self, kind: str, origin: str, to: str) -> Trajectory | None:
         """Return how a robot drives when nobody is in its way.
 
@@ -93,7 +98,7 @@ class Meter:
         deadline = Deadline.after(share * WAY_SECONDS)
         if not chooses(body):
             quick = workspace_of(service).detour(body, poses, zones, (), deadline)
-            if quick is not None:
+            if quick is not None and not self._empties(kind, quick.natural):
                 return quick.natural
         way = service.plan(PathQuery(body, poses, zones), deadline).trajectory
         self._in_vain += deadline.elapsed() if way is None else 0.0

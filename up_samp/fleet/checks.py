@@ -18,7 +18,14 @@ from up_samp.fleet.docks import front_of
 from up_samp.fleet.doorways import in_doorways
 from up_samp.fleet.faults import NO_ROBOT
 from up_samp.fleet.fields import Pose, Windows
-from up_samp.fleet.floors import FloorMaps, floor_of, legs_between, lift_between, ride_seconds
+from up_samp.fleet.floors import (
+    FloorMaps,
+    floor_of,
+    legs_between,
+    lift_between,
+    ride_seconds,
+    way_between,
+)
 from up_samp.fleet.loads import ends_of, load_of, load_pose, loads_of, place_of, with_load
 from up_samp.fleet.outlines import body_of, kept_out, placed, ruled, still
 from up_samp.fleet.records import Attached, FleetRecords, Order, Task, can_do, needs_robot
@@ -167,7 +174,7 @@ class _Checker:
                     yield Finding(Level.ERROR if needed else Level.WARNING, name, text, kind)
 
     def _docks(self, kind: str, name: str) -> bool:
-        """Return whether a robot can come straight to a place, where that is asked for."""
+        """Return whether nothing stands where a robot has to come straight to a place."""
         place = self.records.places[name]
         front = front_of(place)
         if front is None:
@@ -175,7 +182,7 @@ class _Checker:
         body = ruled(self.records, kind, place.floor, self.bodies[kind])
         query = PathQuery(body, (front, place.pose), kept_out(self.records, kind, place.floor))
         found = self.floors.service(place.floor).plan(query, Deadline.after(self.seconds))
-        return found.trajectory is not None
+        return found.outcome is not Outcome.NOT_FOUND
 
     @cached_property
     def wanted(self) -> set[str]:
@@ -317,8 +324,8 @@ class _Checker:
         lift = lift_between(self.records, origin, to)
         if lift is not None:
             return ride_seconds(self.records, lift, self.floor(origin), self.floor(to))
-        ends = self.places[origin], self.places[to]
-        return self.floors.at(origin).lower_bound(self.bodies[kind], ends)
+        poses = way_between(self.records, origin, to)
+        return self.floors.at(origin).lower_bound(self.bodies[kind], poses)
 
     @cached_property
     def shut(self) -> frozenset[str]:
@@ -403,10 +410,9 @@ class _Checker:
         """Return whether a drive was looked for until time ran out."""
         if not self._drives(origin, to):
             return False
-        ends = self.places[origin], self.places[to]
-        floor = self.floor(origin)
+        floor, poses = self.floor(origin), way_between(self.records, origin, to)
         body = ruled(self.records, kind, floor, self.bodies[kind])
-        query = PathQuery(body, ends, kept_out(self.records, kind, floor))
+        query = PathQuery(body, poses, kept_out(self.records, kind, floor))
         report = self.floors.at(origin).plan(query, Deadline.after(self.seconds))
         return report.outcome is Outcome.OUT_OF_TIME
 

@@ -19,11 +19,13 @@ def front_of(place: Place) -> Pose | None:
 
 
 def dock_zone(place: Place, height: float) -> TrafficZone:
-    """Return the rule that robots come straight to a place: a strip of 2 cm, to 1 cm before it."""
+    """Return the rule that robots come straight to a place: a strip 2 cm wide, from 1 cm behind the
+    front to 1 cm behind the place.
+    """
     assert place.docking is not None
     docking, half = place.docking, 0.01
-    far, near = sorted((docking.metres - half, -half), reverse=True)
-    ends = (near, far) if docking.backwards else (-far, -near)
+    far = docking.metres - half
+    ends = (-half, far) if docking.backwards else (-far, half)
     corners = [(ends[0], -half), (ends[1], -half), (ends[1], half), (ends[0], half)]
     points = Frame(*place.pose).points(corners)
     most = math.inf if docking.v_max is None else docking.v_max

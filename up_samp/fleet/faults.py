@@ -45,6 +45,7 @@ from up_samp.fleet.records import (
 )
 from up_samp.fleet.spelled_out import ids_of, with_places
 from up_samp.model import ProblemError
+from up_samp.model.bodies import same_pose
 
 
 def earlier_than(records: FleetRecords, job: Order | Task) -> tuple[str, ...]:
@@ -424,6 +425,16 @@ def _chargers(records: FleetRecords) -> Iterator[Fault]:
                 yield Fault(path, text)
 
 
+def _same_docks(records: FleetRecords) -> Iterator[Fault]:
+    """A dock binds whoever ends at its pose, whatever the place there is called."""
+    for name, place in records.places.items():
+        for other, there in records.places.items() if place.docking is not None else ():
+            alike = place.floor == there.floor and same_pose(place.pose, there.pose, 1e-3)
+            if alike and place.docking != there.docking:
+                text = f"'{other}' is at the same pose, and is docked at otherwise, or not at all"
+                yield Fault(("places", name, "docking"), text)
+
+
 def _docks(records: FleetRecords) -> Iterator[Fault]:
     ahead = [name for name, kind in records.robot_types.items() if kind.reverse == "never"]
     for name, place in records.places.items():
@@ -625,6 +636,7 @@ CHECKS: tuple[Callable[[FleetRecords], Iterator[Fault]], ...] = (
     _batteries,
     _chargers,
     _docks,
+    _same_docks,
     _skills,
     _airlocks,
     _jobs,

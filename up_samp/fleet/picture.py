@@ -49,7 +49,7 @@ def draw_fleet(records: FleetRecords, folder: Path, findings: Iterable[Finding] 
             "footprint": [],
             "zones": [zone_entry(zone) for zone in rules_for(records, kind)],
         }
-        for kind in records.robot_types
+        for kind in records.robot_types or ("",)
     ]
     site = {"map": maps[0], "maps": maps, "objects": rules, "motions": [], "changes": []}
     backdrop = ground_of(site)

@@ -116,7 +116,7 @@ class RobotType:
     omega_max: Positive = 1.0
     reverse: Literal["free", "slow", "never"] = "free"
     reverse_v_max: Positive | None = None
-    reverse_cost: Annotated[Positive, Ge(1)] = 1.0
+    reverse_cost: Annotated[float, Ge(1), Le(FILE_LIMITS.largest), NUMBER] = 1.0
     lateral_a_max: Positive | None = None
     alpha_max: Positive | None = None
     pivoting: Literal["free", "never"] = "free"
@@ -226,7 +226,7 @@ class Docking:
     """
 
     __pydantic_config__ = STRICT
-    metres: Length
+    metres: Annotated[float, Ge(0.05), Le(FILE_LIMITS.largest), NUMBER]
     v_max: Positive | None = None
     backwards: bool = False
 
@@ -341,7 +341,7 @@ class Lane:
     __pydantic_config__ = STRICT
     points: Annotated[tuple[Point, ...], MinLen(2), MaxLen(FILE_LIMITS.corners)]
     width: Length = 1.0
-    prefer: Annotated[Positive, Gt(1)] = 1.5
+    prefer: Annotated[float, Gt(1), Le(FILE_LIMITS.largest), NUMBER] = 1.5
     robot_types: Names = ()
     floor: Name = GROUND
 

@@ -12,7 +12,7 @@ from up_samp.model import Body, Configuration, TrafficZone
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.curves.slowing import last_stay
 from up_samp.motion.curves.straight import timed_chain
-from up_samp.motion.guides.search_space import widest_shape
+from up_samp.motion.guides.search_space import MARGIN_SHARES
 from up_samp.motion.protocol import Leg, LegQuery
 
 
@@ -53,13 +53,11 @@ def docking_leg(scene: Scene, query: LegQuery) -> Leg | None:
     end = query.start[2] + math.remainder(query.goal[2] - query.start[2], math.tau)
     rows = np.array([query.start, (*query.goal[:2], end)], dtype=np.float64)
     motion = timed_chain(rows, query.body.kinematics)
-    shape = widest_shape(scene, query.body, (query.start, query.goal), query.obstacles)
-    if (
-        shape is None
-        or sweeps.first_hit(scene.world(shape, query.obstacles), motion.poses.copy()) >= 0
-    ):
-        return Leg(None, "something stands where it comes straight to its dock", complete=True)
-    return Leg(motion, complete=True, corners=rows)
+    for share in MARGIN_SHARES:  # there is no other way: as wide as this one allows
+        world = scene.world(scene.shape(query.body, scene.margin * share), query.obstacles)
+        if sweeps.first_hit(world, motion.poses.copy()) < 0:
+            return Leg(motion, complete=True, corners=rows)
+    return Leg(None, "something stands where it comes straight to its dock", complete=True)
 
 
 def comes_straight(poses: FloatArray, body: Body) -> bool:

@@ -1,5 +1,6 @@
 """Others' files become problem files that check, and solve."""
 
+import itertools
 import json
 import math
 import random
@@ -16,6 +17,7 @@ from up_samp.cli import main
 from up_samp.fleet import Fleet, read_problem_file
 from up_samp.fleet.importers import Options, import_file, map_from_polygons
 from up_samp.fleet.importers.lanes import LaneEdge, lane_zones, preferred_lanes
+from up_samp.fleet.limits import FILE_LIMITS
 from up_samp.geometry import load_map
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.validation import validate_plan
@@ -168,20 +170,18 @@ def test_edges_and_lanes_with_rules_are_zones(tmp_path):
     assert any("lanes with rules are zones" in note for note in found.notes)
     text = (SAMPLES / "small.building.yaml").read_text()
     both = "[6, 7, {bidirectional: [4, true]}]"
-    for lanes, ways in (
-        (both, []),
-        ("[6, 7, {bidirectional: [4, false]}]", [0.0]),
-        ("[7, 6, {}]", [math.pi]),
-        ("[6, 7, {}]\n      - [7, 6, {}]", []),
-        ("[6, 7, {bidirectional: [4, true], speed_limit: [3, 0.4]}]", [None]),
+    for lanes, ways, preferred in (
+        (both, [], 1),
+        ("[6, 7, {bidirectional: [4, false]}]", [0.0], 0),
+        ("[7, 6, {}]", [math.pi], 0),
+        ("[6, 7, {}]\n      - [7, 6, {}]", [], 1),
+        ("[6, 7, {bidirectional: [4, true], speed_limit: [3, 0.4]}]", [None], 1),
     ):
         source = tmp_path / "other.building.yaml"
         source.write_text(text.replace(both, lanes))
         records = read_problem_file(import_file(source, tmp_path / "out").problem)
         found_ways = [z.one_way for z in records.zones.values()]
-        assert len(records.lanes) == (
-            "bidirectional: [4, true]" in lanes or "[7, 6, {}]" in lanes[5:]
-        )
+        assert len(records.lanes) == preferred
         assert found_ways == pytest.approx(ways) if ways != [None] else found_ways == ways
         speeds = [z.v_max for z in records.zones.values()]
         assert speeds == ([0.4] if ways == [None] else [None] * len(ways))
@@ -209,6 +209,14 @@ def test_edges_driven_both_ways_are_preferred_from_fork_to_fork():
         assert len(lanes) == 3
         assert not {"way1", "a"} & set(lanes)
         assert lanes == preferred_lanes(edges, {"way1", "a"})
+
+
+def test_long_lanes_are_cut_to_what_records_take():
+    points = [(0.01 * k, (k % 2) * 0.01) for k in range(2 * FILE_LIMITS.corners + 5)]
+    edges = [LaneEdge(f"e{k}", *ends) for k, ends in enumerate(itertools.pairwise(points))]
+    lanes = [lane["points"] for lane in preferred_lanes(edges, ()).values()]
+    assert [len(lane) for lane in lanes] == [FILE_LIMITS.corners, FILE_LIMITS.corners, 7]
+    assert all(one[-1] == other[0] for one, other in itertools.pairwise(lanes))
 
 
 def test_lanes_against_each_other_and_short_ones_are_told():

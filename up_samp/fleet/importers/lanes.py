@@ -14,6 +14,7 @@ from shapely.geometry import LineString, MultiLineString, Polygon
 from shapely.ops import linemerge
 
 from up_samp.fleet.importers.common import listed, name_of
+from up_samp.fleet.limits import FILE_LIMITS
 
 
 class LaneEdge(NamedTuple):
@@ -82,8 +83,10 @@ def preferred_lanes(edges: Sequence[LaneEdge], taken: Collection[str]) -> dict[s
     lines = linemerge(MultiLineString(sorted(ends))) if ends else MultiLineString()
     lanes: dict[str, Any] = {}
     for line in sorted(get_parts(lines), key=lambda line: line.coords[0]):
-        name = name_of(f"way{len(lanes) + 1}", {*lanes, *taken}, "way")
-        lanes[name] = {"points": [[round(x, 4), round(y, 4)] for x, y in line.coords]}
+        points = [[round(x, 4), round(y, 4)] for x, y in line.coords]
+        for first in range(0, len(points) - 1, FILE_LIMITS.corners - 1):
+            name = name_of(f"way{len(lanes) + 1}", {*lanes, *taken}, "way")
+            lanes[name] = {"points": points[first : first + FILE_LIMITS.corners]}
     return lanes
 
 

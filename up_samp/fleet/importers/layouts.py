@@ -64,10 +64,8 @@ def import_lif(source: Path, folder: Path, options: Options) -> Imported:
                 *points[key], _theta(node),
             ]  # fmt: skip
     edges = _lif_edges(source, layout, points, places)
-    (zones, notes), lanes = (
-        lane_zones(edges),
-        preferred_lanes(edges, {*places, *(e.name for e in edges)}),
-    )
+    zones, notes = lane_zones(edges)
+    lanes = preferred_lanes(edges, {*places, *(e.name for e in edges)})
     if options.map is not None:
         map_file = _copied(options.map, folder)
     else:

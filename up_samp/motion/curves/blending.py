@@ -103,7 +103,7 @@ def through(
     that fit it, none of them higher (None: no such corners were found).
     """
     nodes = chain.nodes
-    for _ in range(60):
+    for _ in range(60):  # a fixed point of corners and speeds, exact but for rounding
         moved = nodes.copy()
         for i, pin in chain.pins.items():
             if speeds[i] > 0.0:

@@ -27,7 +27,10 @@ def driven_through(parts: Sequence[Trajectory], kinematics: Kinematics) -> Traje
         return whole
     moves = twists(whole.poses)
     ways = np.copysign(np.hypot(moves[:, 0], moves[:, 1]), moves[:, 0])
-    cusps = np.flatnonzero(ways[:-1] * ways[1:] < 0.0) + 1
+    driven = np.flatnonzero(ways)  # a step of no length has no direction
+    if not len(driven):
+        return whole
+    cusps = driven[1:][ways[driven[:-1]] * ways[driven[1:]] < 0.0]
     bends = np.abs(np.diff(moves[:, 2] / np.where(ways == 0.0, np.inf, ways))) > SAME
     return _retimed(
         whole,

@@ -66,7 +66,7 @@ def _ramped(
 ) -> FloatArray | None:
     """Return a way with ramps over at most such ``windows`` (m) that is free, if there is one."""
     step = MOMENT * SLOW * kinematics.v_max
-    for k in range(30):
+    for k in range(30):  # each time half as long where it hits something, and wider around
         windows = np.where(windows > step, windows, 0.0)
         if not windows.any():
             return None

@@ -13,7 +13,7 @@ from up_samp.geometry.sweeps import first_hit
 from up_samp.model import Body, Configuration, Kinematics, Placed, Trajectory
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.curves.blending import Chain, first_speeds, settled, through, timed
-from up_samp.motion.curves.trajectories import at_rest
+from up_samp.motion.curves.trajectories import at_rest, with_ends
 from up_samp.motion.guides.search_space import widest_shape
 
 
@@ -44,13 +44,11 @@ def glide(
                 continue
             chain, speeds = fitting
         motion, owners = timed(chain, speeds)
-        turns = round((nodes[-1, 2] - goal[2]) / (2 * math.pi))
-        rows = motion.poses.copy()
-        rows[-1] = (goal[0], goal[1], goal[2] + turns * 2 * math.pi)
-        hit = first_hit(world, rows)
+        motion = with_ends(motion, tuple(motion.poses[0].tolist()), goal)
+        hit = first_hit(world, motion.poses.copy())
         if hit < 0:
             passed = all(speeds[i] > 0.0 or straight.turns_back(i) for i in pins or ())
-            return Trajectory(motion.times.copy(), rows), passed
+            return motion, passed
         slowed = _slowed(speeds, {owners[hit], owners[min(hit + 1, len(owners) - 1)]}, chain.v)
         if slowed is None:
             return None
