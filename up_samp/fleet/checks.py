@@ -182,7 +182,7 @@ class _Checker:
         body = ruled(self.records, kind, place.floor, self.bodies[kind])
         query = PathQuery(body, (front, place.pose), kept_out(self.records, kind, place.floor))
         found = self.floors.service(place.floor).plan(query, Deadline.after(self.seconds))
-        return found.outcome is not Outcome.NOT_FOUND
+        return found.outcome not in (Outcome.NOT_FOUND, Outcome.IMPOSSIBLE)
 
     @cached_property
     def wanted(self) -> set[str]:
