@@ -97,7 +97,10 @@ NAV2 = Path(os.environ.get("NAV2_MAPS", "/opt/ros/jazzy/share/nav2_bringup/maps"
 WAYS = {"rolling": Operation, "token": Token, "anew": Anew}
 
 
-AGV = {"footprint": (0.8, 0.6), "model": "diff", "v_max": 1.5, "a_max": 0.7, "omega_max": 1.5}
+AGV = {
+    "footprint": (0.8, 0.6), "model": "diff", "v_max": 1.5, "a_max": 0.7, "omega_max": 1.5,
+    "reverse_cost": 1,
+}  # fmt: skip
 
 
 def warehouse(folder: Path, robots: int) -> Fleet:

@@ -34,6 +34,8 @@ class Modern(buildings.Building):
             getattr(self, f"_more_{part}")()
         self.rng = random.Random(f"{seed}, and aboard")
         self._more_aboard()
+        self.rng = random.Random(f"{seed}, and ahead")
+        self._more_backwards()
 
     def _chance(self, share):
         return self.rng.random() < share
@@ -52,6 +54,11 @@ class Modern(buildings.Building):
                 "per_km": 100.0,
                 "per_hour": r.choice([0, 60]),
             }
+
+    def _more_backwards(self):
+        kind = self.spec["types"]["agv"]
+        if kind["model"] != "omni" and kind.get("reverse") != "never" and self._chance(0.7):
+            kind["reverse_cost"] = self.rng.choice([1, 1, 4])
 
     def _more_doors(self):
         r, doors = self.rng, {}

@@ -28,7 +28,9 @@ MAPS = Path(__file__).parents[2] / "examples" / "maps"
 
 def two_rooms(**options):
     fleet = Fleet(MAPS / "two_rooms.yaml", **options)
-    fleet.add_robot_type("agv", (1.2, 0.8), turning_radius=0.8, v_max=2.0, a_max=0.5)
+    fleet.add_robot_type(
+        "agv", (1.2, 0.8), turning_radius=0.8, v_max=2.0, a_max=0.5, reverse_cost=1
+    )
     fleet.add_place("home", 3, 3)
     fleet.add_place("dock", 8, 3)
     fleet.add_place("button", 11, 9)

@@ -190,7 +190,9 @@ def test_modes_that_make_no_sense_are_refused():
 def gated(closes, **options):
     """Two rooms; the door between them can be opened from both sides."""
     fleet = Fleet(MAPS / "two_rooms.yaml")
-    fleet.add_robot_type("agv", FOOTPRINT, model="diff", v_max=2.0, a_max=1.0, omega_max=2.0)
+    fleet.add_robot_type(
+        "agv", FOOTPRINT, model="diff", v_max=2.0, a_max=1.0, omega_max=2.0, reverse_cost=1
+    )
     fleet.add_place("home", 9, 4)
     fleet.add_place("outer", 12, 4)
     fleet.add_place("inner", 18, 4)
@@ -233,7 +235,9 @@ def test_a_door_that_closes_before_the_way_back_needs_a_button_there():
 
 def test_a_door_that_moves_stops_only_who_comes_near():
     fleet = gated(60)
-    fleet.add_robot_type("cart", FOOTPRINT, model="diff", v_max=0.4, a_max=0.5, omega_max=1.0)
+    fleet.add_robot_type(
+        "cart", FOOTPRINT, model="diff", v_max=0.4, a_max=0.5, omega_max=1.0, reverse_cost=1
+    )
     fleet.add_place("west", 3, 12)
     fleet.add_place("east", 9, 12)
     fleet.add_robot("c", "cart", "west")

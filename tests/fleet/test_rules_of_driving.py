@@ -218,6 +218,29 @@ def test_what_is_wrong_with_a_lane_is_said(tmp_path, points, options, what):
         fleet.add_lane("main", points, **options)
 
 
+@pytest.mark.parametrize("model", ["car", "diff"])
+def test_robots_drive_ahead_where_nothing_is_said(tmp_path, model):
+    shares, told = {}, {}
+    for options in ({}, {"reverse_cost": 1}, {"reverse_cost": 1.5}):
+        fleet = Fleet(write_map(tmp_path, "hall", np.zeros((90, 160), dtype=bool), 0.1))
+        fleet.add_robot_type("truck", RING, model=model, **LIMITS, **options)
+        for name, x, heading in (("west", 3, math.pi), ("east", 12, math.pi), ("middle", 8, 0.0)):
+            fleet.add_place(name, x, 4.5, heading)
+        fleet.add_robot("t", "truck", "west", end="west")
+        fleet.add_order("o1", "east", "middle")
+        result = fleet.solve(timeout=60)
+        driven = {True: 0.0, False: 0.0}
+        for motion in result.data["motions"]:
+            rows = np.array(motion["samples"])
+            pieces = pieces_of(rows[:, 0], rows[:, 1:])
+            for back in driven:
+                driven[back] += float(np.abs(pieces.along[(pieces.along < 0) == back]).sum())
+        shares[len(options), options.get("reverse_cost")] = driven[True] / sum(driven.values())
+        told[options.get("reverse_cost")] = "prefer to drive ahead" in result.explain()
+    assert shares[0, None] == shares[1, 1.5] < 0.4 < shares[1, 1]
+    assert told == {None: True, 1: False, 1.5: True}
+
+
 def test_what_a_second_backwards_counts_goes_with_plans(tmp_path):
     fleet = hall(tmp_path, reverse_cost=2.5)
     fleet.save(tmp_path / "problem.yaml")

@@ -26,8 +26,11 @@ Pair = tuple[float, float]
 
 SIZE, LIMITS = (0.8, 0.5), {"v_max": 1.2, "a_max": 0.6}
 """Length and width of a robot (m); speed (m/s) and acceleration (m/s²)."""
-MODELS = ({"model": "diff", "omega_max": 1.0}, {"model": "car", "turning_radius": 0.6},
-          {"model": "omni", "omega_max": 1.0})  # fmt: skip
+MODELS = (
+    {"model": "diff", "omega_max": 1.0, "reverse_cost": 1},
+    {"model": "car", "turning_radius": 0.6, "reverse_cost": 1},
+    {"model": "omni", "omega_max": 1.0},
+)
 """What robots of a building are: one of these."""
 CORRIDOR, DOOR, SHELF, PARTITION = 3.2, 1.8, 1.2, 0.2
 """Widths of the corridor, of doors and of shelves, and thickness of inner walls (m)."""

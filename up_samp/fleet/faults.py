@@ -199,7 +199,7 @@ RULES: tuple[tuple[type, str, Callable[[Any], object], str], ...] = (
     (RobotType, "reverse", lambda t: (t.reverse == "slow") != (t.reverse_v_max is not None),
      "reverse: slow goes with reverse_v_max, in m/s"),
     (RobotType, "reverse_cost",
-     lambda t: t.reverse_cost > 1 and (t.model == "omni" or t.reverse == "never"),
+     lambda t: (t.reverse_cost or 1) > 1 and (t.model == "omni" or t.reverse == "never"),
      "weighs driving backwards, which such robots do not"),
     (RobotType, "", lambda t: t.model == "omni" and (t.lateral_a_max or t.alpha_max),
      "lateral_a_max and alpha_max are for car and diff; give an omni less v_max, a_max, omega_max"),

@@ -57,7 +57,7 @@ def movable(
 def _limits(kind: RobotType) -> dict[str, Any]:
     limits = {"v_max": kind.v_max, "a_max": kind.a_max, "reverse": kind.reverse != "never"}
     more = ("reverse_v_max", "lateral_a_max", "alpha_max")
-    limits |= {"reverse_cost": kind.reverse_cost} if kind.reverse_cost > 1.0 else {}
+    limits |= {"reverse_cost": kind.back_cost} if kind.back_cost > 1.0 else {}
     limits |= {key: most for key in more if (most := getattr(kind, key)) is not None}
     if kind.model == "car":
         return limits | {"turning_radius": kind.turning_radius}

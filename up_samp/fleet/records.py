@@ -95,7 +95,8 @@ class RobotType:
     drives in any direction. ``turning_radius`` is for cars, ``omega_max`` for the others.
     ``reverse``: ``free``; ``slow``: at ``reverse_v_max`` (m/s) at most; or ``never``: it drives
     ahead only, as what looks ahead only should (a ``diff`` still turns on the spot).
-    ``reverse_cost``: a second backwards counts so many times in the choice of ways.
+    ``reverse_cost``: a second backwards counts so many times in the choice of ways (none: 1.5, as
+    most look ahead; 1: they do not mind).
     ``lateral_a_max`` (m/s^2) limits the speed in bends, ``alpha_max`` (rad/s^2) how fast the turn
     rate changes, of cars and diffs; none: no limit. ``pivoting``:
     a ``diff`` that never turns on the spot drives on curves no tighter than it can at top speed
@@ -116,7 +117,7 @@ class RobotType:
     omega_max: Positive = 1.0
     reverse: Literal["free", "slow", "never"] = "free"
     reverse_v_max: Positive | None = None
-    reverse_cost: Annotated[float, Ge(1), Le(FILE_LIMITS.largest), NUMBER] = 1.0
+    reverse_cost: Annotated[float, Ge(1), Le(FILE_LIMITS.largest), NUMBER] | None = None
     lateral_a_max: Positive | None = None
     alpha_max: Positive | None = None
     pivoting: Literal["free", "never"] = "free"
@@ -126,6 +127,12 @@ class RobotType:
     costs: Mapping[Literal["used", "per_km", "per_hour"], Rate] = field(default_factory=dict)
     localisation: Clearance | None = None
     latency: Moment | None = None
+
+    @property
+    def back_cost(self) -> float:
+        """How many times a second backwards counts; 1 for what has no back, or never goes there."""
+        minds = self.model != "omni" and self.reverse != "never"
+        return self.reverse_cost or (1.5 if minds else 1.0)
 
 
 def _start(value: Any, by_name: Callable[[Any], str]) -> Any:

@@ -136,6 +136,11 @@ class FleetResult:
         elif bound:
             kind = metrics.get("bound_kind", "")
             lines.append(f"no plan can take less than {bound:g} s ({kind})")
+        wishes = any("reverse_cost" in thing for thing in self.data["objects"])
+        if wishes and self.status != "SOLVED_OPTIMALLY":
+            lines.append(
+                "its robots prefer to drive ahead: with reverse_cost: 1 more can be proven"
+            )
         if self.left_out:
             lines.append(f"left out, which counts in that: {', '.join(self.left_out)}")
         drives: dict[str, float] = {}
