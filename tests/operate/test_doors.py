@@ -24,7 +24,9 @@ def two_rooms(folder, seconds=2, robots=2):
     cells[:, 99:102] = True
     cells[30:60, 99:102] = False
     fleet = Fleet(write_map(folder, "rooms", cells, 0.1), name="rooms", margin=0.12)
-    fleet.add_robot_type("agv", (0.8, 0.6), model="diff", v_max=1.5, a_max=0.7, omega_max=1.5)
+    fleet.add_robot_type(
+        "agv", (0.8, 0.6), model="diff", v_max=1.5, a_max=0.7, omega_max=1.5, reverse_cost=1
+    )
     for k in range(robots):
         fleet.add_place(f"home{k}", 1.5, 1.5 + 2.0 * k)
         fleet.add_robot(f"r{k}", "agv", start=f"home{k}", end=f"home{k}")

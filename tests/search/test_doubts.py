@@ -32,7 +32,9 @@ PAIR = fleets.Fleet((0, 30), (6, 21), (2, 2), ((0, 1), (0, 1)), home=True)
 
 def there_and_back(*near):
     fleet = Fleet(MAPS / "two_rooms.yaml")
-    fleet.add_robot_type("agv", (1.2, 0.8), turning_radius=0.8, v_max=2.0, a_max=0.5)
+    fleet.add_robot_type(
+        "agv", (1.2, 0.8), turning_radius=0.8, v_max=2.0, a_max=0.5, reverse_cost=1
+    )
     fleet.add_place("home", 3, 3)
     fleet.add_place("near", *near or (8, 3))
     fleet.add_robot("r1", "agv", "home", end="home")
