@@ -1,3 +1,4 @@
+import itertools
 import math
 
 import numpy as np
@@ -160,3 +161,23 @@ def test_the_longer_way_round_is_not_taken_for_the_fastest():
             # is at most what the better direction takes
             assert motion.duration <= max(least + 0.01, settings.roundabout * least)
     assert asked >= 8
+
+
+def test_gaps_that_the_steps_from_one_end_miss_are_found_from_the_other():
+    """A gap a few centimetres wider than the body, before the goal; starts anywhere in a hall."""
+    grid = box_map(24, 16, [(16, 0, 16.4, 8.0), (16, 9.2, 16.4, 16)])
+    rng, efforts = np.random.default_rng(5), {}
+    starts = [(*rng.uniform((2, 2), (13, 14)), rng.uniform(-3, 3)) for _ in range(8)]
+    for soon in (PlanarSettings().soon, 10**9):
+        planner = PlanarPlanner(Scene(grid, 0.05), 0, PlanarSettings(soon=soon))
+        some = starts[:1] if soon == 10**9 else starts
+        for start, swap in itertools.product(some, (False, True)):
+            ends = (start, (19.0, 8.6, 0.0))[:: -1 if swap else 1]
+            leg = planner.leg(LegQuery(SLIDER, *ends), Deadline.never())
+            assert leg.trajectory is not None
+            assert ends_exactly(leg.trajectory, *ends)
+            assert faults(leg.trajectory, KIN) == []
+            assert smallest_clearance(leg.trajectory, SLIDER, grid, ()) > 0
+            efforts.setdefault(soon, []).append(leg.effort)
+    assert max(efforts[PlanarSettings().soon]) < 2 * PlanarSettings().soon
+    assert max(efforts[10**9]) > 10_000  # from one end alone

@@ -12,7 +12,7 @@ corner is moved outwards until the blend's middle lies on it (:func:`through`).
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -27,6 +27,7 @@ TINY = 1e-9
 class Chain:
     """Straight pieces: ``nodes`` (n, 3), lengths (m), unit directions and top speeds (m/s).
 
+    ``bends`` (n,): |u2 - u1| of the directions at a node, 0 at both ends.
     ``pins``: poses that the motion passes exactly, by the number of the node that stands for them.
     """
 
@@ -34,6 +35,7 @@ class Chain:
     lengths: FloatArray
     directions: FloatArray
     tops: FloatArray
+    bends: tuple[float, ...]
     v: float
     a: float
     omega: float
@@ -41,7 +43,7 @@ class Chain:
 
     def turns_back(self, node: int) -> bool:
         """Return whether the pieces before and after a node are of opposite directions."""
-        return self.bend(node) > 2.0 - TINY
+        return self.bends[node] > 2.0 - TINY
 
     @staticmethod
     def of(
@@ -54,11 +56,9 @@ class Chain:
         safe = np.where(lengths > TINY, lengths, 1.0)
         turns = np.abs(steps[:, 2])
         tops = np.minimum(v, omega * lengths / np.where(turns > TINY, turns, TINY))
-        return Chain(nodes, lengths, steps[:, :2] / safe[:, None], tops, v, a, omega, pins or {})
-
-    def bend(self, i: int) -> float:
-        """Return |u2 - u1| of the directions at inner node ``i``."""
-        return float(np.linalg.norm(self.directions[i] - self.directions[i - 1]))
+        units = steps[:, :2] / safe[:, None]
+        bends = 0.0, *np.linalg.norm(np.diff(units, axis=0), axis=1).tolist(), 0.0
+        return Chain(nodes, lengths, units, tops, bends, v, a, omega, pins or {})
 
 
 def first_speeds(chain: Chain) -> FloatArray:
@@ -70,7 +70,7 @@ def first_speeds(chain: Chain) -> FloatArray:
         if min(before, after) < TINY or chain.turns_back(i):
             continue  # a turn on the spot, or nothing is won by going on farther
         room = 0.45 * min(before, after)
-        bend = chain.bend(i)
+        bend = chain.bends[i]
         fits = math.sqrt(2 * chain.a * room / bend) if bend > TINY else math.inf
         speeds[i] = min(fits, chain.tops[i - 1], chain.tops[i])
     return settled(chain, speeds)
@@ -78,22 +78,23 @@ def first_speeds(chain: Chain) -> FloatArray:
 
 def settled(chain: Chain, speeds: FloatArray) -> FloatArray:
     """Return the speeds lowered until each piece can change from one to the other."""
-    speeds = speeds.copy()
-    order = [*range(len(chain.lengths)), *reversed(range(len(chain.lengths)))]
+    found, lengths = speeds.tolist(), chain.lengths.tolist()  # many small ones: arrays are slow
+    order = [*range(len(lengths)), *reversed(range(len(lengths)))]
     for _ in range(4):
+        before = found.copy()
         for i in order:
-            low, high = sorted((i, i + 1), key=lambda k: speeds[k])
-            free = chain.lengths[i] - _reach(chain, speeds, i) - _reach(chain, speeds, i + 1)
-            most = math.sqrt(speeds[low] ** 2 + 2 * chain.a * max(free, 0.0))
-            speeds[high] = min(speeds[high], most)
-    return speeds
+            low, high = (i, i + 1) if found[i] <= found[i + 1] else (i + 1, i)
+            free = lengths[i] - _reach(chain, found, i) - _reach(chain, found, i + 1)
+            most = math.sqrt(found[low] ** 2 + 2 * chain.a * max(free, 0.0))
+            found[high] = min(found[high], most)
+        if found == before:
+            break
+    return np.array(found)
 
 
-def _reach(chain: Chain, speeds: FloatArray, i: int) -> float:
+def _reach(chain: Chain, speeds: Sequence[float], i: int) -> float:
     """Return how far (m) from node ``i`` its blend begins and ends."""
-    if i in (0, len(chain.nodes) - 1) or speeds[i] <= 0:
-        return 0.0
-    return float(speeds[i] ** 2 * chain.bend(i) / (2 * chain.a))
+    return speeds[i] ** 2 * chain.bends[i] / (2 * chain.a)
 
 
 def through(
@@ -173,7 +174,7 @@ def timed(chain: Chain, speeds: FloatArray) -> tuple[Trajectory, list[int]]:
         if length < TINY:
             _spin(writer, start, end, chain.omega, i)
             continue
-        first, last = _reach(chain, speeds, i), _reach(chain, speeds, i + 1)
+        first, last = (_reach(chain, speeds.tolist(), k) for k in (i, i + 1))
         _straight(writer, chain, i, first, last, speeds)
         if speeds[i + 1] > 0 and last > TINY:
             _blend(writer, chain, i + 1, last, float(speeds[i + 1]))
@@ -268,7 +269,7 @@ def chain_time(nodes: FloatArray, body: Body) -> float:
         if length < TINY:
             total += abs(float(nodes[i + 1, 2] - nodes[i, 2])) / chain.omega
             continue
-        first, last = _reach(chain, speeds, i), _reach(chain, speeds, i + 1)
+        first, last = (_reach(chain, speeds.tolist(), k) for k in (i, i + 1))
         free = max(float(length) - first - last, 0.0)
         ends = float(speeds[i]), float(speeds[i + 1])
         total += sum(profile(free, *ends, float(chain.tops[i]), chain.a)[1:])

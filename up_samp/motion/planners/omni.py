@@ -66,7 +66,8 @@ class PlanarSettings:
     """Effort of the planar planner: the searches, in the order in which they are tried, ``finer``
     ones where the others find nothing.
     ``roundabout``: what takes longer than so many times the shortest way of a disc is sought from
-    its goal as well, where the steps fall elsewhere. ``tries``: how often a way is cut short by
+    its goal as well, where the steps fall elsewhere. ``soon``: nodes expanded, after which it is
+    looked whether the goal is enclosed, with as many. ``tries``: how often a way is cut short by
     ``rounds`` random shortcuts; the fastest counts. ``shifts`` (inner radii): by how much corners
     are pushed outwards.
     """
@@ -79,6 +80,7 @@ class PlanarSettings:
         PlanarGrain(0.25, 36, 400_000),
         PlanarGrain(0.5, 24, 60_000, cell=0.02),
     )
+    soon: int = 1000
     rounds: int = 600
     shifts: tuple[float, ...] = (0.25, 1.0, 0.5, 0.125)
     roundabout: float = 1.15
@@ -181,15 +183,20 @@ class PlanarPlanner:
         budget: WorkBudget,
         grains: Sequence[PlanarGrain],
     ) -> Leg:
-        """Return a motion by searches from the start."""
+        """Return a motion by searches from the start. One whose steps do not lead out of a nook
+        around the goal has its turn after all others: it would look everywhere else first.
+        """
         reason = OUT_OF_TIME
-        for k, grain in enumerate(grains):
+        enclosed: list[PlanarGrain] = []
+        for k, grain in enumerate(itertools.chain(grains, enclosed)):
             if k > 0 and budget.spent():
                 break
             shape = shape.finer if grain.tight else shape
-            nodes, dry = self._search(query, shape, grain, budget)
+            nodes, why = self._search(query, shape, grain, budget, wholly=k >= len(grains))
             if nodes is None:
-                reason = DRY if dry else STUCK
+                reason = why
+                if not why:
+                    enclosed.append(grain)
                 continue
             found = min(self._short(query, shape, nodes), key=_duration, default=None)
             if found is not None:
@@ -210,31 +217,41 @@ class PlanarPlanner:
                 yield found[0], chain
 
     def _search(
-        self, query: LegQuery, shape: Shape, grain: PlanarGrain, budget: WorkBudget
-    ) -> tuple[FloatArray | None, bool]:
-        """Run A* at one resolution; return the chain or None, and whether it ran dry."""
-        origin, target = (np.array(p[:3], dtype=np.float64) for p in (query.start, query.goal))
-        turn = math.remainder(target[2] - origin[2], 2 * math.pi)
-        way = float(target[0] - origin[0]), float(target[1] - origin[1]), turn
-        if straight_free(self.scene.world(shape, query.obstacles), _floats(origin), way):
-            return np.array([origin, [target[0], target[1], origin[2] + turn]]), False
-        problem = self._problem(query, shape, grain)
-        tree = hybrid.new_tree(grain.nodes)
-        hybrid.plant(tree, origin)
-        state = 0
+        self,
+        query: LegQuery,
+        shape: Shape,
+        grain: PlanarGrain,
+        budget: WorkBudget,
+        wholly: bool = False,
+    ) -> tuple[FloatArray | None, str]:
+        """Run A* at one resolution; return the chain, or None and why. If none is found soon, one
+        from the goal is sought as long: steps from there fall elsewhere, and lead through a gap
+        that these miss. If they do not even lead out of a nook, there is no why, unless all is to
+        be searched ``wholly``.
+        """
+        turn = math.remainder(query.goal[2] - query.start[2], 2 * math.pi)
+        ends = np.array([query.start[:3], (*query.goal[:2], query.start[2] + turn)])
+        world = self.scene.world(shape, query.obstacles)
+        if straight_free(world, _floats(ends[0]), _floats(ends[1] - ends[0])):
+            return ends, ""
+        soon, problem = self.settings.soon, self._problem(query, shape, grain)
+        tree = _planted(query, grain.nodes)
+        state = _grown(tree, problem, budget, soon)
+        if state == 0 and not wholly and not budget.spent():
+            turned = replace(query, start=query.goal, goal=query.start)
+            back = _planted(turned, min(grain.nodes, 40 * soon))
+            met = _grown(back, self._problem(turned, shape.turned, grain), budget, soon)
+            if met == 1:
+                rows = _chain(back, turned)[::-1].copy()
+                rows[:, 2] += ends[0, 2] - rows[0, 2]  # whole turns
+                return rows, ""
+            if met == 2:
+                return None, ""
         while state == 0 and not budget.spent():
-            before = int(tree.counters[2])
-            state = expand_planar(tree, problem, 4000)  # between two looks at the clock
-            budget.used += int(tree.counters[2]) - before
+            state = _grown(tree, problem, budget, 4000)  # between two looks at the clock
         if state != 1:
-            return None, state == 2
-        rows, node = [target.copy()], int(tree.counters[3])
-        while node >= 0:
-            rows.append(tree.nodes[node, :3].copy())
-            node = int(tree.links[node, 0])
-        rows.reverse()
-        rows[-1][2] = rows[-2][2] + math.remainder(target[2] - rows[-2][2], 2 * math.pi)
-        return np.array(rows), False
+            return None, DRY if state == 2 else STUCK
+        return _chain(tree, query), ""
 
     def _problem(self, query: LegQuery, shape: Shape, grain: PlanarGrain) -> hybrid.PoseSearch:
         """Return what one search is about, at one resolution."""
@@ -294,6 +311,32 @@ class PlanarPlanner:
                 i += len(trial) - len(nodes)
                 nodes, motion = trial, faster[0]
         return motion, nodes
+
+
+def _planted(query: LegQuery, nodes: int) -> hybrid.Tree:
+    """Return a search tree of so many nodes at most, with the start of a leg."""
+    tree = hybrid.new_tree(nodes)
+    hybrid.plant(tree, np.array(query.start[:3], dtype=np.float64))
+    return tree
+
+
+def _grown(tree: hybrid.Tree, problem: hybrid.PoseSearch, budget: WorkBudget, most: int) -> int:
+    """Expand up to so many nodes; return what :func:`expand_planar` does."""
+    before = int(tree.counters[2])
+    state = int(expand_planar(tree, problem, most))
+    budget.used += int(tree.counters[2]) - before
+    return state
+
+
+def _chain(tree: hybrid.Tree, query: LegQuery) -> FloatArray:
+    """Return the nodes from the start of a leg to its goal that a search has reached (n, 3)."""
+    rows, node = [np.array(query.goal[:3], dtype=np.float64)], int(tree.counters[3])
+    while node >= 0:
+        rows.append(tree.nodes[node, :3].copy())
+        node = int(tree.links[node, 0])
+    rows.reverse()
+    rows[-1][2] = rows[-2][2] + math.remainder(rows[-1][2] - rows[-2][2], 2 * math.pi)
+    return np.array(rows)
 
 
 def _duration(way: Way) -> float:
