@@ -519,7 +519,7 @@ class Path:
         may[-1] = may[-2]
         return np.maximum.accumulate(np.where(may, np.arange(self.cells + 2), 0))
 
-    @property
+    @cached_property
     def heeds_stops(self) -> bool:
         """Whether it leads through zones in which nobody stops."""
         return bool(np.any(self.entries != np.arange(len(self.entries))))

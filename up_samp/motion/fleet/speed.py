@@ -177,6 +177,21 @@ def _most(way: TunedPath, can: DriveLimits) -> IntArray:
     return most
 
 
+@inner
+def _to_go(way: TunedPath, can: DriveLimits, most: IntArray) -> FloatArray:
+    """Return the least time (s) from each vertex to rest at the end, at speed levels of at most
+    ``most``.
+    """
+    m = len(way.edges) - 1
+    left = np.zeros(m + 1)
+    for i in range(m, 0, -1):
+        ds = way.edges[i] - way.edges[i - 1]
+        v0 = speed_of(min(most[i - 1], most[i] + 1), can, ds)
+        v1 = speed_of(min(most[i], most[i - 1] + 1), can, ds)
+        left[i - 1] = left[i] + (_crossing(v0, v1, can.a, ds) if v0 + v1 > 0.0 else ds / can.v)
+    return left
+
+
 @kernel
 def reachable(
     way: TunedPath, can: DriveLimits, safe: TimeSets, release: float, horizon: float
@@ -184,7 +199,7 @@ def reachable(
     """Return when vertices can be reached: set ``i * width + k`` is that of (vertex i, level k),
     each vertex's last one that of level 0 *with* waiting.
 
-    What cannot arrive until ``horizon`` (s) even at top speed from there is left out.
+    What cannot arrive until ``horizon`` (s) even at the highest speeds from there is left out.
     """
     edges = way.edges
     m = len(edges) - 1
@@ -200,9 +215,10 @@ def reachable(
             used = 1
     index[width] = used
     lo, hi = np.empty(8 * MOST), np.empty(8 * MOST)
+    to_go = _to_go(way, can, most)
     for i in range(1, m + 1):
         ds, cap = edges[i] - edges[i - 1], most[i]
-        latest = horizon - (edges[m] - edges[i]) / can.v
+        latest = horizon - to_go[i] + SAME_TIME
         cell = Cell(ds, times_of(safe, i), latest, way.held[i - 1])
         for k in range(width):
             count = 0

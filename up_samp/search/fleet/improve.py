@@ -51,7 +51,7 @@ _STUCK_SOONER = 20.0
 _ORDERS = 12
 """Of the robots, for whole tours; who finds no tour goes first in the next one."""
 # better tours
-AGAIN_DEALT = 6
+AGAIN_DEALT = 2
 """Shares of the jobs in a row that bring nothing, before the tours of the best are changed."""
 _STEEP = 12.0
 """Power of a tour's end that counts in those."""
