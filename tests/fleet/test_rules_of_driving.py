@@ -15,6 +15,7 @@ from up_samp.geometry.maps import write_map
 from up_samp.io.files import read_plan
 from up_samp.model import UnsupportedError
 from up_samp.operate.planner import check_site
+from up_samp.plotting import places_of
 from up_samp.validation import validate_plan
 from up_samp.validation.tracks import pieces_of
 
@@ -139,6 +140,12 @@ def test_robots_are_slow_where_a_zone_says_so_and_every_file_says_it(tmp_path):
     broken = validate_plan(fleet.problem, other.plan).violations
     assert {v.kind for v in broken} >= {"zone-speed"}
     assert any(v.activities and v.objects and v.time is not None for v in broken)
+
+
+def test_where_a_zone_lies_is_no_place_to_be_named(tmp_path):
+    fleet = hall(tmp_path)
+    fleet.add_zone("around", [(1, 1.5), (3, 1.5), (3, 3.5), (1, 3.5)], v_max=0.5)
+    assert set(places_of(fleet.problem)) == {"west", "north", "east"}
 
 
 def test_who_is_late_is_slow_in_zones_all_the_same(tmp_path):

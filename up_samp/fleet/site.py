@@ -316,7 +316,7 @@ class Site:
 
     def _area(self, area: Placed, floor: str) -> MovableObject:
         x, y, heading = area.pose
-        here = self._pose(f"{area.name}.here", (x, y, heading), floor)
+        here = self._pose(f"{area.name}{MARK}here", (x, y, heading), floor)
         return self._fixture(area.name, area.body.footprint, here, AREA)
 
     def _zones(self) -> None:
