@@ -194,6 +194,9 @@ def add_import(parser: argparse.ArgumentParser) -> None:
 def _import(args: argparse.Namespace) -> int:
     from up_samp.fleet.importers import Options, import_file
 
+    file = args.out / "problem.yaml"
+    if file.exists():
+        raise ProblemError(f"'{file}' is there already; name another folder")
     options = Options(args.cell, args.map, args.robots, args.jobs)
     found = import_file(args.source, args.out, args.kind, options)
     for note in found.notes:

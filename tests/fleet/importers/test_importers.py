@@ -339,6 +339,16 @@ def test_layers_of_an_svg_drawing(tmp_path):
     assert [state_at(site, *at) for at in free] == ["free"] * 5
 
 
+def test_a_problem_file_that_is_there_is_not_written_over(tmp_path, capsys):
+    command = ["import", str(SAMPLES / "small.lif.json"), "--out", str(tmp_path)]
+    assert main(command) == 0
+    mine = tmp_path / "problem.yaml"
+    mine.write_text("mine")
+    assert main(command) == 2
+    assert f"'{mine}' is there already; name another folder" in capsys.readouterr().err
+    assert mine.read_text() == "mine"
+
+
 def test_a_zone_that_is_not_closed_is_refused(tmp_path):
     pytest.importorskip("svgelements")
     text = (SAMPLES / "layers.svg").read_text().replace("<polygon", "<polyline")
