@@ -17,6 +17,7 @@ def planned(tmp_path_factory):
     fleet.add_place("d", 12, 3)
     fleet.add_order("o0", "a", "d")
     fleet.add_order("o1", "b", "c")
+    fleet.add_zone("slow", [(0.2, 0.2), (0.6, 0.2), (0.6, 0.6)], v_max=0.5)
     fleet.save(folder / "problem.yaml")
     assert main(["solve", str(folder / "problem.yaml"), "--first", "--out", str(folder)]) == 0
     return folder
@@ -30,7 +31,8 @@ def test_the_rest_begins_where_robots_stop(planned, tmp_path, capsys):
     assert go_on(planned, "--at", "8", "--first", "--out", str(tmp_path)) == 0
     said = capsys.readouterr()
     assert "valid: the independent validator" in said.out
-    assert "s of its clock" in said.err
+    told = said.err.partition("s of its clock\n")[2].splitlines()
+    assert [line.split()[0] for line in told if " at (" in line] == ["r0", "r1"]
     before, after = read_plan(planned / "plan.json"), read_plan(tmp_path / "plan.json")
     homes = {o["name"]: o["initial"] for o in before["objects"]}
     here = {o["name"]: o["initial"] for o in after["objects"]}

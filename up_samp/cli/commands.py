@@ -34,6 +34,7 @@ from up_samp.execution import Surprise, dependency_faults, remaining_at
 from up_samp.execution.check import check_motions, refuse
 from up_samp.export import FORMATS, export_plan
 from up_samp.io import read_plan
+from up_samp.io.plan_dict import AREA
 from up_samp.model import ProblemError
 from up_samp.model.errors import short
 from up_samp.system.files import check_folder
@@ -290,7 +291,8 @@ def _go_on(args: argparse.Namespace) -> int:
     _settle(fleet_of(args.problem, {}), args)
     since = left.since * args.seconds_per_unit
     print(f"what is left of {args.plan}: 0 is {since:g} s of its clock", file=sys.stderr)
-    for name, pose in left.poses.items():
+    things = {n: p for n, p in left.poses.items() if left.problem.object(n).type.name != AREA}
+    for name, pose in things.items():
         print(f"  {name} at ({', '.join(f'{v:.2f}' for v in pose)})", file=sys.stderr)
     for note in left.notes:
         print(f"  {note}", file=sys.stderr)
