@@ -194,3 +194,5 @@ def test_robots_cost_what_their_type_says():
     assert pair({"cost": 1}).solve(timeout=60).costs["cost"] == 0
     with pytest.raises(FleetError, match="cost: say what robots cost, as costs of a type"):
         hall({"cost": 1}).solve(timeout=60)
+    with pytest.raises(FleetError, match="energy: say what drives take, as battery of a type"):
+        hall({"energy": 1}).solve(timeout=60)

@@ -612,16 +612,20 @@ def _shape_fault(outline: Outline) -> str | None:
 
 
 def _weights(records: FleetRecords) -> Iterator[Fault]:
-    """An objective of several terms weighs one of them at least, and knows what robots cost; of
-    several, no two weigh the same.
+    """An objective of several terms weighs one of them at least, and knows what robots cost and
+    what drives take from batteries; of several, no two weigh the same.
     """
     free = not any(kind.costs for kind in records.robot_types.values())
+    endless = not any(kind.battery for kind in records.robot_types.values())
     listed, seen = isinstance(records.objective, tuple), []
     for number, weights in enumerate(records.weighed):
         path: Path = ("objective", number) if listed else ("objective",)
         if weights.cost and free:
             text = "say what robots cost, as costs of a type: {used: 20, per_km: 0.5, per_hour: 3}"
             yield Fault((*path, "cost"), text)
+        if weights.energy and endless:
+            text = "say what drives take, as battery of a type: {capacity: 300, per_metre: 1}"
+            yield Fault((*path, "energy"), text)
         if not any(vars(weights).values()):
             text = f"give a weight above 0 to one of {', '.join(vars(weights))}, or say none"
             yield Fault(path, text)
