@@ -13,7 +13,7 @@ fleet = Fleet(Path(__file__).parent / "maps" / "two_rooms.yaml", name="paint_sho
 fleet.add_robot_type(
     "cart", footprint=(1.0, 0.7), model="diff", v_max=1.5, omega_max=1.5, pivoting="never"
 )
-fleet.add_zone("gateway", [(13.5, 6), (16.5, 6), (16.5, 10), (13.5, 10)], stopping="never")
+fleet.add_zone("gateway", [(13.5, 2), (16.5, 2), (16.5, 6), (13.5, 6)], stopping="never")
 for name, x, y in (("home1", 3, 3), ("home2", 3, 13), ("store", 25, 4), ("shipping", 25, 12)):
     fleet.add_place(name, x, y)
 fleet.add_place("booth_in", 6, 5, room=1)

@@ -1,9 +1,11 @@
 """Every example solves, as its docstring says."""
 
 import json
+import runpy
 from pathlib import Path
 
 import pytest
+from shapely.geometry import LineString, Polygon
 
 from up_samp.cli import main
 
@@ -56,6 +58,16 @@ def test_two_robots_pass_each_other_in_the_bay(tmp_path, capsys):
     plan = has_a_valid_plan(ROOT / "examples" / "passing_place.py", tmp_path, capsys)
     highest = max(row[2] for motion in plan["motions"] for row in motion["samples"])
     assert highest > 3.0  # the corridor's middle is at 2.0 m
+
+
+@pytest.mark.long
+def test_carts_of_the_paint_shop_drive_through_the_gateway(tmp_path, capsys):
+    example = ROOT / "examples" / "paint_shop.py"
+    gateway = Polygon(runpy.run_path(str(example))["fleet"].records.zones["gateway"].polygon)
+    between = gateway.intersection(LineString([(15, 0), (15, 16)]))  # where the wall is
+    plan = has_a_valid_plan(example, tmp_path, capsys)
+    ways = [LineString([r[1:3] for r in m["samples"]]) for m in plan["motions"]]
+    assert any(way.intersects(between) for way in ways)
 
 
 def test_there_are_examples():
