@@ -122,7 +122,7 @@ IDEAS: Mapping[str, str] = {
     "profiles": "pairs of motions that meet learned for whole ranges of start offsets",
     "incumbents": "candidate schedules repaired into plans",
     "slack": "motions given what time the candidate's makespan leaves them",
-    "tidy": "optional motions that nothing needs left out of the plan that is returned",
+    "tidy": "motions that nothing needs, and waits, left out of the plan that is returned",
     "single_geometric": "layer 1, geometric: a path for each motion alone, first",
     "single_temporal": "layer 1, temporal: a duration for each motion alone, first",
 }

@@ -22,6 +22,7 @@ from up_samp.search.facts import Facts, just_this
 from up_samp.search.fleet.improve import in_order, in_order_at_last
 from up_samp.search.params import IDEAS, Parameters
 from up_samp.search.resolve import (
+    begin_soon,
     least_work,
     prune_motions,
     repair_durations,
@@ -114,7 +115,7 @@ def components_of(params: Parameters, *, native: bool) -> Components:
             )
         ),
         improvers=tuple(parts("improvers").values()),
-        finishers=with_ideas(((prune_motions, ("tidy",)),)),
+        finishers=with_ideas(((prune_motions, ("tidy",)), (begin_soon, ("tidy",)))),
         learns="refine" in ideas,
     )
 

@@ -11,6 +11,7 @@ where motions are driven tells it what they turned out to need, see ``until_driv
 | ``least_work`` | the same, activities open | few motions | the same |
 | ``slack`` | no later end | time left for motions | |
 | ``prune_motions`` | no later end, motions optional | few motions | the same, or: some are needed |
+| ``begin_soon`` | no later end | early starts | the time that they need |
 | ``begin_near`` | | near the old times | |
 """
 
@@ -18,7 +19,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 
 from unified_planning.model.metrics import Oversubscription
 from unified_planning.model.scheduling import Activity, SchedulingProblem
@@ -44,8 +45,8 @@ Tell = Callable[[Itinerary, Check], bool]
 _REPAIR_STEPS, _REPAIR_EFFORT = 25, 0.4
 """Of scheduling anew and driving, where late motions get the time they need, and the effort for
 each (CP-SAT's deterministic time, like all efforts): a few seconds at most."""
-_STEPS = 12
-"""Of scheduling anew and driving, where motions are serialized or pruned."""
+_STEPS, _FEW_STEPS = 12, 4
+"""Of scheduling anew and driving, where motions are serialized or pruned, or only begin sooner."""
 STEP_EFFORT = 0.3
 """For one of these steps: some seconds at most."""
 _NEAR_EFFORT = 0.1
@@ -319,7 +320,7 @@ def _prefer(problem: SchedulingProblem, goals: dict[object, int], until: int) ->
     problem.add_quality_metric(Oversubscription(goals, problem.environment))
 
 
-# ------------------------------------------------------------------ needless motions
+# ------------------------------------------------------------------ needless motions and waits
 
 
 def prune_motions(search: Search, plan: Incumbent) -> Incumbent | None:
@@ -327,8 +328,9 @@ def prune_motions(search: Search, plan: Incumbent) -> Incumbent | None:
     a search.
 
     A makespan says nothing of moves that end before it: an idle robot may drive out, back and out
-    again. Among the plans with some of the same motions, no later end, the same decisions and all
-    else that is present, the one with the fewest motions is sought, then with the least driving.
+    again, or round by a place at which it has nothing to do. Among the plans with some of the same
+    motions, or one in place of several in a row, no later end, the same decisions and all else that
+    is present, the one with the fewest motions is sought, then with the least driving.
     Its motions are checked and the plan is validated like any other.
     """
     search.tell.stage(Phase.TIDY)
@@ -338,10 +340,11 @@ def prune_motions(search: Search, plan: Incumbent) -> Incumbent | None:
         return None
     problem = _with_motions_optional(relaxation, plan.schedule, weights, plan.schedule.makespan)
     small = Subproblem(search, problem, STEP_EFFORT)
+    present = weights.keys() & plan.schedule.times.keys()
 
     def again(near: CandidateSchedule) -> CandidateSchedule | None:
         found = small.schedule(near)
-        return found if found is not None and weights.keys() - found.times.keys() else None
+        return found if found is not None and present - found.times.keys() else None
 
     def tell(itinerary: Itinerary, check: Check) -> bool:
         if check.needed and not check.failed:
@@ -356,9 +359,44 @@ def prune_motions(search: Search, plan: Incumbent) -> Incumbent | None:
     return None if better is None or search.judged(better.plan) else better
 
 
+def begin_soon(search: Search, plan: Incumbent) -> Incumbent | None:
+    """Return a valid plan with the same activities that ends no later and in which most begin
+    sooner, if one is found: a makespan says nothing of waits that end before it.
+    """
+    relaxation, old = search.knowledge.relaxation, plan.schedule.times
+    if not only_makespan(relaxation.problem):
+        return None
+    search.tell.stage(Phase.TIDY)
+    problem = restrict(relaxation, plan.schedule)
+    manager = problem.environment.expression_manager
+    goals = {
+        manager.LE(a.start, old[a.name][0] - more): 1
+        for a in problem.activities
+        for more in _SLACK
+        if more <= old[a.name][0]
+    }
+    _prefer(problem, goals, plan.schedule.makespan)
+    small = Subproblem(search, problem, STEP_EFFORT)
+
+    def again(near: CandidateSchedule) -> CandidateSchedule | None:
+        found = small.schedule(near)
+        sooner = found is not None and sum(s - found.times[n][0] for n, (s, _) in old.items()) > 0
+        return found if sooner else None
+
+    def tell(itinerary: Itinerary, check: Check) -> bool:
+        if check.failed or not check.needed:
+            return False
+        small.last_at_least(itinerary, check)
+        return True
+
+    better = until_driven(search, plan.schedule, again, tell, steps=_FEW_STEPS)
+    return None if better is None or search.judged(better.plan) else better
+
+
 def _worth_of_leaving_out(relaxation: Relaxation, schedule: CandidateSchedule) -> dict[str, int]:
     """Return what leaving out each present optional motion is worth: one motion more than all
-    driving, one unit of driving more than all changes without motions.
+    driving, one unit of driving more than all changes without motions; and each motion that leads
+    where several of these lead.
     """
     present = schedule.times
     optional = {a.name for a in relaxation.problem.activities if a.optional} & set(present)
@@ -367,7 +405,27 @@ def _worth_of_leaving_out(relaxation: Relaxation, schedule: CandidateSchedule) -
     unit = len(changes) + 1
     lengths = {n: (present[n][1] - present[n][0]) * unit for n in drives}
     most = sum(lengths.values()) + unit
-    return {n: most + lengths[n] for n in drives} | dict.fromkeys(changes, 1)
+    worth = {n: most + lengths[n] for n in drives} | dict.fromkeys(changes, 1)
+    return dict.fromkeys(_shortcuts(relaxation, schedule, drives), most) | worth
+
+
+def _shortcuts(
+    relaxation: Relaxation, schedule: CandidateSchedule, drives: Collection[str]
+) -> Iterator[str]:
+    """Yield optional motions that lead from where some of the ``drives`` of a candidate begins to
+    where one of the next two of the same object ends.
+    """
+    present = schedule.times
+    optional = {a.name for a in relaxation.problem.activities if a.optional} - present.keys()
+    for tasks in relaxation.snapshot.by_object.values():
+        ends = {t.activity: (t.terms[0], t.terms[-1]) for t in tasks}
+        mine = sorted(ends.keys() & set(drives), key=lambda name: present[name])
+        wanted = {
+            (ends[one][0], ends[then][1])
+            for i, one in enumerate(mine)
+            for then in mine[i + 1 : i + 3]
+        }
+        yield from (name for name, pair in ends.items() if name in optional and pair in wanted)
 
 
 def _with_motions_optional(

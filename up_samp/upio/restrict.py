@@ -27,9 +27,9 @@ def restrict(
 ) -> SchedulingProblem:
     """Return the relaxation with all that was learned, with presence decided as in ``schedule``:
     present activities mandatory, others gone, motions between the same configurations. Those that
-    are ``free`` may be left out.
+    are ``free``, present or not, may be left out.
     """
-    problem = _restricted(relaxation, schedule.times.keys(), free)
+    problem = _restricted(relaxation, schedule.times.keys() | free, free)
     _keep_decisions(relaxation, problem, schedule)
     return problem
 
