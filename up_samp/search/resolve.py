@@ -361,10 +361,11 @@ def prune_motions(search: Search, plan: Incumbent) -> Incumbent | None:
 
 def begin_soon(search: Search, plan: Incumbent) -> Incumbent | None:
     """Return a valid plan with the same activities that ends no later and in which most begin
-    sooner, if one is found: a makespan says nothing of waits that end before it.
+    sooner, if one is found: a makespan says nothing of waits that end before it. (Without any
+    metric a plan is to be like the one that it began from.)
     """
     relaxation, old = search.knowledge.relaxation, plan.schedule.times
-    if not only_makespan(relaxation.problem):
+    if not relaxation.problem.quality_metrics or not only_makespan(relaxation.problem):
         return None
     search.tell.stage(Phase.TIDY)
     problem = restrict(relaxation, plan.schedule)
