@@ -6,7 +6,7 @@ import pytest
 
 from tests.fleet.test_rules import one_room, solved
 from up_samp.fleet import Fleet, FleetError
-from up_samp.fleet.spelled_out import in_numbers
+from up_samp.fleet.spelled_out import in_numbers, spelled_out
 
 
 def test_a_robot_starts_at_a_pose_of_its_own(tmp_path):
@@ -88,6 +88,40 @@ def test_what_recurs_is_as_many_jobs(tmp_path):
         assert result.costs == {"tardiness": 0}
     with pytest.raises(FleetError, match=r"the id 'tick_2' is taken by tasks\[0\]"):
         fleet.add_task("tick_2", "a", duration=1)
+
+
+def test_what_recurs_until_some_time_is_released_no_later(tmp_path):
+    fleet = one_room()
+    fleet.add_task("tick", "b", duration=2, repeat={"every": 0.1, "until": 5.3}, release=5)
+    fleet.add_task("tock", "c", duration=2, repeat={"every": 30, "times": 4}, after="tick")
+    tasks = spelled_out(Fleet.from_file(fleet.save(tmp_path / "p.json")).records).task_of
+    assert [tasks[f"tick{i}"].release for i in ("", "_2", "_3", "_4")] == pytest.approx(
+        [5.0, 5.1, 5.2, 5.3]
+    )
+    assert "tick_5" not in tasks
+    assert tasks["tock_3"].after == ("tick_3",)  # they recur as often
+    fleet.add_task("once", "b", duration=2, repeat={"every": 30, "until": 29})
+    assert "once_2" not in spelled_out(fleet.records).task_of
+    (tmp_path / "orders.csv").write_text(
+        "id;pickup;delivery;repeat.every;repeat.until\nbin;a;b;20;60\n"
+    )
+    text = fleet.save(tmp_path / "p.json").read_text()
+    (tmp_path / "p.json").write_text(text.replace("{", '{"orders": "orders.csv",', 1))
+    assert len(spelled_out(Fleet.from_file(tmp_path / "p.json").records).orders) == 4
+
+
+@pytest.mark.parametrize(
+    ("repeat", "what"),
+    [
+        ({"every": 9}, r"repeat: say how often .*times.*until.* one of the two"),
+        ({"every": 9, "times": 2, "until": 30}, r"repeat: say how often .* one of the two"),
+        ({"every": 9, "until": 4}, r"repeat: ends at 4 s, before the first one .* at 5 s"),
+        ({"every": 1e-6, "until": 1e9}, r"more than 1000 times .* limit of repeats"),
+    ],
+)
+def test_until_when_something_recurs_is_said_in_one_way_and_bounded(repeat, what):
+    with pytest.raises(FleetError, match=what):
+        one_room().add_task("tick", "b", duration=2, release=5, repeat=repeat)
 
 
 def test_what_came_last_goes_first():

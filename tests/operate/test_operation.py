@@ -98,6 +98,10 @@ def test_an_order_begins_no_earlier_than_it_is_released_and_recurs(tmp_path):
         with pytest.raises(ProblemError, match="'bin' is done: it cannot be changed"):
             day.order("bin", "shelf1", "dock0", repeat={"every": 60.0, "times": 3})
         assert "bin_3" not in day.operation.jobs
+        with pytest.raises(FleetError, match=r"one of the two"):
+            day.order("can", "shelf0", "dock0", repeat={"every": 60.0})
+        day.order("can", "shelf0", "dock0", release=500, repeat={"every": 60.0, "until": 600.0})
+        assert [name for name in day.operation.jobs if "can" in name] == ["can", "can_2"]
     finally:
         day.operation.close()
 

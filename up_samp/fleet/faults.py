@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import itertools
+import math
 import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -33,6 +34,7 @@ from up_samp.fleet.records import (
     Mode,
     Order,
     Place,
+    Repeat,
     Resource,
     Robot,
     RobotType,
@@ -43,7 +45,7 @@ from up_samp.fleet.records import (
     carries,
     needs_robot,
 )
-from up_samp.fleet.spelled_out import ids_of, with_places
+from up_samp.fleet.spelled_out import how_often, ids_of, with_places
 from up_samp.model import ProblemError
 from up_samp.model.bodies import same_pose
 
@@ -187,6 +189,11 @@ def _shortcut(resource: Resource) -> bool:
     return any(lasts(a, via) + lasts(via, b) < lasts(a, b) for a, via, b in ways)
 
 
+def _until(again: Repeat) -> float:
+    """Return when a job that recurs is released at the latest (s)."""
+    return math.inf if again.until is None else again.until
+
+
 def _lengths(task: Task) -> list[float]:
     """Return how long a task may last (s)."""
     modes = [mode.duration for mode in task.modes.values()]
@@ -255,6 +262,13 @@ RULES: tuple[tuple[type, str, Callable[[Any], object], str], ...] = (
      "is none of the kinds that it is set up for"),
     (Resource, "setup", lambda r: _shortcut(r),
      "takes longer from one kind to another than by way of a third one; say all set-ups"),
+    (Repeat, "", lambda r: (r.times is None) == (r.until is None),
+     "say how often it comes (times), or until when it is released (until, in s): one of the two"),
+    (FleetJob, "repeat", lambda j: j.repeat and _until(j.repeat) < j.release,
+     "ends at {0.repeat.until:g} s, before the first one is released at {0.release:g} s"),
+    (FleetJob, "repeat", lambda j: how_often(j) > FILE_LIMITS.repeats,
+     f"comes more than {FILE_LIMITS.repeats} times until {{0.repeat.until:g}} s; the limit of "
+     "repeats is that, so say a longer every or an earlier until"),
     (FleetJob, "after", lambda j: j.id in j.after, "'{0.id}' cannot come after itself"),
     (Order, "together", lambda o: {o.id} & {*o.together} or len({*o.together}) < len(o.together),
      "name the other orders that '{0.id}' is carried with, each once"),

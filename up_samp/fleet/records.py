@@ -445,11 +445,14 @@ class Attached:
 
 @dataclass(frozen=True)
 class Repeat:
-    """So many times (``times``, the first counted), once ``every`` so many s."""
+    """Once ``every`` so many s: so many times (``times``, the first counted), or as long as it is
+    released no later than ``until`` (s). One of the two is said.
+    """
 
     __pydantic_config__ = STRICT
     every: Seconds
-    times: Annotated[int, Ge(2), Le(FILE_LIMITS.repeats), NUMBER]
+    times: Annotated[int, Ge(2), Le(FILE_LIMITS.repeats), NUMBER] | None = None
+    until: Moment | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

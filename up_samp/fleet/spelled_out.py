@@ -10,7 +10,8 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from up_samp.fleet.fields import Windows
-from up_samp.fleet.records import FleetRecords, Order, Place, Stop, Task
+from up_samp.fleet.limits import FILE_LIMITS
+from up_samp.fleet.records import FleetJob, FleetRecords, Order, Place, Stop, Task
 
 
 def spelled_out(records: FleetRecords) -> FleetRecords:
@@ -58,7 +59,7 @@ def stop_of(lift: str, floor: str, spot: int = 0) -> str:
 
 def without_repeats(records: FleetRecords) -> FleetRecords:
     """Return the records in which each job is done once: those that recur are as many jobs."""
-    times = {j.id: j.repeat.times for j in records.jobs if j.repeat is not None}
+    times = {j.id: how_often(j) for j in records.jobs if j.repeat is not None}
     if not times:
         return records
     orders = tuple(copy for order in records.orders for copy in _copies(order, times))
@@ -71,9 +72,20 @@ def numbered(job: str, number: int) -> str:
     return job if number == 1 else f"{job}_{number}"
 
 
+def how_often(job: FleetJob) -> int:
+    """Return how many jobs a job stands for; of too many one more than there may be."""
+    again = job.repeat
+    if again is None:
+        return 1
+    if again.until is None:
+        return again.times or 1
+    later = (again.until - job.release) / again.every
+    return 1 + int(min(max(0.0, later + FILE_LIMITS.least), FILE_LIMITS.repeats))
+
+
 def ids_of(job: Order | Task) -> list[str]:
     """Return the ids of the jobs that a job stands for: its own, where it does not recur."""
-    return [numbered(job.id, n) for n in range(1, 1 + (job.repeat.times if job.repeat else 1))]
+    return [numbered(job.id, n) for n in range(1, 1 + how_often(job))]
 
 
 def _copies(job: Order | Task, times: Mapping[str, int]) -> list[Any]:
@@ -82,7 +94,7 @@ def _copies(job: Order | Task, times: Mapping[str, int]) -> list[Any]:
     """
     if job.repeat is None:
         return [job]
-    most, every = job.repeat.times, job.repeat.every
+    most, every = how_often(job), job.repeat.every
 
     def named(name: str, number: int) -> str:
         return numbered(name, number) if times.get(name) == most else name

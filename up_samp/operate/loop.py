@@ -166,12 +166,12 @@ class Operation(Day):
             record = record_of(record)
         check_job(record)
         self._note_begun()
+        check_fits(self.site, record)
         every = each_time(record)
         for one in every:
             known = self.jobs.get(one.id)
             if known is not None and known.state not in (OrderState.WAITING, OrderState.PLANNED):
                 raise ProblemError(f"'{one.id}' is {known.state.value}: it cannot be changed")
-            check_fits(self.site, one)
         first, *_ = [self._take_in(one) for one in every]
         return first
 
