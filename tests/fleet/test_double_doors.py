@@ -61,3 +61,20 @@ def test_one_leaf_alone_does_not_let_anybody_through():
     assert "only once door 'gate' is open" in notes
     with pytest.raises(UnsupportedError, match="'gate' has two leaves"):
         check_site(fleet.records)
+
+
+def test_messages_say_the_other_leaf():
+    fleet = Fleet(MAPS / "two_rooms.yaml")
+    fleet.add_robot_type("agv", (1.0, 0.7), model="diff", v_max=2.0)
+    for name, x, y in (("home", 12, 3), ("button", 11, 5), ("there", 19, 4), ("near", 14.2, 2)):
+        fleet.add_place(name, x, y)
+    fleet.add_robot("r", "agv", "home")
+    fleet.add_robot("q", "agv", "near")
+    slides = ([15, 3, 0], [14.2, 1.5, 0])  # into the robot that stands there
+    fleet.add_door("gate", LEAF, *UPPER, opened_from="button", second=slides)
+    fleet.add_task("look", at="there", duration=2, robots="r")
+    told = []
+    result = fleet.solve(timeout=5, progress=lambda event: told.append(event.message))
+    texts = [result.explain(), *told]
+    assert any("the other leaf of gate" in text for text in texts)
+    assert not any("@" in text for text in texts)

@@ -3,10 +3,13 @@
 from pathlib import Path
 
 import pytest
+from matplotlib.text import Text
 from shapely.geometry import Polygon
 
+from up_samp.cli.progress import schedule_table
 from up_samp.fleet import Fleet, FleetError
 from up_samp.fleet.checks import Level
+from up_samp.plotting import animation_html, places_of
 from up_samp.plotting.tracks import tracks_of
 from up_samp.validation import validate_plan
 
@@ -39,6 +42,20 @@ def solved(fleet):
 def shapes_at(result, when):
     tracks = tracks_of(result.data)
     return {t.name: Polygon(t.outline(t.at(when))) for t in tracks if t.at(when) is not None}
+
+
+@pytest.mark.parametrize("order", ["steel", "s" * 75])
+def test_people_read_names_as_they_gave_them(order):
+    fleet = floor()
+    fleet.add_order(order, "a", "d", attached={"footprint": PALLET})
+    result = fleet.solve(first_plan=True)
+    read = [schedule_table(result.data), animation_html(result.data).partition("const scene")[2]]
+    for ax in (result.map(), result.gantt()):
+        read += [text.get_text() for text in ax.figure.findobj(Text)]
+    texts = "\n".join(read)
+    assert "load of s" in texts
+    assert "@" not in texts
+    assert places_of(fleet.problem).keys() >= {"a", "d"}
 
 
 def test_a_pallet_rides_and_stands_where_it_was_put():

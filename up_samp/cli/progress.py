@@ -8,6 +8,7 @@ import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, TextIO
 
+from up_samp.model.errors import in_words
 from up_samp.plotting.tracks import tracks_of
 
 if TYPE_CHECKING:
@@ -53,8 +54,8 @@ def schedule_table(plan: dict[str, Any]) -> str:
                 str(entry["start"]),
                 str(entry["end"]),
                 str(entry["end"] - entry["start"]),
-                name + (f"({parameters})" if parameters else ""),
-                ", ".join([o for o, _ in moved] + changed),
+                in_words(name) + (f"({parameters})" if parameters else ""),
+                in_words(", ".join([o for o, _ in moved] + changed)),
                 ", ".join(f"{s:.1f} s" for o, s in moved if (name, o) not in loads),
             ]
         )

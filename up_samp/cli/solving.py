@@ -19,7 +19,7 @@ from unified_planning.shortcuts import OneshotPlanner
 from up_samp.cli.progress import Progress, schedule_table
 from up_samp.engines.factory import engine_named
 from up_samp.io import PlanDict, result_to_dict, write_plan
-from up_samp.model.errors import InterruptedSearch
+from up_samp.model.errors import InterruptedSearch, in_words
 from up_samp.model.objective import MinimizeCosts
 from up_samp.search.params import PRESETS
 from up_samp.system.files import check_folder, uninterrupted
@@ -235,7 +235,7 @@ def describe(verdict: Verdict) -> str:
         extra = "" if verdict.definition3 else "; not if effects are seen at once (Definition 3)"
         return f"valid: the independent validator found nothing wrong{extra}"
     lines = [f"INVALID: {len(verdict.violations)} violations"]
-    lines += [f"  {v.kind}: {v.what}" for v in verdict.violations]
+    lines += [f"  {v.kind}: {in_words(v.what)}" for v in verdict.violations]
     return "\n".join(lines)
 
 

@@ -15,7 +15,7 @@ from unified_planning.engines import (
 from unified_planning.plans import Plan
 
 from up_samp.model import Deadline, ScheduleStatus
-from up_samp.model.errors import short
+from up_samp.model.errors import in_words, short
 from up_samp.model.refinement import ABSOLUTE, RELATIVE, Layer
 from up_samp.search.params import Parameters
 from up_samp.upio.objective import MAKESPAN
@@ -76,6 +76,7 @@ def result_of(
         told = f"motions may be shorter than the planner's by {_most_shorter(search.history)}"
         messages.append(LogMessage(LogLevel.INFO, told))
     messages += [LogMessage(LogLevel.ERROR, told) for told in search.history.refuted]
+    messages = [replace(told, message=in_words(told.message)) for told in messages]
     result = SampResult(status, plan, name, metrics_of(params, search), messages)
     result.history = search.history
     return result

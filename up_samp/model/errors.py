@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import reprlib
 from typing import Any
 
@@ -47,6 +48,13 @@ def short(value: object, size: int = 80) -> str:
             return "a very large number"  # Python refuses to print numbers of many digits
         return repr(value)
     return _SHORT.repr(value)[:size]
+
+
+def in_words(text: str) -> str:
+    """Return a text with the names that ``Fleet`` makes (``second@gate``) as people say them. No
+    name that a user gives there has ``@`` or spaces, so what differs still does.
+    """
+    return re.sub(r"(?<=\w)@(?=\w)", " of ", re.sub(r"\bsecond@", "the other leaf of ", text))
 
 
 _SHORT = reprlib.Repr()

@@ -10,7 +10,7 @@ from matplotlib.patches import Patch, Rectangle
 
 from up_samp.plotting.gantt import timed_rows
 from up_samp.plotting.rows import Row, rows_of
-from up_samp.plotting.style import INK, OTHER, figure_axes, mixed
+from up_samp.plotting.style import INK, OTHER, figure_axes, mixed, with_short_names
 from up_samp.plotting.tracks import horizon
 
 WAIT = "#C1121F"
@@ -23,6 +23,7 @@ def plot_executed(plan: dict[str, Any], record: dict[str, Any]) -> Axes:
     ``plan`` is a plan dictionary, ``record`` that of a run (``Simulation.record``). The
     time axis is in seconds. Returns the axes of a new figure.
     """
+    plan, record = with_short_names(plan), with_short_names(record)
     planned = {row.name: row for row in rows_of(plan)}
     real = {row.name: row for row in rows_of(record)}
     names = list(planned)

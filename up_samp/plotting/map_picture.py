@@ -18,6 +18,7 @@ from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Bbox
 
 from up_samp.model.arrays import FloatArray
+from up_samp.model.errors import in_words
 from up_samp.model.frames import Frame
 from up_samp.plotting.background import Backdrop, ground_of
 from up_samp.plotting.gantt import title_of
@@ -199,7 +200,7 @@ def _labels_of(rules: Sequence[Zone], still: Sequence[ObjectTrack]) -> list[Plac
     named: dict[Corners, list[str]] = defaultdict(list)
     asked: dict[Corners, list[str]] = defaultdict(list)
     for track in still:
-        if track.area and track.initial is not None and "@" not in track.name:
+        if track.area and track.initial is not None and not _is_reach(track):
             named[corners_of(track.outline(track.initial))].append(track.name)
     for zone in rules:
         asked[corners_of(zone["polygon"])].append(told(zone))
@@ -210,6 +211,11 @@ def _labels_of(rules: Sequence[Zone], still: Sequence[ObjectTrack]) -> list[Plac
         if text:
             labels.append(label_of(text, np.array(sorted(corners)), WRONG))
     return labels
+
+
+def _is_reach(area: ObjectTrack) -> bool:
+    """Return whether an area is what a door sweeps (``reach@DOOR``), as its name in words says."""
+    return area.name.startswith(in_words("reach@_")[:-1])
 
 
 def _draw_rides(ax: Axes, track: ObjectTrack, step: float) -> None:
@@ -308,9 +314,7 @@ def _legend(
     rules: list[Zone],
 ) -> None:
     drives = [Line2D([], [], color=color_of(i), lw=2.4, label=t.name) for i, t in enumerate(movers)]
-    names = dict.fromkeys(
-        "what a door sweeps" if "@" in t.name else "zone" for t in still if t.area
-    )
+    names = dict.fromkeys("what a door sweeps" if _is_reach(t) else "zone" for t in still if t.area)
     areas = [Patch(fc=AREA_FILL, ec=WRONG, ls=":", label=name) for name in names]
     ruled = Patch(fc=AREA_FILL, label="rules of driving")
     lane = Patch(fc=LANE_FILL, label="preferred lane")

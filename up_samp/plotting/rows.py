@@ -111,6 +111,7 @@ def short_names(activity: str, row: str, *, motion: bool) -> tuple[str, ...]:
     text = " ".join(w for w in re.split(r"[\s_]+", words) if w) or activity
     names = [text]
     origin, _, goal = text.partition(" to ")
+    origin = origin.partition(" of ")[0]  # a place, where it is that of a load
     if motion and goal:
         names += [" ".join([*origin.split()[-1:], f"→ {goal}"]), f"→ {goal}", goal]
     return tuple(dict.fromkeys(names))

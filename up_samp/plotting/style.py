@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Annotation, Text
 from matplotlib.transforms import Bbox
 
+from up_samp.model.errors import in_words
 from up_samp.system.files import whole
 
 # ------------------ Colours that people with colour vision deficiency can tell apart
@@ -95,21 +96,21 @@ def saved(ax: Axes, path: Path) -> Path:
 
 
 def with_short_names(plan: dict[str, Any], most: int = 60) -> dict[str, Any]:
-    """Return a plan dictionary whose names can be drawn: those of more than ``most`` characters are
-    cut, and stay different.
+    """Return a plan dictionary whose names can be drawn: in words, and those of more than ``most``
+    characters cut, so that they stay different.
 
-    The plan itself is returned where all are short.
+    The plan itself is returned where all may stay.
     """
     named = [*plan["objects"], *plan["activities"]]
     texts = [plan["problem"], plan["engine"], plan["status"]]
     texts += [entry["name"] for entry in named] + [o["type"] for o in plan["objects"]]
-    longer = {t for t in texts if len(t) > most}
-    if not longer:
+    short = {t: in_words(t) for t in texts if in_words(t) != t and in_words(t) not in texts}
+    longer = {t for t in texts if len(short.get(t, t)) > most}
+    if not longer and not short:
         return plan
-    short: dict[str, str] = {}
     for i, text in enumerate(sorted(longer), 1):
-        short[text] = f"{text[: most - 6]}...{i}"
-    keys = ("name", "type", "object", "activity")
+        short[text] = f"{short.get(text, text)[: most - 6]}...{i}"
+    keys = ("name", "type", "object", "activity", "carrier", "for")
     return {
         **plan,
         **{k: short.get(plan[k], plan[k]) for k in ("problem", "engine", "status")},
@@ -118,7 +119,8 @@ def with_short_names(plan: dict[str, Any], most: int = 60) -> dict[str, Any]:
                 {k: short.get(v, v) if k in keys else v for k, v in entry.items()}
                 for entry in plan[part]
             ]
-            for part in ("objects", "activities", "motions", "changes")
+            for part in ("objects", "activities", "motions", "changes", "rides", "waits")
+            if part in plan
         },
     }
 

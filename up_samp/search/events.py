@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from up_samp.model import ScheduleReport, Violation
+from up_samp.model.errors import in_words
 from up_samp.model.refinement import Refinement
 from up_samp.search.history import History, ProgressEvent
 from up_samp.search.knowledge import Incumbent
@@ -135,7 +136,8 @@ class ProgressObserver(Observer):
     def _tell(self, state: State, phase: str, message: str) -> None:
         bounds = state.lower_bound, state.upper_bound
         named = state.measure.name, state.measure.sign
-        self.show(ProgressEvent(state.rounds, phase, message, *bounds, state.elapsed, *named))
+        text = in_words(message)
+        self.show(ProgressEvent(state.rounds, phase, text, *bounds, state.elapsed, *named))
 
     def on_stage(self, state: State, phase: Phase, name: str, count: int, total: int) -> None:
         """Show what begins."""
