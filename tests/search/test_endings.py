@@ -1,5 +1,10 @@
 """How searches end: what leaves no schedule is named, and proven where it can be."""
 
+import math
+import runpy
+from dataclasses import replace
+from pathlib import Path
+
 import pytest
 from unified_planning.engines import PlanGenerationResultStatus as Status
 from unified_planning.engines import ValidationResultStatus
@@ -186,3 +191,14 @@ def test_an_engine_is_not_believed_against_a_shorter_schedule(tmp_path):
     assert result.status is Status.SOLVED_SATISFICING
     assert int(result.metrics["lower_bound"]) <= 17 <= int(result.metrics["makespan"])
     assert "not believed" in result.log_messages[0].message
+
+
+def test_a_search_that_has_nothing_left_to_try_says_so_before_its_time_is_over():
+    fleet = runpy.run_path(str(Path(__file__).parents[2] / "examples" / "factory.py"))["fleet"]
+    fleet._hold(replace(fleet.records, objective="makespan"))
+    result = fleet.solve(timeout=90, patience=math.inf)
+    assert result.status == "SOLVED_SATISFICING", result.explain()
+    assert float(result.outcome.metrics["seconds_total"]) < 80
+    assert "nothing was left to try after" in result.explain()
+    first = fleet.solve(timeout=90, first_plan=True)
+    assert "left to try" not in first.explain()

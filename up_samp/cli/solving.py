@@ -86,7 +86,7 @@ def _add_ends(parser: argparse.ArgumentParser) -> None:
         default=None,
         metavar="SHARE",
         help="stop when so large a share of the time so far brought no better plan (default: 1; "
-        "with --timeout: go on to its end)",
+        "with --timeout: for ever)",
     )
     parser.add_argument(
         "--relative",
@@ -98,7 +98,8 @@ def _add_ends(parser: argparse.ArgumentParser) -> None:
         type=_seconds,
         default=None,
         metavar="S",
-        help="seconds for the best plan that is found in them (default: 120 at most)",
+        help="seconds for the best plan that is found in them, at most: sooner where one is proven "
+        "optimal or nothing is left to try, or by --patience (default: 120)",
     )
 
 

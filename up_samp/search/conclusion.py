@@ -65,7 +65,7 @@ def conclude_without_schedule(search: Search, report: ScheduleReport) -> SearchR
         if search.components.pace.more(planned=planned):
             return None
         if planned:
-            return conclude(search)
+            return conclude(search, "the scheduler found nothing better, and is asked once")
         why = report.message or "the scheduler gave up before its time was over"
         return SearchResult(Conclusion.OUT_OF_TIME, why)
     if not planned:
@@ -80,7 +80,7 @@ def conclude_without_schedule(search: Search, report: ScheduleReport) -> SearchR
         restart(search)
         return None
     if planned:
-        return conclude(search)
+        return conclude(search, "all better schedules are ruled out, in part by what is not proven")
     return SearchResult(Conclusion.EXHAUSTED, _what_is_not_proven(search, report))
 
 
@@ -202,8 +202,10 @@ def what_was_hard(history: History) -> str:
     return f"{told} ({seconds.get(longest, 0.0):.1f} of {sum(seconds.values()):.1f} s)"
 
 
-def conclude(search: Search) -> SearchResult:
-    """Return what the search has, now that it ends."""
+def conclude(search: Search, nothing_left: str = "") -> SearchResult:
+    """Return what the search has, now that it ends; ``nothing_left``: why it does while there is
+    time, and a better plan was asked for.
+    """
     bounds = search.bounds
     if bounds.incumbent is None:
         if search.budget.deadline.expired():
@@ -218,7 +220,11 @@ def conclude(search: Search) -> SearchResult:
     if not bounds.met:
         if not search.budget.whole.expired():
             tell_what_may_be_shorter(search)
-        return SearchResult(Conclusion.SOLVED, _stopped_early(search))
+        why = _stopped_early(search)
+        if nothing_left and not why and not search.budget.whole.expired():
+            after = search.budget.deadline.elapsed()
+            why = f"nothing was left to try after {after:.1f} s: {nothing_left}"
+        return SearchResult(Conclusion.SOLVED, why)
     active, prover = search.knowledge.active, search.prover
     bound, cost, makespan = bounds.lower, bounds.upper, bounds.incumbent.schedule.makespan
     native = search.problem.native

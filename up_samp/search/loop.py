@@ -73,7 +73,7 @@ def solve(search: Search, *, optimal: bool) -> Generator[Incumbent, None, Search
             yield tried.better
         if not tried.refused and is_done(search, tried, optimal=optimal) and stands(search):
             break
-    return conclude(search)
+    return conclude(search, "nothing more is learned from schedules" if optimal else "")
 
 
 def begin_from(search: Search, start: CandidateSchedule) -> Incumbent | None:
