@@ -298,7 +298,7 @@ def test_a_zone_holds_no_more_than_it_says_and_keeps_out_whom_it_names():
     ticks = [0.25 * i for i in range(int(4 * result.makespan) + 1)]
     counts = [len(inside(result.data, polygon, t)) for t in ticks]
     assert max(counts) == 1
-    keys = {text.get_text() for text in result.map().get_legend().get_texts()}
+    keys = {text.get_text() for text in result.map().get_figure().legends[0].get_texts()}
     assert "zone" in keys  # an area, and no body that hides the floor
     assert "door, or other object, at first" not in keys
     free = one_room(2)

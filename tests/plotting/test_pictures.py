@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
+from matplotlib.text import Text
 from PIL import Image
 from shapely.geometry import Polygon as Shape
 
@@ -326,3 +327,17 @@ def test_a_robot_that_stays_is_no_door(plan):
     plot_map(plan)
     plot_gantt(plan)
     animation_html(plan)
+
+
+@pytest.mark.parametrize("more", [0, 5, 14])
+def test_nothing_written_is_cut_however_many_rows_the_legend_has(plan, tmp_path, more):
+    robot = next(o for o in plan["objects"] if o["name"] == plan["motions"][0]["object"])
+    crowd = [{**robot, "name": f"robot_{n}"} for n in range(more)]
+    axes = plot_map({**plan, "objects": [*plan["objects"], *crowd]})
+    figure = axes.get_figure()
+    figure.savefig(tmp_path / "map.png")
+    for text in figure.findobj(Text):
+        if text.get_visible() and text.get_text():
+            box = text.get_window_extent()
+            assert figure.bbox.y0 <= box.y0, text
+            assert box.y1 <= figure.bbox.y1, text

@@ -72,11 +72,11 @@ def test_rules_are_told_once_whoever_keeps_them():
     assert [told(zone) for zone in rules_of(plan)] == ["", "0.3 m/s, no turning"]
     axes = plot_map(plan)
     assert "0.3 m/s, no turning" in {text.get_text() for text in axes.texts}
-    keys = {text.get_text() for text in axes.get_legend().get_texts()}
+    keys = {text.get_text() for text in axes.get_figure().legends[0].get_texts()}
     assert {"rules of driving", "preferred lane"} <= keys
     bare = plot_map(plan_with())
     assert not {"rules of driving", "preferred lane"} & {
-        text.get_text() for text in bare.get_legend().get_texts()
+        text.get_text() for text in bare.get_figure().legends[0].get_texts()
     }
 
 

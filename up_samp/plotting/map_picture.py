@@ -144,7 +144,7 @@ def legend_below(panels: Sequence[Axes], keys: Iterable[tuple[object, Artist]]) 
     handles = [key for is_there, key in keys if is_there]
     style: dict[str, Any] = {"frameon": False, "ncols": min(len(handles), 7), "fontsize": 8}
     figure = panels[0].get_figure(root=True)
-    if len(panels) > 1 and figure is not None:
+    if figure is not None and figure.axes == [*panels]:  # nobody else's: its layout makes room
         figure.legend(handles=handles, loc="outside lower center", **style)
         return
     panels[0].legend(
