@@ -10,6 +10,7 @@ from tests.fleet.driving import hurried
 from up_samp.execution import Delays, dependencies_of, simulate
 from up_samp.execution.lives import lives_of
 from up_samp.fleet import Fleet, FleetError, read_problem_file
+from up_samp.fleet.checks import Level
 from up_samp.fleet.outlines import rules_for
 from up_samp.geometry.maps import write_map
 from up_samp.io.files import read_plan
@@ -355,3 +356,33 @@ def test_a_zone_is_on_one_floor(tmp_path):
     dependencies = dependencies_of(fleet.problem, result.data)
     run = simulate(dependencies, result.data, Delays(slow=0.8), 1)
     assert not run.broken, run.broken
+
+
+def closed(folder, zones):
+    """Two rooms with one opening, and one-way zones in it: by name the heading, and from and to
+    which y.
+    """
+    walls = np.zeros((30, 70), dtype=bool)
+    walls[:8, 34:36] = walls[-8:, 34:36] = True
+    fleet = Fleet(write_map(folder, "rooms", walls, 0.1))
+    fleet.add_robot_type("cart", (0.8, 0.6), model="diff")
+    fleet.add_place("home", 1.5, 1.5)
+    fleet.add_place("there", 5.5, 1.5)
+    fleet.add_robot("c", "cart", "home", end="home")
+    fleet.add_task("look", "there", duration=2)
+    for name, (heading, low, high) in zones.items():
+        fleet.add_zone(name, [(3, low), (4, low), (4, high), (3, high)], one_way=heading)
+    return fleet
+
+
+@pytest.mark.parametrize("heading", [0.0, math.pi])
+def test_a_one_way_zone_over_the_only_opening_is_told_of(tmp_path, heading):
+    fleet = closed(tmp_path, {"gap": (heading, 0, 3)})
+    fleet.add_zone("slow", [(3, 0), (4, 0), (4, 3), (3, 3)], v_max=0.2)
+    (found,) = [f for f in fleet.check() if "no drive of robot" not in f.what]
+    assert (found.level, found.subject) == (Level.WARNING, "gap")
+    assert ("from 'there' to 'home'" in found.what) == (heading == 0)
+
+
+def test_a_way_there_and_a_way_back_are_no_matter(tmp_path):
+    assert closed(tmp_path, {"in": (0.0, 0, 1.5), "out": (math.pi, 1.5, 3)}).check() == []

@@ -27,7 +27,7 @@ from up_samp.fleet.floors import (
     way_between,
 )
 from up_samp.fleet.loads import ends_of, load_of, load_pose, loads_of, place_of, with_load
-from up_samp.fleet.outlines import body_of, kept_out, placed, ruled, still
+from up_samp.fleet.outlines import area_of, body_of, kept_out, placed, ruled, still
 from up_samp.fleet.records import Attached, FleetRecords, Order, Task, can_do, needs_robot
 from up_samp.fleet.spelled_out import spelled_out
 from up_samp.fleet.statements import Kind
@@ -72,7 +72,7 @@ def check_fleet(
     checker = _Checker(spelled_out(records), folder, seconds_per_drive)
     stages = (
         checker.poses(), checker.pairs(), checker.left_behind(), checker.loads(), checker.ways(),
-        checker.windows(),
+        checker.one_ways(), checker.windows(),
     )  # fmt: skip
     findings = list(itertools.chain(*stages))
     return sorted(findings, key=lambda f: list(Level).index(f.level))
@@ -415,6 +415,56 @@ class _Checker:
         query = PathQuery(body, poses, kept_out(self.records, kind, floor))
         report = self.floors.at(origin).plan(query, Deadline.after(self.seconds))
         return report.outcome is Outcome.OUT_OF_TIME
+
+    def one_ways(self) -> Iterator[Finding]:
+        """One-way zones past which there is no way, and through which none was found, where one
+        was if nobody heeds them: it may be that their direction lets nobody back.
+        """
+        told: set[tuple[str, frozenset[str]]] = set()
+        until = Deadline.after(10 * self.seconds)  # for all: searches that find nothing are long
+        for robot, kind, origin, to in self._through():
+            zones = self._in_the_way(kind, origin, to)
+            if not zones or (kind, zones) in told or until.expired():
+                continue
+            free, floor = self.bodies[kind], self.floor(origin)
+            around, service = kept_out(self.records, kind, floor), self.floors.service(floor)
+            poses = way_between(self.records, origin, to)
+            heeding, other = (
+                service.plan(PathQuery(body, poses, around), until).outcome
+                for body in (ruled(self.records, kind, floor, free), free)
+            )
+            none = heeding in (Outcome.NOT_FOUND, Outcome.IMPOSSIBLE)  # the search ended by itself
+            if not none or other is not Outcome.FOUND:
+                continue
+            told.add((kind, zones))
+            text = f"robot '{robot}' has to drive through from '{origin}' to '{to}', and no way was"
+            text += " found that heeds its direction (one_way); without it there is one"
+            yield Finding(Level.WARNING, ", ".join(sorted(zones)), text)
+
+    def _through(self) -> Iterator[tuple[str, str, str, str]]:
+        """Yield ways that robots take on one floor: to where they have to do with, and back to
+        their end, if they have one (robot, type, from, to).
+        """
+        for robot, mine in self.records.robots.items():
+            for place in dict.fromkeys(place_of(p) for v in self.visits[robot] for p in v.places):
+                for origin, to in ((mine.start, place), (place, mine.end)):
+                    if to is not None and origin != to and self.floor(origin) == self.floor(to):
+                        yield robot, mine.type, origin, to
+
+    def _in_the_way(self, kind: str, origin: str, to: str) -> frozenset[str]:
+        """Return the one-way zones that a robot provably has to drive through."""
+        floor, ends = self.floor(origin), (self.places[origin], self.places[to])
+        zones = [
+            area_of(self.records, name)
+            for name, zone in self.records.zones.items()
+            if zone.one_way is not None and zone.floor == floor and zone.heeded_by(kind)
+        ]
+        around = kept_out(self.records, kind, floor)
+        prove, body = self.floors.service(floor).certificate, self.bodies[kind]
+        if not zones or prove(body, ends, around) is not None:
+            return frozenset()
+        proof = prove(body, ends, (*around, *zones))
+        return frozenset() if proof is None else proof.blockers & {z.name for z in zones}
 
     def _job(self, job: Order | Task, reach: dict[str, set[str]]) -> Iterator[Finding]:
         if not needs_robot(job):
