@@ -131,6 +131,17 @@ def test_a_window_that_closes_before_the_shortest_drive(site):
     assert "its delivery closes at 9 s; by the shortest drives" in found.what
 
 
+def test_tardiness_without_due_times(site):
+    assert told(site, Level.WARNING) == []
+    changed(site, "objective: makespan", "objective: [{tardiness: 10, driving: 1}, makespan]")
+    (found,) = told(site, Level.WARNING)
+    assert found.subject == "objective"
+    assert "say when orders and tasks are due" in found.what
+    draw_fleet(read_problem_file(site), site.parent, [found])
+    site.write_text(site.read_text().replace("{id: o1,", "{id: o1, due: 50,"))
+    assert told(site, Level.WARNING) == []
+
+
 def test_an_end_where_somebody_stays(site):
     changed(site, "start: home1, end: home1}", "start: home1}")
     (found,) = told(changed(site, "start: home2, end: home2}", "start: home2, end: home1}"),

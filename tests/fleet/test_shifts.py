@@ -41,7 +41,7 @@ def test_a_shift_that_is_too_short_is_told():
     (finding,) = [f for f in fleet.check() if f.subject == "o1"]
     assert finding.level.value == "error"
     assert "the shifts of short end before they could" in finding.what
-    with pytest.raises(FleetError, match=r"robots\.back\.shift: 20 s to 10 s is too short"):
+    with pytest.raises(FleetError, match=r"robots\.back\.shift: ends at 10 s, before it beg"):
         fleet.add_robot("back", "agv", [12, 7, 0], shift=[20, 10])
 
 
@@ -54,6 +54,8 @@ def test_a_robot_rests_in_its_break():
     assert (start >= 5, end <= 45, end - start) == (True, True, 30)
     others = [span for name, span in times.items() if "one" in name and "break" not in name]
     assert all(b <= start or a >= end for a, b in others)
+    with pytest.raises(FleetError, match=r"window: ends at 0 s, before it begins at 20 s"):
+        fleet.add_task("look", "a", duration=1, window=[20, 0])
     with pytest.raises(FleetError, match=r"breaks\[0\]\.window: 0 s to 5 s is too short for 9 s"):
         fleet.add_robot("two", "agv", [12, 7, 0], breaks=[{"duration": 9, "window": [0, 5]}])
 

@@ -72,7 +72,7 @@ def check_fleet(
     checker = _Checker(spelled_out(records), folder, seconds_per_drive)
     stages = (
         checker.poses(), checker.pairs(), checker.left_behind(), checker.loads(), checker.ways(),
-        checker.one_ways(), checker.windows(),
+        checker.one_ways(), checker.windows(), checker.objective(),
     )  # fmt: skip
     findings = list(itertools.chain(*stages))
     return sorted(findings, key=lambda f: list(Level).index(f.level))
@@ -263,6 +263,13 @@ class _Checker:
             text = self._too_late(job)
             if text is not None:
                 yield Finding(Level.NOTE if job.optional else Level.ERROR, job.id, text)
+
+    def objective(self) -> Iterator[Finding]:
+        """Tardiness that is weighed where nothing is due."""
+        weighs = any(weights.tardiness for weights in self.records.weighed)
+        if weighs and self.records.jobs and all(job.due is None for job in self.records.jobs):
+            text = "weighs tardiness, of which there is none: say when orders and tasks are due"
+            yield Finding(Level.WARNING, "objective", text)
 
     def _too_late(self, job: Order | Task) -> str | None:
         """Return why no robot can do a job in time, even by the shortest drives."""

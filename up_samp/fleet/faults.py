@@ -353,6 +353,8 @@ def said_wrong(records: FleetRecords, value: Any, path: Path) -> Iterator[Fault]
             for opens, closes in (windows,) if one and windows else windows or ():
                 if closes - opens < lasts(record):
                     text = f"{opens:g} s to {closes:g} s is too short for {lasts(record):g} s"
+                    if closes < opens:
+                        text = f"ends at {closes:g} s, before it begins at {opens:g} s"
                     yield Fault((*here, key), text)
         for (key,) in _rows(OUTLINES, kind):
             what = _shape_fault(getattr(record, key))
