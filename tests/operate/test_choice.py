@@ -1,5 +1,6 @@
 """Who is planned with whom: robots that stand where others go, and more where no plan was found."""
 
+import math
 from types import SimpleNamespace
 
 import pytest
@@ -65,3 +66,25 @@ def test_who_only_passes_where_an_order_goes_is_not_planned_with_it(tmp_path):
     assert not choose(day).beside
     day.ends = {}
     assert choose(day).beside == ("r2",)
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_two_that_were_planned_in_vain_are_planned_alone_at_once_each(tmp_path, order):
+    day = Standing(hall(tmp_path, 4))
+    pair = ["r0", "r1"][::order]
+    day.stranded = lambda: pair
+    day.again = math.inf  # what is put aside waits
+
+    def turns():
+        found = choose(day)
+        return [] if found is None else [r for r in found.opened if r not in found.beside]
+
+    assert turns() == pair
+    day.put_aside([], pair)
+    assert turns() == pair[1:]
+    day.put_aside([], pair[1:])
+    assert turns() == pair[:1]
+    day.put_aside([], pair[:1])
+    assert turns() == []
+    day.aside.clear()
+    assert turns() == pair

@@ -252,7 +252,7 @@ def choose(day: Day) -> OpenWork | None:
     now, stuck = day.clock.now(), day.stranded() or day.stale()
     waiting = [j for j in (*day.waiting(), *day.dropped()) if ready(day, j)]
     for until in day.turns():
-        if robots := [r for r in stuck if day.aside.get(r, now) <= until][:2]:
+        if robots := _stuck(day, stuck, until):
             in_vain = max(day.tried.get(("", r), 0) for r in robots)
             beside = tuple(_beside(day, robots, _bound_for(day, robots), in_vain))
             opened = dict.fromkeys((*robots, *beside), Opened.ALL)
@@ -263,6 +263,16 @@ def choose(day: Day) -> OpenWork | None:
         if found := _dispatched(day, some):
             return found
     return None if waiting else _shared_anew(day)
+
+
+def _stuck(day: Day, robots: Sequence[str], until: float) -> list[str]:
+    """Return whose turn it is of robots that have to go on, put aside until then at most: two, and
+    where that was in vain each alone at once, the last first. Where the one cannot go on, or there
+    is no time for both, the other may clear the way.
+    """
+    now, tried = day.clock.now(), {r: day.tried.get(("", r), 0) for r in robots}
+    some = [r for r in robots if day.aside.get(r, now) <= until or tried[r] == 1][:2]
+    return some[-1:] if any(tried[r] % 2 for r in some) else some
 
 
 def _bound_for(day: Day, robots: Iterable[str]) -> list[str]:
