@@ -74,17 +74,22 @@ def test_a_fluent_that_never_held_is_refused(tmp_path):
     )
 
 
+def with_door(folder):
+    """A robot, a door, where it goes, and the fluent that tells where it is."""
+    w = World(folder)
+    w.object("r1", HOME)
+    door = w.object("door", (20.05, 10.0, 0.0), DOOR)
+    shut, away = w.place((20.05, 10.0, 0.0)), w.place((20.05, 15.0, 0.0))
+    return w, door, away, w.problem.add_fluent("door_at", w.place_type, default_initial_value=shut)
+
+
 @pytest.mark.parametrize(
     ("delay", "asks", "found"),
     [(0, 4, ["obstacle-place"]), (0, 5, []), (-1, 4, []), (-1, 3, ["static"]), (2, 5, ["place"])],
 )
 def test_a_static_obstacle_is_where_its_fluent_says(tmp_path, delay, asks, found):
     """A door opens at 4, its fluent is set ``delay`` later: who asks waits until both agree."""
-    w = World(tmp_path)
-    w.object("r1", HOME)
-    door = w.object("door", (20.05, 10.0, 0.0), DOOR)
-    shut, away = w.place((20.05, 10.0, 0.0)), w.place((20.05, 15.0, 0.0))
-    at = w.problem.add_fluent("door_at", w.place_type, default_initial_value=shut)
+    w, door, away, at = with_door(tmp_path)
     opening = w.set_place("open", "door", (20.05, 15.0, 0.0), 3, 4)
     opening.add_effect(Timing(delay, opening.end), at, away)
     trajectory = drive(HOME, [(6.0, 0.0)], asks)
@@ -94,11 +99,7 @@ def test_a_static_obstacle_is_where_its_fluent_says(tmp_path, delay, asks, found
 
 
 def test_obstacles_with_fluents(tmp_path):
-    w = World(tmp_path)
-    w.object("r1", HOME)
-    door = w.object("door", (20.05, 10.0, 0.0), DOOR)
-    shut, away = w.place((20.05, 10.0, 0.0)), w.place((20.05, 15.0, 0.0))
-    at = w.problem.add_fluent("door_at", w.place_type, default_initial_value=shut)
+    w, door, away, at = with_door(tmp_path)
     w.move("m", "r1", drive(HOME, [(6.0, 0.0)], 5.0), 5, 15, static_obstacles={door: at})
     assert judge(w).valid
     opening = w.set_place("open", "door", (20.05, 15.0, 0.0), 3, 4)

@@ -81,7 +81,7 @@ class Meter:
         return battery is not None and self.drive(robot, origin, to) > usable(battery)
 
     def _empties(self, kind: str, way: Trajectory) -> bool:
-        """Return whether a drive takes more than that by some way: a shorter one may not."""
+        """Return whether a way takes more than a whole battery holds: a shorter one may not."""
         battery = self._records.robot_types[kind].battery
         return battery is not None and grains(battery, taken(battery, way)) > usable(battery)
 

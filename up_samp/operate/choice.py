@@ -266,9 +266,9 @@ def choose(day: Day) -> OpenWork | None:
 
 
 def _stuck(day: Day, robots: Sequence[str], until: float) -> list[str]:
-    """Return whose turn it is of robots that have to go on, put aside until then at most: two, and
-    where that was in vain each alone at once, the last first. Where the one cannot go on, or there
-    is no time for both, the other may clear the way.
+    """Return who is planned next of robots that have to go on, and are put aside no longer than
+    ``until``: two, and where no plan was found for two each alone, without delay, the last first.
+    Where there is none for the one, or no time for both, the other may clear the way.
     """
     now, tried = day.clock.now(), {r: day.tried.get(("", r), 0) for r in robots}
     some = [r for r in robots if day.aside.get(r, now) <= until or tried[r] == 1][:2]

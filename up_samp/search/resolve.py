@@ -82,6 +82,15 @@ class Subproblem:
         values = {**near.parameters, **report.schedule.parameters}
         return CandidateSchedule(report.schedule.times, values)
 
+    def heard(self, itinerary: Itinerary, check: Check) -> bool:
+        """Let motions last as long as they turned out to need; False where that is not all that
+        keeps them from fitting.
+        """
+        if check.failed or not check.needed:
+            return False
+        self.last_at_least(itinerary, check)
+        return True
+
     def last_at_least(self, itinerary: Itinerary, check: Check) -> None:
         """Let motions last as long as they turned out to need.
 
@@ -159,14 +168,8 @@ def repair_durations(
             return None
         return spread(search, problem, found) if loose else found
 
-    def tell(itinerary: Itinerary, check: Check) -> bool:
-        if check.failed or not check.needed:
-            return False
-        small.last_at_least(itinerary, check)
-        return True
-
     small.last_at_least(read_itinerary(search.knowledge.relaxation, schedule), check)
-    return until_driven(search, schedule, again, tell, steps=_REPAIR_STEPS)
+    return until_driven(search, schedule, again, small.heard, steps=_REPAIR_STEPS)
 
 
 # ------------------------------------------------------------------ motions one after another
@@ -347,8 +350,7 @@ def prune_motions(search: Search, plan: Incumbent) -> Incumbent | None:
         return found if found is not None and present - found.times.keys() else None
 
     def tell(itinerary: Itinerary, check: Check) -> bool:
-        if check.needed and not check.failed:
-            small.last_at_least(itinerary, check)
+        if small.heard(itinerary, check):
             return True
         gone = sorted(weights.keys() - itinerary.schedule.times.keys())
         manager = problem.environment.expression_manager
@@ -384,13 +386,7 @@ def begin_soon(search: Search, plan: Incumbent) -> Incumbent | None:
         sooner = found is not None and sum(s - found.times[n][0] for n, (s, _) in old.items()) > 0
         return found if sooner else None
 
-    def tell(itinerary: Itinerary, check: Check) -> bool:
-        if check.failed or not check.needed:
-            return False
-        small.last_at_least(itinerary, check)
-        return True
-
-    better = until_driven(search, plan.schedule, again, tell, steps=_FEW_STEPS)
+    better = until_driven(search, plan.schedule, again, small.heard, steps=_FEW_STEPS)
     return None if better is None or search.judged(better.plan) else better
 
 
@@ -432,8 +428,8 @@ def _shortcuts(
 def _with_motions_optional(
     relaxation: Relaxation, schedule: CandidateSchedule, weights: Mapping[str, int], until: int
 ) -> SchedulingProblem:
-    """Return the problem of a schedule's activities, with the weighted ones optional; all of it
-    ends by ``until``.
+    """Return the problem of a schedule's activities and of the weighted ones, which are optional;
+    all of it ends by ``until``.
     """
     twins = {twin.name for twin in relaxation.elsewhere.values()}
     free = frozenset(weights) | (twins & set(schedule.times))

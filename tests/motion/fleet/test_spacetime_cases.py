@@ -259,3 +259,36 @@ def test_two_stops_a_hair_apart_cost_no_memory():
     arrival = sets[index[last], 0]
     ways = np.array([1.0, 1e-6, 1.0])
     assert arrival == pytest.approx(float(2 * np.sqrt(ways).sum()), abs=1e-3)
+
+
+def random_way(rng):
+    """Cells of any length, halts, slow stretches, and times at which others are there."""
+    m = int(rng.integers(2, 14))
+    edges = np.concatenate([[0.0], np.cumsum(np.exp(rng.uniform(-4, 0.5, m)))])
+    halt = rng.random(m + 1) < 0.15
+    halt[[0, -1]] = True
+    tops = np.where(rng.random(m + 1) < 0.3, rng.uniform(0.1, 1.0, m + 1), 1.5)
+    waits = halt | (rng.random(m + 1) < 0.8)
+    sets = [np.cumsum(rng.uniform(0.2, 6.0, 2 * int(rng.integers(0, 3)))) for _ in range(m + 2)]
+    free = [np.append(np.insert(times, 0, 0.0), math.inf).reshape(-1, 2) for times in sets]
+    safe = TimeSets(np.cumsum([0, *map(len, free)]), np.concatenate(free))
+    return TunedPath(edges, halt, tops, np.zeros(m, dtype=bool), waits), safe
+
+
+def test_whoever_has_to_come_by_some_time_comes_as_soon_as_without_it():
+    rng, asked = np.random.default_rng(0), 0
+    for _ in range(300):
+        way, safe = random_way(rng)
+
+        def arrivals(horizon, way=way, safe=safe):
+            reached = reachable(way, DriveLimits(0.0, 1.5, 0.8), safe, 0.0, horizon)
+            width = (len(reached.head) - 1) // len(way.edges)
+            first, last = reached.head[(len(way.edges) - 1) * width :][:2]
+            return reached.intervals[first:last, 0]
+
+        whole = arrivals(math.inf)
+        for soonest in whole:
+            assert arrivals(soonest + 1e-9) == pytest.approx(whole[whole <= soonest + 1e-9])
+            asked += 1
+        assert not len(whole) or not len(arrivals(whole[0] - 1e-3))
+    assert asked > 100

@@ -97,6 +97,12 @@ def _reach(chain: Chain, speeds: Sequence[float], i: int) -> float:
     return speeds[i] ** 2 * chain.bends[i] / (2 * chain.a)
 
 
+def _reaches(chain: Chain, speeds: FloatArray) -> list[float]:
+    """Return that of all nodes."""
+    found: list[float] = speeds.tolist()
+    return [_reach(chain, found, i) for i in range(len(found))]
+
+
 def through(
     chain: Chain, speeds: FloatArray, kinematics: Kinematics
 ) -> tuple[Chain, FloatArray] | None:
@@ -166,7 +172,7 @@ def _grid(seconds: float) -> FloatArray:
 
 def timed(chain: Chain, speeds: FloatArray) -> tuple[Trajectory, list[int]]:
     """Return the motion from time 0, and for each sample the node whose blend it is in or near."""
-    nodes = chain.nodes
+    nodes, reach = chain.nodes, _reaches(chain, speeds)
     writer = _BlendWriter(nodes[0])
     for i in range(len(chain.lengths)):
         start, end = nodes[i], nodes[i + 1]
@@ -174,7 +180,7 @@ def timed(chain: Chain, speeds: FloatArray) -> tuple[Trajectory, list[int]]:
         if length < TINY:
             _spin(writer, start, end, chain.omega, i)
             continue
-        first, last = (_reach(chain, speeds.tolist(), k) for k in (i, i + 1))
+        first, last = reach[i : i + 2]
         _straight(writer, chain, i, first, last, speeds)
         if speeds[i + 1] > 0 and last > TINY:
             _blend(writer, chain, i + 1, last, float(speeds[i + 1]))
@@ -264,12 +270,12 @@ def chain_time(nodes: FloatArray, body: Body) -> float:
     """Return about how long (s) the blended motion along ``nodes`` takes where nothing is near."""
     chain = Chain.of(nodes, body.kinematics)
     speeds = first_speeds(chain)
-    total = 0.0
+    total, reach = 0.0, _reaches(chain, speeds)
     for i, length in enumerate(chain.lengths):
         if length < TINY:
             total += abs(float(nodes[i + 1, 2] - nodes[i, 2])) / chain.omega
             continue
-        first, last = (_reach(chain, speeds.tolist(), k) for k in (i, i + 1))
+        first, last = reach[i : i + 2]
         free = max(float(length) - first - last, 0.0)
         ends = float(speeds[i]), float(speeds[i + 1])
         total += sum(profile(free, *ends, float(chain.tops[i]), chain.a)[1:])

@@ -66,8 +66,8 @@ class PlanarSettings:
     """Effort of the planar planner: the searches, in the order in which they are tried, ``finer``
     ones where the others find nothing.
     ``roundabout``: what takes longer than so many times the shortest way of a disc is sought from
-    its goal as well, where the steps fall elsewhere. ``soon``: nodes expanded, after which it is
-    looked whether the goal is enclosed, with as many. ``tries``: how often a way is cut short by
+    its goal as well, where the steps fall elsewhere. ``soon``: nodes expanded, after which
+    a way is sought from the goal as well, with as many. ``tries``: how often a way is cut short by
     ``rounds`` random shortcuts; the fastest counts. ``shifts`` (inner radii): by how much corners
     are pushed outwards.
     """
@@ -191,16 +191,16 @@ class PlanarPlanner:
         for k, grain in enumerate(itertools.chain(grains, enclosed)):
             if k > 0 and budget.spent():
                 break
-            shape = shape.finer if grain.tight else shape
-            nodes, why = self._search(query, shape, grain, budget, wholly=k >= len(grains))
+            own = shape.finer if grain.tight else shape
+            nodes, why = self._search(query, own, grain, budget, wholly=k >= len(grains))
             if nodes is None:
                 reason = why
                 if not why:
                     enclosed.append(grain)
                 continue
-            found = min(self._short(query, shape, nodes), key=_duration, default=None)
+            found = min(self._short(query, own, nodes), key=_duration, default=None)
             if found is not None:
-                motion, chain = self._rounded(query, shape, found, budget)
+                motion, chain = self._rounded(query, own, found, budget)
                 return Leg(motion, "", budget.used, not budget.cut, chain)
             reason = "no safe timing along the path found"
         reason = OUT_OF_TIME if budget.cut else reason
