@@ -25,7 +25,7 @@ from up_samp.operate.loop import Operation
 from up_samp.operate.order import ordered
 from up_samp.operate.records import job_record
 from up_samp.operate.settings import Settings
-from up_samp.operate.stitch import Kept, _after, kept_of
+from up_samp.operate.stitch import Kept, _after, follow_on, kept_of
 
 
 @pytest.fixture(scope="module")
@@ -171,3 +171,35 @@ def test_new_work_waits_for_what_is_kept_of_its_robot_its_resources_and_what_com
         found = sorted(_after(ask, meant, {**kept.meanings, **meant}))
         waits = ("home_r0#1", "pick_o1#1", "pick_o2#1")
         assert found == [("deliver_o0", name) for name in waits]
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_a_gate_that_lies_a_little_earlier_in_a_new_plan_holds_nobody_who_is_let_beyond(
+    crossed, seed
+):
+    """The same order with a larger margin: who was let drive to where it had to wait goes on, and
+    still waits for who goes first.
+    """
+    plan, told = crossed
+    rng = random.Random(f"gates {seed}")
+    names = {m["object"]: m["activity"] for m in plan["motions"]}
+    wide = with_dependencies(told.problem, plan, localisation=rng.uniform(0.06, 0.2))
+    old = Executor(plan, dependencies=told)
+    old.commands(1.0)
+    (waits,) = {n for n, e in ends(plan).items() if e == max(ends(plan).values())}
+    first = next(r for r in names if r != waits)
+    here = old.state.ways[names[waits], waits]
+    at = old.state.until(here)
+    old.commands(2.0)
+    old.update(waits, progress=rng.uniform(0.0, at), now=4.0)
+    old.state.of_object[waits].let = at
+    new = Executor(wide)
+    cut = Cut(0.0, kept=(*names.values(),), begun=dict.fromkeys(names.values(), 1.0))
+    follow_on(new, old, cut, 0.0, {})
+    way = new.state.ways[names[waits], waits]
+    assert at - 1e-3 <= new.state.until(way) < way.length
+    again = Executor.restore(wide, new.save())
+    assert again.state.until(again.state.ways[names[waits], waits]) == new.state.until(way)
+    gone = new.state.ways[names[first], first].length
+    new.update(first, progress=gone, now=60.0)
+    assert new.state.until(way) == way.length

@@ -10,8 +10,9 @@ import pytest
 from unified_planning.shortcuts import OneshotPlanner, get_environment
 
 from tests.fuzz.problems import SECONDS, Writer, build, random_case
+from up_samp.benchmarks import instance
 from up_samp.io import dump_plan, result_to_dict
-from up_samp.model import Deadline, OutOfTimeError, ProblemError, UnsupportedError
+from up_samp.model import Deadline, OutOfTimeError, ProblemError, UnsupportedError, deadline
 from up_samp.model.deadline import TICK, check_time, in_force
 from up_samp.system import child
 
@@ -130,12 +131,28 @@ def test_counted_deadlines_go_by_work():
     assert not whole.expired()
     with in_force(whole):
         check_time()
+    assert whole.lengthen()
+    assert whole.remaining() == pytest.approx(20.0)
     over = Deadline.counted(0.0)
+    assert not over.lengthen()
+    assert not Deadline.after(1.0).lengthen()
     assert over.expired()
     assert over.remaining() == 0.0
     assert over.within(5.0).expired()
     with in_force(over), pytest.raises(OutOfTimeError):
         check_time()
+
+
+@pytest.mark.parametrize("name", ["jobshop-r2-j1-m2", "logistics-dc-oc-r2-i3"])
+def test_who_has_done_all_work_that_was_counted_on_goes_on_as_long_as_there_is_time(
+    name, monkeypatch
+):
+    monkeypatch.setattr(deadline, "TICK", 1.0)  # as if the machine was so much quicker
+    problem = instance(name).build()
+    params = {"reproducible": True, "seed": 1, "workers": 1, "first_plan": True}
+    with OneshotPlanner(name="samp-refine[cpsat]", params=params) as planner:
+        result = planner.solve(problem, timeout=60)
+    assert result.plan is not None, result.log_messages
 
 
 @pytest.mark.parametrize(

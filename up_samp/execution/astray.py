@@ -152,7 +152,7 @@ def _areas(
     gate = state.closed(way)
     along = [way.told - error, way.told + error]
     if gate is not None:
-        along.append(state.graph.events[gate].progress)
+        along.append(state.nominal(gate))
     if by < 0:
         along.append(way.progress + error)
     edges, whole = here.path.edges, moving(here.path)

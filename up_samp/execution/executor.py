@@ -164,6 +164,7 @@ class Executor(Followed):
             "running": list(self._running),
             "done": [n for n, phase in state.phase.items() if phase is TaskPhase.DONE],
             "fired": [[event_to_list(event), time] for event, time in state.fired.items()],
+            "moved_on": [[event_to_list(event), by] for event, by in state.moved_on.items()],
             "motions": [
                 {key: getattr(w, key) for key in ("activity", "object", *_KEPT)} for w in begun
             ],
@@ -227,6 +228,8 @@ class Executor(Followed):
             graph = with_sides(self.dependencies, self.sides)
         state.now = float(known["now"])
         state.fired = {event_from_list(event): float(time) for event, time in known["fired"]}
+        moved = known.get("moved_on", ())
+        state.moved_on = {event_from_list(event): float(by) for event, by in moved}
         for entry in known["motions"]:
             way = state.ways.get((entry["activity"], entry["object"]))
             if way is None:

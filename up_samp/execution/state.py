@@ -160,6 +160,9 @@ class FloorState:
         self.now = 0.0
         self.phase = dict.fromkeys(graph.tasks, TaskPhase.WAITING)
         self.fired: dict[Event, float] = {}
+        self.moved_on: dict[Event, float] = {}
+        """By how much (m) gates lie later than in the graph: robots were let drive so far before
+        it was made."""
         self.ways = {
             key: MotionUnderWay(*key, length, travels[key]) for key, length in graph.lengths.items()
         }
@@ -220,6 +223,7 @@ class FloorState:
             way.marks, way.gates, way.mark, way.gate = [], [], 0, 0
         for k, place in places.items():
             event = graph.events[k]
+            place += self.moved_on.get(event, 0.0)
             way = self.ways[event.activity, event.object]
             (way.marks if event.at is At.REACH else way.gates).append((place, k))
         for way in self.ways.values():
@@ -265,7 +269,7 @@ class FloorState:
     def follow(self, way: MotionUnderWay) -> None:
         """Believe what was told of a motion last, as far as its gates are open."""
         gate = self.closed(way)
-        most = way.length if gate is None else self._nominal(gate) + way.error
+        most = way.length if gate is None else self.nominal(gate) + way.error
         progress = min(way.told, most, way.length)
         if progress > way.progress:
             if progress > way.progress + self.tolerance:
@@ -283,8 +287,16 @@ class FloorState:
             for way in self.of_object.values():
                 self.follow(way)
 
-    def _nominal(self, number: int) -> float:
-        return self.graph.events[number].progress
+    def nominal(self, number: int) -> float:
+        """Return how far (m) on its motion a point is."""
+        event = self.graph.events[number]
+        return event.progress + self.moved_on.get(event, 0.0)
+
+    def move_gate(self, way: MotionUnderWay, number: int, by: float) -> None:
+        """Let a motion wait at one of its gates ``by`` m later than the graph has it."""
+        event = self.graph.events[number]
+        self.moved_on[event] = self.moved_on.get(event, 0.0) + by
+        way.gates = sorted((at + by if k == number else at, k) for at, k in way.gates)
 
     def _pass(self, way: MotionUnderWay) -> None:
         if self.phase[way.activity] is TaskPhase.WAITING:
@@ -297,22 +309,22 @@ class FloorState:
                 self.fire(number, self.now)
             way.gate += 1
         gate = self.closed(way)
-        beyond = math.inf if gate is None else self._nominal(gate)
+        beyond = math.inf if gate is None else self.nominal(gate)
         at = way.progress + self.tolerance
         while way.mark < len(way.marks):
             place, number = way.marks[way.mark]
-            if place > at or self._nominal(number) > beyond:
+            if place > at or self.nominal(number) > beyond:
                 break
             self.fire(number, self.now)
             way.mark += 1
 
     def closed(self, way: MotionUnderWay) -> int | None:
         """Return the event of a motion's next closed gate."""
-        gate = self._gate(way)
+        gate = self.next_gate(way)
         return None if gate is None else gate[1]
 
-    def _gate(self, way: MotionUnderWay) -> tuple[float, int] | None:
-        """Return a motion's next closed gate."""
+    def next_gate(self, way: MotionUnderWay) -> tuple[float, int] | None:
+        """Return where (told progress, m) a motion's next closed gate is, and its event."""
         for place, number in way.gates[way.gate :]:
             if self.missing[number] > 0 and self.when[number] is None:
                 return place, number
@@ -322,7 +334,7 @@ class FloorState:
         """Return how far a motion may go by what its robot tells: up to its next closed gate, less
         the localisation error; and not where somebody is astray.
         """
-        gate = self._gate(way)
+        gate = self.next_gate(way)
         found = way.length if gate is None else gate[0]
         return min(found, self.bars.get((way.activity, way.object), found))
 
@@ -371,7 +383,7 @@ class FloorState:
         """
         gate = self.closed(way)
         if gate is not None:
-            beyond = way.told - way.error - self._nominal(gate)
+            beyond = way.told - way.error - self.nominal(gate)
             if beyond > self.tolerance:
                 return beyond
         back = way.told + 2 * way.error - way.progress

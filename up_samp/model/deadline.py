@@ -152,6 +152,15 @@ class Deadline:
         if self.work is not None:
             self.work.spent += seconds
 
+    def lengthen(self) -> bool:
+        """Count on twice as much work where all is done that was counted on, and the clock says
+        that there is time left; return whether that is so.
+        """
+        if self.work is None or self.work.over():
+            return False
+        self.work.total *= 2
+        return True
+
     def over(self, grace: float = 0.0) -> bool:
         """Return whether the clock says that all was over ``grace`` s ago, which is no work."""
         return clock() >= (self.at if self.work is None else self.work.until) + grace

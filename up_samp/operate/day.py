@@ -234,9 +234,9 @@ def figures_of(
     ended = [*done, *(replace(j, done=now) for j in jobs if j.state.open)]
     driven = waited = metres = 0.0
     for drive in robots.drives:
-        rows = np.asarray(drive.rows)
+        rows = drive.rows
         if len(rows) > 1:
-            driven += driven_until(drive.rows) - rows[0, 0]
+            driven += driven_until(rows) - rows[0, 0]
             metres += float(np.hypot(*np.diff(rows[:, 1:3], axis=0).T).sum())
     waited = sum(b - a for w in robots.waits.values() for a, b, _ in w)
     last = max((j.done for j in ended if j.done is not None), default=0.0)

@@ -98,11 +98,11 @@ def crowded(
         changes: list[tuple[float, int, str]] = []
         for robot, pose in initial.items():
             corners = corners_of(site.robot_types[site.robots[robot].type].footprint)
-            rows = [[0.0, *pose], *(row for d in drives if d.robot == robot for row in d.rows)]
-            bodies = shapely.polygons(placed(np.array(corners), np.array(rows)[:, 1:]))
+            rows = np.vstack([[0.0, *pose], *(d.rows for d in drives if d.robot == robot)])
+            bodies = shapely.polygons(placed(np.array(corners), rows[:, 1:]))
             here = np.asarray(shapely.intersects(area, bodies))
-            steps = np.diff(here.astype(int), prepend=0).tolist()
-            changes += [(row[0], by, robot) for row, by in zip(rows, steps, strict=True) if by]
+            steps = np.diff(here.astype(int), prepend=0)
+            changes += [(float(rows[k, 0]), int(steps[k]), robot) for k in np.flatnonzero(steps)]
         count = 0
         for when, by, robot in sorted(changes):
             count += by
@@ -116,7 +116,7 @@ def unruly(site: FleetRecords, drives: Sequence[Drive]) -> Iterable[str]:
         name = site.robots[drive.robot].type
         kind = site.robot_types[name]
         limits = limits_of(movable("", _ROBOT, kind, rules_for(site, name)))
-        rows, what = np.reshape(drive.rows, (-1, 4)), f"{drive.robot} in '{drive.activity}'"
+        rows, what = drive.rows, f"{drive.robot} in '{drive.activity}'"
         times, poses = rows[:, 0], rows[:, 1:]
         parts = [(JudgedShape(drive.robot, np.array(corners_of(kind.footprint))), poses)]
         found = [*speeds_on_way(what, limits, times, poses)]
@@ -153,8 +153,9 @@ def where(
     """Return where a robot really was."""
     pose: Sequence[float] = initial[robot]
     for drive in drives:
-        if drive.robot == robot and drive.rows and drive.rows[0][0] <= when:
-            pose = next((r[1:] for r in reversed(drive.rows) if r[0] <= when + 1e-9), pose)
+        times = drive.rows[:, 0]
+        if drive.robot == robot and len(times) and times[0] <= when:
+            pose = drive.rows[np.searchsorted(times, when + 1e-9, side="right") - 1, 1:].tolist()
     return pose
 
 
@@ -176,9 +177,9 @@ def record_of_day(
     motions: list[dict[str, Any]] = []
     for k, drive in enumerate(d for d in drives if len(d.rows) > 1):
         name = f"{k}: {drive.activity}"
-        since, until = drive.rows[0][0], drive.rows[-1][0]
+        since, until = drive.rows[[0, -1], 0].tolist()
         activities.append({"name": name, "start": since, "end": until})
-        motions.append({"activity": name, "object": drive.robot, "samples": drive.rows})
+        motions.append({"activity": name, "object": drive.robot, "samples": drive.rows.tolist()})
     return {
         "format": "up-samp-plan", "version": 1, "problem": site.name, "engine": "a day",
         "status": "SOLVED_SATISFICING", "seconds_per_unit": 1.0, "lower_bound": None,

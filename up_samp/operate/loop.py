@@ -43,7 +43,7 @@ from up_samp.operate.planner import (
 from up_samp.operate.records import DayOrder, OrderState, Pose, Report, Robots, since_now
 from up_samp.operate.records import job_record as record_of
 from up_samp.operate.settings import DAY, Settings
-from up_samp.operate.stitch import Kept, Question, kept_of
+from up_samp.operate.stitch import Kept, Question, follow_on, kept_of
 from up_samp.operate.store import Store
 
 SNAPSHOT = 60.0
@@ -745,43 +745,8 @@ class Operation(Day):
         executor = Executor(plan, **self._following)
         if self.executor is None:
             executor.join(self.clock.now() - since)
-            return executor
-        old, kept = self.executor, set(question.cut.kept)
-        by, spans = since - self.origin, self.executor.times()
-        done: list[str] = []
-        under_way: dict[str, dict[str, float]] = {}
-        times: dict[str, tuple[float, float | None]] = {}
-        for name, phase in old.state.phase.items():
-            if phase is TaskPhase.WAITING:
-                continue
-            if name not in kept:
-                if name not in question.cut.begun:
-                    raise ProblemError(f"'{name}' has begun meanwhile")
-                continue
-            start, end = spans[name]
-            times[name] = start - by, None if end is None else end - by
-            if phase is TaskPhase.DONE:
-                done.append(name)
-            else:
-                gone = question.cut.starts.get(name, 0.0)
-                under_way[name] = {w.object: w.told - gone for w in old.state.ways_of[name]}
-        executor.join(max(0.0, old.now - by), done=done, under_way=under_way, times=times)
-        executor.pace.load(old.pace.saved())
-        for robot, where in old.strayed.items():  # others still keep away from there
-            executor.update(robot, pose=where.pose, now=max(0.0, old.now - by))
-        for robot, way in executor.state.of_object.items():
-            before = old.state.of_object[robot]
-            executor.state.heard[robot], way.since = old.state.heard[robot] - by, before.since - by
-            gone = question.cut.starts.get(way.activity, 0.0)
-            # it goes on to where it was told that it may, or where it can stand
-            most = self.limits.get(way.activity, before.length)
-            least = min(old.state.committed(before), most) - gone
-            way.let = max(0.0, before.let - gone)
-            beyond = least - executor.state.until(way)
-            if beyond > old.state.tolerance:
-                raise ProblemError(
-                    f"'{robot}' is {beyond:.2f} m beyond where it would have to wait"
-                )
+        else:
+            follow_on(executor, self.executor, question.cut, since - self.origin, self.limits)
         return executor
 
     def _cost(self, executor: Executor, origin: float) -> float:

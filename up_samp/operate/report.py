@@ -23,8 +23,8 @@ def draw_gantt(result: DayResult, file: Path) -> Path:
     names = [o["name"] for o in result.record["objects"]]
     ax = figure_axes(12, 1.2 + 0.32 * len(names))
     for k, name in enumerate(names):
-        drives = [m["samples"] for m in result.record["motions"] if m["object"] == name]
-        spans = [(rows[0][0] / 60.0, (driven_until(rows) - rows[0][0]) / 60.0) for rows in drives]
+        drives = [np.array(m["samples"]) for m in result.record["motions"] if m["object"] == name]
+        spans = [(rows[0, 0] / 60.0, (driven_until(rows) - rows[0, 0]) / 60.0) for rows in drives]
         ax.broken_barh(spans, (k - 0.3, 0.6), color="#4878a8", linewidth=0)
         mine = [h for h in result.handled if h.robot == name]
         spans = [(h.start / 60.0, (h.end - h.start) / 60.0) for h in mine]

@@ -23,6 +23,7 @@ from up_samp.execution.files import event_from_list, graph_to_dict
 from up_samp.execution.graph import MEETING, ORIGIN, ZONE, At, Event, PlannedTask
 from up_samp.execution.lives import errors_of, lives_of
 from up_samp.execution.meetings import Key, Meeting, meetings_of
+from up_samp.execution.state import MotionUnderWay, TaskPhase
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.fleet.records import FleetRecords, Order, Task, visited
 from up_samp.fleet.statements import Meaning
@@ -393,3 +394,86 @@ def _after(
 
 def _resources(job: Order | Task) -> set[str]:
     return {r for stop in visited(job) for r in stop.resources}
+
+
+# ------------------ From one plan to the next
+
+
+def follow_on(
+    executor: Executor, old: Executor, cut: Cut, by: float, limits: Mapping[str, float]
+) -> None:
+    """Let the executor of a new plan go on where an ``old`` one is, whose clock began ``by`` s
+    earlier. ``limits``: how far (m) motions may go.
+
+    Raises :class:`ProblemError` where something has begun meanwhile that the plan does not keep,
+    or a robot is beyond where it would have to wait.
+    """
+    kept, spans = set(cut.kept), old.times()
+    done: list[str] = []
+    under_way: dict[str, dict[str, float]] = {}
+    times: dict[str, tuple[float, float | None]] = {}
+    for name, phase in old.state.phase.items():
+        if phase is TaskPhase.WAITING:
+            continue
+        if name not in kept:
+            if name not in cut.begun:
+                raise ProblemError(f"'{name}' has begun meanwhile")
+            continue
+        start, end = spans[name]
+        times[name] = start - by, None if end is None else end - by
+        if phase is TaskPhase.DONE:
+            done.append(name)
+        else:
+            gone = cut.starts.get(name, 0.0)
+            under_way[name] = {w.object: w.told - gone for w in old.state.ways_of[name]}
+    executor.join(max(0.0, old.now - by), done=done, under_way=under_way, times=times)
+    executor.pace.load(old.pace.saved())
+    for robot, where in old.strayed.items():  # others still keep away from there
+        executor.update(robot, pose=where.pose, now=max(0.0, old.now - by))
+    for robot, way in executor.state.of_object.items():
+        before = old.state.of_object[robot]
+        executor.state.heard[robot], way.since = old.state.heard[robot] - by, before.since - by
+        gone = cut.starts.get(way.activity, 0.0)
+        # it goes on to where it was told that it may, or where it can stand
+        most = limits.get(way.activity, before.length)
+        least = min(old.state.committed(before), most) - gone
+        way.let = max(0.0, before.let - gone)
+        _move_gates(executor, old, cut, way, least)
+        beyond = least - executor.state.until(way)
+        if beyond > old.state.tolerance:
+            raise ProblemError(f"'{robot}' is {beyond:.2f} m beyond where it would have to wait")
+
+
+def _move_gates(
+    executor: Executor, old: Executor, cut: Cut, way: MotionUnderWay, least: float
+) -> None:
+    """Let a motion under way come to ``least`` m, to where the old plan lets it drive whatever
+    comes, before it waits at gates that only let those go first whom the old plan lets go first
+    there, too.
+
+    Both plans cut the paths anew and join what is near, so that their gates for one meeting may be
+    a few cells apart; how far the two may drive by the old one's has been safe all along.
+    """
+    state = executor.state
+    while (gate := state.next_gate(way)) is not None and gate[0] < least:
+        at, number = gate
+        place = state.graph.events[number].progress + cut.starts.get(way.activity, 0.0)
+        waits = [e for e in state.into[number] if state.when[e.first] is None]
+        firsts = {state.graph.events[e.first].activity for e in waits}
+        if any(e.kind != MEETING for e in waits) or not all(
+            _went_first(old, name, way, place) for name in firsts
+        ):
+            return
+        state.move_gate(way, number, least - at)
+    state.follow_all()
+
+
+def _went_first(old: Executor, first: str, way: MotionUnderWay, place: float) -> bool:
+    """Return whether an old plan has a gate near ``place`` (m) of a motion for ``first``."""
+    state, near = old.state, old.drives[way.activity, way.object].path.radius
+    return any(
+        state.graph.events[edge.first].activity == first
+        for at, number in state.of_object[way.object].gates
+        if abs(at - place) <= near
+        for edge in state.into[number]
+    )

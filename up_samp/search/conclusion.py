@@ -66,6 +66,8 @@ def conclude_without_schedule(search: Search, report: ScheduleReport) -> SearchR
             return None
         if planned:
             return conclude(search, "the scheduler found nothing better, and is asked once")
+        if search.budget.deadline.lengthen():  # less work was counted on than there is time for
+            return None
         why = report.message or "the scheduler gave up before its time was over"
         return SearchResult(Conclusion.OUT_OF_TIME, why)
     if not planned:
