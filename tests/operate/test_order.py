@@ -203,3 +203,20 @@ def test_a_gate_that_lies_a_little_earlier_in_a_new_plan_holds_nobody_who_is_let
     gone = new.state.ways[names[first], first].length
     new.update(first, progress=gone, now=60.0)
     assert new.state.until(way) == way.length
+
+
+@pytest.mark.parametrize("opened", [None, {}])
+def test_who_begins_soon_and_cannot_come_to_its_end_is_kept_to_where_it_waits(crossed, opened):
+    plan, told = crossed
+    names = {m["object"]: m["activity"] for m in plan["motions"]}
+    meanings = {name: ["move", "", robot] for robot, name in names.items()}
+    old = Executor(
+        with_dependencies(told.problem, plan) | {"meanings": meanings}, dependencies=told
+    )
+    first, waits = sorted(names, key=ends(plan).get)
+    pose = next(tuple(o["initial"]) for o in plan["objects"] if o["name"] == first)
+    cut = cut_of(old, 2.0, broken={first: pose}, opened=opened)
+    old.commands(1.0)
+    assert old.phase(names[waits]) is TaskPhase.RUNNING
+    assert cut.kept == (names[waits],)
+    assert 0.0 < cut.stops[names[waits]] <= old.state.until(old.state.ways[names[waits], waits])

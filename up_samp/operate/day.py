@@ -236,7 +236,7 @@ def figures_of(
     for drive in robots.drives:
         rows = drive.rows
         if len(rows) > 1:
-            driven += driven_until(rows) - rows[0, 0]
+            driven += driven_until(rows) - float(rows[0, 0])
             metres += float(np.hypot(*np.diff(rows[:, 1:3], axis=0).T).sum())
     waited = sum(b - a for w in robots.waits.values() for a, b, _ in w)
     last = max((j.done for j in ended if j.done is not None), default=0.0)

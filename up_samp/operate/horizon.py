@@ -164,18 +164,19 @@ class _Cutter:
     def _alive(self, name: str) -> bool:
         return self.state.end_number[name] not in self.dead
 
+    def _begins(self, name: str) -> bool:
+        return self.state.start_number[name] not in self.dead
+
     def cut(self, ahead: float) -> Cut:
         now, forecast = self.state.now, self.executor.retime()
         running = [n for n, p in self.state.phase.items() if p is TaskPhase.RUNNING]
         stays = {n for robot, turn in self.turns.items() for n in self._staying(robot, turn)}
-        soon = [
-            n
-            for n, p in self.state.phase.items()
-            if p is TaskPhase.WAITING
-            and self._alive(n)
-            and (n in stays or forecast.span(n)[0] <= now + ahead)
-        ]
-        ended = {n: s for n in running if not self._alive(n) if (s := self._stop(n)) is not None}
+        waiting = [n for n, p in self.state.phase.items() if p is TaskPhase.WAITING]
+        soon = [n for n in waiting if n in stays or forecast.span(n)[0] <= now + ahead]
+        # what does not come to its end may begin nevertheless, and goes as far as it can
+        begins = (n for n in soon if forecast.span(n)[0] <= now + ahead and self._begins(n))
+        halves = [n for n in (*running, *begins) if not self._alive(n)]
+        ended = {n: s for n in halves if (s := self._stop(n)) is not None}
         kept = self._whole({n for n in (*running, *soon) if self._alive(n)}, ended)
         stay = kept | ended.keys()
         tails = {n: s for n in kept if (s := self._tail(n, stay, ahead, forecast)) is not None}
