@@ -247,7 +247,7 @@ class Executor(Followed):
         self.pace.load(known["pace"])
         state.load(state.graph if graph is None else graph)
         self.routes = routes_of(state.graph, state.ways)
-        self._bar()
+        self.bar()
 
     def _note_begun(self, running: Collection[str], done: Collection[str]) -> None:
         """Note which activities are under way, or over, where nothing has begun so far."""
@@ -304,7 +304,7 @@ class Executor(Followed):
                 way.progress = 0.0  # believed as far as its gates are open
         state.load(state.graph)
         state.follow_all()
-        self._bar()
+        self.bar()
 
     def _where(self, way: MotionUnderWay, told: Mapping[str, Sequence[float] | float]) -> float:
         """Return the progress (m) of a robot under way."""
@@ -449,21 +449,21 @@ class Executor(Followed):
         self._held[robot] = why
         if where is not None:
             self._strayed[robot] = where
-            self._bar()
+            self.bar()
         return Reply(Heard.HELD, why)
 
     def _found(self, robot: str) -> None:
         """Note that a robot tells what can be."""
         self._held.pop(robot, None)
         if self._strayed.pop(robot, None) is not None:
-            self._bar()
+            self.bar()
 
     def _take(self, way: MotionUnderWay, progress: float) -> Reply:
         self._found(way.object)
         self.pace.told(way, progress, self.state.now, self.state.until(way))
         self.state.move(way, progress)
         if self.state.astray(way) or self._astray:
-            self._bar()
+            self.bar()
         if way.object in self._astray:
             return Reply(Heard.HELD, str(self._astray[way.object]))
         self._finish_motion(way.activity)
@@ -587,7 +587,7 @@ class Executor(Followed):
         """The robots that are where their commands cannot have led them."""
         return tuple(self._astray.values())
 
-    def _bar(self) -> None:
+    def bar(self) -> None:
         """Find out who is astray, and keep everybody else away from there."""
         self._astray, self.state.bars = {}, {}
         for robot in dict.fromkeys([*self.state.of_object, *self._strayed]):
@@ -611,7 +611,7 @@ class Executor(Followed):
                 raise ProblemError(f"the time cannot be {now!r}: a finite number (s)")
             self.state.tick(now)
         if self._astray:
-            self._bar()
+            self.bar()
         for name in [n for n in self._running if self.state.graph.tasks[n].moves]:
             self._finish_motion(name)
         self._begin()

@@ -430,16 +430,20 @@ def follow_on(
     executor.pace.load(old.pace.saved())
     for robot, where in old.strayed.items():  # others still keep away from there
         executor.update(robot, pose=where.pose, now=max(0.0, old.now - by))
+    least: dict[str, float] = {}
     for robot, way in executor.state.of_object.items():
         before = old.state.of_object[robot]
         executor.state.heard[robot], way.since = old.state.heard[robot] - by, before.since - by
         gone = cut.starts.get(way.activity, 0.0)
         # it goes on to where it was told that it may, or where it can stand
         most = limits.get(way.activity, before.length)
-        least = min(old.state.committed(before), most) - gone
+        least[robot] = min(old.state.committed(before), most) - gone
         way.let = max(0.0, before.let - gone)
-        _move_gates(executor, old, cut, way, least)
-        beyond = least - executor.state.until(way)
+        _move_gates(executor, old, cut, way, least[robot])
+    executor.state.follow_all()
+    executor.bar()  # who seemed to be beyond a gate may not be
+    for robot, way in executor.state.of_object.items():
+        beyond = least[robot] - executor.state.until(way)
         if beyond > old.state.tolerance:
             raise ProblemError(f"'{robot}' is {beyond:.2f} m beyond where it would have to wait")
 
@@ -465,7 +469,6 @@ def _move_gates(
         ):
             return
         state.move_gate(way, number, least - at)
-    state.follow_all()
 
 
 def _went_first(old: Executor, first: str, way: MotionUnderWay, place: float) -> bool:
