@@ -356,14 +356,14 @@ class RoutedWork:
 
     @cached_property
     def refills(self) -> list[list[dict[Way, frozenset[int]]]]:
-        """What adds to each level of each route, and where."""
+        """What fills each level of each route up, and where."""
         return [
             [
                 {
                     (task, way): places
                     for task, known in enumerate(self.tasks)
                     for way, (route, name, places) in enumerate(known.ways)
-                    if route == number and level.gains.get(name, 0) > 0
+                    if route == number and level.refilled_by(name)
                 }
                 for level in levels
             ]
