@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+import itertools
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from up_samp.model import Placed, avoids
 from up_samp.model.refinement import Refinement, Strength, end_of, start_of
@@ -11,16 +12,24 @@ from up_samp.refinement import rules
 from up_samp.search.facts import Facts, MotionCase, Signature
 from up_samp.search.motions import Motions
 
+State = tuple[str, Mapping[str, str]]
+"""Where objects are that always change together (the leaves of a door), and one of them whose place
+tells those of all."""
+
 
 def unreachable(motions: Motions) -> list[Refinement]:
     """Return proofs of what is unreachable while a door-like object is where it may be."""
     found: list[Refinement] = []
-    for obstacle, configuration in _instant_places(motions.facts):
-        placed = motions.facts.placed(obstacle, configuration)
+    for state in _instant_states(motions.facts):
         for signature, cases in motions.facts.by_signature.items():
-            heeding = [c for c in cases if avoids(c.task.avoid, obstacle)]
-            if heeding and not (signature[0].flies or placed.body.flies):
-                found += _certify(motions, signature, heeding, placed, configuration)
+            by_heeded: dict[tuple[str, ...], list[MotionCase]] = {}
+            for case in cases:
+                heeded = tuple(m for m in state[1] if avoids(case.task.avoid, m))
+                by_heeded.setdefault(heeded, []).append(case)
+            for heeded, heeding in by_heeded.items():
+                placed = [motions.facts.placed(m, state[1][m]) for m in heeded]
+                if placed and not (signature[0].flies or any(p.body.flies for p in placed)):
+                    found += _certify(motions, signature, heeding, placed, state)
     return found
 
 
@@ -28,37 +37,45 @@ def _certify(
     motions: Motions,
     signature: Signature,
     cases: list[MotionCase],
-    placed: Placed,
-    configuration: str,
+    placed: Sequence[Placed],
+    state: State,
 ) -> list[Refinement]:
     facts, service = motions.facts, motions.service
+    obstacle, places = state
+    configuration = places[obstacle]
     body, poses = signature
-    why = f"{placed.name} at {configuration} blocks the way"
-    _, at_start = service.pose_blockers(body, poses[0], (placed,))
+    _, at_start = service.pose_blockers(body, poses[0], placed)
     if at_start:
-        why = f"{placed.name} at {configuration} lies on the first pose"
-        if facts.returns_to(placed.name, configuration):
-            return blocked_while(facts, cases, {placed.name: configuration}, why)
-        changes = facts.snapshot.movers[placed.name]
-        return [_gone_from_the_start(c, changes, why) for c in cases]
-    proof = service.certificate(body, poses, (placed,))
-    if proof is None:
+        why = f"{_listed(at_start, places, 'lie')} on the first pose"
+        if facts.returns_to(obstacle, configuration):
+            return blocked_while(facts, cases, {obstacle: configuration}, why)
+        movers = facts.snapshot.movers[obstacle]
+        return [_gone_from_the_start(c, movers, why) for c in cases]
+    if service.certificate(body, poses, placed) is None:
         return []
+    some = [p for p in placed if len(placed) > 1 and service.certificate(body, poses, (p,))]
+    why = f"{_listed([p.name for p in some or placed], places, 'block')} the way"
     # a static obstacle stays all the time: then it must be gone from the start
-    static = [c for c in cases if placed.name in (c.task.static or ())]
+    static = [c for c in cases if {p.name for p in placed} <= (c.task.static or frozenset())]
     others = [c for c in cases if c not in static]
     found = [
-        rules.needs_away(c.activity, placed.name, configuration, why) for c in static if not c.given
+        rules.needs_away(c.activity, obstacle, configuration, why) for c in static if not c.given
     ]
     static = [c for c in static if c.given]  # a condition cannot hang on decisions
-    if facts.returns_to(placed.name, configuration):
-        places = {placed.name: configuration}
-        return found + blocked_while(facts, static + others, places, why)
-    changes = facts.snapshot.movers[placed.name]
+    if facts.returns_to(obstacle, configuration):
+        told = {obstacle: configuration}
+        return found + blocked_while(facts, static + others, told, why)
+    changes = facts.snapshot.movers[obstacle]
     found += [_gone_from_the_start(c, changes, why) for c in static]
     if others:
-        found += [_opened(facts, c, placed.name, configuration, why) for c in others]
+        found += [_opened(facts, c, obstacle, configuration, why) for c in others]
     return found
+
+
+def _listed(names: Iterable[str], places: Mapping[str, str], verb: str) -> str:
+    """Return what is where, with what it does."""
+    what = [f"{name} at {places[name]}" for name in sorted(names)]
+    return f"{' and '.join(what)} {verb}{'s' if len(what) == 1 else ''}"
 
 
 def _gone_from_the_start(case: MotionCase, changes: Iterable[str], why: str) -> Refinement:
@@ -95,14 +112,39 @@ def _opened(
     return rules.only_given(cut, case.given)
 
 
-def _instant_places(facts: Facts) -> Iterator[tuple[str, str]]:
+def _instant_states(facts: Facts) -> Iterator[State]:
+    """Yield all states of what changes without driving; of what always changes together as one,
+    where the place of one of them tells the others'.
+    """
     snapshot = facts.snapshot
-    for obstacle in sorted(facts.instant):
-        places = {snapshot.initial[obstacle]}
-        places |= {
-            c.term.name
-            for c in snapshot.changes
-            if c.object == obstacle and c.term.kind is TermKind.CONSTANT
-        }
-        for place in sorted(places):
-            yield obstacle, place
+    terms = {(c.object, c.activity): c.term for c in snapshot.changes}
+    for members in sorted(set(facts.changed_together.values())):
+        movers = sorted(snapshot.movers[members[0]])
+        changed = [tuple(terms[m, a] for m in members) for a in movers]
+        known = [some for some in changed if all(t.kind is TermKind.CONSTANT for t in some)]
+        states = {tuple(snapshot.initial[m] for m in members)}
+        states |= {tuple(t.name for t in some) for some in known}
+        if len(known) == len(changed):
+            yield from _told_by_one(members, sorted(states))
+        else:  # where one is may not tell where the others are
+            places = {(m, snapshot.initial[m]) for m in members}
+            places |= {
+                (m, terms[m, a].name)
+                for m, a in itertools.product(members, movers)
+                if terms[m, a].kind is TermKind.CONSTANT
+            }
+            yield from ((m, {m: place}) for m, place in sorted(places))
+
+
+def _told_by_one(members: Sequence[str], states: Sequence[tuple[str, ...]]) -> Iterator[State]:
+    """Yield states of which the place of one member tells those of all; else that member alone."""
+    for state in states:
+        telling = (
+            k for k, place in enumerate(state) if sum(other[k] == place for other in states) == 1
+        )
+        told = next(telling, None)
+        if told is not None:
+            yield members[told], dict(zip(members, state, strict=True))
+        else:
+            for member, place in zip(members, state, strict=True):
+                yield member, {member: place}
