@@ -175,6 +175,12 @@ class Facts:
         snapshot = self.snapshot
         return Placed(name, snapshot.objects[name].body, snapshot.configurations[configuration])
 
+    def heeded(self, task: MotionTask, places: Mapping[str, str]) -> tuple[Placed, ...]:
+        """Return what stands on the floor at these ``places`` that a motion keeps clear of."""
+        known = self.snapshot.objects
+        some = (n for n in places if avoids(task.avoid, n) and not known[n].body.flies)
+        return tuple(self.placed(name, places[name]) for name in some)
+
     @cached_property
     def fixed(self) -> tuple[Placed, ...]:
         """The movable objects that nothing ever moves."""

@@ -388,10 +388,8 @@ def _is_shut(facts: Facts, service: MotionService, task: MotionTask, thing: str)
     """Return whether it is proven that a motion cannot be made before a thing is moved (with all
     that is moved as it is).
     """
-    heeded = (t for t in facts.changed_together[thing] if avoids(task.avoid, t))
-    closed = [facts.placed(t, facts.snapshot.initial[t]) for t in heeded]
+    initial = {t: facts.snapshot.initial[t] for t in facts.changed_together[thing]}
+    closed = facts.heeded(task, initial)
     body = facts.snapshot.body(task.activity, task.index, task.object)
     poses = tuple(facts.snapshot.configurations[t.name] for t in task.terms)
-    if not closed or body.flies or any(c.body.flies for c in closed):
-        return False
-    return service.certificate(body, poses, closed) is not None
+    return bool(closed) and service.certificate(body, poses, closed) is not None

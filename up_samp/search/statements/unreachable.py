@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
-from up_samp.model import Placed, avoids
+from up_samp.model import Placed
 from up_samp.model.refinement import Refinement, Strength, end_of, start_of
 from up_samp.model.snapshot import TermKind
 from up_samp.refinement import rules
@@ -22,13 +22,12 @@ def unreachable(motions: Motions) -> list[Refinement]:
     found: list[Refinement] = []
     for state in _instant_states(motions.facts):
         for signature, cases in motions.facts.by_signature.items():
-            by_heeded: dict[tuple[str, ...], list[MotionCase]] = {}
+            by_heeded: dict[tuple[Placed, ...], list[MotionCase]] = {}
             for case in cases:
-                heeded = tuple(m for m in state[1] if avoids(case.task.avoid, m))
+                heeded = motions.facts.heeded(case.task, state[1])
                 by_heeded.setdefault(heeded, []).append(case)
-            for heeded, heeding in by_heeded.items():
-                placed = [motions.facts.placed(m, state[1][m]) for m in heeded]
-                if placed and not (signature[0].flies or any(p.body.flies for p in placed)):
+            for placed, heeding in by_heeded.items():
+                if placed and not signature[0].flies:
                     found += _certify(motions, signature, heeding, placed, state)
     return found
 
@@ -53,10 +52,10 @@ def _certify(
         return [_gone_from_the_start(c, movers, why) for c in cases]
     if service.certificate(body, poses, placed) is None:
         return []
-    some = [p for p in placed if len(placed) > 1 and service.certificate(body, poses, (p,))]
-    why = f"{_listed([p.name for p in some or placed], places, 'block')} the way"
+    names = frozenset(p.name for p in placed)
+    why = f"{_listed(names, places, 'block')} the way"
     # a static obstacle stays all the time: then it must be gone from the start
-    static = [c for c in cases if {p.name for p in placed} <= (c.task.static or frozenset())]
+    static = [c for c in cases if names <= (c.task.static or frozenset())]
     others = [c for c in cases if c not in static]
     found = [
         rules.needs_away(c.activity, obstacle, configuration, why) for c in static if not c.given
@@ -67,8 +66,7 @@ def _certify(
         return found + blocked_while(facts, static + others, told, why)
     changes = facts.snapshot.movers[obstacle]
     found += [_gone_from_the_start(c, changes, why) for c in static]
-    if others:
-        found += [_opened(facts, c, obstacle, configuration, why) for c in others]
+    found += [_opened(facts, c, obstacle, configuration, why) for c in others]
     return found
 
 
@@ -112,39 +110,20 @@ def _opened(
     return rules.only_given(cut, case.given)
 
 
-def _instant_states(facts: Facts) -> Iterator[State]:
-    """Yield all states of what changes without driving; of what always changes together as one,
-    where the place of one of them tells the others'.
+def _instant_states(facts: Facts) -> list[State]:
+    """Return where what changes without driving may be: each thing, with all whose places its own
+    tells, as they always change together. Of several that tell the same the first one says it.
     """
-    snapshot = facts.snapshot
-    terms = {(c.object, c.activity): c.term for c in snapshot.changes}
-    for members in sorted(set(facts.changed_together.values())):
-        movers = sorted(snapshot.movers[members[0]])
-        changed = [tuple(terms[m, a] for m in members) for a in movers]
-        known = [some for some in changed if all(t.kind is TermKind.CONSTANT for t in some)]
-        states = {tuple(snapshot.initial[m] for m in members)}
-        states |= {tuple(t.name for t in some) for some in known}
-        if len(known) == len(changed):
-            yield from _told_by_one(members, sorted(states))
-        else:  # where one is may not tell where the others are
-            places = {(m, snapshot.initial[m]) for m in members}
-            places |= {
-                (m, terms[m, a].name)
-                for m, a in itertools.product(members, movers)
-                if terms[m, a].kind is TermKind.CONSTANT
-            }
-            yield from ((m, {m: place}) for m, place in sorted(places))
-
-
-def _told_by_one(members: Sequence[str], states: Sequence[tuple[str, ...]]) -> Iterator[State]:
-    """Yield states of which the place of one member tells those of all; else that member alone."""
-    for state in states:
-        telling = (
-            k for k, place in enumerate(state) if sum(other[k] == place for other in states) == 1
-        )
-        told = next(telling, None)
-        if told is not None:
-            yield members[told], dict(zip(members, state, strict=True))
-        else:
-            for member, place in zip(members, state, strict=True):
-                yield member, {member: place}
+    snapshot, found = facts.snapshot, dict[frozenset[tuple[str, str]], str]()
+    constant = (c for c in snapshot.changes if c.term.kind is TermKind.CONSTANT)
+    known = {(c.object, c.activity): c.term.name for c in constant}
+    for things in sorted(set(facts.changed_together.values())):
+        movers = sorted(snapshot.movers[things[0]])
+        rows = {tuple(known.get((t, a), "") for t in things) for a in movers}  # "": any place
+        rows.add(tuple(snapshot.initial[t] for t in things))
+        for row, k in itertools.product(sorted(rows), range(len(things))):
+            columns = zip(*(r for r in rows if r[k] in (row[k], "")), strict=True)
+            sure = {t: c[0] for t, c in zip(things, columns, strict=True) if {*c} == {c[0] or None}}
+            if row[k]:
+                found.setdefault(frozenset({**sure, things[k]: row[k]}.items()), things[k])
+    return [(thing, dict(places)) for places, thing in found.items()]
