@@ -411,7 +411,7 @@ def decode(work: RoutedWork, sequence: list[Step], *, full: bool = False) -> Tou
         return None
     busy = sum(robot.free for robot in decoder.robots) / max(1, len(decoder.robots))
     ends = sum(end for _, end in decoder.done.values()) / max(1, len(decoder.done))
-    cost = schedule.makespan + 0.02 * busy + 0.05 * ends
+    cost = work.worth(schedule) + 0.02 * busy + 0.05 * ends
     return Tour([(t, decoder.ways[t]) for t in decoder.order], schedule, cost)
 
 
