@@ -175,10 +175,12 @@ class Attempts:
 
     @property
     def prices(self) -> dict[str | None, int]:
-        """What each activity costs that is there; nothing where that is not all that counts."""
+        """What each activity costs that is there; nothing where that is not all that counts, or
+        where some are worth having.
+        """
         names = {a.present: a.name for a in self.model.world.activities.values()}
         prices = {names.get(var): price for var, price in self.model.objective.terms}
-        return {} if None in prices else prices
+        return {} if None in prices or min(prices.values(), default=0) < 0 else prices
 
     # -- attempts ------------------------------------------------------------------------------
     def without_presolve(self, cap: int) -> None:

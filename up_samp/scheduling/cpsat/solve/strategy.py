@@ -267,6 +267,7 @@ def _anneal_costs(search: Solve) -> None:
         cost = sum(prices.get(name, 0) for name in schedule.times)
         return cost + much * max(0.0, schedule.makespan - most)
 
+    whole.without_presolve(whole.cap)  # tiny ones are solved at once
     work = find_work(whole.model, find_routes(whole.model))
     rounds = whole.orders.tuning.tour_rounds * len(work.tasks)
     deadline = search.share(_AGAIN)
