@@ -15,6 +15,7 @@ from up_samp.engines.in_order import InOrder, costs_in_order
 from up_samp.fleet import Fleet, FleetError
 from up_samp.model.errors import InterruptedSearch
 from up_samp.model.objective import Cost, MinimizeCosts
+from up_samp.search import session
 from up_samp.validation import ranked, validate_plan
 
 OPTIMAL, FOUND = Status.SOLVED_OPTIMALLY, Status.SOLVED_SATISFICING
@@ -107,7 +108,8 @@ class Ranks:
         yield self.result(status, plan, *told)
 
     def result(self, status, plan, *told):
-        messages = [LogMessage(LogLevel.ERROR, text) for text in told]
+        levels = {True: LogLevel.INFO, False: LogLevel.ERROR}
+        messages = [LogMessage(levels[text.startswith("why")], text) for text in told]
         return PlanGenerationResult(status, plan, "fake", {"value_bound": "3"}, messages)
 
     def solve(self, first=False, **call):
@@ -147,6 +149,34 @@ def test_a_rank_that_fails_leaves_the_plan_before_it_and_its_errors():
     ).solve()
     assert (last.status, last.plan is not None) == (FOUND, True)
     assert "broke" in [m.message for m in last.log_messages]
+
+
+def test_why_each_rank_ended_is_told_by_its_name_and_once():
+    answers = [(FOUND, True, "why: slow"), (OPTIMAL, True, "why: slow", "why: late", "broke")]
+    last = Ranks([*answers, (Status.TIMEOUT, False, "why: no time")]).solve()
+    told = [m.message for m in last.log_messages]
+    assert [text for text in told if "why" in text or "broke" in text] == [
+        "far: why: slow", "near: why: late", "broke", "all: why: no time",
+    ]  # fmt: skip
+    assert [text.split()[0] for text in told if "proven" in text] == ["far", "near", "all"]
+
+
+def test_a_rank_goes_on_with_what_those_before_have_learned(monkeypatch):
+    opened, open_search = [], session.open_search
+
+    def spied(*args, **options):
+        opened.append((open_search(*args, **options), options["service"]))
+        return opened[-1][0]
+
+    monkeypatch.setattr(session, "open_search", spied)
+    solved(["tardiness", "driving"])
+    by_rank = [one for one in opened if one[0].start is not None or one[1] is None]
+    (first, _), (second, service) = by_rank[0], by_rank[-1]
+    assert first is not second
+    assert service is first.motions.service is second.motions.service
+    known = {one.statement for one in second.knowledge.active}
+    assert {one.statement for one in first.knowledge.sure} <= known
+    assert first.knowledge.sure
 
 
 def test_without_a_plan_no_more_is_asked():

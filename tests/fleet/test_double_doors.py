@@ -9,8 +9,12 @@ from up_samp.execution import Delays, dependencies_of, simulate
 from up_samp.fleet import Fleet, read_problem_file
 from up_samp.fleet.files import write_problem_file
 from up_samp.fleet.outlines import placed
-from up_samp.model import UnsupportedError
+from up_samp.model import Deadline, UnsupportedError
+from up_samp.model.refinement import Strength
 from up_samp.operate.planner import check_site
+from up_samp.search.params import Parameters
+from up_samp.search.session import Wrapped, open_search
+from up_samp.search.statements.unreachable import unreachable
 from up_samp.validation import validate_plan
 
 LEAF = (0.6, 1.9)
@@ -18,13 +22,20 @@ UPPER, LOWER = ([15, 5, 0], [15, 7, 0]), ([15, 3, 0], [15, 1, 0])
 """Where the leaves are, closed and open: each slides along the wall."""
 
 
-def site(**options):
+def site(*, single=False, button2=None, **options):
     fleet = Fleet(MAPS / "two_rooms.yaml")
     fleet.add_robot_type("agv", (1.0, 0.7), model="diff", v_max=2.0)
     for name, x, y in (("home", 12, 3), ("button", 11, 5), ("there", 19, 4)):
         fleet.add_place(name, x, y)
     fleet.add_robot("r", "agv", "home")
-    fleet.add_door("gate", LEAF, *UPPER, opened_from="button", second=LOWER, **options)
+    buttons = ["button"]
+    if button2 is not None:
+        fleet.add_place("button2", *button2)
+        buttons += ["button2"]
+    if single:
+        fleet.add_door("gate", (0.6, 3.8), (15, 4, 0), (15, 8, 0), opened_from=buttons, **options)
+    else:
+        fleet.add_door("gate", LEAF, *UPPER, opened_from=buttons, second=LOWER, **options)
     fleet.add_task("look", at="there", duration=2)
     return fleet
 
@@ -61,6 +72,34 @@ def test_one_leaf_alone_does_not_let_anybody_through():
     assert "only once door 'gate' is open" in notes
     with pytest.raises(UnsupportedError, match="'gate' has two leaves"):
         check_site(fleet.records)
+
+
+def barred(fleet):
+    """What drives wait for, as it is stated before the first schedule."""
+    wrapped = Wrapped("cpsat", {"workers": 1}, lambda *_: [], lambda *_: [], native=True)
+    search = open_search(fleet.problem, wrapped, Parameters(), Deadline.after(600.0))
+    stated = unreachable(search.motions)
+    search.scheduler.close()
+    assert all(one.strength is Strength.PROVEN for one in stated)
+    return sorted(str(one.statement) for one in stated)
+
+
+@pytest.mark.parametrize("options", [{}, {"closes": 8, "times": 2}])
+def test_what_two_leaves_bar_together_is_stated_like_what_one_bars(options):
+    """Neither bars the way alone. What is not stated was learned drive by drive."""
+    double, single = site(**options), site(single=True, **options)
+    stated = barred(double)
+    assert len(stated) >= 4
+    assert stated == barred(single)
+
+
+@pytest.mark.parametrize("single", [True, False])
+def test_a_door_that_closes_takes_as_long_with_two_leaves(single):
+    fleet = site(single=single, closes=8, times=2, button2=(18, 5))
+    fleet.add_task("back", at="home", duration=1, after="look")
+    result = fleet.solve(timeout=300, first_plan=True)
+    assert validate_plan(fleet.problem, result.plan, seconds_per_unit=1.0).valid
+    assert result.makespan <= 40
 
 
 def test_messages_say_the_other_leaf():

@@ -43,6 +43,8 @@ class InOrder:
         self._deadline = Deadline.after(call.timeout)
         self._limits: list[int | Fraction] = []
         self._told: list[LogMessage] = []
+        self._said: set[str] = set()
+        """What ranks have told, in their own words."""
         self._best: Any = call.warm_start_plan
         self._proven = True
         self._relative = False
@@ -92,7 +94,6 @@ class InOrder:
         optimal = result.status is OPTIMAL
         self._proven &= optimal
         self._relative |= (result.metrics or {}).get("bound_kind") == RELATIVE
-        wrong = [m for m in result.log_messages or () if m.level is LogLevel.ERROR]
         if result.plan is None:
             return result
         worth = self._worth(result.plan)[number]
@@ -100,8 +101,18 @@ class InOrder:
         name = " + ".join(terms_in(self._metric.of_rank(number)))
         bound = self._bound(number, result.metrics or {})
         proven = "proven" if optimal else f"proven bound {bound}"
-        self._told += [LogMessage(LogLevel.INFO, f"{name} {shown(worth)} ({proven})"), *wrong]
+        self._told.append(LogMessage(LogLevel.INFO, f"{name} {shown(worth)} ({proven})"))
+        self._told += self._reasons(name, result)
         return result
+
+    def _reasons(self, name: str, result: Any) -> list[LogMessage]:
+        """Return what a rank's result tells that none before did, by its name: each rank may have
+        ended for another reason. What went wrong is told as it is.
+        """
+        new = [m for m in result.log_messages or () if m.message not in self._said]
+        self._said |= {m.message for m in new}
+        wrong = LogLevel.ERROR
+        return [m if m.level is wrong else replace(m, message=f"{name}: {m.message}") for m in new]
 
     def _as_good(self, plan: Any, number: int) -> bool:
         """Return whether a plan costs no more than the best one, rank by rank."""
@@ -128,8 +139,7 @@ class InOrder:
             solved = PlanGenerationResultStatus.SOLVED_SATISFICING
             done = len(self._limits) == len(self._metric.ranks)
             result.status = OPTIMAL if self._proven and done else solved
+            result.log_messages = list(self._told)
         if self._relative:  # what one rank rests on, those after it do, too
             result.metrics["bound_kind"] = RELATIVE
-        rest = [m for m in result.log_messages or () if m not in self._told]
-        result.log_messages = [*self._told, *rest]
         return result

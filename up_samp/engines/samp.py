@@ -198,11 +198,16 @@ class SampRefine(ReplanningFace, MetaEngine, OneshotPlannerMixin, AnytimePlanner
         return bool(getattr(self._engine_class, "has_sessions", False))
 
     def _results(
-        self, call: Call, optimal: bool, patience: float = math.inf
+        self,
+        call: Call,
+        optimal: bool,
+        patience: float = math.inf,
+        before: list[Search] | None = None,
     ) -> Iterator[PlanGenerationResult]:
         """Yield each better plan as INTERMEDIATE, and last the final result.
 
-        A plan to begin from is of this problem, or of one with some of its activities.
+        A plan to begin from is of this problem, or of one with some of its activities. ``before``:
+        the search of this problem by another objective, if there was one, then that by this one.
         """
         from up_samp.engines.movers import solve_settled
         from up_samp.upio.movers import settle_movers
@@ -215,7 +220,7 @@ class SampRefine(ReplanningFace, MetaEngine, OneshotPlannerMixin, AnytimePlanner
             return
         ranked = costs_in_order(problem)
         if ranked is not None:
-            again = partial(self._results, optimal=optimal, patience=patience)
+            again = partial(self._results, optimal=optimal, patience=patience, before=[])
             yield from InOrder(ranked, call, again, self.params.reproducible).solve(
                 first=not optimal and self.params.first_plan
             )
@@ -235,7 +240,7 @@ class SampRefine(ReplanningFace, MetaEngine, OneshotPlannerMixin, AnytimePlanner
             return
         try:
             with in_force(deadline):
-                search = self._open(problem, deadline, call.output_stream, start)
+                search = self._open(problem, deadline, call.output_stream, start, before)
         except OutOfTimeError:
             yield too_late(self.name, self.params, deadline)
             return
@@ -307,6 +312,7 @@ class SampRefine(ReplanningFace, MetaEngine, OneshotPlannerMixin, AnytimePlanner
         deadline: Deadline,
         stream: IO[str] | None,
         start: Plan | None,
+        before: list[Search] | None,
     ) -> Search:
         from up_samp.engines.plain import wrong_in
         from up_samp.search.session import Wrapped, open_search
@@ -326,7 +332,13 @@ class SampRefine(ReplanningFace, MetaEngine, OneshotPlannerMixin, AnytimePlanner
 
         engine, own, native = self._engine_class, self.engine_params, self._native
         wrapped = Wrapped(engine, own, wrong_in, check_plan, native, worth)
-        return open_search(problem, wrapped, params, deadline, start=start)
+        service = before[-1].motions.service if before else None
+        search = open_search(problem, wrapped, params, deadline, start=start, service=service)
+        if before is not None:
+            for other in before:
+                search.learn(other.knowledge.sure)
+            before[:] = [search]
+        return search
 
     # ------------------------------------------------------------------ results
     def _intermediate(self, search: Search, incumbent: Incumbent) -> PlanGenerationResult:

@@ -151,6 +151,17 @@ class Facts:
         return frozenset(c.object for c in self.snapshot.changes) - self.drivers - self.loads
 
     @cached_property
+    def changed_together(self) -> dict[str, tuple[str, ...]]:
+        """By each of ``instant``, all that the same activities change, at the same times: the
+        leaves of a door.
+        """
+        movers = self.snapshot.movers
+        by_movers: dict[frozenset[str], list[str]] = {}
+        for name in sorted(self.instant):
+            by_movers.setdefault(movers[name], []).append(name)
+        return {name: tuple(by_movers[movers[name]]) for name in self.instant}
+
+    @cached_property
     def loads(self) -> frozenset[str]:
         """Objects that travel with others and never drive."""
         return frozenset(r.load for r in self.snapshot.rides) - self.drivers
@@ -163,6 +174,12 @@ class Facts:
         """Return an object at a configuration."""
         snapshot = self.snapshot
         return Placed(name, snapshot.objects[name].body, snapshot.configurations[configuration])
+
+    def heeded(self, task: MotionTask, places: Mapping[str, str]) -> tuple[Placed, ...]:
+        """Return what stands on the floor at these ``places`` that a motion keeps clear of."""
+        known = self.snapshot.objects
+        some = (n for n in places if avoids(task.avoid, n) and not known[n].body.flies)
+        return tuple(self.placed(name, places[name]) for name in some)
 
     @cached_property
     def fixed(self) -> tuple[Placed, ...]:

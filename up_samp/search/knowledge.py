@@ -61,7 +61,7 @@ class Knowledge:
 
     def start_over(self, relaxation: Relaxation) -> None:
         """Begin anew on a fresh relaxation with what is proven or relative; drop the guesses."""
-        self.active = [r for r in self.active if r.strength is not Strength.HEURISTIC]
+        self.active = self.sure
         self.relaxation = relaxation
         self.failed_together.clear()
         self._written = {r.statement for r in self.active}
@@ -72,6 +72,11 @@ class Knowledge:
     def proven(self) -> list[Refinement]:
         """What is proven of all that is in play."""
         return [r for r in self.active if r.strength is Strength.PROVEN]
+
+    @property
+    def sure(self) -> list[Refinement]:
+        """What is in play and no guess."""
+        return [r for r in self.active if r.strength is not Strength.HEURISTIC]
 
     @property
     def guesses(self) -> list[Refinement]:

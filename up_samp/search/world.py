@@ -385,12 +385,11 @@ def _once_and_for_all(facts: Facts) -> Iterator[tuple[str, str]]:
 
 
 def _is_shut(facts: Facts, service: MotionService, task: MotionTask, thing: str) -> bool:
-    """Return whether it is proven that a motion cannot be made before a thing is moved."""
-    if not avoids(task.avoid, thing):
-        return False
-    closed = facts.placed(thing, facts.snapshot.initial[thing])
+    """Return whether it is proven that a motion cannot be made before a thing is moved (with all
+    that is moved as it is).
+    """
+    initial = {t: facts.snapshot.initial[t] for t in facts.changed_together[thing]}
+    closed = facts.heeded(task, initial)
     body = facts.snapshot.body(task.activity, task.index, task.object)
     poses = tuple(facts.snapshot.configurations[t.name] for t in task.terms)
-    if body.flies or closed.body.flies:
-        return False
-    return service.certificate(body, poses, (closed,)) is not None
+    return bool(closed) and service.certificate(body, poses, closed) is not None

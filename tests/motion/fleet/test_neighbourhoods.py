@@ -23,6 +23,7 @@ def planned(traffic, plans):
     budget = WorkBudget(Deadline.never(), 200)
     problem = MovingGroup(workspace, motions, (), budget, ways)
     runs = first_runs(problem)
+    problem.used = problem.budget.used
     problem.budget = WorkBudget(Deadline.never(), plans)
     return problem, runs, improve(problem, runs, list(runs), seed=1) if plans else runs
 
@@ -59,6 +60,24 @@ def test_who_ejects_each_other_again_and_again_makes_way(seed, tmp_path):
     assert runs is not None
     found = {name: run.timing.trajectory for name, run in runs.items()}
     judge(traffic, GroupReport(Outcome.FOUND, found), tmp_path)
+
+
+def test_two_who_come_to_one_place_do_not_take_turns_at_ejecting_each_other(tmp_path):
+    """One rests there for long, the other comes a bit too soon after it: who comes first rests, so
+    that ejecting it gains as much as the rest lasts, and loses it again.
+    """
+    body, plug = tight.differential(tight.SMALL), (15.0, 5.0, 0.0)
+    grid = tight.hall(20, 10, [(0.5, 0.5, 19.5, 9.5)])
+    legs = [((3.0, 2.0, 0.0), plug), (plug, (18.0, 8.0, 0.0)), ((3.0, 8.0, 0.0), plug)]
+    first, on, second = tight.drives(body, legs).motions
+    on = replace(on, object=first.object, release=400.0, present_from=400.0, due=430.0)
+    first = replace(first, due=30.0, present_until=400.0)
+    second = replace(second, due=401.0, present_until=800.0)
+    query = GroupQuery((first, on, second))
+    problem, runs, _ = planned(tight.Traffic("plug", grid, query), 0)
+    assert runs[first.name].arrival < 30.0
+    assert 400.0 < runs[second.name].arrival < 410.0
+    assert problem.used < 40
 
 
 def test_who_may_only_leave_later_is_passed_where_it_stands(tmp_path):

@@ -199,7 +199,7 @@ def first_runs(problem: MovingGroup) -> dict[str, TimedPath] | None:
         ready = (n for n in queue if problem.before.get(n) is None or problem.before[n] in runs)
         name = next(ready)
         queue.remove(name)
-        run, gone = _inserted(problem, name, runs, price)
+        run, gone = _inserted(problem, name, runs, price, quarrels)
         if run is None:
             run, gone = _forced(problem, name, runs, quarrels)
         if run is None or name in gone:
@@ -215,9 +215,15 @@ def first_runs(problem: MovingGroup) -> dict[str, TimedPath] | None:
 
 
 def _inserted(
-    problem: MovingGroup, name: str, runs: Runs, price: Mapping[str, float]
+    problem: MovingGroup,
+    name: str,
+    runs: Runs,
+    price: Mapping[str, float],
+    quarrels: Mapping[tuple[str, str], int],
 ) -> tuple[TimedPath | None, list[str]]:
-    """Return the cheapest run of a motion, and who has to go for it."""
+    """Return the cheapest run of a motion, and who has to go for it: twice as dear each time that
+    it had to, or made this one go, or else two would take turns for as long as one waits.
+    """
     best, gone = problem.plan(name, runs), list[str]()
     ideal = problem.ideal(name, runs)
     if best is None or best.arrival <= ideal.arrival + SOON:
@@ -229,7 +235,7 @@ def _inserted(
     if all(math.isinf(problem.workspace.meeting(ideal, other)[0]) for other in still):
         options.append(met)
     for option in options:
-        bill = sum(price[n] for n in option)
+        bill = sum(price[n] * 2.0 ** quarrels.get((name, n), 0) for n in option)
         if ideal.arrival + bill >= least or not option:
             continue
         run = ideal if option is met else problem.plan(name, runs, option)

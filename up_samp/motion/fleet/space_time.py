@@ -54,6 +54,9 @@ EAGER = 1.1
 lattice has it, neither is exact.
 """
 
+GAIN = 10.0
+"""Seconds that are to be gained for all the effort; for fewer a search expands fewer states."""
+
 WAYS = np.array(
     [(i, j) for i in range(-2, 3) for j in range(-2, 3) if math.gcd(i, j) == 1], dtype=np.int64
 )
@@ -336,6 +339,21 @@ def _goal_free(safe: TimeSets, goal: int) -> float:
     return float(free[-1, 0]) if endless else np.inf
 
 
+@inner
+def _soonest(task: Errand, safe: TimeSets, goal: int, most: int) -> tuple[float, int]:
+    """Return a time (s) before which nobody is at rest at a goal that gets free at some time, and
+    how many of ``most`` states are worth expanding: as the nearest is expanded first, what may be
+    gained then is found soon.
+    """
+    free, least = _goal_free(safe, goal), np.inf
+    for k in range(len(task.target.place)):
+        least = min(least, task.goals[task.target.direction[k]])
+    if least == np.inf or free + task.stop + least >= task.until:
+        return np.inf, 0
+    soonest = free + task.stop + least
+    return soonest, int(most * min(1.0, (task.until - soonest) / GAIN))
+
+
 @kernel
 def search(lattice: Lattice, task: Errand, safe: TimeSets, most: int) -> FloatArray:
     """Return the rows (place, arrival s) of a way from the start to the goal (none: not found with
@@ -350,9 +368,9 @@ def search(lattice: Lattice, task: Errand, safe: TimeSets, most: int) -> FloatAr
     parent = np.full(len(best), -1, dtype=np.int32)
     ahead = np.full(len(best), still, dtype=np.int8)
     place_of, links = _tables(task, safe, places)
-    queue, soonest = _begun(task, safe, places, best), _goal_free(safe, places + 1)
-    done = 0
-    while len(queue) > 0 and done < most and soonest < task.until:
+    queue, done = _begun(task, safe, places, best), 0
+    soonest, most = _soonest(task, safe, places + 1, most)
+    while len(queue) > 0 and done < most:
         _, _, t, key = heapq.heappop(queue)
         if t > best[key] + 1e-9:
             continue

@@ -2,25 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+import itertools
+from collections.abc import Iterable, Mapping, Sequence
 
-from up_samp.model import Placed, avoids
+from up_samp.model import Placed
 from up_samp.model.refinement import Refinement, Strength, end_of, start_of
 from up_samp.model.snapshot import TermKind
 from up_samp.refinement import rules
 from up_samp.search.facts import Facts, MotionCase, Signature
 from up_samp.search.motions import Motions
 
+State = tuple[str, Mapping[str, str]]
+"""Where objects are that always change together (the leaves of a door), and one of them whose place
+tells those of all."""
+
 
 def unreachable(motions: Motions) -> list[Refinement]:
     """Return proofs of what is unreachable while a door-like object is where it may be."""
     found: list[Refinement] = []
-    for obstacle, configuration in _instant_places(motions.facts):
-        placed = motions.facts.placed(obstacle, configuration)
+    for state in _instant_states(motions.facts):
         for signature, cases in motions.facts.by_signature.items():
-            heeding = [c for c in cases if avoids(c.task.avoid, obstacle)]
-            if heeding and not (signature[0].flies or placed.body.flies):
-                found += _certify(motions, signature, heeding, placed, configuration)
+            by_heeded: dict[tuple[Placed, ...], list[MotionCase]] = {}
+            for case in cases:
+                heeded = motions.facts.heeded(case.task, state[1])
+                by_heeded.setdefault(heeded, []).append(case)
+            for placed, heeding in by_heeded.items():
+                if placed and not signature[0].flies:
+                    found += _certify(motions, signature, heeding, placed, state)
     return found
 
 
@@ -28,37 +36,44 @@ def _certify(
     motions: Motions,
     signature: Signature,
     cases: list[MotionCase],
-    placed: Placed,
-    configuration: str,
+    placed: Sequence[Placed],
+    state: State,
 ) -> list[Refinement]:
     facts, service = motions.facts, motions.service
+    obstacle, places = state
+    configuration = places[obstacle]
     body, poses = signature
-    why = f"{placed.name} at {configuration} blocks the way"
-    _, at_start = service.pose_blockers(body, poses[0], (placed,))
+    _, at_start = service.pose_blockers(body, poses[0], placed)
     if at_start:
-        why = f"{placed.name} at {configuration} lies on the first pose"
-        if facts.returns_to(placed.name, configuration):
-            return blocked_while(facts, cases, {placed.name: configuration}, why)
-        changes = facts.snapshot.movers[placed.name]
-        return [_gone_from_the_start(c, changes, why) for c in cases]
-    proof = service.certificate(body, poses, (placed,))
-    if proof is None:
+        why = f"{_listed(at_start, places, 'lie')} on the first pose"
+        if facts.returns_to(obstacle, configuration):
+            return blocked_while(facts, cases, {obstacle: configuration}, why)
+        movers = facts.snapshot.movers[obstacle]
+        return [_gone_from_the_start(c, movers, why) for c in cases]
+    if service.certificate(body, poses, placed) is None:
         return []
+    names = frozenset(p.name for p in placed)
+    why = f"{_listed(names, places, 'block')} the way"
     # a static obstacle stays all the time: then it must be gone from the start
-    static = [c for c in cases if placed.name in (c.task.static or ())]
+    static = [c for c in cases if names <= (c.task.static or frozenset())]
     others = [c for c in cases if c not in static]
     found = [
-        rules.needs_away(c.activity, placed.name, configuration, why) for c in static if not c.given
+        rules.needs_away(c.activity, obstacle, configuration, why) for c in static if not c.given
     ]
     static = [c for c in static if c.given]  # a condition cannot hang on decisions
-    if facts.returns_to(placed.name, configuration):
-        places = {placed.name: configuration}
-        return found + blocked_while(facts, static + others, places, why)
-    changes = facts.snapshot.movers[placed.name]
+    if facts.returns_to(obstacle, configuration):
+        told = {obstacle: configuration}
+        return found + blocked_while(facts, static + others, told, why)
+    changes = facts.snapshot.movers[obstacle]
     found += [_gone_from_the_start(c, changes, why) for c in static]
-    if others:
-        found += [_opened(facts, c, placed.name, configuration, why) for c in others]
+    found += [_opened(facts, c, obstacle, configuration, why) for c in others]
     return found
+
+
+def _listed(names: Iterable[str], places: Mapping[str, str], verb: str) -> str:
+    """Return what is where, with what it does."""
+    what = [f"{name} at {places[name]}" for name in sorted(names)]
+    return f"{' and '.join(what)} {verb}{'s' if len(what) == 1 else ''}"
 
 
 def _gone_from_the_start(case: MotionCase, changes: Iterable[str], why: str) -> Refinement:
@@ -95,14 +110,20 @@ def _opened(
     return rules.only_given(cut, case.given)
 
 
-def _instant_places(facts: Facts) -> Iterator[tuple[str, str]]:
-    snapshot = facts.snapshot
-    for obstacle in sorted(facts.instant):
-        places = {snapshot.initial[obstacle]}
-        places |= {
-            c.term.name
-            for c in snapshot.changes
-            if c.object == obstacle and c.term.kind is TermKind.CONSTANT
-        }
-        for place in sorted(places):
-            yield obstacle, place
+def _instant_states(facts: Facts) -> list[State]:
+    """Return where what changes without driving may be: each thing, with all whose places its own
+    tells, as they always change together. Of several that tell the same the first one says it.
+    """
+    snapshot, found = facts.snapshot, dict[frozenset[tuple[str, str]], str]()
+    constant = (c for c in snapshot.changes if c.term.kind is TermKind.CONSTANT)
+    known = {(c.object, c.activity): c.term.name for c in constant}
+    for things in sorted(set(facts.changed_together.values())):
+        movers = sorted(snapshot.movers[things[0]])
+        rows = {tuple(known.get((t, a), "") for t in things) for a in movers}  # "": any place
+        rows.add(tuple(snapshot.initial[t] for t in things))
+        for row, k in itertools.product(sorted(rows), range(len(things))):
+            columns = zip(*(r for r in rows if r[k] in (row[k], "")), strict=True)
+            sure = {t: c[0] for t, c in zip(things, columns, strict=True) if {*c} == {c[0] or None}}
+            if row[k]:
+                found.setdefault(frozenset({**sure, things[k]: row[k]}.items()), things[k])
+    return [(thing, dict(places)) for places, thing in found.items()]

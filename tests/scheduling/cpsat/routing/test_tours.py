@@ -214,7 +214,7 @@ def test_tours_do_without_what_never_happens(kind):
     check_tour_without(ScheduleModel(problem), absent)
 
 
-def deliveries(seed):
+def deliveries(seed, charger):
     """Two robots that carry one or two things each, some with a battery that does not last."""
     rng = random.Random(seed)
     battery = {"capacity": 100, "per_metre": 1.0, "reserve": 2, "level": rng.choice([35, 60])}
@@ -223,7 +223,7 @@ def deliveries(seed):
         "agv", (1.2, 0.8), model="diff", v_max=2.0, a_max=1.0, omega_max=2.0,
         capacity={"totes": rng.choice([1, 2])}, **({"battery": battery} if seed % 3 else {}),
     )  # fmt: skip
-    fleet.add_place("plug", 2, 12.5, charger={"per_second": 2.0, "step": 10})
+    fleet.add_place("plug", 2, 12.5, charger=charger)
     places = {"a": (7, 3), "b": (12, 12), "c": (25, 4), "h0": (2, 3), "h1": (4, 6)}
     for name in rng.sample(list(places), len(places)):
         fleet.add_place(name, *places[name])
@@ -235,9 +235,14 @@ def deliveries(seed):
     return fleet
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_tours_of_fleets_bring_what_they_fetched_and_charge_in_time(seed):
-    samp = deliveries(seed).problem
+PLUG, SWAP = {"per_second": 2.0, "step": 10}, {"swap": 25}
+
+
+@pytest.mark.parametrize(
+    ("seed", "charger"), [(0, PLUG), (1, PLUG), (2, PLUG), (3, PLUG), (1, SWAP), (2, SWAP)]
+)
+def test_tours_of_fleets_bring_what_they_fetched_and_charge_in_time(seed, charger):
+    samp = deliveries(seed, charger).problem
     problem = relax(samp, read_problem(samp)).problem
     model = ScheduleModel(problem)
     work = find_work(model, find_routes(model))

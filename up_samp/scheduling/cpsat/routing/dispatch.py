@@ -8,10 +8,12 @@ model: order, machines, doors, unary places.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from operator import attrgetter
 
+from up_samp.model import CandidateSchedule
 from up_samp.scheduling.cpsat.encode.forms import TRUE, Form, Literal, difference_told, parts_of
 from up_samp.scheduling.cpsat.encode.states import Key, StateVar, Write
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
@@ -340,6 +342,8 @@ class RoutedWork:
     """Moves that are made only where some ways to do tasks are taken."""
     others: dict[str, bool] = field(default_factory=dict)
     """Activities on no route, and whether it is one of those of which some must be done."""
+    worth: Callable[[CandidateSchedule], float] = attrgetter("makespan")
+    """What a schedule costs."""
 
     @property
     def is_all(self) -> bool:
@@ -356,14 +360,14 @@ class RoutedWork:
 
     @cached_property
     def refills(self) -> list[list[dict[Way, frozenset[int]]]]:
-        """What adds to each level of each route, and where."""
+        """What fills each level of each route up, and where."""
         return [
             [
                 {
                     (task, way): places
                     for task, known in enumerate(self.tasks)
                     for way, (route, name, places) in enumerate(known.ways)
-                    if route == number and level.gains.get(name, 0) > 0
+                    if route == number and level.refilled_by(name)
                 }
                 for level in levels
             ]

@@ -20,15 +20,24 @@ Ways = dict[tuple[int, int], int]
 
 @dataclass(frozen=True)
 class RouteLevel:
-    """A level within ``low`` and ``high``: ``gains`` are what stops add to it, ``ways`` what ways
-    take from it at least.
+    """A level within ``low`` and ``high``: ``gains`` are what stops add to it, ``settings`` what
+    stops set it to (a swapped battery is full), ``ways`` what ways take from it at least.
     """
 
     initial: int
     low: int
     high: int
     gains: Mapping[str, int]
+    settings: Mapping[str, int]
     ways: Ways
+
+    def after(self, left: int, stop: str) -> int:
+        """Return what is left after a stop, of what was left before."""
+        return self.settings.get(stop, left + self.gains.get(stop, 0))
+
+    def refilled_by(self, stop: str) -> bool:
+        """Return whether who has little left has more after a stop."""
+        return self.after(self.low, stop) > self.low
 
     def taken(self, some: Iterable[int], others: Iterable[int]) -> int:
         """Return what is taken at least from one of some places to one of others."""
@@ -54,21 +63,25 @@ def _level(model: ScheduleModel, route: Route, state: StateVar) -> RouteLevel | 
     stops = {name for name, _ in route.stops}
     taken: dict[str, int] = {}
     gains: dict[str, int] = {}
+    settings: dict[str, int] = {}
     for write in state.writes:
         if model.store.never(write.active):
             continue
-        name = _owner(model, write)
-        if name is None or not (write.add and not write.value.terms):
+        name, value = _owner(model, write), write.value.const
+        if name is None or write.value.terms:
             return None
-        if name in route.movers and write.value.const <= 0:
-            taken[name] = taken.get(name, 0) - write.value.const
-        elif name in stops and _after_start(model, write):
-            gains[name] = gains.get(name, 0) + write.value.const
+        if write.add and name in route.movers and value <= 0:
+            taken[name] = taken.get(name, 0) - value
+        elif name not in stops or not _after_start(model, write):
+            return None
+        elif write.add:
+            gains[name] = gains.get(name, 0) + value
         else:
-            return None
-    if not taken or state.initial is None:
+            settings[name] = value
+    both = gains.keys() & settings.keys()  # what is left then hangs on which of them comes first
+    if not taken or both or state.initial is None:
         return None
-    return RouteLevel(state.initial, *state.bounds, gains, _ways(route, taken))
+    return RouteLevel(state.initial, *state.bounds, gains, settings, _ways(route, taken))
 
 
 def _owner(model: ScheduleModel, write: Write) -> str | None:

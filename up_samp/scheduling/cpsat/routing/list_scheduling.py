@@ -110,7 +110,7 @@ class Decoder:
     def _is_open(self, number: int, way: int) -> bool:
         robot, name, _ = self.work.tasks[number].ways[way]
         levels = zip(self.robots[robot].left, self.work.levels[robot], strict=True)
-        if not all(v.low <= left + v.gains.get(name, 0) <= v.high for left, v in levels):
+        if not all(v.low <= v.after(left, name) <= v.high for left, v in levels):
             return False
         own = zip(self.work.own, self.own, strict=True)
         needs = self.work.needs.get((number, way), WayNeeds())
@@ -143,7 +143,7 @@ class Decoder:
         if robot.here not in places:
             self._go(robot_number, places, depth, (number, way))
         for i, level in enumerate(self.work.levels[robot_number]):
-            robot.left[i] += level.gains.get(name, 0)
+            robot.left[i] = level.after(robot.left[i], name)
         start = max(robot.free, self._earliest(task))
         for (other, _), gap in needs.first:
             start = max(start, self.done[other][0] + gap if other in self.done else 0)
@@ -411,7 +411,7 @@ def decode(work: RoutedWork, sequence: list[Step], *, full: bool = False) -> Tou
         return None
     busy = sum(robot.free for robot in decoder.robots) / max(1, len(decoder.robots))
     ends = sum(end for _, end in decoder.done.values()) / max(1, len(decoder.done))
-    cost = schedule.makespan + 0.02 * busy + 0.05 * ends
+    cost = work.worth(schedule) + 0.02 * busy + 0.05 * ends
     return Tour([(t, decoder.ways[t]) for t in decoder.order], schedule, cost)
 
 

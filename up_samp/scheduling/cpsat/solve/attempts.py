@@ -173,6 +173,15 @@ class Attempts:
         known = self.minimizes_makespan and self.best is not None
         return self.value if known else self.model.limit
 
+    @property
+    def prices(self) -> dict[str | None, int]:
+        """What each activity costs that is there; nothing where that is not all that counts, or
+        where some are worth having.
+        """
+        names = {a.present: a.name for a in self.model.world.activities.values()}
+        prices = {names.get(var): price for var, price in self.model.objective.terms}
+        return {} if None in prices or min(prices.values(), default=0) < 0 else prices
+
     # -- attempts ------------------------------------------------------------------------------
     def without_presolve(self, cap: int) -> None:
         """Try what solves the smallest problems at once."""
@@ -227,11 +236,11 @@ class Attempts:
         self.known.update(hints)
         presences = {abs(a.present) for a in activities.values()} - {TRUE}
         caps = [int(f * guess.makespan) + (2 if f > 1 else 0) for f in _CAPS]
-        if self.best is not None:
+        if self.cap < self.model.limit:
             # any better one will do, if there is none as short as the guess
             caps = [cap for cap in caps if cap < self.value - 1] + [self.value - 1]
         for cap in caps:
-            if cap < self.bound:
+            if cap < self.bound * self.minimizes_makespan:
                 continue
             model = self.model.capped(cap)
             for var in sorted(presences & hints.keys()):

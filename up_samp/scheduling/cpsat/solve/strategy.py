@@ -7,9 +7,11 @@ routing relaxation, the last ones are CP-SAT's own search.
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 from up_samp.model import CandidateSchedule, Deadline
 from up_samp.scheduling.cpsat.routing.detection import find_routes
@@ -111,9 +113,12 @@ def solve(search: Solve) -> None:
             return
 
 
+def _is_given(search: Solve) -> bool:
+    return search.guess is not None and bool(search.guess.times)
+
+
 def _has_guess(search: Solve) -> bool:
-    guess = search.guess
-    return guess is not None and bool(guess.times) and search.whole.minimizes_makespan
+    return _is_given(search) and search.whole.minimizes_makespan
 
 
 def _is_near(search: Solve) -> bool:
@@ -244,6 +249,39 @@ def _anneal_again(search: Solve) -> None:
             search.better |= whole.realize(tour.schedule, work.others)
 
 
+def _is_paid_by_activity(search: Solve) -> bool:
+    """Whether there is a schedule to make better, and it costs what its activities cost."""
+    whole = search.whole
+    return whole.best is not None and not whole.model.plain and bool(whole.prices)
+
+
+def _anneal_costs(search: Solve) -> None:
+    """Anneal tours by what their activities cost, for schedules that cost less than the one in
+    hand; by turns those that end later, too: a limit of what else they cost may ask for the first.
+    """
+    whole, prices = search.whole, search.whole.prices
+    assert whole.best is not None
+    last, much = whole.best.makespan, sum(map(abs, prices.values()))
+
+    def worth(schedule: CandidateSchedule, most: float) -> float:
+        cost = sum(prices.get(name, 0) for name in schedule.times)
+        return cost + much * max(0.0, schedule.makespan - most)
+
+    whole.without_presolve(whole.cap)  # tiny ones are solved at once
+    work = find_work(whole.model, find_routes(whole.model))
+    rounds = whole.orders.tuning.tour_rounds * len(work.tasks)
+    deadline = search.share(_AGAIN)
+    for number in range(_TIMES):
+        if whole.over() or deadline.expired():
+            return
+        by = partial(worth, most=(last, math.inf)[number % 2])
+        tour = improve(replace(work, worth=by), rounds, whole.orders.seed + number, deadline)
+        if tour is not None and by(tour.schedule) + whole.model.objective.const < whole.value:
+            before = whole.value
+            whole.realize(tour.schedule, work.others)
+            search.better |= whole.value < before
+
+
 def _is_worth_relaxing(search: Solve) -> bool:
     """Whether the routing relaxation may tell more. Where all tasks are on the routes, sequences of
     them bound better (they may be too many for a proof); where some schedule is at hand and no
@@ -313,7 +351,7 @@ def _finish(search: Solve) -> None:
 
 FIRST, QUICKLY = "find a first schedule", "prove it quickly"
 STAGES = (
-    Stage("make the given schedule fit", _has_guess, _realize_guess),
+    Stage("make the given schedule fit", _is_given, _realize_guess),
     Stage(QUICKLY, _is_near, lambda s: s.whole.prove_quickly()),
     Stage("look for routes", lambda s: True, _find_routes),
     Stage("bound by work", lambda s: s.work is not None, _bound_by_work),
@@ -335,6 +373,11 @@ STAGES = (
         _seek_sequences,
     ),
     Stage("solve the routing relaxation", _is_worth_relaxing, _solve_relaxation),
+    Stage(
+        "anneal tours by their costs",
+        _is_paid_by_activity,
+        _anneal_costs,
+    ),
     Stage("climb: a small problem", lambda s: not s.routes, lambda s: s.whole.climb()),
     Stage(
         FIRST,
