@@ -1,6 +1,7 @@
 """Who is planned with whom: robots that stand where others go, and more where no plan was found."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -88,3 +89,25 @@ def test_two_that_were_planned_in_vain_are_planned_alone_at_once_each(tmp_path, 
     assert turns() == []
     day.aside.clear()
     assert turns() == pair
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ({"due": 100.0, "pickup": "rack2"}, {"due": 101.0}),  # however far it is
+        ({"due": 100.0, "weight": 3.0}, {"due": 40.0}),
+        ({"due": 100.0}, {"due": 40.0, "weight": 0.3}),
+        ({"due": 500.0}, {}),
+        ({}, {"due": 700.0}),
+        ({"priority": 1}, {"due": 1.0}),
+        ({"pickup": "rack2"}, {}),  # it came first
+    ],
+)
+@pytest.mark.parametrize("turned", [False, True])
+def test_the_most_urgent_order_is_next(tmp_path, one, other, turned):
+    day = Standing(hall(tmp_path, 1))
+    orders = [("one", one), ("other", other)]
+    for name, options in reversed(orders) if turned else orders:
+        day.take(name, **options)
+    day.jobs["other"] = replace(day.jobs["other"], came=1e-3)
+    assert choose(day).jobs == (day.jobs["one"],)

@@ -1,5 +1,6 @@
-"""What is planned anew next: the robot that is free first and the order that is worth most then,
-with what it has not begun; or, where nothing waits, two robots whose orders might be shared better.
+"""What is planned anew next: the most urgent order, by the robot that is free soon and could be
+there first, with what it has not begun; or, where nothing waits, two robots whose orders might be
+shared better.
 
 Small problems are solved in a second. What all others do stays, but not who goes first. This is a
 large-neighbourhood search over the day (Shaw 1998; with robots: Li et al., "Anytime multi-agent
@@ -29,8 +30,10 @@ from up_samp.operate.settings import Settings
 
 ASIDE = 30.0
 """Seconds for which is put aside what no plan was found for, at first."""
-PATIENCE = 2.0
-"""An order that could wait for so many times its own length is worth a third of a late one."""
+PATIENCE = 60.0
+"""Seconds: an order of e times the weight is as urgent as one that is due so much sooner; one that
+says no due time is as if it was due ten times so long after it came.
+"""
 
 
 OUT, BACK = "out of order", "closed"
@@ -288,19 +291,17 @@ def _tries(day: Day, job: DayOrder, robots: Iterable[str]) -> int:
 
 
 def _dispatched(day: Day, waiting: Sequence[DayOrder]) -> OpenWork | None:
-    """Return the order that is worth most for who is free first, and who could be there first;
+    """Return the most urgent order that who is free first may do, and who could be there first;
     None: nobody is free soon.
 
-    What else waits may be given to anybody later on. Which order is next is told by its apparent
-    tardiness cost (Vepsalainen & Morton, "Priority rules for job shops with weighted tardiness
-    costs", 1987): what a second of a robot's time is worth for it.
+    What else waits may be given to anybody later on. The most urgent order is next.
     """
     free = {r: f for r, f in day.free_at().items() if f[0] <= day.settings.soon}
     for robot in sorted(free, key=lambda r: (free[r][0], r)):
         left = [j for j in waiting if may_do(day, j, robot, *free[robot])]
         if not left:
             continue
-        job = max(left, key=lambda j: _worth(day, j, robot, *free[robot]))
+        job = max(left, key=_urgency)
         first = first_there(day, job, free)
         ends = [place for stop in visited(job.record) for place in stop.at]
         beside = tuple(_beside(day, [first], ends, _tries(day, job, day.site.robots)))
@@ -360,15 +361,13 @@ def may_do(day: Day, job: DayOrder, robot: str, when: float, pose: Pose) -> bool
     return in_time and can_do(day.site, robot, job.record)
 
 
-def _worth(
-    day: Day, job: DayOrder, robot: str, when: float, pose: Pose
-) -> tuple[float, float, float]:
-    """Return a key of which order a robot should do next: the greatest one."""
+def _urgency(job: DayOrder) -> tuple[float, float, float]:
+    """Return a key of which order is done next: the greatest one. How near it is does not count:
+    robots that take what is near crowd there, and what is far is left for later.
+    """
     record = job.record
-    lasts = max(1.0, _there(day, job, robot, 0.0, pose) + _handling(day, job, robot))
-    due = math.inf if record.due is None else record.due
-    slack = max(0.0, due - day.clock.now() - when - lasts)
-    return record.priority, record.weight / lasts * math.exp(-slack / (PATIENCE * lasts)), -job.came
+    due = job.came + 10.0 * PATIENCE if record.due is None else record.due
+    return record.priority, PATIENCE * math.log(record.weight) - due, -job.came
 
 
 def _handling(day: Day, job: DayOrder, robot: str) -> float:
