@@ -156,10 +156,10 @@ class Deadline:
         """Count on twice as much work where all is done that was counted on, and the clock says
         that there is time left; return whether that is so.
         """
-        if self.work is None or self.work.over():
+        if self.work is None:
             return False
         self.work.total *= 2
-        return True
+        return not self.work.over()
 
     def over(self, grace: float = 0.0) -> bool:
         """Return whether the clock says that all was over ``grace`` s ago, which is no work."""

@@ -175,8 +175,8 @@ class _Cutter:
         soon = [n for n in waiting if n in stays or forecast.span(n)[0] <= now + ahead]
         # what does not come to its end may begin nevertheless, and goes as far as it can
         begins = (n for n in soon if forecast.span(n)[0] <= now + ahead and self._begins(n))
-        halves = [n for n in (*running, *begins) if not self._alive(n)]
-        ended = {n: s for n in halves if (s := self._stop(n)) is not None}
+        some = (*running, *begins)
+        ended = {n: s for n in some if not self._alive(n) if (s := self._stop(n)) is not None}
         kept = self._whole({n for n in (*running, *soon) if self._alive(n)}, ended)
         stay = kept | ended.keys()
         tails = {n: s for n in kept if (s := self._tail(n, stay, ahead, forecast)) is not None}

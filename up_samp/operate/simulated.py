@@ -56,7 +56,7 @@ class Drive:
 def driven_until(rows: FloatArray) -> float:
     """Return when a robot came to the pose at which a drive ends (s)."""
     before = np.flatnonzero(np.any(rows[:, 1:] != rows[-1, 1:], axis=1))
-    return float(rows[before[-1] + 1 if len(before) else 0, 0])
+    return float(rows[np.max(before, initial=-1) + 1, 0])
 
 
 @dataclass(frozen=True)

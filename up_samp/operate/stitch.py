@@ -462,21 +462,19 @@ def _move_gates(
     while (gate := state.next_gate(way)) is not None and gate[0] < least:
         at, number = gate
         place = state.graph.events[number].progress + cut.starts.get(way.activity, 0.0)
-        waits = [e for e in state.into[number] if state.when[e.first] is None]
-        firsts = {state.graph.events[e.first].activity for e in waits}
-        if any(e.kind != MEETING for e in waits) or not all(
-            _went_first(old, name, way, place) for name in firsts
-        ):
+        events, when = state.graph.events, state.when
+        firsts = {events[e.first].activity for e in state.into[number] if when[e.first] is None}
+        if not firsts or not firsts <= _let_first(old, way, place):
             return
         state.move_gate(way, number, least - at)
 
 
-def _went_first(old: Executor, first: str, way: MotionUnderWay, place: float) -> bool:
-    """Return whether an old plan has a gate near ``place`` (m) of a motion for ``first``."""
+def _let_first(old: Executor, way: MotionUnderWay, place: float) -> set[str]:
+    """Return the activities for which an old plan has gates near ``place`` (m) of a motion."""
     state, near = old.state, old.drives[way.activity, way.object].path.radius
-    return any(
-        state.graph.events[edge.first].activity == first
+    return {
+        state.graph.events[edge.first].activity
         for at, number in state.of_object[way.object].gates
-        if abs(at - place) <= near
         for edge in state.into[number]
-    )
+        if abs(at - place) <= near and edge.kind == MEETING
+    }
