@@ -131,12 +131,17 @@ FLOORS = (
     *("logistics-dc-all-r5-i8", "navigation-r10", "logistics-dc-all-r10-i16"),
 )
 """Instances whose plans are executed."""
-BUSY, MANY = 360, 480
+BUSY, MANY = 360, 440
 """Orders an hour: nine tenths of what ten robots can do, and more than they can."""
 WAYS = ("rolling", "token")
 DAYS = (
     *(f"rolling, 240 an hour, 1 h, seed {seed}" for seed in range(2)),
-    *(f"{way}, {MANY} an hour, 0.5 h, seed 3, due 120 s" for way in WAYS),
+    *(
+        f"{way}, {MANY} an hour, 0.2 h, seed {seed}, due 120 s, no breakdowns{floor}"
+        for seed in (11, 12)
+        for floor in ("", *[", Nav2"] * ("NAV2_MAPS" in os.environ))
+        for way in WAYS
+    ),
     *(f"{way}, {BUSY} an hour, 0.5 h, seed {n}, due 120 s" for n in range(3, 8) for way in WAYS),
     f"anew, {BUSY} an hour, 0.5 h, seed 3, due 120 s",
     "rolling, 180 an hour, 0.5 h, seed 0, 30 robots",
@@ -144,9 +149,9 @@ DAYS = (
     *(f"rolling, 60 an hour, 8 h, seed {n}, Nav2" for n in range(5) if "NAV2_MAPS" in os.environ),
     "rolling, 60 an hour, 2 h, seed 0",
 )
-"""Days of ten robots with four times as many orders as are usual, at nine tenths of the full load
-by each of three ways to plan, of thirty robots, whole ones, and a short one. On Nav2's map only
-where ``NAV2_MAPS`` says in which folder it is.
+"""Days of ten robots with four times as many orders as are usual, with more than they can do and at
+nine tenths of that by each of several ways to plan, of thirty robots, whole ones, and a short one.
+On Nav2's map only where ``NAV2_MAPS`` says in which folder it is.
 """
 PLACES = ("hospital", "factory", *["nav2_warehouse"] * ("NAV2_MAPS" in os.environ))
 """Examples whose plans are looked at beside those of a routing solver."""

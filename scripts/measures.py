@@ -353,10 +353,10 @@ def site(case: str) -> Values:
 
 def day(case: str) -> Values:
     """A day of ten robots in simulation ("rolling, 60 an hour, 8 h, seed 0"), or of others ("...,
-    30 robots"), or on Nav2's map ("..., Nav2"): 2 cm of noise, 30 % delays, two breakdowns, orders
-    due after 300 s ("..., due 120 s": sooner). Memory is looked at every tenth of an hour: ``held``
-    is what this process holds at the end of the second hour (of a shorter day: at half of it) and
-    at the end.
+    30 robots"), or on Nav2's map ("..., Nav2"): 2 cm of noise, 30 % delays, two breakdowns ("...,
+    no breakdowns": none), orders due after 300 s ("..., due 120 s": sooner). Memory is looked at
+    every tenth of an hour: ``held`` is what this process holds at the end of the second hour (of a
+    shorter day: at half of it) and at the end.
     """
     from up_samp.operate.day import DayPlan, simulate_day
 
@@ -365,8 +365,8 @@ def day(case: str) -> Values:
     told = {unit: float(n) for n, unit in re.findall(r"([0-9.]+) (an hour|h|robots|s)", case)}
     seed, robots = int(case.split("seed ")[1].split(",")[0]), int(told.get("robots", 10))
     plan = DayPlan(
-        told["h"], told["an hour"], due=told.get("s", 300.0), noise=0.02, delays=0.3, breakdowns=2,
-        seed=seed,
+        told["h"], told["an hour"], due=told.get("s", 300.0), noise=0.02, delays=0.3,
+        breakdowns=0 if "no breakdowns" in rest else 2, seed=seed,
     )  # fmt: skip
     floor = days.nav2_warehouse if "Nav2" in rest else days.warehouse
     held: list[float] = []
