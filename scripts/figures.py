@@ -144,6 +144,7 @@ DAYS = (
     ),
     *(f"{way}, {BUSY} an hour, 0.5 h, seed {n}, due 120 s" for n in range(3, 8) for way in WAYS),
     f"anew, {BUSY} an hour, 0.5 h, seed 3, due 120 s",
+    f"anew, {BUSY} an hour, 0.5 h, seed 3",
     "rolling, 180 an hour, 0.5 h, seed 0, 30 robots",
     *(f"rolling, 60 an hour, 8 h, seed {seed}" for seed in range(5)),
     *(f"rolling, 60 an hour, 8 h, seed {n}, Nav2" for n in range(5) if "NAV2_MAPS" in os.environ),

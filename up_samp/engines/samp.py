@@ -206,8 +206,9 @@ class SampRefine(ReplanningFace, MetaEngine, OneshotPlannerMixin, AnytimePlanner
     ) -> Iterator[PlanGenerationResult]:
         """Yield each better plan as INTERMEDIATE, and last the final result.
 
-        A plan to begin from is of this problem, or of one with some of its activities. ``before``:
-        the search of this problem by another objective, if there was one, then that by this one.
+        A plan to begin from is of this problem, or of one with some of its activities. ``before``
+        holds the search of this problem by the objective ranked before, if there was one; this one
+        takes its place.
         """
         from up_samp.engines.movers import solve_settled
         from up_samp.upio.movers import settle_movers

@@ -292,9 +292,10 @@ class FloorState:
         event = self.graph.events[number]
         return event.progress + self.moved_on.get(event, 0.0)
 
-    def move_gate(self, way: MotionUnderWay, number: int, by: float) -> None:
-        """Let a motion wait at one of its gates ``by`` m later than the graph has it."""
+    def move_gate(self, number: int, by: float) -> None:
+        """Let a motion wait at one of its gates ``by`` m later than it did."""
         event = self.graph.events[number]
+        way = self.ways[event.activity, event.object]
         self.moved_on[event] = self.moved_on.get(event, 0.0) + by
         way.gates = sorted((at + by if k == number else at, k) for at, k in way.gates)
 

@@ -164,9 +164,6 @@ class _Cutter:
     def _alive(self, name: str) -> bool:
         return self.state.end_number[name] not in self.dead
 
-    def _begins(self, name: str) -> bool:
-        return self.state.start_number[name] not in self.dead
-
     def cut(self, ahead: float) -> Cut:
         now, forecast = self.state.now, self.executor.retime()
         running = [n for n, p in self.state.phase.items() if p is TaskPhase.RUNNING]
@@ -174,8 +171,8 @@ class _Cutter:
         waiting = [n for n, p in self.state.phase.items() if p is TaskPhase.WAITING]
         soon = [n for n in waiting if n in stays or forecast.span(n)[0] <= now + ahead]
         # what does not come to its end may begin nevertheless, and goes as far as it can
-        begins = (n for n in soon if forecast.span(n)[0] <= now + ahead and self._begins(n))
-        some = (*running, *begins)
+        begun = (n for n in soon if self.state.start_number[n] not in self.dead)
+        some = (*running, *(n for n in begun if forecast.span(n)[0] <= now + ahead))
         ended = {n: s for n in some if not self._alive(n) if (s := self._stop(n)) is not None}
         kept = self._whole({n for n in (*running, *soon) if self._alive(n)}, ended)
         stay = kept | ended.keys()

@@ -456,25 +456,37 @@ def _move_gates(
     there, too.
 
     Both plans cut the paths anew and join what is near, so that their gates for one meeting may be
-    a few cells apart; how far the two may drive by the old one's has been safe all along.
+    a few cells apart; how far the two may drive by the old one's has been safe all along. Where the
+    new plan turns round who goes first, its gate stays where it is.
     """
     state = executor.state
     while (gate := state.next_gate(way)) is not None and gate[0] < least:
         at, number = gate
-        place = state.graph.events[number].progress + cut.starts.get(way.activity, 0.0)
         events, when = state.graph.events, state.when
-        firsts = {events[e.first].activity for e in state.into[number] if when[e.first] is None}
-        if not firsts or not firsts <= _let_first(old, way, place):
+        there = _on_whole(events[number], cut)
+        waits = (events[e.first] for e in state.into[number] if when[e.first] is None)
+        firsts = [_on_whole(event, cut) for event in waits]
+        if not firsts or not all(_lets_first(old, first, there) for first in firsts):
             return
-        state.move_gate(way, number, least - at)
+        state.move_gate(number, least - at)
 
 
-def _let_first(old: Executor, way: MotionUnderWay, place: float) -> set[str]:
-    """Return the activities for which an old plan has gates near ``place`` (m) of a motion."""
-    state, near = old.state, old.drives[way.activity, way.object].path.radius
-    return {
-        state.graph.events[edge.first].activity
-        for at, number in state.of_object[way.object].gates
+def _on_whole(event: Event, cut: Cut) -> Event:
+    """Return an event by the progress on its whole motion, as the plan that is cut has it."""
+    return replace(event, progress=event.progress + cut.starts.get(event.activity, 0.0))
+
+
+def _lets_first(old: Executor, first: Event, then: Event) -> bool:
+    """Return whether an old plan has a motion wait near where ``then`` is for what is near where
+    ``first`` is on another one: as near as its body is large.
+    """
+    state, near = old.state, old.drives[then.activity, then.object].path.radius
+    events = state.graph.events
+    return any(
+        abs(events[edge.first].progress - first.progress) <= near
+        for at, number in state.of_object[then.object].gates
+        if abs(at - then.progress) <= near
         for edge in state.into[number]
-        if abs(at - place) <= near and edge.kind == MEETING
-    }
+        if edge.kind == MEETING
+        if events[edge.first].activity == first.activity
+    )

@@ -152,7 +152,7 @@ class Facts:
 
     @cached_property
     def changed_together(self) -> dict[str, tuple[str, ...]]:
-        """By each of ``instant``, all that the same activities change, at the same times: the
+        """By each of ``instant``, all that the same activities change, at their ends: the
         leaves of a door.
         """
         movers = self.snapshot.movers

@@ -12,23 +12,23 @@ from up_samp.refinement import rules
 from up_samp.search.facts import Facts, MotionCase, Signature
 from up_samp.search.motions import Motions
 
-State = tuple[str, Mapping[str, str]]
-"""Where objects are that always change together (the leaves of a door), and one of them whose place
-tells those of all."""
+Standing = tuple[str, Mapping[str, str]]
+"""One of some objects that always change together (the leaves of a door), whose place tells those
+of all, and where they are."""
 
 
 def unreachable(motions: Motions) -> list[Refinement]:
     """Return proofs of what is unreachable while a door-like object is where it may be."""
     found: list[Refinement] = []
-    for state in _instant_states(motions.facts):
+    for standing in _instant_states(motions.facts):
         for signature, cases in motions.facts.by_signature.items():
             by_heeded: dict[tuple[Placed, ...], list[MotionCase]] = {}
             for case in cases:
-                heeded = motions.facts.heeded(case.task, state[1])
+                heeded = motions.facts.heeded(case.task, standing[1])
                 by_heeded.setdefault(heeded, []).append(case)
             for placed, heeding in by_heeded.items():
                 if placed and not signature[0].flies:
-                    found += _certify(motions, signature, heeding, placed, state)
+                    found += _certify(motions, signature, heeding, placed, standing)
     return found
 
 
@@ -37,10 +37,10 @@ def _certify(
     signature: Signature,
     cases: list[MotionCase],
     placed: Sequence[Placed],
-    state: State,
+    standing: Standing,
 ) -> list[Refinement]:
     facts, service = motions.facts, motions.service
-    obstacle, places = state
+    obstacle, places = standing
     configuration = places[obstacle]
     body, poses = signature
     _, at_start = service.pose_blockers(body, poses[0], placed)
@@ -110,7 +110,7 @@ def _opened(
     return rules.only_given(cut, case.given)
 
 
-def _instant_states(facts: Facts) -> list[State]:
+def _instant_states(facts: Facts) -> list[Standing]:
     """Return where what changes without driving may be: each thing, with all whose places its own
     tells, as they always change together. Of several that tell the same the first one says it.
     """
@@ -126,4 +126,4 @@ def _instant_states(facts: Facts) -> list[State]:
             sure = {t: c[0] for t, c in zip(things, columns, strict=True) if {*c} == {c[0] or None}}
             if row[k]:
                 found.setdefault(frozenset({**sure, things[k]: row[k]}.items()), things[k])
-    return [(thing, dict(places)) for places, thing in found.items()]
+    return [(thing, dict(sorted(places))) for places, thing in found.items()]
