@@ -354,16 +354,37 @@ def site(case: str) -> Values:
 def day(case: str) -> Values:
     """A day of ten robots in simulation ("rolling, 60 an hour, 8 h, seed 0"), or of others ("...,
     30 robots"), or on Nav2's map ("..., Nav2"): 2 cm of noise, 30 % delays, two breakdowns ("...,
-    no breakdowns": none), orders due after 300 s ("..., due 120 s": sooner). Memory is looked at
-    every tenth of an hour: ``held`` is what this process holds at the end of the second hour (of a
-    shorter day: at half of it) and at the end.
+    no breakdowns": none), orders due after 300 s ("..., due 120 s": sooner). Several of them
+    ("seeds 20 to 29") are one row: sums, means by order, and the worst day's times.
+    """
+    first, last = re.search(r"seeds? (\d+)(?: to (\d+))?", case).groups()  # type: ignore[union-attr]
+    found = [one_day(case, seed) for seed in range(int(first), int(last or first) + 1)]
+    if len(found) == 1:
+        return found[0]
+    orders = sum(f["orders"] for f in found)
+    means = ("per_hour", "tardiness", "flow", "waiting")
+    worst = ("early", "held", "planning", "step", "peak")
+    names = {name: None for f in found for name in f}
+    values: Values = {}
+    for name in names:
+        if name in worst:
+            values[name] = max(f[name] for f in found)
+        elif name in means:
+            values[name] = sum(f[name] * f["orders"] for f in found) / orders
+        else:
+            values[name] = sum(f.get(name, 0) for f in found)
+    return values
+
+
+def one_day(case: str, seed: int) -> Values:
+    """Run one of them. Memory is looked at every tenth of an hour: ``held`` is what this process
+    holds at the end of the second hour (of a shorter day: at half of it) and at the end.
     """
     from up_samp.operate.day import DayPlan, simulate_day
 
     days = helper("benchmarks/operate", "days")
     way, *rest = case.split(", ")
     told = {unit: float(n) for n, unit in re.findall(r"([0-9.]+) (an hour|h|robots|s)", case)}
-    seed, robots = int(case.split("seed ")[1].split(",")[0]), int(told.get("robots", 10))
     plan = DayPlan(
         told["h"], told["an hour"], due=told.get("s", 300.0), noise=0.02, delays=0.3,
         breakdowns=0 if "no breakdowns" in rest else 2, seed=seed,
@@ -378,7 +399,7 @@ def day(case: str) -> Values:
                 held.append(resident())
 
     with tempfile.TemporaryDirectory() as folder:
-        fleet, store = floor(Path(folder), robots), Path(folder) / "day.db"
+        fleet, store = floor(Path(folder), int(told.get("robots", 10))), Path(folder) / "day.db"
         result = simulate_day(fleet, plan, store, operation=Watched)
     came, wrong = result.figures, result.verdict.wrong
     values: Values = {"orders": came.orders, "done": came.done, "wrong": sum(wrong.values())}
@@ -386,7 +407,9 @@ def day(case: str) -> Values:
     values |= {k: getattr(came, k) for k in ("per_hour", "tardiness", "flow", "waiting")}
     values |= {"plans": came.plans, "dropped": came.plans - came.plans_taken}
     values |= {"early": held[min(20, len(held) // 2)], "held": held[-1]}
-    return values | {"planning": came.planning[1], "step": came.steps[1], "peak": peak()}
+    values |= {"planning": came.planning[1], "step": came.steps[1], "peak": peak()}
+    print(f"{way}, seed {seed}: {values}", file=sys.stderr)
+    return values
 
 
 # --- execution
