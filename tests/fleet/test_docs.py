@@ -60,6 +60,9 @@ def test_the_snippets_on_orders_make_one_problem(tmp_path, monkeypatch):
         "open_gate_r1",
         "cut_saw1",
     }
+    assert "carry_beam_o2_bench_to_truck_with_o1" in {
+        a.name for a in scope["yard"].problem.activities
+    }
 
 
 @pytest.mark.long

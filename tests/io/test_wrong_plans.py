@@ -160,8 +160,8 @@ def other_map(plan, folder):
 CONTRADICTIONS = {
     "problem": (lambda p: p.update(problem="another"), "is for problem 'another', not 'hall'"),
     "status": (lambda p: p.update(status="SOLVED"), "status 'SOLVED'"),
-    "makespan": (lambda p: p.update(makespan=1), "makespan is 1, but"),
-    "bound": (lambda p: p.update(lower_bound=40), "lower bound 40 is above"),
+    "makespan": (lambda p: p.update(makespan=1), "makespan 1, but"),
+    "bound": (lambda p: p.update(lower_bound=40), "lower bound 40, which is above"),
     "optimal": (lambda p: p.update(lower_bound=3, status="SOLVED_OPTIMALLY"), "called optimal"),
     "no map": (lambda p: p["map"].update(yaml=None), "the plan's map is none"),
     "lost map": (lambda p: p["map"].update(yaml="/nowhere.yaml"), "cannot be read"),

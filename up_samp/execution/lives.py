@@ -221,6 +221,7 @@ def body_of(entry: Mapping[str, Any]) -> Body:
         alpha_max=float(entry.get("alpha_max", math.inf)),
         back_cost=float(entry.get("reverse_cost", 1.0)),
         zones=tuple(_zone(zone) for zone in entry.get("zones", ())),
+        drives_along=bool(entry.get("drives_along", False)),
     )
     return Body(corners, limits, entry.get("mesh"), float(entry.get("height", math.inf)))
 

@@ -24,7 +24,8 @@ from up_samp.export.legs import PathPiece, pieces_of
 from up_samp.io import PlanDict
 from up_samp.io.floors import map_number, own_frames
 from up_samp.io.precision import PRECISION
-from up_samp.model import ProblemError
+from up_samp.io.rides import in_formation
+from up_samp.model import ProblemError, UnsupportedError
 from up_samp.model.arrays import FloatArray
 
 
@@ -65,7 +66,8 @@ def steps_of(plan: PlanDict) -> dict[str, list[RobotStep]]:
     that no robot does.
 
     Raises :class:`ProblemError` for plans without dependencies: nobody could follow them safely
-    without keeping to their times.
+    without keeping to their times; :class:`UnsupportedError` where robots keep formation: steps say
+    what each does by itself.
     """
     return StepReader(plan).steps()
 
@@ -80,6 +82,12 @@ class StepReader:
             raise ProblemError(
                 f"the plan of '{plan['problem']}' has no dependencies, without which such orders "
                 "are unsafe; solve the problem again, or add them with up_samp.execution"
+            )
+        for ride in in_formation(plan):
+            raise UnsupportedError(
+                f"'{ride['object']}' keeps formation with '{ride['carrier']}' in "
+                f"'{ride['activity']}': robots that are driven one by one cannot; trajectories.csv "
+                "(export --to csv) has the ways of both"
             )
         dependencies = dependencies_from_plan(plan)
         graph, self.plan = dependencies.graph, plan

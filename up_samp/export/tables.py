@@ -9,17 +9,19 @@ from typing import Any
 
 from up_samp.io import PlanDict
 from up_samp.io.floors import map_number, maps_of
+from up_samp.io.rides import in_formation
 
 Cell = str | float
 
 
 def export(plan: PlanDict, folder: Path) -> list[Path]:
-    """Write ``schedule.csv`` (s), ``trajectories.csv`` (s, m, rad) and ``changes.csv``, which
-    name the map of each pose where there are several.
+    """Write ``schedule.csv`` (s), ``trajectories.csv`` (s, m, rad; also of robots that keep
+    formation with others) and ``changes.csv``, which name the map of each pose where there are
+    several.
     """
     unit = plan["seconds_per_unit"]
-    driven: dict[str, list[str]] = {}
-    for motion in plan["motions"]:
+    motions, driven = [*plan["motions"], *in_formation(plan)], dict[str, list[str]]()
+    for motion in motions:
         driven.setdefault(motion["activity"], []).append(motion["object"])
     schedule = [
         (a["name"], a["start"] * unit, a["end"] * unit, " ".join(driven.get(a["name"], ())))
@@ -36,7 +38,7 @@ def export(plan: PlanDict, folder: Path) -> list[Path]:
 
     rows = [
         (m["object"], m["activity"], *where(m), *_spatial(row, spatial=spatial))
-        for m in plan["motions"]
+        for m in motions
         for row in m["samples"]
     ]
     changes = [

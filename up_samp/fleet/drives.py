@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from unified_planning.model import Fluent
@@ -26,12 +26,15 @@ from up_samp.fleet.loads import (
     is_stand_of,
     is_under,
     load_name,
+    load_of,
     loads_of,
     place_of,
     ridden,
+    seat_of,
+    seats_of_carriers,
 )
 from up_samp.fleet.outlines import area_of
-from up_samp.fleet.records import GROUND, RobotType
+from up_samp.fleet.records import GROUND, Order, RobotType, can_do
 from up_samp.fleet.site import Site
 from up_samp.fleet.statements import Kind, Meaning, at_start, present
 from up_samp.fleet.visits import Successions, moves_needed
@@ -60,6 +63,7 @@ class Drives:
         corners = (c for k in site.records.robot_types.values() for c in corners_of(k.footprint))
         self._cabin = 2 * max(itertools.starmap(math.hypot, corners), default=0.0)
         self._rides: dict[str, list[_Ride]] = {}
+        self._seats = seats_of_carriers(site.records)
 
     def add(self, robot: str) -> None:
         """Add the drives that a robot may need, as many of each as any schedule could."""
@@ -75,13 +79,45 @@ class Drives:
                 continue
             if self._meter.too_far(robot, origin, to):
                 continue
+            if origin in self._seats and to in self._seats:
+                continue  # with the load, which its first carrier drives
             order = ridden(records, origin, to)
-            verb = f"move_{robot}_{origin}_to_{to}"
+            verbs: dict[str, tuple[str, ...]] = {f"move_{robot}_{origin}_to_{to}": ()}
             if order is not None:
                 verb = f"carry_{order.id}_{robot}_{place_of(origin)}_to_{place_of(to)}"
-            for number in range(1, copies + 1):
+                verbs = {"_with_".join((verb, *o)): o for o in self._others(robot, order)}
+            for (verb, others), number in itertools.product(verbs.items(), range(1, copies + 1)):
                 name = verb + (f"_{number}" if number > 1 else "")
-                self._work.busy[robot].append(self._drive(robot, origin, to, name, longest))
+                a = self._drive(robot, origin, to, name, longest)
+                self._work.busy[robot].append(a)
+                self._along(a, others, (origin, to))
+
+    def _others(self, robot: str, order: Order) -> Iterator[tuple[str, ...]]:
+        """Return who may carry an order's load with ``robot``: in the order of their places, nobody
+        where it carries it alone.
+        """
+        records, kind = self._site.records, self._site.kind_of(robot)
+        alike = [
+            name
+            for name in records.robots
+            if name != robot and kind.model == "omni" and self._site.kind_of(name) is kind
+            if can_do(records, name, order)
+        ]
+        load = load_of(records, order)
+        return itertools.permutations(alike, len(load.carriers) if load is not None else 0)
+
+    def _along(self, a: Activity, others: Sequence[str], way: tuple[str, str]) -> None:
+        """State that ``others`` keep formation in a drive between two stands of a load."""
+        site, load = self._site, way[0].partition(MARK)[2]
+        for number, other in enumerate(others, 2):
+            here, there = (seat_of(end, load, number) for end in way)
+            a.add_motion_effect(site.robots[other], site.places[there])
+            a.add_condition(at_start(a), Equals(site.at[other], site.spots[here]))
+            a.add_effect(a.end, site.at[other], site.spots[there])
+            amount = self._meter.drive(other, *way)
+            if amount:
+                a.add_decrease_effect(a.start, site.batteries[other], amount)
+            self._work.busy[other].append(a)
 
     def _ride(self, robot: str, lift: str, origin: str, to: str) -> Activity:
         """Add a ride: the robot stands at the stop where it entered until it is at the other."""
@@ -244,7 +280,10 @@ class Drives:
         found = [r for name, r in site.robots.items() if name != robot]
         for first, load in loads_of(site.records):
             mine = [name for name in (origin, to) if is_stand_of(name, first.id)]
-            if not (mine and (len(mine) == 2 or is_under(kind, load))):
+            seats = {self._seats[name] for name in (origin, to) if name in self._seats}
+            under = [is_under(kind, load)] * len(mine)
+            under += [is_under(kind, load, load.carriers[k]) for one, k in seats if one == first.id]
+            if not (len(mine) == 2 or any(under)):
                 found.append(site.pallets[first.id])
         return found
 

@@ -509,6 +509,8 @@ def _attached(records: FleetRecords, order: Order, path: Path) -> Iterator[Fault
     elif len(order.pickup.at) > 1:
         text = "its load stands at one place; name that one"
         yield Fault((*path, "pickup"), text)
+    if isinstance(order.attached, Attached):
+        yield from _carriers(records, order, len(order.attached.carriers), path)
     places = [
         records.places[p] for p in (*order.pickup.at, *order.delivery.at) if p in records.places
     ]
@@ -519,6 +521,28 @@ def _attached(records: FleetRecords, order: Order, path: Path) -> Iterator[Fault
     if same:
         text = f"its load stands at '{same[0]}' already; deliver it elsewhere"
         yield Fault((*path, "delivery"), text)
+
+
+def _carriers(records: FleetRecords, order: Order, others: int, path: Path) -> Iterator[Fault]:
+    """A load that several robots carry in formation, ``others`` beside the first one."""
+    if not others:
+        return
+    key = (*path, "attached", "carriers")
+    types = Counter(records.robots[name].type for name in able(records, order))
+    known = {name: records.robot_types[name] for name in types if name in records.robot_types}
+    many = [name for name, kind in known.items() if kind.model == "omni" and types[name] > others]
+    if records.robots and not many:
+        text = f"asks for {others + 1} robots of one type, which moves in any direction (omni)"
+        yield Fault(key, text)
+    if order.optional or records.takers.get(order.id):
+        yield Fault(key, "what several robots carry is not optional, and nobody takes it on")
+    rules = {n: z for n, z in records.zones.items() if z.has_rules} | dict(records.lanes)
+    bind = [name for name, rule in rules.items() if any(map(rule.heeded_by, many))]
+    bind += [name for name, zone in records.zones.items() if zone.max_robots is not None]
+    bind += [name for name, place in records.places.items() if place.docking is not None]
+    if bind:
+        text = f"robots in formation do not heed '{bind[0]}': zones with max_robots, docking, and "
+        yield Fault(key, text + "rules of driving and lanes of their type are not supported here")
 
 
 def _taken_on(records: FleetRecords, order: Order, name: str, path: Path) -> Iterator[Fault]:

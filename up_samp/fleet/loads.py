@@ -9,6 +9,8 @@ load on. Orders that carry one load on share its stands.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from shapely.geometry import Polygon
 
 from up_samp.fleet.fields import Pose
@@ -18,8 +20,8 @@ from up_samp.model import Body
 from up_samp.model.frames import Frame
 from up_samp.upio.rides import laden_body
 
-MARK = "@"
-"""In no name that a user gives."""
+MARK, FURTHER = "@", "+"
+"""In no name that a user gives: a stand (or what else belongs to a name), a further carrier."""
 
 
 def load_name(records: FleetRecords, order: Order) -> str:
@@ -108,6 +110,33 @@ def ridden(records: FleetRecords, origin: str, to: str) -> Order | None:
     return None
 
 
+def seat_of(place: str, order: str, number: int) -> str:
+    """Return where an order's carrier of a ``number``, from 2 on, is while the first one is at
+    ``place`` (or its stand there).
+    """
+    return f"{place_of(place)}{FURTHER}{order}{FURTHER}{number}"
+
+
+def seats_of_carriers(records: FleetRecords) -> dict[str, tuple[str, int]]:
+    """Return the places of further carriers: whose load they carry (the order's id), and the how
+    many-th of its ``carriers`` they are.
+    """
+    return {
+        seat_of(at, order.id, k + 2): (order.id, k)
+        for order, load in loads_of(records)
+        for k in range(len(load.carriers))
+        for at in (*order.pickup.at, *order.delivery.at)
+    }
+
+
+def leader_of(order: Order) -> str:
+    """Return the order whose robot a further carrier of its load keeps formation with (its id; ""
+    where this is no order of a further carrier).
+    """
+    leader, further, _ = order.id.partition(FURTHER)
+    return leader if further else ""
+
+
 def is_stand_of(name: str, load: str) -> bool:
     """Return whether a pose is one at which a robot takes or puts a load."""
     return name.partition(MARK)[2] == load
@@ -122,16 +151,23 @@ NEAR = 0.02
 """Robots come no nearer (m) to what they must keep clear of: who is, drives under its load."""
 
 
-def is_under(kind: RobotType, attached: Attached) -> bool:
+def is_under(kind: RobotType, attached: Attached, carrier: Pose = (0.0, 0.0, 0.0)) -> bool:
     """Return whether a robot is under (or in) the load that it takes, as seen from above, or
-    touches it: then the load is no obstacle on the way to it and away from it.
+    touches it: then the load is no obstacle on the way to it and away from it. ``carrier``: where
+    it is in the frame of the load's first one.
     """
     load = Polygon(placed(attached.footprint, attached.offset))
-    robot = Polygon(placed(kind.footprint, (0.0, 0.0, 0.0)))
+    robot = Polygon(placed(kind.footprint, carrier))
     return bool(load.distance(robot) < NEAR)
 
 
 def with_load(kind: RobotType, attached: Attached | None) -> Body:
-    """Return a robot with a load on it (if there is one), as one body."""
-    loads = [] if attached is None else [(still(attached.footprint), attached.offset)]
-    return laden_body(body_of(kind), loads) if loads else body_of(kind)
+    """Return a robot with a load on it (if there is one), and with those of its type that carry
+    that, too, as one body.
+    """
+    body = body_of(kind)
+    if attached is None:
+        return body
+    limits = replace(body.kinematics, drives_along=body.mobility.sideways)
+    others = [(replace(body, kinematics=limits), pose) for pose in attached.carriers]
+    return laden_body(body, [(still(attached.footprint), attached.offset), *others])

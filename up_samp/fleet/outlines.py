@@ -41,10 +41,18 @@ def body_of(kind: RobotType) -> Body:
 
 
 def movable(
-    name: str, movable_type: Type, kind: RobotType, zones: tuple[TrafficZone, ...] = ()
+    name: str,
+    movable_type: Type,
+    kind: RobotType,
+    zones: tuple[TrafficZone, ...] = (),
+    *,
+    along: bool = False,
 ) -> MovableObject:
-    """Return a robot of ``kind`` as UP's object, which obeys the rules of ``zones``."""
-    told = {"zones": zones} if zones else {}
+    """Return a robot of ``kind`` as UP's object, which obeys the rules of ``zones``; ``along``: if
+    it can it drives on its own wheels when another one takes it along.
+    """
+    told: dict[str, Any] = {"zones": zones} if zones else {}
+    told |= {"drives_along": True} if along and kind.model == "omni" else {}
     return MovableObject(
         name,
         movable_type,

@@ -435,12 +435,15 @@ AnyPlace = Annotated[Place, BeforeValidator(_place, json_schema_input_type=Place
 @dataclass(frozen=True)
 class Attached:
     """A load that travels with its robot: its footprint, and where it is in the robot's frame
-    (``offset``: x and y in m, heading in rad; on top of it where none is given).
+    (``offset``: x and y in m, heading in rad; on top of it where none is given). ``carriers``: more
+    robots carry it, each at one of these poses in the frame of the first one, all of one type that
+    moves in any direction; they keep formation.
     """
 
     __pydantic_config__ = STRICT
     footprint: Outline
     offset: Pose = (0.0, 0.0, 0.0)
+    carriers: tuple[Pose, ...] = ()
 
 
 @dataclass(frozen=True)

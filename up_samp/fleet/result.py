@@ -22,6 +22,7 @@ from up_samp.engines.factory import engine_named
 from up_samp.engines.registration import register
 from up_samp.fleet.statements import Kind, Written
 from up_samp.io import PlanDict, result_to_dict
+from up_samp.io.rides import in_formation
 from up_samp.model import SampError
 from up_samp.model.objective import MinimizeCosts
 from up_samp.validation import terms_of
@@ -144,7 +145,7 @@ class FleetResult:
         if self.left_out:
             lines.append(f"left out, which counts in that: {', '.join(self.left_out)}")
         drives: dict[str, float] = {}
-        for motion in self.data["motions"]:
+        for motion in (*self.data["motions"], *in_formation(self.data)):
             samples = motion["samples"]
             took = samples[-1][0] - samples[0][0]
             drives[motion["object"]] = drives.get(motion["object"], 0.0) + took

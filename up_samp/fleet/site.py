@@ -235,10 +235,11 @@ class Site:
 
     def _robots(self) -> None:
         types = {name: MovableType(name) for name in self.records.robot_types}
+        along = any(load.carriers for _, load in loads_of(self.records))
         for name, robot in self.records.robots.items():
             kind = self.kind_of(name)
             self.robots[name] = movable(
-                name, types[robot.type], kind, rules_for(self.records, robot.type)
+                name, types[robot.type], kind, rules_for(self.records, robot.type), along=along
             )
             self.problem.add_object(self.robots[name])
             self.problem.set_initial_configuration(self.robots[name], self.places[robot.start])

@@ -1,4 +1,5 @@
-"""What records say in short, spelled out: jobs that recur, robots that start at poses of their own.
+"""What records say in short, spelled out: jobs that recur, robots that start at poses of their own,
+loads that several robots carry.
 
 Behind this there are places and jobs only, and nothing else has to know of the short forms.
 """
@@ -11,17 +12,19 @@ from typing import Any
 
 from up_samp.fleet.fields import Windows
 from up_samp.fleet.limits import FILE_LIMITS
+from up_samp.fleet.loads import FURTHER, loads_of, seat_of
 from up_samp.fleet.records import FleetJob, FleetRecords, Order, Place, Stop, Task
+from up_samp.model.frames import Frame
 
 
 def spelled_out(records: FleetRecords) -> FleetRecords:
     """Return the records with nothing said in short: what problems, checks and pictures are of."""
-    return without_repeats(with_places(records))
+    return with_carriers(without_repeats(with_places(records)))
 
 
 def in_numbers(records: FleetRecords) -> str:
     """Return in words how many robots, orders and tasks there are; what recurs counts each time."""
-    found = spelled_out(records)
+    found = without_repeats(records)
     counts = {"robot": found.robots, "order": found.orders, "task": found.tasks}
     return ", ".join(counted(len(some), kind) for kind, some in counts.items())
 
@@ -55,6 +58,30 @@ def with_places(records: FleetRecords) -> FleetRecords:
 def stop_of(lift: str, floor: str, spot: int = 0) -> str:
     """Return the place at which robots take a lift on a floor: one for each ``spot`` in it."""
     return f"{lift}.{floor}" + (f".{spot + 1}" if spot else "")
+
+
+def with_carriers(records: FleetRecords) -> FleetRecords:
+    """Return the records in which each further carrier of a load does an order of its own,
+    ``ORDER+2``, together with the first one, from and to places of its own.
+    """
+    places, orders = dict(records.places), list[Order]()
+    carriers = {order.id: load.carriers for order, load in loads_of(records)}
+    for order in records.orders:
+        orders.append(order)
+        for number, pose in enumerate(carriers.get(order.id, ()), 2):
+            ends = []
+            for stop in (order.pickup, order.delivery):
+                seats = {seat_of(at, order.id, number): places[at] for at in stop.at}
+                for seat, place in seats.items():
+                    places[seat] = Place(Frame(*place.pose).of(pose), place.floor)
+                ends.append(dataclasses.replace(stop, at=tuple(seats), resources=()))
+            pickup, delivery = ends
+            other = dataclasses.replace(
+                order, id=f"{order.id}{FURTHER}{number}", pickup=pickup, delivery=delivery,
+                attached=None, together=(order.id,), after=(), due=None,
+            )  # fmt: skip
+            orders.append(other)
+    return dataclasses.replace(records, places=places, orders=tuple(orders))
 
 
 def without_repeats(records: FleetRecords) -> FleetRecords:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from up_samp.fleet.faults import earlier_than
 from up_samp.fleet.floors import legs_between, lift_between
-from up_samp.fleet.loads import options_of, ridden
+from up_samp.fleet.loads import leader_of, options_of, ridden
 from up_samp.fleet.records import (
     Charger,
     FleetRecords,
@@ -170,9 +170,12 @@ class Successions:
         return lift is None or set(self._records.lifts[lift].skills) <= self._skills
 
     def _rides(self, visit: Visit, kind: Kind) -> bool:
-        """Return whether a visit is of that kind, of an order whose load travels with the robot."""
+        """Return whether a visit is of that kind, of an order whose load travels with the robot, or
+        of a further carrier of one.
+        """
         order = self._orders.get(visit.what)
-        return visit.kind is kind and order is not None and order.attached is not None
+        travels = order is not None and (order.attached is not None or leader_of(order))
+        return visit.kind is kind and bool(travels)
 
     def together(self, a: str, b: str) -> bool:
         """Return whether the robot can carry both orders' loads at the same time."""

@@ -82,20 +82,26 @@ def _limits(placed: PlacedMap) -> tuple[tuple[float, float], tuple[float, float]
 
 
 def _head(plan: PlanDict, snapshot: Snapshot) -> Iterator[str]:
-    if plan["problem"] != snapshot.name:
-        yield f"the plan is for problem '{plan['problem']}', not '{snapshot.name}'"
-    statuses = [s.name for s in PlanGenerationResultStatus]
-    if plan["status"] and plan["status"] not in statuses:
-        yield f"the plan's status '{plan['status']}' is none of Unified Planning's"
+    statuses = ["", *(s.name for s in PlanGenerationResultStatus)]
     latest = max((a["end"] for a in plan["activities"]), default=0)
-    if plan["makespan"] != latest:
-        yield f"the plan's makespan is {plan['makespan']}, but its last activity ends at {latest}"
-    bound = plan["lower_bound"]
-    if bound is not None and bound > latest:
-        yield f"the plan's lower bound {bound} is above its makespan {latest}"
-    solved = PlanGenerationResultStatus.SOLVED_OPTIMALLY.name
-    if bound is not None and plan["status"] == solved and bound < latest:
-        yield f"the plan is called optimal with makespan {latest} and lower bound {bound}"
+    bound = latest if plan["lower_bound"] is None else plan["lower_bound"]
+    optimal = plan["status"] == PlanGenerationResultStatus.SOLVED_OPTIMALLY.name
+    wrong = {
+        f"is for problem '{plan['problem']}', not '{snapshot.name}'": (
+            plan["problem"] != snapshot.name
+        ),
+        f"has the status '{plan['status']}', which is none of Unified Planning's": (
+            plan["status"] not in statuses
+        ),
+        f"has makespan {plan['makespan']}, but its last activity ends at {latest}": (
+            plan["makespan"] != latest
+        ),
+        f"has the lower bound {bound}, which is above its makespan {latest}": bound > latest,
+        f"is called optimal with makespan {latest} and lower bound {bound}": (
+            optimal and bound < latest
+        ),
+    }
+    return (f"the plan {what}" for what, is_so in wrong.items() if is_so)
 
 
 def _map(plan: PlanDict, snapshot: Snapshot) -> Iterator[str]:

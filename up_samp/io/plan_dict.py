@@ -85,17 +85,15 @@ def plan_to_dict(
         "motions": _motions(plan, snapshot, times),
         "changes": _changes(problem, plan, snapshot, times),
     }
-    if rides := described_rides(snapshot, times):
-        data["rides"] = rides
-    if len(maps) > 1:
-        data["maps"] = maps
     margin = getattr(plan, "margin", None)
-    if margin is not None and margin != PRECISION.margin:
-        data["margin"] = margin
-    if problem.base_variables:
+    more: dict[str, tuple[Any, Any]] = {
+        "rides": (described_rides(snapshot, times), []),
+        "maps": (maps, maps[:1]),
+        "margin": (PRECISION.margin if margin is None else margin, PRECISION.margin),
         # only by these can a plan with variables be read back and judged
-        data["parameters"] = {v.name: value_of(plan.get(v)) for v in problem.base_variables}
-    return with_minor(data)
+        "parameters": ({v.name: value_of(plan.get(v)) for v in problem.base_variables}, {}),
+    }
+    return with_minor(data | _said(more))
 
 
 def with_minor(plan: PlanDict) -> PlanDict:
@@ -211,44 +209,41 @@ def _object(movable: Movable, snapshot: Snapshot) -> dict[str, Any]:
     }
     if place is not None:
         entry |= on_map(snapshot, snapshot.map_of[place])
-    if not limits.mobility.steers:
-        entry["omega_max"] = _plain(limits.omega_max)
-    if not limits.reverse:
-        entry["reverse"] = False
-    most = {"reverse_v_max": limits.v_back, "lateral_a_max": limits.lateral_a_max}
-    most["alpha_max"] = limits.alpha_max
-    entry |= {key: _plain(value) for key, value in most.items() if math.isfinite(value)}
-    if limits.back_cost > 1.0:
-        entry["reverse_cost"] = _plain(limits.back_cost)
-    if limits.zones:
-        entry["zones"] = [zone_entry(zone) for zone in limits.zones]
-    if math.isfinite(movable.body.height):
-        entry["height"] = _plain(movable.body.height)
-    if movable.body.mesh is not None:
-        entry["mesh"] = os.path.abspath(movable.body.mesh)
-    return entry
+    steers, mesh = limits.mobility.steers, movable.body.mesh
+    more: dict[str, tuple[Any, Any]] = {
+        "omega_max": (None if steers else _plain(limits.omega_max), None),
+        "reverse": (limits.reverse, True),
+        "drives_along": (limits.drives_along, False),
+        "reverse_v_max": (_plain(limits.v_back), None),
+        "lateral_a_max": (_plain(limits.lateral_a_max), None),
+        "alpha_max": (_plain(limits.alpha_max), None),
+        "reverse_cost": (_plain(limits.back_cost), 1),
+        "zones": ([zone_entry(zone) for zone in limits.zones], []),
+        "height": (_plain(movable.body.height), None),
+        "mesh": (None if mesh is None else os.path.abspath(mesh), None),
+    }
+    return entry | _said(more)
+
+
+def _said(entries: Mapping[str, tuple[Any, Any]]) -> dict[str, Any]:
+    """Return those of some entries (value, what it is where it is absent) that say something."""
+    return {key: value for key, (value, absent) in entries.items() if value != absent}
 
 
 def zone_entry(zone: TrafficZone) -> dict[str, Any]:
     """Return the rules of a place: only what it says."""
     entry: dict[str, Any] = {"polygon": [[_plain(x), _plain(y)] for x, y in zone.polygon]}
-    if zone.height:
-        entry["height"] = _plain(zone.height)
-    if math.isfinite(zone.v_max):
-        entry["v_max"] = _plain(zone.v_max)
-    if zone.one_way is not None:
-        entry["one_way"] = _plain(zone.one_way)
-    if not zone.pivots:
-        entry["pivots"] = False
-    if not zone.stops:
-        entry["stops"] = False
-    if zone.cost:
-        entry["cost"] = _plain(zone.cost)
-    if zone.prefer > 1.0:
-        entry["prefer"] = _plain(zone.prefer)
-    if zone.dock is not None:
-        entry["dock"] = _pose(zone.dock)
-    return entry
+    more = {
+        "height": (_plain(zone.height), 0),
+        "v_max": (_plain(zone.v_max), None),
+        "one_way": (_plain(zone.one_way), None),
+        "pivots": (zone.pivots, True),
+        "stops": (zone.stops, True),
+        "cost": (_plain(zone.cost), 0),
+        "prefer": (_plain(zone.prefer), 1),
+        "dock": (None if zone.dock is None else _pose(zone.dock), None),
+    }
+    return entry | _said(more)
 
 
 def _pose(configuration: Configuration) -> list[float]:

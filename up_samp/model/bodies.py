@@ -161,7 +161,10 @@ class Kinematics:
     (``lateral_a_max``, m/s^2), or of changes of the turn rate (``alpha_max``, rad/s^2), which both
     are infinite where nothing is said. ``back_cost``, a wish and no limit: a planner counts a
     second backwards so many times. ``zones``: rules of places, for bodies in the plane that
-    have no equations of their own.
+    have no equations of their own. ``drives_along``: when another body takes it along, it drives,
+    too, on its own wheels, and keeps these limits where it is; it moves in any direction, and so
+    does whoever takes it along. ``reach`` (m) of a body that moves in any direction: as far from
+    its reference point speed and acceleration are within the limits, also as it turns.
     """
 
     model: MotionModel
@@ -176,6 +179,8 @@ class Kinematics:
     alpha_max: float = math.inf
     zones: tuple[TrafficZone, ...] = ()
     back_cost: float = 1.0
+    drives_along: bool = False
+    reach: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("turning_radius", "v_max", "a_max", "omega_max"):
@@ -195,6 +200,8 @@ class Kinematics:
                 "only who drives along its heading has a lateral_a_max or an alpha_max: "
                 "leave them out, or state less v_max, a_max or omega_max"
             )
+        if self.drives_along and not self.mobility.sideways:
+            raise ValueError("only who moves in any direction drives along with others")
         if self.zones and (self.mobility.flies or self.mobility.own_law):
             raise ValueError("zones are for bodies in the plane without equations of their own")
 

@@ -26,7 +26,7 @@ def body_key(body: Body) -> tuple[object, ...]:
     """
     kin = body.kinematics
     limits = (kin.turning_radius, kin.v_max, kin.a_max, kin.omega_max, kin.reverse)
-    turns = (kin.lateral_a_max, kin.alpha_max)
+    turns = (kin.lateral_a_max, kin.alpha_max, kin.reach)
     law = None if kin.control is None else (kin.control.function, kin.control.bounds)
     ways = tuple((zone.polygon, zone.one_way, zone.pivots) for zone in kin.ways)
     return (*shape_key(body), kin.model.name, *map(float, (*limits, *turns)), ways, law)

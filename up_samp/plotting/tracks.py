@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from up_samp.io.plan_dict import AREA
+from up_samp.io.rides import ridden
 from up_samp.model.arrays import FloatArray
 from up_samp.model.frames import Frame
 
@@ -146,14 +147,9 @@ def _leg(motion: dict[str, Any]) -> TrackPiece:
 
 
 def _ridden(plan: dict[str, Any], ride: dict[str, Any]) -> TrackPiece:
-    """Return how a load travels: as its carrier does, at its place in that one's frame."""
-    key = (ride["activity"], ride["carrier"])
-    leg = _leg(next(m for m in plan["motions"] if (m["activity"], m["object"]) == key))
-    x, y, theta = leg.poses.T
-    dx, dy, turned = (float(v) for v in ride["offset"])
-    c, s = np.cos(theta), np.sin(theta)
-    poses = np.column_stack((x + c * dx - s * dy, y + s * dx + c * dy, theta + turned))
-    return TrackPiece(leg.activity, leg.times, poses)
+    """Return how a load travels."""
+    rows = ridden(plan, ride)
+    return TrackPiece(ride["activity"], rows[:, 0], rows[:, 1:])
 
 
 def horizon(plan: dict[str, Any]) -> float:

@@ -160,8 +160,10 @@ def _presence(
     loads = {name for name, _ in motion.loads}
     low, first = (-math.inf, -math.inf) if before is None else (before.end, motion.start)
     high = math.inf if after is None else after.start
-    # what sets it down where it begins, or takes it away from where it ends
+    # what sets it down where it begins, or takes it away from where it ends, or along
     jumps = [c.time for c in itinerary.changes if c.object == motion.object]
+    along = (m for m in itinerary.motions if motion.object in m.moved - {m.object})
+    jumps += [time for m in along for time in (m.start, m.end)]
     since = facts.seconds(max((t for t in jumps if low <= t <= motion.start), default=first))
     until = facts.seconds(min((t for t in jumps if motion.end <= t <= high), default=high))
     if not loads:
@@ -235,18 +237,19 @@ class PlaceVisit:
 
 def _visits(facts: Facts, itinerary: Itinerary) -> list[PlaceVisit]:
     """Return where the objects that drive rest, in a candidate."""
-    by_object: dict[str, list[ScheduledMotion]] = defaultdict(list)
+    by_object: dict[str, list[tuple[str, str]]] = defaultdict(list)
     for motion in itinerary.motions:
-        by_object[motion.object].append(motion)
+        for name, place in ((motion.object, motion.configurations[-1]), *motion.loads):
+            by_object[name].append((motion.activity, place))
     snapshot = facts.snapshot
     found = []
     for name in sorted(facts.drivers):
         body = snapshot.objects[name].body
         pose = snapshot.configurations[snapshot.initial[name]]
         arrival = None
-        for motion in by_object[name]:
-            found.append(PlaceVisit(name, body, pose, arrival, motion.activity))
-            arrival, pose = motion.activity, motion.poses[-1]
+        for activity, place in by_object[name]:
+            found.append(PlaceVisit(name, body, pose, arrival, activity))
+            arrival, pose = activity, snapshot.configurations[place]
         found.append(PlaceVisit(name, body, pose, arrival, None))
     return found
 

@@ -126,6 +126,7 @@ _V_BACK = "reverse_v_max"
 _BACK_COST = "reverse_cost"
 _TURNS = ("lateral_a_max", "alpha_max")
 _ZONES = "zones"
+_ALONG = "drives_along"
 _BICYCLE = {"v_min", "v_max", "phi_min", "phi_max"}
 
 
@@ -185,7 +186,7 @@ def _corners(
 
 
 def _read_kinematics(obj: MovableObject, model: MotionModel) -> Kinematics:
-    own = (_HEIGHT, _REVERSE, _V_BACK, _BACK_COST, *_TURNS, _ZONES)
+    own = (_HEIGHT, _REVERSE, _V_BACK, _BACK_COST, *_TURNS, _ZONES, _ALONG)
     given = {k: v for k, v in (obj.motion_parameters or {}).items() if k not in own}
     if obj.control_model is None:
         # UP's own examples put the turning radius there
@@ -230,9 +231,11 @@ def _with_rules(obj: MovableObject, limits: Kinematics) -> Kinematics:
         except ValueError as error:
             raise UnsupportedError(f"{who}: {told}{error}") from error
 
-    reverse = own.get(_REVERSE, True)
-    if not isinstance(reverse, bool):
-        raise ProblemError(f"{who}: '{_REVERSE}' is True or False, not {short(reverse)}")
+    reverse, along = own.get(_REVERSE, True), own.get(_ALONG, False)
+    for key, value in ((_REVERSE, reverse), (_ALONG, along)):
+        if not isinstance(value, bool):
+            raise ProblemError(f"{who}: '{key}' is True or False, not {short(value)}")
+    limits = limited(f"'{_ALONG}' is True: ", drives_along=along)
     told = f"it has '{_V_BACK}'" if reverse else f"'{_REVERSE}' is False"
     back = float(positive(_V_BACK, " of m/s"))
     limits = limited(f"{told}: ", reverse=reverse, v_back=back)

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from up_samp.model import (
     Body,
     Configuration,
+    Kinematics,
     Movable,
     ProblemError,
     UnsupportedError,
@@ -59,13 +60,14 @@ def find_rides(
     of_activity: dict[str, list[MotionTask]] = {}
     for task in tasks:
         of_activity.setdefault(task.activity, []).append(task)
+    put = [(t.object, t.terms[-1]) for t in tasks] + [(c.object, c.term) for c in changes]
     rides: dict[MotionTask, list[Ride]] = {}
     left = []
     for change in changes:
         found = [
             (task, ride)
             for task in of_activity.get(change.activity, ())
-            for ride in _rides(task, change, changes, floor)
+            for ride in _rides(task, change, put, floor)
         ]
         if len(found) > 1:
             raise UnsupportedError(
@@ -88,6 +90,7 @@ def laden_bodies(tasks: Iterable[MotionTask], floor: RideFloor) -> dict[tuple[st
         if task.rides:
             parts = [(floor.objects[r.load].body, r.offset) for r in task.rides]
             body = floor.objects[task.object].body
+            _check_along(task, body, [load for load, _ in parts])
             found[task.activity, task.index] = laden_body(body, parts)
     return found
 
@@ -95,7 +98,23 @@ def laden_bodies(tasks: Iterable[MotionTask], floor: RideFloor) -> dict[tuple[st
 def laden_body(body: Body, loads: Sequence[tuple[Body, Configuration]]) -> Body:
     """Return a body with ``loads`` at poses in its frame, as one."""
     height = max(body.height, *(load.height for load, _ in loads))
-    return replace(body, footprint=_joined(body, loads), height=height)
+    limits = body.kinematics
+    for load, offset in loads:
+        if load.kinematics.drives_along:
+            limits = _together(limits, load.kinematics, math.hypot(*offset[:2]))
+    return replace(body, footprint=_joined(body, loads), height=height, kinematics=limits)
+
+
+def _together(mine: Kinematics, its: Kinematics, off: float) -> Kinematics:
+    """Return the limits of a body and one that drives along ``off`` m from its reference point. A
+    quarter of that one's acceleration is for what pulls it outwards in turns.
+    """
+    omega = min(mine.omega_max, its.omega_max)
+    if off > SAME:
+        omega = min(omega, math.sqrt(its.a_max / 4 / off))
+    v_max, reach = min(mine.v_max, its.v_max), max(mine.reach, off)
+    a_max = min(mine.a_max, its.a_max - omega**2 * off)
+    return replace(mine, v_max=v_max, a_max=a_max, omega_max=omega, reach=reach)
 
 
 def _with(task: MotionTask, rides: tuple[Ride, ...]) -> MotionTask:
@@ -111,26 +130,40 @@ def _check_lists(tasks: Sequence[MotionTask]) -> None:
     """Raise where a motion has to keep clear of a load that travels, but not of its carrier."""
     pairs = {(task.object, ride.load) for task in tasks for ride in task.rides}
     for task in tasks:
+        own = {task.object, *(ride.load for ride in task.rides)}
         for carrier, load in sorted(pairs):
             listed = task.dynamic is not None and load in task.dynamic
-            if listed and task.object != carrier and carrier not in (task.avoid or ()):
+            if listed and carrier not in own.union(task.avoid or ()):
                 raise UnsupportedError(
                     f"activity '{task.activity}' lists the dynamic obstacle '{load}' but not "
                     f"'{carrier}', which carries it: robot and load are one body, so list both"
                 )
 
 
+def _check_along(task: MotionTask, body: Body, loads: Sequence[Body]) -> None:
+    """Raise where a load drives along with what cannot be driven along with."""
+    if not any(load.kinematics.drives_along for load in loads):
+        return
+    text = f"activity '{task.activity}': what drives along (drives_along) with '{task.object}' "
+    if not body.mobility.sideways:
+        raise UnsupportedError(text + "could not follow it: it is no SE2 body")
+    if any(part.kinematics.zones for part in (body, *loads)):
+        raise UnsupportedError(text + "is not supported together with zones")
+
+
 def _rides(
-    task: MotionTask, change: ChangeTask, changes: Sequence[ChangeTask], floor: RideFloor
+    task: MotionTask, change: ChangeTask, put: Iterable[tuple[str, Term]], floor: RideFloor
 ) -> list[Ride]:
-    """Return the ride that a task and a motion effect of its activity make, if they do."""
+    """Return the ride that a task and a motion effect of its activity make, if they do. ``put``:
+    what drives and effects lead objects to.
+    """
     load = change.object
     if load == task.object or not (floor.planar(load) and floor.planar(task.object)):
         return []
     start, goal, to = task.terms[0], task.terms[-1], change.term
     if goal == to and goal.kind is not TermKind.CONSTANT:
         return [Ride(task.activity, load, start, to, STAY)]
-    places = _places(load, changes, floor)
+    places = _places(load, put, floor)
     ends = _offsets(goal, [to], floor)
     if all(t.kind is TermKind.CONSTANT for t in (start, goal, to)):
         if not ends:
@@ -147,9 +180,9 @@ def _rides(
     return []
 
 
-def _places(load: str, changes: Sequence[ChangeTask], floor: RideFloor) -> list[Term]:
-    """Return where a load may be: at first, and where motion effects put it."""
-    found = [c.term for c in changes if c.object == load]
+def _places(load: str, put: Iterable[tuple[str, Term]], floor: RideFloor) -> list[Term]:
+    """Return where a load may be: at first, and where drives and effects lead it."""
+    found = [term for name, term in put if name == load]
     if load in floor.initial:
         found.insert(0, Term(TermKind.CONSTANT, floor.initial[load]))
     return list(dict.fromkeys(found))

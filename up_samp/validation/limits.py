@@ -18,6 +18,7 @@ _V_BACK = "reverse_v_max"
 _WISHES = ("reverse_cost",)
 _TURNS = ("lateral_a_max", "alpha_max")
 _ZONES = "zones"
+_ALONG = "drives_along"
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,8 @@ class Limits:
     ``v_back`` is the largest speed backwards: 0 where ``reverse`` is False. ``lateral`` (m/s^2) and
     ``alpha`` (rad/s^2): the largest lateral acceleration and change of the turn rate. ``law`` with
     ``controls`` (low, high for each) is set for control models that are no bicycle: ``law(q, u,
-    qdot)`` fills ``qdot``. ``zones``: the rules of places that it is given.
+    qdot)`` fills ``qdot``. ``zones``: the rules of places that it is given. ``along``: it drives
+    while another object takes it along, too.
     """
 
     name: str
@@ -44,6 +46,7 @@ class Limits:
     zones: tuple[TrafficZone, ...] = ()
     lateral: float = math.inf
     alpha: float = math.inf
+    along: bool = False
 
 
 def limits_of(item: Any) -> Limits:
@@ -58,13 +61,17 @@ def limits_of(item: Any) -> Limits:
     if reverse not in allowed:
         words = " or ".join(map(str, allowed))
         raise ProblemError(f"object {item.name}: its reverse must be {words}, not {reverse}")
+    driving = own.get(_ALONG, False)
+    if driving not in ((True, False) if limits.model == "SE2" else (False,)):
+        raise ProblemError(f"object {item.name}: its drives_along cannot be {driving}")
     most = [own.get(key, math.inf) for key in (_V_BACK, *_TURNS)]
     for key, value in zip((_V_BACK, *_TURNS), most, strict=True):
         if not (isinstance(value, (int, float)) and value > 0 and (along or value == math.inf)):
             raise ProblemError(f"object {item.name}: its {key} cannot be {value}")
     back, lateral, alpha = most
     back, zones = min(limits.v_back, back) * reverse, _zones(item.name, limits, own)
-    return replace(limits, v_back=back, zones=zones, lateral=lateral, alpha=alpha)
+    rules = {"zones": zones, "lateral": lateral, "alpha": alpha, "along": driving}
+    return replace(limits, v_back=back, **rules)
 
 
 def _zones(name: str, limits: Limits, own: Mapping[str, Any]) -> tuple[TrafficZone, ...]:
@@ -94,7 +101,7 @@ def _limits(item: Any) -> Limits:
     as motions start and end at rest), and its curvature is at most what the model itself gives
     for the steering limits.
     """
-    own = (_HEIGHT, _REVERSE, _V_BACK, *_WISHES, *_TURNS, _ZONES)
+    own = (_HEIGHT, _REVERSE, _V_BACK, *_WISHES, *_TURNS, _ZONES, _ALONG)
     given = {k: v for k, v in (item.motion_parameters or {}).items() if k not in own}
     if item.control_model is None:
         # parameters without a control model are motion parameters too (UP's examples do so)

@@ -28,6 +28,7 @@ from up_samp.validation.lives import (
 from up_samp.validation.maps import BlockedMap
 from up_samp.validation.metrics import evaluate_metric
 from up_samp.validation.paths import passes, path_of, pose_gap, read_trajectory
+from up_samp.validation.rides import carried_along
 from up_samp.validation.scene import JudgedScene
 from up_samp.validation.schedule import Judged, judge_decisions, judge_schedule
 from up_samp.validation.se3 import SpaceTrack, hits, hits_map_from_space
@@ -153,6 +154,7 @@ def _motion_violations(
         found.extend(_window(task, motion[0], seconds))
         found.extend(_places(scene, task, *motion))
         found.extend(motion_violations(task.what, scene.limits[task.object], *motion))
+    found.extend(_along(scene, motions))
     lives = build_lives(scene, motions, seconds, found)
     found.extend(_zones(scene, lives, motions))
     for task in scene.tasks:
@@ -161,6 +163,22 @@ def _motion_violations(
     found.extend(_collisions(scene, lives))
     found.extend(_jumps(scene, lives, seconds))
     return found
+
+
+def _along(
+    scene: JudgedScene, motions: Mapping[str, tuple[FloatArray, FloatArray]]
+) -> Iterator[Violation]:
+    """Rule 27: what drives along with a carrier keeps its own limits where it is."""
+    for ride in scene.rides:
+        limits = scene.limits[ride.load]
+        if not limits.along or ride.task not in motions:
+            continue
+        if limits.zones:
+            raise UnsupportedError(f"{ride.load} drives along, and has zones")
+        times, poses = motions[ride.task]
+        what = f"{ride.load}, which drives along in {ride.activity}"
+        for found in motion_violations(what, limits, times, carried_along(poses, ride.offset)):
+            yield replace(found, activities=(ride.activity,), objects=(ride.load,))
 
 
 def _zones(

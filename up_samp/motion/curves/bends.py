@@ -31,11 +31,13 @@ def bends_of(
     fast = np.minimum(kin.v_max, most)
     step, gone = np.diff(s), np.diff(poses[:, :2], axis=0)
     turn, way = np.abs(np.diff(poses[:, 2])), np.hypot(*gone.T)
+    arc = kin.reach * np.diff(poses[:, 2])
     spot = way < ON_SPOT * turn
-    tops = np.where(spot, kin.v_max, np.minimum(kin.v_max, kin.omega_max * way / (turn + 1e-12)))
+    tops = np.where(spot, kin.v_max, np.minimum(kin.v_max, kin.omega_max * step / (turn + 1e-12)))
     driven = np.minimum(step / np.diff(times), kin.v_max)
-    unit = np.where(spot[:, None], 0.0, gone / np.maximum(way, SHORT)[:, None])
-    change = np.hypot(*np.diff(unit, axis=0).T)
+    unit = np.column_stack((gone, arc)) / np.maximum(step, SHORT)[:, None]
+    change = np.diff(np.where(spot[:, None], 0.0, unit), axis=0)
+    change = np.hypot(change[:, 0], change[:, 1]) + np.abs(change[:, 2])
     bend = change > STRAIGHT
     # a little slower than its planner chose, and at rest where that is far below its top speed
     speed = 0.95 * np.minimum(driven[1:], driven[:-1])

@@ -25,20 +25,22 @@ TINY = 1e-9
 
 @dataclass(frozen=True)
 class Chain:
-    """Straight pieces: ``nodes`` (n, 3), lengths (m), unit directions and top speeds (m/s).
+    """Straight pieces: ``nodes`` (n, 3), lengths (m) and top speeds (m/s).
 
-    ``bends`` (n,): |u2 - u1| of the directions at a node, 0 at both ends.
+    Lengths, speeds and accelerations are of what is ``reach`` m off the reference point, and as
+    large as they may be there: a turn by an angle adds that arc. ``bends`` (n,): |u2 - u1| of the
+    directions at a node, 0 at both ends.
     ``pins``: poses that the motion passes exactly, by the number of the node that stands for them.
     """
 
     nodes: FloatArray
     lengths: FloatArray
-    directions: FloatArray
     tops: FloatArray
     bends: tuple[float, ...]
     v: float
     a: float
     omega: float
+    reach: float = 0.0
     pins: Mapping[int, FloatArray] = field(default_factory=dict)
 
     def turns_back(self, node: int) -> bool:
@@ -52,13 +54,20 @@ class Chain:
         """Return the chain with the limits of ``kinematics``."""
         v, a, omega = kinematics.v_max, kinematics.a_max, kinematics.omega_max
         steps = np.diff(nodes, axis=0)
-        lengths = np.hypot(steps[:, 0], steps[:, 1])
+        lengths = sizes_of(steps, kinematics.reach)
         safe = np.where(lengths > TINY, lengths, 1.0)
         turns = np.abs(steps[:, 2])
         tops = np.minimum(v, omega * lengths / np.where(turns > TINY, turns, TINY))
-        units = steps[:, :2] / safe[:, None]
-        bends = 0.0, *np.linalg.norm(np.diff(units, axis=0), axis=1).tolist(), 0.0
-        return Chain(nodes, lengths, units, tops, bends, v, a, omega, pins or {})
+        changes = np.diff(steps / safe[:, None], axis=0)
+        bends = 0.0, *sizes_of(changes, kinematics.reach).tolist(), 0.0
+        return Chain(nodes, lengths, tops, bends, v, a, omega, kinematics.reach, pins or {})
+
+
+def sizes_of(steps: FloatArray, reach: float) -> FloatArray:
+    """Return how far (m) any point up to ``reach`` m off the reference point moves at most by
+    planar steps (n, 3): straight on, and turning.
+    """
+    return np.asarray(np.hypot(steps[:, 0], steps[:, 1]) + reach * np.abs(steps[:, 2]))
 
 
 def first_speeds(chain: Chain) -> FloatArray:
@@ -109,17 +118,15 @@ def through(
     """Return the chain with its corners moved so that the blends pass the ``pins``, and speeds
     that fit it, none of them higher (None: no such corners were found).
     """
-    nodes = chain.nodes
     for _ in range(60):  # a fixed point of corners and speeds, exact but for rounding
-        moved = nodes.copy()
+        nodes, moved = chain.nodes, chain.nodes.copy()
         for i, pin in chain.pins.items():
             if speeds[i] > 0.0:
-                moved[i] = pin - _cut(nodes, i, float(speeds[i]), chain.a)
+                moved[i] = pin - _cut(chain, i, float(speeds[i]))
             else:
                 moved[i] = pin
         step = float(np.abs(moved - nodes).max())
-        nodes = moved
-        chain = Chain.of(nodes, kinematics, chain.pins)
+        chain = Chain.of(moved, kinematics, chain.pins)
         fitting = settled(chain, np.minimum(speeds, first_speeds(chain)))
         if step < 1e-12 and np.allclose(fitting, speeds, rtol=1e-12, atol=0.0):
             return chain, speeds
@@ -127,14 +134,13 @@ def through(
     return None
 
 
-def _cut(nodes: FloatArray, i: int, speed: float, a: float) -> FloatArray:
+def _cut(chain: Chain, i: int, speed: float) -> FloatArray:
     """Return by how much the middle of the blend at node ``i`` lies off the node."""
-    before, after = nodes[i] - nodes[i - 1], nodes[i + 1] - nodes[i]
-    sizes = float(np.hypot(*before[:2])), float(np.hypot(*after[:2]))
+    sizes = chain.lengths[i - 1 : i + 1]
     if min(sizes) < TINY:
         return np.zeros(3)
-    u, w = before / sizes[0], after / sizes[1]
-    seconds = speed * float(np.linalg.norm(w[:2] - u[:2])) / a
+    u, w = np.diff(chain.nodes[i - 1 : i + 2], axis=0) / sizes[:, None]
+    seconds = speed * chain.bends[i] / chain.a
     return np.asarray((w - u) * speed * seconds / 8)
 
 

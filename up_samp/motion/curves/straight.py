@@ -33,7 +33,8 @@ def leg_profile(a: FloatArray, b: FloatArray, kinematics: Kinematics) -> tuple[f
     A turn on the spot runs at a constant rate where nothing limits ``alpha_max``.
     """
     size = 2 if len(a) == 3 else 3
-    way, turn = float(np.linalg.norm(b[:size] - a[:size])), turn_between(a, b)
+    turn = turn_between(a, b)
+    way = float(np.linalg.norm(b[:size] - a[:size])) + kinematics.reach * turn
     if way < 1e-9:
         if turn < 1e-12:
             return 0.0, 0.0, 0.0

@@ -321,7 +321,9 @@ def path_steps(poses: FloatArray, body: Body, radius: float) -> FloatArray:
     if body.mobility.sideways:  # chords: between samples it goes straight on, see ``poses_at``
         ways = np.hypot(*np.diff(poses[:, :2], axis=0).T)
     if body.mobility.pivots:
-        return np.where(ways < ON_SPOT * turns, turns * kin.v_max / kin.omega_max, ways)
+        arcs = kin.reach * turns
+        spots = np.maximum(arcs, turns * kin.v_max / kin.omega_max)
+        return np.where(ways < ON_SPOT * turns, spots, ways + arcs)
     turn_metre = 0.0 if kin.mobility.steers else radius
     return np.asarray(np.maximum(ways, turn_metre * turns))
 
