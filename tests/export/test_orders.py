@@ -19,6 +19,7 @@ from up_samp.export import export_plan
 from up_samp.export.mcap_file import DEFINITIONS
 from up_samp.export.steps import steps_of
 from up_samp.export.vda5050 import file_names, nurbs
+from up_samp.geometry.maps import write_map
 from up_samp.io import result_to_dict, write_plan
 from up_samp.model import ProblemError
 
@@ -27,8 +28,10 @@ SEEDS = (101, 104, 113, 120)
 """Small problems with two robots or more whose plans have dependencies."""
 
 
-@pytest.fixture(scope="module", params=SEEDS)
+@pytest.fixture(scope="module", params=[*SEEDS, "together"])
 def plan(request, tmp_path_factory):
+    if request.param == "together":
+        return together(tmp_path_factory.mktemp("floor"))
     problem = build(random_case(request.param), tmp_path_factory.mktemp("floor"))
     params = {"seconds_per_unit": SECONDS}
     with OneshotPlanner(name="samp-refine[cpsat]", params=params) as planner:
@@ -36,6 +39,22 @@ def plan(request, tmp_path_factory):
     if result.plan is None:
         pytest.skip(f"no plan ({result.status.name})")
     return with_dependencies(problem, result_to_dict(problem, result))
+
+
+def together(folder):
+    """Two robots that pick two loads up at the same time: they wait for each other to do so."""
+    cells = np.zeros((100, 160), dtype=bool)
+    cells[:2], cells[-2:], cells[:, :2], cells[:, -2:] = True, True, True, True
+    fleet = Fleet(write_map(folder, "hall", cells, 0.1), name="together")
+    fleet.add_robot_type("agv", (0.8, 0.6), model="diff")
+    for k, others in enumerate(("", "o0")):
+        for name, x in (("home", 2), ("rack", 6), ("dock", 13)):
+            fleet.add_place(f"{name}{k}", x, 2 + 3 * k)
+        fleet.add_robot(f"r{k}", "agv", f"home{k}", end=f"home{k}")
+        fleet.add_order(f"o{k}", f"rack{k}", f"dock{k}", together=others or ())
+    fleet.add_order("later", {"at": "rack1", "service": 4}, "dock0", after="o0")
+    result = fleet.solve(first_plan=True)
+    return with_dependencies(fleet.problem, result.data)
 
 
 def read(path):
@@ -66,6 +85,8 @@ def test_every_message_obeys_the_published_schema(plan, tmp_path, form, schema):
 def test_an_order_grows_from_update_to_update(plan, tmp_path):
     export_plan(plan, "vda5050", tmp_path)
     last: dict[str, tuple[int, int]] = {}
+    orders: dict[str, list[str]] = {}
+    ended: dict[str, dict] = {}
     for entry, message in messages_of(tmp_path):
         robot = entry["serialNumber"]
         nodes, edges = message["nodes"], message["edges"]
@@ -77,6 +98,15 @@ def test_an_order_grows_from_update_to_update(plan, tmp_path):
             assert edge["sequenceId"] == a["sequenceId"] + 1
         flags = [x["released"] for pair in itertools.zip_longest(nodes, edges) for x in pair if x]
         assert flags == sorted(flags, reverse=True), "nothing is released after a gap"
+        order = message["orderId"]
+        if order not in orders.setdefault(robot, []):
+            if orders[robot]:  # where the one before ended
+                assert nodes[0]["nodeId"] == ended[robot]["nodeId"]
+                assert nodes[0]["nodePosition"] == ended[robot]["nodePosition"]
+            orders[robot].append(order)
+            last.pop(robot, None)
+        assert order == orders[robot][-1]
+        ended[robot] = nodes[-1]
         number, stitched = last.get(robot, (-1, 0))
         assert message["orderUpdateId"] == number + 1
         assert nodes[0]["sequenceId"] == stitched
@@ -84,37 +114,64 @@ def test_an_order_grows_from_update_to_update(plan, tmp_path):
         last[robot] = (number + 1, base)
         assert nodes[-1]["released"] or base < nodes[-1]["sequenceId"]
     for robot, (_, base) in last.items():
-        whole = max(
-            n["sequenceId"] for e, m in messages_of(tmp_path) if e["serialNumber"] == robot
-            for n in m["nodes"]
-        )  # fmt: skip
-        assert base == whole, f"{robot} is never released to its end"
+        assert base == ended[robot]["sequenceId"], f"{robot} is never released to its end"
 
 
-def test_only_what_waits_is_done_at_the_end_of_an_edge_without_a_way(plan, tmp_path):
+def whole_orders(folder, robot):
+    """The first message of each of a robot's orders, which tells all its nodes, in turn."""
+    own = [m for e, m in messages_of(folder) if e["serialNumber"] == robot]
+    return [m for m in own if m["orderUpdateId"] == 0]
+
+
+def test_for_what_waits_an_order_of_its_own_begins(plan, tmp_path):
     export_plan(plan, "vda5050", tmp_path)
+    waited = 0
     for robot, steps in steps_of(plan).items():
-        if not robot:
-            continue
-        message = read(tmp_path / file_names([robot])[robot] / "order-000.json")
-        still = [e for e in message["edges"] if e["length"] == 0.0 and "rotationAllowed" not in e]
-        here = [s.activity for s in steps if s.piece is None]
-        waiting = [s.activity for s in steps if s.piece is None and s.waits]
-        assert len(still) == len(waiting)
-        actions = [a["actionType"] for n in message["nodes"] for a in n["actions"]]
-        assert actions == here
-        most = next(o["v_max"] for o in plan["objects"] if o["name"] == robot)
-        assert all(e.get("maxSpeed", 0.0) <= most for e in message["edges"])
+        orders = whole_orders(tmp_path, robot) if robot else []
+        waiting = [s for s in steps[1:] if s.piece is None and s.waits]
+        assert len(orders) == (1 + len(waiting) if robot else 0)
+        waited += len(waiting)
+        assert all(e["length"] > 0 or "rotationAllowed" in e for m in orders for e in m["edges"])
+        actions = [a["actionType"] for m in orders for n in m["nodes"] for a in n["actions"]]
+        assert actions == [s.activity for s in steps if s.piece is None][: len(actions)]
+        for message, step in zip(orders[1:], waiting, strict=True):
+            assert message["nodes"][0]["actions"][0]["actionType"] == step.activity
+        most = next((o["v_max"] for o in plan["objects"] if o["name"] == robot), 0.0)
+        assert all(e.get("maxSpeed", 0.0) <= most for m in orders for e in m["edges"])
+    assert waited > 0 or plan["problem"] != "together"
+
+
+def test_no_order_comes_before_the_one_before_is_over(plan, tmp_path):
+    """A robot refuses another order while it has nodes to come to, or something to do."""
+    export_plan(plan, "vda5050", tmp_path)
+    before: dict[str, dict] = {}
+    for entry, message in messages_of(tmp_path):
+        robot = entry["serialNumber"]
+        other = before.get(robot, message)
+        if other["orderId"] != message["orderId"]:
+            last = other["nodes"][-1]
+            signs = [sign for condition in entry["after"] for sign in condition["seen"]]
+            mine = [
+                x for x in signs if (x["serialNumber"], x["orderId"]) == (robot, other["orderId"])
+            ]
+            done = [a["actionId"] for a in last["actions"]]
+            assert any(
+                x.get("actionStatus") == "FINISHED" and x["actionId"] == done[-1]
+                if done
+                else x.get("lastNodeSequenceId") == last["sequenceId"]
+                for x in mine
+            )
+        before[robot] = message
 
 
 def test_the_robots_drive_what_the_plan_says(plan, tmp_path):
-    """Joined, the edges of an order are the robot's way, within a centimetre."""
+    """Joined, the edges of its orders are the robot's way, within a centimetre."""
     export_plan(plan, "vda5050", tmp_path)
-    first = {e["serialNumber"]: m for e, m in reversed(messages_of(tmp_path))}
-    for robot, message in first.items():
+    for robot in {e["serialNumber"] for e, _ in messages_of(tmp_path)}:
         driven = [np.asarray(m["samples"])[:, 1:3] for m in plan["motions"] if m["object"] == robot]
         told = [
             np.array([[c["x"], c["y"]] for c in e["trajectory"]["controlPoints"]])
+            for message in whole_orders(tmp_path, robot)
             for e in message["edges"]
             if "trajectory" in e
         ]
@@ -204,14 +261,15 @@ def test_points_are_come_to_late_and_left_early(plan, tmp_path):
 def test_releases_come_in_an_order_that_works(plan, tmp_path):
     """Whatever a message waits for is released by messages before it."""
     export_plan(plan, "vda5050", tmp_path)
-    released: dict[str, int] = {}
+    released: dict[tuple[str, str], int] = {}
     for entry, message in messages_of(tmp_path):
         for condition in entry["after"]:
             for sign in condition["seen"]:
                 if "lastNodeSequenceId" in sign:
-                    assert released[sign["serialNumber"]] >= sign["lastNodeSequenceId"]
+                    order = sign["serialNumber"], sign["orderId"]
+                    assert released[order] >= sign["lastNodeSequenceId"]
         base = max(n["sequenceId"] for n in message["nodes"] if n["released"])
-        released[entry["serialNumber"]] = base
+        released[entry["serialNumber"], message["orderId"]] = base
 
 
 def test_legs_for_nav2_tell_paths_and_what_to_wait_for(plan, tmp_path):

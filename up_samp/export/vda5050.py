@@ -38,9 +38,11 @@ Message = dict[str, Any]
 Event = tuple[Any, ...]
 
 
-Release = tuple[Message, str, int, tuple[StepWait, ...]]
-"""A message as ``releases.json`` lists it, whose it is, up to which node (sequenceId) it releases,
-and what it waits for.
+At = tuple[int, int]
+"""A node of a robot: the how many-th of its orders (from 0), and the sequenceId there."""
+Release = tuple[Message, str, At, tuple[StepWait, ...]]
+"""A message as ``releases.json`` lists it, whose it is, up to which node it releases, and what it
+waits for.
 """
 
 
@@ -49,19 +51,19 @@ def export(plan: PlanDict, folder: Path, version: str = VERSION) -> list[Path]:
     reader = StepReader(plan)
     steps = reader.steps()
     others = steps.pop("", [])
-    seen = _where_seen(steps)
+    seen = _where_seen(plan, steps)
     names = file_names(steps)
     written: list[Path] = []
     releases: list[Release] = []
     for robot, own in steps.items():
-        for number, (message, waits) in enumerate(_messages(plan, robot, own)):
+        for number, (order, message, waits) in enumerate(_messages(plan, robot, own)):
             name = Path(names[robot]) / f"order-{number:03d}.json"
             (folder / name.parent).mkdir(parents=True, exist_ok=True)
             written.append(_write(folder / name, later(message) if version == LATER else message))
             last = next(n["sequenceId"] for n in reversed(message["nodes"]) if n["released"])
             after = [_condition(w, seen) for w in waits]
             listed = {"file": str(name), "serialNumber": robot, "after": after}
-            releases.append((listed, robot, last, waits))
+            releases.append((listed, robot, (order, last), waits))
     written.append(
         _write(
             folder / "releases.json",
@@ -147,9 +149,9 @@ def _write(path: Path, data: Any) -> Path:
 # ------------------------------------------------------------------------------ nodes and edges
 def _whole(
     plan: PlanDict, robot: str, steps: Sequence[RobotStep]
-) -> tuple[list[Message], list[Message]]:
-    """Return all nodes and edges of a robot's order, an edge to each node but the first. By a lift
-    a robot goes along an edge, and spawns at a node on the map of the other floor.
+) -> list[tuple[list[Message], list[Message]]]:
+    """Return all nodes and edges of each of a robot's orders, an edge to each node but the first.
+    By a lift a robot goes along an edge, and spawns at a node on the map of the other floor.
     """
     maps = list(named_maps(plan))
     entry: Mapping[str, Any] = next((o for o in plan["objects"] if o["name"] == robot), {})
@@ -157,19 +159,25 @@ def _whole(
         raise ProblemError(f"the plan does not say where '{robot}' is")
     floor = map_number(entry)
     pose: FloatArray = np.array(own_frames(plan)[floor].of(entry["initial"]))
-    nodes, edges = [node_of(robot, 0, pose, maps[floor])], []
-    for number, step in zip(_nodes_of(steps), steps, strict=True):
+    here, orders = node_of(robot, 0, pose, maps[floor]), list[tuple[list[Message], list[Message]]]()
+    for where, ((order, number), step) in enumerate(zip(_nodes_of(steps), steps, strict=True), 1):
+        if order == len(orders):
+            orders.append(([{**here, "sequenceId": 0, "actions": []}], []))
+        nodes, edges = orders[order]
         if step.piece is not None:
             pose, floor = step.piece.rows[-1, 1:], step.floor
         elif step.lands:
             pose, floor = np.asarray(step.lands, dtype=np.float64), step.floor
         if number == len(nodes):
-            edges.append(edge_of(robot, number, step.piece, entry.get("v_max", math.inf)))
-            nodes.append(node_of(robot, number, pose, maps[floor]))
+            edge = edge_of(robot, where, step.piece, entry.get("v_max", math.inf))
+            here = node_of(robot, where, pose, maps[floor])
+            edges.append({**edge, "sequenceId": 2 * number - 1})
+            nodes.append({**here, "sequenceId": 2 * number})
         if step.piece is None:
             (edges if step.lands else nodes)[-1]["actions"].append(_action(step, plan))
-    _call_by_place(plan, nodes, edges)
-    return nodes, edges
+    for nodes, edges in orders:
+        _call_by_place(plan, nodes, edges)
+    return orders
 
 
 def _call_by_place(plan: PlanDict, nodes: list[Message], edges: list[Message]) -> None:
@@ -188,12 +196,19 @@ def _call_by_place(plan: PlanDict, nodes: list[Message], edges: list[Message]) -
         edge |= {"startNodeId": a["nodeId"], "endNodeId": b["nodeId"]}
 
 
-def _nodes_of(steps: Sequence[RobotStep]) -> list[int]:
-    """Return the number of the node at which each step is over. What waits for nothing is an action
-    of the node come to before; what waits has a node of its own, for nodes are what is released.
+def _nodes_of(steps: Sequence[RobotStep]) -> list[tuple[int, int]]:
+    """Return the order and its node at which each step is over. What waits for nothing is an action
+    of the node come to before; for what waits the order ends there, and another one begins.
     """
-    moves = (int(bool(s.waits or s.lands or s.piece is not None)) for s in steps)
-    return list(itertools.accumulate(moves))
+    found: list[tuple[int, int]] = []
+    order = number = 0
+    for step in steps:
+        if step.lands or step.piece is not None:
+            number += 1
+        elif step.waits and found:
+            order, number = order + 1, 0
+        found.append((order, number))
+    return found
 
 
 def node_of(robot: str, number: int, pose: FloatArray, map_id: str) -> Message:
@@ -236,8 +251,8 @@ def edge_of(robot: str, number: int, piece: PathPiece | None, v_max: float = mat
         "endNodeId": f"{robot}-n{number}",
         "actions": [],
     }
-    if piece is None:
-        return edge | {"length": 0.0}
+    if piece is None:  # by a lift: no way on a map
+        return edge
     edge |= {"length": round(piece.length, 6)}
     if piece.direction == "turn":
         return edge | {"rotationAllowed": True}
@@ -270,51 +285,65 @@ def nurbs(points: FloatArray) -> Message:
 # ---------------------------------------------------------------------------------- messages
 def _messages(
     plan: PlanDict, robot: str, steps: Sequence[RobotStep]
-) -> Iterator[tuple[Message, tuple[StepWait, ...]]]:
-    """Yield a robot's messages and what each waits for: the order first, then its updates.
+) -> Iterator[tuple[int, Message, tuple[StepWait, ...]]]:
+    """Yield a robot's messages, each with the number of its order (from 0) and what it waits for:
+    of each order that first, then its updates.
 
-    The order releases what waits for nothing; each update releases one more stretch, up to the
-    next step that waits. An update begins with the last node that is released already.
+    An order releases what waits for nothing; each update releases one more stretch, up to the next
+    drive that waits. An update begins with the last node that is released already.
     """
-    nodes, edges = _whole(plan, robot, steps)
-    gates = [(n - 1, s.waits) for n, s in zip(_nodes_of(steps), steps, strict=True) if s.waits]
-    ends = [*(until for until, _ in gates), len(edges)]
-    for number, ((begin, waits), until) in enumerate(zip([(0, ()), *gates], ends, strict=True)):
-        message: Message = {
-            "headerId": number,
-            "timestamp": EPOCH,
-            "version": VERSION,
-            "manufacturer": MANUFACTURER,
-            "serialNumber": robot,
-            "orderId": f"{plan['problem']}:{robot}",
-            "orderUpdateId": number,
-            "nodes": [{**nodes[k], "released": k <= until} for k in range(begin, len(nodes))],
-            "edges": [{**edges[k], "released": k < until} for k in range(begin, len(edges))],
-        }
-        yield message, waits
+    header, before = itertools.count(), list[StepWait]()
+    for order, (nodes, edges) in enumerate(_whole(plan, robot, steps)):
+        parts = zip(_nodes_of(steps), steps, strict=True)
+        own = [(number, step) for (which, number), step in parts if which == order]
+        begins = (*before, *(w for number, step in own if number == 0 for w in step.waits))
+        gates = [(n - 1, step.waits) for n, step in own if step.waits and n > 0]
+        gates.insert(0, (0, begins))
+        # whoever has an order is through with it before the next one
+        before = [StepWait(own[-1][1].happens[-1], 0.0, "the order before")]
+        ends = [*(until for until, _ in gates[1:]), len(edges)]
+        for number, ((begin, waits), until) in enumerate(zip(gates, ends, strict=True)):
+            message: Message = {
+                "headerId": next(header),
+                "timestamp": EPOCH,
+                "version": VERSION,
+                "manufacturer": MANUFACTURER,
+                "serialNumber": robot,
+                "orderId": _order_id(plan, robot, order),
+                "orderUpdateId": number,
+                "nodes": [{**nodes[k], "released": k <= until} for k in range(begin, len(nodes))],
+                "edges": [{**edges[k], "released": k < until} for k in range(begin, len(edges))],
+            }
+            yield order, message, waits
+
+
+def _order_id(plan: PlanDict, robot: str, order: int) -> str:
+    return f"{plan['problem']}:{robot}:{order + 1}"
 
 
 # ---------------------------------------------------------------------------------- releases
-Seen = tuple[str, int, Message]
-"""Where an event is seen: a robot, the sequenceId of the node that it has come to by then, and what
-its state says: that it has passed the node, or finished (begun) an action.
+Seen = tuple[str, At, Message]
+"""Where an event is seen: a robot, the node that it has come to by then, and what its state says:
+that it has passed the node, or finished (begun) an action.
 """
 
 
-def _where_seen(steps_of_all: Mapping[str, Sequence[RobotStep]]) -> dict[Event, list[Seen]]:
+def _where_seen(
+    plan: PlanDict, steps_of_all: Mapping[str, Sequence[RobotStep]]
+) -> dict[Event, list[Seen]]:
     """Return how each event of the plan's dependencies shows in the robots' states."""
     seen: dict[Event, list[Seen]] = {}
     for robot, steps in steps_of_all.items():
-        for number, step in zip(_nodes_of(steps), steps, strict=True):
+        for (order, number), step in zip(_nodes_of(steps), steps, strict=True):
             # begun is known for sure once it is over; a drive that has begun is not reported
             for events, status in ((step.begins, "RUNNING"), (step.happens, "FINISHED")):
                 sign: Message = {"lastNodeSequenceId": 2 * number}
                 if step.piece is None:
                     action = f"{robot}:{step.activity}"
                     sign = {"actionId": action, "actionStatus": status}
-                sign = {"serialNumber": robot, **sign}
+                sign = {"serialNumber": robot, "orderId": _order_id(plan, robot, order), **sign}
                 for event in events:
-                    seen.setdefault(event, []).append((robot, 2 * number, sign))
+                    seen.setdefault(event, []).append((robot, (order, 2 * number), sign))
     return seen
 
 
@@ -326,7 +355,7 @@ def _sorted(
     Raises :class:`ProblemError` where there is none: the dependencies have a cycle.
     """
     known = {event for step in others for event in (*step.begins, *step.happens)}
-    released: dict[str, int] = {}
+    released: dict[str, At] = {}
     queues: dict[str, list[Release]] = {}
     for release in releases:
         queues.setdefault(release[1], []).append(release)
@@ -334,7 +363,7 @@ def _sorted(
     def can_go(release: Release) -> bool:
         needed = (w.event for w in release[3] if w.event not in known and w.event[0] != "origin")
         at = (sign for event in needed for sign in seen.get(event, ()))
-        return all(released.get(robot, -1) >= last for robot, last, _ in at)
+        return all(released.get(robot, (-1, 0)) >= last for robot, last, _ in at)
 
     found: list[Message] = []
     while len(found) < len(releases):

@@ -104,7 +104,8 @@ class Drives:
             if can_do(records, name, order)
         ]
         load = load_of(records, order)
-        return itertools.permutations(alike, len(load.carriers) if load is not None else 0)
+        assert load is not None
+        return itertools.permutations(alike, len(load.carriers))
 
     def _along(self, a: Activity, others: Sequence[str], way: tuple[str, str]) -> None:
         """State that ``others`` keep formation in a drive between two stands of a load."""

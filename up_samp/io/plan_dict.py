@@ -112,13 +112,8 @@ def with_minor(plan: PlanDict) -> PlanDict:
     )
     known = plan.get("minor", 0)
     minor = max(known, *(k for k, there in enumerate(brought, start=1) if there), 0)
-    found: PlanDict = {}
-    for key, value in plan.items():
-        if key != "minor":
-            found[key] = value
-        if key == "version" and minor:
-            found["minor"] = minor
-    return found
+    head = {"format": plan["format"], "version": plan["version"], **_said({"minor": (minor, 0)})}
+    return {**head, **{key: value for key, value in plan.items() if key not in (*head, "minor")}}
 
 
 def result_to_dict(

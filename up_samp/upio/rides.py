@@ -109,9 +109,7 @@ def _together(mine: Kinematics, its: Kinematics, off: float) -> Kinematics:
     """Return the limits of a body and one that drives along ``off`` m from its reference point. A
     quarter of that one's acceleration is for what pulls it outwards in turns.
     """
-    omega = min(mine.omega_max, its.omega_max)
-    if off > SAME:
-        omega = min(omega, math.sqrt(its.a_max / 4 / off))
+    omega = min(mine.omega_max, its.omega_max, math.sqrt(its.a_max / 4 / max(off, SAME)))
     v_max, reach = min(mine.v_max, its.v_max), max(mine.reach, off)
     a_max = min(mine.a_max, its.a_max - omega**2 * off)
     return replace(mine, v_max=v_max, a_max=a_max, omega_max=omega, reach=reach)

@@ -1,6 +1,7 @@
 """Ways as thin as a hair, on which each motion that is known was drawn before the walls."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -81,3 +82,34 @@ def test_a_quick_planner_gives_up_where_only_a_thread_leads(seed, number, tmp_pa
     leg = planner.leg(LegQuery(body, *ends), Deadline.never())
     assert leg.trajectory is None
     assert leg.effort <= 20_000
+
+
+def farthest(motion, reach):
+    """The largest speed and acceleration of what is ``reach`` m ahead, by finite differences."""
+    heading = motion.poses[:, 2]
+    there = motion.poses[:, :2] + reach * np.column_stack((np.cos(heading), np.sin(heading)))
+    dt = np.diff(motion.times)
+    speed = np.diff(there, axis=0) / dt[:, None]
+    change = np.linalg.norm(np.diff(speed, axis=0), axis=1) / (0.5 * (dt[1:] + dt[:-1]))
+    return np.linalg.norm(speed, axis=1).max(), change.max()
+
+
+@pytest.mark.parametrize("reach", [0.0, 0.7])
+def test_who_keeps_formation_is_planned_by_the_finer_searches_too(reach, tmp_path):
+    """They may drive a body on wheels, which turns at once: nothing far off can follow that."""
+    found = 0
+    for seed in (4, 10, 24):
+        for kind, grid, body, ends, _, _ in drives(seed, tmp_path):
+            if kind != "omni":
+                continue
+            own = body.kinematics
+            limits = replace(own, drives_along=True, reach=reach, omega_max=0.6)
+            leg = PlanarPlanner(MotionService(grid).scene).leg(
+                LegQuery(replace(body, kinematics=limits), *ends), Deadline.after(20)
+            )
+            if leg.trajectory is not None and reach:
+                speed, change = farthest(leg.trajectory, reach)
+                assert speed <= 1.01 * own.v_max
+                assert change <= 1.02 * (own.a_max + 0.6**2 * reach)
+            found += leg.trajectory is not None
+    assert found > 0

@@ -146,10 +146,15 @@ class PlanarPlanner:
         thin as the body there are no straight moves, and no others.
         """
         kin, radius = query.body.kinematics, 4.0 * shape.inner[2]  # of its bends
+        if kin.reach:  # turns on the spot begin at once, which nothing far off can follow
+            return Leg(None, "not in formation", complete=True)
         # the acceleration is shared by what leads ahead and what leads round
         push = float(kin.a_max) / math.sqrt(2)
         v = min(float(kin.v_max), math.sqrt(push * radius), float(kin.omega_max) * radius)
-        wheels = replace(kin, model=MotionModel.PIVOT, v_max=v, a_max=push, omega_max=v / radius)
+        wheels = replace(
+            kin, model=MotionModel.PIVOT, v_max=v, a_max=push, omega_max=v / radius,
+            drives_along=False,
+        )  # fmt: skip
         effort = None if budget.effort is None else max(0, budget.effort - budget.used)
         asked = replace(query, body=replace(query.body, kinematics=wheels), effort=effort)
         leg = PivotPlanner(self.scene, self.seed).leg(asked, budget.deadline)
