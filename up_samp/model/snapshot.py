@@ -101,7 +101,10 @@ class Snapshot:
     ``maps`` are the occupancy maps (none: the open plane), ``map_of`` tells the number of each
     configuration's map. Poses are in the world frame; where several maps were laid out side by
     side in one plane, they are in that plane, and ``to_world`` holds each map's way back.
-    ``laden`` are the bodies of motion tasks with loads, by activity and index.
+    ``laden`` are the bodies of motion tasks with loads, by activity and index. ``alike`` has the
+    names of all configurations of one pose, by each of them, where it has several: an object that
+    the problem leads there by several has one name for it here (``renamed``), or, where names are
+    decided, whichever is chosen.
     """
 
     name: str
@@ -115,6 +118,8 @@ class Snapshot:
     map_of: Mapping[str, int] = field(default_factory=dict)
     to_world: tuple[Frame, ...] = ()
     laden: Mapping[tuple[str, int], Body] = field(default_factory=dict)
+    alike: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    renamed: frozenset[str] = frozenset()
 
     @property
     def map_file(self) -> str | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -64,6 +64,12 @@ def read_problem(problem: SchedulingMotionProblem, seconds_per_unit: float = 1.0
     check_flat(maps, objects)
     check_zones(maps, objects)
     check_docks(objects, configurations, maps, tasks)
+    alike = _alike(configurations, map_of)
+    names = _names_of(users, initial, alike)
+    initial = {name: names[name].get(place, place) for name, place in initial.items()}
+    tasks = [replace(t, terms=_renamed(t.terms, names[t.object])) for t in tasks]
+    changes = [replace(c, term=_renamed((c.term,), names[c.object])[0]) for c in changes]
+    floor = replace(floor, initial=initial)
     tasks, changes = find_rides(tasks, changes, floor)
     return Snapshot(
         name=problem.name or "problem",
@@ -76,6 +82,53 @@ def read_problem(problem: SchedulingMotionProblem, seconds_per_unit: float = 1.0
         seconds_per_unit=seconds_per_unit,
         map_of=map_of,
         laden=laden_bodies(tasks, floor),
+        alike=alike,
+        renamed=frozenset(name for name, known in names.items() if known),
+    )
+
+
+def _alike(
+    configurations: Mapping[str, Configuration], map_of: Mapping[str, int]
+) -> dict[str, tuple[str, ...]]:
+    """Return the names of each pose that has several, by each of them. Poses are the same where
+    they differ by rounding, or by whole turns.
+    """
+    at: dict[tuple[object, ...], list[str]] = {}
+    for name, pose in configurations.items():
+        key = *pose[:2], math.cos(pose[2]), math.sin(pose[2])
+        if len(pose) != 3:  # a quaternion and its negative turn alike
+            sign = math.copysign(1.0, next((v for v in reversed(pose[3:]) if abs(v) > 1e-9), 1.0))
+            key = *pose[:3], *(sign * v for v in pose[3:])
+        there = (len(pose), map_of.get(name), *(round(v, 6) + 0.0 for v in key))
+        at.setdefault(there, []).append(name)
+    return {name: tuple(some) for some in at.values() if len(some) > 1 for name in some}
+
+
+def _names_of(
+    users: Users, initial: Mapping[str, str], alike: Mapping[str, tuple[str, ...]]
+) -> dict[str, dict[str, str]]:
+    """Return for each object the one name that stands for each name of a pose that it has several
+    names for, where any is: the first that the problem has. Where a place of an object is decided
+    later it may be of any name.
+    """
+    told: dict[str, set[str]] = {name: {place} for name, place in initial.items()}
+    for _, name, terms in users:
+        own = told.setdefault(name, set())
+        own.update(term.name for term in terms if term.kind is TermKind.CONSTANT)
+        if any(term.kind is not TermKind.CONSTANT for term in terms):
+            own.update(alike)
+    found: dict[str, dict[str, str]] = {}
+    for name, places in told.items():
+        some = {place: [p for p in alike.get(place, ()) if p in places] for place in places}
+        found[name] = {place: known[0] for place, known in some.items() if len(known) > 1}
+    return found
+
+
+def _renamed(terms: Iterable[Term], names: Mapping[str, str]) -> tuple[Term, ...]:
+    """Return configurations by the names that stand for theirs."""
+    return tuple(
+        replace(t, name=names[t.name]) if t.kind is TermKind.CONSTANT and t.name in names else t
+        for t in terms
     )
 
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 from unified_planning.model import Effect, Fluent, FNode, Object, Timing
@@ -153,14 +154,18 @@ def _add_state(relaxation: Relaxation, name: str, lasting: frozenset[str]) -> No
     ]
     changes = [c for c in snapshot.changes if c.object == name]
     early = int(lasting.issuperset(snapshot.movers[name]))
-    own = _tracking_fluent(relaxation, name, tasks, changes, early)
-    if own is None and early:
+    own = None
+    if name not in snapshot.renamed:
+        own = _tracking_fluent(relaxation, name, tasks, changes, early)
+    if own is None and early and name not in snapshot.renamed:
         own = _tracking_fluent(relaxation, name, tasks, changes, 0)
         early = 1 if own is None else 0
     state = own if own is not None else _new_state(relaxation, name)
     relaxation.state[name] = state
     relaxation.early[name] = early
     manager = relaxation.problem.environment.expression_manager
+    decided = any(t.kind is not TermKind.CONSTANT for task in tasks for t in task.terms)
+    equal = partial(_one_place, relaxation) if decided else manager.Equals
     for task in tasks:
         activity = relaxation.activities[task.activity]
         first, *others = task.terms
@@ -176,9 +181,10 @@ def _add_state(relaxation: Relaxation, name: str, lasting: frozenset[str]) -> No
             or _reads(activity, own)
         )
         span = closed(activity) if told and not early else whole(activity, early)
-        activity.add_condition(span, manager.Equals(state, start))
+        there = equal(state, start)
+        activity.add_condition(span, there)
         if not (told or early or task.activity in lasting):
-            activity.add_condition(nothing_but_an_instant(activity), manager.Equals(state, start))
+            activity.add_condition(nothing_but_an_instant(activity), there)
         if own is None:
             activity.add_effect(Timing(-early, activity.end), state, via[-1])
     for change in changes:
@@ -186,6 +192,25 @@ def _add_state(relaxation: Relaxation, name: str, lasting: frozenset[str]) -> No
         goal = choose(relaxation, activity, change.term, at_end=True)
         if own is None:
             activity.add_effect(Timing(-early, activity.end), state, goal)
+
+
+def _one_place(relaxation: Relaxation, one: FNode, other: FNode) -> FNode:
+    """Return that two expressions for configurations are of one pose: by one name, or by two names
+    for it.
+    """
+    manager, problem = relaxation.problem.environment.expression_manager, relaxation.problem
+    ways = [manager.Equals(one, other)]
+    for names in dict.fromkeys(relaxation.snapshot.alike.values()):
+        places = [manager.ObjectExp(problem.object(name)) for name in names]
+        sides = [
+            manager.Bool(side in places)
+            if side.is_object_exp()
+            else manager.Or([manager.Equals(side, p) for p in places])
+            for side in (one, other)
+        ]
+        both = manager.And(sides).simplify()
+        ways += [] if both.is_false() else [both]
+    return manager.Or(ways) if len(ways) > 1 else ways[0]
 
 
 def _reads(activity: Activity, state: FNode) -> bool:
@@ -430,7 +455,7 @@ def _hold(relaxation: Relaxation, activity: Activity, name: str, told: FNode) ->
         place = manager.ObjectExp(relaxation.problem.object(relaxation.snapshot.initial[name]))
     else:
         return
-    equal = manager.Equals(told, place)
+    equal = _one_place(relaxation, told, place)
     at_start = TimePointInterval(Timing(0, activity.start))
     span = RightOpenTimeInterval(Timing(0, activity.start), Timing(-1, activity.end))
     if state is not None and not relaxation.early[name]:

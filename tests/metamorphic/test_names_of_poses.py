@@ -1,0 +1,109 @@
+"""A pose may have several names: by whichever of them motions say it, the answers agree."""
+
+import random
+
+import pytest
+from unified_planning.model.motion import ActivityWaypoints, ConfigurationObject
+
+from tests.fuzz.problems import SECONDS, build, random_case
+from tests.metamorphic.answers import answer_to, in_one_meaning
+from tests.metamorphic.motions import ALIKE, OTHERS, write
+from tests.metamorphic.sites import FAMILIES
+from up_samp.upio import read_problem
+from up_samp.validation import validate_plan
+
+
+class OtherNames:
+    """Says in a problem's motions each pose by its name, or by another one that it gets here.
+
+    Where a motion ends its effect has to say by the same name; fluents go on telling the old ones.
+    """
+
+    def __init__(self, problem, rng):
+        self.problem, self.rng = problem, rng
+        self.others = {}
+        manager = problem.environment.expression_manager
+        initial = [(o, self.said(p, manager)) for o, p in problem.initial_configuration]
+        problem._initial_configuration[:] = initial
+        for activity in problem.motion_activities:
+            ends = {}
+            told = [self.constraint(c, manager, ends) for c in activity.motion_constraints]
+            activity._motion_constraints = told
+            activity._motion_constraints_set = set(told)
+            effects = {
+                o: ends.get(o) or self.said(p, manager) for o, p in activity.motion_effects.items()
+            }
+            activity._motion_effects.clear()
+            activity._motion_effects.update(effects)
+
+    def constraint(self, told, manager, ends):
+        nodes = [self.said(p, manager) for p in (told.starting, *told.waypoints)]
+        ends[told.movable] = nodes[-1]
+        return ActivityWaypoints(
+            told.movable,
+            nodes[0],
+            nodes[1:],
+            static_obstacles=told.static_obstacles,
+            dynamic_obstacles_at_start=told.dynamic_obstacles_at_start,
+        )
+
+    def said(self, node, manager):
+        if not node.is_object_exp() or self.rng.random() < 0.5:
+            return node
+        place = node.object()
+        if place.name not in self.others:
+            env = self.problem.environment
+            name = f"also_{place.name}"
+            other = ConfigurationObject(name, place.type, place.configuration, env)
+            self.problem.add_object(other)
+            self.others[place.name] = other
+        return manager.ObjectExp(self.others[place.name])
+
+
+def wrong(made, seeds, timeout, **params):
+    """What cannot be true of a problem that ``made()`` makes anew, said by some other names."""
+    answers = []
+    for seed in (None, *seeds):
+        problem = made()
+        if seed is not None:
+            renamed = OtherNames(problem, random.Random(seed))
+            assert renamed.others
+            assert set(read_problem(problem).alike) >= set(renamed.others)
+        unit = params.get("seconds_per_unit", 1.0)
+
+        def judge(plan, problem=problem, unit=unit):
+            return validate_plan(problem, plan, seconds_per_unit=unit)
+
+        answers.append(answer_to(problem, f"names {seed}", judge, timeout=timeout, **params))
+    return in_one_meaning(answers), answers
+
+
+CASES = [101, 104, *(pytest.param(k, marks=pytest.mark.long) for k in range(200, 240))]
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_random_problems_say_the_same_by_other_names(case, tmp_path):
+    found, answers = wrong(
+        lambda: build(random_case(case), tmp_path), (1, 2), 10.0, seconds_per_unit=SECONDS
+    )
+    assert not found, found
+    assert len(answers) == 3
+
+
+STYLES = [*ALIKE, *OTHERS]
+SITES = [
+    ("doors", 1),
+    ("doors", 8),
+    *(
+        pytest.param(family, k, marks=pytest.mark.long)
+        for family in FAMILIES
+        for k in range(len(STYLES))
+    ),
+]
+
+
+@pytest.mark.parametrize(("family", "number"), SITES)
+def test_sites_say_the_same_by_other_names(family, number, tmp_path):
+    """Also where parameters and fluents name poses."""
+    found, _ = wrong(lambda: write(FAMILIES[family](1), STYLES[number], tmp_path), (3,), 20.0)
+    assert not found, (STYLES[number], found)
