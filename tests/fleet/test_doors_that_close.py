@@ -58,7 +58,7 @@ def test_somebody_opens_a_door_that_closes_for_whoever_comes(tmp_path, monkeypat
     walls, jobs, options = SITES[name]
     fleet = site(tmp_path, walls, jobs, **options)
     told = shuffled_fleet(fleet.records, seed, rename=False).records
-    again = Fleet.from_file(write_problem_file(fleet.folder / "again.yaml", told))
+    again = Fleet.from_file(write_problem_file(tmp_path / "again.yaml", told))
     found = []
     realize = list_scheduling.improve
 
