@@ -1,5 +1,6 @@
 """Batteries: drives take from them, chargers give, and nobody runs out."""
 
+import dataclasses
 import itertools
 from pathlib import Path
 
@@ -226,3 +227,23 @@ def test_what_is_wrong_with_chargers_and_curves_is_told():
         floor(60, curve=[[50, 0.5], [40, 0.1]])
     with pytest.raises(FleetError, match=r"curve"):
         floor(60, curve=[[50, 1.5]])
+
+
+@pytest.mark.parametrize("model", ["diff", "car"])
+def test_who_would_rather_not_back_up_is_metered_by_a_quick_search(monkeypatch, model):
+    """A way that is found with little work is about as long as the one that is driven; where it
+    would lead backwards, one ahead is looked for as well.
+    """
+    fleet = floor(100)
+    records = fleet.records
+    kind = dataclasses.replace(records.robot_types["agv"], model=model, reverse_cost=None)
+    records = dataclasses.replace(records, robot_types={"agv": kind})
+    places = list(records.places)
+    quick = Meter(records, fleet.folder)
+    found = {p: quick.length("r", *p) for p in itertools.permutations(places, 2)}
+    monkeypatch.setattr("up_samp.fleet.batteries.quick_way", lambda *_: None)
+    whole = Meter(records, fleet.folder)
+    for pair, (metres, seconds) in found.items():
+        expected = whole.length("r", *pair)
+        assert metres == pytest.approx(expected[0], rel=0.05), pair
+        assert seconds == pytest.approx(expected[1], rel=0.05), pair

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -25,8 +25,9 @@ from up_samp.fleet.outlines import kept_out, ruled
 from up_samp.fleet.records import Battery, Charger, FleetRecords
 from up_samp.fleet.statements import Kind, Written
 from up_samp.io.sampling import rows_trajectory
-from up_samp.model import Body, Deadline, PathQuery, Placed, Trajectory
-from up_samp.motion.curves.slowing import chooses
+from up_samp.model import Body, Configuration, Deadline, PathQuery, Placed, Trajectory
+from up_samp.motion import MotionService
+from up_samp.motion.curves.slowing import chooses, reverses_at_a_cost, seconds_of
 from up_samp.motion.fleet.workspace import workspace_of
 
 MOST_STEPS, WAY_SECONDS, PATIENCE = 60, 10.0, 60.0
@@ -88,18 +89,17 @@ class Meter:
     def _way(self, kind: str, origin: str, to: str) -> Trajectory | None:
         """Return how a robot drives when nobody is in its way.
 
-        Where no rule makes it choose between ways, a quick search will do: a fifth of the work for
-        a way that is hardly ever longer.
+        Where no zone or lane makes it choose between ways, a quick search will do: a fifth of the
+        work for a way that is hardly ever longer.
         """
         zones = kept_out(self._records, kind, floor_of(self._records, origin))
         poses = way_between(self._records, origin, to)
         service, body = self._floors.at(origin), self._body(kind, origin, to)
         share = 1.0 if self._in_vain < PATIENCE else 0.1
         deadline = Deadline.after(share * WAY_SECONDS)
-        if not chooses(body):
-            quick = workspace_of(service).detour(body, poses, zones, (), deadline)
-            if quick is not None and not self._empties(kind, quick.natural):
-                return quick.natural
+        quick = None if chooses(body) else quick_way(service, body, poses, zones, deadline)
+        if quick is not None and not self._empties(kind, quick):
+            return quick
         way = service.plan(PathQuery(body, poses, zones), deadline).trajectory
         self._in_vain += deadline.elapsed() if way is None else 0.0
         return way
@@ -110,6 +110,29 @@ class Meter:
         load = None if order is None else load_of(self._records, order)
         body = with_load(self._records.robot_types[kind], load)
         return ruled(self._records, kind, floor_of(self._records, origin), body)
+
+
+def quick_way(
+    service: MotionService,
+    body: Body,
+    poses: tuple[Configuration, ...],
+    zones: Sequence[Placed],
+    deadline: Deadline,
+) -> Trajectory | None:
+    """Return a way that is found with little work: where it leads backwards, and the body would
+    rather not, the better one of it and one ahead only (None: one of them is not found so soon).
+    """
+    workspace = workspace_of(service)
+    found = workspace.detour(body, poses, zones, (), deadline)
+    if found is None:
+        return None
+    if not reverses_at_a_cost(found.natural, body):
+        return found.natural
+    ahead = replace(body, kinematics=replace(body.kinematics, reverse=False))
+    other = workspace.detour(ahead, poses, zones, (), deadline)
+    if other is None:
+        return None
+    return min(found.natural, other.natural, key=lambda way: seconds_of(way, body))
 
 
 def metres_of(way: Trajectory) -> float:

@@ -45,6 +45,8 @@ def try_candidate(search: Search, report: ScheduleReport) -> Tried:
         learned = learn_from(search, itinerary, check)  # lines 31 and 35
     with search.history.stages.of(REPAIRING):
         found = built or adopt_or_repair(search, itinerary, check)  # line 16
+        if found is None:
+            guess_on(search, check.refinements)
     refused = learn_from_refusal(search, found)
     learned += refused
     better = None if refused else keep_if_better(search, found)
@@ -57,6 +59,18 @@ def shaped(search: Search, schedule: CandidateSchedule) -> CandidateSchedule:
     for shape in search.components.shapers:
         schedule = shape(search, schedule)
     return schedule
+
+
+def guess_on(search: Search, learned: list[Refinement]) -> None:
+    """Tell all that statements guess, once guesses have rejected a candidate of which no plan could
+    be made: else they would come a few in each round, and a round for each few.
+    """
+    if not search.knowledge.may_guess(learned):
+        return
+    search.knowledge.guessed = True
+    with search.budget.motion_time():
+        for statement in search.components.statements:
+            search.learn(statement.guess(search))
 
 
 def build(search: Search, itinerary: Itinerary) -> Incumbent | None:

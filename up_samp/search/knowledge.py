@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 from up_samp.model import CandidateSchedule, Trajectory
-from up_samp.model.refinement import Refinement, Strength
+from up_samp.model.refinement import Layer, Refinement, Strength
 from up_samp.search.facts import Signature
 from up_samp.search.history import History
 from up_samp.upio import Relaxation, SampSchedule, write_refinement
@@ -32,6 +32,8 @@ class Knowledge:
     failed_together: set[frozenset[str]] = field(default_factory=set)
     tried_alone: set[frozenset[str]] = field(default_factory=set)
     """Activities that did not come to a plan even with their motions one after another."""
+    guessed: bool = False
+    """Whether all is told that statements guess."""
     feasible_facts: int | None = None
     """How many proven facts alone are known to leave a schedule (or could not be refuted)."""
     _written: set[object] = field(default_factory=set)
@@ -52,6 +54,13 @@ class Knowledge:
             new.append(refinement)
         return new
 
+    def may_guess(self, rejecting: Iterable[Refinement]) -> bool:
+        """Return whether a candidate is rejected by what a bound is guessed to be, and not all of
+        these guesses are told.
+        """
+        told = ((r.layer, r.strength) for r in rejecting)
+        return not self.guessed and (Layer.BOUND, Strength.HEURISTIC) in told
+
     def take_back(self, wrong: Iterable[Refinement]) -> None:
         """Take what a valid plan breaks for what it is: a guess."""
         back = frozenset(wrong)
@@ -64,6 +73,7 @@ class Knowledge:
         self.active = self.sure
         self.relaxation = relaxation
         self.failed_together.clear()
+        self.guessed = False
         self._written = {r.statement for r in self.active}
         for refinement in self.active:
             write_refinement(relaxation, refinement)

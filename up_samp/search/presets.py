@@ -11,7 +11,7 @@ from functools import partial
 from typing import TypeVar
 
 from up_samp.extensions import parts
-from up_samp.model.refinement import Refinement
+from up_samp.model.refinement import Refinement, Strength
 from up_samp.search.budget import SchedulerPace
 from up_samp.search.check import CheckAlone, check_duration, check_path
 from up_samp.search.cuts.paper import PaperCuts
@@ -48,11 +48,13 @@ LAYERS: Sequence[tuple[CheckAlone, Ideas]] = (
 def _statements() -> Sequence[tuple[Statement, Ideas]]:
     """Return what is told to the scheduler before the first schedule."""
 
-    def durations(search: Search) -> list[Refinement]:
+    def durations(search: Search, *, guesses: bool = False) -> list[Refinement]:
         def tell(count: int, total: int) -> None:
             search.tell.stage(Phase.PREPARE, "unobstructed motions", count, total)
 
-        return fastest_durations(search.motions, search.knowledge, tell)
+        told = fastest_durations(search.motions, search.knowledge, tell)
+        wanted = {Strength.PROVEN, Strength.RELATIVE, *((Strength.HEURISTIC,) * guesses)}
+        return list(filter(lambda r: r.strength in wanted, told))
 
     return (
         (
@@ -71,7 +73,10 @@ def _statements() -> Sequence[tuple[Statement, Ideas]]:
             Statement("orders on rings", lambda s: kept_orders(s.motions)),
             ("certificates",),
         ),
-        (Statement("unobstructed motions", durations), ("bounds_first",)),
+        (
+            Statement("unobstructed motions", durations, partial(durations, guesses=True)),
+            ("bounds_first",),
+        ),
         (
             Statement("handing over places", lambda s: proven_handovers(s.motions)),
             ("bounds_first", "profiles"),

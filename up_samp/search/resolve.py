@@ -227,18 +227,22 @@ def least_work(search: Search, schedule: CandidateSchedule, check: Check) -> Inc
     Optional work makes the floor fuller: loads that stand about, robots that come and go. What can
     be left out is left out first, whatever that costs, and the rest is done one motion after the
     other; the plan is a plan of the whole problem, and what comes after it adds work where that is
-    worth it. A choice of activities that did not come to a plan is not tried again.
+    worth it. A choice of activities that did not come to a plan is not tried again; where no choice
+    was found in the time for it, none is sought again: there are fewer, the more is learned. What
+    another candidate comes of sooner, guesses that are still to be told, comes first.
     """
-    if search.bounds.incumbent is not None:
+    tried, nothing = search.knowledge.tried_alone, frozenset[str]()
+    soon = search.knowledge.may_guess(check.refinements)
+    if search.bounds.incumbent is not None or soon or nothing in tried:
         return None
-    tried = search.knowledge.tried_alone
     tried.add(frozenset(schedule.times))
-    least = _with_fewest_motions(search, schedule)
-    if least is None or frozenset(least.times) in tried:
+    least = _with_fewest_motions(search, schedule) or CandidateSchedule({})
+    names = frozenset(least.times)
+    known = names in tried | {nothing}
+    tried.add(names)
+    if known:
         return None
-    tried.add(frozenset(least.times))
-    moving = search.facts.snapshot.by_activity.keys()
-    return _in_turn(search, least, moving & set(least.times))
+    return _in_turn(search, least, search.facts.snapshot.by_activity.keys() & names)
 
 
 def _with_fewest_motions(search: Search, near: CandidateSchedule) -> CandidateSchedule | None:

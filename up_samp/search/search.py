@@ -33,10 +33,13 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Statement:
-    """Something that is told to the scheduler; ``find`` returns it as refinements."""
+    """Something that is told to the scheduler; ``find`` returns it as refinements; ``guess`` what
+    else may be told where candidates come to nothing for want of it, guesses among it.
+    """
 
     name: str
     find: Callable[[Search], Sequence[Refinement]]
+    guess: Callable[[Search], Sequence[Refinement]] = lambda search: ()
 
 
 Shaper = Callable[["Search", CandidateSchedule], CandidateSchedule]

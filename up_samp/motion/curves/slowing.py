@@ -233,12 +233,13 @@ def seconds_of(motion: Trajectory, body: Body) -> float:
 
 
 def chooses(body: Body) -> bool:
-    """Return whether rules make a body choose between ways: of zones, but for those of docks, and
-    of driving backwards.
+    """Return whether rules may make a body choose between ways, whichever it finds first: of zones,
+    but for those of docks, of lanes, and of slowly driving backwards. (Who would rather not drive
+    backwards chooses where it does: see :func:`reverses_at_a_cost`.)
     """
     kin = body.kinematics
-    free = math.isinf(kin.v_back) and kin.back_cost == 1.0
-    return not free or any(zone.dock is None for zone in kin.zones)
+    told = bool(kin.lanes) or math.isfinite(kin.v_back)
+    return told or any(zone.dock is None for zone in kin.zones)
 
 
 def slowing_zones(motion: Trajectory, body: Body) -> tuple[TrafficZone, ...]:

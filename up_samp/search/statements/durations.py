@@ -48,7 +48,8 @@ def fastest_durations(
     knowledge: Knowledge,
     tell: Callable[[int, int], None],
 ) -> list[Refinement]:
-    """Return the planner's own best duration of every motion, as far as time allows.
+    """Return the planner's own best duration of every motion, as far as time allows: guesses, where
+    the planner may have missed a faster way.
 
     Where they are far too many for that, few of them are asked for. They are found among the fixed
     obstacles alone: objects that move only make motions slower.
@@ -68,8 +69,7 @@ def fastest_durations(
         if count % 10 == 0:
             tell(count, len(signatures))
         limit = motions.budget.deadline.within(seconds)
-        told = duration_of(motions, knowledge, cases, limit)
-        found += [r for r in told if r.strength is not Strength.HEURISTIC]
+        found += duration_of(motions, knowledge, cases, limit)
     return found
 
 

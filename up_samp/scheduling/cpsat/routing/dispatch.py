@@ -20,6 +20,7 @@ from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.levels import RouteLevel, find_levels
 from up_samp.scheduling.cpsat.routing.route import Move, Route
+from up_samp.scheduling.cpsat.routing.set_back import Held, Way, find_set_back
 
 
 @dataclass(frozen=True, eq=False)
@@ -285,10 +286,6 @@ def entrances_of(routes: list[Route], task: RoutedTask) -> dict[Need, int]:
 # ------------------ Who does what where
 
 
-Way = tuple[int, int]
-"""(task, number of its way)."""
-
-
 @dataclass
 class WayNeeds:
     """What one way to do a task asks besides its place: ``along``: the ways of others that come
@@ -340,6 +337,8 @@ class RoutedWork:
     own: list[OwnState] = field(default_factory=list)
     made_for: dict[str, frozenset[Way]] = field(default_factory=dict)
     """Moves that are made only where some ways to do tasks are taken."""
+    held: dict[str, list[Held]] = field(default_factory=dict)
+    """What moves and stops need of states that are set back."""
     others: dict[str, bool] = field(default_factory=dict)
     """Activities on no route, and whether it is one of those of which some must be done."""
     worth: Callable[[CandidateSchedule], float] = attrgetter("makespan")
@@ -357,6 +356,11 @@ class RoutedWork:
             for i, task in enumerate(self.tasks)
             if any(k == state and v in allowed for k, v, _ in task.changes)
         ]
+
+    @cached_property
+    def set_back(self) -> frozenset[Key]:
+        """The states that are set back."""
+        return frozenset(key for key, *_ in itertools.chain(*self.held.values()))
 
     @cached_property
     def refills(self) -> list[list[dict[Way, frozenset[int]]]]:
@@ -400,6 +404,9 @@ def find_work(model: ScheduleModel, routes: list[Route]) -> RoutedWork:
     for number, task in enumerate(tasks):
         ways = (needs.get((number, way), WayNeeds()) for way in range(len(task.ways)))
         task.after += _before_whoever_does_it(list(ways))
+    held, changes = find_set_back(model, routes, names, coming)
+    for (number, _), told in changes.items():
+        tasks[number].changes = [*dict.fromkeys((*tasks[number].changes, *told))]
     own = find_own_states(model, routes, names)
     made_for = {
         move.name: frozenset(some)
@@ -407,7 +414,7 @@ def find_work(model: ScheduleModel, routes: list[Route]) -> RoutedWork:
         for move in route.moves
         if (some := coming.get(activities[move.name].present))
     }
-    return RoutedWork(routes, tasks, units, initial, levels, needs, own, made_for, others)
+    return RoutedWork(routes, tasks, units, initial, levels, needs, own, made_for, held, others)
 
 
 def _ways_with(model: ScheduleModel, names: Mapping[str, Way]) -> dict[Literal, list[Way]]:

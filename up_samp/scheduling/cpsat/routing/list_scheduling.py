@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import random
 from dataclasses import dataclass, field
+from itertools import chain, repeat
 
 from up_samp.model import CandidateSchedule, Deadline
 from up_samp.scheduling.cpsat.encode.states import Key
@@ -13,7 +14,6 @@ from up_samp.scheduling.cpsat.routing.dispatch import (
     RoutedTask,
     RoutedWork,
     UnitPlace,
-    Way,
     WayNeeds,
 )
 from up_samp.scheduling.cpsat.routing.route import (
@@ -26,6 +26,7 @@ from up_samp.scheduling.cpsat.routing.route import (
     expand,
 )
 from up_samp.scheduling.cpsat.routing.sequences import Found, Sequences
+from up_samp.scheduling.cpsat.routing.set_back import Change, Held, Way
 
 Step = tuple[int, int]
 """(task, number of its way; -1: whichever is done first)."""
@@ -67,6 +68,8 @@ class Decoder:
         self.times: dict[str, tuple[int, int]] = {}
         self.changed: dict[Key, list[tuple[int, int]]] = {}
         self.legs: list[tuple[int, int, Still]] = []
+        self.asked: list[Held] = []
+        """What all that was timed needs of states that are set back, by the clock."""
         self.left: dict[UnitPlace, int] = {}
         self.inside: dict[UnitPlace, int] = {}
         for number, robot in enumerate(self.robots):
@@ -151,6 +154,7 @@ class Decoder:
             since = self._provided(robot_number, entry, depth)
             start = max(start, since + entry.lead) if since is not None else start
         start = self._undisturbed(task, start)
+        start = self._timed(name, start, task.length, task.changes)
         self.done[number] = (start, start + task.length)
         if not task.visit:
             self.times[name] = (start, start + task.length)
@@ -198,7 +202,9 @@ class Decoder:
         """Return when a state came to be as it is needed (making it so if nobody has);
         ``None`` if it is so from the start.
         """
-        if self.work.initial.get(entry.state) in entry.allowed:
+        if entry.state in self.work.set_back or (
+            self.work.initial.get(entry.state) in entry.allowed
+        ):
             return None
         for time, value in self.changed.get(entry.state, ()):
             if value in entry.allowed:
@@ -212,6 +218,85 @@ class Decoder:
             self._chosen[task] = next((w for w, (r, _, _) in ways if r == number), -1)
         self._do(task, depth + 1)
         return self._provided(number, entry, depth + 1)
+
+    # -- states that are set back --------------------------------------------------------------
+    def _first(self, name: str, start: int, length: int, changes: list[Change]) -> float:
+        """Return the first time from ``start`` on at which what a move or a stop needs of states
+        that are set back is so, and what it ``changes`` is nobody's need (inf: not yet).
+        """
+        moments = {start}
+        moments |= {
+            t + 1 - n[2] for n in self._needs(name, 0, 0) for t, _ in self.changed.get(n[0], ())
+        }
+        moments |= {
+            n[3] + 1 - delay for key, _, delay in changes for n in self.asked if n[0] == key
+        }
+
+        def fits(at: int) -> bool:
+            more = [(key, value, at + delay) for key, value, delay in changes]
+            mine = map(self._is_so, self._needs(name, at, at + length), repeat([]))
+            return all(chain(mine, map(self._is_so, self.asked * bool(more), repeat(more))))
+
+        return next(filter(fits, sorted(at for at in moments if at >= start)), math.inf)
+
+    def _needs(self, name: str, start: int, end: int) -> list[Held]:
+        """Return what a move or a stop needs of states that are set back, by the clock."""
+        held = self.work.held.get(name, ())
+        return [(key, some, start + first, end + last) for key, some, first, last in held]
+
+    def _is_so(self, need: Held, more: list[Change]) -> bool:
+        """Return whether a state is as it has to be, and stays so, with ``more`` changes."""
+        key, allowed, first, last = need
+        changes = self.changed.get(key, []) + [(t, value) for k, value, t in more if k == key]
+        seen = (change for change in changes if change[0] <= last)
+        time, value = max(seen, default=(-1, self.work.initial.get(key)))
+        return time < first and (allowed is None or value in allowed)
+
+    def _timed(self, name: str, start: int, length: int, changes: list[Change]) -> int:
+        """Return the first time at which something may be done, and keep its needs from then on."""
+        found = self._first(name, start, length, changes)
+        if found == math.inf:
+            raise DeadEnd
+        self.asked += self._needs(name, int(found), int(found) + length)
+        return int(found)
+
+    def _let_through(self, number: int, move: Move, depth: int) -> bool:
+        """Let somebody do what a move needs (open a door that closes by itself), unless the move
+        can be made as soon without; return whether that was done: who did it may be elsewhere now.
+        """
+        free = self.robots[number].free
+        begin = self._first(move.name, free, move.least, [])
+        if begin == free:
+            return False
+        ready, _, task, way = min(
+            (
+                (
+                    self._through(number, move, task, way),
+                    self.work.tasks[task].ways[way][0],
+                    task,
+                    way,
+                )
+                for key, allowed, *_ in self.work.held.get(move.name, ())
+                if allowed is not None
+                for task in self.work.providers(key, allowed)
+                for way in self._open_ways(task)
+                if task not in self.done
+            ),
+            default=(math.inf, 0, 0, 0),
+        )
+        if begin + move.least <= ready:
+            return False
+        self._chosen[task] = way
+        self._do(task, depth + 1)
+        return True
+
+    def _through(self, number: int, move: Move, task: int, way: int) -> float:
+        """Return when a traveller may have come through where a task was done before for it."""
+        known = self.work.tasks[task]
+        who, _, places = known.ways[way]
+        ready = max(self._estimate(known, way) + known.length, self.robots[number].free)
+        mine = self.robots[number].route.between(places, {move.to})
+        return ready + (mine if who == number else move.least)
 
     # -- moves ---------------------------------------------------------------------------------
     def _go(self, number: int, places: frozenset[int], depth: int, doing: Way | None) -> None:
@@ -236,7 +321,10 @@ class Decoder:
         if found is None:
             raise DeadEnd
         for move in found[1]:
+            if self._let_through(number, move, depth):
+                return self._drive(number, places, depth + 1, doing)
             self._move(number, move, depth)
+        return None
 
     def _barred(self, doing: Way | None) -> set[str]:
         """Return the moves that are made for other tasks than the one that is to be done."""
@@ -301,6 +389,7 @@ class Decoder:
                 self._clear(holder, depth + 1)
             start = max(start, self.left.get(unit, -1) + 1 - move.least)
         start = self._calm(robot.route, start, move.least)
+        start = self._timed(move.name, start, move.least, [])
         self.times[move.name] = (start, start + move.least)
         if robot.route.still:
             self.legs.append((start, start + move.least, robot.route.still))
@@ -345,15 +434,18 @@ class Decoder:
             shut = any(self._closed(entry) for entry in robot.route.entries.get(to, ()))
             if origin != robot.here or full or shut:
                 continue
-            options += [(to in wanted, m.least, m) for m in moves if m.name not in banned]
+            options += [
+                (to in wanted, m.least, m)
+                for m in moves
+                if m.name not in banned and self._first(m.name, robot.free, m.least, []) < math.inf
+            ]
         if not options:
             raise DeadEnd
         self._move(number, min(options, key=lambda o: o[:2])[2], depth)
 
     def _closed(self, entry: Entrance) -> bool:
-        if self.work.initial.get(entry.state) in entry.allowed:
-            return False
-        return not any(v in entry.allowed for _, v in self.changed.get(entry.state, ()))
+        changed = (value for _, value in self.changed.get(entry.state, ()))
+        return entry.allowed.isdisjoint({self.work.initial.get(entry.state), *changed})
 
 
 # ------------------ From a sequence of tasks that bounds were sought among to a schedule

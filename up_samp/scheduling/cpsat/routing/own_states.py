@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from up_samp.scheduling.cpsat.routing.dispatch import OwnState, RoutedWork, Way
+from up_samp.scheduling.cpsat.routing.dispatch import OwnState, RoutedWork
+from up_samp.scheduling.cpsat.routing.set_back import Way
 
 Known = tuple[tuple[int, ...], frozenset[Way]]
 """(the values of its own states, what it has begun and has still to end: ways of tasks)."""
