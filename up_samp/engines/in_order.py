@@ -26,10 +26,8 @@ OPTIMAL = PlanGenerationResultStatus.SOLVED_OPTIMALLY
 
 def costs_in_order(problem: Any) -> MinimizeCosts | None:
     """Return a problem's metric, if that is one of several ranks."""
-    for metric in problem.quality_metrics:
-        if isinstance(metric, MinimizeCosts) and metric.in_order:
-            return metric
-    return None
+    costs = (m for m in problem.quality_metrics if isinstance(m, MinimizeCosts) and m.in_order)
+    return next(costs, None)
 
 
 class InOrder:

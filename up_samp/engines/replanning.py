@@ -168,14 +168,15 @@ def _speakers(problem: SchedulingProblem, activity: Activity) -> Iterator[str]:
     for chronicle in (problem._base, *problem.activities):
         if chronicle is activity:
             continue
-        for constraint, scope in chronicle.scoped_constraints:
-            if any(activity.name in activities_in(e) for e in (constraint, *scope)):
-                yield f"constraint '{constraint}'"
+        yield from (
+            f"constraint '{constraint}'"
+            for constraint, scope in chronicle.scoped_constraints
+            if any(activity.name in activities_in(e) for e in (constraint, *scope))
+        )
         for span, conditions in chronicle.conditions.items():
             timed = any(_is_of(t, activity) for t in (span.lower, span.upper))
-            for condition in conditions:
-                if timed or activity.name in activities_in(condition):
-                    yield f"condition '{condition}'"
+            named = (c for c in conditions if timed or activity.name in activities_in(c))
+            yield from (f"condition '{condition}'" for condition in named)
         for timing, effects in chronicle.effects.items():
             for effect in effects:
                 parts = (effect.fluent, effect.value, effect.condition)

@@ -119,8 +119,11 @@ def _names_of(
             own.update(alike)
     found: dict[str, dict[str, str]] = {}
     for name, places in told.items():
-        some = {place: [p for p in alike.get(place, ()) if p in places] for place in places}
-        found[name] = {place: known[0] for place, known in some.items() if len(known) > 1}
+        first = {
+            place: next(filter(places.__contains__, alike[place]))
+            for place in places & alike.keys()
+        }
+        found[name] = {place: known for place, known in first.items() if known != place}
     return found
 
 

@@ -154,10 +154,8 @@ def _add_state(relaxation: Relaxation, name: str, lasting: frozenset[str]) -> No
     ]
     changes = [c for c in snapshot.changes if c.object == name]
     early = int(lasting.issuperset(snapshot.movers[name]))
-    own = None
-    if name not in snapshot.renamed:
-        own = _tracking_fluent(relaxation, name, tasks, changes, early)
-    if own is None and early and name not in snapshot.renamed:
+    own = _tracking_fluent(relaxation, name, tasks, changes, early)
+    if own is None and early:
         own = _tracking_fluent(relaxation, name, tasks, changes, 0)
         early = 1 if own is None else 0
     state = own if own is not None else _new_state(relaxation, name)
@@ -318,7 +316,9 @@ def _tracking_fluent(
     problem = relaxation.problem
     goals = {t.activity: t.terms[-1] for t in tasks} | {c.activity: c.term for c in changes}
     initial = problem.object(relaxation.snapshot.initial[name])
-    for expression, value in relaxation.given_values.items():
+    # a fluent tells the names that the problem has, not the one that stands for several here
+    values = {} if name in relaxation.snapshot.renamed else relaxation.given_values
+    for expression, value in values.items():
         if not (value.is_object_exp() and value.object() == initial):
             continue
         if _assigned_by(relaxation, expression, early) == goals:

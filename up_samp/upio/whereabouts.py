@@ -68,7 +68,6 @@ def brought(activity: Activity) -> dict[str, FNode]:
 
 
 def _moved(activity: MotionActivity) -> Iterator[tuple[FNode, FNode]]:
-    for constraint in activity.motion_constraints:
-        if isinstance(constraint, ActivityWaypoints):
-            yield constraint.movable, constraint.waypoints[-1]
+    told = (c for c in activity.motion_constraints if isinstance(c, ActivityWaypoints))
+    yield from ((c.movable, c.waypoints[-1]) for c in told)
     yield from activity.motion_effects.items()

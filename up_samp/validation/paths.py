@@ -27,10 +27,12 @@ def path_of(plan: Any, task: JudgedMotion) -> Any | None:
     Found by the activity's name: an activity as a dictionary key is lost when it is changed.
     """
     paths = getattr(plan, "motion_paths", None) or {}
-    for (activity, constraint), path in paths.items():
-        if activity.name == task.activity and constraint == task.constraint:
-            return path
-    return None
+    of_task = (
+        path
+        for (activity, constraint), path in paths.items()
+        if activity.name == task.activity and constraint == task.constraint
+    )
+    return next(of_task, None)
 
 
 def read_trajectory(

@@ -156,10 +156,12 @@ class JudgedScene:
     def _stands(self, name: str, floor: float) -> list[tuple[float, ...]]:
         """Return all poses on a floor that the problem gives an object that is carried."""
         values: list[str | None] = [self.initial[name]] if name in self.initial else []
-        for activity in self.problem.activities:
-            for movable, place in getattr(activity, "motion_effects", {}).items():
-                if movable.is_object_exp() and movable.object().name == name:
-                    values.append(place.object().name if place.is_object_exp() else None)
+        values += [
+            place.object().name if place.is_object_exp() else None
+            for activity in self.problem.activities
+            for movable, place in getattr(activity, "motion_effects", {}).items()
+            if movable.is_object_exp() and movable.object().name == name
+        ]
         # where one is not said, it may be any
         places = self.grounds if None in values else [p for p in values if p is not None]
         poses = (self.pose(n) for n in places if abs(self.height(n) - floor) <= TOLERANCES.height)

@@ -106,9 +106,8 @@ class PivotPlanner:
         if nearest < most and first_hit(world, line) < 0:
             # with a limit to how fast a turn begins there are no such bends at a rest
             bent = swerves(start, goal, kin) if math.isinf(kin.alpha_max) else []
-            for rows in (*bent, turning):
-                if rolling_time(rows, kin) < most and first_hit(world, rows) < 0:
-                    yield rows
+            quick = (rows for rows in (*bent, turning) if rolling_time(rows, kin) < most)
+            yield from (rows for rows in quick if first_hit(world, rows) < 0)
 
 
 def rolling_limits(kinematics: Kinematics) -> DriveLimits:

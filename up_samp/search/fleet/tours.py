@@ -256,9 +256,11 @@ class TourPlanner:
                     arrival = decided.runs[name].arrival
                     visits[self._motions[name].poses[-1]].append((arrival, left, name))
         for some in visits.values():
-            for (_, left, one), (arrival, _, other) in itertools.pairwise(sorted(some)):
-                if self.robot_of(one) != self.robot_of(other):
-                    yield max(0.0, arrival - left), one, other
+            yield from (
+                (max(0.0, arrival - left), one, other)
+                for (_, left, one), (arrival, _, other) in itertools.pairwise(sorted(some))
+                if self.robot_of(one) != self.robot_of(other)
+            )
 
     def reset(self) -> None:
         """Let nothing be decided."""

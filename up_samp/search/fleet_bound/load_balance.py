@@ -214,15 +214,11 @@ class _Model:
         """Robots of a kind that work have time until T, each (see the module)."""
         for kind, size in sorted(self._work.sizes.items()):
             entries = [(0, -float(size)), (self._working[kind], -float(self._since))]
-            for (pair, column), units in zip(self._first.items(), self._units, strict=True):
-                if self._ways[pair[0]].kind == kind:
-                    entries.append((column, float(units)))
-            for (which, place), units in self._comings:
-                if which == kind:
-                    entries.append((self._others[which, place], float(units)))
-            for away, (units, _) in self._left.items():
-                if away[0] == kind:
-                    entries.append((self._aways[away], float(units)))
+            first = zip(self._first.items(), self._units, strict=True)
+            entries += [(c, float(u)) for ((j, *_), c), u in first if self._ways[j].kind == kind]
+            entries += [(self._others[at], float(u)) for at, u in self._comings if at[0] == kind]
+            left = self._left.items()
+            entries += [(self._aways[at], float(u)) for at, (u, _) in left if at[0] == kind]
             self.less.add(entries, -float(size * self._since))
 
     def proven(self, equal: FloatArray, less: FloatArray) -> float:

@@ -37,9 +37,11 @@ def lower_bounds(motions: Motions, knowledge: Knowledge) -> list[Refinement]:
         least = min(units_of.values())
         if least > 1:
             found.append(rules.lasts(task.activity, least, why))
-        for case, units in units_of.items():
-            if units > max(least, 1):
-                found.append(rules.only_given(rules.lasts(task.activity, units, why), case.given))
+        found += [
+            rules.only_given(rules.lasts(task.activity, units, why), case.given)
+            for case, units in units_of.items()
+            if units > max(least, 1)
+        ]
     return found
 
 

@@ -65,10 +65,8 @@ def _pairs(motions: Motions) -> Iterator[tuple[MotionCase, MotionCase]]:
             check_time()
             if here[0].flies or there[0].flies or not motions.service.overlap(*here, *there):
                 continue
-            for one in going:
-                for other in arriving:
-                    if are_apart(one, other):
-                        yield one, other
+            pairs = itertools.product(going, arriving)
+            yield from (pair for pair in pairs if are_apart(*pair))
 
 
 def proven_gap(leaving: Signature, coming: Signature) -> float:

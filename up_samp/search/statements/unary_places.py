@@ -111,9 +111,8 @@ def never_together(
         first = [facts.placed(name, facts.snapshot.initial[name]) for name in names]
         apart = motions.service.in_order(first, fixed)
         if apart is not None:
-            for some in itertools.product(*(places[name] for name in names)):
-                if apart([at[place] for _, place in some]):
-                    yield some
+            every = itertools.product(*(places[name] for name in names))
+            yield from (some for some in every if apart([at[place] for _, place in some]))
 
 
 def _grow(pair: tuple[int, int], edges: Edges, nodes: list[tuple[str, str]]) -> set[int]:

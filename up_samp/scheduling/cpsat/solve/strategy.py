@@ -252,7 +252,7 @@ def _anneal_again(search: Solve) -> None:
 def _is_paid_by_activity(search: Solve) -> bool:
     """Whether there is a schedule to make better, and it costs what its activities cost."""
     whole = search.whole
-    return whole.best is not None and not whole.model.plain and bool(whole.prices)
+    return _may_anneal_again(whole) and not whole.model.plain and bool(whole.prices)
 
 
 def _anneal_costs(search: Solve) -> None:
