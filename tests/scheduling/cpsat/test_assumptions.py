@@ -425,6 +425,20 @@ def a_door_that_somebody_shuts():
     return trip.done()
 
 
+def a_door_that_closes(*, at_once=True, opened_at=None):
+    """It closes after it was opened: right then, or at any time; or it opens by itself, too."""
+    trip, door, opens = guarded(before=LE)
+    closes = trip.problem.add_activity("closes", 9, optional=True)
+    trip.problem.add_constraint(Iff(closes.present, opens.present))
+    both = [opens.present, closes.present]
+    follows = Equals(opens.end, closes.start) if at_once else LE(opens.end, closes.start)
+    trip.problem.add_constraint(follows, both)
+    closes.add_effect(closes.end, door(), False)
+    if opened_at is not None:
+        trip.problem.add_effect(GlobalStartTiming(opened_at), door(), True)
+    return trip.done()
+
+
 def a_battery_that_is_filled_by_others():
     trip = Trip("ABC")
     level = trip.problem.add_fluent("level", IntType(0, 4), default_initial_value=2)
@@ -525,6 +539,12 @@ BROKEN = {
     "_find_returns": [to_one_after_the_other],
     "find_unit_places": [one_departure_gives_nothing_back, lambda: room(free=0).done()],
     "with_openings": [doors_of_two_kinds, a_door_that_somebody_shuts],
+    "find_set_back": [
+        lambda: a_door_that_closes(),
+        lambda: a_door_that_closes(at_once=False),
+        lambda: a_door_that_closes(opened_at=2),
+        a_door_that_somebody_shuts,
+    ],
     "opened_once": [a_door_with_two_uses, doors_of_two_kinds],
     "find_levels": [a_battery_that_is_filled_by_others],
     "precedence_closure": [in_any_order_but_one],
