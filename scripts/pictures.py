@@ -22,6 +22,7 @@ SOLVED = {
     "mixed": ("examples/mixed_fleet.py", "map.png"),
     "rules": ("examples/traffic_rules.py", "map.png"),
     "pallets": ("examples/pallets.py", "map.png"),
+    "formation": ("examples/formation.py", "map.png"),
     "factory": ("examples/factory.py", "map.png"),
     "paint": ("examples/paint_shop.py", "gantt.png"),
     "charging": ("examples/charging.py", "gantt.png"),
