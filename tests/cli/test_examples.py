@@ -11,7 +11,7 @@ from up_samp.cli import main
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
-QUICK = {"door"}
+QUICK = {"door", "charging", "formation"}
 MAPS = ROOT.parent.parent / "shared" / "data" / "maps" / "nav2"
 
 

@@ -113,6 +113,22 @@ def test_who_stands_on_the_straight_way_is_told(kinematics):
     assert "straight" in report.reason
 
 
+def test_who_drives_ahead_only_comes_to_no_dock_backwards():
+    """As who would rather not drive backwards is asked how it gets there ahead."""
+    goal = (12.0, 6.0, 0.0)
+    service = MotionService(hall())
+    for behind in (False, True):
+        zone, front = dock(goal, 1.5, behind=behind)
+        for reverse in (False, True):
+            body = Body(RING, replace(WHEELS, zones=(zone,), reverse=reverse))
+            leg = docking_leg(service.scene, LegQuery(body, front, goal))
+            assert (leg.trajectory is None) == (behind and not reverse)
+            report = service.plan(
+                PathQuery(body, ((2.0, 3.0, 0.0), front, goal)), Deadline.after(20)
+            )
+            assert (report.trajectory is None) == (behind and not reverse)
+
+
 def test_ways_from_the_side_are_not_straight():
     goal = (5.0, 5.0, 0.0)
     zone, front = dock(goal, 1.0)

@@ -48,8 +48,11 @@ def docking_leg(scene: Scene, query: LegQuery) -> Leg | None:
     """Return the straight stretch to a dock (None: the leg of ``query`` is none), as fast as the
     body is elsewhere, or why it cannot be driven.
     """
-    if not is_docking(query.body, query.start, query.goal):
+    zone = dock_of(query.body, query.goal)
+    if zone is None or not zone.leads_in(query.start):
         return None
+    if not query.body.kinematics.reverse and zone.off_dock(query.start)[0] > 0.0:
+        return Leg(None, "it comes to its dock backwards, which it may not", complete=True)
     end = query.start[2] + math.remainder(query.goal[2] - query.start[2], math.tau)
     rows = np.array([query.start, (*query.goal[:2], end)], dtype=np.float64)
     motion = timed_chain(rows, query.body.kinematics)

@@ -41,10 +41,12 @@ from up_samp.scheduling.compilers.plain import (
 def touched_fluents(problem: PlainProblem, optional: frozenset[str]) -> set[str]:
     """Return the fluents that optional activities, and effects with conditions, read or write."""
     touched = {e.fluent[1] for e in problem.effects if e.owner in optional or e.condition != TRUE}
-    for condition in problem.conditions:
-        if condition.owner in optional:
-            touched.update(f[1] for f in fluents_in(condition.expression))
-    return touched
+    return touched | {
+        fluent[1]
+        for condition in problem.conditions
+        if condition.owner in optional
+        for fluent in fluents_in(condition.expression)
+    }
 
 
 def ground_fluents(problem: PlainProblem, fluents: set[str]) -> list[Expr]:
