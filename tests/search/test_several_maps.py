@@ -276,3 +276,51 @@ def test_halls_beside_each_other_at_one_height(tmp_path):
     house.robot("crate", "between")
     with pytest.raises(UnsupportedError, match=r"may reach onto map 'two\.yaml'"):
         solve(house.problem)
+
+
+def test_a_pose_has_several_names_on_two_floors(tmp_path):
+    """A parameter is the first floor's pose by some name; lifts and drives say them by others."""
+    types = get_environment().type_manager
+    problem = SchedulingMotionProblem("names")
+    cells = np.zeros((60, 100), dtype=bool)
+    cells[:2], cells[-2:], cells[:, :2], cells[:, -2:] = True, True, True, True
+
+    def floor(name, height):
+        file = write_map(tmp_path, name, cells, 0.1)
+        ground = OccupancyMap(str(tmp_path / file), lifted(Frame(0.0, 0.0, 0.0), height))
+        return types.ConfigurationType(f"pose_{name}", ground, ConfigurationKind.SE2)
+
+    def pose(name, kind, x, y=3.0):
+        place = ConfigurationObject(name, kind, SE2(x, y, 0.0))
+        problem.add_object(place)
+        return place
+
+    low, high = floor("low", 0.0), floor("high", 5.0)
+    home, door, door_too = pose("home", low, 2), pose("door", low, 8), pose("door_too", low, 8)
+    up, up_too, far = pose("up", high, 2), pose("up_too", high, 2), pose("far", high, 8)
+    aside = pose("aside", low, 8, 4.5)
+    robot = MovableObject(
+        "r", types.MovableType("robot"), footprint=BOX, motion_model=MotionModels.SE2
+    )
+    problem.add_object(robot)
+    problem.set_initial_configuration(robot, home)
+    made = []
+
+    def does(name, start, goal):
+        activity = problem.add_motion_activity(name)
+        activity.set_duration_bounds(1, 60)
+        goal = activity.add_parameter("to", low) if goal is None else goal
+        if start is not None:
+            activity.add_motion_constraint(ActivityWaypoints(robot, start, [goal]))
+        activity.add_motion_effect(robot, goal)
+        if made:
+            problem.add_constraint(LE(made[-1].end, activity.start))
+        made.append(activity)
+
+    does("go", home, None)
+    does("ride", None, up)
+    does("on", up_too, far)
+    does("back", None, door_too)
+    does("end", door, aside)
+    problem.add_quality_metric(MinimizeMakespan())
+    assert solve(problem).status in SOLVED

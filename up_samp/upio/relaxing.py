@@ -200,6 +200,8 @@ def _one_place(relaxation: Relaxation, one: FNode, other: FNode) -> FNode:
     ways = [manager.Equals(one, other)]
     for names in dict.fromkeys(relaxation.snapshot.alike.values()):
         places = [manager.ObjectExp(problem.object(name)) for name in names]
+        if places[0].type not in (one.type, other.type):
+            continue  # on another map
         sides = [
             manager.Bool(side in places)
             if side.is_object_exp()
