@@ -1,5 +1,6 @@
 """A pose may have several names: by whichever of them motions say it, the answers agree."""
 
+import math
 import random
 
 import pytest
@@ -10,6 +11,7 @@ from tests.metamorphic.answers import answer_to, in_one_meaning
 from tests.metamorphic.motions import ALIKE, OTHERS, write
 from tests.metamorphic.sites import FAMILIES
 from up_samp.upio import read_problem
+from up_samp.upio.read import _alike
 from up_samp.validation import validate_plan
 
 
@@ -107,3 +109,20 @@ def test_sites_say_the_same_by_other_names(family, number, tmp_path):
     """Also where parameters and fluents name poses."""
     found, _ = wrong(lambda: write(FAMILIES[family](1), STYLES[number], tmp_path), (3,), 20.0)
     assert not found, (STYLES[number], found)
+
+
+def test_poses_are_one_whatever_whole_turns_and_signs_tell_them_apart():
+    half = 0.5**0.5
+    poses = {
+        "a": (1.0, 2.0, math.pi),
+        "b": (1.0, 2.0 + 1e-12, -math.pi),
+        "c": (1.0, 2.0, 0.0),
+        "d": (1.0, 2.0, 0.0, 0.0, 0.0, half, -half),
+        "e": (1.0, 2.0, 0.0, 0.0, 0.0, -half, half),
+        "f": (1.0, 2.0, 0.0, 0.0, 0.0, half, half),
+        "g": (1.0, 2.0, 2 * math.pi),
+    }
+    flat = dict.fromkeys(poses, 0)
+    alike = {frozenset(names) for names in _alike(poses, flat).values()}
+    assert alike == {frozenset("ab"), frozenset("cg"), frozenset("de")}
+    assert frozenset("cg") not in map(frozenset, _alike(poses, flat | {"g": 1}).values())

@@ -529,8 +529,8 @@ def _carriers(records: FleetRecords, order: Order, others: int, path: Path) -> I
         return
     key = (*path, "attached", "carriers")
     types = Counter(records.robots[name].type for name in able(records, order))
-    known = {name: records.robot_types[name] for name in types if name in records.robot_types}
-    many = [name for name, kind in known.items() if kind.model == "omni" and types[name] > others]
+    models = {name: kind.model for name, kind in records.robot_types.items()}
+    many = [name for name in types if types[name] > others and models.get(name) == "omni"]
     if records.robots and not many:
         text = f"asks for {others + 1} robots of one type, which moves in any direction (omni)"
         yield Fault(key, text)

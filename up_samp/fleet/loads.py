@@ -129,12 +129,9 @@ def seats_of_carriers(records: FleetRecords) -> dict[str, tuple[str, int]]:
     }
 
 
-def leader_of(order: Order) -> str:
-    """Return the order whose robot a further carrier of its load keeps formation with (its id; ""
-    where this is no order of a further carrier).
-    """
-    leader, further, _ = order.id.partition(FURTHER)
-    return leader if further else ""
+def follows(order: Order) -> bool:
+    """Return whether an order is what a further carrier of a load does, beside the first one."""
+    return FURTHER in order.id
 
 
 def is_stand_of(name: str, load: str) -> bool:

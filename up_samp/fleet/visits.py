@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 from up_samp.fleet.faults import earlier_than
 from up_samp.fleet.floors import legs_between, lift_between
-from up_samp.fleet.loads import leader_of, options_of, ridden
+from up_samp.fleet.loads import follows, options_of, ridden
 from up_samp.fleet.records import (
     Charger,
     FleetRecords,
@@ -174,8 +174,8 @@ class Successions:
         of a further carrier of one.
         """
         order = self._orders.get(visit.what)
-        travels = order is not None and (order.attached is not None or leader_of(order))
-        return visit.kind is kind and bool(travels)
+        travels = order is not None and (order.attached is not None or follows(order))
+        return visit.kind is kind and travels
 
     def together(self, a: str, b: str) -> bool:
         """Return whether the robot can carry both orders' loads at the same time."""

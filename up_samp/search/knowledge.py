@@ -31,7 +31,8 @@ class Knowledge:
     durations: dict[Signature, float] = field(default_factory=dict)
     failed_together: set[frozenset[str]] = field(default_factory=set)
     tried_alone: set[frozenset[str]] = field(default_factory=set)
-    """Activities that did not come to a plan even with their motions one after another."""
+    """Activities that did not come to a plan even with their motions one after another (none at
+    all: no other choice of activities was found in its time)."""
     guessed: bool = False
     """Whether all is told that statements guess."""
     feasible_facts: int | None = None

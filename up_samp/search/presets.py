@@ -53,8 +53,7 @@ def _statements() -> Sequence[tuple[Statement, Ideas]]:
             search.tell.stage(Phase.PREPARE, "unobstructed motions", count, total)
 
         told = fastest_durations(search.motions, search.knowledge, tell)
-        wanted = {Strength.PROVEN, Strength.RELATIVE, *((Strength.HEURISTIC,) * guesses)}
-        return list(filter(lambda r: r.strength in wanted, told))
+        return [r for r in told if guesses or r.strength is not Strength.HEURISTIC]
 
     return (
         (

@@ -169,9 +169,10 @@ class Decided:
         if one.is_int_constant() and two.is_int_constant():
             holds = _COMPARISONS[node.node_type](one.int_constant_value(), two.int_constant_value())
             return m.Bool(holds)
-        if node.is_equals() and one.is_int_constant():
-            one, two = two, one  # UP compares times with numbers, not numbers with times
-        return self._rebuilt(node, (one, two))
+        sides = [one, two]
+        if node.is_equals():  # UP compares times with numbers, not numbers with times
+            sides.sort(key=FNode.is_int_constant)
+        return self._rebuilt(node, tuple(sides))
 
     def _held(self, node: FNode) -> bool:
         """Return whether a comparison of times that are over held."""

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 from unified_planning.model import FNode
 from unified_planning.model.motion import (
     SE2,
@@ -97,8 +98,7 @@ def _alike(
     for name, pose in configurations.items():
         key = *pose[:2], math.cos(pose[2]), math.sin(pose[2])
         if len(pose) != 3:  # a quaternion and its negative turn alike
-            sign = math.copysign(1.0, next((v for v in reversed(pose[3:]) if abs(v) > 1e-9), 1.0))
-            key = *pose[:3], *(sign * v for v in pose[3:])
+            key = *pose[:3], *map(float, np.outer(pose[3:], pose[3:]).flat)
         there = (len(pose), map_of.get(name), *(round(v, 6) + 0.0 for v in key))
         at.setdefault(there, []).append(name)
     return {name: tuple(some) for some in at.values() if len(some) > 1 for name in some}

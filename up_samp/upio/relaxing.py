@@ -208,9 +208,8 @@ def _one_place(relaxation: Relaxation, one: FNode, other: FNode) -> FNode:
             else manager.Or([manager.Equals(side, p) for p in places])
             for side in (one, other)
         ]
-        both = manager.And(sides).simplify()
-        ways += [] if both.is_false() else [both]
-    return manager.Or(ways) if len(ways) > 1 else ways[0]
+        ways.append(manager.And(sides))
+    return manager.Or(ways).simplify()
 
 
 def _reads(activity: Activity, state: FNode) -> bool:

@@ -87,11 +87,10 @@ def read_decisions(problem: Any, plan: Any) -> tuple[Decisions | None, list[Viol
             found.append(Violation("presence", f"{name} is no activity of the problem"))
         elif count > 1:
             found.append(Violation("presence", f"{name} is in the plan {count} times"))
-    needed = {name for name, activity in known.items() if not activity.optional}
     found += [
         Violation("presence", f"{name} is mandatory but not in the plan")
-        for name in known
-        if name in needed.difference(counts)
+        for name, activity in known.items()
+        if not activity.optional and name not in counts
     ]
     if found:
         return None, found

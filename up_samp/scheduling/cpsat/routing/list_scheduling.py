@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import random
 from dataclasses import dataclass, field
-from itertools import chain, repeat
+from itertools import starmap
 
 from up_samp.model import CandidateSchedule, Deadline
 from up_samp.scheduling.cpsat.encode.states import Key
@@ -224,6 +224,8 @@ class Decoder:
         """Return the first time from ``start`` on at which what a move or a stop needs of states
         that are set back is so, and what it ``changes`` is nobody's need (inf: not yet).
         """
+        if not self.work.held:  # mostly, and a sequence is one of thousands
+            return start
         moments = {start}
         moments |= {
             t + 1 - n[2] for n in self._needs(name, 0, 0) for t, _ in self.changed.get(n[0], ())
@@ -234,8 +236,9 @@ class Decoder:
 
         def fits(at: int) -> bool:
             more = [(key, value, at + delay) for key, value, delay in changes]
-            mine = map(self._is_so, self._needs(name, at, at + length), repeat([]))
-            return all(chain(mine, map(self._is_so, self.asked * bool(more), repeat(more))))
+            asked = [(need, more) for need in self.asked if changes]
+            asked += [(need, []) for need in self._needs(name, at, at + length)]
+            return all(starmap(self._is_so, asked))
 
         return next(filter(fits, sorted(at for at in moments if at >= start)), math.inf)
 

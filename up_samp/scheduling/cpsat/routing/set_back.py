@@ -52,7 +52,7 @@ def find_set_back(
         made = _changes(model, state, names, coming)
         for way, some in made.items():
             changes.setdefault(way, []).extend(some)
-        for read in reads * bool(made):
+        for read in reads if made else ():
             owner = activities[known[read.owner]]
             held.setdefault(owner.name, []).extend(_held(model, state.key, owner, read))
     return held, changes
