@@ -271,7 +271,7 @@ class Legs:
             return answer
         if math.isfinite(query.body.kinematics.alpha_max):
             answer = replace(answer, trajectory=self._ramped(query, answer.trajectory))
-        return answer.turned() if swap else answer
+        return answer.turned(query.goal) if swap else answer
 
     def _ramped(self, query: LegQuery, motion: Trajectory) -> Trajectory:
         """Return a motion with ramps of the curvature where there is room for them: ways often lead
@@ -302,7 +302,7 @@ class Legs:
     def remember(self, name: str, query: LegQuery, leg: Leg, limit: float = 0.0) -> None:
         """Put a leg that ``name`` planned into the cache; it had ``limit`` seconds."""
         key, swap = self._key(name, query)
-        stored = leg.turned() if swap else leg
+        stored = leg.turned(query.goal) if swap else leg
         limit = 0.0 if leg.complete else limit
         self.cache.put(key, CachedLeg(obstacle_key(query.obstacles), stored, limit))
 
@@ -328,7 +328,7 @@ class Legs:
             if rest and not _in_plane(body):
                 continue
             if all(self.clears(entry.trajectory, body, p) for p in rest):
-                return replace(entry, leg=entry.leg.turned()) if swap else entry
+                return replace(entry, leg=entry.leg.turned(query.start)) if swap else entry
         return None
 
     def _key(self, name: str, query: LegQuery) -> tuple[PairKey, bool]:

@@ -6,8 +6,11 @@ A planner moves a body from rest at one pose to rest at another among resting ob
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Protocol
+
+import numpy as np
 
 from up_samp.model import Body, Configuration, Deadline, Placed, Trajectory
 from up_samp.model.arrays import FloatArray
@@ -46,12 +49,20 @@ class Leg:
     complete: bool = False
     corners: FloatArray | None = None
 
-    def turned(self) -> Leg:
-        """Return the leg driven from its end to its start."""
+    def turned(self, start: Configuration) -> Leg:
+        """Return the leg driven from its end, which is at the pose ``start``, to its start. Its
+        headings begin with that of ``start``, from which they may differ by whole turns.
+        """
         if self.trajectory is None:
             return self
-        corners = None if self.corners is None else self.corners[::-1].copy()
-        return replace(self, trajectory=reversed_trajectory(self.trajectory), corners=corners)
+        back = reversed_trajectory(self.trajectory)
+        shift = np.zeros_like(back.poses[0])
+        # none in space, where the third number is a height
+        shift[2] = 2 * math.pi * round((start[2] - float(back.poses[0, 2])) / (2 * math.pi))
+        poses = back.poses + shift
+        poses[0, :3] = start[:3]
+        corners = None if self.corners is None else self.corners[::-1] + shift
+        return replace(self, trajectory=Trajectory(back.times, poses), corners=corners)
 
 
 class MotionPlanner(Protocol):

@@ -86,7 +86,7 @@ def _heeded(snapshot: Snapshot, name: str) -> frozenset[str] | None:
 
 _TOUR_ROUNDS = 10
 """A task, of annealing over tours of what was dealt out."""
-NEEDED = ("lower bounds on motions",)
+NEEDED = ("lower bounds on motions", "proofs of unreachability")
 """What is stated before a plan of a thinned problem is sought."""
 ScheduleCheck = Callable[[Any, Schedule], list[str]]
 PlanCheck = Callable[[SampSchedule], list[Violation]]

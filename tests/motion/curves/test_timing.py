@@ -13,6 +13,7 @@ from up_samp.motion.curves.trapezoid import (
     time_of_distance,
     trajectory_of,
 )
+from up_samp.motion.protocol import Leg
 from up_samp.validation.kinematics import motion_violations
 from up_samp.validation.limits import Limits
 
@@ -65,6 +66,18 @@ def test_reversed_and_joined():
     assert both.duration == pytest.approx(2 * there.duration)
     assert car_faults(both, CAR) == []
     assert ends_exactly(both, start, start)
+
+
+def test_a_leg_driven_the_other_way_begins_with_the_heading_that_is_asked_for():
+    """-pi and pi are one heading, and two numbers."""
+    rng = np.random.default_rng(3)
+    start, arcs, end = random_path(rng)
+    leg = Leg(trajectory_of((tuple(start), tuple(end)), (arcs,), CAR))
+    for turns in (-1, 0, 2):
+        asked = (*map(float, end[:2]), float(end[2]) + 2 * math.pi * turns)
+        back = leg.turned(asked).trajectory
+        assert tuple(back.poses[0]) == asked
+        assert car_faults(back, CAR) == []
 
 
 def closed_form(length, v, a):

@@ -49,7 +49,7 @@ def _swerves(
         turned = np.array([0.0, 0.0, back])
         p, q = (np.array(pose[:3], dtype=np.float64) + turned for pose in (start, goal))
         way = math.atan2(q[1] - p[1], q[0] - p[0])
-        for _ in range(50):  # the line's heading comes nearer each time, soon by far, or never
+        for _ in range(16):  # the line's heading comes nearer each time, soon by far, or never
             # it comes to its rest as it would set off backwards from it
             off = _setting_off(p, way, spot[0], kinematics, 1.0)
             on = _setting_off(q, way, spot[1], kinematics, -1.0)[::-1]

@@ -6,7 +6,7 @@ import itertools
 import math
 import weakref
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Protocol
 from weakref import WeakKeyDictionary
@@ -31,6 +31,7 @@ from up_samp.model import (
     same_pose,
 )
 from up_samp.model.arrays import FloatArray, IntArray
+from up_samp.motion.cache import obstacle_key
 from up_samp.motion.docking import comes_straight, docking_leg
 from up_samp.motion.fleet.conflicts import (
     ROOM,
@@ -129,6 +130,7 @@ class Workspace:
         """How often a path's search was cut short; what came of it is not remembered."""
         self._paths: Memory[Path | PathReport] = Memory(PATHS)
         self._quick: dict[MotionModel, MotionPlanner | None] = {}
+        self._legs: Memory[Leg] = Memory(PATHS)
         self._drives: Memory[Path] = Memory(PATHS)
         self._lanes: Memory[Path | None] = Memory(PATHS)
         self._rests: Memory[Path] = Memory(PATHS)
@@ -227,7 +229,7 @@ class Workspace:
                 if same_pose(start, goal):
                     continue
                 asked = LegQuery(body, start, goal, seen)
-                leg = docking_leg(self.scene, asked) or quick.leg(asked, deadline)
+                leg = docking_leg(self.scene, asked) or self._quick_leg(quick, asked, deadline)
                 legs.append(leg)
                 if leg.trajectory is None:
                     outcome = Outcome.NOT_FOUND if leg.complete else Outcome.OUT_OF_TIME
@@ -240,6 +242,20 @@ class Workspace:
             if all(leg.complete for leg in legs):
                 self._paths.put(key, known)
         return known if isinstance(known, Path) else None
+
+    def _quick_leg(self, quick: MotionPlanner, asked: LegQuery, deadline: Deadline) -> Leg:
+        """Return a quick planner's leg, where that may be driven either way one for both ways."""
+        start, goal = asked.start, asked.goal
+        turned = quick.reversible and asked.body.kinematics.both_ways and goal < start
+        if turned:
+            asked = replace(asked, start=goal, goal=start)
+        key = (asked.body, asked.start, asked.goal, obstacle_key(asked.obstacles))
+        leg = self._legs.get(key)
+        if leg is None:
+            leg = quick.leg(asked, deadline)
+            if leg.complete:
+                self._legs.put(key, leg)
+        return leg.turned(start) if turned else leg
 
     def _quick_planner(self, body: Body) -> MotionPlanner | None:
         """Return the planner of a body's motion model that gives up after little work, if any."""

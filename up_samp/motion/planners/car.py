@@ -50,8 +50,10 @@ class CarSettings:
     stuck: int = 6
 
 
-QUICK = CarSettings((0.7,), (8_000,), rounds=400, patience=120)
-"""Little work, for detours."""
+QUICK = CarSettings((0.7, 0.7), (1_000, 8_000), rounds=400, patience=120)
+"""Little work, for detours: most ways are found at once from one of their ends, and from the other
+one not at all.
+"""
 
 
 def _primitives(car: DriveLimits, unit: float, share: float) -> list[tuple[float, float]]:

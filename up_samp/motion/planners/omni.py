@@ -128,7 +128,7 @@ class PlanarPlanner:
         back = self._one_way(turned, shape.turned, budget, grains)
         if back.trajectory is None or back.trajectory.duration > leg.trajectory.duration - GAIN:
             return replace(leg, effort=budget.used, complete=not budget.cut)
-        return back.turned()
+        return back.turned(query.start)
 
     def _through_bends(self, query: LegQuery, shape: Shape, budget: WorkBudget) -> Leg:
         """Return the faster of a motion on wheels, which takes little time to find, and one by the

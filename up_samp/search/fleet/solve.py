@@ -86,6 +86,11 @@ class LargeProblem:
             if name not in own
         )
 
+    @cached_property
+    def doors(self) -> bool:
+        """Whether things are moved (doors are opened) by what belongs to no job."""
+        return not {change.activity for change in self.snapshot.changes} <= {*self.jobs.of_members}
+
     def nearly_all(self, share: float) -> float:
         """Return a share of the time, the nearer to all of it the larger the problem is: another
         share of the jobs takes as long again, and the usual search is lost in tens of thousands of
@@ -216,13 +221,12 @@ def candidate_of(
     large: LargeProblem, dealt: Assignment, deadline: Deadline
 ) -> tuple[Search, Itinerary] | None:
     """Return a search on the problem thinned to what was dealt out, and its candidate: with what it
-    takes for who has to charge, or with all that may be done beside where nothing comes of that.
+    takes for who has to charge, or with all that may be done beside where nothing comes of that, or
+    where there are doors: nobody knows yet who opens them, and has to charge for that.
     """
-    for beside in dict.fromkeys((dealt.rehearsal.charging(dealt.tours), large.beside)):
-        opened = _candidate(large, dealt, deadline, beside)
-        if opened is not None:
-            return opened
-    return None
+    charging = dealt.rehearsal.charging(dealt.tours)
+    some = dict.fromkeys((charging, large.beside)[large.doors :])
+    return next(filter(None, (_candidate(large, dealt, deadline, beside) for beside in some)), None)
 
 
 def _candidate(
