@@ -161,21 +161,33 @@ def activity_locations(problem: SchedulingMotionProblem, snapshot: Snapshot) -> 
 
     Assumes: a condition holds all through an activity, and its fluent tells where one robot is.
     """
+    told = stands_of(problem, snapshot).items()
+    return {name: min(stands) for name, stands in told if len(stands) == 1}
+
+
+def stands_of(problem: SchedulingMotionProblem, snapshot: Snapshot) -> dict[str, set[Stand]]:
+    """Return who may be where during activities, as far as conditions that hold all through them
+    tell: a door may be opened from one place or another.
+    """
     whose = {f: who for f, who in whereabouts(problem).items() if who in snapshot.by_object}
-    found: dict[str, Stand] = {}
-    for activity in problem.activities:
-        if activity.name in snapshot.by_activity:
-            continue
-        told = {
+    return {
+        activity.name: {
             stand
             for span, conditions in activity.conditions.items()
             if own_end(span.lower, activity) and own_end(span.upper, activity)
             for condition in conditions
-            if (stand := stand_told(condition, whose)) is not None
+            for stand in _stands_told(condition, whose)
         }
-        if len(told) == 1:
-            (found[activity.name],) = told
-    return found
+        for activity in problem.activities
+        if activity.name not in snapshot.by_activity
+    }
+
+
+def _stands_told(condition: FNode, whose: Mapping[FNode, str]) -> set[Stand]:
+    """Return the stands of which a condition asks for one; none where it leaves anything else."""
+    parts = condition.args if condition.is_or() else (condition,)
+    told = {stand_told(part, whose) for part in parts}
+    return set() if None in told else set(filter(None, told))
 
 
 def stand_told(condition: FNode, whose: Mapping[FNode, str]) -> Stand | None:

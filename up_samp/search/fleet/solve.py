@@ -37,7 +37,7 @@ from up_samp.search.fleet.duties import duties_of
 from up_samp.search.fleet.evaluator import AssignmentEvaluator, Stop
 from up_samp.search.fleet.evaluator_kernel import CostWeights
 from up_samp.search.fleet.improve import FleetLNS, plan_tours, undecided_tours
-from up_samp.search.fleet.jobs import Jobs, activity_locations, earlier_jobs
+from up_samp.search.fleet.jobs import Jobs, earlier_jobs, stands_of
 from up_samp.search.fleet.sequential import FleetSolution
 from up_samp.search.fleet.tours import TourPlanner
 from up_samp.search.fleet.travel_times import TravelTimeModel, pauses_of
@@ -58,7 +58,9 @@ _DEALING = 0.3
 _TURN = 0.6
 """Of what is left of that, for one share of the jobs (more again)."""
 _UNSCHEDULED = 2
-"""Shares of the jobs without any schedule, after which jobs are not dealt out."""
+"""Shares of the jobs without any schedule, or where doors are moved without a plan, after which
+jobs are not dealt out.
+"""
 _SLOWER = 0.2
 """By which traffic is expected to take longer from share to share."""
 OpenThin = Callable[[SchedulingMotionProblem, Deadline], Search]
@@ -79,11 +81,11 @@ class LargeProblem:
     def beside(self) -> frozenset[Stop]:
         """Where robots do what belongs to no job: charge, open doors."""
         own = self.jobs.of_members
-        places = activity_locations(self.problem, self.snapshot).items()
         return frozenset(
             (robot, self.snapshot.configurations[place])
-            for name, (robot, place) in places
+            for name, stands in stands_of(self.problem, self.snapshot).items()
             if name not in own
+            for robot, place in stands
         )
 
     @cached_property
@@ -116,19 +118,19 @@ def solve_large(
             opened = candidate_of(large, dealt, deadline)
             if opened is not None:
                 found = plan_of_deal(search, large, dealt, opened, deadline)
-        failed += opened is None
+        failed += opened is None or large.doors
         if found is not None or first.expired() or failed >= _UNSCHEDULED:
             break
         if search.stopped:
             return conclude_stopped(search)
     with search.history.stages.of(STATING):
         state_bounds(search, large.problem, large.jobs, relative=optimal)
-    better = None if found is None else keep_if_better(search, found[0])
-    if better is not None:
-        yield better
-        if not optimal:
-            return conclude(search)
     if found is not None:
+        better = keep_if_better(search, found[0])
+        if better is not None:
+            yield better
+            if not optimal:
+                return conclude(search)
         yield from improve(search, large, found[1])
     if search.bounds.met or search.budget.deadline.expired():
         return conclude(search)
@@ -251,7 +253,7 @@ def open_tours(large: LargeProblem, dealt: Assignment, deadline: Deadline) -> To
     """Return the tours of what was dealt out, none of them decided."""
     opened = candidate_of(large, dealt, deadline)
     tours = None if opened is None else undecided_tours(*opened, homes_of(large.jobs))
-    if opened is not None and tours is not None:
+    if tours is not None:
         tours.learn_ways_past(deadline)
     return tours
 
@@ -273,7 +275,6 @@ def improve(search: Search, large: LargeProblem, better: FleetLNS) -> Iterator[I
             search.history.without_traffic = search.facts.units(better.without_traffic)
         if decided is None:
             return
-        plan = plan_of_tours(search, decided)
-        kept = None if plan is None else keep_if_better(search, plan)
+        kept = keep_if_better(search, plan_of_tours(search, decided))
         if kept is not None:
             yield kept
