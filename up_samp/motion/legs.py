@@ -263,15 +263,13 @@ class Legs:
         """Ask a planner, always in the direction that is remembered: what a motion and its reverse
         last must not depend on which of the two was asked for first.
         """
-        _, swap = self._key(name, query)
-        if swap:
-            query = replace(query, start=query.goal, goal=query.start)
-        answer = self._ask_one_way(name, query, deadline)
+        _, asked = self._key(name, query)
+        answer = self._ask_one_way(name, asked, deadline)
         if isinstance(answer, PathReport) or answer.trajectory is None:
             return answer
         if math.isfinite(query.body.kinematics.alpha_max):
-            answer = replace(answer, trajectory=self._ramped(query, answer.trajectory))
-        return answer.turned(query.goal) if swap else answer
+            answer = replace(answer, trajectory=self._ramped(asked, answer.trajectory))
+        return answer if asked is query else answer.turned(query.start)
 
     def _ramped(self, query: LegQuery, motion: Trajectory) -> Trajectory:
         """Return a motion with ramps of the curvature where there is room for them: ways often lead
@@ -301,8 +299,8 @@ class Legs:
 
     def remember(self, name: str, query: LegQuery, leg: Leg, limit: float = 0.0) -> None:
         """Put a leg that ``name`` planned into the cache; it had ``limit`` seconds."""
-        key, swap = self._key(name, query)
-        stored = leg.turned(query.goal) if swap else leg
+        key, asked = self._key(name, query)
+        stored = leg if asked is query else leg.turned(asked.start)
         limit = 0.0 if leg.complete else limit
         self.cache.put(key, CachedLeg(obstacle_key(query.obstacles), stored, limit))
 
@@ -319,7 +317,7 @@ class Legs:
     def _known(self, name: str, query: LegQuery) -> CachedLeg | None:
         """Return a remembered leg that was planned among a part of the obstacles and clears all."""
         body, obstacles = query.body, query.obstacles
-        key, swap = self._key(name, query)
+        key, asked = self._key(name, query)
         here = obstacle_key(obstacles)
         for entry in self.cache.get(key):
             if not entry.among <= here:
@@ -328,18 +326,18 @@ class Legs:
             if rest and not _in_plane(body):
                 continue
             if all(self.clears(entry.trajectory, body, p) for p in rest):
-                return replace(entry, leg=entry.leg.turned(query.start)) if swap else entry
+                if asked is query:
+                    return entry
+                return replace(entry, leg=entry.leg.turned(query.start))
         return None
 
-    def _key(self, name: str, query: LegQuery) -> tuple[PairKey, bool]:
-        """Return the key of a leg, and whether it is stored the other way round."""
+    def _key(self, name: str, query: LegQuery) -> tuple[PairKey, LegQuery]:
+        """Return the key of a leg, and the query in the direction in which it is stored."""
         scope = (self.scene.digest, name, self.scene.margin, self.seed)
-        a, b = tuple(map(float, query.start)), tuple(map(float, query.goal))
-        # OMPL's planners by their own names never are, and need not be loaded to tell
-        both_ways = query.body.kinematics.both_ways
-        reversible = both_ways and name in PLANNERS and self._planner(name).reversible
-        swap = reversible and b < a
-        return (*scope, body_key(query.body), *((b, a) if swap else (a, b))), swap
+        # OMPL's planners by their own names are never reversible, and need not be loaded to tell
+        asked = query.remembered(reversible=name in PLANNERS and self._planner(name).reversible)
+        a, b = tuple(map(float, asked.start)), tuple(map(float, asked.goal))
+        return (*scope, body_key(query.body), a, b), asked
 
     def clears(self, trajectory: Trajectory, body: Body, placed: Placed) -> bool:
         """Return whether a motion keeps the scene's margin from a resting object, all the way."""

@@ -31,6 +31,14 @@ class LegQuery:
     obstacles: tuple[Placed, ...] = ()
     effort: int | None = None
 
+    def remembered(self, *, reversible: bool) -> LegQuery:
+        """Return the query in the direction in which its leg is remembered (itself, or another):
+        one leg is for both where a planner is ``reversible`` and the body may drive either way.
+        """
+        if reversible and self.body.kinematics.both_ways and self.goal < self.start:
+            return replace(self, start=self.goal, goal=self.start)
+        return self
+
 
 @dataclass(frozen=True)
 class Leg:

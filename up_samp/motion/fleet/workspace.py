@@ -6,7 +6,7 @@ import itertools
 import math
 import weakref
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Protocol
 from weakref import WeakKeyDictionary
@@ -243,19 +243,16 @@ class Workspace:
                 self._paths.put(key, known)
         return known if isinstance(known, Path) else None
 
-    def _quick_leg(self, quick: MotionPlanner, asked: LegQuery, deadline: Deadline) -> Leg:
+    def _quick_leg(self, quick: MotionPlanner, query: LegQuery, deadline: Deadline) -> Leg:
         """Return a quick planner's leg, where that may be driven either way one for both ways."""
-        start, goal = asked.start, asked.goal
-        turned = quick.reversible and asked.body.kinematics.both_ways and goal < start
-        if turned:
-            asked = replace(asked, start=goal, goal=start)
+        asked = query.remembered(reversible=quick.reversible)
         key = (asked.body, asked.start, asked.goal, obstacle_key(asked.obstacles))
         leg = self._legs.get(key)
         if leg is None:
             leg = quick.leg(asked, deadline)
             if leg.complete:
                 self._legs.put(key, leg)
-        return leg.turned(start) if turned else leg
+        return leg if asked is query else leg.turned(query.start)
 
     def _quick_planner(self, body: Body) -> MotionPlanner | None:
         """Return the planner of a body's motion model that gives up after little work, if any."""

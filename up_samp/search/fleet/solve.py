@@ -227,7 +227,7 @@ def candidate_of(
     where there are doors: nobody knows yet who opens them, and has to charge for that.
     """
     charging = dealt.rehearsal.charging(dealt.tours)
-    some = dict.fromkeys((charging, large.beside)[large.doors :])
+    some = dict.fromkeys((large.beside,) if large.doors else (charging, large.beside))
     return next(filter(None, (_candidate(large, dealt, deadline, beside) for beside in some)), None)
 
 
