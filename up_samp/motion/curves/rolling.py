@@ -54,9 +54,8 @@ def rolls_of(rows: FloatArray, kinematics: Kinematics) -> Rolls:
     way, size = np.abs(ahead), np.abs(turns)
     on_spot = way < ON_SPOT * size
     kinds = np.where(on_spot, 2 * np.sign(turns), np.sign(ahead)).astype(np.int64)
-    bound = kinematics.omega_max * way / np.where(size > 0.0, size, 1.0)
-    slow = (size > 0.0) & (bound < kinematics.v_max * (1.0 - SAME))
-    tops = np.where(slow, bound, kinematics.v_max)
+    slow = kinematics.omega_max * way < kinematics.v_max * (1.0 - SAME) * size
+    tops = np.where(slow, kinematics.omega_max * way / np.where(slow, size, 1.0), kinematics.v_max)
     tops = np.where(on_spot, kinematics.omega_max, tops)
     pushes = np.where(on_spot, kinematics.alpha_max, kinematics.a_max)
     return Rolls(np.where(on_spot, size, way), turns, kinds, tops, pushes)

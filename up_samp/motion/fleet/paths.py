@@ -650,8 +650,7 @@ def path_of(
     if tunable and len(kept) > 1:
         most = allowed_speeds(kept, body)
     push = push_along(kept, body)
-    tops, steady, rests = _tops(Trajectory(trajectory.times[keep], kept), s, stop, body, most, push)
-    stop |= rests
+    tops, steady, stop = _tops(Trajectory(trajectory.times[keep], kept), s, stop, body, most, push)
     edges, halt = _cells(s, stop, tops, body, push, np.isfinite(most))
     return Path(
         body,
@@ -679,19 +678,26 @@ def _tops(
     push: float,
 ) -> tuple[FloatArray, BoolArray, BoolArray]:
     """Return the top speeds (m/s) between a path's samples, whether it keeps to one speed there,
-    and at which samples it has to rest, too; ``most`` is what zones and bends allow, and ``push``
-    the acceleration (m/s^2) everywhere.
+    and at which samples it rests, with those at which it has to ``stop``; ``most`` is what zones
+    and bends allow, and ``push`` the acceleration (m/s^2) everywhere.
     """
     poses = motion.poses
     steady, rests = np.zeros(len(most), dtype=np.bool_), np.zeros(len(s), dtype=np.bool_)
     tops = top_speeds(poses, body, most)
     if body.mobility.sideways and len(poses) > 1:
         tops, steady, rests = bends_of(poses, s, motion.times, body, most)
-    limits = tops < _reached(s, stop | rests, body)
-    if body.mobility.steers or body.mobility.rolls:
-        rests |= _crawled(s, stop, np.where(limits, tops, -tops), push)
-        limits = tops < _reached(s, stop | rests, body)
-    return np.where(limits, tops, body.kinematics.v_max), steady, rests
+    at_rest = stop | rests
+    limits = tops < _reached(s, at_rest, body)
+    more = not (body.mobility.flies or body.mobility.own_law)
+    while more:  # a stretch of several crawls is cut at the slower ones again
+        crawled = _crawled(s, at_rest, np.where(limits, tops, -tops), push, steady)
+        more = bool((crawled > at_rest).any())
+        if more:
+            at_rest |= crawled
+            limits = tops < _reached(s, at_rest, body)
+    # what rests at both ends of a piece drives no bend there at speed
+    steady &= ~(at_rest[1:] & at_rest[:-1])
+    return np.where(limits, tops, body.kinematics.v_max), steady, at_rest
 
 
 def through_zones(rows: IntArray, one: IntArray, other: IntArray) -> IntArray:
@@ -750,18 +756,27 @@ def _cell_length(body: Body) -> float:
 
 
 def _crawled(
-    s: FloatArray, stop: BoolArray, tops: FloatArray, push: float, most: int = 1_200
+    s: FloatArray,
+    stop: BoolArray,
+    tops: FloatArray,
+    push: float,
+    steady: BoolArray,
+    most: int = 1_200,
 ) -> BoolArray:
-    """Return where a body rests, too, that crawls somewhere between two stops: before and after
-    that, where cells that are short enough for it (see :func:`_cells`) would be more than ``most``.
-    Top speeds that limit nothing are negative.
+    """Return where a body rests, too, that crawls somewhere between two stops, where cells that are
+    short enough for it (see :func:`_cells`) would be more than ``most``: before and after that, and
+    at the bends in it, beside which it would be ``steady``. Top speeds that limit nothing are
+    negative.
     """
     found = np.zeros(len(s), dtype=np.bool_)
+    bends = np.append(steady, False) & np.append(False, steady)
     for low, high in itertools.pairwise(np.flatnonzero(stop)):
         least = math.sqrt(4 * push * float(s[high] - s[low]) / most)
         slow = np.concatenate([[False], np.abs(tops[low:high]) < least, [False]])
         for begin, end in np.flatnonzero(slow[1:] != slow[:-1]).reshape(-1, 2) + low:
-            found[[begin, end]] |= bool((tops[begin:end] > 0.0).any())
+            if (tops[begin:end] > 0.0).any():
+                found[begin : end + 1] |= bends[begin : end + 1]
+                found[[begin, end]] = True
     return found
 
 
