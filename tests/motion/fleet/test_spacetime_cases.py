@@ -1,5 +1,6 @@
 """Groups whose answer is known."""
 
+import itertools
 import math
 
 import numpy as np
@@ -17,7 +18,7 @@ from up_samp.model import (
 from up_samp.motion.curves.reeds_shepp import DriveLimits
 from up_samp.motion.fleet import coordinate, earliest_arrival
 from up_samp.motion.fleet.paths import TimeSets
-from up_samp.motion.fleet.speed import TunedPath, reachable
+from up_samp.motion.fleet.speed import TunedPath, in_time, reachable
 from up_samp.motion.fleet.timed_path import natural_timing, run_of
 from up_samp.motion.fleet.together import couple
 from up_samp.motion.fleet.workspace import rest_run, workspace_of
@@ -275,20 +276,45 @@ def random_way(rng):
     return TunedPath(edges, halt, tops, np.zeros(m, dtype=bool), waits), safe
 
 
+LIMITS = DriveLimits(0.0, 1.5, 0.8)
+
+
+def arrivals(way, safe, release, horizon):
+    """Return when one may arrive (n, 2)."""
+    reached = reachable(way, LIMITS, safe, release, horizon)
+    width = (len(reached.head) - 1) // len(way.edges)
+    first, last = reached.head[(len(way.edges) - 1) * width :][:2]
+    return reached.intervals[first:last]
+
+
 def test_whoever_has_to_come_by_some_time_comes_as_soon_as_without_it():
     rng, asked = np.random.default_rng(0), 0
     for _ in range(300):
         way, safe = random_way(rng)
-
-        def arrivals(horizon, way=way, safe=safe):
-            reached = reachable(way, DriveLimits(0.0, 1.5, 0.8), safe, 0.0, horizon)
-            width = (len(reached.head) - 1) // len(way.edges)
-            first, last = reached.head[(len(way.edges) - 1) * width :][:2]
-            return reached.intervals[first:last, 0]
-
-        whole = arrivals(math.inf)
+        whole = arrivals(way, safe, 0.0, math.inf)[:, 0]
         for soonest in whole:
-            assert arrivals(soonest + 1e-9) == pytest.approx(whole[whole <= soonest + 1e-9])
+            in_between = arrivals(way, safe, 0.0, soonest + 1e-9)[:, 0]
+            assert in_between == pytest.approx(whole[whole <= soonest + 1e-9])
             asked += 1
-        assert not len(whole) or not len(arrivals(whole[0] - 1e-3))
+        assert not len(whole) or not len(arrivals(way, safe, 0.0, whole[0] - 1e-3))
     assert asked > 100
+
+
+def test_who_is_told_to_come_too_late_does():
+    rng = np.random.default_rng(1)
+    found = dict.fromkeys(itertools.product((True, False), repeat=2), 0)
+    for _ in range(2_000):
+        way, safe = random_way(rng)
+        release, goal_free, horizon = rng.uniform(0, 10, 3) * (1, 2, 3)
+        goal_free = rng.choice([-math.inf, goal_free])
+        horizon = rng.choice([horizon, math.inf])
+        told = in_time(way, LIMITS, safe, release, goal_free, horizon)
+        comes = (
+            max(low, goal_free) <= horizon
+            for low, high in arrivals(way, safe, release, horizon)
+            if high >= goal_free
+        )
+        found[told, any(comes)] += 1
+    assert found[False, True] == 0
+    assert found[False, False] > found[True, False] > 0
+    assert found[True, True] > 300

@@ -477,7 +477,7 @@ class Path:
     """Resting bodies that the path's planner has proven it keeps clear of."""
     number: int = field(default_factory=lambda: next(_numbers))
 
-    @property
+    @cached_property
     def cells(self) -> int:
         """Number of cells without the two rests."""
         return len(self.edges) - 1

@@ -300,12 +300,12 @@ class Workspace:
 
     def conflicts(self, a: Path, b: Path) -> IntArray:
         """Return the conflicting cells of two paths as rows (i, j first, j last)."""
-        if is_cleared(a, b) or is_cleared(b, a):
-            return NOTHING
         key = (a.number, b.number)
         known = self._conflicts.get(key)
         if known is not None:
             return but_cleared(known, a, b)
+        if is_cleared(a, b) or is_cleared(b, a):
+            return NOTHING
         p, q = a.box, b.box
         if p[0] > q[2] or q[0] > p[2] or p[1] > q[3] or q[1] > p[3]:
             return self._conflicts.put(key, NOTHING)
