@@ -9,7 +9,7 @@ import pytest
 
 from tests.benchmarks import sweep_doubles
 from up_samp.benchmarks import cli, report, runner
-from up_samp.benchmarks.one_run import RunSpec, select, sweep
+from up_samp.benchmarks.runner import RunSpec, select, sweep
 from up_samp.model import EngineError, ProblemError
 
 

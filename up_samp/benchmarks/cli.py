@@ -81,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _run(args: argparse.Namespace) -> int:
     from up_samp.benchmarks import report, runner
-    from up_samp.benchmarks.one_run import select, sweep
+    from up_samp.benchmarks.runner import select, sweep
 
     specs = sweep(
         select(args.names, args.seeds),
@@ -123,7 +123,7 @@ def _report(args: argparse.Namespace) -> int:
 
 
 def _list(args: argparse.Namespace) -> int:
-    from up_samp.benchmarks.one_run import select
+    from up_samp.benchmarks.runner import select
 
     for chosen in select(args.names):
         print(chosen.name)

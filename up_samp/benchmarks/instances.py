@@ -14,21 +14,16 @@ stated by ``Fleet``.
 from __future__ import annotations
 
 import functools
+import importlib
 import itertools
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 from unified_planning.model.motion import SchedulingMotionProblem
 
-from up_samp.benchmarks import jobshop, logistics
-from up_samp.benchmarks.building import BUILDING_KINDS, building
-from up_samp.benchmarks.door_sequence import door_sequence
-from up_samp.benchmarks.kitting import kitting
-from up_samp.benchmarks.navigation import navigation
 from up_samp.benchmarks.published import Encoding, check_encoding
-from up_samp.benchmarks.warehouse import warehouse
 from up_samp.model import ProblemError
 
 Build = Callable[..., SchedulingMotionProblem]
@@ -49,16 +44,18 @@ class Instance:
     build: Build
 
 
-_FORMS: dict[str, tuple[str, Build]] = {
-    "logistics": (r"-d(?P<door>[co])-(?P<sides>all|oc)-r\d+-i\d+", logistics.logistics),
-    "jobshop": (r"-r\d+-j\d+-m\d+", jobshop.job_shop),
-    "navigation": (r"-r\d+", navigation),
-    "kitting": (r"-r\d+-k\d+-p\d+-d\d+(?P<operator>-op)?", kitting),
-    "warehouse": (r"-(?P<compact>compact-)?r\d+-o\d+", warehouse),
-    "doors": (r"-r\d+-d\d+", door_sequence),
-    "building": (r"-(?P<kind>rooms|aisles)-r\d+-o\d+(-c\d+)?", building),
-}  # fmt: skip
-"""How the names of each family go on (sizes in the builder's order), and what builds it."""
+_FORMS = {
+    "logistics": (r"-d(?P<door>[co])-(?P<sides>all|oc)-r\d+-i\d+", "logistics", "logistics"),
+    "jobshop": (r"-r\d+-j\d+-m\d+", "jobshop", "job_shop"),
+    "navigation": (r"-r\d+", "navigation", "navigation"),
+    "kitting": (r"-r\d+-k\d+-p\d+-d\d+(?P<operator>-op)?", "kitting", "kitting"),
+    "warehouse": (r"-(?P<encoding>compact-)?r\d+-o\d+", "warehouse", "warehouse"),
+    "doors": (r"-r\d+-d\d+", "door_sequence", "door_sequence"),
+    "building": (r"-(?P<kind>rooms|aisles)-r\d+-o\d+(-c\d+)?", "building", "building"),
+}
+"""How the names of each family go on (sizes in the builder's order), and the module and function
+that build it: imported when one is built.
+"""
 
 
 def instance(name: str) -> Instance:
@@ -67,40 +64,33 @@ def instance(name: str) -> Instance:
     :raises ProblemError: if the name is none.
     """
     family = name.partition("-")[0]
-    form, make = _FORMS.get(family, ("", None))
-    found = re.fullmatch(rf"{family}{form}(-s(?P<seed>\d+))?", name) if make else None
-    if found is None or make is None:
+    form, module, builder = _FORMS.get(family, ("", "", ""))
+    found = re.fullmatch(rf"{family}{form}(-s(?P<seed>\d+))?", name) if builder else None
+    if found is None:
         raise ProblemError(f"there is no instance {name!r}; `instances(family)` lists them")
-    options = _options(found)
-    compact = options.pop("compact", False)
+    told = {key: _MEANINGS.get(key, {}).get(word, word) for key, word in found.groupdict().items()}
+    options = {**told, "seed": int(found["seed"] or 0)}
     sizes = [int(size) for size in re.findall(r"-[a-rt-z](\d+)", name)]
 
     def build(encoding: Encoding = "fluents", metric: bool = True) -> SchedulingMotionProblem:
-        form: dict[str, str] = {"encoding": encoding}
+        form: dict[str, Any] = {"encoding": encoding}
         if family in ("warehouse", "building"):
             check_encoding(encoding, ("fluents",))  # where robots are is always one here
-            form = {"encoding": "compact" if compact else "moves"} if family == "warehouse" else {}
-        return make(*sizes, **form, metric=metric, **options)
+            form = {}
+        make = getattr(importlib.import_module(f"up_samp.benchmarks.builders.{module}"), builder)
+        return cast(SchedulingMotionProblem, make(*sizes, metric=metric, **form, **options))
 
-    groups = {"logistics": f"{found[2]}-d{found[1]}".upper(), "jobshop": "JSP"} if form else {}
+    groups = {"logistics": f"{found[2]}-d{found[1]}".upper(), "jobshop": "JSP"}
     return Instance(name, family, groups.get(family, family), build)
 
 
-def _options(found: re.Match[str]) -> dict[str, Any]:
-    """Return what a name says beside sizes, as its builder takes it."""
-    options: dict[str, Any] = {"seed": 0}
-    for key, word in found.groupdict().items():
-        if key == "seed":
-            options[key] = int(word or 0)
-        elif key == "door":
-            options[key] = "closed" if word == "c" else "open"
-        elif key == "sides":
-            options[key] = "all" if word == "all" else "corridor"
-        elif key == "kind":
-            options[key] = word
-        else:
-            options[key] = word is not None
-    return options
+_MEANINGS: dict[str, dict[str | None, Any]] = {
+    "door": {"c": "closed", "o": "open"},
+    "sides": {"all": "all", "oc": "corridor"},
+    "operator": {"-op": True, None: False},
+    "encoding": {"compact-": "compact", None: "moves"},
+}
+"""What a name says beside sizes, as its builder takes it."""
 
 
 def _listed(family: str) -> list[str]:
@@ -135,7 +125,7 @@ _LISTS: dict[str, list[tuple[str, _Sizes]]] = {
     "doors": [("doors-r{1}-d{0}", [*itertools.product((1, 2, 3), (1, 2, 3))])],
     "building": [
         (f"building-{kind}-r{{}}-o{{}}{loads}", [(1, 4), (2, 6), (3, 8), (3, 12), (5, 20)])
-        for kind, loads in itertools.product(BUILDING_KINDS, ("", "-c2"))
+        for kind, loads in itertools.product(("rooms", "aisles"), ("", "-c2"))
     ],
     "warehouse": [
         (

@@ -16,7 +16,7 @@ from typing import Literal
 
 from unified_planning.model.motion import SchedulingMotionProblem
 
-from up_samp.benchmarks.maps import Rectangle, drawn_map, outer_wall
+from up_samp.benchmarks.places import Rectangle, drawn_map, drawn_name, outer_wall
 from up_samp.model import ProblemError
 
 BuildingKind = Literal["rooms", "aisles"]
@@ -58,7 +58,7 @@ def building(
             f"{robots}, {orders} and {loads}"
         )
     several = f"-c{loads}" if loads > 1 else ""
-    title = f"building-{kind}-r{robots}-o{orders}{several}" + (f"-s{seed}" if seed else "")
+    title = drawn_name(f"building-{kind}-r{robots}-o{orders}{several}", seed)
     rng = random.Random(title)
     places = rng.randint(4, 5) + orders // 2
     size, walls, spots = building_floor(kind, robots + places, rng)
