@@ -11,15 +11,18 @@ import numpy as np
 
 from up_samp.model.arrays import FloatArray
 from up_samp.model.violation import Violation
-from up_samp.validation.collisions import JudgedShape
-from up_samp.validation.judged import JudgedMotion, Jump
+from up_samp.validation.collisions import JudgedShape, Track
 from up_samp.validation.paths import pose_gap
-from up_samp.validation.rides import CarriedLoad, between, carried_along
-from up_samp.validation.scene import JudgedScene
-from up_samp.validation.se3 import track_of
-from up_samp.validation.solids import Solid
+from up_samp.validation.scene import (
+    CarriedLoad,
+    JudgedMotion,
+    JudgedScene,
+    Jump,
+    between,
+    carried_along,
+)
+from up_samp.validation.se3 import Solid, track_of
 from up_samp.validation.tolerances import TOLERANCES
-from up_samp.validation.tracks import Track
 
 Motions = Mapping[str, tuple[FloatArray, FloatArray]]
 """Times (s) and poses of each task, by its name."""

@@ -11,10 +11,16 @@ from unified_planning.model import metrics
 from up_samp.extensions import parts
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.model.objective import Cost, MinimizeCosts
-from up_samp.validation.conditions import holds_throughout, reader_at
-from up_samp.validation.schedule import read_decisions
-from up_samp.validation.timeline import Reading, StateTimeline, build_timeline
-from up_samp.validation.values import Reader, Value, plain
+from up_samp.validation.schedule import holds_throughout, read_decisions
+from up_samp.validation.timeline import (
+    Reader,
+    Reading,
+    StateTimeline,
+    Value,
+    build_timeline,
+    plain,
+    reader_at,
+)
 
 
 def evaluate_metric(metric: Any, timeline: StateTimeline) -> Value:

@@ -12,10 +12,9 @@ from unified_planning.model.motion import SE2WithControlsPath
 from up_samp.model import Trajectory, check_time
 from up_samp.model.arrays import FloatArray
 from up_samp.model.violation import Violation
-from up_samp.validation.judged import JudgedMotion
-from up_samp.validation.tolerances import TOLERANCES
-from up_samp.validation.tracks import Track, pieces_of
-from up_samp.validation.verdict import JUDGING_GRACE
+from up_samp.validation.collisions import Track, pieces_of
+from up_samp.validation.scene import JudgedMotion
+from up_samp.validation.tolerances import JUDGING_GRACE, TOLERANCES
 
 _CHUNK = 20_000
 """Pieces of a path between two looks at the clock."""

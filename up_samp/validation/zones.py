@@ -11,11 +11,10 @@ import shapely
 from up_samp.model import TrafficZone
 from up_samp.model.arrays import BoolArray, FloatArray
 from up_samp.model.violation import Violation
-from up_samp.validation.collisions import JudgedShape, placed
-from up_samp.validation.limits import Limits
+from up_samp.validation.collisions import JudgedShape, pieces_of, placed
+from up_samp.validation.kinematics import Limits
 from up_samp.validation.paths import pose_gap
 from up_samp.validation.tolerances import TOLERANCES
-from up_samp.validation.tracks import pieces_of
 
 Parts = Sequence[tuple[JudgedShape, FloatArray]]
 """Rigid parts of a body: each with where it is at each sample of a motion, shape (n, 3)."""
