@@ -13,7 +13,7 @@ from tests.export.plans import door_plan, straight
 from tests.handmade import write_map
 from up_samp.cli import main
 from up_samp.export import FORMATS, export_plan
-from up_samp.export.legs import pieces_of, simplified, wrapped
+from up_samp.export.steps import pieces_of, simplified, wrapped
 from up_samp.io import write_plan
 from up_samp.model import ProblemError, UnsupportedError
 

@@ -20,8 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from up_samp.export.legs import PathPiece, simplified, wrapped
-from up_samp.export.steps import RobotStep, StepReader, StepWait
+from up_samp.export.steps import PathPiece, RobotStep, StepReader, StepWait, simplified, wrapped
 from up_samp.io import PlanDict
 from up_samp.io.floors import map_number, maps_of, named_maps, own_frames
 from up_samp.io.precision import PRECISION

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from up_samp.io.plan_dict import AREA
-from up_samp.io.rides import ridden
+from up_samp.io.sampling import ridden
 from up_samp.model.arrays import FloatArray
 from up_samp.model.frames import Frame
 
@@ -126,16 +127,13 @@ Stop = tuple[ObjectTrack, tuple[float, float, float], tuple[str, ...]]
 def stops_of(tracks: Sequence[ObjectTrack], places: Mapping[str, Sequence[float]]) -> list[Stop]:
     """Return where motions start and end among ``places`` (names to poses); one entry a point."""
     found: dict[tuple[float, float], Stop] = {}
-    for track in tracks:
-        for leg in track.legs:
-            for i in (0, -1):
-                x, y, yaw = (float(v) for v in leg.poses[i])
-                for name, place in places.items():
-                    if math.hypot(x - place[0], y - place[1]) > 1e-2:
-                        continue
-                    key = (round(place[0], 2), round(place[1], 2))
-                    own, pose, names = found.get(key, (track, (x, y, yaw), ()))
-                    found[key] = own, pose, tuple(dict.fromkeys((*names, name)))
+    legs = [(track, leg) for track in tracks for leg in track.legs]
+    ends = [(track, flat(pose)) for track, leg in legs for pose in leg.poses[[0, -1]]]
+    for (track, pose), (name, place) in itertools.product(ends, places.items()):
+        if math.dist(pose[:2], place[:2]) <= 1e-2:
+            key = (round(place[0], 2), round(place[1], 2))
+            own, first, names = found.get(key, (track, pose, ()))
+            found[key] = own, first, tuple(dict.fromkeys((*names, name)))
     return list(found.values())
 
 

@@ -185,7 +185,7 @@ DESK: dict[str, Callable[..., tuple[dict[str, Any], bytes]]] = {
     "validate": lambda body: look("validate", body),
     "draw": draw,
 }
-"""What is answered at the desk (:class:`up_samp.server.desk.Desk`)."""
+"""What is answered at the desk (:class:`up_samp.server.jobs.Desk`)."""
 
 
 def answer_all(teller: Teller) -> int:
