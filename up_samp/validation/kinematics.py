@@ -22,7 +22,7 @@ import shapely
 from up_samp.model import ProblemError, TrafficZone, UnsupportedError
 from up_samp.model.arrays import BoolArray, FloatArray
 from up_samp.model.violation import Violation
-from up_samp.validation.collisions import Pieces, pieces_of
+from up_samp.validation.collisions import Pieces, pieces_of, rotations
 from up_samp.validation.tolerances import TOLERANCES
 
 _KNOWN = ("turning_radius", "v_max", "a_max", "omega_max")
@@ -100,7 +100,7 @@ def _zones(name: str, limits: Limits, own: Mapping[str, Any]) -> tuple[TrafficZo
         area = shapely.Polygon(zone.polygon)
         if not (area.is_valid and area.area > 0 and zone.v_max > 0):
             raise ProblemError(f"object {name}: a zone needs a simple polygon and a positive v_max")
-        if zone.one_way is not None and not math.isfinite(zone.one_way):
+        if not math.isfinite(zone.one_way or 0.0):
             raise ProblemError(f"object {name}: a zone's one_way is a heading, not {zone.one_way}")
         if zone.dock is not None and len(zone.dock) != 3:
             raise ProblemError(f"object {name}: a zone's dock is (x, y, heading), not {zone.dock}")
@@ -256,7 +256,7 @@ def _worst(
     """Yield one violation for where ``value`` exceeds ``limit`` by most beyond what is allowed."""
     bound = np.broadcast_to(limit * (1 + TOLERANCES.limits) + slack, value.shape)
     excess = value - bound
-    if len(value) and excess.max() > 0:
+    if excess.max(initial=0.0) > 0:
         i = int(excess.argmax())
         most = float(np.broadcast_to(limit, value.shape)[i])
         text = f"{what}: {value[i]:.4g} {unit} at {times[i]:.3f} s, at most {most:.4g} allowed"
@@ -459,12 +459,8 @@ def _flyer(what: str, limits: Limits, times: FloatArray, poses: FloatArray) -> I
     if np.abs(norms - 1).max() > 1e-3:
         yield Violation("quaternion", f"{what}: a quaternion is not of length 1")
         return
-    units = poses[:, 3:] / norms[:, None]
-    cosine = np.abs(np.sum(units[1:] * units[:-1], axis=1)).clip(0, 1)
-    # the angle between neighbours, by the chord: accurate also where it is tiny
-    chords = [np.linalg.norm(units[1:] + sign * units[:-1], axis=1) for sign in (-1, 1)]
-    nearest = np.minimum(*chords)
-    turn = np.where(cosine > 0.9, 4 * np.arcsin((nearest / 2).clip(0, 1)), 2 * np.arccos(cosine))
+    turned = rotations(poses[:, 3:])
+    turn = (turned[:-1].inv() * turned[1:]).magnitude()
     moves = np.diff(poses[:, :3], axis=0)
     resting = (np.linalg.norm(moves, axis=1) < 1e-9) & (turn < 1e-9)
     yield from _sampling(what, times, dt, resting)

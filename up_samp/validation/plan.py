@@ -21,13 +21,21 @@ from up_samp.validation.kinematics import motion_violations, speeds_on_way
 from up_samp.validation.lives import (
     Piece,
     build_lives,
+    passes,
+    path_of,
+    pose_gap,
+    read_trajectory,
     resting,
     same_height,
 )
-from up_samp.validation.metrics import evaluate_metric
-from up_samp.validation.paths import passes, path_of, pose_gap, read_trajectory
 from up_samp.validation.scene import JudgedMotion, JudgedScene, Obstacle, carried_along
-from up_samp.validation.schedule import Judged, Verdict, judge_decisions, judge_schedule
+from up_samp.validation.schedule import (
+    Judged,
+    Verdict,
+    evaluate_metric,
+    judge_decisions,
+    judge_schedule,
+)
 from up_samp.validation.se3 import hits, meets_map
 from up_samp.validation.timeline import Decisions
 from up_samp.validation.tolerances import JUDGING_GRACE, TOLERANCES
@@ -52,7 +60,7 @@ def validate_plan(
     """
     if seconds_per_unit is None:
         seconds_per_unit = getattr(plan, "seconds_per_unit", 1.0)
-    if not (seconds_per_unit > 0 and math.isfinite(seconds_per_unit)):
+    if not 0 < seconds_per_unit < math.inf:
         raise ProblemError(f"seconds_per_unit must be positive, not {seconds_per_unit}")
     judged = judge_schedule(problem, plan)
     return _with_motions(problem, plan, judged, trajectories, seconds_per_unit)
@@ -316,7 +324,7 @@ def _collisions(scene: JudgedScene, lives: Mapping[str, list[Piece]]) -> Iterato
             for other in lives:
                 for theirs in lives[other]:
                     keeps = _keeps_clear(scene, task, other, theirs.task)
-                    if not keeps or not piece.level(theirs):
+                    if not keeps or not same_height(piece.height, theirs.height):
                         continue
                     pair = frozenset((id(piece), id(theirs)))
                     if pair not in looked_at:

@@ -22,9 +22,8 @@ from unified_planning.model.motion import (
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.model.arrays import FloatArray
 from up_samp.model.frames import PlacedMap
-from up_samp.validation.collisions import JudgedShape, placed
+from up_samp.validation.collisions import BlockedMap, JudgedShape, ground_of, placed
 from up_samp.validation.kinematics import Limits, height_of, limits_of
-from up_samp.validation.maps import BlockedMap, ground_of
 from up_samp.validation.se3 import Solid, load_solid
 from up_samp.validation.timeline import (
     MISSING,
@@ -184,16 +183,12 @@ class JudgedScene:
         """The occupancy maps."""
         return {g: BlockedMap(g.file, g.frame) for g in dict.fromkeys(self.grounds.values())}
 
-    def map_of(self, place: str) -> BlockedMap:
-        """Return the map of a configuration's type."""
-        return self.maps[self.grounds[place]]
-
     def map_driven(self, task: JudgedMotion) -> BlockedMap:
         """Return the map that a motion drives on (rule 21)."""
         grounds = {self.grounds[place] for place in task.places}
         if len(grounds) > 1:
             raise UnsupportedError(f"{task.what} leads from map to map")
-        return self.map_of(task.places[0])
+        return self.maps[grounds.pop()]
 
     def height(self, place: str) -> float:
         """Return the height (m) of a configuration's map: at different ones, nothing meets."""

@@ -1,20 +1,24 @@
-"""Judge the schedule part of a plan: presence, durations, constraints, effects, conditions; and
-interference: nobody changes what another one reads or writes.
+"""Judge the schedule part of a plan: presence, durations, constraints, effects, conditions;
+interference: nobody changes what another one reads or writes; and what it is worth by the
+problem's quality metrics.
 
 The numbered rules in comments are those of ``docs/semantics.md``.
 """
 
 from __future__ import annotations
 
+import math
+import operator
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from unified_planning.model import OperatorKind, TimepointKind
+from unified_planning.model import OperatorKind, TimepointKind, metrics
 
 from up_samp.extensions import parts
-from up_samp.model import UnsupportedError
+from up_samp.model import ProblemError, UnsupportedError
+from up_samp.model.objective import Cost, MinimizeCosts
 from up_samp.model.violation import Violation
 from up_samp.validation.timeline import (
     MISSING,
@@ -30,6 +34,7 @@ from up_samp.validation.timeline import (
     constant,
     in_type,
     parts_of,
+    plain,
     present_activities,
     reader_at,
     show,
@@ -183,11 +188,10 @@ def _durations(problem: Any, timeline: StateTimeline, reading: Reading) -> Itera
         bounds = activity.duration
         low, high = reader.value(bounds.lower), reader.value(bounds.upper)
         length = end - start
-        short = low is not MISSING and (length < low or (length == low and bounds.is_left_open()))
-        long = high is not MISSING and (
-            length > high or (length == high and bounds.is_right_open())
-        )
-        if short or long:
+        from_low = operator.gt if bounds.is_left_open() else operator.ge
+        to_high = operator.lt if bounds.is_right_open() else operator.le
+        enough = low is MISSING or from_low(length, low)
+        if not (enough and (high is MISSING or to_high(length, high))):
             what = f"{activity.name} lasts {length}, not within {bounds} (start {start}, end {end})"
             yield Violation("duration", what, about=(activity.name,))
 
@@ -256,13 +260,11 @@ def _timed_conditions(
 def _instants(
     interval: Any, owner: str | None, timeline: StateTimeline, reading: Reading
 ) -> tuple[int, int, int] | None:
-    """Return the first and last instant of an interval, and the last that is seen (``None``: it
-    hangs on an absent one).
-    """
+    """Return an interval's first, last, and last seen instant (None: it hangs on an absent one)."""
     end = timeline.global_end(reading)
     first = timeline.decisions.timing(interval.lower, owner, end)
     last = timeline.decisions.timing(interval.upper, owner, end)
-    if first is MISSING or last is MISSING:
+    if MISSING in (first, last):
         return None
     step = timeline.decisions.instant
     if step == 1 and not (isinstance(first, int) and isinstance(last, int)):
@@ -313,7 +315,8 @@ def _first_failure(
     for instant in sorted(instants):
         reader = reader_at(timeline, instant, reading, condition.owner)
         value = reader.value(condition.node)
-        if value is False or (surely and value is not True):
+        failed = value is not True if surely else value is False
+        if failed:
             return instant
     return None
 
@@ -378,9 +381,7 @@ def _other_interference(
 def _read_by(
     activity: Any, start: Any, end: Any, step: Any
 ) -> Iterator[tuple[Any, Any, str, list[Any]]]:
-    """Yield what an activity reads besides its conditions and effects, and from when to when (rules
-    2, 14 and 19).
-    """
+    """Yield what else an activity reads, and from when to when (rules 2, 14 and 19)."""
     yield start, start, "duration", [activity.duration.lower, activity.duration.upper]
     for constraint in getattr(activity, "motion_constraints", ()):
         yield start, start, "motion", [constraint.starting, *constraint.waypoints]
@@ -401,3 +402,124 @@ def _clash(change: Change, what: str) -> Violation:
 def _fluents_in(node: Any) -> set[str]:
     """Return the names of all fluents that an expression mentions."""
     return {item.fluent().name for item in parts_of(node) if item.is_fluent_exp()}
+
+
+# ------------------------------------------------------------------ quality metrics
+
+
+def evaluate_metric(metric: Any, timeline: StateTimeline) -> Value:
+    """Return the value of ``metric``: the makespan is the latest end of a present activity; values
+    of fluents and goals are those after all effects.
+    """
+    for objective in parts("objectives").values():
+        if type(metric) is objective.metric:
+            return objective.judged(metric, timeline)
+    for kind, value in _VALUES.items():
+        if isinstance(metric, kind):
+            return value(metric, timeline)
+    raise UnsupportedError(f"the metric '{metric}' has no meaning for schedules")
+
+
+def _final(timeline: StateTimeline, owner: str | None = None) -> Reader:
+    """Return what reads expressions after all effects."""
+    return reader_at(timeline, timeline.horizon + 1, Reading.LATER, owner)
+
+
+def _of_costs(metric: MinimizeCosts, timeline: StateTimeline) -> Value:
+    """Return what is minimised of costs: infinite, where a limited one is above its limit."""
+    told = [_sum(costs, timeline) for costs in map(metric.of_rank, range(len(metric.limits) + 1))]
+    over = any(value > most for value, most in zip(told, metric.limits, strict=False))
+    return math.inf if over else told[-1]
+
+
+def _sum(costs: Iterable[Cost], timeline: StateTimeline) -> Value:
+    return plain(sum(value for _, value in _terms(costs, timeline)))
+
+
+def _terms(costs: Iterable[Cost], timeline: StateTimeline) -> Iterator[tuple[str, Value]]:
+    """Yield each cost that counts, by its term: weighted values after all effects, and the largest
+    of those sums that are shares.
+    """
+    shares: dict[str, dict[str, Value]] = {}
+    for cost in costs:
+        if cost.activity is None or cost.activity in timeline.decisions.times:
+            value = _final(timeline, cost.activity).value(cost.node)
+            if cost.node.type.is_bool_type():  # what an absent activity leaves open does not hold
+                value = int(value is True)
+            worth = cost.weight * (max(0, value) if cost.positive else value)
+            if cost.share:
+                sums = shares.setdefault(cost.term, {})
+                sums[cost.share] = sums.get(cost.share, 0) + worth
+            else:
+                yield cost.term, plain(worth)
+    yield from ((term, plain(max(0, *sums.values()))) for term, sums in shares.items())
+
+
+def _costs(metric: Any, timeline: StateTimeline) -> Iterator[Value]:
+    """Yield what each present activity costs, by fluents as they were at first."""
+    if metric.default is None:
+        raise UnsupportedError(f"the metric '{metric}' says not what an activity costs: by default")
+    for name in timeline.decisions.times:
+        yield Reader(timeline.decisions, timeline.initial, name).value(metric.default)
+
+
+def _goals(metric: Any, timeline: StateTimeline) -> Value:
+    """Return what the goals that are reached in the end are worth."""
+    final = _final(timeline)
+    return plain(sum(gain for goal, gain in metric.goals.items() if final.value(goal) is True))
+
+
+def _timed_goals(metric: Any, timeline: StateTimeline) -> Value:
+    """Return what the goals are worth that hold all through their times."""
+    reached = (
+        gain
+        for (interval, goal), gain in metric.goals.items()
+        if holds_throughout(interval, goal, timeline, Reading.LATER)
+    )
+    return plain(sum(reached))
+
+
+def _at_end(metric: Any, timeline: StateTimeline) -> Value:
+    return _final(timeline).value(metric.expression)
+
+
+_VALUES: Mapping[Any, Callable[[Any, StateTimeline], Value]] = {
+    metrics.MinimizeMakespan: lambda _, timeline: timeline.decisions.makespan,
+    MinimizeCosts: _of_costs,
+    metrics.MinimizeExpressionOnFinalState: _at_end,
+    metrics.MaximizeExpressionOnFinalState: _at_end,
+    metrics.Oversubscription: _goals,
+    metrics.TemporalOversubscription: _timed_goals,
+    metrics.MinimizeActionCosts: lambda metric, timeline: plain(sum(_costs(metric, timeline))),
+}
+"""Values by the kind of metric."""
+
+
+def terms_of(problem: Any, plan: Any) -> dict[str, Value]:
+    """Return what a schedule costs by term, where the problem's metric is a sum of costs."""
+    metric = problem.quality_metrics[0]
+    found = dict.fromkeys((cost.term for cost in metric.costs), 0)
+    timeline = _timeline_of(problem, plan)
+    # shares of a term are compared within a rank: one sum at a time
+    for costs in map(metric.of_rank, range(len(metric.ranks))):
+        for term, value in _terms(costs, timeline):
+            found[term] = plain(found[term] + value)
+    return found
+
+
+def ranked(problem: Any, plan: Any) -> list[Value]:
+    """Return what a schedule costs by rank, where the problem's metric is a sum of costs."""
+    metric, timeline = problem.quality_metrics[0], _timeline_of(problem, plan)
+    return [_sum(metric.of_rank(number), timeline) for number, _ in enumerate(metric.ranks)]
+
+
+def value_of(problem: Any, plan: Any) -> Value:
+    """Return the value of the problem's (only) metric for a schedule."""
+    return evaluate_metric(problem.quality_metrics[0], _timeline_of(problem, plan))
+
+
+def _timeline_of(problem: Any, plan: Any) -> StateTimeline:
+    decisions, wrong = read_decisions(problem, plan)
+    if decisions is None:
+        raise ProblemError(f"this is no schedule of the problem: {wrong[0]}")
+    return build_timeline(problem, decisions)

@@ -22,14 +22,15 @@ import shapely
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.model.arrays import BoolArray, FloatArray
 from up_samp.validation.collisions import (
+    BlockedMap,
     JudgedShape,
     Track,
     first_contact,
     hits_body,
     hits_map,
     placed,
+    rotations,
 )
-from up_samp.validation.maps import BlockedMap
 
 _EDGES = ((0, 1), (1, 2), (2, 0))
 
@@ -86,15 +87,9 @@ def load_solid(name: str, file: str | None) -> Solid:
 
 
 # --------------------------------------------------------------------------------- motion
-def matrices(quaternions: FloatArray) -> FloatArray:
-    """Return the rotation matrices (k, 3, 3) of quaternions (k, 4), x y z w, of any length."""
-    x, y, z, w = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), -1, 0)
+def matrix(pose: FloatArray) -> FloatArray:
+    """Return the rotation matrix (3, 3) of a pose (7,)."""
+    return np.asarray(rotations(pose[3:]).as_matrix())
 
 
 # ------------------------------------------------------------------------------- distances
@@ -163,7 +158,7 @@ def triangle_distances(p: FloatArray, q: FloatArray) -> FloatArray:
 
 def mesh_distance(a: Solid, pose_a: FloatArray, b: Solid, pose_b: FloatArray) -> float:
     """Return the distance of two meshes' surfaces at poses (7,), 0 where they meet."""
-    turn_a, turn_b = matrices(pose_a[None, 3:])[0], matrices(pose_b[None, 3:])[0]
+    turn_a, turn_b = matrix(pose_a), matrix(pose_b)
     # everything in the frame of b
     turn, shift = turn_b.T @ turn_a, turn_b.T @ (pose_a[:3] - pose_b[:3])
     mine, centres = a.triangles @ turn.T + shift, a.centres @ turn.T + shift
@@ -181,12 +176,10 @@ def mesh_distance(a: Solid, pose_a: FloatArray, b: Solid, pose_b: FloatArray) ->
 
 
 def inside(solid: Solid, pose: FloatArray, points: FloatArray) -> bool:
-    """Return whether the first of world ``points`` lies inside a closed mesh: a ray crosses the
-    surface an odd number of times.
-    """
+    """Return whether the first of ``points`` is in a closed mesh: rays leave it oddly often."""
     if not solid.closed:
         return False
-    here = (points[0] - pose[:3]) @ matrices(pose[None, 3:])[0]
+    here = (points[0] - pose[:3]) @ matrix(pose)
     far = here + _ASKEW * (4 * solid.radius + float(np.linalg.norm(here)))
     count = len(solid.triangles)
     start, end = np.tile(here, (count, 1)), np.tile(far, (count, 1))
@@ -195,8 +188,8 @@ def inside(solid: Solid, pose: FloatArray, points: FloatArray) -> bool:
 
 def swallowed(a: Solid, pose_a: FloatArray, b: Solid, pose_b: FloatArray) -> bool:
     """Return whether one of two bodies whose surfaces do not meet lies inside the other."""
-    corner_a = a.triangles[0] @ matrices(pose_a[None, 3:])[0].T + pose_a[:3]
-    corner_b = b.triangles[0] @ matrices(pose_b[None, 3:])[0].T + pose_b[:3]
+    corner_a = a.triangles[0] @ matrix(pose_a).T + pose_a[:3]
+    corner_b = b.triangles[0] @ matrix(pose_b).T + pose_b[:3]
     return inside(a, pose_a, corner_b) or inside(b, pose_b, corner_a)
 
 
@@ -207,31 +200,23 @@ class SpaceTrack(Track):
     """
 
     _turns: FloatArray = field(init=False, repr=False)
+    """From each sample to the next, as rotation vectors (n, 3); none after the last."""
 
     def __post_init__(self) -> None:
-        q = self.poses[:, 3:] / np.linalg.norm(self.poses[:, 3:], axis=1, keepdims=True)
-        # the same orientation has two quaternions: take those on one side
-        flips = np.where(np.sum(q[1:] * q[:-1], axis=1) < 0, -1.0, 1.0)
-        q[1:] *= np.cumprod(flips)[:, None]
-        object.__setattr__(self, "poses", np.hstack((self.poses[:, :3], q)))
-        dots = np.clip(np.sum(q[1:] * q[:-1], axis=1), -1.0, 1.0)
-        object.__setattr__(self, "_turns", np.append(np.arccos(dots), 0.0))
-        steps = np.linalg.norm(np.diff(self.poses[:, :3], axis=0), axis=1)
-        steps = steps + 2 * self.radius * self._turns[:-1]
-        object.__setattr__(self, "_travel", np.concatenate(([0.0], np.cumsum(steps))))
+        after = self.poses[[*range(1, len(self.poses)), -1]]
+        turns = (rotations(self.poses[:, 3:]).inv() * rotations(after[:, 3:])).as_rotvec()
+        object.__setattr__(self, "_turns", turns)
+        steps = np.linalg.norm(after[:, :3] - self.poses[:, :3], axis=1)
+        steps = steps + self.radius * np.linalg.norm(turns, axis=1)
+        object.__setattr__(self, "_travel", np.concatenate(([0.0], np.cumsum(steps[:-1]))))
 
     def poses_at(self, times: FloatArray) -> FloatArray:
         """Return the poses at ``times`` (k,), shape (k, 7)."""
         i, share = self._locate(times)
-        a, b = self.poses[i], self.poses[np.minimum(i + 1, len(self.poses) - 1)]
-        s = share[:, None]
-        turn = self._turns[i][:, None]
-        small = turn < 1e-6
-        sine = np.where(small, 1.0, np.sin(turn))
-        first = np.where(small, 1 - s, np.sin((1 - s) * turn) / sine)
-        second = np.where(small, s, np.sin(s * turn) / sine)
-        position = a[:, :3] + s * (b[:, :3] - a[:, :3])
-        return np.hstack((position, first * a[:, 3:] + second * b[:, 3:]))
+        s, here = share[:, None], rotations(self.poses[i, 3:])
+        step = self.poses[np.minimum(i + 1, len(self.poses) - 1), :3] - self.poses[i, :3]
+        turned = here * type(here).from_rotvec(s * self._turns[i])
+        return np.hstack((self.poses[i, :3] + s * step, turned.as_quat()))
 
 
 def track_of(times: FloatArray, poses: FloatArray, radius: float) -> Track:
@@ -242,7 +227,7 @@ def track_of(times: FloatArray, poses: FloatArray, radius: float) -> Track:
 
 def shadows(solid: Solid, pose: FloatArray) -> Any:
     """Return the shapely geometries that a mesh's triangles cover on the floor."""
-    corners = solid.triangles @ matrices(pose[None, 3:])[0].T + pose[:3]
+    corners = solid.triangles @ matrix(pose).T + pose[:3]
     return shapely.convex_hull(shapely.multipoints(corners[..., :2]))
 
 
@@ -250,9 +235,7 @@ def shadows(solid: Solid, pose: FloatArray) -> Any:
 def meets_map(
     shape: JudgedShape | Solid, track: Track, blocked: BlockedMap, low: float, high: float
 ) -> float | None:
-    """Return a time in [low, high] at which a moving body, or its shadow, meets the map's blocked
-    part.
-    """
+    """Return a time in [low, high] at which a moving body, or its shadow, meets the map."""
     if isinstance(shape, JudgedShape):
         _check_planar(track)
         return hits_map(shape, track, blocked, low, high)
