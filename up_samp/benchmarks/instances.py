@@ -13,21 +13,37 @@ stated by ``Fleet``.
 
 from __future__ import annotations
 
-import functools
 import importlib
-import itertools
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, cast
+from itertools import product
+from typing import Any, Literal, cast, get_args
 
 from unified_planning.model.motion import SchedulingMotionProblem
 
-from up_samp.benchmarks.published import Encoding, check_encoding
 from up_samp.model import ProblemError
 
 Build = Callable[..., SchedulingMotionProblem]
 """``build(encoding="fluents", metric=True)`` makes a fresh problem."""
+
+
+Encoding = Literal[
+    "fluents",
+    "no-fluents",
+    "fluents-uses",
+    "no-fluents-uses",
+    "fluents-sequential",
+    "no-fluents-sequential",
+]
+ENCODINGS: tuple[Encoding, ...] = get_args(Encoding)
+"""The forms in which the authors publish their problems (:mod:`up_samp.benchmarks.published`)."""
+
+
+def check_encoding(encoding: str, known: Sequence[str] = ENCODINGS) -> None:
+    """Raise :class:`ProblemError` where there is no such encoding."""
+    if encoding not in known:
+        raise ProblemError(f"encoding must be one of {tuple(known)}, not {encoding!r}")
 
 
 @dataclass(frozen=True)
@@ -93,59 +109,44 @@ _MEANINGS: dict[str, dict[str | None, Any]] = {
 """What a name says beside sizes, as its builder takes it."""
 
 
-def _listed(family: str) -> list[str]:
-    """Return the names of a family's instances."""
-    if family == "logistics":
-        drawn = itertools.product(("oc", "all"), ("o", "c"), (1, 2, 3), range(1, 9))
-        return [f"logistics-d{door}-{sides}-r{r}-i{i}" for sides, door, r, i in drawn]
-    if family == "jobshop":
-        sizes = itertools.product((1, 2, 4, 6), (1, 2, 3), (1, 2, 3))
-        return [f"jobshop-r{r}-j{j}-m{m}" for m, r, j in sizes]
-    return [form.format(*size) for form, sizes in _LISTS[family] for size in sizes]
-
-
-_Sizes = Iterable[tuple[int, ...]]
-_LISTS: dict[str, list[tuple[str, _Sizes]]] = {
+_NAMES: dict[str, list[str]] = {
+    "logistics": [
+        f"logistics-d{door}-{sides}-r{r}-i{i}"
+        for sides, door, r, i in product(("oc", "all"), ("o", "c"), (1, 2, 3), range(1, 9))
+    ],
+    "jobshop": [
+        f"jobshop-r{r}-j{j}-m{m}" for m, r, j in product((1, 2, 4, 6), (1, 2, 3), (1, 2, 3))
+    ],
     "logistics-large": [
-        ("logistics-dc-all-r{}-i{}", [*itertools.product(range(4, 11), (8, 12, 16))])
+        f"logistics-dc-all-r{r}-i{i}" for r, i in product(range(4, 11), (8, 12, 16))
     ],
     "jobshop-large": [
-        (
-            "jobshop-r{}-j{}-m{}",
-            [(3, 4, 4), (3, 6, 4), (4, 4, 4), (4, 4, 6), (4, 6, 6), (5, 6, 6)],
-        )
+        *("jobshop-r3-j4-m4", "jobshop-r3-j6-m4", "jobshop-r4-j4-m4"),
+        *("jobshop-r4-j4-m6", "jobshop-r4-j6-m6", "jobshop-r5-j6-m6"),
     ],
-    "navigation": [("navigation-r{}", [(robots,) for robots in range(2, 11)])],
+    "navigation": [f"navigation-r{r}" for r in range(2, 11)],
     "kitting": [
-        (
-            "kitting-r{}-k{}-p{}-d{}",
-            [(1, 1, 2, 2), (2, 1, 3, 2), (2, 2, 2, 2), (2, 2, 3, 2), (2, 2, 4, 4), (3, 3, 3, 4)],
-        )
+        *("kitting-r1-k1-p2-d2", "kitting-r2-k1-p3-d2", "kitting-r2-k2-p2-d2"),
+        *("kitting-r2-k2-p3-d2", "kitting-r2-k2-p4-d4", "kitting-r3-k3-p3-d4"),
     ],
-    "doors": [("doors-r{1}-d{0}", [*itertools.product((1, 2, 3), (1, 2, 3))])],
+    "doors": [f"doors-r{r}-d{d}" for d, r in product((1, 2, 3), (1, 2, 3))],
     "building": [
-        (f"building-{kind}-r{{}}-o{{}}{loads}", [(1, 4), (2, 6), (3, 8), (3, 12), (5, 20)])
-        for kind, loads in itertools.product(("rooms", "aisles"), ("", "-c2"))
+        f"building-{kind}-{sizes}{loads}"
+        for kind, loads, sizes in product(
+            ("rooms", "aisles"), ("", "-c2"), ("r1-o4", "r2-o6", "r3-o8", "r3-o12", "r5-o20")
+        )
     ],
     "warehouse": [
-        (
-            "warehouse-r{}-o{}",
-            [(2, 3), (3, 5), (5, 10), (10, 30), (20, 60), (50, 150), (50, 200)],
-        )
+        *("warehouse-r2-o3", "warehouse-r3-o5", "warehouse-r5-o10", "warehouse-r10-o30"),
+        *("warehouse-r20-o60", "warehouse-r50-o150", "warehouse-r50-o200"),
     ],
 }
-
-_FAMILIES = ("logistics", "jobshop", *_LISTS)
+"""The instances of each family, smallest settings first."""
 
 
 def families() -> tuple[str, ...]:
     """Return the names of the families (``paper`` is ``logistics`` and ``jobshop``)."""
-    return _FAMILIES
-
-
-@functools.cache
-def _instances(family: str) -> tuple[Instance, ...]:
-    return tuple(map(instance, _listed(family)))
+    return tuple(_NAMES)
 
 
 def instances(family: str) -> list[Instance]:
@@ -156,8 +157,8 @@ def instances(family: str) -> list[Instance]:
     :raises ProblemError: for an unknown family.
     """
     if family == "paper":
-        return [*_instances("logistics"), *_instances("jobshop")]
-    if family not in _FAMILIES:
-        known = ", ".join(("paper", *_FAMILIES))
+        return [*instances("logistics"), *instances("jobshop")]
+    if family not in _NAMES:
+        known = ", ".join(("paper", *_NAMES))
         raise ProblemError(f"there is no family {family!r}; there are {known}")
-    return list(_instances(family))
+    return [*map(instance, _NAMES[family])]

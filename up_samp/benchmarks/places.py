@@ -199,11 +199,9 @@ class FamilyFloor:
             if fault := self.fault(pose):
                 raise ProblemError(f"a robot cannot stand at {name} {pose}: {fault}")
         names, standing = list(poses), [outline(self.footprint, p) for p in poses.values()]
-        tree = shapely.STRtree(standing)
-        for i, name in enumerate(names):
-            for j in tree.query(standing[i].buffer(0.5), predicate="intersects"):
-                if i < j:
-                    raise ProblemError(f"{name} and {names[j]} are less than 0.5 m apart")
+        pairs = shapely.STRtree(standing).query(standing, predicate="dwithin", distance=0.5)
+        for i, j in pairs[:, pairs[0] < pairs[1]].T:
+            raise ProblemError(f"{names[i]} and {names[j]} are less than 0.5 m apart")
 
     def spot(
         self,

@@ -30,8 +30,14 @@ from typing import Any
 
 from tqdm import tqdm
 
-from up_samp.benchmarks.instances import Instance, families, instance, instances
-from up_samp.benchmarks.published import Encoding, check_encoding
+from up_samp.benchmarks.instances import (
+    Encoding,
+    Instance,
+    check_encoding,
+    families,
+    instance,
+    instances,
+)
 from up_samp.model import EngineError, ProblemError
 from up_samp.system import child
 from up_samp.system.child import die_with
@@ -73,7 +79,7 @@ class RunSpec:
 
     def __post_init__(self) -> None:
         check_encoding(self.encoding)
-        if self.timeout <= 0 or self.memory <= 0:
+        if min(self.timeout, self.memory) <= 0:
             raise ProblemError("a run needs a positive timeout (s) and memory limit (MB)")
 
     @property
@@ -245,11 +251,8 @@ def _judge(problem: Any, plan: Any) -> Record:
         "violations": [str(v) for v in verdict.violations[:5]],
         "seconds_validation": round(time.perf_counter() - began, 3),
     }
-    names = {a.name for a in plan.activities}
     times = {
-        a.name: (int(str(plan.get(a.start))), int(str(plan.get(a.end))))
-        for a in problem.activities
-        if a.name in names
+        a.name: (int(str(plan.get(a.start))), int(str(plan.get(a.end)))) for a in plan.activities
     }
     judged["makespan"] = max((end for _, end in times.values()), default=0)
     judged["sequential"] = _sequential(plan, times)

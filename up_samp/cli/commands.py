@@ -12,8 +12,7 @@ from unified_planning.engines import Engine
 from unified_planning.model import ProblemKind
 from unified_planning.model.motion import SchedulingMotionProblem
 
-from up_samp.benchmarks import logistics
-from up_samp.benchmarks.published import ENCODINGS
+from up_samp.benchmarks.instances import ENCODINGS
 from up_samp.cli.problems import (
     add_problem_arguments,
     find_problem,
@@ -209,6 +208,8 @@ def add_demo(parser: argparse.ArgumentParser) -> None:
 
 
 def _demo(args: argparse.Namespace) -> int:
+    from up_samp.benchmarks import logistics
+
     problem = logistics(
         robots=args.robots,
         items=args.items,

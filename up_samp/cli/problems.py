@@ -15,7 +15,7 @@ from unified_planning.exceptions import UPException
 from unified_planning.model.scheduling import SchedulingProblem
 
 from up_samp.benchmarks import instance
-from up_samp.benchmarks.published import ENCODINGS, Encoding
+from up_samp.benchmarks.instances import ENCODINGS, Encoding
 from up_samp.io import PlanDict
 from up_samp.io.precision import PRECISION
 from up_samp.model import ProblemError, SampError

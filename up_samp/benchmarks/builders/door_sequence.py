@@ -14,6 +14,7 @@ import random
 from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.shortcuts import Or
 
+from up_samp.benchmarks.instances import Encoding
 from up_samp.benchmarks.places import (
     DOWN,
     UP,
@@ -26,7 +27,7 @@ from up_samp.benchmarks.places import (
     drawn_name,
     outer_wall,
 )
-from up_samp.benchmarks.published import Encoding, Form, Manner
+from up_samp.benchmarks.published import Form, Manner
 
 HEIGHT, GAP = 30.0, 5.0
 """Height of the building, and width of the gap that a door closes (m)."""

@@ -22,6 +22,7 @@ from unified_planning.model.motion import ConfigurationObject, SchedulingMotionP
 from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import GE, And, Implies
 
+from up_samp.benchmarks.instances import Encoding
 from up_samp.benchmarks.places import (
     DATA,
     DOWN,
@@ -37,7 +38,7 @@ from up_samp.benchmarks.places import (
     drawn_name,
     outer_wall,
 )
-from up_samp.benchmarks.published import Encoding, Form, Manner
+from up_samp.benchmarks.published import Form, Manner
 
 MOST = {"robots": 5, "jobs": 6, "machines": 6}
 """How large a job shop may be."""
@@ -184,9 +185,7 @@ Places = list[ConfigurationObject]
 def shop_form(
     title: str, data: Shop, encoding: Encoding, metric: bool
 ) -> tuple[Form, Places, Places, Places]:
-    """Return a shop's problem with robots and doors, and the places of starts, machines and
-    buttons; nothing happens in it yet.
-    """
+    """Return a shop's problem, without activities, and its starts, machines and buttons."""
     form = Form(title, Manner(data.floor, guess=1.0), encoding, metric)
     starts = [form.place(f"robot{r}_start", pose) for r, pose in enumerate(data.starts)]
     for start in starts:

@@ -19,6 +19,7 @@ from unified_planning.model.motion import ConfigurationObject, MotionModels, Sch
 from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import GE, LE, BoolType, Iff, Implies, Not, Or, Plus
 
+from up_samp.benchmarks.instances import Encoding
 from up_samp.benchmarks.places import (
     DOWN,
     UP,
@@ -31,7 +32,7 @@ from up_samp.benchmarks.places import (
     drawn_name,
     outer_wall,
 )
-from up_samp.benchmarks.published import Encoding, Form, Manner
+from up_samp.benchmarks.published import Form, Manner
 from up_samp.model import ProblemError
 
 HALL = (30.0, 30.0)

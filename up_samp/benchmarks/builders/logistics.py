@@ -19,6 +19,7 @@ from unified_planning.model.motion import ConfigurationObject, SchedulingMotionP
 from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import FALSE, LE, TRUE, And, BoolType, Or
 
+from up_samp.benchmarks.instances import Encoding
 from up_samp.benchmarks.places import (
     DOWN,
     UP,
@@ -30,7 +31,7 @@ from up_samp.benchmarks.places import (
     drawn_name,
     outer_wall,
 )
-from up_samp.benchmarks.published import HANDLING, Encoding, Form, Manner, PublishedRobot
+from up_samp.benchmarks.published import HANDLING, Form, Manner, PublishedRobot
 from up_samp.model import ProblemError
 
 MOST = {"robots": 10, "items": 16}

@@ -13,6 +13,7 @@ import random
 
 from unified_planning.model.motion import MotionModels, SchedulingMotionProblem
 
+from up_samp.benchmarks.instances import Encoding
 from up_samp.benchmarks.places import (
     FamilyFloor,
     Pose,
@@ -21,7 +22,7 @@ from up_samp.benchmarks.places import (
     drawn_name,
     outer_wall,
 )
-from up_samp.benchmarks.published import Encoding, Form, Manner
+from up_samp.benchmarks.published import Form, Manner
 
 HALL = (40.0, 12.0)
 """Width and height of one hall, m."""

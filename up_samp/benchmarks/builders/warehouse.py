@@ -142,7 +142,7 @@ def warehouse(
     """Build a warehouse problem (``encoding``: see the module)."""
     if encoding not in WAREHOUSE_ENCODINGS:
         raise ProblemError(f"encoding must be one of {WAREHOUSE_ENCODINGS}, not {encoding!r}")
-    if robots < 1 or orders < 1:
+    if min(robots, orders) < 1:
         raise ProblemError(f"a warehouse needs robots and orders, not {robots} and {orders}")
     plan = store(robots)
     form = "compact-" if encoding == "compact" else ""
