@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from up_samp.export.steps import motions_of, quaternion, robots_of
+from up_samp.export.steps import quaternion, robots_of
 from up_samp.geometry.maps import OccupancyGrid, load_map
 from up_samp.io import PlanDict
 from up_samp.io.floors import heights_of, map_at, maps_in_turn, maps_of, named_maps
@@ -134,10 +134,10 @@ def _grid(grid: OccupancyGrid, placed: PlacedMap) -> Message:
 
 def _path(plan: PlanDict, robot: str, maps: Sequence[tuple[float, int]]) -> Message:
     heights = heights_of(plan)
+    rows = (row for m in plan["motions"] if m["object"] == robot for row in m["samples"])
     poses = [
         {"header": _header(t), "pose": _pose(*flat(pose), heights[map_at(maps, t)])}
-        for motion in motions_of(plan, robot)
-        for t, *pose in motion["samples"]
+        for t, *pose in sorted(rows)
     ]
     return {"header": _header(0.0), "poses": poses}
 

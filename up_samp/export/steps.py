@@ -18,7 +18,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import shapely
 
 from up_samp.execution.files import dependencies_from_plan
 from up_samp.execution.state import told_places
@@ -103,25 +102,10 @@ def quaternion(yaw: float) -> tuple[float, float, float, float]:
     return 0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2)
 
 
-def simplified(points: FloatArray, tolerance: float) -> FloatArray:
-    """Return a part of the points (n, 2) whose polyline stays within ``tolerance`` (m) of all.
-
-    Douglas and Peucker, 1973. The first and the last point stay.
-    """
-    line = shapely.LineString(points).simplify(tolerance, preserve_topology=False)
-    return np.asarray(line.coords, dtype=np.float64)
-
-
 def robots_of(plan: PlanDict) -> list[str]:
     """Return who drives in the plan, in the order of its objects."""
     driven = {m["object"] for m in plan["motions"]}
     return [o["name"] for o in plan["objects"] if o["name"] in driven]
-
-
-def motions_of(plan: PlanDict, robot: str) -> Sequence[dict[str, Any]]:
-    """Return what ``robot`` drives, in time order."""
-    own = [m for m in plan["motions"] if m["object"] == robot]
-    return sorted(own, key=lambda m: float(m["samples"][0][0]))
 
 
 @dataclass(frozen=True)
@@ -310,14 +294,5 @@ def _between(
     """Return the rows of a piece from progress ``low`` to ``high``, both ends included."""
     here = np.interp(piece[:, 0], times, progress)
     inner = piece[(here > low + PRECISION.near) & (here < high - PRECISION.near)]
-    ends = [_row(piece, here, s) for s in (low, high)]
-    return np.vstack([ends[0], inner, ends[1]])
-
-
-def _row(piece: FloatArray, progress: FloatArray, s: float) -> FloatArray:
-    """Return the row of a piece at which the progress is ``s`` (linear between samples)."""
-    k = int(np.clip(np.searchsorted(progress, s), 1, len(progress) - 1))
-    gap = progress[k] - progress[k - 1]
-    share = 0.0 if gap <= 0 else float(np.clip((s - progress[k - 1]) / gap, 0.0, 1.0))
-    row: FloatArray = piece[k - 1] + share * (piece[k] - piece[k - 1])
-    return row
+    first, last = np.column_stack([np.interp((low, high), here, column) for column in piece.T])
+    return np.vstack([first, inner, last])

@@ -138,9 +138,7 @@ def _validator(part: str) -> Callable[[Any], Any]:
 
 
 def shape_fault(value: Any, part: str = "") -> str:
-    """Return, in words, where a plan (or one of its fields, a ``part``) is not as the schema says
-    first (``""``: nowhere).
-    """
+    """Return where a plan (or a ``part``, one of its fields) breaks the schema first, in words."""
     from fastjsonschema import JsonSchemaValueException
 
     try:

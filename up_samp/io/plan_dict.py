@@ -175,9 +175,7 @@ def _plain(value: float | None) -> float | int | None:
 
 
 def described_maps(snapshot: Snapshot) -> list[dict[str, Any]]:
-    """Return the problem's maps as a plan file describes them: ``frame`` and ``height`` only where
-    they are not 0.
-    """
+    """Return the maps as plan files have them: ``frame`` and ``height`` where they are not 0."""
 
     def described(placed: PlacedMap) -> dict[str, Any]:
         frame = placed.frame

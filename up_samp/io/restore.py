@@ -214,9 +214,7 @@ Said = tuple[str, Mapping[str, Any]]
 
 
 def _compared(stated: Sequence[Said], own: Sequence[Said]) -> Iterator[str]:
-    """Yield which entries are stated too often, unknown, or left out, and which fields of theirs
-    are not as they should be.
-    """
+    """Yield which entries are stated twice, unknown, or left out, and which fields differ."""
     have, known = Counter(w for w, _ in stated), dict(own)  # the problem has each once
     for what in dict.fromkeys([*have, *known]):
         if what not in known:

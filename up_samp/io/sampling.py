@@ -26,14 +26,10 @@ def trajectory_rows(trajectory: Trajectory) -> list[list[float]]:
     for i in range(len(times)):
         if i > 0:
             _fill_gap(rows, trajectory, i)
-        if 0 < i < len(times) - 1 and _same(poses[i - 1], poses[i], poses[i + 1]):
+        if 0 < i < len(times) - 1 and (poses[[i - 1, i + 1]] == poses[i]).all():
             continue
         _append(rows, float(times[i]), poses[i])
     return rows
-
-
-def _same(before: np.ndarray, here: np.ndarray, after: np.ndarray) -> bool:
-    return bool(np.array_equal(before, here) and np.array_equal(here, after))
 
 
 def _fill_gap(rows: list[list[float]], trajectory: Trajectory, i: int) -> None:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PIL import Image
 
 from up_samp.model.arrays import FloatArray
 from up_samp.plotting.background import ground_of
@@ -137,7 +138,9 @@ def animation_html(
     laid = ground_of(with_short_names(plan))
     plan = laid.plan
     buffer = io.BytesIO()
-    laid.image(1600).quantize(32).save(buffer, format="PNG", optimize=True)
+    picture = Image.fromarray(laid.pixels, "RGB")
+    picture.thumbnail((1600, 1600), Image.Resampling.BOX)
+    picture.quantize(32).save(buffer, format="PNG", optimize=True)
     scene = scene_of(plan)
     scene["places"] = [
         {"name": " / ".join(names), "at": [round(v, 3) for v in pose[:2]]}

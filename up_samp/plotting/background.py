@@ -126,12 +126,6 @@ class Backdrop:
     shifts: Mapping[float, Frame] = field(default_factory=dict)
     floors: tuple[FloorPanel, ...] = ()
 
-    def image(self, widest: int) -> Image.Image:
-        """Return the picture, at most ``widest`` pixels wide and high."""
-        picture = Image.fromarray(self.pixels, "RGB")
-        picture.thumbnail((widest, widest), Image.Resampling.BOX)
-        return picture
-
     def places(self, given: Mapping[str, tuple[float, ...]] | None) -> dict[str, Sequence[float]]:
         """Return named poses, in the plane or in space, where they are drawn."""
         found: dict[str, Sequence[float]] = {}

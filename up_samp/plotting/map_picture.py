@@ -55,23 +55,20 @@ def plot_map(
     ax: Axes | None = None,
     *,
     places: Mapping[str, tuple[float, ...]] | None = None,
-    footprint_every: float | None = None,
 ) -> Axes:
     """Draw the map, every object's path, and footprints where motions start, end and on the way.
 
     ``plan`` is a plan dictionary. ``places`` maps names to poses (:func:`places_of`): those where a
-    motion starts or ends are labelled. ``footprint_every`` is the distance in m between footprints
-    along a path (default: so that they do not clutter). Objects that are changed rather
-    than driven (doors) are solid as they are at first and outlined as they become. Several floors
-    have a panel each. Returns the axes (of the lowest floor); without ``ax``, those of a new
-    figure; with it, panels take its place.
+    motion starts or ends are labelled. What is changed rather than driven (doors) is solid as it is
+    at first and outlined as it becomes. Several floors have a panel each. Returns the axes (of the
+    lowest floor); without ``ax``, those of a new figure; with it, panels take its place.
     """
     laid = ground_of(with_short_names(plan))
     plan, panels = laid.plan, map_panels(laid, ax, title_of(laid.plan))
     tracks = tracks_of(plan)
     movers, still = ([t for t in tracks if bool(t.moves) is moves] for moves in (True, False))
     left, right, bottom, top = laid.floors[0].extent
-    step = footprint_every or _spacing(movers, max(right - left, top - bottom))
+    step = _spacing(movers, max(right - left, top - bottom))
     rules = rules_of(plan)
     _legend(panels, movers, still, rules)
     for panel in panels:

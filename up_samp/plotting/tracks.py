@@ -70,16 +70,11 @@ class ObjectTrack:
         return pose
 
     def outline(self, pose: tuple[float, float, float]) -> FloatArray:
-        """Return the footprint's corners (n, 2) at a pose, m, world frame."""
-        return placed(self.footprint, pose)
-
-
-def placed(
-    footprint: Sequence[tuple[float, float]], pose: tuple[float, float, float]
-) -> FloatArray:
-    """Return the corners (n, 2) of a footprint at a pose; a small square where it has none."""
-    corners = footprint or ((-0.2, -0.2), (0.2, -0.2), (0.2, 0.2), (-0.2, 0.2))
-    return Frame(*pose).points(corners)
+        """Return the footprint's corners (n, 2) at a pose, m, world frame; a small square where it
+        has none.
+        """
+        square = ((-0.2, -0.2), (0.2, -0.2), (0.2, 0.2), (-0.2, 0.2))
+        return Frame(*pose).points(self.footprint or square)
 
 
 def flat(row: Sequence[float]) -> tuple[float, float, float]:

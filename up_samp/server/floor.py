@@ -407,9 +407,7 @@ def add_robots(
         wait: float = 5.0,
         _: dict[str, Any] = Depends(driver),  # noqa: B008
     ) -> dict[str, Any]:
-        """Return what a robot is to do, once that is not number ``after`` any more, or after
-        ``wait`` s.
-        """
+        """Return what a robot is to do: once it is not number ``after``, or after ``wait`` s."""
         looks = round(min(max(wait, 0.0), 30.0) / often)
         while (found := told(name, robots.command))["number"] == after and looks > 0:
             looks -= 1

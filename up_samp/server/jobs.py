@@ -108,7 +108,7 @@ class Job:
     """What the best plan's event said."""
     end: Event | None = None
     group: ProcessGroup | None = None
-    work: Future[None] | None = None
+    work: Future[None] = field(default_factory=Future)
     """What waits for its turn in the queue's pool."""
     lock: Any = field(default_factory=threading.RLock)
 
@@ -188,9 +188,7 @@ class JobQueue:
             raise queue.Full(f"{waiting} jobs are waiting already")
 
     def submit(self, kind: str, body: bytes, seconds: float) -> Job:
-        """Queue a job (``kind``: plan, validate) and return it; raise :class:`queue.Full` where too
-        many wait.
-        """
+        """Queue a job (``kind``: plan, validate); raise :class:`queue.Full` if too many wait."""
         job = Job(kind, body, min(seconds, self.limits.seconds))
         with self._lock:
             self._check_room()
@@ -237,8 +235,7 @@ class JobQueue:
         with job.lock:
             group = None if job.state in ENDED else job.group
             job.ended(JobState.STOPPED)
-        if job.work is not None:
-            job.work.cancel()
+        job.work.cancel()
         if group is not None:
             group.end()
 

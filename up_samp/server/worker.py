@@ -69,9 +69,7 @@ class Teller:
 
 
 def read_problem(request: ProblemUpload) -> tuple[Any, dict[str, float]]:
-    """Return the UP problem of a request and its settings; its map's files are written into the
-    current folder.
-    """
+    """Return a request's UP problem and settings; its map is written into the current folder."""
     from up_samp.fleet.build import build_problem
 
     records = records_of(request)
