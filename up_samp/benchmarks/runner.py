@@ -300,6 +300,9 @@ if __name__ == "__main__":
     main()
 
 
+# ------------------ Sweeps
+
+
 RECORDS = "runs.jsonl"
 """Name of the file of records in a sweep's folder."""
 

@@ -28,6 +28,8 @@ from up_samp.io.sampling import in_formation
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.model.arrays import FloatArray
 
+# ------------------ What robots drive, piece by piece, without a stop in between
+
 
 @dataclass(frozen=True, eq=False)
 class PathPiece:
@@ -106,6 +108,9 @@ def robots_of(plan: PlanDict) -> list[str]:
     """Return who drives in the plan, in the order of its objects."""
     driven = {m["object"] for m in plan["motions"]}
     return [o["name"] for o in plan["objects"] if o["name"] in driven]
+
+
+# ------------------ Steps, and what each has to wait for
 
 
 @dataclass(frozen=True)

@@ -85,6 +85,9 @@ def _write(path: Path, header: Sequence[str], rows: Iterable[Sequence[Cell]]) ->
     return path
 
 
+# ------------------ States of an Open-RMF fleet
+
+
 def export_states(plan: PlanDict, folder: Path) -> list[Path]:
     """Write ``fleet_states.jsonl``: a line for every second, and one for the end."""
     from up_samp.plotting.rows import rows_of  # matplotlib is slow

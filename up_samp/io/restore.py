@@ -103,6 +103,9 @@ def _whole(entry: dict[str, Any], key: str) -> int:
     return int(value)
 
 
+# ------------------ Where a plan file contradicts the problem
+
+
 _CLOSE = 2.0 * 10.0**-PRECISION.decimals
 """Two numbers that differ by this much may be one, rounded twice."""
 

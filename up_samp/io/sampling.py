@@ -116,6 +116,9 @@ def _after(
     return x + chord * math.cos(ahead), y + chord * math.sin(ahead), theta + 2 * half
 
 
+# ------------------ What travels with others, and who drives along by itself
+
+
 def ridden(plan: Mapping[str, Any], ride: dict[str, Any]) -> FloatArray:
     """Return rows ``[t, x, y, theta]`` (n, 4) of what travels: as its carrier does, at its place in
     that one's frame.

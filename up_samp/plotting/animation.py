@@ -124,7 +124,7 @@ def _needed(table: FloatArray, near: float) -> list[int]:
     return sorted(keep)
 
 
-# ------------------ A plan as an animation: a web page that needs nothing else, or a GIF
+# ------------------ A plan as an animation: a web page that needs nothing else
 
 
 def animation_html(

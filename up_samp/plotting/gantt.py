@@ -195,6 +195,9 @@ def _mark_ends(ax: Axes, plan: dict[str, Any]) -> None:
         ax.axvline(bound * unit, color=INK, lw=1.2, ls=":", zorder=4)
 
 
+# ------------------ What was planned beside what happened
+
+
 WAIT = "#C1121F"
 """Colour of waiting for somebody."""
 

@@ -387,6 +387,9 @@ def _robot(day: Operation, name: str) -> dict[str, Any]:
     }
 
 
+# ------------------ The robots' side: what each is to do now, its path, and what it tells
+
+
 def add_robots(
     app: FastAPI, robots: RemoteRobots, driver: Callable[[Request], Any], often: float
 ) -> None:

@@ -328,6 +328,9 @@ def _why(code: int | None) -> str:
     return f"the job's process ended with exit code {code} and without a result"
 
 
+# ------------------ The desk: what clients send is looked at, and plans are drawn
+
+
 class Desk:
     """Answers one question at a time. Use it as a context: leaving it ends its process."""
 

@@ -315,9 +315,8 @@ def build_timeline(problem: Any, decisions: Decisions) -> StateTimeline:
     """Let all effects of present activities and of the problem happen, in order of time."""
     timeline = StateTimeline(problem, decisions)
     for node, value in problem.explicit_initial_values.items():
-        timeline._initial[(node.fluent().name, tuple(constant(a) for a in node.args))] = constant(
-            value
-        )
+        key = node.fluent().name, tuple(map(constant, node.args))
+        timeline._initial[key] = constant(value)
     events = _events(problem, decisions)
     timeline.horizon = max([decisions.makespan, *(e.time for e in events)], default=0)
     by_time: dict[int, list[_Event]] = defaultdict(list)
