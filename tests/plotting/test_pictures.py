@@ -26,7 +26,7 @@ from up_samp.plotting import (
 )
 from up_samp.plotting.animation import key_frames, scene_of
 from up_samp.plotting.background import ground_of
-from up_samp.plotting.rows import rows_of, short_names
+from up_samp.plotting.gantt import rows_of, short_names
 from up_samp.plotting.style import PALETTE, color_of, ink_on, mixed, rgb
 from up_samp.plotting.tracks import horizon, tracks_of
 

@@ -183,7 +183,7 @@ def _transforms(plan: PlanDict, tracks: list[ObjectTrack]) -> Iterator[Timed]:
 
 def _activities(plan: PlanDict) -> Iterator[Timed]:
     """Yield the names of what goes on, above the robots that do it, whenever that changes."""
-    from up_samp.plotting.rows import rows_of
+    from up_samp.plotting.gantt import rows_of
 
     rows = [r for r in rows_of(plan) if r.track is not None]
     times = sorted({t for r in rows for b in r.bars for t in (b.start, b.end)})

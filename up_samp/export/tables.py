@@ -21,7 +21,7 @@ from up_samp.io.precision import PRECISION
 from up_samp.io.sampling import in_formation
 
 if TYPE_CHECKING:
-    from up_samp.plotting.rows import Row
+    from up_samp.plotting.gantt import Row
 
 Cell = str | float
 
@@ -90,7 +90,7 @@ def _write(path: Path, header: Sequence[str], rows: Iterable[Sequence[Cell]]) ->
 
 def export_states(plan: PlanDict, folder: Path) -> list[Path]:
     """Write ``fleet_states.jsonl``: a line for every second, and one for the end."""
-    from up_samp.plotting.rows import rows_of  # matplotlib is slow
+    from up_samp.plotting.gantt import rows_of  # matplotlib is slow
 
     end = plan["makespan"] * plan["seconds_per_unit"]
     rows = {row.name: row for row in rows_of(plan) if row.track is not None}

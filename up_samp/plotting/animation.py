@@ -18,8 +18,7 @@ from PIL import Image
 
 from up_samp.model.arrays import FloatArray
 from up_samp.plotting.background import ground_of
-from up_samp.plotting.gantt import title_of
-from up_samp.plotting.rows import Row, rows_of
+from up_samp.plotting.gantt import Row, rows_of, title_of
 from up_samp.plotting.style import (
     AREA_FILL,
     FIXTURE,
