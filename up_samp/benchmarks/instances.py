@@ -80,8 +80,8 @@ def instance(name: str) -> Instance:
     :raises ProblemError: if the name is none.
     """
     family = name.partition("-")[0]
-    form, module, builder = _FORMS.get(family, ("", "", ""))
-    found = re.fullmatch(rf"{family}{form}(-s(?P<seed>\d+))?", name) if builder else None
+    form, module, builder = _FORMS.get(family, ("(?!)", "", ""))  # what nothing is like
+    found = re.fullmatch(rf"{re.escape(family)}{form}(-s(?P<seed>\d+))?", name)
     if found is None:
         raise ProblemError(f"there is no instance {name!r}; `instances(family)` lists them")
     told = {key: _MEANINGS.get(key, {}).get(word, word) for key, word in found.groupdict().items()}

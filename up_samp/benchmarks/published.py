@@ -242,7 +242,7 @@ class Form(ProblemOnMap):
         dynamic = self._obstacles([r for r in self.robots if r is not robot])
         a.add_motion_constraint(ActivityWaypoints(robot.body, origin, [to], static, dynamic))
         if robot.at is not None:
-            self.needs_at_start(a, Equals(robot.at, origin))
+            a.add_condition(at_start(a), Equals(robot.at, origin))
             a.add_effect(self.done(a), robot.at, to)
         robot.moves.append((a, origin, to))
         robot.stands.append((a, [origin]))
@@ -265,11 +265,6 @@ class Form(ProblemOnMap):
         """Return when the effects of ``a`` happen."""
         return Timing(-self.manner.early, a.end)
 
-    @staticmethod
-    def needs_at_start(a: Activity, what: Any) -> None:
-        """Let ``a`` need ``what`` at its start."""
-        a.add_condition(at_start(a), what)
-
     def occupy(self, robot: PublishedRobot, a: Activity) -> None:
         """Let ``a`` be among the things that ``robot`` does one at a time."""
         robot.busy.append(a)
@@ -289,7 +284,7 @@ class Form(ProblemOnMap):
     ) -> None:
         """Let ``robot`` do ``a`` at one of ``places``."""
         if robot.at is not None:
-            self.needs_at_start(a, Or([Equals(robot.at, p) for p in places]))
+            a.add_condition(at_start(a), Or([Equals(robot.at, p) for p in places]))
         robot.stands.append((a, places))
         self.occupy(robot, a)
 

@@ -6,7 +6,7 @@ import re
 import statistics
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from up_samp.benchmarks.instances import instances
 from up_samp.benchmarks.runner import Record, RunSpec
@@ -110,7 +110,8 @@ def table_one(records: Sequence[Record]) -> str:
         repeats = len({r["number"] for r in ours})
         parts = _by(ours, lambda r: group_of[r["instance"]])
         cells = [_solved_cell(parts.get(group, ()), repeats) for group in GROUPS]
-        mean = _mean(r["seconds"] for r in ours if counts(r))
+        seconds = [r["seconds"] for r in ours if counts(r)]
+        mean = f"{statistics.fmean(seconds):.3g}" if seconds else "-"
         rows.append([title, *cells, _solved_cell(ours, repeats), mean])
     return _table(rows)
 
@@ -191,11 +192,6 @@ def _reason(record: Record) -> str:
     else:
         text = record.get("error") or "; ".join(record.get("messages", []))
     return " ".join(text.split()).replace("|", "\\|")[:200]
-
-
-def _mean(values: Any) -> str:
-    found = list(values)
-    return f"{statistics.fmean(found):.3g}" if found else "-"
 
 
 def _table(rows: Sequence[Sequence[str]]) -> str:

@@ -388,7 +388,8 @@ def run_sweep(
     :param progress: show a bar on stderr.
     """
     out.mkdir(parents=True, exist_ok=True)
-    _mend(out / RECORDS)
+    if (out / RECORDS).exists():  # a last line that is half written goes; its run is done again
+        os.truncate(out / RECORDS, (out / RECORDS).read_bytes().rfind(b"\n") + 1)
     known = {r["key"]: r for r in read_records(out)}
     todo = [s for s in specs if s.key not in known]
     bar = tqdm(total=len(specs), initial=len(specs) - len(todo), disable=not progress, unit="run")
@@ -408,13 +409,6 @@ def run_sweep(
                 group.end()
             raise
     return [known[s.key] for s in specs]
-
-
-def _mend(path: Path) -> None:
-    """Cut off a last line that a killed sweep left half written; its run is done again."""
-    if path.exists():
-        content = path.read_bytes()
-        os.truncate(path, content.rfind(b"\n") + 1)
 
 
 def describe(record: Mapping[str, Any]) -> str:

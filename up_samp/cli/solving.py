@@ -273,7 +273,9 @@ def _show(
     tell: Callable[[PlanDict], list[str]],
 ) -> int:
     if result.plan is None:
-        _explain_failure(problem, result, seconds)
+        print(f"{problem.name}: no plan, {result.status.name} after {seconds:.1f} s")
+        for message in result.log_messages or ():
+            print(f"  {message.message}")
         return 1
     with uninterrupted():  # first of all the file: whatever comes may fail
         plan = result_to_dict(problem, result)
@@ -369,11 +371,3 @@ def _summary(plan: dict[str, Any], result: PlanGenerationResult, seconds: float)
         rounds = metrics["rounds"]
         parts.append(f"{rounds} round{'' if rounds == '1' else 's'}")
     return ", ".join(parts)
-
-
-def _explain_failure(
-    problem: SchedulingProblem, result: PlanGenerationResult, seconds: float
-) -> None:
-    print(f"{problem.name}: no plan, {result.status.name} after {seconds:.1f} s")
-    for message in result.log_messages or []:
-        print(f"  {message.message}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -93,8 +93,10 @@ def tracks_of(plan: dict[str, Any]) -> list[ObjectTrack]:
     tracks = []
     for entry in plan["objects"]:
         name = entry["name"]
-        legs = [_leg(m) for m in plan["motions"] if m["object"] == name]
-        legs += [_ridden(plan, ride) for ride in plan.get("rides", ()) if ride["object"] == name]
+        own = [m for m in plan["motions"] if m["object"] == name]
+        rides = [ride for ride in plan.get("rides", ()) if ride["object"] == name]
+        legs = [_leg(m["activity"], m["samples"]) for m in own]
+        legs += [_leg(ride["activity"], ridden(plan, ride)) for ride in rides]
         changes = [
             (float(c["time"]), flat(c["configuration"]))
             for c in plan["changes"]
@@ -132,17 +134,10 @@ def stops_of(tracks: Sequence[ObjectTrack], places: Mapping[str, Sequence[float]
     return list(found.values())
 
 
-def _leg(motion: dict[str, Any]) -> TrackPiece:
-    rows = motion["samples"]
-    poses = np.array([flat(r[1:]) for r in rows], dtype=np.float64)
-    poses[:, 2] = np.unwrap(poses[:, 2])
-    return TrackPiece(motion["activity"], np.array([r[0] for r in rows], dtype=np.float64), poses)
-
-
-def _ridden(plan: dict[str, Any], ride: dict[str, Any]) -> TrackPiece:
-    """Return how a load travels."""
-    rows = ridden(plan, ride)
-    return TrackPiece(ride["activity"], rows[:, 0], rows[:, 1:])
+def _leg(activity: str, rows: Iterable[Sequence[float]]) -> TrackPiece:
+    table = np.array([(row[0], *flat(row[1:])) for row in rows], dtype=np.float64)
+    table[:, 3] = np.unwrap(table[:, 3])
+    return TrackPiece(activity, table[:, 0], table[:, 1:])
 
 
 def horizon(plan: dict[str, Any]) -> float:

@@ -170,28 +170,18 @@ def job_shop(
     data = shop(robots, jobs, machines, seed)
     data.floor.check(shop_poses(data))
     title = drawn_name(instance_name(robots, jobs, machines), seed)
-    form, starts, stands, buttons = shop_form(title, data, encoding, metric)
+    form = Form(title, Manner(data.floor, guess=1.0), encoding, metric)
+    starts = [form.place(f"robot{r}_start", pose) for r, pose in enumerate(data.starts)]
+    for start in starts:
+        form.robot(start)
+    stands = [form.place(f"machine{m}", pose) for m, pose in enumerate(data.machines)]
+    buttons = [form.door(door).button for door in data.floor.doors]
     ways = itertools.permutations([*stands, *starts, *buttons], 2)
     for robot, (origin, to) in itertools.product(form.robots, ways):
         form.move(robot, origin, to)
     form.openings()
     _operations(form, data, stands)
     return form.finish()
-
-
-Places = list[ConfigurationObject]
-
-
-def shop_form(
-    title: str, data: Shop, encoding: Encoding, metric: bool
-) -> tuple[Form, Places, Places, Places]:
-    """Return a shop's problem, without activities, and its starts, machines and buttons."""
-    form = Form(title, Manner(data.floor, guess=1.0), encoding, metric)
-    starts = [form.place(f"robot{r}_start", pose) for r, pose in enumerate(data.starts)]
-    for start in starts:
-        form.robot(start)
-    stands = [form.place(f"machine{m}", pose) for m, pose in enumerate(data.machines)]
-    return form, starts, stands, [form.door(door).button for door in data.floor.doors]
 
 
 def shop_poses(data: Shop) -> dict[str, Pose]:

@@ -26,6 +26,7 @@ from up_samp.benchmarks.places import (
     FamilyDoor,
     FamilyFloor,
     Pose,
+    at_start,
     box,
     check_sizes,
     drawn_name,
@@ -205,7 +206,7 @@ def _picks(form: Form, robot: PublishedRobot, shelves: Shelves) -> list[Activity
         free = Fluent(f"{robot.name}_is_free", BoolType())
         form.problem.add_fluent(free, default_initial_value=True)
         for pick in picks:
-            form.needs_at_start(pick, free)
+            pick.add_condition(at_start(pick), free)
             pick.add_effect(form.done(pick), free, FALSE())
         for move in homeward:
             move.add_effect(form.done(move), free, TRUE())
