@@ -88,10 +88,10 @@ def warm_up(case: str) -> Values:
 
 def run_of(case: str, engine: str = ENGINE, **spec: Any) -> Values:
     """Solve one instance as ``up-samp bench run`` does."""
-    from up_samp.benchmarks.one_run import RunSpec, perform
     from up_samp.benchmarks.report import proven, solved
 
-    record = perform(RunSpec(case, engine, **spec))
+    run = helper(".", "up_samp.benchmarks.one_run", "up_samp.benchmarks.runner")
+    record = run.perform(run.RunSpec(case, engine, **spec))
     if "error" in record:
         raise RuntimeError(record["error"])
     metrics = record["metrics"]
@@ -155,9 +155,10 @@ def warehouse_of(case: str) -> Any:
     if form == "file":
         names = "tests.search.fleet_bound.store_fleet", "tests.search.store_fleet"
         return helper(".", *names).fleet_of(robots, orders).problem
-    from up_samp.benchmarks.warehouse import warehouse
+    from up_samp.benchmarks.instances import instance
 
-    return warehouse(robots, orders, encoding=form or "compact")
+    compact = "" if form == "moves" else "compact-"
+    return instance(f"warehouse-{compact}r{robots}-o{orders}").build()
 
 
 def warehouse_plan(case: str) -> Values:
@@ -179,12 +180,12 @@ def better_plans(case: str) -> Values:
     """The plans of an anytime planner in so many seconds of computing ("20x60, seed 0, 300 s")."""
     from unified_planning.shortcuts import AnytimePlanner, PlanValidator
 
-    from up_samp.benchmarks.warehouse import warehouse
+    from up_samp.benchmarks.instances import instance
     from up_samp.model.deadline import computing_time
 
     size, seed, seconds = case.replace("seed ", "").removesuffix(" s").split(", ")
     robots, orders = map(int, size.split("x"))
-    problem = warehouse(robots, orders, encoding="compact", seed=int(seed))
+    problem = instance(f"warehouse-compact-r{robots}-o{orders}-s{seed}").build()
     first, plan, told = dict[int, float](), None, {}
     with computing_time(), planner(AnytimePlanner, seed=0) as engine:
         began = spent()

@@ -93,29 +93,27 @@ def proof(name: str, tuning: Table) -> Values:
 
 def store(size: str, tuning: Table) -> Values:
     """A first plan of a warehouse."""
-    from up_samp.benchmarks.warehouse import warehouse
+    return solved(_warehouse(size), tuning, 300.0)
 
-    robots, orders = map(int, size.split("x"))
-    return solved(warehouse(robots, orders, encoding="compact"), tuning, 300.0)
+
+def _warehouse(size: str) -> Any:
+    """Return the warehouse of a size such as "5x10": robots and orders."""
+    from up_samp.benchmarks.instances import instance
+
+    robots, orders = size.split("x")
+    return instance(f"warehouse-compact-r{robots}-o{orders}").build()
 
 
 def fleet(size: str, tuning: Table) -> Values:
     """A first plan of a small warehouse, solved as large ones are."""
-    from up_samp.benchmarks.warehouse import warehouse
-
-    robots, orders = map(int, size.split("x"))
-    tuning = {**tuning, "large": 1}
-    return solved(warehouse(robots, orders, encoding="compact"), tuning, optimal=False)
+    return solved(_warehouse(size), {**tuning, "large": 1}, optimal=False)
 
 
 def better(size: str, tuning: Table) -> Values:
     """The plans of a warehouse in 40 s."""
     from unified_planning.shortcuts import AnytimePlanner
 
-    from up_samp.benchmarks.warehouse import warehouse
-
-    robots, orders = map(int, size.split("x"))
-    problem, last = warehouse(robots, orders, encoding="compact"), None
+    problem, last = _warehouse(size), None
     with AnytimePlanner(name=ENGINE, params={"tuning": tuning, "reproducible": True}) as planner:
         for result in planner.get_solutions(problem, timeout=40.0):
             last = result if result.plan is not None else last

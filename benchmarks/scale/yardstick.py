@@ -22,7 +22,7 @@ from ortools.constraint_solver import routing_enums_pb2 as enums
 from unified_planning.shortcuts import AnytimePlanner, get_environment
 
 import up_samp  # noqa: F401  (registers the engines)
-from up_samp.benchmarks.warehouse import warehouse
+from up_samp.benchmarks.builders.warehouse import warehouse
 from up_samp.model import Deadline
 from up_samp.model.deadline import computing_time
 from up_samp.search.fleet.assignment import assign, exchanged

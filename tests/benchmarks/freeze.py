@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from up_samp.benchmarks import jobshop, maps
-from up_samp.benchmarks.logistics import shelved_floor
+from up_samp.benchmarks import places
+from up_samp.benchmarks.builders import jobshop
+from up_samp.benchmarks.builders.logistics import shelved_floor
 from up_samp.geometry import write_map
 
 PAPER_JOB_SHOPS = tuple(
@@ -20,8 +21,8 @@ PAPER_JOB_SHOPS = tuple(
 def write(folder: Path) -> None:
     """Draw the paper's maps and job shops into ``folder``."""
     for floor in (shelved_floor(), *map(jobshop.shop_floor, (1, 2, 4, 6))):
-        occupied = maps.draw(floor.size, floor.walls)
-        write_map(folder, floor.name, occupied, maps.RESOLUTION)
+        occupied = places.draw(floor.size, floor.walls)
+        write_map(folder, floor.name, occupied, places.RESOLUTION)
     shops = {}
     for r, j, m in PAPER_JOB_SHOPS:
         shop = jobshop.draw_shop(r, j, m, 0)
@@ -32,4 +33,4 @@ def write(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    write(maps.DATA)
+    write(places.DATA)

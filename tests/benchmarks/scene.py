@@ -20,8 +20,7 @@ from unified_planning.model.motion import (
 from unified_planning.plans import MotionSchedule
 from unified_planning.shortcuts import MovableType
 
-from up_samp.benchmarks.maps import drawn_map, outer_wall
-from up_samp.benchmarks.places import FamilyDoor, Pose, ProblemOnMap, box
+from up_samp.benchmarks.places import FamilyDoor, Pose, ProblemOnMap, box, drawn_map, outer_wall
 
 HALL = (40.0, 20.0)
 DIVIDER = ((19.5, 0.0, 20.5, 8.0), (19.5, 12.0, 20.5, 20.0))

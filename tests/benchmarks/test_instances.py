@@ -13,16 +13,16 @@ import yaml
 from PIL import Image
 
 from tests.benchmarks import freeze
-from up_samp.benchmarks import families, instance, instances, job_shop, logistics, maps
-from up_samp.benchmarks.building import BUILDING_KINDS, SIZE, building, building_floor
-from up_samp.benchmarks.door_sequence import sequence_floor
-from up_samp.benchmarks.jobshop import draw_shop, frozen_shops, shop_poses
-from up_samp.benchmarks.kitting import kitting_floor
-from up_samp.benchmarks.logistics import layout
-from up_samp.benchmarks.navigation import navigation_floor
-from up_samp.benchmarks.one_run import select
+from up_samp.benchmarks import families, instance, instances, job_shop, logistics, places
+from up_samp.benchmarks.builders.building import BUILDING_KINDS, SIZE, building, building_floor
+from up_samp.benchmarks.builders.door_sequence import sequence_floor
+from up_samp.benchmarks.builders.jobshop import draw_shop, frozen_shops, shop_poses
+from up_samp.benchmarks.builders.kitting import kitting_floor
+from up_samp.benchmarks.builders.logistics import layout
+from up_samp.benchmarks.builders.navigation import navigation_floor
 from up_samp.benchmarks.places import FamilyFloor, box, least_duration, outline
 from up_samp.benchmarks.report import table_drawn
+from up_samp.benchmarks.runner import select
 from up_samp.model import ProblemError
 
 
@@ -114,13 +114,13 @@ def test_encodings_use_what_they_say(encoding):
 def test_frozen_files_are_what_the_code_draws(tmp_path):
     freeze.write(tmp_path)
     drawn = {p.name for p in tmp_path.iterdir()}
-    assert drawn <= {p.name for p in maps.DATA.iterdir()}
+    assert drawn <= {p.name for p in places.DATA.iterdir()}
     for name in drawn:
         if name.endswith(".png"):
-            pictures = (Image.open(d / name).convert("L") for d in (tmp_path, maps.DATA))
+            pictures = (Image.open(d / name).convert("L") for d in (tmp_path, places.DATA))
             assert np.array_equal(*map(np.asarray, pictures))
         else:
-            assert (tmp_path / name).read_text() == (maps.DATA / name).read_text()
+            assert (tmp_path / name).read_text() == (places.DATA / name).read_text()
     assert frozen_shops()["jobshop-r2-j2-m4"] == draw_shop(2, 2, 4, 0)
 
 
@@ -219,7 +219,7 @@ def parts_of(floor):
     """Label the cells where a robot could even turn on the spot with all doors open; return what
     tells the part of a pose.
     """
-    free = ~maps.draw(floor.size, floor.walls)
+    free = ~places.draw(floor.size, floor.walls)
     for door in floor.doors:
         (x0, y0, x1, y1) = outline(door.footprint, door.open).bounds
         free[round(y0 * 10) : round(y1 * 10), round(x0 * 10) : round(x1 * 10)] = False

@@ -15,7 +15,7 @@ from up_samp.benchmarks import (
     logistics,
     navigation,
 )
-from up_samp.benchmarks.published import ENCODINGS
+from up_samp.benchmarks.instances import ENCODINGS
 from up_samp.model import ProblemError
 from up_samp.upio import read_problem
 

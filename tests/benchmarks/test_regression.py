@@ -7,7 +7,7 @@ optimal at another makespan means that plans, bounds or instances changed.
 import pytest
 
 from up_samp.benchmarks import report, runner
-from up_samp.benchmarks.one_run import RunSpec, perform
+from up_samp.benchmarks.runner import RunSpec, perform
 
 ENGINE = "samp-refine[cpsat]"
 

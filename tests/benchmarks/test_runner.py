@@ -1,6 +1,5 @@
 """Sweeps: what is run, limits, resuming, reports."""
 
-import argparse
 import json
 import os
 import time
@@ -8,8 +7,9 @@ import time
 import pytest
 
 from tests.benchmarks import sweep_doubles
-from up_samp.benchmarks import cli, report, runner
-from up_samp.benchmarks.one_run import RunSpec, select, sweep
+from up_samp.benchmarks import report, runner
+from up_samp.benchmarks.runner import RunSpec, select, sweep
+from up_samp.cli import main
 from up_samp.model import EngineError, ProblemError
 
 
@@ -128,12 +128,6 @@ def test_report(tmp_path):
     assert "| jobshop-r2-j1-m1 | 50, 1.5 s | 50, 1.5 s |" in text
 
 
-def parse(*arguments):
-    parser = argparse.ArgumentParser()
-    cli.add_bench(parser.add_subparsers(dest="command").add_parser("bench"))
-    return parser.parse_args(["bench", *arguments])
-
-
 def test_command_line(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(
         runner.run_sweep,
@@ -144,13 +138,17 @@ def test_command_line(tmp_path, monkeypatch, capsys):
             "progress": False,
         },
     )
-    args = parse("run", "jobshop-r1-j1-*", "--engines", "a", "b", "--out", str(tmp_path / "o"))
-    assert cli.run(args) == 0
+
+    def bench(*arguments):
+        return main(["bench", *arguments])
+
+    out = str(tmp_path / "o")
+    assert bench("run", "jobshop-r1-j1-*", "--engines", "a", "b", "--out", out) == 0
     assert "8 of 8 runs found a valid plan, 8 proven optimal." in capsys.readouterr().out
-    assert cli.run(parse("report", str(tmp_path / "o"), "--out", str(tmp_path / "r"))) == 0
+    assert bench("report", out, "--out", str(tmp_path / "r")) == 0
     assert (tmp_path / "r" / "report.md").exists()
-    assert cli.run(parse("list", "jobshop")) == 0
+    assert bench("list", "jobshop") == 0
     assert len(capsys.readouterr().out.splitlines()) == 36 + 2
-    assert cli.run(parse("run", "nothing", "--out", str(tmp_path))) == 2
-    assert cli.run(parse("report", str(tmp_path / "empty"))) == 2
+    assert bench("run", "nothing", "--out", str(tmp_path)) == 2
+    assert bench("report", str(tmp_path / "empty")) == 2
     assert "nothing" in capsys.readouterr().err

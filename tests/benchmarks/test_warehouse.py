@@ -9,8 +9,8 @@ from unified_planning.engines import PlanGenerationResultStatus as Status
 from unified_planning.shortcuts import OneshotPlanner, get_environment
 
 import up_samp  # noqa: F401  (registers the engines)
+from up_samp.benchmarks.builders.warehouse import FOOTPRINT, draw_orders, store, warehouse
 from up_samp.benchmarks.instances import instance
-from up_samp.benchmarks.warehouse import FOOTPRINT, draw_orders, store, warehouse
 from up_samp.model import ProblemError
 from up_samp.validation import validate_plan
 

@@ -10,7 +10,7 @@ import up_samp.cli
 from tests import handmade
 from up_samp import cli
 from up_samp.cli import main, solving
-from up_samp.cli.progress import Progress, schedule_table, table
+from up_samp.cli.solving import Progress, schedule_table, table
 from up_samp.execution import with_dependencies
 from up_samp.io import plan_to_dict, read_plan, write_plan
 from up_samp.search.history import ProgressEvent

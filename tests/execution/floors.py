@@ -48,7 +48,7 @@ from tests import handmade
 from up_samp import Fleet
 from up_samp.execution.judge import contacts_of
 from up_samp.io.sampling import trajectory_rows
-from up_samp.validation.rides import carried_along
+from up_samp.validation.scene import carried_along
 
 SIZE = 12.0
 BOX = ((-0.4, -0.25), (0.4, -0.25), (0.4, 0.25), (-0.4, 0.25))

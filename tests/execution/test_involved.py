@@ -7,7 +7,7 @@ import pytest
 from tests.metamorphic.motions import ALIKE, OTHERS, MotionWriter
 from tests.metamorphic.sites import FAMILIES
 from up_samp.benchmarks import instance
-from up_samp.benchmarks.published import ENCODINGS
+from up_samp.benchmarks.instances import ENCODINGS
 from up_samp.execution.remaining import Involved
 from up_samp.upio.whereabouts import whereabouts
 

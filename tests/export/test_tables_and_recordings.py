@@ -13,8 +13,10 @@ from tests.export.plans import door_plan, straight
 from tests.handmade import write_map
 from up_samp.cli import main
 from up_samp.export import FORMATS, export_plan
-from up_samp.export.legs import pieces_of, simplified, wrapped
+from up_samp.export.steps import pieces_of, wrapped
+from up_samp.export.vda5050 import nurbs
 from up_samp.io import write_plan
+from up_samp.io.precision import PRECISION
 from up_samp.model import ProblemError, UnsupportedError
 
 
@@ -92,17 +94,19 @@ def test_a_recording_can_be_read_back(tmp_path):
 
 
 @given(st.integers(2, 30), st.integers(0, 2**32 - 1))
-def test_a_simplified_polyline_stays_near_all_points(count, seed):
-    points = np.cumsum(np.random.default_rng(seed).normal(size=(count, 2)), axis=0)
-    chosen = simplified(points, 0.3)
-    assert np.array_equal(chosen[[0, -1]], points[[0, -1]])
+def test_a_polyline_of_an_order_stays_near_all_points(count, seed):
+    points = np.cumsum(np.random.default_rng(seed).normal(size=(count, 2)), axis=0) / 30
+    told = nurbs(points)
+    chosen = np.array([(p["x"], p["y"]) for p in told["controlPoints"]])
+    assert len(told["knotVector"]) == len(chosen) + 2
+    assert chosen[[0, -1]] == pytest.approx(points[[0, -1]], abs=1e-6)
     for point in points:
         gaps = []
         for a, b in itertools.pairwise(chosen):
             span = max(float((b - a) @ (b - a)), 1e-300)
             foot = a + np.clip((point - a) @ (b - a) / span, 0, 1) * (b - a)
             gaps.append(float(np.hypot(*(point - foot))))
-        assert min(gaps) <= 0.3 + 1e-9
+        assert min(gaps) <= PRECISION.nurbs + 2e-6
 
 
 def test_pieces_end_where_the_direction_changes():

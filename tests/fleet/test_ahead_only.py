@@ -14,7 +14,7 @@ from up_samp.io.files import read_plan
 from up_samp.operate.judge import judge_day
 from up_samp.operate.simulated import Drive
 from up_samp.validation import validate_plan
-from up_samp.validation.tracks import pieces_of
+from up_samp.validation.collisions import pieces_of
 
 RING = [(-0.6, -0.35), (0.6, -0.35), (0.6, 0.35), (-0.6, 0.35)]
 LIMITS = {"v_max": 1.5, "a_max": 0.7}

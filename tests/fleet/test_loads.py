@@ -6,7 +6,7 @@ import pytest
 from matplotlib.text import Text
 from shapely.geometry import Polygon
 
-from up_samp.cli.progress import schedule_table
+from up_samp.cli.solving import schedule_table
 from up_samp.fleet import Fleet, FleetError
 from up_samp.fleet.checks import Level
 from up_samp.plotting import animation_html, places_of

@@ -18,7 +18,7 @@ from up_samp.model import UnsupportedError
 from up_samp.operate.planner import check_site
 from up_samp.plotting import places_of
 from up_samp.validation import validate_plan
-from up_samp.validation.tracks import pieces_of
+from up_samp.validation.collisions import pieces_of
 
 RING = [(-0.6, -0.35), (0.6, -0.35), (0.6, 0.35), (-0.6, 0.35)]
 LIMITS = {"v_max": 1.5, "a_max": 0.7}

@@ -9,8 +9,7 @@ import pytest
 from tests import handmade
 from up_samp.io.sampling import rows_trajectory, trajectory_rows
 from up_samp.model import Trajectory
-from up_samp.validation.kinematics import motion_violations
-from up_samp.validation.limits import Limits
+from up_samp.validation.kinematics import Limits, motion_violations
 
 CAR = Limits("car", "REEDSSHEPP", 1.0, 2.0, 2.0, 0.5, 1.0)
 A_MAX = 0.5

@@ -12,7 +12,7 @@ import random
 from dataclasses import dataclass, field
 
 from tests.scheduling.cpsat.sites import Site, Task
-from up_samp.benchmarks.maps import RESOLUTION, Rectangle, draw
+from up_samp.benchmarks.places import RESOLUTION, Rectangle, draw
 from up_samp.geometry import write_map
 
 Pose = tuple[float, float, float]

@@ -7,11 +7,8 @@ from tests.motion.oracle import RECTANGLE, box_map
 from up_samp.geometry import load_map, write_map
 from up_samp.model import Body, Deadline, Kinematics, MotionModel, Outcome, PathQuery, Placed
 from up_samp.motion import MotionService
-from up_samp.validation.collisions import JudgedShape, hits_body, hits_map
-from up_samp.validation.kinematics import motion_violations
-from up_samp.validation.limits import Limits
-from up_samp.validation.maps import BlockedMap
-from up_samp.validation.tracks import Track
+from up_samp.validation.collisions import BlockedMap, JudgedShape, Track, hits_body, hits_map
+from up_samp.validation.kinematics import Limits, motion_violations
 
 WALLS = [(5, 0, 6, 5.5), (10, 4, 11, 10), (14, 0, 15, 6), (17, 7, 20, 7.4)]
 BODIES = [

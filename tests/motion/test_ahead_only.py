@@ -31,9 +31,9 @@ from up_samp.motion.curves.trajectories import reversed_trajectory
 from up_samp.motion.fleet.roadmap import Roadmap, cells_of
 from up_samp.motion.proofs.heading_slices import separated
 from up_samp.upio.read_maps import read_movable
+from up_samp.validation.collisions import pieces_of
 from up_samp.validation.kinematics import driven_backwards, motion_violations
-from up_samp.validation.limits import limits_of as limits_read
-from up_samp.validation.tracks import pieces_of
+from up_samp.validation.kinematics import limits_of as limits_read
 
 CAR = Kinematics(MotionModel.REEDSSHEPP, 0.8, 1.5, 0.7, reverse=False)
 WHEELS = Kinematics(MotionModel.PIVOT, v_max=1.5, a_max=0.7, omega_max=0.8, reverse=False)

@@ -26,7 +26,7 @@ from up_samp.plotting import (
 )
 from up_samp.plotting.animation import key_frames, scene_of
 from up_samp.plotting.background import ground_of
-from up_samp.plotting.rows import rows_of, short_names
+from up_samp.plotting.gantt import rows_of, short_names
 from up_samp.plotting.style import PALETTE, color_of, ink_on, mixed, rgb
 from up_samp.plotting.tracks import horizon, tracks_of
 
@@ -209,7 +209,7 @@ def test_the_map_shows_footprints_and_places(plan, made):
 
 def test_map_on_given_axes_and_without_places(plan):
     ax = Figure().add_subplot()
-    assert plot_map(plan, ax=ax, footprint_every=1.0) is ax
+    assert plot_map(plan, ax=ax) is ax
 
 
 def test_a_plan_without_a_map_is_drawn_on_white(plan):
@@ -234,7 +234,6 @@ def test_backgrounds_show_walls_where_they_are(plan):
     assert ground.pixels.shape == (160, 300, 3)
     assert tuple(ground.pixels[80, 150]) != (255, 255, 255)  # the wall at x = 15, y = 8
     assert tuple(ground.pixels[120, 150]) == (255, 255, 255)  # the gap at y = 4
-    assert ground.image(100).size == (100, 53)
 
 
 def test_a_turned_map_is_drawn_in_the_world_frame(plan, tmp_path):

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from up_samp.io.plan_dict import AREA
-from up_samp.plotting.background import ground_of
+from up_samp.plotting.background import LANE_FILL, ground_of, rules_of, tinted, told
 from up_samp.plotting.map_picture import plot_map
-from up_samp.plotting.rules import LANE_FILL, rules_of, tinted, told
 from up_samp.plotting.style import AREA_FILL, OCCUPIED, rgb
 
 SQUARE = [[2.0, 2.0], [4.0, 2.0], [4.0, 4.0], [2.0, 4.0]]

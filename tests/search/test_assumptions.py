@@ -45,7 +45,7 @@ from unified_planning.shortcuts import (
 import up_samp.search as package
 from tests.shuffled import shuffled
 from tests.soundness.worlds import Change, Drive, World, build, write_rooms
-from up_samp.benchmarks.maps import drawn_map, outer_wall
+from up_samp.benchmarks.places import drawn_map, outer_wall
 from up_samp.geometry import lay_out
 from up_samp.model import Deadline, ScheduleStatus
 from up_samp.scheduling.cpsat import CpsatSession

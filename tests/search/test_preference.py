@@ -7,7 +7,7 @@ from up_samp.benchmarks import door_sequence, logistics, navigation
 from up_samp.model import MotionModel
 from up_samp.upio import read_problem
 from up_samp.validation import validate_plan
-from up_samp.validation.limits import limits_of
+from up_samp.validation.kinematics import limits_of
 
 
 def test_up_chooses_our_scheduler_for_problems_with_motions():

@@ -11,8 +11,7 @@ from unified_planning.shortcuts import OneshotPlanner
 
 from tests.upio.hall import Hall
 from up_samp.benchmarks.cli import _tuning
-from up_samp.benchmarks.one_run import RunSpec, select, sweep
-from up_samp.benchmarks.runner import execute
+from up_samp.benchmarks.runner import RunSpec, execute, select, sweep
 from up_samp.model import ProblemError
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.tuning import Tuning, read_tuning, tuning_of

@@ -9,8 +9,7 @@ import time
 import pytest
 
 pytest.importorskip("fastapi")
-from up_samp.server.desk import Desk
-from up_samp.server.jobs import JobLimits
+from up_samp.server.jobs import Desk, JobLimits
 
 WRONG = b'{"problem": 1}'
 
@@ -45,7 +44,7 @@ def test_one_that_was_ended_between_two_questions_is_followed_by_another():
 
 def test_one_that_has_grown_large_says_so_and_the_next_question_is_answered(monkeypatch, tmp_path):
     grown = "import up_samp.server.worker as w; w._LARGE = 0.0; raise SystemExit(w.main())"
-    monkeypatch.setattr("up_samp.server.desk.WORKER", (sys.executable, "-c", grown))
+    monkeypatch.setattr("up_samp.server.jobs.WORKER", (sys.executable, "-c", grown))
     with Desk(JobLimits()) as desk:
         assert [ask(desk) for _ in range(2)] == [None] * 2
 

@@ -44,17 +44,21 @@ print(isinstance(values, pd.Series), int(values.sum()))
     assert said == ["False", "False", "True", "1"]
 
 
-def test_benchmarks_come_without_what_reads_sites():
+def test_a_benchmark_family_comes_without_the_others_and_what_these_need():
     said = _run(
         """
 import sys
-from up_samp.benchmarks import building
+from up_samp.benchmarks import instance, logistics
+print(instance("navigation-r2").build().name)
+print(*(name for name in sys.modules if "up_samp.benchmarks.builders." in name))
 print("up_samp.fleet" in sys.modules)
-print(building(2, 2).name)
+print(logistics.__name__, logistics.__module__)
 """
     )
-    assert said[0] == "False"
-    assert said[1].startswith("building-rooms-r2-o2")
+    builders = "up_samp.benchmarks.builders"
+    assert said[0] == "navigation-r2"
+    assert set(said[1:-3]) == {f"{builders}.logistics", f"{builders}.navigation"}
+    assert said[-3:] == ["False", "logistics", f"{builders}.logistics"]
 
 
 def test_planning_models_come_without_networkx_and_get_it_when_asked():

@@ -12,8 +12,7 @@ from unified_planning.shortcuts import MovableType
 
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.upio.read_maps import read_movable
-from up_samp.validation.kinematics import motion_violations, speeds_on_way
-from up_samp.validation.limits import Limits, limits_of
+from up_samp.validation.kinematics import Limits, limits_of, motion_violations, speeds_on_way
 
 FINE = 1e-3
 LIMITS = Limits("r", "PIVOT", 0.0, 1.0, 1.0, 0.8, 1.2, lateral=0.6, alpha=0.9)

@@ -38,9 +38,9 @@ from up_samp.model import (  # noqa: E402
 from up_samp.motion import MotionService  # noqa: E402
 from up_samp.upio import read_problem  # noqa: E402
 from up_samp.validation import validate_plan  # noqa: E402
-from up_samp.validation.se3 import SpaceTrack  # noqa: E402
-from up_samp.validation.solids import (  # noqa: E402
+from up_samp.validation.se3 import (  # noqa: E402
     Solid,
+    SpaceTrack,
     inside,
     mesh_distance,
     triangle_distances,

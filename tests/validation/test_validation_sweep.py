@@ -11,12 +11,16 @@ from hypothesis import strategies as st
 
 from tests.validation.validation_kit import A, R, V, World, drive, hall, write_map
 from up_samp.model import Trajectory
-from up_samp.validation.collisions import JudgedShape, hits_body, hits_map, placed
-from up_samp.validation.kinematics import motion_violations
-from up_samp.validation.limits import Limits
-from up_samp.validation.maps import BlockedMap
+from up_samp.validation.collisions import (
+    BlockedMap,
+    JudgedShape,
+    Track,
+    hits_body,
+    hits_map,
+    placed,
+)
+from up_samp.validation.kinematics import Limits, motion_violations
 from up_samp.validation.plan import validate_plan
-from up_samp.validation.tracks import Track
 
 LIMITS = Limits("r", "REEDSSHEPP", R, V, V, A, 1.0)
 CORNERS = np.array([(-1.0, -0.5), (1.0, -0.5), (1.0, 0.5), (-1.0, 0.5)])

@@ -6,7 +6,7 @@ import pytest
 from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.shortcuts import LE, And, Iff, Implies, Not, Or
 
-from up_samp.validation.values import MISSING, Decisions, Reader
+from up_samp.validation.timeline import MISSING, Decisions, Reader
 
 
 def formula(rng, activities, depth):

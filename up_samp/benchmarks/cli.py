@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from pathlib import Path
 
-from up_samp.benchmarks.instances import families
-from up_samp.benchmarks.published import ENCODINGS
-from up_samp.model import SampError
+from up_samp.benchmarks.instances import ENCODINGS, families
+from up_samp.model import ProblemError
+from up_samp.tuning import read_tuning
 
 
 def add_bench(bench: argparse.ArgumentParser) -> None:
     """Add the commands of ``bench``: ``run``, ``report`` and ``list``."""
-    commands = bench.add_subparsers(dest="bench_command", required=True)
+    commands = bench.add_subparsers(required=True)
     _add_run(commands)
     show = commands.add_parser("report", help="tables and plots of finished sweeps, as Markdown")
     show.add_argument("folders", nargs="+", type=Path, metavar="DIR")
@@ -23,7 +22,8 @@ def add_bench(bench: argparse.ArgumentParser) -> None:
     )
     names = commands.add_parser("list", help="names of instances")
     names.add_argument("names", nargs="*", default=["paper"], metavar="FAMILY")
-    bench.set_defaults(run=run)
+    show.set_defaults(run=_report)
+    names.set_defaults(run=_list)
 
 
 def _add_run(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -64,24 +64,12 @@ def _add_run(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> N
     )
     sweeper.add_argument("--jobs", type=int, default=1, metavar="J", help="runs at a time")
     sweeper.add_argument("--out", type=Path, required=True, metavar="DIR")
-
-
-def run(args: argparse.Namespace) -> int:
-    """Do what the parsed ``args`` say; return the exit status."""
-    commands = {"run": _run, "report": _report, "list": _list}
-    try:
-        return commands[args.bench_command](args)
-    except SampError as error:
-        print(f"up-samp bench: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("\nup-samp bench: stopped; the same command goes on from here", file=sys.stderr)
-        return 130
+    sweeper.set_defaults(run=_run)
 
 
 def _run(args: argparse.Namespace) -> int:
     from up_samp.benchmarks import report, runner
-    from up_samp.benchmarks.one_run import select, sweep
+    from up_samp.benchmarks.runner import select, sweep
 
     specs = sweep(
         select(args.names, args.seeds),
@@ -104,8 +92,6 @@ def _run(args: argparse.Namespace) -> int:
 
 def _tuning(path: Path) -> str:
     """Return what a tuning file changes, as JSON."""
-    from up_samp.tuning import read_tuning
-
     return json.dumps(read_tuning(path).changes(), sort_keys=True)
 
 
@@ -114,16 +100,14 @@ def _report(args: argparse.Namespace) -> int:
 
     records = runner.read_records(*args.folders)
     if not records:
-        print("up-samp bench: no runs in " + ", ".join(map(str, args.folders)), file=sys.stderr)
-        return 2
-    print(
-        f"{report.summary(records)}\nreport: {report.write(records, args.out or args.folders[0])}"
-    )
+        raise ProblemError("no runs in " + ", ".join(map(str, args.folders)))
+    path = report.write(records, args.out or args.folders[0])
+    print(f"{report.summary(records)}\nreport: {path}")
     return 0
 
 
 def _list(args: argparse.Namespace) -> int:
-    from up_samp.benchmarks.one_run import select
+    from up_samp.benchmarks.runner import select
 
     for chosen in select(args.names):
         print(chosen.name)

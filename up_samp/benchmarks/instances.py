@@ -13,26 +13,37 @@ stated by ``Fleet``.
 
 from __future__ import annotations
 
-import functools
-import itertools
+import importlib
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from itertools import product
+from typing import Any, Literal, cast, get_args
 
 from unified_planning.model.motion import SchedulingMotionProblem
 
-from up_samp.benchmarks import jobshop, logistics
-from up_samp.benchmarks.building import BUILDING_KINDS, building
-from up_samp.benchmarks.door_sequence import door_sequence
-from up_samp.benchmarks.kitting import kitting
-from up_samp.benchmarks.navigation import navigation
-from up_samp.benchmarks.published import Encoding, check_encoding
-from up_samp.benchmarks.warehouse import warehouse
 from up_samp.model import ProblemError
 
 Build = Callable[..., SchedulingMotionProblem]
 """``build(encoding="fluents", metric=True)`` makes a fresh problem."""
+
+
+Encoding = Literal[
+    "fluents",
+    "no-fluents",
+    "fluents-uses",
+    "no-fluents-uses",
+    "fluents-sequential",
+    "no-fluents-sequential",
+]
+ENCODINGS: tuple[Encoding, ...] = get_args(Encoding)
+"""The forms in which the authors publish their problems (:mod:`up_samp.benchmarks.published`)."""
+
+
+def check_encoding(encoding: str, known: Sequence[str] = ENCODINGS) -> None:
+    """Raise :class:`ProblemError` where there is no such encoding."""
+    if encoding not in known:
+        raise ProblemError(f"encoding must be one of {tuple(known)}, not {encoding!r}")
 
 
 @dataclass(frozen=True)
@@ -49,16 +60,18 @@ class Instance:
     build: Build
 
 
-_FORMS: dict[str, tuple[str, Build]] = {
-    "logistics": (r"-d(?P<door>[co])-(?P<sides>all|oc)-r\d+-i\d+", logistics.logistics),
-    "jobshop": (r"-r\d+-j\d+-m\d+", jobshop.job_shop),
-    "navigation": (r"-r\d+", navigation),
-    "kitting": (r"-r\d+-k\d+-p\d+-d\d+(?P<operator>-op)?", kitting),
-    "warehouse": (r"-(?P<compact>compact-)?r\d+-o\d+", warehouse),
-    "doors": (r"-r\d+-d\d+", door_sequence),
-    "building": (r"-(?P<kind>rooms|aisles)-r\d+-o\d+(-c\d+)?", building),
-}  # fmt: skip
-"""How the names of each family go on (sizes in the builder's order), and what builds it."""
+_FORMS = {
+    "logistics": (r"-d(?P<door>[co])-(?P<sides>all|oc)-r\d+-i\d+", "logistics", "logistics"),
+    "jobshop": (r"-r\d+-j\d+-m\d+", "jobshop", "job_shop"),
+    "navigation": (r"-r\d+", "navigation", "navigation"),
+    "kitting": (r"-r\d+-k\d+-p\d+-d\d+(?P<operator>-op)?", "kitting", "kitting"),
+    "warehouse": (r"-(?P<encoding>compact-)?r\d+-o\d+", "warehouse", "warehouse"),
+    "doors": (r"-r\d+-d\d+", "door_sequence", "door_sequence"),
+    "building": (r"-(?P<kind>rooms|aisles)-r\d+-o\d+(-c\d+)?", "building", "building"),
+}
+"""How the names of each family go on (sizes in the builder's order), and the module and function
+that build it: imported when one is built.
+"""
 
 
 def instance(name: str) -> Instance:
@@ -67,95 +80,73 @@ def instance(name: str) -> Instance:
     :raises ProblemError: if the name is none.
     """
     family = name.partition("-")[0]
-    form, make = _FORMS.get(family, ("", None))
-    found = re.fullmatch(rf"{family}{form}(-s(?P<seed>\d+))?", name) if make else None
-    if found is None or make is None:
+    form, module, builder = _FORMS.get(family, ("(?!)", "", ""))  # what nothing is like
+    found = re.fullmatch(rf"{re.escape(family)}{form}(-s(?P<seed>\d+))?", name)
+    if found is None:
         raise ProblemError(f"there is no instance {name!r}; `instances(family)` lists them")
-    options = _options(found)
-    compact = options.pop("compact", False)
+    told = {key: _MEANINGS.get(key, {}).get(word, word) for key, word in found.groupdict().items()}
+    options = {**told, "seed": int(found["seed"] or 0)}
     sizes = [int(size) for size in re.findall(r"-[a-rt-z](\d+)", name)]
 
     def build(encoding: Encoding = "fluents", metric: bool = True) -> SchedulingMotionProblem:
-        form: dict[str, str] = {"encoding": encoding}
+        form: dict[str, Any] = {"encoding": encoding}
         if family in ("warehouse", "building"):
             check_encoding(encoding, ("fluents",))  # where robots are is always one here
-            form = {"encoding": "compact" if compact else "moves"} if family == "warehouse" else {}
-        return make(*sizes, **form, metric=metric, **options)
+            form = {}
+        make = getattr(importlib.import_module(f"up_samp.benchmarks.builders.{module}"), builder)
+        return cast(SchedulingMotionProblem, make(*sizes, metric=metric, **form, **options))
 
-    groups = {"logistics": f"{found[2]}-d{found[1]}".upper(), "jobshop": "JSP"} if form else {}
+    groups = {"logistics": f"{found[2]}-d{found[1]}".upper(), "jobshop": "JSP"}
     return Instance(name, family, groups.get(family, family), build)
 
 
-def _options(found: re.Match[str]) -> dict[str, Any]:
-    """Return what a name says beside sizes, as its builder takes it."""
-    options: dict[str, Any] = {"seed": 0}
-    for key, word in found.groupdict().items():
-        if key == "seed":
-            options[key] = int(word or 0)
-        elif key == "door":
-            options[key] = "closed" if word == "c" else "open"
-        elif key == "sides":
-            options[key] = "all" if word == "all" else "corridor"
-        elif key == "kind":
-            options[key] = word
-        else:
-            options[key] = word is not None
-    return options
+_MEANINGS: dict[str, dict[str | None, Any]] = {
+    "door": {"c": "closed", "o": "open"},
+    "sides": {"all": "all", "oc": "corridor"},
+    "operator": {"-op": True, None: False},
+    "encoding": {"compact-": "compact", None: "moves"},
+}
+"""What a name says beside sizes, as its builder takes it."""
 
 
-def _listed(family: str) -> list[str]:
-    """Return the names of a family's instances."""
-    if family == "logistics":
-        drawn = itertools.product(("oc", "all"), ("o", "c"), (1, 2, 3), range(1, 9))
-        return [f"logistics-d{door}-{sides}-r{r}-i{i}" for sides, door, r, i in drawn]
-    if family == "jobshop":
-        sizes = itertools.product((1, 2, 4, 6), (1, 2, 3), (1, 2, 3))
-        return [f"jobshop-r{r}-j{j}-m{m}" for m, r, j in sizes]
-    return [form.format(*size) for form, sizes in _LISTS[family] for size in sizes]
-
-
-_Sizes = Iterable[tuple[int, ...]]
-_LISTS: dict[str, list[tuple[str, _Sizes]]] = {
+_NAMES: dict[str, list[str]] = {
+    "logistics": [
+        f"logistics-d{door}-{sides}-r{r}-i{i}"
+        for sides, door, r, i in product(("oc", "all"), ("o", "c"), (1, 2, 3), range(1, 9))
+    ],
+    "jobshop": [
+        f"jobshop-r{r}-j{j}-m{m}" for m, r, j in product((1, 2, 4, 6), (1, 2, 3), (1, 2, 3))
+    ],
     "logistics-large": [
-        ("logistics-dc-all-r{}-i{}", [*itertools.product(range(4, 11), (8, 12, 16))])
+        f"logistics-dc-all-r{r}-i{i}" for r, i in product(range(4, 11), (8, 12, 16))
     ],
     "jobshop-large": [
-        (
-            "jobshop-r{}-j{}-m{}",
-            [(3, 4, 4), (3, 6, 4), (4, 4, 4), (4, 4, 6), (4, 6, 6), (5, 6, 6)],
-        )
+        *("jobshop-r3-j4-m4", "jobshop-r3-j6-m4", "jobshop-r4-j4-m4"),
+        *("jobshop-r4-j4-m6", "jobshop-r4-j6-m6", "jobshop-r5-j6-m6"),
     ],
-    "navigation": [("navigation-r{}", [(robots,) for robots in range(2, 11)])],
+    "navigation": [f"navigation-r{r}" for r in range(2, 11)],
     "kitting": [
-        (
-            "kitting-r{}-k{}-p{}-d{}",
-            [(1, 1, 2, 2), (2, 1, 3, 2), (2, 2, 2, 2), (2, 2, 3, 2), (2, 2, 4, 4), (3, 3, 3, 4)],
-        )
+        *("kitting-r1-k1-p2-d2", "kitting-r2-k1-p3-d2", "kitting-r2-k2-p2-d2"),
+        *("kitting-r2-k2-p3-d2", "kitting-r2-k2-p4-d4", "kitting-r3-k3-p3-d4"),
     ],
-    "doors": [("doors-r{1}-d{0}", [*itertools.product((1, 2, 3), (1, 2, 3))])],
+    "doors": [f"doors-r{r}-d{d}" for d, r in product((1, 2, 3), (1, 2, 3))],
     "building": [
-        (f"building-{kind}-r{{}}-o{{}}{loads}", [(1, 4), (2, 6), (3, 8), (3, 12), (5, 20)])
-        for kind, loads in itertools.product(BUILDING_KINDS, ("", "-c2"))
+        f"building-{kind}-{sizes}{loads}"
+        for kind, loads, sizes in product(
+            ("rooms", "aisles"), ("", "-c2"), ("r1-o4", "r2-o6", "r3-o8", "r3-o12", "r5-o20")
+        )
     ],
     "warehouse": [
-        (
-            "warehouse-r{}-o{}",
-            [(2, 3), (3, 5), (5, 10), (10, 30), (20, 60), (50, 150), (50, 200)],
-        )
+        *("warehouse-r2-o3", "warehouse-r3-o5", "warehouse-r5-o10", "warehouse-r10-o30"),
+        *("warehouse-r20-o60", "warehouse-r50-o150", "warehouse-r50-o200"),
     ],
 }
-
-_FAMILIES = ("logistics", "jobshop", *_LISTS)
+"""The instances of each family, smallest settings first."""
 
 
 def families() -> tuple[str, ...]:
     """Return the names of the families (``paper`` is ``logistics`` and ``jobshop``)."""
-    return _FAMILIES
-
-
-@functools.cache
-def _instances(family: str) -> tuple[Instance, ...]:
-    return tuple(map(instance, _listed(family)))
+    return tuple(_NAMES)
 
 
 def instances(family: str) -> list[Instance]:
@@ -166,8 +157,8 @@ def instances(family: str) -> list[Instance]:
     :raises ProblemError: for an unknown family.
     """
     if family == "paper":
-        return [*_instances("logistics"), *_instances("jobshop")]
-    if family not in _FAMILIES:
-        known = ", ".join(("paper", *_FAMILIES))
+        return [*instances("logistics"), *instances("jobshop")]
+    if family not in _NAMES:
+        known = ", ".join(("paper", *_NAMES))
         raise ProblemError(f"there is no family {family!r}; there are {known}")
-    return list(_instances(family))
+    return [*map(instance, _NAMES[family])]

@@ -1,17 +1,27 @@
-"""Robots, doors and poses that all families share (the paper's figures), and a problem under
+"""What all families share: floor plans, robots and doors (the paper's figures), and a problem under
 construction on one map.
+
+Maps are ROS ``map_server`` files of 0.1 m per pixel; the world frame's origin is the map's
+lower-left corner, x points right and y up, lengths are metres. Free cells are white, occupied cells
+black. The plans that the paper's instances use lie beside this module in ``data/``; any other one
+is drawn on request into the cache folder.
 """
 
 from __future__ import annotations
 
 import math
 import random
+import tempfile
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import starmap
+from pathlib import Path
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
 import shapely
 from unified_planning.model import FNode, TimePointInterval, Timing, Type
 from unified_planning.model.motion import (
@@ -26,9 +36,55 @@ from unified_planning.model.motion import (
 from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import ConfigurationType, MinimizeMakespan
 
-from up_samp.benchmarks.maps import Rectangle, drawn_map
+from up_samp.geometry.maps import write_map
 from up_samp.model import ProblemError
 from up_samp.model.frames import Frame
+from up_samp.system.folders import cache_folder
+
+RESOLUTION, WALL = 0.1, 0.5
+"""Metres per pixel, and thickness of an outer wall (m)."""
+
+DATA = Path(__file__).parent / "data"
+"""Folder of the files that are frozen with the package."""
+
+Rectangle = tuple[float, float, float, float]
+"""``(x_min, y_min, x_max, y_max)`` in m."""
+
+
+def draw(size: tuple[float, float], walls: Sequence[Rectangle]) -> npt.NDArray[np.bool_]:
+    """Return the occupancy grid of ``walls``: shape (rows, columns), row 0 lowest y."""
+    columns, rows = (round(v / RESOLUTION) for v in size)
+    occupied = np.zeros((rows, columns), dtype=np.bool_)
+    for x0, y0, x1, y1 in walls:
+        c0, c1, r0, r1 = (round(v / RESOLUTION) for v in (x0, x1, y0, y1))
+        occupied[r0:r1, c0:c1] = True
+    return occupied
+
+
+def drawn_map(name: str, size: tuple[float, float], walls: Sequence[Rectangle]) -> Path:
+    """Return the YAML file of a map of that size (m) with ``walls``: the one that is frozen with
+    the package under that name, else one that is drawn once per machine.
+    """
+    frozen = DATA / f"{name}.yaml"
+    if frozen.exists():
+        return frozen
+    told = zlib.crc32(repr((size, *walls)).encode())  # who draws something else reads nothing old
+    folder = (cache_folder() or Path(tempfile.gettempdir()) / "up-samp") / "maps"
+    cached = folder / f"{name}-{told:08x}.yaml"
+    if not cached.exists():
+        write_map(folder, cached.stem, draw(size, walls), RESOLUTION)
+    return cached
+
+
+def outer_wall(width: float, height: float) -> list[Rectangle]:
+    """Return the four sides of the wall around a map of that size (m)."""
+    return [
+        (0.0, 0.0, width, WALL),
+        (0.0, height - WALL, width, height),
+        (0.0, 0.0, WALL, height),
+        (width - WALL, 0.0, width, height),
+    ]
+
 
 Pose = tuple[float, float, float]
 """``(x, y, theta)``: m, m, rad, world frame."""
@@ -62,6 +118,16 @@ def box(length: float, width: float) -> tuple[tuple[float, float], ...]:
     """Return the corners of a ``length`` x ``width`` rectangle around the origin."""
     x, y = length / 2, width / 2
     return ((-x, -y), (x, -y), (x, y), (-x, y))
+
+
+def drawn_name(name: str, seed: int) -> str:
+    """Return what an instance is called that is drawn from a seed; 0: it is as it is published."""
+    return f"{name}-s{seed}" if seed else name
+
+
+def drawing(name: str, seed: int) -> random.Random | None:
+    """Return what draws an instance's floor (None: nothing does, it is as it is published)."""
+    return random.Random(name) if seed else None
 
 
 def least_duration(a: Pose, b: Pose, a_max: float) -> int:
@@ -133,11 +199,9 @@ class FamilyFloor:
             if fault := self.fault(pose):
                 raise ProblemError(f"a robot cannot stand at {name} {pose}: {fault}")
         names, standing = list(poses), [outline(self.footprint, p) for p in poses.values()]
-        tree = shapely.STRtree(standing)
-        for i, name in enumerate(names):
-            for j in tree.query(standing[i].buffer(0.5), predicate="intersects"):
-                if i < j:
-                    raise ProblemError(f"{name} and {names[j]} are less than 0.5 m apart")
+        pairs = shapely.STRtree(standing).query(standing, predicate="dwithin", distance=0.5)
+        for i, j in pairs[:, pairs[0] < pairs[1]].T:
+            raise ProblemError(f"{names[i]} and {names[j]} are less than 0.5 m apart")
 
     def spot(
         self,
@@ -159,8 +223,10 @@ class FamilyFloor:
                     return pose
         raise ProblemError(f"there is no room for one more robot in {region} of {self.name}")
 
-    def reshaped(self, rng: random.Random) -> FamilyFloor:
-        """Return the floor for robots of a shape that is drawn."""
+    def reshaped(self, rng: random.Random | None) -> FamilyFloor:
+        """Return the floor for robots of a shape that is drawn, if there is what draws."""
+        if rng is None:
+            return self
         return replace(
             self, footprint=box(rng.choice((1.2, 1.6, 2.0, 2.4)), rng.choice((0.8, 1.0, 1.2)))
         )

@@ -20,7 +20,7 @@ import itertools
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, get_args
+from typing import Any
 
 from unified_planning.model import Fluent, FNode, GlobalEndTiming, TimePointInterval, Timing
 from unified_planning.model.motion import (
@@ -34,6 +34,7 @@ from unified_planning.model.motion import (
 from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import GE, LE, And, Equals, Implies, MovableType, Not, Or
 
+from up_samp.benchmarks.instances import Encoding, check_encoding
 from up_samp.benchmarks.places import (
     FamilyDoor,
     FamilyFloor,
@@ -42,7 +43,6 @@ from up_samp.benchmarks.places import (
     least_duration,
     scope_of,
 )
-from up_samp.model import ProblemError
 
 
 @dataclass(frozen=True)
@@ -142,23 +142,6 @@ class Leaf:
 # ------------------ How published SAMP problems are written, whatever the family
 
 
-Encoding = Literal[
-    "fluents",
-    "no-fluents",
-    "fluents-uses",
-    "no-fluents-uses",
-    "fluents-sequential",
-    "no-fluents-sequential",
-]
-ENCODINGS: tuple[Encoding, ...] = get_args(Encoding)
-
-
-def check_encoding(encoding: str, known: Sequence[str] = ENCODINGS) -> None:
-    """Raise :class:`ProblemError` where there is no such encoding."""
-    if encoding not in known:
-        raise ProblemError(f"encoding must be one of {tuple(known)}, not {encoding!r}")
-
-
 CONTROLS = {"v_min": 1.0, "v_max": 20.0, "phi_min": -1.0, "phi_max": 1.0}
 """What bounds the control models of all robots (m/s, rad); the lowest speed says how slow a move
 may be.
@@ -248,24 +231,18 @@ class Form(ProblemOnMap):
 
     # ------------------------------------------------------------- activities
     def move(
-        self,
-        robot: PublishedRobot,
-        origin: ConfigurationObject,
-        to: ConfigurationObject,
-        name: str | None = None,
+        self, robot: PublishedRobot, origin: ConfigurationObject, to: ConfigurationObject
     ) -> MotionActivity:
         """Add the optional move of ``robot`` from ``origin`` to ``to``, once all objects exist."""
-        name = name or f"move_{robot.name}_{origin.name}_to_{to.name}"
+        name = f"move_{robot.name}_{origin.name}_to_{to.name}"
         a = self.problem.add_motion_activity(name, 1, optional=True)
         a.set_duration_bounds(*(self.manner.bounds or self._bounds(origin, to)))
         a.add_motion_effect(robot.body, to)
-        static, dynamic = None, None
-        if not self.manner.heed_all:
-            static = self._obstacles(self.doors)
-            dynamic = self._obstacles([r for r in self.robots if r is not robot])
+        static = self._obstacles(self.doors)
+        dynamic = self._obstacles([r for r in self.robots if r is not robot])
         a.add_motion_constraint(ActivityWaypoints(robot.body, origin, [to], static, dynamic))
         if robot.at is not None:
-            self.needs_at_start(a, Equals(robot.at, origin))
+            a.add_condition(at_start(a), Equals(robot.at, origin))
             a.add_effect(self.done(a), robot.at, to)
         robot.moves.append((a, origin, to))
         robot.stands.append((a, [origin]))
@@ -278,6 +255,8 @@ class Form(ProblemOnMap):
         return low, max(low, math.ceil(round(math.dist(a[:2], b[:2]) / CONTROLS["v_min"], 9)))
 
     def _obstacles(self, things: Sequence[PublishedRobot] | Sequence[Leaf]) -> Any:
+        if self.manner.heed_all:
+            return None
         if self.with_fluents:
             return {thing.body: thing.at for thing in things}
         return [thing.body for thing in things]
@@ -285,11 +264,6 @@ class Form(ProblemOnMap):
     def done(self, a: Activity) -> Timing:
         """Return when the effects of ``a`` happen."""
         return Timing(-self.manner.early, a.end)
-
-    @staticmethod
-    def needs_at_start(a: Activity, what: Any) -> None:
-        """Let ``a`` need ``what`` at its start."""
-        a.add_condition(at_start(a), what)
 
     def occupy(self, robot: PublishedRobot, a: Activity) -> None:
         """Let ``a`` be among the things that ``robot`` does one at a time."""
@@ -310,7 +284,7 @@ class Form(ProblemOnMap):
     ) -> None:
         """Let ``robot`` do ``a`` at one of ``places``."""
         if robot.at is not None:
-            self.needs_at_start(a, Or([Equals(robot.at, p) for p in places]))
+            a.add_condition(at_start(a), Or([Equals(robot.at, p) for p in places]))
         robot.stands.append((a, places))
         self.occupy(robot, a)
 
@@ -334,12 +308,14 @@ class Form(ProblemOnMap):
         each of them, or as an implication of the problem.
         """
         self.problem.add_constraint(Or([a.present for a in activities]))
+        if len(activities) < 2:
+            return
         for a in activities:
-            others = [b.present for b in activities if b is not a]
-            if others and inside:
-                a.add_constraint(Not(Or(others)))
-            elif others:
-                self.problem.add_constraint(Implies(a.present, Not(Or(others))))
+            none = Not(Or([b.present for b in activities if b is not a]))
+            if inside:
+                a.add_constraint(none)
+            else:
+                self.problem.add_constraint(Implies(a.present, none))
 
     def one_at_a_time(self, activities: Sequence[Activity]) -> None:
         """Keep each pair of ``activities`` apart, if both are present."""

@@ -6,10 +6,10 @@ import re
 import statistics
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 from up_samp.benchmarks.instances import instances
-from up_samp.benchmarks.one_run import Record, RunSpec
+from up_samp.benchmarks.runner import Record, RunSpec
 
 GROUPS = ("OC-DO", "OC-DC", "ALL-DO", "ALL-DC", "JSP")
 SIZES = (24, 24, 24, 24, 36)
@@ -24,6 +24,8 @@ PAPER: dict[str, tuple[float, ...]] = {
 }
 """Table 1 of the paper: solved per group, in total, and mean seconds of the solved (1800 s and
 20 GB per instance, means of three runs, AMD EPYC 7413)."""
+
+_Key = TypeVar("_Key")
 
 
 def solved(record: Record) -> bool:
@@ -47,11 +49,11 @@ def column(record: Record) -> str:
     return RunSpec(**{k: record[k] for k in fields}).column
 
 
-def columns(records: Sequence[Record]) -> dict[str, list[Record]]:
-    """Return the records by column, in order of appearance."""
-    found: dict[str, list[Record]] = {}
+def _by(records: Sequence[Record], key: Callable[[Record], _Key]) -> dict[_Key, list[Record]]:
+    """Return the records by what ``key`` says of each, in order of appearance."""
+    found: dict[_Key, list[Record]] = {}
     for record in records:
-        found.setdefault(column(record), []).append(record)
+        found.setdefault(key(record), []).append(record)
     return found
 
 
@@ -104,17 +106,13 @@ def table_one(records: Sequence[Record]) -> str:
     rows = [["engine", *sizes]]
     for title, figures in PAPER.items():
         rows.append([f"paper: {title}", *(f"{v:g}" for v in figures)])
-    for title, members in columns(records).items():
-        ours = [r for r in members if group_of.get(r["instance"]) in GROUPS]
-        if not ours:
-            continue
+    for title, ours in _by([r for r in records if r["instance"] in group_of], column).items():
         repeats = len({r["number"] for r in ours})
-        cells = []
-        for group in (*GROUPS, None):
-            part = [r for r in ours if group is None or group_of[r["instance"]] == group]
-            cells.append(_solved_cell(part, repeats))
-        cells.append(_mean(r["seconds"] for r in ours if counts(r)))
-        rows.append([title, *cells])
+        parts = _by(ours, lambda r: group_of[r["instance"]])
+        cells = [_solved_cell(parts.get(group, ()), repeats) for group in GROUPS]
+        seconds = [r["seconds"] for r in ours if counts(r)]
+        mean = f"{statistics.fmean(seconds):.3g}" if seconds else "-"
+        rows.append([title, *cells, _solved_cell(ours, repeats), mean])
     return _table(rows)
 
 
@@ -129,15 +127,17 @@ def _solved_cell(part: Sequence[Record], repeats: int) -> str:
 
 def table_drawn(records: Sequence[Record]) -> str:
     """Return for each family and engine what was found for each seed that it was drawn from."""
-    cells: dict[tuple[str, str], dict[int, list[Record]]] = {}
-    for r in records:
-        seed = re.search(r"-s(\d+)$", r["instance"])
-        by_seed = cells.setdefault((r["instance"].partition("-")[0], column(r)), {})
-        by_seed.setdefault(int(seed[1]) if seed else 0, []).append(r)
-    seeds = sorted({seed for some in cells.values() for seed in some})
+
+    def place(record: Record) -> tuple[str, str, int]:
+        family, _, rest = record["instance"].partition("-")
+        seed = re.search(r"-s(\d+)$", rest)
+        return family, column(record), int(seed[1]) if seed else 0
+
+    runs = _by(records, place)
+    seeds = sorted({seed for *_, seed in runs})
     rows = [["family", "engine", *(f"seed {seed}" for seed in seeds)]]
-    for (family, title), by_seed in cells.items():
-        rows.append([family, title, *(_drawn_cell(by_seed.get(seed, [])) for seed in seeds)])
+    for head in dict.fromkeys((family, title) for family, title, _ in runs):
+        rows.append([*head, *(_drawn_cell(runs.get((*head, seed), ())) for seed in seeds)])
     return _table(rows)
 
 
@@ -162,26 +162,20 @@ def table_failures(records: Sequence[Record]) -> str:
 
 def table_instances(records: Sequence[Record]) -> str:
     """Return a row per instance with the makespan, bound and time of each column's first run."""
-    by_column = {
-        title: {r["instance"]: r for r in reversed(members)}
-        for title, members in columns(records).items()
-    }
-    rows = [["instance", *by_column]]
-    rows.extend(
-        [name, *(_outcome(runs.get(name)) for runs in by_column.values())]
-        for name in dict.fromkeys(r["instance"] for r in sorted(records, key=_order))
-    )
+    names = {r["instance"] for r in records}
+    published = [name for name in _groups() if name in names]
+    titles, runs = _by(records, column), _by(records, lambda r: (r["instance"], column(r)))
+    rows = [["instance", *titles]]
+    for name in (*published, *sorted(names - set(published))):
+        rows.append([name, *(_outcome(runs.get((name, title), ())) for title in titles)])
     return _table(rows)
 
 
-def _order(record: Record) -> tuple[int, str]:
-    known = {i.name: n for n, i in enumerate(instances("paper"))}
-    return known.get(record["instance"], len(known)), record["instance"]
-
-
-def _outcome(record: Record | None) -> str:
-    if record is None:
+def _outcome(repeated: Sequence[Record]) -> str:
+    """Return what came of the first of some runs."""
+    if not repeated:
         return ""
+    record = repeated[0]
     if not solved(record):
         return f"- ({record.get('seconds') or record['timeout']:.0f} s)"
     bound = record.get("metrics", {}).get("lower_bound")
@@ -198,11 +192,6 @@ def _reason(record: Record) -> str:
     else:
         text = record.get("error") or "; ".join(record.get("messages", []))
     return " ".join(text.split()).replace("|", "\\|")[:200]
-
-
-def _mean(values: Any) -> str:
-    found = list(values)
-    return f"{statistics.fmean(found):.3g}" if found else "-"
 
 
 def _table(rows: Sequence[Sequence[str]]) -> str:

@@ -72,9 +72,7 @@ def make_parser(words: Sequence[str]) -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command; return the exit code: 0 well, 1 no (valid) plan, 2 an error, 130 Ctrl-C, 143
-    SIGTERM.
-    """
+    """Run a command; return 0: well, 1: no (valid) plan, 2: an error, 130: Ctrl-C, 143: SIGTERM."""
     own = argv is None
     try:
         if own:
@@ -115,9 +113,7 @@ def _let_go_of_output() -> None:
 
 
 def _collect_garbage() -> None:
-    """Collect garbage from now on: seldom (else a sixth of a short command's time), and not among
-    what was imported.
-    """
+    """Collect garbage from now on, but seldom: else it takes a sixth of a short command's time."""
     gc.freeze()
     gc.set_threshold(50_000, 20, 20)
     gc.enable()

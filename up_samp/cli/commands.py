@@ -5,43 +5,38 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import unified_planning as up
 from unified_planning.engines import Engine
 from unified_planning.model import ProblemKind
 from unified_planning.model.motion import SchedulingMotionProblem
 
-from up_samp.benchmarks import logistics
-from up_samp.benchmarks.published import ENCODINGS
+from up_samp.benchmarks.instances import ENCODINGS
 from up_samp.cli.problems import (
     add_problem_arguments,
     find_problem,
     fleet_of,
     problem_of_plan,
-    settings_of,
+    settle,
 )
-from up_samp.cli.progress import table
 from up_samp.cli.solving import (
     add_solver_arguments,
     describe,
     judge,
     solve_and_show,
+    table,
 )
 from up_samp.execution import Surprise, dependency_faults, remaining_at
 from up_samp.execution.check import check_motions, refuse
 from up_samp.export import FORMATS, export_plan
-from up_samp.io import read_plan
+from up_samp.io import contradictions, plan_from_dict, read_plan
 from up_samp.io.plan_dict import AREA
+from up_samp.io.restore import poses_beyond
 from up_samp.model import ProblemError
 from up_samp.model.errors import short
 from up_samp.system.files import check_folder
 from up_samp.system.imports import extra
-
-if TYPE_CHECKING:
-    from up_samp.fleet import Fleet
 
 
 def add_serve(parser: argparse.ArgumentParser) -> None:
@@ -169,14 +164,6 @@ def _check(args: argparse.Namespace) -> int:
     return 1 if errors else 0
 
 
-def tell_findings(file: str) -> None:
-    """Print what a look at a problem file finds, where solving found no plan."""
-    from up_samp.fleet import Fleet
-
-    for finding in Fleet.from_file(file).check():
-        print(f"  {finding}")
-
-
 def add_import(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``import``."""
     parser.add_argument("source", type=Path, metavar="FILE")
@@ -221,6 +208,8 @@ def add_demo(parser: argparse.ArgumentParser) -> None:
 
 
 def _demo(args: argparse.Namespace) -> int:
+    from up_samp.benchmarks import logistics
+
     problem = logistics(
         robots=args.robots,
         items=args.items,
@@ -228,7 +217,7 @@ def _demo(args: argparse.Namespace) -> int:
         sides=args.sides,
         encoding=args.encoding,
     )
-    _settle(None, args)
+    settle(None, args)
     return solve_and_show(problem, args)
 
 
@@ -264,13 +253,13 @@ def _solve(args: argparse.Namespace) -> int:
         if given is not None:
             raise ProblemError(f"{option} speaks of a plan: name it with --from PLAN.json")
     fleet = fleet_of(args.problem, {})
-    settings = _settle(fleet, args)
+    settings = settle(fleet, args)
     if fleet is None:
         return solve_and_show(find_problem(args.problem, args.encoding, settings), args)
     fleet = fleet.with_settings(**settings)
     code = solve_and_show(fleet.problem, args, tell=fleet.tell)
-    if code:
-        tell_findings(args.problem)
+    for finding in fleet.check() if code else ():
+        print(f"  {finding}")
     return code
 
 
@@ -288,7 +277,7 @@ def _go_on(args: argparse.Namespace) -> int:
     surprise = Surprise(cancelled=tuple(args.cancel or ()))
     left = remaining_at(problem, plan, args.at, surprise, args.broken or ())
     args.seconds_per_unit, args.margin = float(plan["seconds_per_unit"]), plan.get("margin")
-    _settle(fleet_of(args.problem, {}), args)
+    settle(fleet_of(args.problem, {}), args)
     since = left.since * args.seconds_per_unit
     print(f"what is left of {args.plan}: 0 is {since:g} s of its clock", file=sys.stderr)
     things = {n: p for n, p in left.poses.items() if left.problem.object(n).type.name != AREA}
@@ -299,14 +288,6 @@ def _go_on(args: argparse.Namespace) -> int:
     return solve_and_show(left.problem, args, left.hint)
 
 
-def _settle(fleet: Fleet | None, args: argparse.Namespace) -> dict[str, float]:
-    """Settle with which settings a problem is solved, and return them."""
-    given = {"seconds_per_unit": args.seconds_per_unit, "margin": args.margin}
-    settings = settings_of(fleet, given)
-    args.seconds_per_unit, args.margin = settings["seconds_per_unit"], settings["margin"]
-    return settings
-
-
 def add_validate(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``validate``."""
     add_problem_arguments(parser)
@@ -315,10 +296,6 @@ def add_validate(parser: argparse.ArgumentParser) -> None:
 
 
 def _validate(args: argparse.Namespace) -> int:
-    from up_samp.execution import dependency_faults
-    from up_samp.io import contradictions, plan_from_dict
-    from up_samp.io.compare import poses_beyond
-
     plan = read_plan(args.plan)
     problem = problem_of_plan(args.problem, args.encoding, plan)
     if not isinstance(problem, SchedulingMotionProblem):
@@ -379,19 +356,16 @@ def _engines(args: argparse.Namespace) -> int:
 
 def _uses(engine: type[Engine]) -> str:
     """Return what an engine does with schedules, or "" if it does not know them."""
-    kinds = [ProblemKind(("SCHEDULING",)), ProblemKind(("SAMP",))]
-    known = [k for k in kinds if engine.supports(k)]
-    if not known:
+    kinds = ProblemKind(("SCHEDULING",)), ProblemKind(("SAMP",))
+    if not any(map(engine.supports, kinds)):
         return ""
-    checks: list[tuple[str, Callable[[], bool]]] = [
-        ("plan", engine.is_oneshot_planner),
-        ("plan, better and better", engine.is_anytime_planner),
-        ("validate", engine.is_plan_validator),
-    ]
-    what = [text for text, check in checks if check()]
-    if what[:2] == ["plan", "plan, better and better"]:
-        what = ["plan, also better and better", *what[2:]]
-    return "; ".join(what)
+    also = "also " if engine.is_oneshot_planner() else ""
+    checks = {
+        f"plan, {also}better and better": engine.is_anytime_planner(),
+        "plan": engine.is_oneshot_planner() and not engine.is_anytime_planner(),
+        "validate": engine.is_plan_validator(),
+    }
+    return "; ".join(text for text, does in checks.items() if does)
 
 
 def add_warmup(parser: argparse.ArgumentParser) -> None:

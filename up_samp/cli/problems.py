@@ -15,7 +15,7 @@ from unified_planning.exceptions import UPException
 from unified_planning.model.scheduling import SchedulingProblem
 
 from up_samp.benchmarks import instance
-from up_samp.benchmarks.published import ENCODINGS, Encoding
+from up_samp.benchmarks.instances import ENCODINGS, Encoding
 from up_samp.io import PlanDict
 from up_samp.io.precision import PRECISION
 from up_samp.model import ProblemError, SampError
@@ -42,7 +42,7 @@ def find_problem(
     name: str, encoding: Encoding = "fluents", settings: Mapping[str, float] | None = None
 ) -> SchedulingProblem:
     """Return the problem of a problem file, of a script (``*.py``) or of a benchmark instance.
-    ``settings`` take the place of a problem file's own (see :func:`settings_of`).
+    ``settings`` take the place of a problem file's own (see :func:`settle`).
 
     Raises :class:`ProblemError` that says what was looked for.
     """
@@ -68,24 +68,22 @@ def problem_of_plan(name: str, encoding: Encoding, plan: PlanDict) -> Scheduling
 
 def fleet_of(name: str, settings: Mapping[str, float]) -> Fleet | None:
     """Return the fleet of a problem file, with other ``settings``; None for other problems."""
-    if not is_problem_file(name):
+    if not name.lower().endswith((".yaml", ".yml", ".json")):
         return None
     from up_samp.fleet import Fleet
 
     return Fleet.from_file(name).with_settings(**settings)
 
 
-def is_problem_file(name: str) -> bool:
-    """Return whether ``name`` is that of a problem file."""
-    return name.lower().endswith((".yaml", ".yml", ".json"))
-
-
-def settings_of(fleet: Fleet | None, given: Mapping[str, float | None]) -> dict[str, float]:
-    """Return the length of a schedule unit (s) and the margin (m) to solve a problem with: what is
-    ``given``, else what its problem file (``fleet``) asks for, else what the engines take.
+def settle(fleet: Fleet | None, args: argparse.Namespace) -> dict[str, float]:
+    """Settle, and return, with which length of a schedule unit (s) and margin (m) a problem is
+    solved: what is given, else what its problem file (``fleet``) asks for, else what the engines
+    take.
     """
     own = {"seconds_per_unit": 1.0, "margin": PRECISION.margin} if fleet is None else fleet.settings
-    return {**own, **{k: v for k, v in given.items() if v is not None}}
+    settings = {k: v if vars(args)[k] is None else vars(args)[k] for k, v in own.items()}
+    vars(args).update(settings)
+    return settings
 
 
 def load_script(path: Path) -> SchedulingProblem:
@@ -108,7 +106,8 @@ def load_script(path: Path) -> SchedulingProblem:
     except SystemExit as error:
         raise ProblemError(f"'{path}' left by sys.exit({error.code!r})") from error
     except BaseException as error:  # whatever a user's script may raise
-        raise ProblemError(f"'{path}' failed{_line(path, error)}: {_text(error)}") from error
+        what = traceback.format_exception_only(error)[-1].strip()
+        raise ProblemError(f"'{path}' failed{_line(path, error)}: {what}") from error
     finally:
         sys.path.pop(0)
     return _checked(problem, path)
@@ -127,13 +126,6 @@ def _checked(problem: Any, path: Path) -> SchedulingProblem:
 
 def _line(path: Path, error: BaseException) -> str:
     """Return the line of the script at which it failed."""
-    lines = [
-        frame.lineno
-        for frame in traceback.extract_tb(error.__traceback__)
-        if Path(frame.filename) == path
-    ]
+    frames = traceback.extract_tb(error.__traceback__)
+    lines = [frame.lineno for frame in frames if Path(frame.filename) == path]
     return f" at line {lines[-1]}" if lines else ""
-
-
-def _text(error: BaseException) -> str:
-    return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 
-from up_samp.benchmarks.published import ENCODINGS
+from up_samp.benchmarks.instances import ENCODINGS
 from up_samp.cli.problems import problem_of_plan
-from up_samp.cli.progress import table
+from up_samp.cli.solving import table
 from up_samp.io import PlanDict, read_plan, write_plan
 from up_samp.model import ProblemError
 from up_samp.tuning import tuning_of

@@ -1,14 +1,17 @@
-"""Solve a problem and show the plan: what ``demo`` and ``solve`` have in common."""
+"""Solve a problem, show what the search is doing, and the plan: what ``demo`` and ``solve`` have in
+common.
+"""
 
 from __future__ import annotations
 
 import argparse
 import math
+import shutil
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 from unified_planning.engines import PlanGenerationResult
 from unified_planning.model.motion import SchedulingMotionProblem
@@ -16,22 +19,134 @@ from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.plans import Schedule
 from unified_planning.shortcuts import OneshotPlanner
 
-from up_samp.cli.progress import Progress, schedule_table
 from up_samp.engines.factory import engine_named
 from up_samp.io import PlanDict, result_to_dict, write_plan
 from up_samp.model.errors import InterruptedSearch, in_words
 from up_samp.model.objective import MinimizeCosts
+from up_samp.plotting.tracks import tracks_of
 from up_samp.search.params import PRESETS
 from up_samp.system.files import check_folder, uninterrupted
 from up_samp.upio.objective import shown
 
 if TYPE_CHECKING:
+    from up_samp.search.history import ProgressEvent
     from up_samp.validation import Verdict
 
 LONGEST = 120.0
 """Seconds that a solve may take where no limit is given."""
 DEFAULT_ENGINE = "cpsat"
 """The scheduler that the commands wrap unless told otherwise."""
+
+# ------------------ What is shown
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]], right: Sequence[int] = ()) -> str:
+    """Return aligned columns; the columns in ``right`` are aligned to the right."""
+    widths = [max(len(str(r[i])) for r in (header, *rows)) for i in range(len(header))]
+
+    def line(cells: Sequence[str]) -> str:
+        parts = (
+            cell.rjust(width) if i in right else cell.ljust(width)
+            for i, (cell, width) in enumerate(zip(cells, widths, strict=True))
+        )
+        return "  ".join(parts).rstrip()
+
+    rule = "  ".join("-" * w for w in widths)
+    return "\n".join([line(header), rule, *(line(r) for r in rows)])
+
+
+def schedule_table(plan: dict[str, Any]) -> str:
+    """Return the present activities of a plan: when, what, who moves, and for how long it drives.
+
+    Times are in schedule units, driving in s.
+    """
+    driving = {
+        (leg.activity, track.name): sum(b - a for a, b in leg.driving())
+        for track in tracks_of(plan)
+        for leg in track.legs
+    }
+    loads = {(ride["activity"], ride["object"]) for ride in plan.get("rides", ())}
+    rows = []
+    for entry in plan["activities"]:
+        name = entry["name"]
+        moved = [(o, s) for (a, o), s in driving.items() if a == name]
+        driven = {o for o, _ in moved}
+        changes = (c["object"] for c in plan["changes"] if c["activity"] == name)
+        changed = [o for o in changes if o not in driven]
+        parameters = ", ".join(f"{k}={v}" for k, v in entry.get("parameters", {}).items())
+        rows.append(
+            [
+                str(entry["start"]),
+                str(entry["end"]),
+                str(entry["end"] - entry["start"]),
+                in_words(name) + (f"({parameters})" if parameters else ""),
+                in_words(", ".join([o for o, _ in moved] + changed)),
+                ", ".join(f"{s:.1f} s" for o, s in moved if (name, o) not in loads),
+            ]
+        )
+    header = ("start", "end", "length", "activity", "moves", "driving")
+    return table(header, rows, right=(0, 1, 2, 5))
+
+
+class Progress:
+    """A progress display; call it with each event, and use it as a context to end the line. On a
+    terminal, a line for each better plan stays.
+
+    Elsewhere than on a terminal, a line is printed for the first event of each phase, when a bound
+    moves, and otherwise at most every two seconds.
+    """
+
+    def __init__(self, stream: TextIO | None = None):
+        self.stream = stream if stream is not None else sys.stderr
+        self.live = self.stream.isatty()
+        self._phases: set[str] = set()
+        self._bounds = ""
+        self._last_time = float("-inf")
+        self._open = False
+
+    def __enter__(self) -> Progress:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._open:
+            # the line has told what there was to tell: make room for the result
+            self.stream.write("\r\x1b[2K")
+            self.stream.flush()
+            self._open = False
+
+    def __call__(self, event: ProgressEvent) -> None:
+        """Show an event."""
+        line = _line_of(event)
+        now = time.monotonic()
+        if self.live:
+            width = shutil.get_terminal_size().columns - 1
+            kept = event.phase == "plan"  # a line for each better plan stays
+            self.stream.write("\r\x1b[2K" + line[:width] + ("\n" if kept else ""))
+            self.stream.flush()
+            self._open = not kept
+            return
+        known = event.phase in self._phases and event.bounds == self._bounds
+        if known and now - self._last_time < 2.0:
+            return
+        self._phases.add(event.phase)
+        self._bounds, self._last_time = event.bounds, now
+        print(line, file=self.stream, flush=True)
+
+
+def _line_of(event: ProgressEvent) -> str:
+    """Return an event as a line."""
+    parts = [f"[{event.elapsed:6.1f} s]"]
+    if event.round:
+        parts.append(f"round {event.round}:")
+    parts.append(event.phase)
+    if event.message:
+        parts.append(f"- {event.message}")
+    if event.bounds:
+        parts.append(f"({event.bounds})")
+    return " ".join(parts)
+
+
+# ------------------ Options, and the solve
 
 
 def add_solver_arguments(parser: argparse.ArgumentParser, *, out: str | None) -> None:
@@ -158,7 +273,9 @@ def _show(
     tell: Callable[[PlanDict], list[str]],
 ) -> int:
     if result.plan is None:
-        _explain_failure(problem, result, seconds)
+        print(f"{problem.name}: no plan, {result.status.name} after {seconds:.1f} s")
+        for message in result.log_messages or ():
+            print(f"  {message.message}")
         return 1
     with uninterrupted():  # first of all the file: whatever comes may fail
         plan = result_to_dict(problem, result)
@@ -204,18 +321,16 @@ def _solve(
             "margin": args.margin,
             "progress": progress,
         }
-        if args.optimal:
-            params["optimal"] = True
-        if args.relative:
-            params["relative"] = True
-        if args.first:
-            params["first_plan"] = True
+        asked = {
+            "optimal": args.optimal,
+            "relative": args.relative,
+            "first_plan": args.first,
+            "trace": args.trace and str(args.trace),
+            "tuning": args.tuning,
+        }
+        params |= {key: value for key, value in asked.items() if value}
         if args.patience is not None or args.timeout is not None:
             params["patience"] = math.inf if args.patience is None else args.patience
-        if args.trace is not None:
-            params["trace"] = str(args.trace)
-        if args.tuning is not None:
-            params["tuning"] = args.tuning
         with OneshotPlanner(name=name, params=params) as planner:
             begin = {} if hint is None else {"warm_start_plan": hint}
             return planner.solve(problem, timeout=args.timeout or LONGEST, **begin)
@@ -256,11 +371,3 @@ def _summary(plan: dict[str, Any], result: PlanGenerationResult, seconds: float)
         rounds = metrics["rounds"]
         parts.append(f"{rounds} round{'' if rounds == '1' else 's'}")
     return ", ".join(parts)
-
-
-def _explain_failure(
-    problem: SchedulingProblem, result: PlanGenerationResult, seconds: float
-) -> None:
-    print(f"{problem.name}: no plan, {result.status.name} after {seconds:.1f} s")
-    for message in result.log_messages or []:
-        print(f"  {message.message}")

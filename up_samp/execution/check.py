@@ -19,8 +19,8 @@ from up_samp.execution.graph import ORIGIN, At, Edge, Event, Graph, PlannedTask,
 from up_samp.execution.lives import DriveCells, Life, drives_of, in_turn
 from up_samp.execution.meetings import Meeting, steps_of
 from up_samp.execution.tolerances import TOLERANCES
+from up_samp.io.files import is_number, shape_fault
 from up_samp.io.plan_dict import PlanDict
-from up_samp.io.shape import is_number, shape_fault
 from up_samp.model import MotionModel, ProblemError
 from up_samp.model.errors import short
 

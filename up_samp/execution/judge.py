@@ -30,13 +30,12 @@ from up_samp.model import avoids
 from up_samp.model.violation import Violation
 from up_samp.scheduling.partial_order.orders import constraint_texts
 from up_samp.upio.movers import named_as_planned
-from up_samp.validation.collisions import JudgedShape, hits_body
+from up_samp.validation.collisions import JudgedShape, Track, hits_body
 from up_samp.validation.lives import resting
 from up_samp.validation.plan import judge_executed
-from up_samp.validation.rides import between, carried_along
+from up_samp.validation.scene import between, carried_along
 from up_samp.validation.schedule import objects_by_type
-from up_samp.validation.tracks import Track
-from up_samp.validation.values import Decisions
+from up_samp.validation.timeline import Decisions
 
 Drivings = dict[tuple[str, str], list[tuple[float, float]]]
 """(time, progress) of each motion (activity, object)."""

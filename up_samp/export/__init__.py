@@ -21,7 +21,7 @@ FORMATS = {
     "vda5050-3": ("vda5050", "export_later"),
     "mcap": ("mcap_file", "export"),
     "nav2": ("nav2", "export"),
-    "rmf": ("rmf", "export"),
+    "rmf": ("tables", "export_states"),
 }
 """Formats, and the modules and functions ``(plan, folder) -> files`` that write them."""
 

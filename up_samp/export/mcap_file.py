@@ -16,13 +16,13 @@ from typing import Any
 
 import numpy as np
 
-from up_samp.export.legs import motions_of, quaternion, robots_of
+from up_samp.export.steps import quaternion, robots_of
 from up_samp.geometry.maps import OccupancyGrid, load_map
 from up_samp.io import PlanDict
 from up_samp.io.floors import heights_of, map_at, maps_in_turn, maps_of, named_maps
 from up_samp.io.precision import PRECISION
 from up_samp.model.frames import PlacedMap
-from up_samp.plotting.tracks import ObjectTrack, horizon, tracks_of
+from up_samp.plotting.tracks import ObjectTrack, flat, horizon, tracks_of
 from up_samp.system.imports import extra
 
 _RULE = "\n" + "=" * 80 + "\n"
@@ -133,12 +133,11 @@ def _grid(grid: OccupancyGrid, placed: PlacedMap) -> Message:
 
 
 def _path(plan: PlanDict, robot: str, maps: Sequence[tuple[float, int]]) -> Message:
-    rows = [row for motion in motions_of(plan, robot) for row in motion["samples"]]
-    flat = [(row[0], row[1], row[2], row[3] if len(row) == 4 else 0.0) for row in rows]
     heights = heights_of(plan)
+    rows = (row for m in plan["motions"] if m["object"] == robot for row in m["samples"])
     poses = [
-        {"header": _header(t), "pose": _pose(x, y, yaw, heights[map_at(maps, t)])}
-        for t, x, y, yaw in flat
+        {"header": _header(t), "pose": _pose(*flat(pose), heights[map_at(maps, t)])}
+        for t, *pose in sorted(rows)
     ]
     return {"header": _header(0.0), "poses": poses}
 
@@ -184,7 +183,7 @@ def _transforms(plan: PlanDict, tracks: list[ObjectTrack]) -> Iterator[Timed]:
 
 def _activities(plan: PlanDict) -> Iterator[Timed]:
     """Yield the names of what goes on, above the robots that do it, whenever that changes."""
-    from up_samp.plotting.rows import rows_of
+    from up_samp.plotting.gantt import rows_of
 
     rows = [r for r in rows_of(plan) if r.track is not None]
     times = sorted({t for r in rows for b in r.bars for t in (b.start, b.end)})

@@ -20,8 +20,7 @@ from xml.etree import ElementTree
 import numpy as np
 import yaml
 
-from up_samp.export.legs import quaternion
-from up_samp.export.steps import RobotStep, steps_of
+from up_samp.export.steps import RobotStep, quaternion, steps_of
 from up_samp.export.vda5050 import file_names
 from up_samp.io import PlanDict
 from up_samp.io.floors import named_maps

@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import shapely
 
-from up_samp.export.legs import PathPiece, simplified, wrapped
-from up_samp.export.steps import RobotStep, StepReader, StepWait
+from up_samp.export.steps import PathPiece, RobotStep, StepReader, StepWait, wrapped
 from up_samp.io import PlanDict
 from up_samp.io.floors import map_number, maps_of, named_maps, own_frames
 from up_samp.io.precision import PRECISION
@@ -269,7 +269,8 @@ def nurbs(points: FloatArray) -> Message:
 
     Knots are clamped and go by arc length: n + degree + 1 of them.
     """
-    chosen = simplified(points, PRECISION.nurbs)
+    line = shapely.LineString(points).simplify(PRECISION.nurbs, preserve_topology=False)
+    chosen = np.asarray(line.coords, dtype=np.float64)
     steps = np.hypot(*np.diff(chosen, axis=0).T)
     whole = float(steps.sum())
     inner = np.cumsum(steps)[:-1] / whole if whole > 0 else np.linspace(0, 1, len(chosen))[1:-1]

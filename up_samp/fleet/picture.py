@@ -21,9 +21,8 @@ from up_samp.fleet.records import GROUND, FleetRecords
 from up_samp.fleet.spelled_out import in_numbers, spelled_out
 from up_samp.io.plan_dict import zone_entry
 from up_samp.model.frames import Frame
-from up_samp.plotting.background import ground_of
+from up_samp.plotting.background import ground_of, told
 from up_samp.plotting.map_picture import draw_area, label_of, legend_below, map_panels
-from up_samp.plotting.rules import told
 from up_samp.plotting.style import (
     FIXTURE,
     INK,

@@ -22,7 +22,7 @@ from up_samp.engines.factory import engine_named
 from up_samp.engines.registration import register
 from up_samp.fleet.statements import Kind, Written
 from up_samp.io import PlanDict, result_to_dict
-from up_samp.io.rides import in_formation
+from up_samp.io.sampling import in_formation
 from up_samp.model import SampError
 from up_samp.model.objective import MinimizeCosts
 from up_samp.validation import terms_of

@@ -1,9 +1,8 @@
 """Plan files: a plan as a self-contained dictionary or JSON file, and back."""
 
-from up_samp.io.compare import contradictions
 from up_samp.io.files import check_plan, dump_plan, read_plan, write_plan
 from up_samp.io.plan_dict import PlanDict, plan_to_dict, result_to_dict
-from up_samp.io.restore import plan_from_dict
+from up_samp.io.restore import contradictions, plan_from_dict
 
 __all__ = [
     "PlanDict",

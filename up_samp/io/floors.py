@@ -9,26 +9,15 @@ from itertools import starmap
 from pathlib import Path
 from typing import Any
 
+from up_samp.io.plan_dict import PlanDict
 from up_samp.io.precision import PRECISION
 from up_samp.model.frames import Frame, PlacedMap
 
-PlanDict = dict[str, Any]
 Box = tuple[float, float, float, float]
 """(left, bottom, right, top), m."""
 
 GAP = 2.0
 """Distance (m) between floors that are drawn or looked at side by side."""
-
-
-def described_map(placed: PlacedMap, path: str) -> dict[str, Any]:
-    """Return a map as plan files have it: ``frame`` and ``height`` only where they are not 0."""
-    entry: dict[str, Any] = {"yaml": path}
-    if not placed.frame.is_identity:
-        frame = (placed.frame.x, placed.frame.y, placed.frame.yaw)
-        entry["frame"] = [round(v, PRECISION.decimals) + 0.0 for v in frame]
-    if placed.height:
-        entry["height"] = round(placed.height, PRECISION.decimals)
-    return entry
 
 
 def maps_of(plan: Mapping[str, Any]) -> list[PlacedMap]:

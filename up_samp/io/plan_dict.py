@@ -14,10 +14,10 @@ from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.plans import Schedule
 
-from up_samp.io.floors import described_map
 from up_samp.io.precision import PRECISION
 from up_samp.io.sampling import path_trajectory, trajectory_rows
 from up_samp.model import Configuration, Movable, ProblemError, TrafficZone, Trajectory
+from up_samp.model.frames import PlacedMap
 from up_samp.model.refinement import ABSOLUTE
 from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
 from up_samp.upio.movers import named_as_planned
@@ -83,7 +83,7 @@ def plan_to_dict(
         "objects": described_objects(snapshot),
         "activities": activities,
         "motions": _motions(plan, snapshot, times),
-        "changes": _changes(problem, plan, snapshot, times),
+        "changes": described_changes(problem, plan, snapshot, times),
     }
     margin = getattr(plan, "margin", None)
     more: dict[str, tuple[Any, Any]] = {
@@ -175,8 +175,17 @@ def _plain(value: float | None) -> float | int | None:
 
 
 def described_maps(snapshot: Snapshot) -> list[dict[str, Any]]:
-    """Return the problem's maps as a plan file describes them."""
-    return [described_map(m, os.path.abspath(m.file)) for m in snapshot.maps]
+    """Return the maps as plan files have them: ``frame`` and ``height`` where they are not 0."""
+
+    def described(placed: PlacedMap) -> dict[str, Any]:
+        frame = placed.frame
+        more = {
+            "frame": (_pose((frame.x, frame.y, frame.yaw)), [0.0, 0.0, 0.0]),
+            "height": (round(placed.height, PRECISION.decimals), 0.0),
+        }
+        return {"yaml": os.path.abspath(placed.file), **_said(more)}
+
+    return [described(m) for m in snapshot.maps]
 
 
 def on_map(snapshot: Snapshot, number: int) -> dict[str, int]:
@@ -319,23 +328,20 @@ def _trajectory(plan: Schedule, task: MotionTask, start: float) -> Trajectory:
     )
 
 
-def _changes(
+def described_changes(
     problem: SchedulingProblem,
     plan: Schedule,
     snapshot: Snapshot,
     times: Mapping[str, tuple[float, float]],
 ) -> list[dict[str, Any]]:
-    entries = []
-    told: dict[tuple[str, str], str] | None = None
+    """Return what the activities of a plan put elsewhere at their ends."""
     rides = [ChangeTask(r.activity, r.load, r.goal) for r in snapshot.rides]
-    for change in (*snapshot.changes, *rides):
-        if change.activity not in times:
-            continue
-        if change.term.kind is TermKind.FLUENT:
-            told = told_by_fluents(problem, plan) if told is None else told
-            name = told[change.activity, change.object]
-        else:
-            name = _configuration_name(plan, change.term)
+    changes = [c for c in (*snapshot.changes, *rides) if c.activity in times]
+    fluents = any(c.term.kind is TermKind.FLUENT for c in changes)
+    told = told_by_fluents(problem, plan) if fluents else {}
+    entries = []
+    for change in changes:
+        name = told.get((change.activity, change.object)) or _configuration_name(plan, change.term)
         entries.append(
             {
                 "activity": change.activity,

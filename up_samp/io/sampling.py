@@ -1,14 +1,17 @@
-"""Turn trajectories and UP paths into the rows that plan files hold."""
+"""Motions as the rows that plan files hold: of trajectories, of UP paths, of what travels along."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from unified_planning.model.motion import SE2Path, SE2WithControlsPath, SE3Path
 
 from up_samp.io.precision import PRECISION
 from up_samp.model import ProblemError, Trajectory, interpolate
+from up_samp.model.arrays import FloatArray
 
 
 def trajectory_rows(trajectory: Trajectory) -> list[list[float]]:
@@ -23,14 +26,10 @@ def trajectory_rows(trajectory: Trajectory) -> list[list[float]]:
     for i in range(len(times)):
         if i > 0:
             _fill_gap(rows, trajectory, i)
-        if 0 < i < len(times) - 1 and _same(poses[i - 1], poses[i], poses[i + 1]):
+        if 0 < i < len(times) - 1 and (poses[[i - 1, i + 1]] == poses[i]).all():
             continue
         _append(rows, float(times[i]), poses[i])
     return rows
-
-
-def _same(before: np.ndarray, here: np.ndarray, after: np.ndarray) -> bool:
-    return bool(np.array_equal(before, here) and np.array_equal(here, after))
 
 
 def _fill_gap(rows: list[list[float]], trajectory: Trajectory, i: int) -> None:
@@ -115,3 +114,29 @@ def _after(
     chord = speed * seconds * float(np.sinc(half / math.pi))
     ahead = theta + half
     return x + chord * math.cos(ahead), y + chord * math.sin(ahead), theta + 2 * half
+
+
+# ------------------ What travels with others, and who drives along by itself
+
+
+def ridden(plan: Mapping[str, Any], ride: dict[str, Any]) -> FloatArray:
+    """Return rows ``[t, x, y, theta]`` (n, 4) of what travels: as its carrier does, at its place in
+    that one's frame.
+    """
+    motion = _carrying(plan, ride)
+    t, x, y, theta = np.array(motion["samples"], dtype=np.float64).T
+    dx, dy, turned = (float(v) for v in ride["offset"])
+    c, s = np.cos(theta), np.sin(theta)
+    return np.column_stack((t, x + c * dx - s * dy, y + s * dx + c * dy, theta + turned))
+
+
+def in_formation(plan: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the motions of robots that drive along, with who is their ``carrier``."""
+    along = {entry["name"] for entry in plan["objects"] if entry.get("drives_along")}
+    rides = [ride for ride in plan.get("rides", ()) if ride["object"] in along]
+    return [{**_carrying(plan, r), **r, "samples": ridden(plan, r).tolist()} for r in rides]
+
+
+def _carrying(plan: Mapping[str, Any], ride: dict[str, Any]) -> dict[str, Any]:
+    key = (ride["activity"], ride["carrier"])
+    return next(m for m in plan["motions"] if (m["activity"], m["object"]) == key)

@@ -23,8 +23,7 @@ from up_samp.fleet.statements import Kind
 from up_samp.operate.records import DayOrder, OrderState, Pose
 from up_samp.operate.simulated import Drive, Handled
 from up_samp.validation.collisions import JudgedShape, placed
-from up_samp.validation.kinematics import speeds_on_way
-from up_samp.validation.limits import limits_of
+from up_samp.validation.kinematics import limits_of, speeds_on_way
 from up_samp.validation.zones import zone_violations
 
 _ROBOT = MovableType("robot")

@@ -2,7 +2,7 @@
 
 What a robot is to do is one command at a time, with a number, and is there as long as it holds: so
 nothing is lost where an answer is, and whoever has been away just asks again. Paths are told once.
-The requests are those of :mod:`up_samp.server.robots`; a client is in the folder ``ros/``.
+The requests are those of :mod:`up_samp.server.floor`; a client is in the folder ``ros/``.
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ from paho.mqtt.enums import CallbackAPIVersion
 from up_samp.execution.executor import Executor
 from up_samp.execution.graph import PlannedTask
 from up_samp.execution.reports import Command, Go, Hold
-from up_samp.export.legs import PathPiece, pieces_of, wrapped
+from up_samp.export.steps import PathPiece, pieces_of, wrapped
 from up_samp.export.vda5050 import LATER, earlier, edge_of, later, node_of
 from up_samp.fleet.fields import corners_of
 from up_samp.fleet.records import FleetRecords

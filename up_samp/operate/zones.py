@@ -23,8 +23,7 @@ from up_samp.execution.build import Draft
 from up_samp.execution.graph import ZONE, At, Choice, Event, Precedence
 from up_samp.execution.lives import DriveCells, Life, Piece
 from up_samp.execution.tolerances import TOLERANCES
-from up_samp.export.legs import PathPiece
-from up_samp.export.steps import stretches_of
+from up_samp.export.steps import PathPiece, stretches_of
 from up_samp.fleet.records import FleetRecords, Zone
 from up_samp.model import ProblemError
 from up_samp.model.arrays import BoolArray, FloatArray

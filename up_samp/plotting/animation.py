@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PIL import Image
 
 from up_samp.model.arrays import FloatArray
 from up_samp.plotting.background import ground_of
-from up_samp.plotting.gantt import title_of
-from up_samp.plotting.rows import Row, rows_of
+from up_samp.plotting.gantt import Row, rows_of, title_of
 from up_samp.plotting.style import (
     AREA_FILL,
     FIXTURE,
@@ -123,7 +123,7 @@ def _needed(table: FloatArray, near: float) -> list[int]:
     return sorted(keep)
 
 
-# ------------------ A plan as an animation: a web page that needs nothing else, or a GIF
+# ------------------ A plan as an animation: a web page that needs nothing else
 
 
 def animation_html(
@@ -137,7 +137,9 @@ def animation_html(
     laid = ground_of(with_short_names(plan))
     plan = laid.plan
     buffer = io.BytesIO()
-    laid.image(1600).quantize(32).save(buffer, format="PNG", optimize=True)
+    picture = Image.fromarray(laid.pixels, "RGB")
+    picture.thumbnail((1600, 1600), Image.Resampling.BOX)
+    picture.quantize(32).save(buffer, format="PNG", optimize=True)
     scene = scene_of(plan)
     scene["places"] = [
         {"name": " / ".join(names), "at": [round(v, 3) for v in pose[:2]]}

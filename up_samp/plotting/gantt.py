@@ -1,24 +1,152 @@
-"""A plan's schedule as a Gantt chart."""
+"""A plan's schedule as a Gantt chart: which activity is shown in which row, under which short name;
+and what was planned beside what happened.
+"""
 
 from __future__ import annotations
 
+import re
+from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch, Rectangle
 from matplotlib.transforms import Bbox
 
-from up_samp.plotting.rows import Bar, Row, rows_of
+from up_samp.io.plan_dict import word
 from up_samp.plotting.style import (
+    FIXTURE,
     INK,
     OTHER,
+    color_of,
     drawn,
     figure_axes,
     ink_on,
     mixed,
     with_short_names,
 )
-from up_samp.plotting.tracks import horizon
+from up_samp.plotting.tracks import ObjectTrack, horizon, tracks_of
+
+
+@dataclass(frozen=True)
+class Bar:
+    """An activity in a row: ``start`` and ``end`` in s, ``lane`` counts from 0 within the row.
+
+    ``driving`` are the intervals (s) in which the row's object really moves.
+    """
+
+    activity: str
+    start: float
+    end: float
+    labels: tuple[str, ...]
+    lane: int = 0
+    motion: bool = False
+    driving: tuple[tuple[float, float], ...] = ()
+
+
+@dataclass
+class Row:
+    """A row: an object that moves, an object that is changed, or a group of other activities."""
+
+    name: str
+    color: str
+    track: ObjectTrack | None = None
+    bars: list[Bar] = field(default_factory=list)
+
+    @property
+    def changes(self) -> list[float]:
+        """When its object is put elsewhere in one instant (s)."""
+        return [] if self.track is None else [t for t, _ in self.track.changes]
+
+    @property
+    def lanes(self) -> int:
+        """How many bars lie above each other at most."""
+        return max((b.lane for b in self.bars), default=0) + 1
+
+
+def rows_of(plan: dict[str, Any]) -> list[Row]:
+    """Return the rows of a plan: moving objects, changed objects, then other activities.
+
+    An activity that moves no object belongs to the moving object that its name or its parameters
+    mention (``pick_r0_item`` to ``r0``), else to the object that it changes, else to a group of
+    activities whose names start alike.
+    """
+    tracks = tracks_of(plan)
+    movers = [t for t in tracks if t.moves]
+    changed = [t for t in tracks if not t.moves and t.changes]
+    rows = {t.name: Row(t.name, color_of(i), t) for i, t in enumerate(movers)}
+    rows |= {t.name: Row(t.name, FIXTURE, t) for t in changed}
+    motions: dict[str, list[str]] = {}
+    for motion in plan["motions"]:
+        motions.setdefault(motion["activity"], []).append(motion["object"])
+    groups: dict[str, Row] = {}
+    unit = plan["seconds_per_unit"]
+    for activity in plan["activities"]:
+        name = activity["name"]
+        span = (activity["start"] * unit, activity["end"] * unit)
+        homes = motions.get(name) or _homes(activity, movers, plan["changes"])
+        for row in [rows[home] for home in homes] or [_group(groups, name)]:
+            row.bars.append(_bar(row, name, span, motion=name in motions))
+    if len(groups) > 10:  # more are shown as one
+        bars = sorted((b for g in groups.values() for b in g.bars), key=lambda b: b.start)
+        groups = {"other": Row("other", OTHER, None, bars)}
+    everything = [*rows.values(), *groups.values()]
+    for row in everything:
+        row.bars = _laned(row.bars)
+    return everything
+
+
+def _homes(
+    activity: dict[str, Any], movers: list[ObjectTrack], changes: list[dict[str, Any]]
+) -> list[str]:
+    given = {str(v) for v in activity.get("parameters", {}).values()}
+    named = [t.name for t in movers if t.name in given or word(t.name).search(activity["name"])]
+    if named:
+        return named
+    return list(dict.fromkeys(c["object"] for c in changes if c["activity"] == activity["name"]))
+
+
+def _group(groups: dict[str, Row], activity: str) -> Row:
+    stem = re.split(r"[^A-Za-z]+", activity, maxsplit=1)[0] or "other"
+    return groups.setdefault(stem, Row(stem, OTHER))
+
+
+def _bar(row: Row, activity: str, span: tuple[float, float], *, motion: bool) -> Bar:
+    driving: tuple[tuple[float, float], ...] = ()
+    if motion and row.track is not None:
+        legs = [leg for leg in row.track.legs if leg.activity == activity]
+        driving = tuple(s for leg in legs for s in leg.driving())
+    labels = short_names(activity, row.name if row.track is not None else "", motion=motion)
+    return Bar(activity, span[0], span[1], labels, motion=motion, driving=driving)
+
+
+def short_names(activity: str, row: str, *, motion: bool) -> tuple[str, ...]:
+    """Return names for an activity in the row of the object ``row`` (or ""), the longest first."""
+    words = activity
+    if row:
+        words = word(row).sub(" ", activity)
+    text = " ".join(w for w in re.split(r"[\s_]+", words) if w) or activity
+    names = [text]
+    origin, _, goal = text.partition(" to ")
+    origin = origin.partition(" of ")[0]  # a place, where it is that of a load
+    if motion and goal:
+        names += [" ".join([*origin.split()[-1:], f"→ {goal}"]), f"→ {goal}", goal]
+    return tuple(dict.fromkeys(names))
+
+
+def _laned(bars: list[Bar]) -> list[Bar]:
+    """Put bars that overlap into lanes of their own (touching ends share a lane)."""
+    free: list[float] = []
+    placed = []
+    for bar in sorted(bars, key=lambda b: (b.start, b.end)):
+        lane = next((i for i, end in enumerate(free) if end <= bar.start), len(free))
+        free[lane : lane + 1] = [bar.end]
+        placed.append(replace(bar, lane=lane))
+    return placed
+
+
+# ------------------ The chart
+
 
 HEADROOM, BAR = 0.55, 0.72
 """Room for a row's name above its lanes, and height of a bar, in lanes."""
@@ -192,3 +320,89 @@ def _mark_ends(ax: Axes, plan: dict[str, Any]) -> None:
     bound = plan["lower_bound"]
     if bound and bound < plan["makespan"]:
         ax.axvline(bound * unit, color=INK, lw=1.2, ls=":", zorder=4)
+
+
+# ------------------ What was planned beside what happened
+
+
+WAIT = "#C1121F"
+"""Colour of waiting for somebody."""
+
+
+def plot_executed(plan: dict[str, Any], record: dict[str, Any]) -> Axes:
+    """Draw each object's planned activities above what was really done, with who waited for whom.
+
+    ``plan`` is a plan dictionary, ``record`` that of a run (``Simulation.record``). The
+    time axis is in seconds. Returns the axes of a new figure.
+    """
+    plan, record = with_short_names(plan), with_short_names(record)
+    planned = {row.name: row for row in rows_of(plan)}
+    real = {row.name: row for row in rows_of(record)}
+    names = list(planned)
+    ax = figure_axes(13.0, min(1.6 + 0.8 * len(names), 40.0))
+    end = max(horizon(plan), horizon(record))
+    ax.set_xlim(-0.004 * end, 1.012 * end)
+    ax.set_ylim(len(names), 0.0)
+    for top, name in enumerate(names):
+        ax.axhspan(top, top + 1, color="#F4F6F8" if top % 2 else "#FFFFFF", zorder=0, lw=0)
+        _draw_thin(ax, planned[name], top + 0.10, 0.26, 0.6)
+        if name in real:
+            real[name].color = planned[name].color
+            _draw_thin(ax, real[name], top + 0.44, 0.34, 0.0)
+        _waits(ax, record, name, top + 0.80)
+    _dress(ax, plan, record, list(planned.values()))
+    return ax
+
+
+def _draw_thin(ax: Axes, row: Row, top: float, tall: float, pale: float) -> None:
+    """Draw a row's bars, and mark when its object is put elsewhere in one instant."""
+    for bar in row.bars:
+        spans = bar.driving if bar.motion else ((bar.start, bar.end),)
+        whole = Rectangle(
+            (bar.start, top), bar.end - bar.start, tall, fc=mixed(row.color, 0.85),
+            ec=mixed(row.color, pale), lw=0.6, zorder=2,
+        )  # fmt: skip
+        ax.add_patch(whole)
+        for start, stop in spans:
+            color = mixed(row.color, pale)
+            ax.add_patch(Rectangle((start, top), stop - start, tall, fc=color, ec="none", zorder=3))
+    ax.plot(
+        row.changes, [top + tall / 2] * len(row.changes), "D", ms=6, mfc="white", mew=1.6, zorder=5,
+        mec=mixed(row.color, pale),
+    )  # fmt: skip
+
+
+def _waits(ax: Axes, record: dict[str, Any], name: str, top: float) -> None:
+    """Draw a row's waits, and for whom, as far as there is room for words."""
+    mine = [w for w in record.get("waits", ()) if w["object"] == name]
+    free = -np.inf
+    width = ax.get_xlim()[1]
+    for wait in mine:
+        length = wait["until"] - wait["since"]
+        if length < 0.5:  # s: hardly to be seen
+            continue
+        ax.add_patch(Rectangle((wait["since"], top), length, 0.12, fc=WAIT, ec="none", zorder=4))
+        if wait["since"] >= free:
+            text = f"for {wait['for']}"
+            ax.text(
+                wait["since"], top - 0.005, text, fontsize=6.5, color=WAIT, va="bottom", zorder=6,
+                bbox={"boxstyle": "round,pad=0.08", "fc": "#FFFFFFD8", "ec": "none"},
+            )  # fmt: skip
+            free = wait["since"] + 0.0062 * width * len(text)
+
+
+def _dress(ax: Axes, plan: dict[str, Any], record: dict[str, Any], rows: list[Row]) -> None:
+    unit = plan["seconds_per_unit"]
+    ax.axvline(plan["makespan"] * unit, color=INK, lw=1.0, ls=":", zorder=4)
+    ax.axvline(record["makespan"] * unit, color=INK, lw=1.2, ls="--", zorder=4)
+    title = (
+        f"{plan['problem']}: planned {plan['makespan'] * unit:g} s (dotted), "
+        f"executed {record['makespan'] * unit:.1f} s (dashed)"
+    )
+    keys = [
+        Patch(fc=mixed(OTHER, 0.6), label="planned (above)"),
+        Patch(fc=OTHER, label="executed (below)"),
+        Patch(fc=mixed(OTHER, 0.85), ec=OTHER, label="not moving"),
+        Patch(fc=WAIT, label="waiting, and for whom"),
+    ]
+    timed_rows(ax, [i + 0.45 for i in range(len(rows))], rows, title, keys)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -20,9 +21,18 @@ from matplotlib.transforms import Bbox
 from up_samp.model.arrays import FloatArray
 from up_samp.model.errors import in_words
 from up_samp.model.frames import Frame
-from up_samp.plotting.background import Backdrop, ground_of
+from up_samp.plotting.background import (
+    LANE_FILL,
+    Backdrop,
+    Corners,
+    Zone,
+    corners_of,
+    ground_of,
+    is_lane,
+    rules_of,
+    told,
+)
 from up_samp.plotting.gantt import title_of
-from up_samp.plotting.rules import LANE_FILL, Corners, Zone, corners_of, is_lane, rules_of, told
 from up_samp.plotting.style import (
     AREA_FILL,
     FIXTURE,
@@ -35,7 +45,7 @@ from up_samp.plotting.style import (
     place_labels,
     with_short_names,
 )
-from up_samp.plotting.tracks import ObjectTrack, TrackPiece, stops_of, tracks_of
+from up_samp.plotting.tracks import ObjectTrack, TrackPiece, flat, stops_of, tracks_of
 
 _Pose = tuple[float, float, float]
 
@@ -45,23 +55,20 @@ def plot_map(
     ax: Axes | None = None,
     *,
     places: Mapping[str, tuple[float, ...]] | None = None,
-    footprint_every: float | None = None,
 ) -> Axes:
     """Draw the map, every object's path, and footprints where motions start, end and on the way.
 
     ``plan`` is a plan dictionary. ``places`` maps names to poses (:func:`places_of`): those where a
-    motion starts or ends are labelled. ``footprint_every`` is the distance in m between footprints
-    along a path (default: so that they do not clutter). Objects that are changed rather
-    than driven (doors) are solid as they are at first and outlined as they become. Several floors
-    have a panel each. Returns the axes (of the lowest floor); without ``ax``, those of a new
-    figure; with it, panels take its place.
+    motion starts or ends are labelled. What is changed rather than driven (doors) is solid as it is
+    at first and outlined as it becomes. Several floors have a panel each. Returns the axes (of the
+    lowest floor); without ``ax``, those of a new figure; with it, panels take its place.
     """
     laid = ground_of(with_short_names(plan))
     plan, panels = laid.plan, map_panels(laid, ax, title_of(laid.plan))
     tracks = tracks_of(plan)
     movers, still = ([t for t in tracks if bool(t.moves) is moves] for moves in (True, False))
     left, right, bottom, top = laid.floors[0].extent
-    step = footprint_every or _spacing(movers, max(right - left, top - bottom))
+    step = _spacing(movers, max(right - left, top - bottom))
     rules = rules_of(plan)
     _legend(panels, movers, still, rules)
     for panel in panels:
@@ -189,7 +196,7 @@ def _draw_mover(ax: Axes, track: ObjectTrack, color: str, step: float) -> None:
             _draw_body(ax, track, pose, fc=mixed(color, 0.7), ec=color, lw=0.6, zorder=2, alpha=0.7)
         _draw_direction(ax, leg, color)
     for leg in track.legs:
-        for pose in (_pose(leg, 0), _pose(leg, -1)):
+        for pose in map(flat, leg.poses[[0, -1]]):
             _draw_body(ax, track, pose, fc=mixed(color, 0.35), ec=color, lw=1.1, zorder=4)
     if track.initial is not None:
         _draw_body(ax, track, track.initial, fc=color, ec=INK, lw=1.2, zorder=5)
@@ -220,11 +227,9 @@ def _is_reach(area: ObjectTrack) -> bool:
 
 def _draw_rides(ax: Axes, track: ObjectTrack, step: float) -> None:
     """Draw where a load is on its robot's way."""
-    for leg in track.legs:
-        for pose in _along(leg, step):
-            outline = track.outline(pose)
-            style = {"fc": mixed(FIXTURE, 0.6), "ec": FIXTURE, "lw": 0.6, "alpha": 0.5}
-            ax.add_patch(Polygon(outline, closed=True, zorder=1.9, **style))
+    style = {"fc": mixed(FIXTURE, 0.6), "ec": FIXTURE, "lw": 0.6, "alpha": 0.5}
+    for pose in chain.from_iterable(_along(leg, step) for leg in track.legs):
+        ax.add_patch(Polygon(track.outline(pose), closed=True, zorder=1.9, **style))
 
 
 def _draw_body(ax: Axes, track: ObjectTrack, pose: _Pose, **style: Any) -> None:
@@ -239,36 +244,31 @@ def _draw_body(ax: Axes, track: ObjectTrack, pose: _Pose, **style: Any) -> None:
     )  # fmt: skip
 
 
-def _pose(leg: TrackPiece, i: int) -> _Pose:
-    x, y, yaw = (float(v) for v in leg.poses[i])
-    return x, y, yaw
+def _after(leg: TrackPiece, shares: FloatArray) -> FloatArray:
+    """Return the poses (k, 3) after some shares (k,) of the way of a leg."""
+    gone = _gone(leg)
+    return np.column_stack([np.interp(shares * gone[-1], gone, leg.poses[:, k]) for k in range(3)])
 
 
 def _gone(leg: TrackPiece) -> FloatArray:
     """Return the distance driven (m) up to each sample."""
-    steps = np.hypot(*np.diff(leg.poses[:, :2], axis=0).T)
-    gone: FloatArray = np.concatenate([[0.0], np.cumsum(steps)])
-    return gone
+    return np.append(0.0, np.cumsum(np.hypot(*np.diff(leg.poses[:, :2], axis=0).T)))
 
 
 def _along(leg: TrackPiece, step: float) -> list[_Pose]:
     """Return poses about every ``step`` m along the leg, without its ends."""
-    gone = _gone(leg)
-    count = int(gone[-1] / step)
-    marks = (np.arange(count) + 0.5) * gone[-1] / count if count else np.array([])
-    return [_pose(leg, int(np.searchsorted(gone, m))) for m in marks]
+    count = int(_gone(leg)[-1] / step)
+    return [flat(pose) for pose in _after(leg, (np.arange(count) + 0.5) / max(count, 1))]
 
 
 def _draw_direction(ax: Axes, leg: TrackPiece, color: str) -> None:
     """Draw an arrow head along the leg, off its middle: the way back often is the same."""
-    gone = _gone(leg)
-    if gone[-1] <= 0:
+    length = _gone(leg)[-1]
+    if length <= 0:
         return
-    i = max(1, int(np.searchsorted(gone, 0.45 * gone[-1])))
-    before = int(np.searchsorted(gone, max(0.0, gone[i] - 0.5)))
-    before = min(before, i - 1)
+    before, tip = _after(leg, np.array([max(0.0, 0.45 - 0.5 / length), 0.45]))[:, :2]
     ax.annotate(
-        "", xy=_pose(leg, i)[:2], xytext=_pose(leg, before)[:2], zorder=6,
+        "", xy=tip, xytext=before, zorder=6,
         arrowprops={
             "arrowstyle": "-|>,head_length=0.5,head_width=0.28", "color": color, "lw": 0,
             "mutation_scale": 13, "shrinkA": 0, "shrinkB": 0,
@@ -301,8 +301,8 @@ def _stops(ax: Axes, movers: list[ObjectTrack]) -> list[Bbox]:
     boxes = []
     for track in movers:
         for leg in track.legs:
-            for i in (0, -1):
-                corners = ax.transData.transform(track.outline(_pose(leg, i)))
+            for pose in map(flat, leg.poses[[0, -1]]):
+                corners = ax.transData.transform(track.outline(pose))
                 boxes.append(Bbox([corners.min(axis=0), corners.max(axis=0)]))
     return boxes
 

@@ -98,16 +98,12 @@ def saved(ax: Axes, path: Path) -> Path:
 def with_short_names(plan: dict[str, Any], most: int = 60) -> dict[str, Any]:
     """Return a plan dictionary whose names can be drawn: in words, and those of more than ``most``
     characters cut, so that they stay different.
-
-    The plan itself is returned where all may stay.
     """
     named = [*plan["objects"], *plan["activities"]]
     texts = [plan["problem"], plan["engine"], plan["status"]]
     texts += [entry["name"] for entry in named] + [o["type"] for o in plan["objects"]]
     short = {t: in_words(t) for t in texts if in_words(t) != t and in_words(t) not in texts}
     longer = {t for t in texts if len(short.get(t, t)) > most}
-    if not longer and not short:
-        return plan
     for i, text in enumerate(sorted(longer), 1):
         short[text] = f"{short.get(text, text)[: most - 6]}...{i}"
     keys = ("name", "type", "object", "activity", "carrier", "for")
@@ -179,11 +175,11 @@ def place_labels(
 def drawn(ax: Axes) -> None:
     """Lay the figure out, so that texts and data have their final places on it."""
     figure = ax.get_figure(root=True)
-    if figure is not None:
-        if figure.canvas.manager is None and not hasattr(figure.canvas, "get_renderer"):
-            # else each look at a text's size makes a whole picture: gigabytes for 200 names
-            FigureCanvasAgg(figure)
-        figure.draw_without_rendering()
+    assert figure is not None
+    if figure.canvas.manager is None and not hasattr(figure.canvas, "get_renderer"):
+        # else each look at a text's size makes a whole picture: gigabytes for 200 names
+        FigureCanvasAgg(figure)
+    figure.draw_without_rendering()
 
 
 def _place(ax: Axes, label: PlacedLabel, taken: Sequence[Bbox], frame: Bbox) -> Annotation | None:

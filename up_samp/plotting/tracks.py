@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from up_samp.io.plan_dict import AREA
-from up_samp.io.rides import ridden
+from up_samp.io.sampling import ridden
 from up_samp.model.arrays import FloatArray
 from up_samp.model.frames import Frame
 
@@ -69,16 +70,11 @@ class ObjectTrack:
         return pose
 
     def outline(self, pose: tuple[float, float, float]) -> FloatArray:
-        """Return the footprint's corners (n, 2) at a pose, m, world frame."""
-        return placed(self.footprint, pose)
-
-
-def placed(
-    footprint: Sequence[tuple[float, float]], pose: tuple[float, float, float]
-) -> FloatArray:
-    """Return the corners (n, 2) of a footprint at a pose; a small square where it has none."""
-    corners = footprint or ((-0.2, -0.2), (0.2, -0.2), (0.2, 0.2), (-0.2, 0.2))
-    return Frame(*pose).points(corners)
+        """Return the footprint's corners (n, 2) at a pose, m, world frame; a small square where it
+        has none.
+        """
+        square = ((-0.2, -0.2), (0.2, -0.2), (0.2, 0.2), (-0.2, 0.2))
+        return Frame(*pose).points(self.footprint or square)
 
 
 def flat(row: Sequence[float]) -> tuple[float, float, float]:
@@ -97,8 +93,10 @@ def tracks_of(plan: dict[str, Any]) -> list[ObjectTrack]:
     tracks = []
     for entry in plan["objects"]:
         name = entry["name"]
-        legs = [_leg(m) for m in plan["motions"] if m["object"] == name]
-        legs += [_ridden(plan, ride) for ride in plan.get("rides", ()) if ride["object"] == name]
+        own = [m for m in plan["motions"] if m["object"] == name]
+        rides = [ride for ride in plan.get("rides", ()) if ride["object"] == name]
+        legs = [_leg(m["activity"], m["samples"]) for m in own]
+        legs += [_leg(ride["activity"], ridden(plan, ride)) for ride in rides]
         changes = [
             (float(c["time"]), flat(c["configuration"]))
             for c in plan["changes"]
@@ -126,30 +124,20 @@ Stop = tuple[ObjectTrack, tuple[float, float, float], tuple[str, ...]]
 def stops_of(tracks: Sequence[ObjectTrack], places: Mapping[str, Sequence[float]]) -> list[Stop]:
     """Return where motions start and end among ``places`` (names to poses); one entry a point."""
     found: dict[tuple[float, float], Stop] = {}
-    for track in tracks:
-        for leg in track.legs:
-            for i in (0, -1):
-                x, y, yaw = (float(v) for v in leg.poses[i])
-                for name, place in places.items():
-                    if math.hypot(x - place[0], y - place[1]) > 1e-2:
-                        continue
-                    key = (round(place[0], 2), round(place[1], 2))
-                    own, pose, names = found.get(key, (track, (x, y, yaw), ()))
-                    found[key] = own, pose, tuple(dict.fromkeys((*names, name)))
+    legs = [(track, leg) for track in tracks for leg in track.legs]
+    ends = [(track, flat(pose)) for track, leg in legs for pose in leg.poses[[0, -1]]]
+    for (track, pose), (name, place) in itertools.product(ends, places.items()):
+        if math.dist(pose[:2], place[:2]) <= 1e-2:
+            key = (round(place[0], 2), round(place[1], 2))
+            own, first, names = found.get(key, (track, pose, ()))
+            found[key] = own, first, tuple(dict.fromkeys((*names, name)))
     return list(found.values())
 
 
-def _leg(motion: dict[str, Any]) -> TrackPiece:
-    rows = motion["samples"]
-    poses = np.array([flat(r[1:]) for r in rows], dtype=np.float64)
-    poses[:, 2] = np.unwrap(poses[:, 2])
-    return TrackPiece(motion["activity"], np.array([r[0] for r in rows], dtype=np.float64), poses)
-
-
-def _ridden(plan: dict[str, Any], ride: dict[str, Any]) -> TrackPiece:
-    """Return how a load travels."""
-    rows = ridden(plan, ride)
-    return TrackPiece(ride["activity"], rows[:, 0], rows[:, 1:])
+def _leg(activity: str, rows: Iterable[Sequence[float]]) -> TrackPiece:
+    table = np.array([(row[0], *flat(row[1:])) for row in rows], dtype=np.float64)
+    table[:, 3] = np.unwrap(table[:, 3])
+    return TrackPiece(activity, table[:, 0], table[:, 1:])
 
 
 def horizon(plan: dict[str, Any]) -> float:

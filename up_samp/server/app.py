@@ -20,9 +20,8 @@ from fastapi.responses import HTMLResponse, StreamingResponse
 from pydantic import create_model
 
 from up_samp.model.errors import short
-from up_samp.server.desk import Desk
 from up_samp.server.guard import LOCAL, Guard
-from up_samp.server.jobs import ENDED, Job, JobQueue
+from up_samp.server.jobs import ENDED, Desk, Job, JobQueue
 from up_samp.server.requests import REQUESTS
 
 AGAIN = {"Retry-After": "10"}

@@ -28,7 +28,7 @@ from fastapi.responses import HTMLResponse, Response, StreamingResponse
 from starlette.concurrency import run_in_threadpool
 
 from up_samp.execution.reports import Command, Do, Go, Hold
-from up_samp.fleet.fields import Pose, corners_of
+from up_samp.fleet.fields import Point, Pose, corners_of
 from up_samp.fleet.files import read_record
 from up_samp.fleet.records import Zone
 from up_samp.fleet.statements import Kind
@@ -41,7 +41,6 @@ from up_samp.operate.records import DayOrder
 from up_samp.operate.remote import RemoteRobots, RobotTold
 from up_samp.operate.store import clock_text
 from up_samp.server.guard import LOCAL, Guard
-from up_samp.server.robots import add_robots
 
 OFTEN = 0.4
 """Seconds between two looks that are published."""
@@ -80,11 +79,8 @@ class FloorPage:
 
     def serve(self) -> None:
         """Do what is asked for, and publish what is to be seen; called by the loop."""
-        while True:
-            try:
-                do, future = self._asked.get_nowait()
-            except queue.Empty:
-                break
+        while not self._asked.empty():  # nobody else takes from it
+            do, future = self._asked.get()
             try:
                 future.set_result(do())
             except Exception as error:
@@ -235,15 +231,10 @@ def _pose(body: Mapping[str, Any]) -> Pose | None:
     return found.pose
 
 
-def _corners(body: Mapping[str, Any]) -> list[list[float]]:
-    corners = body.get("corners")
-    good = isinstance(corners, list) and all(
-        isinstance(c, list) and len(c) == 2 and all(isinstance(v, int | float) for v in c)
-        for c in corners
-    )
-    if not good or corners is None:
-        raise ProblemError("an area needs its corners: [[x, y], ...]")
-    return [[float(v) for v in c] for c in corners]
+def _corners(body: Mapping[str, Any]) -> tuple[Point, ...]:
+    """Return the ``corners`` of an area: ``[[x, y], ...]``."""
+    found: Zone = read_record(Zone, {"polygon": body.get("corners")})
+    return found.polygon
 
 
 # ------------------ What is to be seen
@@ -394,3 +385,49 @@ def _robot(day: Operation, name: str) -> dict[str, Any]:
         "charges": day.site.robot_types[day.site.robots[name].type].battery is not None,
         "battery": None if (level := day.robots.levels.get(name)) is None else round(100 * level),
     }
+
+
+# ------------------ The robots' side: what each is to do now, its path, and what it tells
+
+
+def add_robots(
+    app: FastAPI, robots: RemoteRobots, driver: Callable[[Request], Any], often: float
+) -> None:
+    """Add the requests of those who drive robots: ``driver`` returns what they send, and turns away
+    whoever may not. ``often``: seconds between two looks for another command.
+    """
+
+    def told(robot: str, look: Callable[[str], dict[str, Any]]) -> dict[str, Any]:
+        try:
+            return look(robot)
+        except ProblemError as error:
+            raise HTTPException(404, str(error)) from error
+
+    @app.get("/v1/robots/{name}/command")
+    async def command(
+        name: str,
+        after: int = 0,
+        wait: float = 5.0,
+        _: dict[str, Any] = Depends(driver),  # noqa: B008
+    ) -> dict[str, Any]:
+        """Return what a robot is to do: once it is not number ``after``, or after ``wait`` s."""
+        looks = round(min(max(wait, 0.0), 30.0) / often)
+        while (found := told(name, robots.command))["number"] == after and looks > 0:
+            looks -= 1
+            await asyncio.sleep(often)
+        return found
+
+    @app.get("/v1/robots/{name}/path")
+    def path(name: str, _: dict[str, Any] = Depends(driver)) -> dict[str, Any]:  # noqa: B008
+        """Return the path of the motion that a robot is to drive now."""
+        return told(name, robots.path)
+
+    @app.post("/v1/robots/{name}/reports")
+    async def report(name: str, sent: dict[str, Any] = Depends(driver)) -> dict[str, Any]:  # noqa: B008
+        """Take in what a robot tells."""
+        told(name, robots.command)
+        try:
+            robots.take(name, sent)
+        except ProblemError as error:
+            raise HTTPException(422, str(error)) from error
+        return {"taken": True}

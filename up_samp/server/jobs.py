@@ -1,12 +1,19 @@
-"""Jobs: each in a process of its own, with limits; what they tell is kept until they are forgotten.
+"""Processes beside the server: jobs, and the desk.
 
-A job's process gets a line of JSON about the job and the request as the client sent it, and writes
-one JSON object a line: ``{"event": "progress" | "plan" | "end", ...}``; a plan is the line after
-its event. Requests and plans are kept as bytes: what JSON stands for may be far larger.
+Each job has a process of its own, with limits; what it tells is kept until it is forgotten. The
+process gets a line of JSON about the job and the request as the client sent it, and writes one JSON
+object a line: ``{"event": "progress" | "plan" | "end", ...}``; a plan is the line after its event.
+Requests and plans are kept as bytes: what JSON stands for may be far larger.
+
+At the desk, one more process, requests are looked at before they are queued, and plans drawn. What
+JSON, YAML and images stand for may be large, and reading them may take long: none of it is unfolded
+in the server itself. The process has limits; when it meets one it is ended, the client is told, and
+the next question starts another.
 """
 
 from __future__ import annotations
 
+import contextlib
 import enum
 import json
 import os
@@ -19,7 +26,8 @@ import tempfile
 import threading
 import time
 import uuid
-from collections import OrderedDict, deque
+from collections import OrderedDict
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -100,6 +108,8 @@ class Job:
     """What the best plan's event said."""
     end: Event | None = None
     group: ProcessGroup | None = None
+    work: Future[None] = field(default_factory=Future)
+    """What waits for its turn in the queue's pool."""
     lock: Any = field(default_factory=threading.RLock)
 
     @property
@@ -147,8 +157,8 @@ class Job:
 class JobQueue:
     """All jobs of a server. Use it as a context: leaving it ends them all.
 
-    ``JobLimits.running`` threads take the jobs that wait, one each at a time: however many clients
-    come and go, there are no more threads, processes or folders than that.
+    A pool of ``JobLimits.running`` threads takes the jobs that wait, one each at a time: however
+    many clients come and go, there are no more threads, processes or folders than that.
     """
 
     def __init__(self, limits: JobLimits = JobLimits(), command: tuple[str, ...] = ()) -> None:
@@ -156,10 +166,9 @@ class JobQueue:
         self._command = command or WORKER
         self._jobs: OrderedDict[str, Job] = OrderedDict()
         self._lock = threading.Lock()
-        self._waiting: deque[Job] = deque()
-        self._more = threading.Condition(self._lock)
+        self._pool = ThreadPoolExecutor(limits.running)
         self._busy = 0
-        self._threads: list[threading.Thread] = []
+        """Jobs that wait, or are being done."""
         self._closed = False
 
     def __enter__(self) -> JobQueue:
@@ -174,26 +183,26 @@ class JobQueue:
             self._check_room()
 
     def _check_room(self) -> None:
-        waiting = len(self._waiting)
-        if self._closed or waiting >= self.limits.waiting + self.limits.running - self._busy:
+        waiting = self._busy - self.limits.running
+        if self._closed or waiting >= self.limits.waiting:
             raise queue.Full(f"{waiting} jobs are waiting already")
 
     def submit(self, kind: str, body: bytes, seconds: float) -> Job:
-        """Queue a job (``kind``: plan, validate) and return it; raise :class:`queue.Full` where too
-        many wait.
-        """
+        """Queue a job (``kind``: plan, validate); raise :class:`queue.Full` if too many wait."""
         job = Job(kind, body, min(seconds, self.limits.seconds))
         with self._lock:
             self._check_room()
             self._jobs[job.id] = job
             self._forget()
-            if len(self._threads) < self.limits.running:
-                thread = threading.Thread(target=self._serve, daemon=True)
-                self._threads.append(thread)
-                thread.start()
-            self._waiting.append(job)
-            self._more.notify()
+            self._busy += 1
+            job.work = self._pool.submit(self._serve, job)
+        job.work.add_done_callback(self._done)
         return job
+
+    def _done(self, _: object) -> None:
+        with self._lock:
+            self._busy -= 1
+            self._forget()
 
     def _forget(self) -> None:
         """Let go of the oldest ended jobs, beyond the number and the bytes that are kept."""
@@ -223,12 +232,10 @@ class JobQueue:
 
     def stop(self, job: Job) -> None:
         """End a job; the best plan it had stays. To one that has ended, nothing is done."""
-        with self._lock:
-            if job in self._waiting:
-                self._waiting.remove(job)
         with job.lock:
             group = None if job.state in ENDED else job.group
             job.ended(JobState.STOPPED)
+        job.work.cancel()
         if group is not None:
             group.end()
 
@@ -236,32 +243,18 @@ class JobQueue:
         """End all jobs and wait for their processes."""
         with self._lock:
             self._closed = True
-            jobs, threads = list(self._jobs.values()), list(self._threads)
-            self._more.notify_all()
+            jobs = list(self._jobs.values())
         for job in jobs:
             self.stop(job)
-        for thread in threads:
-            thread.join(timeout=10.0)
+        self._pool.shutdown()
 
     # ------------------------------------------------------------------ one job
-    def _serve(self) -> None:
-        """Do the jobs that wait, one after another."""
-        while True:
-            with self._lock:
-                self._more.wait_for(lambda: self._waiting or self._closed)
-                if self._closed:
-                    return
-                job = self._waiting.popleft()
-                self._busy += 1
-            try:
-                self._run(job)
-            except Exception as error:  # whatever happens, the job ends and says so
-                job.add({"event": "end", "status": "ERROR", "message": str(error)})
-                job.ended(JobState.FAILED)
-            finally:
-                with self._lock:
-                    self._busy -= 1
-                    self._forget()
+    def _serve(self, job: Job) -> None:
+        try:
+            self._run(job)
+        except Exception as error:  # whatever happens, the job ends and says so
+            job.add({"event": "end", "status": "ERROR", "message": str(error)})
+            job.ended(JobState.FAILED)
 
     def _run(self, job: Job) -> None:
         folder = Path(tempfile.mkdtemp(prefix="up-samp-job-"))
@@ -333,3 +326,72 @@ def _why(code: int | None) -> str:
     if code is not None and code < 0:
         return f"the job's process was ended ({signal.Signals(-code).name}): out of time or memory"
     return f"the job's process ended with exit code {code} and without a result"
+
+
+# ------------------ The desk: what clients send is looked at, and plans are drawn
+
+
+class Desk:
+    """Answers one question at a time. Use it as a context: leaving it ends its process."""
+
+    def __init__(self, limits: JobLimits) -> None:
+        self.limits = limits
+        self._lock = threading.Lock()
+        self._group: ProcessGroup | None = None
+        self._folder: Path | None = None
+        self._closed = False
+
+    def __enter__(self) -> Desk:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._closed = True
+        if (group := self._group) is not None:
+            group.end()
+        with self._lock:
+            self._leave()
+
+    def ask(self, kind: str, *parts: bytes) -> tuple[dict[str, Any], bytes]:
+        """Ask for what ``kind`` says of ``parts`` (see ``worker.DESK``); return the answer and the
+        bytes that come with it.
+
+        :raises TimeoutError: where there is no answer within the limits.
+        """
+        head = json.dumps({"kind": kind, "sizes": [len(p) for p in parts]}).encode() + b"\n"
+        with self._lock:
+            group = self._come()
+            seconds = self.limits.look_seconds
+            try:
+                with group.within(seconds):
+                    group.sink.write(b"".join((head, *parts)))
+                    group.sink.flush()
+                    line = group.source.readline()
+                    answer: dict[str, Any] = json.loads(line) if line.endswith(b"\n") else {}
+                    body = group.source.read(answer.get("size", 0))
+                    if not answer or len(body) < answer.get("size", 0):
+                        raise EOFError
+            except (OSError, EOFError) as error:
+                self._leave()
+                why = f"it takes more than {seconds:g} s, or too much memory"
+                raise TimeoutError(why) from error
+            if answer.pop("last"):
+                self._leave()
+            return answer, body
+
+    def _come(self) -> ProcessGroup:
+        if self._closed:
+            raise TimeoutError("the service ends")
+        if self._group is None or self._group.ended():
+            self._leave()
+            self._folder = Path(tempfile.mkdtemp(prefix="up-samp-desk-"))
+            self._group = started((*WORKER, "desk"), str(self.limits.look_memory), self._folder)
+        return self._group
+
+    def _leave(self) -> None:
+        if self._group is not None:
+            self._group.close()
+            self._group = None
+        if self._folder is not None:
+            with contextlib.suppress(OSError):
+                shutil.rmtree(self._folder)
+            self._folder = None

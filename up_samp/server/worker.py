@@ -69,9 +69,7 @@ class Teller:
 
 
 def read_problem(request: ProblemUpload) -> tuple[Any, dict[str, float]]:
-    """Return the UP problem of a request and its settings; its map's files are written into the
-    current folder.
-    """
+    """Return a request's UP problem and settings; its map is written into the current folder."""
     from up_samp.fleet.build import build_problem
 
     records = records_of(request)
@@ -185,7 +183,7 @@ DESK: dict[str, Callable[..., tuple[dict[str, Any], bytes]]] = {
     "validate": lambda body: look("validate", body),
     "draw": draw,
 }
-"""What is answered at the desk (:class:`up_samp.server.desk.Desk`)."""
+"""What is answered at the desk (:class:`up_samp.server.jobs.Desk`)."""
 
 
 def answer_all(teller: Teller) -> int:

@@ -5,10 +5,8 @@ accepts was found right twice. The rules are stated in ``docs/semantics.md``.
 """
 
 from up_samp.model.violation import Violation
-from up_samp.validation.metrics import ranked, terms_of, value_of
 from up_samp.validation.plan import judge_plan, validate_plan
-from up_samp.validation.schedule import validate_schedule
-from up_samp.validation.verdict import Verdict
+from up_samp.validation.schedule import Verdict, ranked, terms_of, validate_schedule, value_of
 
 __all__ = [
     "Verdict",

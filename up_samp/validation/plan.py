@@ -16,27 +16,29 @@ import numpy as np
 from up_samp.model import ProblemError, Trajectory, UnsupportedError, check_time
 from up_samp.model.arrays import FloatArray
 from up_samp.model.violation import Violation
-from up_samp.validation.collisions import JudgedShape, hits_map
-from up_samp.validation.judged import JudgedMotion, Obstacle
+from up_samp.validation.collisions import JudgedShape, Track
 from up_samp.validation.kinematics import motion_violations, speeds_on_way
 from up_samp.validation.lives import (
     Piece,
     build_lives,
+    passes,
+    path_of,
+    pose_gap,
+    read_trajectory,
     resting,
     same_height,
 )
-from up_samp.validation.maps import BlockedMap
-from up_samp.validation.metrics import evaluate_metric
-from up_samp.validation.paths import passes, path_of, pose_gap, read_trajectory
-from up_samp.validation.rides import carried_along
-from up_samp.validation.scene import JudgedScene
-from up_samp.validation.schedule import Judged, judge_decisions, judge_schedule
-from up_samp.validation.se3 import SpaceTrack, hits, hits_map_from_space
-from up_samp.validation.solids import Solid
-from up_samp.validation.tolerances import TOLERANCES
-from up_samp.validation.tracks import Track
-from up_samp.validation.values import Decisions
-from up_samp.validation.verdict import JUDGING_GRACE, Verdict
+from up_samp.validation.scene import JudgedMotion, JudgedScene, Obstacle, carried_along
+from up_samp.validation.schedule import (
+    Judged,
+    Verdict,
+    evaluate_metric,
+    judge_decisions,
+    judge_schedule,
+)
+from up_samp.validation.se3 import hits, meets_map
+from up_samp.validation.timeline import Decisions
+from up_samp.validation.tolerances import JUDGING_GRACE, TOLERANCES
 from up_samp.validation.zones import zone_violations
 
 
@@ -58,7 +60,7 @@ def validate_plan(
     """
     if seconds_per_unit is None:
         seconds_per_unit = getattr(plan, "seconds_per_unit", 1.0)
-    if not (seconds_per_unit > 0 and math.isfinite(seconds_per_unit)):
+    if not 0 < seconds_per_unit < math.inf:
         raise ProblemError(f"seconds_per_unit must be positive, not {seconds_per_unit}")
     judged = judge_schedule(problem, plan)
     return _with_motions(problem, plan, judged, trajectories, seconds_per_unit)
@@ -315,14 +317,14 @@ def _collisions(scene: JudgedScene, lives: Mapping[str, list[Piece]]) -> Iterato
             if piece.task is None:
                 continue
             task, blocked = piece.task, scene.map_driven(piece.task)
-            time = _hits_map(piece.shape, piece.track, blocked, piece.since, piece.until)
+            time = meets_map(piece.shape, piece.track, blocked, piece.since, piece.until)
             if time is not None:
                 text = f"{task.what} meets the map at {time:.3f} s"
                 yield Violation("map-collision", text, (task.activity,), (name,), time)
             for other in lives:
                 for theirs in lives[other]:
                     keeps = _keeps_clear(scene, task, other, theirs.task)
-                    if not keeps or not piece.level(theirs):
+                    if not keeps or not same_height(piece.height, theirs.height):
                         continue
                     pair = frozenset((id(piece), id(theirs)))
                     if pair not in looked_at:
@@ -340,16 +342,6 @@ def _keeps_clear(
         return False
     names = {other} if its is None else its.together | {other}
     return any(scene.avoids(task, name) for name in names - task.together)
-
-
-def _hits_map(
-    shape: JudgedShape | Solid, track: Track, blocked: BlockedMap, low: float, high: float
-) -> float | None:
-    if isinstance(shape, Solid):
-        return hits_map_from_space(shape, track, blocked, low, high)
-    if isinstance(track, SpaceTrack):
-        raise UnsupportedError("bodies without a mesh move in the plane")
-    return hits_map(shape, track, blocked, low, high)
 
 
 def _meeting(

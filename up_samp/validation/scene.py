@@ -1,13 +1,17 @@
-"""What a SAMP problem and a plan say about motions: who is driven when, through which poses."""
+"""What a SAMP problem and a plan say about motions: who is driven when, through which poses, clear
+of whom, and which loads travel with what carries them (rule 18).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
+import shapely
 from unified_planning.model.motion import (
     ActivityWaypoints,
     ConfigurationObject,
@@ -16,17 +20,121 @@ from unified_planning.model.motion import (
 )
 
 from up_samp.model import ProblemError, UnsupportedError
+from up_samp.model.arrays import FloatArray
 from up_samp.model.frames import PlacedMap
-from up_samp.validation.collisions import JudgedShape
-from up_samp.validation.conditions import present_activities, reader_at
-from up_samp.validation.judged import JudgedMotion, Jump, Obstacle
-from up_samp.validation.limits import Limits, height_of, limits_of
-from up_samp.validation.maps import BlockedMap, ground_of
-from up_samp.validation.rides import CarriedLoad, is_same, offset_between
-from up_samp.validation.solids import Solid, load_solid
-from up_samp.validation.timeline import Reading, StateTimeline, show
+from up_samp.validation.collisions import BlockedMap, JudgedShape, ground_of, placed
+from up_samp.validation.kinematics import Limits, height_of, limits_of
+from up_samp.validation.se3 import Solid, load_solid
+from up_samp.validation.timeline import (
+    MISSING,
+    Key,
+    Reading,
+    StateTimeline,
+    present_activities,
+    reader_at,
+    show,
+    telling,
+)
 from up_samp.validation.tolerances import TOLERANCES
-from up_samp.validation.values import MISSING, telling
+
+
+@dataclass(frozen=True)
+class Obstacle:
+    """An obstacle that a motion constraint lists; ``place`` is the configuration that its fluent
+    has at the activity's start (``None``: the list gives none), ``key`` that fluent.
+    """
+
+    name: str
+    static: bool
+    place: str | None = None
+    key: Key | None = None
+
+
+@dataclass(frozen=True)
+class JudgedMotion:
+    """A motion constraint of a present activity. Times in schedule units; ``places`` are the
+    names of the configurations, the starting one first; ``obstacles`` is ``None`` for "all".
+    """
+
+    name: str
+    """The activity's name, with ``#k`` for its k-th further constraint: the trajectory's key."""
+    activity: str
+    constraint: Any
+    object: str
+    places: tuple[str, ...]
+    start: int
+    end: int
+    obstacles: tuple[Obstacle, ...] | None
+    together: frozenset[str] = frozenset()
+    """The object and all loads that travel with it: one body."""
+
+    @property
+    def what(self) -> str:
+        """Return the activity, the object and the times, for people."""
+        return f"{self.name} [{self.start}, {self.end}] moving {self.object}"
+
+
+@dataclass(frozen=True)
+class Jump:
+    """A motion effect: ``object`` is at configuration ``place`` from ``time`` on (units)."""
+
+    activity: str
+    object: str
+    place: str
+    time: int
+
+
+Pose = tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class CarriedLoad:
+    """``load`` travels with the carrier of the task ``task``: it stands at ``offset`` in the
+    carrier's frame all the while, and at configuration ``goal`` after that.
+    """
+
+    activity: str
+    task: str
+    load: str
+    goal: str
+    offset: Pose
+
+
+def offset_between(carrier: Pose, load: Pose) -> Pose:
+    """Return a load's pose in its carrier's frame."""
+    turn = complex(math.cos(carrier[2]), -math.sin(carrier[2]))
+    way = turn * complex(load[0] - carrier[0], load[1] - carrier[1])
+    return way.real, way.imag, load[2] - carrier[2]
+
+
+def is_same(one: Pose, other: Pose) -> bool:
+    """Return whether two offsets are the same, but for rounding."""
+    turned = abs(complex(math.cos(one[2]), math.sin(one[2])) - complex(
+        math.cos(other[2]), math.sin(other[2])))  # fmt: skip
+    return max(math.hypot(one[0] - other[0], one[1] - other[1]), turned) <= TOLERANCES.rigid
+
+
+def carried_along(poses: FloatArray, offset: Pose) -> FloatArray:
+    """Return the poses (n, 3) of a load on a carrier at ``poses`` (n, 3)."""
+    points = placed(np.array([offset[:2]]), poses)[:, 0]
+    return np.column_stack((points, poses[:, 2] + offset[2]))
+
+
+def between(carrier: JudgedShape, loads: Sequence[tuple[JudgedShape, Pose]]) -> JudgedShape | None:
+    """Return what holds a carrier and its loads together, in the carrier's frame: nothing where
+    they are one polygon without holes, else their convex hull.
+    """
+    parts = [shapely.Polygon(carrier.corners)]
+    for shape, offset in loads:
+        parts.append(shapely.Polygon(placed(shape.corners, np.array([offset]))[0]))
+    grown = shapely.union_all([p.buffer(TOLERANCES.closed_gap, join_style="mitre") for p in parts])
+    if grown.geom_type == "Polygon" and all(
+        shapely.Polygon(hole).buffer(-TOLERANCES.closed_gap).is_empty for hole in grown.interiors
+    ):
+        return None
+    hull = shapely.union_all(parts).convex_hull
+    height = max(carrier.height, *(shape.height for shape, _ in loads))
+    return JudgedShape(f"{carrier.name} with its load", np.array(hull.exterior.coords)[:-1], height)
 
 
 @dataclass(frozen=True)
@@ -75,16 +183,12 @@ class JudgedScene:
         """The occupancy maps."""
         return {g: BlockedMap(g.file, g.frame) for g in dict.fromkeys(self.grounds.values())}
 
-    def map_of(self, place: str) -> BlockedMap:
-        """Return the map of a configuration's type."""
-        return self.maps[self.grounds[place]]
-
     def map_driven(self, task: JudgedMotion) -> BlockedMap:
         """Return the map that a motion drives on (rule 21)."""
         grounds = {self.grounds[place] for place in task.places}
         if len(grounds) > 1:
             raise UnsupportedError(f"{task.what} leads from map to map")
-        return self.map_of(task.places[0])
+        return self.maps[grounds.pop()]
 
     def height(self, place: str) -> float:
         """Return the height (m) of a configuration's map: at different ones, nothing meets."""

@@ -1,4 +1,4 @@
-"""How exactly plans are judged: every tolerance of the validator, in one place."""
+"""How exactly plans are judged: every tolerance of the validator, and how long it may take."""
 
 from __future__ import annotations
 
@@ -49,3 +49,6 @@ class Tolerances:
 
 
 TOLERANCES = Tolerances()
+
+JUDGING_GRACE = 1.5
+"""Seconds after its limit that a solve may go on judging a plan that it has found."""

@@ -11,11 +11,10 @@ import shapely
 from up_samp.model import TrafficZone
 from up_samp.model.arrays import BoolArray, FloatArray
 from up_samp.model.violation import Violation
-from up_samp.validation.collisions import JudgedShape, placed
-from up_samp.validation.limits import Limits
-from up_samp.validation.paths import pose_gap
+from up_samp.validation.collisions import JudgedShape, pieces_of, placed
+from up_samp.validation.kinematics import Limits
+from up_samp.validation.lives import pose_gap
 from up_samp.validation.tolerances import TOLERANCES
-from up_samp.validation.tracks import pieces_of
 
 Parts = Sequence[tuple[JudgedShape, FloatArray]]
 """Rigid parts of a body: each with where it is at each sample of a motion, shape (n, 3)."""
@@ -154,9 +153,7 @@ def _not_straight(
 
 
 def _on_the_way_in(zone: TrafficZone, poses: FloatArray) -> tuple[BoolArray, BoolArray]:
-    """Return at which samples the reference point is in a dock's zone, which it leaves no more, and
-    between which ones.
-    """
+    """Return at, and between, which samples the reference point is in a dock's zone for good."""
     outside = ~shapely.intersects_xy(shapely.Polygon(zone.polygon), poses[:, :2])
     since = 1 + int(np.flatnonzero(outside)[-1]) if outside.any() else 0
     at = np.arange(len(poses)) >= min(since, len(poses) - 1)

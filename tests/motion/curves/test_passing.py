@@ -7,8 +7,7 @@ import pytest
 
 from up_samp.model import Kinematics, MotionModel, Trajectory
 from up_samp.motion.curves.passing import driven_through
-from up_samp.validation.kinematics import motion_violations
-from up_samp.validation.limits import Limits
+from up_samp.validation.kinematics import Limits, motion_violations
 
 CAR = Kinematics(MotionModel.REEDSSHEPP, 1.0, 1.0, 0.5, 1.0)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.motion.oracle import smallest_clearance
-from up_samp.benchmarks import warehouse
+from up_samp.benchmarks.builders import warehouse
 from up_samp.execution.travel import travel_of
 from up_samp.geometry import OccupancyGrid, lay_out
 from up_samp.model import (
@@ -30,8 +30,7 @@ from up_samp.motion.moves import drive, steer
 from up_samp.motion.planners.pivoting import PivotPlanner
 from up_samp.motion.protocol import LegQuery
 from up_samp.upio import read_problem
-from up_samp.validation.kinematics import motion_violations
-from up_samp.validation.limits import Limits
+from up_samp.validation.kinematics import Limits, motion_violations
 
 RING = ((-0.5, -0.3), (0.5, -0.3), (0.5, 0.3), (-0.5, 0.3))
 

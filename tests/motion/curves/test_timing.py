@@ -14,8 +14,7 @@ from up_samp.motion.curves.trapezoid import (
     trajectory_of,
 )
 from up_samp.motion.protocol import Leg
-from up_samp.validation.kinematics import motion_violations
-from up_samp.validation.limits import Limits
+from up_samp.validation.kinematics import Limits, motion_violations
 
 
 def random_path(rng):

@@ -17,8 +17,7 @@ from up_samp.motion.curves.turning import limits_in_bends, turns_evenly
 from up_samp.motion.fleet.paths import path_of, safe_intervals
 from up_samp.motion.fleet.speed import tune
 from up_samp.motion.planners.pivoting import rolling_limits
-from up_samp.validation.kinematics import motion_violations
-from up_samp.validation.limits import Limits
+from up_samp.validation.kinematics import Limits, motion_violations
 
 RING = ((-0.5, -0.3), (0.5, -0.3), (0.5, 0.3), (-0.5, 0.3))
 INF = math.inf

@@ -8,11 +8,8 @@ import numpy as np
 
 from up_samp.geometry.maps import write_map
 from up_samp.model import Outcome
-from up_samp.validation.collisions import JudgedShape, hits_body, hits_map
-from up_samp.validation.kinematics import motion_violations
-from up_samp.validation.limits import Limits
-from up_samp.validation.maps import BlockedMap
-from up_samp.validation.tracks import Track
+from up_samp.validation.collisions import BlockedMap, JudgedShape, Track, hits_body, hits_map
+from up_samp.validation.kinematics import Limits, motion_violations
 from up_samp.validation.zones import zone_violations
 
 

@@ -18,11 +18,8 @@ from up_samp.motion.fleet.timed_path import natural_timing, run_of
 from up_samp.motion.fleet.together import couple
 from up_samp.motion.fleet.workspace import workspace_of
 from up_samp.motion.service import MotionService
-from up_samp.validation.collisions import JudgedShape, hits_body, hits_map
-from up_samp.validation.kinematics import motion_violations
-from up_samp.validation.limits import Limits
-from up_samp.validation.maps import BlockedMap
-from up_samp.validation.tracks import Track
+from up_samp.validation.collisions import BlockedMap, JudgedShape, Track, hits_body, hits_map
+from up_samp.validation.kinematics import Limits, motion_violations
 
 KIN = CAR.kinematics
 LIMITS = Limits("robot", "REEDSSHEPP", KIN.turning_radius, KIN.v_max, KIN.v_max, KIN.a_max, 1.0)

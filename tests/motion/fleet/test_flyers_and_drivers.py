@@ -13,7 +13,7 @@ import up_samp  # noqa: F401  (registers the engines)
 from tests.motion.fleet.flying import UPRIGHT, World
 from up_samp.geometry.shadows import covered
 from up_samp.io import result_to_dict
-from up_samp.io.compare import contradictions
+from up_samp.io.restore import contradictions
 from up_samp.model import ProblemError
 from up_samp.validation import validate_plan
 

@@ -23,8 +23,7 @@ from up_samp.model import (
 )
 from up_samp.motion.planners.control_law import ControlPiece, Roller
 from up_samp.motion.planners.shooting import Shot
-from up_samp.validation.kinematics import motion_violations
-from up_samp.validation.limits import Limits
+from up_samp.validation.kinematics import Limits, motion_violations
 
 PLANNERS = ("RRT", "KPIECE1", "EST")
 SCENE = oracle.hall_scene()

@@ -27,8 +27,7 @@ from up_samp.motion.planners.pivoting import PivotPlanner
 from up_samp.motion.protocol import LegQuery
 from up_samp.motion.service import MotionService
 from up_samp.upio.read_maps import read_movable
-from up_samp.validation.kinematics import motion_violations
-from up_samp.validation.limits import limits_of
+from up_samp.validation.kinematics import limits_of, motion_violations
 
 RING = ((-0.6, -0.4), (0.6, -0.4), (0.6, 0.4), (-0.6, 0.4))
 BODY = Body(RING, Kinematics(MotionModel.PIVOT, v_max=1.5, a_max=0.7, omega_max=0.8))

@@ -16,8 +16,7 @@ from up_samp.motion.planners.pivoting import PivotPlanner
 from up_samp.motion.protocol import LegQuery
 from up_samp.motion.service import MotionService
 from up_samp.upio import read_problem
-from up_samp.validation.kinematics import motion_violations
-from up_samp.validation.limits import limits_of
+from up_samp.validation.kinematics import limits_of, motion_violations
 
 PLANNERS = {"car": CarPlanner, "differential": PivotPlanner, "omni": PlanarPlanner}
 

@@ -12,8 +12,7 @@ from up_samp.geometry import OccupancyGrid
 from up_samp.model import Body, Deadline, Kinematics, MotionModel, PathQuery
 from up_samp.motion import MotionService
 from up_samp.motion.fleet.workspace import Workspace
-from up_samp.validation.kinematics import motion_violations
-from up_samp.validation.limits import Limits
+from up_samp.validation.kinematics import Limits, motion_violations
 
 CAR = Body(RECTANGLE, Kinematics(MotionModel.REEDSSHEPP, 1.0, 2.0, 0.5))
 SLIDER = Body(RECTANGLE, Kinematics(MotionModel.SE2, 1.0, 1.5, 0.8, 0.7))

@@ -12,8 +12,7 @@ from up_samp.motion.guides.visibility import Visibility
 from up_samp.motion.proofs.bounds import DurationBounds
 from up_samp.motion.proofs.certificates import Certifier
 from up_samp.validation.collisions import JudgedShape as JudgedShape
-from up_samp.validation.collisions import hits_body
-from up_samp.validation.tracks import Track
+from up_samp.validation.collisions import Track, hits_body
 
 START = (25.0, 59.0, math.pi / 2)
 

@@ -8,8 +8,7 @@ from up_samp.model import Deadline, ScheduleStatus
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.tuning import Tuning
 from up_samp.upio.plan import build_schedule
-from up_samp.validation.metrics import evaluate_metric
-from up_samp.validation.schedule import judge_schedule
+from up_samp.validation.schedule import evaluate_metric, judge_schedule
 
 
 def disagreement(seed: int, workers: int = 1, tuning: Tuning | None = None) -> str | None:

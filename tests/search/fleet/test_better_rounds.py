@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from tests.search.fleet.test_whole_tours import opened
-from up_samp.benchmarks.warehouse import warehouse
+from up_samp.benchmarks.builders.warehouse import warehouse
 from up_samp.model import Deadline
 from up_samp.search.fleet import improve
 from up_samp.search.fleet.improve import FleetLNS, other_ways, plan_tours

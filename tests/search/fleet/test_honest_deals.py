@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from tests.search.fleet.guesses import along_the_axes
-from up_samp.benchmarks.warehouse import warehouse
+from up_samp.benchmarks.builders.warehouse import warehouse
 from up_samp.model import Deadline
 from up_samp.search.fleet.assignment import Assignment, assign, inserted
 from up_samp.search.fleet.evaluator import AssignmentEvaluator

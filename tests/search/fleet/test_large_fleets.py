@@ -8,7 +8,7 @@ from unified_planning.shortcuts import AnytimePlanner, OneshotPlanner, get_envir
 
 from tests.search.fleet.guesses import along_the_axes, dealt_out
 from tests.search.fleet_bound.store_fleet import fleet_of
-from up_samp.benchmarks.warehouse import warehouse
+from up_samp.benchmarks.builders.warehouse import warehouse
 from up_samp.search.fleet import assignment, tours
 from up_samp.search.fleet.assignment import decided_by
 from up_samp.search.fleet.jobs import find_jobs

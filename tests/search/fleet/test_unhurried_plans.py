@@ -8,7 +8,7 @@ import pytest
 from unified_planning.shortcuts import AnytimePlanner, OneshotPlanner, get_environment
 
 from tests.oracles.clocks import JumpingClock
-from up_samp.benchmarks.warehouse import warehouse
+from up_samp.benchmarks.builders.warehouse import warehouse
 from up_samp.io import dump_plan, result_to_dict
 from up_samp.model import deadline
 

@@ -10,7 +10,7 @@ from unified_planning.shortcuts import get_environment
 
 from tests.motion.fleet.spacetime_oracle import room
 from tests.search.fleet.guesses import dealt_out
-from up_samp.benchmarks.warehouse import WAREHOUSE_ENCODINGS, warehouse
+from up_samp.benchmarks.builders.warehouse import WAREHOUSE_ENCODINGS, warehouse
 from up_samp.geometry import lay_out
 from up_samp.model import Body, Deadline, Kinematics, MotionModel, Rest, TimedMotion
 from up_samp.motion import MotionService

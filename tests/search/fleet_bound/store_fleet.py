@@ -1,8 +1,8 @@
 """A warehouse with its orders, as the problem file of its fleet would say it."""
 
 from up_samp import Fleet
-from up_samp.benchmarks.maps import drawn_map
-from up_samp.benchmarks.warehouse import A_MAX, OMEGA_MAX, V_MAX, draw_orders, store
+from up_samp.benchmarks.builders.warehouse import A_MAX, OMEGA_MAX, V_MAX, draw_orders, store
+from up_samp.benchmarks.places import drawn_map
 
 
 def fleet_of(robots, orders):

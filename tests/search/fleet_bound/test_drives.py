@@ -1,6 +1,6 @@
 """The planner's own durations of drives, which relative bounds rest on."""
 
-from up_samp.benchmarks.warehouse import warehouse
+from up_samp.benchmarks.builders.warehouse import warehouse
 from up_samp.geometry import lay_out
 from up_samp.model import Deadline, PathQuery
 from up_samp.search.params import Parameters

@@ -5,7 +5,7 @@ from unified_planning.model import Timing
 from unified_planning.model.motion import ActivityWaypoints
 
 from tests.search.fleet_bound.store_fleet import fleet_of
-from up_samp.benchmarks.warehouse import warehouse
+from up_samp.benchmarks.builders.warehouse import warehouse
 from up_samp.geometry import lay_out
 from up_samp.search.fleet.jobs import (
     closed,

@@ -20,9 +20,14 @@ from unified_planning.shortcuts import (
 )
 
 from up_samp import Fleet
-from up_samp.benchmarks.maps import drawn_map
-from up_samp.benchmarks.warehouse import WAREHOUSE_ENCODINGS, TransportOrder, store, warehouse
-from up_samp.benchmarks.warehouse import _Work as Warehouse
+from up_samp.benchmarks.builders.warehouse import (
+    WAREHOUSE_ENCODINGS,
+    TransportOrder,
+    store,
+    warehouse,
+)
+from up_samp.benchmarks.builders.warehouse import _Work as Warehouse
+from up_samp.benchmarks.places import drawn_map
 from up_samp.geometry import lay_out
 from up_samp.model import Deadline
 from up_samp.scheduling.cpsat import CpsatSession

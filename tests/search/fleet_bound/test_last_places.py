@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from up_samp.benchmarks.warehouse import warehouse
+from up_samp.benchmarks.builders.warehouse import warehouse
 from up_samp.geometry import lay_out
 from up_samp.search.facts import Facts
 from up_samp.search.fleet.jobs import find_jobs

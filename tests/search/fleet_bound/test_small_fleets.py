@@ -2,7 +2,7 @@
 
 from unified_planning.shortcuts import OneshotPlanner
 
-from up_samp.benchmarks.warehouse import warehouse
+from up_samp.benchmarks.builders.warehouse import warehouse
 
 
 def test_a_small_fleet_is_bounded_by_what_its_jobs_take():

@@ -2,7 +2,7 @@
 
 import pytest
 
-from up_samp.benchmarks.warehouse import warehouse
+from up_samp.benchmarks.builders.warehouse import warehouse
 from up_samp.geometry.atlas import lay_out
 from up_samp.model import Deadline
 from up_samp.motion.service import MotionService

@@ -19,9 +19,20 @@ from unified_planning.model.motion import ConfigurationObject, MotionModels, Sch
 from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import GE, LE, BoolType, Iff, Implies, Not, Or, Plus
 
-from up_samp.benchmarks.maps import outer_wall
-from up_samp.benchmarks.places import DOWN, UP, FamilyDoor, FamilyFloor, Pose, box, check_sizes
-from up_samp.benchmarks.published import Encoding, Form, Manner
+from up_samp.benchmarks.instances import Encoding
+from up_samp.benchmarks.places import (
+    DOWN,
+    UP,
+    FamilyDoor,
+    FamilyFloor,
+    Pose,
+    box,
+    check_sizes,
+    drawing,
+    drawn_name,
+    outer_wall,
+)
+from up_samp.benchmarks.published import Form, Manner
 from up_samp.model import ProblemError
 
 HALL = (30.0, 30.0)
@@ -64,7 +75,7 @@ def kitting_floor(doors: int, rng: random.Random | None = None, name: str = "") 
         x = round(25.0 - ROOM / 2 + ROOM * pair, 1)
         walls += [(x - 0.2, 0.0, x + 0.2, lines[0]), (x - 0.2, lines[1], x + 0.2, size[1])]
     floor = FamilyFloor(name or f"kitting-{doors}", size, walls, leaves)
-    return floor if rng is None else floor.reshaped(rng)
+    return floor.reshaped(rng)
 
 
 def kitting(
@@ -84,19 +95,15 @@ def kitting(
     :param operator: loading and unloading need the one operator, too.
     """
     _check_sizes(robots, kits, parts, doors)
-    sizes, drawn = f"kitting-r{robots}-k{kits}-p{parts}-d{doors}", f"-s{seed}" if seed else ""
-    title = sizes + drawn
-    rng = random.Random(title) if seed else None
+    sizes = f"kitting-r{robots}-k{kits}-p{parts}-d{doors}"
+    title = drawn_name(sizes, seed)
+    rng = drawing(title, seed)
     floor = kitting_floor(doors, rng, title)
     starts, spots = _places(floor, robots, [(k, s) for k in range(kits) for s in range(parts)], rng)
     floor.check(starts | spots | {f"{leaf.name}_button": leaf.button for leaf in floor.doors})
-    manner = Manner(
-        floor,
-        guess=1.0,
-        early=0,
-        model=MotionModels.SE2,
-    )
-    form = Form(sizes + "-op" * operator + drawn, manner, encoding, metric)
+    manner = Manner(floor, guess=1.0, early=0, model=MotionModels.SE2)
+    name = drawn_name(f"{sizes}-op", seed) if operator else title
+    form = Form(name, manner, encoding, metric)
     homes = list(itertools.starmap(form.place, starts.items()))
     for home in homes:
         form.robot(home)

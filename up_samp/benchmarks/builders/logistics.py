@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import random
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Literal
 
@@ -19,9 +19,20 @@ from unified_planning.model.motion import ConfigurationObject, SchedulingMotionP
 from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import FALSE, LE, TRUE, And, BoolType, Or
 
-from up_samp.benchmarks.maps import outer_wall
-from up_samp.benchmarks.places import DOWN, UP, FamilyDoor, FamilyFloor, Pose, box, check_sizes
-from up_samp.benchmarks.published import HANDLING, Encoding, Form, Manner, PublishedRobot
+from up_samp.benchmarks.instances import Encoding
+from up_samp.benchmarks.places import (
+    DOWN,
+    UP,
+    FamilyDoor,
+    FamilyFloor,
+    Pose,
+    at_start,
+    box,
+    check_sizes,
+    drawn_name,
+    outer_wall,
+)
+from up_samp.benchmarks.published import HANDLING, Form, Manner, PublishedRobot
 from up_samp.model import ProblemError
 
 MOST = {"robots": 10, "items": 16}
@@ -152,7 +163,7 @@ def logistics(
     if door == "open":
         floor = replace(floor, doors=())
     side = "all" if sides == "all" else "oc"
-    title = f"logistics-d{door[0]}-{side}-r{robots}-i{items}" + (f"-s{seed}" if seed else "")
+    title = drawn_name(f"logistics-d{door[0]}-{side}-r{robots}-i{items}", seed)
     form = Form(title, Manner(floor, guess=0.5), encoding, metric)
     _fetches(form, spots, sides)
     return form.finish()
@@ -171,27 +182,17 @@ def _fetches(form: Form, spots: dict[str, Pose], sides: Sides) -> None:
     buttons = [form.door(leaf).button for leaf in form.manner.floor.doors]
     picks: list[list[Activity]] = [[] for _ in shelves]
     for robot in form.robots:
-        _moves(form, robot, [p for poses in shelves for p in poses], buttons)
+        stands = [p for poses in shelves for p in poses]
+        out = [(robot.start, place) for place in (*stands, *buttons)]
+        back = [(place, home) for home, place in out]
+        for origin, to in (*out, *itertools.product(buttons, stands), *back):
+            form.move(robot, origin, to)
         for i, pick in enumerate(_picks(form, robot, shelves)):
             picks[i].append(pick)
     form.openings()
     for choices in picks:
         form.exactly_one(choices)
     form.end_at(dict(enumerate(depots)))
-
-
-def _moves(
-    form: Form,
-    robot: PublishedRobot,
-    poses: Sequence[ConfigurationObject],
-    buttons: Sequence[ConfigurationObject],
-) -> None:
-    for place in (*poses, *buttons):
-        form.move(robot, robot.start, place)
-    for button, place in itertools.product(buttons, poses):
-        form.move(robot, button, place)
-    for place in (*poses, *buttons):
-        form.move(robot, place, robot.start)
 
 
 def _picks(form: Form, robot: PublishedRobot, shelves: Shelves) -> list[Activity]:
@@ -205,7 +206,7 @@ def _picks(form: Form, robot: PublishedRobot, shelves: Shelves) -> list[Activity
         free = Fluent(f"{robot.name}_is_free", BoolType())
         form.problem.add_fluent(free, default_initial_value=True)
         for pick in picks:
-            form.needs_at_start(pick, free)
+            pick.add_condition(at_start(pick), free)
             pick.add_effect(form.done(pick), free, FALSE())
         for move in homeward:
             move.add_effect(form.done(move), free, TRUE())

@@ -33,8 +33,16 @@ from unified_planning.model.motion import (
 from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import LE, LT, Equals, IntType, MovableType, Or
 
-from up_samp.benchmarks.maps import Rectangle, drawn_map, outer_wall
-from up_samp.benchmarks.places import Pose, ProblemOnMap, at_start, scope_of
+from up_samp.benchmarks.places import (
+    Pose,
+    ProblemOnMap,
+    Rectangle,
+    at_start,
+    drawn_map,
+    drawn_name,
+    outer_wall,
+    scope_of,
+)
 from up_samp.model import ProblemError
 
 SHELF = (1.4, 6.0)
@@ -134,11 +142,11 @@ def warehouse(
     """Build a warehouse problem (``encoding``: see the module)."""
     if encoding not in WAREHOUSE_ENCODINGS:
         raise ProblemError(f"encoding must be one of {WAREHOUSE_ENCODINGS}, not {encoding!r}")
-    if robots < 1 or orders < 1:
+    if min(robots, orders) < 1:
         raise ProblemError(f"a warehouse needs robots and orders, not {robots} and {orders}")
     plan = store(robots)
     form = "compact-" if encoding == "compact" else ""
-    title = f"warehouse-{form}r{robots}-o{orders}" + (f"-s{seed}" if seed else "")
+    title = drawn_name(f"warehouse-{form}r{robots}-o{orders}", seed)
     work = _Work(title, plan, compact=bool(form), metric=metric)
     drawn = draw_orders(plan, orders, seed)
     works = list(itertools.starmap(work.order, enumerate(drawn)))

@@ -22,18 +22,23 @@ from unified_planning.model.motion import ConfigurationObject, SchedulingMotionP
 from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import GE, And, Implies
 
-from up_samp.benchmarks.maps import DATA, WALL, outer_wall
+from up_samp.benchmarks.instances import Encoding
 from up_samp.benchmarks.places import (
+    DATA,
     DOWN,
     UP,
+    WALL,
     FamilyDoor,
     FamilyFloor,
     Pose,
     Shop,
     box,
     check_sizes,
+    drawing,
+    drawn_name,
+    outer_wall,
 )
-from up_samp.benchmarks.published import Encoding, Form, Manner
+from up_samp.benchmarks.published import Form, Manner
 
 MOST = {"robots": 5, "jobs": 6, "machines": 6}
 """How large a job shop may be."""
@@ -77,7 +82,7 @@ def shop_floor(cells: int, rng: random.Random | None = None, name: str = "") -> 
         for i, (x, to, button) in enumerate(zip(middles, slide, buttons, strict=True))
     ]
     floor = FamilyFloor(name or f"jobshop-{cells}", (ROOM * cells, HEIGHT), walls + blocks, doors)
-    return floor if rng is None else floor.reshaped(rng)
+    return floor.reshaped(rng)
 
 
 def draw_shop(robots: int, jobs: int, machines: int, seed: int) -> Shop:
@@ -95,7 +100,7 @@ def draw_shop(robots: int, jobs: int, machines: int, seed: int) -> Shop:
         rng.shuffle(order)
         routes.append(tuple((m, rng.randint(1, 10)) for m in order))
     own = f"{instance_name(robots, jobs, machines)}-s{seed}"
-    floor = shop_floor(machines, random.Random(f"{own}-floor") if seed else None, own * bool(seed))
+    floor = shop_floor(machines, drawing(f"{own}-floor", seed), own if seed else "")
     taken = [door.button for door in floor.doors]
     low, high = floor.doors[0].closed[1], floor.size[1]
     room = (22, low + 3, 30, high - 3) if seed == 0 else (4, low + 4, ROOM - 4, high - 4)
@@ -164,31 +169,19 @@ def job_shop(
     """
     data = shop(robots, jobs, machines, seed)
     data.floor.check(shop_poses(data))
-    title = instance_name(robots, jobs, machines) + (f"-s{seed}" if seed else "")
-    form, starts, stands, buttons = shop_form(title, data, encoding, metric)
+    title = drawn_name(instance_name(robots, jobs, machines), seed)
+    form = Form(title, Manner(data.floor, guess=1.0), encoding, metric)
+    starts = [form.place(f"robot{r}_start", pose) for r, pose in enumerate(data.starts)]
+    for start in starts:
+        form.robot(start)
+    stands = [form.place(f"machine{m}", pose) for m, pose in enumerate(data.machines)]
+    buttons = [form.door(door).button for door in data.floor.doors]
     ways = itertools.permutations([*stands, *starts, *buttons], 2)
     for robot, (origin, to) in itertools.product(form.robots, ways):
         form.move(robot, origin, to)
     form.openings()
     _operations(form, data, stands)
     return form.finish()
-
-
-Places = list[ConfigurationObject]
-
-
-def shop_form(
-    title: str, data: Shop, encoding: Encoding, metric: bool
-) -> tuple[Form, Places, Places, Places]:
-    """Return a shop's problem with robots and doors, and the places of starts, machines and
-    buttons; nothing happens in it yet.
-    """
-    form = Form(title, Manner(data.floor, guess=1.0), encoding, metric)
-    starts = [form.place(f"robot{r}_start", pose) for r, pose in enumerate(data.starts)]
-    for start in starts:
-        form.robot(start)
-    stands = [form.place(f"machine{m}", pose) for m, pose in enumerate(data.machines)]
-    return form, starts, stands, [form.door(door).button for door in data.floor.doors]
 
 
 def shop_poses(data: Shop) -> dict[str, Pose]:

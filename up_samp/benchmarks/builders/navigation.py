@@ -13,9 +13,16 @@ import random
 
 from unified_planning.model.motion import MotionModels, SchedulingMotionProblem
 
-from up_samp.benchmarks.maps import outer_wall
-from up_samp.benchmarks.places import FamilyFloor, Pose, check_sizes
-from up_samp.benchmarks.published import Encoding, Form, Manner
+from up_samp.benchmarks.instances import Encoding
+from up_samp.benchmarks.places import (
+    FamilyFloor,
+    Pose,
+    check_sizes,
+    drawing,
+    drawn_name,
+    outer_wall,
+)
+from up_samp.benchmarks.published import Form, Manner
 
 HALL = (40.0, 12.0)
 """Width and height of one hall, m."""
@@ -39,7 +46,7 @@ def navigation_floor(robots: int, rng: random.Random | None = None, name: str = 
         left = CORRIDOR[0] if rng is None else round(rng.uniform(4, 32), 1)
         walls += [(0.0, low, left, high), (left + CORRIDOR[1], low, HALL[0], high)]
     floor = FamilyFloor(name or f"navigation-{robots}", size, walls)
-    return floor if rng is None else floor.reshaped(rng)
+    return floor.reshaped(rng)
 
 
 def navigation(
@@ -51,25 +58,20 @@ def navigation(
 ) -> SchedulingMotionProblem:
     """Build a navigation problem: one optional move per robot, that has to be made."""
     check_sizes("navigation", {"robots": MOST_ROBOTS}, robots)
-    title = f"navigation-r{robots}" + (f"-s{seed}" if seed else "")
-    rng = random.Random(title)
-    floor = navigation_floor(robots, rng if seed else None, title)
+    title = drawn_name(f"navigation-r{robots}", seed)
+    rng = drawing(title, seed)
+    floor = navigation_floor(robots, rng, title)
     poses: dict[str, Pose] = {}
     for r in range(robots):
         y = hall_floor(r) + HALL[1] / 2
         for what, x in (("start", 4.0), ("goal", HALL[0] - 4.0)):
             place = f"robot{r}_{what}"
             poses[place] = (x, y, 0.0)
-            if seed:
+            if rng is not None:
                 region = (x - 2, y - 4, x + 2, y + 4)
                 poses[place] = floor.spot(rng, region, (0.0, math.pi), [], 0.0)
     floor.check(poses)
-    manner = Manner(
-        floor,
-        guess=0.5,
-        model=MotionModels.SE2,
-        heed_all=True,
-    )
+    manner = Manner(floor, guess=0.5, model=MotionModels.SE2, heed_all=True)
     form = Form(title, manner, encoding, metric)
     places = {key: form.place(key, pose) for key, pose in poses.items()}
     for r in range(robots):

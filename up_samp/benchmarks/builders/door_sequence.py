@@ -14,9 +14,20 @@ import random
 from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.shortcuts import Or
 
-from up_samp.benchmarks.maps import outer_wall
-from up_samp.benchmarks.places import DOWN, UP, FamilyDoor, FamilyFloor, Pose, box, check_sizes
-from up_samp.benchmarks.published import Encoding, Form, Manner
+from up_samp.benchmarks.instances import Encoding
+from up_samp.benchmarks.places import (
+    DOWN,
+    UP,
+    FamilyDoor,
+    FamilyFloor,
+    Pose,
+    box,
+    check_sizes,
+    drawing,
+    drawn_name,
+    outer_wall,
+)
+from up_samp.benchmarks.published import Form, Manner
 
 HEIGHT, GAP = 30.0, 5.0
 """Height of the building, and width of the gap that a door closes (m)."""
@@ -43,7 +54,7 @@ def sequence_floor(doors: int, rng: random.Random | None = None, name: str = "")
         button = (round(x - BUTTON, 2), y, DOWN)
         leaves.append(FamilyDoor(f"door{i}", box(1, 6), (x, y, 0.0), (x, y + 6, 0.0), button))
     floor = FamilyFloor(name or f"doors-{doors}", size, walls, leaves)
-    return floor if rng is None else floor.reshaped(rng)
+    return floor.reshaped(rng)
 
 
 def door_sequence(
@@ -56,17 +67,11 @@ def door_sequence(
 ) -> SchedulingMotionProblem:
     """Build a problem of doors in sequence: every robot has to get to its goal."""
     check_sizes("a sequence of doors", MOST, robots, doors)
-    title = f"doors-r{robots}-d{doors}" + (f"-s{seed}" if seed else "")
-    floor = sequence_floor(doors, random.Random(title) if seed else None, title)
+    title = drawn_name(f"doors-r{robots}-d{doors}", seed)
+    floor = sequence_floor(doors, drawing(title, seed), title)
     starts, goals = _draw(floor, robots, seed)
     floor.check(starts | goals | {f"{leaf.name}_button": leaf.button for leaf in floor.doors})
-    manner = Manner(
-        floor,
-        guess=1.0,
-        early=0,
-        turning_radius=4.0,
-        bounds=(1, 100),
-    )
+    manner = Manner(floor, guess=1.0, early=0, turning_radius=4.0, bounds=(1, 100))
     form = Form(title, manner, encoding, metric)
     places = {key: form.place(key, pose) for key, pose in (*starts.items(), *goals.items())}
     for key in starts:

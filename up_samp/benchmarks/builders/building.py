@@ -16,7 +16,8 @@ from typing import Literal
 
 from unified_planning.model.motion import SchedulingMotionProblem
 
-from up_samp.benchmarks.maps import Rectangle, drawn_map, outer_wall
+from up_samp.benchmarks.places import Rectangle, drawn_map, drawn_name, outer_wall
+from up_samp.fleet import Fleet
 from up_samp.model import ProblemError
 
 BuildingKind = Literal["rooms", "aisles"]
@@ -58,12 +59,10 @@ def building(
             f"{robots}, {orders} and {loads}"
         )
     several = f"-c{loads}" if loads > 1 else ""
-    title = f"building-{kind}-r{robots}-o{orders}{several}" + (f"-s{seed}" if seed else "")
+    title = drawn_name(f"building-{kind}-r{robots}-o{orders}{several}", seed)
     rng = random.Random(title)
     places = rng.randint(4, 5) + orders // 2
     size, walls, spots = building_floor(kind, robots + places, rng)
-    from up_samp.fleet import Fleet  # what reads sites is slow to import
-
     fleet = Fleet(drawn_map(title, size, walls), name=title, objective=_OBJECTIVE[metric])
     capacity = {"capacity": {"item": loads}} if loads > 1 else {}
     fleet.add_robot_type("agv", SIZE, **LIMITS, **rng.choice(MODELS), **capacity)
@@ -84,9 +83,7 @@ def building(
 def building_floor(
     kind: BuildingKind, needed: int, rng: random.Random
 ) -> tuple[Pair, list[Rectangle], list[Pair]]:
-    """Return the size (m), the walls, and where robots may stand, at
-    least so many as are ``needed``.
-    """
+    """Return the size (m), the walls, and where ``needed`` robots or more may stand."""
     wide = 12 + 0.8 * needed
     size = round(wide + rng.uniform(0, 6), 1), round(rng.uniform(12, 17), 1)
     walls, spots = (_rooms if kind == "rooms" else _aisles)(rng, size, needed)
@@ -123,9 +120,7 @@ def _rooms(rng: random.Random, size: Pair, needed: int) -> tuple[list[Rectangle]
 
 
 def _aisles(rng: random.Random, size: Pair, needed: int) -> tuple[list[Rectangle], list[Pair]]:
-    """Return walls and spots of a hall with shelves and a way around them: beside the shelves, and
-    along one side.
-    """
+    """Return walls of a hall with shelves, and spots: beside them, and along one side."""
     width, height = size
     walls, spots = outer_wall(width, height), list[Pair]()
     levels = 1 + int((height - 8.0) / APART)

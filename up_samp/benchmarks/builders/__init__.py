@@ -1,0 +1,1 @@
+"""What builds the problems of each benchmark family: a module for each."""
