@@ -7,6 +7,7 @@ import pytest
 import shapely
 from shapely import affinity
 
+from tests.motion.oracle import shape_at
 from up_samp.geometry import OccupancyGrid, Scene, shape_of, sweeps
 from up_samp.geometry import kernels as k
 from up_samp.model import Body, Kinematics, MotionModel, Placed, ProblemError
@@ -24,11 +25,6 @@ TOLERANCE = 1e-6
 
 def body(name):
     return Body(FOOTPRINTS[name], KIN)
-
-
-def placed(footprint, pose):
-    turned = affinity.rotate(shapely.Polygon(footprint), pose[2], origin=(0, 0), use_radians=True)
-    return affinity.translate(turned, pose[0], pose[1])
 
 
 def cluttered(rng, origin=(0.0, 0.0, 0.0), density=0.01):
@@ -73,7 +69,7 @@ def test_poses_against_the_map(name, origin):
     bare, margined = (k.WorldData(scene.data, scene.polys(), s) for s in (bare, margined))
     free_count = 0
     for x, y, th in random_poses(rng, grid, 400):
-        shape = placed(footprint, (x, y, th))
+        shape = shape_at(footprint, (x, y, th))
         free = k.clearance(bare, x, y, th) >= 0.0
         deep = area.intersection(shape).area > 1e-5
         assert not (free and deep)
@@ -107,7 +103,7 @@ def test_edges_against_the_map(name):
         length = float(rng.uniform(-3, 3))
         free = sweeps.arc_free(world, x, y, th, kappa, length)
         poses = [k.advance(x, y, th, kappa, length * i / 60) for i in range(61)]
-        nearest = min(area.distance(placed(footprint, pose)) for pose in poses)
+        nearest = min(area.distance(shape_at(footprint, pose)) for pose in poses)
         seen[free] += 1
         if free:
             assert nearest >= margin - TOLERANCE
@@ -127,7 +123,7 @@ def test_distances_between_bodies():
         a, b = rng.choice(names, 2)
         pose_a = tuple(rng.uniform(-2, 2, 3))
         pose_b = tuple(rng.uniform(-2, 2, 3))
-        first, second = placed(FOOTPRINTS[a], pose_a), placed(FOOTPRINTS[b], pose_b)
+        first, second = shape_at(FOOTPRINTS[a], pose_a), shape_at(FOOTPRINTS[b], pose_b)
         distance = scene.distance(body(a), pose_a, body(b), pose_b)
         if distance > 0:
             assert distance == pytest.approx(first.distance(second), abs=1e-9)
@@ -150,11 +146,11 @@ def test_resting_objects(name):
             Placed(f"o{i}", body(other), tuple(rng.uniform(-5, 5, 3)))
             for i, other in enumerate(("L", "car", "triangle"))
         )
-        area = shapely.union_all([placed(p.body.footprint, p.pose) for p in others])
+        area = shapely.union_all([shape_at(p.body.footprint, p.pose) for p in others])
         world = k.WorldData(scene.data, scene.polys(others), shape)
         for _ in range(20):
             x, y, th = rng.uniform(-6, 6, 3)
-            me = placed(FOOTPRINTS[name], (x, y, th))
+            me = shape_at(FOOTPRINTS[name], (x, y, th))
             distance = k.poly_distance(world.polys, shape, x, y, th, 100.0)
             if distance > 0:
                 assert distance == pytest.approx(area.distance(me), abs=1e-9)
@@ -162,7 +158,7 @@ def test_resting_objects(name):
             assert free == (area.distance(me) >= 0.05) or abs(area.distance(me) - 0.05) < TOLERANCE
             kappa, length = float(rng.choice([0.0, 1.0])), float(rng.uniform(-3, 3))
             swept = [k.advance(x, y, th, kappa, length * i / 40) for i in range(41)]
-            nearest = min(area.distance(placed(FOOTPRINTS[name], pose)) for pose in swept)
+            nearest = min(area.distance(shape_at(FOOTPRINTS[name], pose)) for pose in swept)
             if sweeps.arc_free(world, x, y, th, kappa, length):
                 assert nearest >= 0.05 - TOLERANCE
             else:
@@ -261,6 +257,6 @@ def test_many_edges_against_the_map(name):
             if sweeps.arc_free(world, x, y, th, kappa, length):
                 free += 1
                 poses = [k.advance(x, y, th, kappa, length * i / 200) for i in range(201)]
-                nearest = min(area.distance(placed(footprint, pose)) for pose in poses)
+                nearest = min(area.distance(shape_at(footprint, pose)) for pose in poses)
                 assert nearest >= margin - TOLERANCE
     assert free > 200

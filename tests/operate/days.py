@@ -4,6 +4,7 @@ import random
 from pathlib import Path
 
 from tests.operate.sites import hall
+from up_samp.motion.cache import MotionCache
 from up_samp.operate.clock import SimulatedClock
 from up_samp.operate.horizon import Opened
 from up_samp.operate.judge import judge_day
@@ -19,12 +20,15 @@ PATIENT = Settings(stretch=20.0)
 
 
 class Here:
-    """A planner in the same process: it is killed with it."""
+    """A planner in the same process: it is killed with it, and keeps motions as long."""
 
     busy = False
 
+    def __init__(self):
+        self.cache = MotionCache()
+
     def ask(self, question):
-        self.said = answer(question)
+        self.said = answer(question, self.cache)
 
     def taken(self, wait=False):
         return self.said

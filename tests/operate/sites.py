@@ -10,7 +10,8 @@ from up_samp.geometry.maps import write_map
 
 def hall(folder, robots=3, *, width=24.0, height=14.0, v_max=1.5, a_max=0.7, home=True, **kind):
     """A hall with two rows of shelves, docks, and a home for each robot, where it ends its day if
-    ``home``.
+    ``home``. To drive backwards is as good as ahead (robots of :func:`anywhere` would rather not):
+    to seek a way ahead besides, for each leg, takes most of the time of a day.
     """
     cell = 0.1
     cells = np.zeros((round(height / cell), round(width / cell)), dtype=bool)
@@ -21,7 +22,7 @@ def hall(folder, robots=3, *, width=24.0, height=14.0, v_max=1.5, a_max=0.7, hom
     fleet = Fleet(yaml, name="hall", margin=0.12)
     fleet.add_robot_type(
         "agv", footprint=(0.8, 0.6), model="diff", v_max=v_max, a_max=a_max, omega_max=v_max,
-        **kind,
+        reverse_cost=1.0, **kind,
     )  # fmt: skip
     for k in range(robots):
         fleet.add_place(f"home{k}", 1.5, 1.5 + 1.6 * k)

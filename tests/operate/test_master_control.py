@@ -186,7 +186,7 @@ def test_robots_that_drive_sideways_are_told_how_they_turn(tmp_path):
 def test_robots_that_drive_from_node_to_node_are_told_when_they_drive_backwards(tmp_path):
     """They drive head first otherwise, and stand half a turn off their path."""
     straight = partial(quiet, version="2.0.0", spacing=0.25)
-    day = Day(tmp_path, fleet=hall(tmp_path, 1, reverse_cost=1), mishaps=NONE, floor=straight)
+    day = Day(tmp_path, fleet=hall(tmp_path, 1), mishaps=NONE, floor=straight)
     try:
         day.order("o0", "rack0", "dock2")
         day.run()

@@ -16,6 +16,7 @@ from unified_planning.engines import PlanGenerationResultStatus
 
 from tests.scheduling import doubles
 from tests.scheduling.problems import fetch_and_return, two_after_each_other
+from tests.system.test_child import is_alive
 from up_samp.engines.plain import schedule_plainly
 from up_samp.model import (
     Deadline,
@@ -39,19 +40,10 @@ def check(problem, schedule):
     return [str(v) for v in validate_schedule(problem, schedule).violations]
 
 
-def alive(pid):
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    with open(f"/proc/{pid}/stat", encoding="utf-8") as stat:
-        return stat.read().rsplit(")", 1)[1].split()[0] != "Z"
-
-
 def gone(pids, seconds=5.0):
     until = time.monotonic() + seconds
     while time.monotonic() < until:
-        if not any(alive(p) for p in pids):
+        if not any(is_alive(p) for p in pids):
             return True
         time.sleep(0.05)
     return False

@@ -4,9 +4,7 @@ Every docstring in ``up_samp/search`` that says what is assumed has a row here. 
 breaks the assumption goes its twin that keeps it: what is recognised in the twin would be wrong.
 """
 
-import ast
 from functools import partial
-from pathlib import Path
 
 import pytest
 from unified_planning.model import (
@@ -43,6 +41,7 @@ from unified_planning.shortcuts import (
 )
 
 import up_samp.search as package
+from tests.oracles.assuming import assuming
 from tests.shuffled import shuffled
 from tests.soundness.worlds import Change, Drive, World, build, write_rooms
 from up_samp.benchmarks.places import drawn_map, outer_wall
@@ -496,19 +495,8 @@ bound: they have tests of their own."""
 BOUNDS = {name: row for name, row in BROKEN.items() if name not in ("surely_there", "demands")}
 
 
-def assuming():
-    """Return the functions whose docstrings say what they assume."""
-    found = set()
-    for file in sorted(Path(package.__file__).parent.rglob("*.py")):
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            kinds = (ast.FunctionDef, ast.ClassDef)
-            if isinstance(node, kinds) and "Assumes:" in (ast.get_docstring(node) or ""):
-                found.add(node.name)
-    return found
-
-
 def test_all_that_is_assumed_is_broken_here():
-    assert assuming() == BROKEN.keys()
+    assert assuming(package) == BROKEN.keys()
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ from unified_planning.shortcuts import OneshotPlanner, get_environment
 
 from up_samp.benchmarks import door_sequence, logistics, navigation
 from up_samp.model import MotionModel
+from up_samp.motion.cache import MotionCache
 from up_samp.upio import read_problem
 from up_samp.validation import validate_plan
 from up_samp.validation.kinematics import limits_of
@@ -37,10 +38,18 @@ def test_navigation_by_cars():
     assert validate_plan(problem, result.plan).valid
 
 
+@pytest.fixture(scope="module")
+def motions():
+    """What all forms of a problem drive is planned once."""
+    return MotionCache()
+
+
 @pytest.mark.parametrize("encoding", ["fluents", "fluents-uses", "no-fluents", "no-fluents-uses"])
-def test_published_forms_have_one_optimum(encoding):
+def test_published_forms_have_one_optimum(encoding, motions):
     problem = logistics(1, 1, sides="corridor", encoding=encoding)
-    with OneshotPlanner(name="samp-refine[cpsat]", params={"optimal": True}) as planner:
+    with OneshotPlanner(
+        name="samp-refine[cpsat]", params={"optimal": True, "cache": motions}
+    ) as planner:
         result = planner.solve(problem, timeout=60)
     assert validate_plan(problem, result.plan).valid
     makespan, bound = (int(result.metrics[k]) for k in ("makespan", "lower_bound"))

@@ -25,16 +25,16 @@ def driven(rng, pose, radius, length):
     return pose
 
 
-@pytest.mark.parametrize("seed", range(300))
-def test_it_is_dubins_where_nothing_moves(seed):
-    rng = random.Random(seed)
-    start, goal, radius = drawn(rng), drawn(rng, 3.0), rng.uniform(0.2, 3.0)
-    told = ahead(start, goal, radius, np.zeros(1))[0]
-    assert told == pytest.approx(shortest(start, goal, radius, 1.0)[0], rel=1e-6)
+def test_it_is_dubins_where_nothing_moves():
+    for seed in range(300):
+        rng = random.Random(seed)
+        start, goal, radius = drawn(rng), drawn(rng, 3.0), rng.uniform(0.2, 3.0)
+        told = ahead(start, goal, radius, np.zeros(1))[0]
+        assert told == pytest.approx(shortest(start, goal, radius, 1.0)[0], rel=1e-6), seed
 
 
-@pytest.mark.parametrize("seed", range(300))
-def test_no_curve_between_poses_that_near_is_shorter(seed):
+def beside(seed):
+    """What is told of two poses is no more than the curve between any that are so near to them."""
     rng = random.Random(seed)
     start, goal, radius = drawn(rng), drawn(rng, 3.0), rng.uniform(0.2, 3.0)
     for _ in range(20):
@@ -43,11 +43,15 @@ def test_no_curve_between_poses_that_near_is_shorter(seed):
         left = driven(rng, start, radius, rng.choice((-1, 1)) * part * moved)
         came = driven(rng, goal, radius, rng.choice((-1, 1)) * (1 - part) * moved)
         told = ahead(start, goal, radius, np.array([moved]))[0]
-        assert told <= shortest(left, came, radius, 1.0)[0] + 1e-9
+        assert told <= shortest(left, came, radius, 1.0)[0] + 1e-9, seed
 
 
-@pytest.mark.parametrize("seed", range(300))
-def test_no_drive_is_faster(seed):
+def test_no_curve_between_poses_that_near_is_shorter():
+    for seed in range(300):
+        beside(seed)
+
+
+def to_and_fro(seed):
     """Runs to and fro, most of them with short ones at their ends, are ways to where they lead."""
     rng = random.Random(seed)
     radius, a = rng.uniform(0.2, 3.0), rng.uniform(0.2, 2.0)
@@ -60,9 +64,14 @@ def test_no_drive_is_faster(seed):
         goal = driven(rng, goal, radius, sign * length)
         seconds, sign = seconds + run_time(length, v, a), -sign
     told = fastest_runs(start, goal, car, shortest(start, goal, radius)[0])
-    assert told <= seconds + 1e-9
-    assert told <= fastest(start, goal, car)[0] + 1e-9
-    assert told >= run_time(shortest(start, goal, radius)[0], v, a)
+    assert told <= seconds + 1e-9, seed
+    assert told <= fastest(start, goal, car)[0] + 1e-9, seed
+    assert told >= run_time(shortest(start, goal, radius)[0], v, a), seed
+
+
+def test_no_drive_is_faster():
+    for seed in range(300):
+        to_and_fro(seed)
 
 
 def test_a_turn_in_one_run_is_known_to_be_fastest():
@@ -82,9 +91,7 @@ def rolling(v=1.0, a=0.5, omega=1.0, **more):
     return Kinematics(MotionModel.PIVOT, v_max=v, a_max=a, omega_max=omega, **more)
 
 
-@pytest.mark.parametrize("seed", range(200))
-@pytest.mark.parametrize("reverse", [True, False])
-def test_no_drive_of_who_turns_at_will_is_faster(seed, reverse):
+def turning_at_will(seed, reverse):
     rng = random.Random(seed)
     v, a, omega = rng.uniform(0.3, 2), rng.uniform(0.2, 2), rng.uniform(0.3, 2)
     seconds, steps = rng.uniform(0.5, 10), 1000
@@ -99,7 +106,13 @@ def test_no_drive_of_who_turns_at_will_is_faster(seed, reverse):
     x, y = (speed * np.cos(turned)).sum() * step, (speed * np.sin(turned)).sum() * step
     goal = x, y, turned[-1]
     told = fastest_roll((0, 0, heading), goal, rolling(v, a, omega, reverse=reverse), 0.0)
-    assert told <= seconds * (1 + 4 / steps)
+    assert told <= seconds * (1 + 4 / steps), seed
+
+
+@pytest.mark.parametrize("reverse", [True, False])
+def test_no_drive_of_who_turns_at_will_is_faster(reverse):
+    for seed in range(200):
+        turning_at_will(seed, reverse)
 
 
 def test_who_looks_away_has_to_turn():

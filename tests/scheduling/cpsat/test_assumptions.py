@@ -3,9 +3,7 @@
 Every docstring in ``scheduling/cpsat`` that says what is assumed has a row here.
 """
 
-import ast
 import itertools
-from pathlib import Path
 
 import pytest
 from unified_planning.model import (
@@ -30,6 +28,7 @@ from unified_planning.shortcuts import (
 )
 
 import up_samp.scheduling.cpsat as package
+from tests.oracles.assuming import assuming
 from tests.scheduling.cpsat.fleets import Fleet, optimum, write_fleet
 from tests.scheduling.cpsat.random_routes import begin, inside, late, whole
 from tests.scheduling.cpsat.test_lower_bounds import Trip, new_problem
@@ -560,19 +559,8 @@ BROKEN = {
 kept from one solve to the next: ``test_what_is_kept_...``."""
 
 
-def assuming():
-    """Return the functions and classes whose docstrings say what they assume."""
-    found = set()
-    for file in sorted(Path(package.__file__).parent.rglob("*.py")):
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            kinds = (ast.FunctionDef, ast.ClassDef)
-            if isinstance(node, kinds) and "Assumes:" in (ast.get_docstring(node) or ""):
-                found.add(node.name)
-    return found
-
-
 def test_all_that_is_assumed_is_broken_here():
-    assert assuming() == BROKEN.keys()
+    assert assuming(package) == BROKEN.keys()
 
 
 @pytest.mark.parametrize(

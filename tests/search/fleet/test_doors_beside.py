@@ -38,8 +38,16 @@ def halls(folder, seed, *, battery, opened_from):
     return fleet
 
 
-@pytest.mark.parametrize("battery", [False, True])
-@pytest.mark.parametrize("opened_from", ["button", ["inner", "button"]])
+LONG = pytest.mark.long
+EACH = [
+    ("button", False),
+    (["inner", "button"], True),
+    pytest.param("button", True, marks=LONG),
+    pytest.param(["inner", "button"], False, marks=LONG),
+]
+
+
+@pytest.mark.parametrize(("opened_from", "battery"), EACH)
 def test_the_first_plan_is_dealt_out(tmp_path, opened_from, battery):
     """The usual search, which finds a plan as well, takes ten times as long: it never begins."""
     fleet = halls(tmp_path, len(opened_from), battery=battery, opened_from=opened_from)

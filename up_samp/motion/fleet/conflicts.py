@@ -433,7 +433,8 @@ def runs_in(cells: BoolArray) -> IntArray:
     """Return which pairs of cells (n, m) are set, as rows (i, j first, j last)."""
     edges = np.diff(np.pad(cells.astype(np.int8), ((0, 0), (1, 1))), axis=1)
     begins, ends = np.argwhere(edges > 0), np.argwhere(edges < 0)
-    return np.column_stack([begins, ends[:, 1] - 1])
+    # kernels are compiled anew for arrays that lie otherwise, or cannot be written
+    return np.ascontiguousarray(np.column_stack([begins, ends[:, 1] - 1]))
 
 
 # ------------------ How much clearance two bodies keep from each other

@@ -96,7 +96,7 @@ def _swerved(scene: Scene, path: Path, first: float, last: float, offset: float)
         return None
     ends = arcs_between(path, 0.0, begin), arcs_between(path, end, path.length)
     whole = merged(np.concatenate([ends[0], *curves, ends[1]]))
-    start, goal = path.poses[0], path.poses[-1]
+    start, goal = path.poses[0].copy(), path.poses[-1]  # no kernel is for what cannot be written
     if sweeps.path_free(scene.world(scene.shape(path.body)), start, whole) >= 0:
         return None
     if settle(start, goal, whole) > EXACT:

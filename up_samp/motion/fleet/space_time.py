@@ -521,7 +521,7 @@ class Proposer:
         parts = []
         size = _around if wide else _disc
         mine = size(motion.body)
-        ends = np.array([p[:2] for p in motion.poses])
+        ends = np.array([p[:2] for p in motion.poses], dtype=np.float64)
         for other in others:
             if other.object == motion.object or other.path.body.flies:
                 continue
@@ -631,7 +631,7 @@ def _sampled(run: TimedPath) -> tuple[FloatArray, FloatArray]:
     """Return a run's moments about ``SAMPLE`` s apart, and where it is then."""
     times, poses = run.timing.trajectory.times, run.timing.trajectory.poses
     if len(times) == 1:
-        return times, poses
+        return times.copy(), poses.copy()  # numba compiles anew for arrays that cannot be written
     count = max(2, math.ceil((times[-1] - times[0]) / SAMPLE) + 1)
     at = np.linspace(times[0], times[-1], count)
     rows = np.stack([np.interp(at, times, poses[:, k]) for k in range(3)], axis=1)

@@ -432,7 +432,7 @@ def _start(motion: TimedMotion, path: Path, rows: FloatArray) -> float:
     with forbidden (cell, from, until) ``rows``.
     """
     blocked, earliest, latest = forbidden_starts(
-        rows, path.natural_held, motion.release, motion.present_until
+        rows, path.natural_held, float(motion.release), motion.present_until
     )
     return first_gap(blocked[np.argsort(blocked[:, 0], kind="stable")], earliest, latest)
 
