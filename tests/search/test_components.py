@@ -17,8 +17,7 @@ from up_samp.search import (
     State,
     split_parameters,
 )
-from up_samp.search.cuts.paper import PaperCuts
-from up_samp.search.cuts.small import SmallCuts
+from up_samp.search.cuts import PaperCuts, SmallCuts
 from up_samp.search.params import ABLATIONS, PRESETS
 from up_samp.search.presets import components_of
 from up_samp.search.search import Components, Statement

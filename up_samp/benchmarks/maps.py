@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from up_samp.geometry.maps import write_map
-from up_samp.system.folders import cache_folder
+from up_samp.system.files import cache_folder
 
 RESOLUTION, WALL = 0.1, 0.5
 """Metres per pixel, and thickness of an outer wall (m)."""

@@ -25,8 +25,7 @@ from typing import Any
 from up_samp.benchmarks.instances import Instance, families, instance, instances
 from up_samp.benchmarks.published import Encoding, check_encoding
 from up_samp.model import ProblemError
-from up_samp.system.child import die_with
-from up_samp.system.memory import limit_memory
+from up_samp.system.child import die_with, limit_memory
 
 Record = dict[str, Any]
 """The outcome of a run, as one line of JSON.

@@ -12,7 +12,7 @@ from up_samp.model.errors import in_words
 from up_samp.plotting.tracks import tracks_of
 
 if TYPE_CHECKING:
-    from up_samp.search.history import ProgressEvent
+    from up_samp.search.knowledge import ProgressEvent
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], right: Sequence[int] = ()) -> str:

@@ -25,7 +25,7 @@ from unified_planning.model.problem_kind_versioning import LATEST_PROBLEM_KIND_V
 from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.plans import Schedule
 
-from up_samp.engines.direct import Call, DirectFace
+from up_samp.engines.faces import Call, DirectFace
 from up_samp.engines.features import SCHEDULES
 from up_samp.model import (
     CandidateSchedule,
@@ -75,11 +75,11 @@ class CpsatEngine(DirectFace, Engine, OneshotPlannerMixin, AnytimePlannerMixin):
         AnytimePlannerMixin.__init__(self)
         if options:
             raise ProblemError(f"cpsat has no option {', '.join(sorted(options))}")
-        for name, value in (("seed", seed), ("workers", workers)):
-            whole = isinstance(value, int) and not isinstance(value, bool)
-            if not whole and not (name == "workers" and value is None):
+        count = 1 if workers is None else workers
+        for name, value in (("seed", seed), ("workers", count)):
+            if not isinstance(value, int) or isinstance(value, bool):
                 raise ProblemError(f"cpsat's {name} must be a whole number, not {short(value)}")
-        if workers is not None and workers < 1:
+        if count < 1:
             raise ProblemError(f"cpsat needs at least one worker, not {workers}")
         self.seed = seed
         self.workers = workers

@@ -136,7 +136,10 @@ class Facts:
 
     def like(self, motion: ScheduledMotion) -> list[MotionCase]:
         """Return the case that a scheduled motion is, and all that are the same to the planner."""
-        case = self.case(motion)
+        return self.same(self.case(motion))
+
+    def same(self, case: MotionCase) -> list[MotionCase]:
+        """Return a case, and all that are the same to the planner."""
         return list(dict.fromkeys((case, *self.by_signature.get(self.signature(case), ()))))
 
     # ---------------------------------------------------------------- objects

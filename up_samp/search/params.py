@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from up_samp.model.errors import ProblemError, short
 from up_samp.search.events import Observer, State
-from up_samp.search.history import ProgressEvent
+from up_samp.search.knowledge import ProgressEvent
 
 if TYPE_CHECKING:
     from up_samp.motion.cache import MotionCache

@@ -16,14 +16,12 @@ from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.doubt import refuted
 from up_samp.search.budget import Budget, Restarts, SchedulerPace
 from up_samp.search.check import Check, CheckAlone, Checker
-from up_samp.search.cuts.protocol import rejecting
-from up_samp.search.cuts.small import SmallCuts
+from up_samp.search.cuts import SmallCuts, rejecting
 from up_samp.search.events import State, Telling
 from up_samp.search.facts import Facts
-from up_samp.search.history import VALIDATING, History
-from up_samp.search.knowledge import Bounds, Incumbent, Knowledge
-from up_samp.search.motions import Motions
+from up_samp.search.knowledge import VALIDATING, Bounds, History, Incumbent, Knowledge
 from up_samp.search.proof import Prover
+from up_samp.search.world import Motions
 from up_samp.tuning import Tuning
 from up_samp.upio import Itinerary, Relaxation, SampSchedule, read_itinerary
 from up_samp.upio.objective import Measure
@@ -53,7 +51,8 @@ Improver = Callable[["Search", bool], Iterator[Incumbent]]
 asked in every round, and told whether the scheduler found nothing better in its time.
 """
 Finisher = Callable[["Search", Incumbent], Incumbent | None]
-"""Makes the best plan better in what no metric tells, in the end; None leaves it as it is."""
+"""Makes the best plan better in what no metric tells, in the end; None, and what is not valid,
+leaves it as it is."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +90,7 @@ class Problem:
     build: Callable[[CandidateSchedule, Mapping[str, Trajectory]], SampSchedule]
     judge: Callable[[SampSchedule], list[Violation]]
     native: bool
-    measure: Measure = field(default_factory=lambda: Measure(lambda s: s.makespan))
+    measure: Measure
 
 
 @dataclass

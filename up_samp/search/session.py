@@ -23,6 +23,7 @@ from up_samp.model import (
     ProblemError,
     Trajectory,
     Violation,
+    avoids,
 )
 from up_samp.model.snapshot import Snapshot
 from up_samp.motion import MotionService
@@ -35,15 +36,14 @@ from up_samp.search.facts import Facts
 from up_samp.search.fleet.jobs import earlier_jobs, find_jobs
 from up_samp.search.fleet.solve import LargeProblem, OpenThin, solve_large
 from up_samp.search.fleet_bound.bound import state_bounds
-from up_samp.search.history import READING, History, Stages
-from up_samp.search.knowledge import Bounds, Incumbent, Knowledge
+from up_samp.search.knowledge import READING, Bounds, History, Incumbent, Knowledge, Stages
 from up_samp.search.loop import solve
-from up_samp.search.motions import Motions
 from up_samp.search.params import Parameters
 from up_samp.search.presets import components_of
 from up_samp.search.proof import Prover
 from up_samp.search.resolve import start_of
 from up_samp.search.search import Problem, Search, Statement
+from up_samp.search.world import Motions
 from up_samp.tuning import Tuning, tuning_of
 from up_samp.upio import Relaxation, SampSchedule, build_plan, read_problem, relax, trajectory_key
 from up_samp.upio.objective import Number, measure_of, only_makespan
@@ -64,7 +64,7 @@ def check_start_poses(snapshot: Snapshot, service: MotionService) -> None:
         others = tuple(
             Placed(o, snapshot.objects[o].body, snapshot.configurations[place])
             for o, place in snapshot.initial.items()
-            if o != name and (heeded is None or o in heeded)
+            if o != name and avoids(heeded, o)
         )
         _, hit = service.pose_blockers(body, pose, others)
         if hit:
@@ -131,9 +131,7 @@ def open_search(
         service = service or open_service(snapshot, grid, params)
         check_start_poses(snapshot, service)
 
-    measure = measure_of(problem, wrapped.worth)
     asked = problem_of(problem, snapshot, wrapped, params, tuning_of(params.tuning))
-    asked = replace(asked, measure=measure)
     with stages.of(READING):
         search = assemble(asked, service, params, deadline)
         whole = params.components is not None or not only_makespan(problem)
@@ -206,7 +204,7 @@ def problem_of(
     params: Parameters,
     tuning: Tuning,
 ) -> Problem:
-    """Return what a search asks of a problem (by the makespan); ``tuning``: of our own engine. It
+    """Return what a search asks of a problem; ``tuning``: of our own engine. It
     draws what another one is handed over, but where the preset asks nothing of ours.
     """
     given = {**({"tuning": tuning} if wrapped.native else {}), **wrapped.params}
@@ -232,7 +230,8 @@ def problem_of(
     build = partial(to_plan, problem, snapshot, params.margin)
     native = wrapped.native or "incumbents" not in params.without
     relaxed = partial(relax, problem, snapshot)
-    return Problem(relaxed, scheduler_for, build, wrapped.judge, native)
+    measure = measure_of(problem, wrapped.worth)
+    return Problem(relaxed, scheduler_for, build, wrapped.judge, native, measure)
 
 
 def open_thin(
@@ -275,7 +274,7 @@ def assemble(
     facts = Facts(relaxation.snapshot, relaxation.choices)
     history, bounds = History(), Bounds.by(problem.measure)
     knowledge = Knowledge(relaxation, history)
-    budget = Budget(deadline, params.query_seconds)
+    budget = Budget(deadline, params.query_seconds, history=history)
     motions = Motions(facts, service, budget)
     tell = Telling(observers_of(params), partial(state_of, history, bounds, deadline))
     return Search(
@@ -379,11 +378,10 @@ def run(
             result = yield from search.in_parts(search, optimal)
         # a large problem has too many motions for what is done about each of them in the end
         search.budget.end()
-        finishers = search.components.finishers if search.in_parts is None else ()
-        for finish in finishers:
-            if bounds.incumbent is not None:
-                bounds.incumbent = finish(search, bounds.incumbent) or bounds.incumbent
+        for finish in search.components.finishers if search.in_parts is None else ():
+            found = finish(search, bounds.incumbent) if bounds.incumbent is not None else None
+            if found is not None and not search.judged(found.plan):
+                bounds.incumbent = found
         return result
     finally:
-        search.history.take_times(search.budget)
         search.scheduler.close()

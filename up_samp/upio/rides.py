@@ -128,10 +128,9 @@ def _check_lists(tasks: Sequence[MotionTask]) -> None:
     """Raise where a motion has to keep clear of a load that travels, but not of its carrier."""
     pairs = {(task.object, ride.load) for task in tasks for ride in task.rides}
     for task in tasks:
-        own = {task.object, *(ride.load for ride in task.rides)}
+        heeded = task.moved.union(task.avoid or ())
         for carrier, load in sorted(pairs):
-            listed = task.dynamic is not None and load in task.dynamic
-            if listed and carrier not in own.union(task.avoid or ()):
+            if load in (task.dynamic or ()) and carrier not in heeded:
                 raise UnsupportedError(
                     f"activity '{task.activity}' lists the dynamic obstacle '{load}' but not "
                     f"'{carrier}', which carries it: robot and load are one body, so list both"

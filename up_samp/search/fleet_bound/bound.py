@@ -18,8 +18,12 @@ from up_samp.model.deadline import check_time, in_force
 from up_samp.motion import MotionService
 from up_samp.search.facts import Facts
 from up_samp.search.fleet.jobs import Jobs, WorkMode
-from up_samp.search.fleet_bound.final_occupancy import final_occupancy
-from up_samp.search.fleet_bound.load_balance import LoadBalance, called, least_share
+from up_samp.search.fleet_bound.load_balance import (
+    LoadBalance,
+    called,
+    final_occupancy,
+    least_share,
+)
 from up_samp.search.fleet_bound.work import JobWork, Leg, items_of
 from up_samp.search.search import Search
 
@@ -55,9 +59,8 @@ class JobsBound:
         self._ways = self._work.ways(counted)
         self._stops: dict[Body, frozenset[str]] = {}
         self._shared, self._comings = self._ways, self._work.comings(called(self._ways))
-        items = None
-        if not any(way.goal for way in self._ways):
-            items = items_of(problem, jobs, self._work, counted)
+        called_for = any(way.goal for way in self._ways)
+        items = None if called_for else items_of(problem, jobs, self._work, counted)
         if items is not None:  # it may drive anywhere in between
             self._shared, self._comings = items, {}
             self._stops = {way.body: self._work.stops(way.kind) for way in items}
