@@ -77,18 +77,6 @@ def _movers(problem: SchedulingMotionProblem) -> set[MovableObject]:
     return {expression.object() for expression in moved if expression.is_object_exp()}
 
 
-# ------------------ Which problems ``samp-refine`` takes, given the engine that it wraps
-
-
-def samp_kind(engine: Any) -> ProblemKind:
-    """Return what an engine's kind (a UP engine class) becomes with compilers and motions."""
-    kind = engine.supported_kind()  # which engines may share: it is not changed
-    if getattr(engine, "has_sessions", False):  # nothing is compiled for it
-        return ProblemKind({*kind.features, "SAMP"}, version=kind.version)
-    own = {f for f in PASSED_ON if f in kind.features}
-    return ProblemKind({*COMPILED, *own, "SAMP"}, version=kind.version)
-
-
 # schedulers, motion planners and the validator are imported when a problem is solved: UP imports
 # this module when it is asked for its engines
 
@@ -146,7 +134,12 @@ class SampRefine(ReplanningFace, MetaEngine, OneshotPlannerMixin, AnytimePlanner
 
     @staticmethod
     def _supported_kind(engine: type[Engine]) -> ProblemKind:
-        return samp_kind(engine)
+        """Return what an engine's kind becomes with compilers and motions."""
+        kind = engine.supported_kind()  # which engines may share: it is not changed
+        features = set(kind.features)
+        if not getattr(engine, "has_sessions", False):  # else nothing is compiled for it
+            features = features.intersection(PASSED_ON).union(COMPILED)
+        return ProblemKind({*features, "SAMP"}, version=kind.version)
 
     @staticmethod
     def _supports(problem_kind: ProblemKind, engine: type[Engine]) -> bool:
@@ -315,7 +308,8 @@ class SampRefine(ReplanningFace, MetaEngine, OneshotPlannerMixin, AnytimePlanner
         before: list[Search] | None,
     ) -> Search:
         from up_samp.engines.plain import wrong_in
-        from up_samp.search.session import Wrapped, open_search
+        from up_samp.search.search import Wrapped
+        from up_samp.search.session import open_search
         from up_samp.upio.plan import build_schedule
         from up_samp.validation import validate_plan, value_of
 

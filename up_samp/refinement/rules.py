@@ -96,18 +96,13 @@ def not_all_there(arrivals: Sequence[str], departures: Sequence[str], why: str) 
     return Refinement(Clause(literals), Layer.GEOMETRIC, Strength.PROVEN, why)
 
 
-def needs_open(activity: str, obstacle: str, configuration: str, why: str) -> Refinement:
-    """State that an obstacle must have left ``configuration`` before the end.
-
-    Right only where nothing brings the obstacle back there (see :func:`blocked_while`).
+def needs_away(
+    activity: str, obstacle: str, configuration: str, why: str, *, at_end: bool = False
+) -> Refinement:
+    """State that a static obstacle must be elsewhere all the time, or that any must be in the end
+    (right only where nothing brings it back there, see :func:`blocked_while`).
     """
-    statement = Requires(activity, obstacle, configuration, at_end=True)
-    return Refinement(statement, Layer.GEOMETRIC, Strength.PROVEN, why)
-
-
-def needs_away(activity: str, obstacle: str, configuration: str, why: str) -> Refinement:
-    """State that a static obstacle must be elsewhere all the time."""
-    statement = Requires(activity, obstacle, configuration)
+    statement = Requires(activity, obstacle, configuration, at_end)
     return Refinement(statement, Layer.GEOMETRIC, Strength.PROVEN, why)
 
 

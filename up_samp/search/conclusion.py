@@ -264,7 +264,7 @@ def called_optimal(search: Search, cost: Cost) -> SearchResult:
     """
     tell_what_may_be_shorter(search)
     bounds, worst = search.bounds, max(search.history.may_be_shorter.values(), default=0.0)
-    if search.relative or bounds.absolute >= cost or worst < NEAR:
+    if search.problem.params.relative or bounds.absolute >= cost or worst < NEAR:
         return SearchResult(Conclusion.OPTIMAL)
     assert bounds.incumbent is not None
     facts = search.knowledge.proven  # which may be enough: what counts need not be motions

@@ -24,6 +24,8 @@ from up_samp.model import (
 )
 from up_samp.model.refinement import Layer, Refinement, Strength
 from up_samp.model.snapshot import Snapshot
+from up_samp.motion.fleet import earliest_arrival
+from up_samp.motion.fleet.coordination import order_decides
 from up_samp.refinement import rules
 from up_samp.search.facts import Facts, MotionCase, are_apart
 from up_samp.search.knowledge import Knowledge
@@ -348,7 +350,9 @@ def _behind(
     """Return what tells for the follower's start after the leader's its earliest end after that
     (units; 0: not known) if it gives way, or any that is within ``slack``. Only the two are there.
     """
-    facts, drive = motions.facts, motions.fastest_alone(leader)
+    facts = motions.facts
+    alone = motions.path(PathQuery(leader.body, leader.poses))
+    drive = alone.trajectory if alone.complete else None
 
     def end(offset: int) -> int:
         if drive is None:
@@ -357,11 +361,12 @@ def _behind(
         moved = replace(
             follower,
             release=release,
-            due=math.inf,
+            due=facts.seconds(slack),  # any arrival by then is soon enough
             present_from=release,
             present_until=math.inf,
         )
-        arrival = motions.arrival(moved, leader, drive, facts.seconds(slack), deadline)
+        limit = deadline.within(motions.budget.query_seconds)
+        arrival = earliest_arrival(motions.service, moved, leader, drive, limit)
         return 0 if arrival is None else facts.units(arrival)
 
     return end
@@ -393,7 +398,7 @@ def _pair_cut(
     if low > high or not needed_b or not needed_a:
         return None
     why = f"{a.activity} and {b.activity} meet when started {low} to {high} units apart"
-    exhaustive = failure.motions.order_decides(timed_a, timed_b)
+    exhaustive = order_decides(motions.service, timed_a, timed_b, motions.budget.query())
     strength = Strength.RELATIVE if exhaustive else Strength.HEURISTIC
     return [
         rules.only_given(
@@ -449,9 +454,8 @@ def _set_onto(facts: Facts, itinerary: Itinerary, refusal: Violation) -> Refinem
     if refusal.kind != "collision" or len(refusal.activities) != 1 or len(refusal.objects) != 2:
         return None
     (activity,), (thing, other) = refusal.activities, refusal.objects
-    change = next(
-        (c for c in itinerary.changes if c.activity == activity and c.object == thing), None
-    )
+    changes = {(c.activity, c.object): c for c in itinerary.changes}
+    change = changes.get((activity, thing))
     if change is None:
         return None
     sets = {c.activity for c in facts.snapshot.changes if c.object == other}

@@ -174,10 +174,10 @@ def is_done(search: Search, tried: Tried, *, optimal: bool) -> bool:
         return True
     if search.bounds.incumbent is not None and (not optimal or search.bounds.met):
         return True
-    if tried.check.passed and optimal and search.components.pace.staged:
+    if tried.check.passed:
+        return not (optimal and search.components.pace.staged)
+    if tried.learned:
         return False
-    if tried.check.passed or tried.learned:
-        return tried.check.passed
     if search.bounds.incumbent is None and search.restarts.may_begin(search.budget, planned=False):
         restart(search)
         return False

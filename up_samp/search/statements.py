@@ -105,7 +105,9 @@ def duration_of(
     signature = facts.signature(cases[0])
     if signature in knowledge.durations:
         return []
-    report, strength = motions.fastest(_among_fixed(facts, cases), deadline)
+    # what is said of all equivalent motions may count on what all of them heed only
+    fixed = tuple(o for o in facts.fixed if all(avoids(c.task.avoid, o.name) for c in cases))
+    report, strength = motions.fastest(PathQuery(*signature, fixed), deadline)
     if report.outcome is Outcome.IMPOSSIBLE:
         return [
             rules.only_given(rules.impossible(c.activity, c.why_not(report)), c.given)
@@ -124,13 +126,6 @@ def duration_of(
         rules.only_given(rules.lasts(c.activity, units, why, strength=strength), c.given)
         for c in cases
     ]
-
-
-def _among_fixed(facts: Facts, cases: Sequence[MotionCase]) -> PathQuery:
-    """Return the question for the motion that all of ``cases`` are, among the fixed obstacles."""
-    # what is said of all equivalent motions may count on what all of them heed only
-    obstacles = tuple(o for o in facts.fixed if all(avoids(c.task.avoid, o.name) for c in cases))
-    return PathQuery(*facts.signature(cases[0]), obstacles)
 
 
 # ------------------ Proofs that a motion cannot be made while an object like a door is where it is
@@ -180,19 +175,19 @@ def _certify(
         return []
     names = frozenset(p.name for p in placed)
     why = f"{_listed(names, places, 'block')} the way"
-    # a static obstacle stays all the time: then it must be gone from the start
-    static = [c for c in cases if names <= (c.task.static or frozenset())]
-    others = [c for c in cases if c not in static]
-    found = [
-        rules.needs_away(c.activity, obstacle, configuration, why) for c in static if not c.given
-    ]
-    static = [c for c in static if c.given]  # a condition cannot hang on decisions
-    if facts.returns_to(obstacle, configuration):
-        told = {obstacle: configuration}
-        return found + blocked_while(facts, static + others, told, why)
-    changes = facts.snapshot.movers[obstacle]
-    found += [_gone_from_the_start(c, changes, why) for c in static]
-    found += [_opened(facts, c, obstacle, configuration, why) for c in others]
+    movers, returns = facts.snapshot.movers[obstacle], facts.returns_to(obstacle, configuration)
+    found: list[Refinement] = []
+    for case in cases:
+        # a static obstacle stays all the time: then it must be gone from the start
+        static = names <= (case.task.static or frozenset())
+        if static and not case.given:  # a condition cannot hang on decisions
+            found.append(rules.needs_away(case.activity, obstacle, configuration, why))
+        elif returns:
+            found += blocked_while(facts, [case], {obstacle: configuration}, why)
+        elif static:
+            found.append(_gone_from_the_start(case, movers, why))
+        else:
+            found.append(_opened(facts, case, obstacle, configuration, why))
     return found
 
 
@@ -230,7 +225,7 @@ def _opened(
     """State that an obstacle which does not come back has left before the end."""
     changes = facts.snapshot.movers[obstacle]
     if len(changes) <= 1 and not case.given:
-        return rules.needs_open(case.activity, obstacle, configuration, why)
+        return rules.needs_away(case.activity, obstacle, configuration, why, at_end=True)
     # a condition would forbid further changes in its interval, although the obstacle has gone
     cut = rules.gone_before(end_of(case.activity), changes, 1, why)
     return rules.only_given(cut, case.given)
@@ -295,9 +290,10 @@ def resting_nodes(facts: Facts) -> list[tuple[str, str]]:
         tasks = snapshot.by_object[name]
         ends = [places_of(facts, task, i) for task in tasks for i in (0, -1)]
         heeds = all(avoids(t.avoid, *(facts.drivers - {name})) for t in tasks)
-        if all(ends) and heeds and name not in elsewise:
-            nodes |= {(name, place) for places in ends for place in places}
-            nodes.add((name, snapshot.initial[name]))
+        if heeds and name not in elsewise:
+            nodes.update(
+                (name, place) for place in (snapshot.initial[name], *itertools.chain(*ends))
+            )
     return sorted(nodes)
 
 
@@ -305,11 +301,8 @@ def places_of(facts: Facts, task: MotionTask, which: int) -> dict[str, str | Non
     """Return where a motion may begin (``which`` 0) or end (-1), with the variable that tells it
     (None: it is no choice).
     """
-    term = task.terms[which]
-    if term.kind is TermKind.CONSTANT:
-        return {term.name: None}
-    choice = facts.choices.get((task.activity, term, False))
-    return {} if choice is None else dict.fromkeys(choice.values, choice.variable)
+    choice = facts.choice(task, task.terms[which])
+    return dict.fromkeys(choice.values, choice.variable)
 
 
 def _overlapping(motions: Motions, nodes: list[tuple[str, str]]) -> Edges:

@@ -8,7 +8,7 @@ import itertools
 import math
 from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 from up_samp.model import (
@@ -22,15 +22,12 @@ from up_samp.model import (
     Rest,
     ScheduledMotion,
     TimedMotion,
-    Trajectory,
     avoids,
 )
 from up_samp.model.graphs import reached
 from up_samp.model.refinement import Strength
 from up_samp.model.snapshot import MotionTask, Snapshot, TermKind
 from up_samp.motion import MotionService
-from up_samp.motion.fleet import earliest_arrival
-from up_samp.motion.fleet.coordination import order_decides
 from up_samp.motion.guides.search_space import TOUCHES
 from up_samp.search.budget import Budget
 from up_samp.search.facts import Facts, MotionCase
@@ -135,7 +132,11 @@ def group_query(facts: Facts, itinerary: Itinerary, group: Sequence[ScheduledMot
         for r in (*rests_of(facts, itinerary), *alone)
         if r.since <= facts.seconds(window[1])
         and r.until >= facts.seconds(window[0])
-        and not _is_held(r, timed)
+        and not any(
+            # an object is where its motions have it, while they do
+            m.object == r.name and m.present_from < r.until and r.since < m.present_until
+            for m in timed
+        )
     ]
     return GroupQuery(tuple(timed), tuple(dict.fromkeys(rests)))
 
@@ -148,12 +149,6 @@ def _chain(
     index = own.index(motion)
     before = own[index - 1] if index else None
     return before, own[index + 1] if index + 1 < len(own) else None
-
-
-def _is_held(rest: Rest, timed: Sequence[TimedMotion]) -> bool:
-    """Return whether motions tell of a rest: an object is where they have it, while they do."""
-    mine = (m for m in timed if m.object == rest.name)
-    return any(m.present_from < rest.until and rest.since < m.present_until for m in mine)
 
 
 def _presence(
@@ -238,7 +233,7 @@ def _visits(facts: Facts, itinerary: Itinerary) -> list[PlaceVisit]:
     """Return where the objects that drive rest, in a candidate."""
     by_object: dict[str, list[tuple[str, str]]] = defaultdict(list)
     for motion in itinerary.motions:
-        for name, place in ((motion.object, motion.configurations[-1]), *motion.loads):
+        for name, place in motion.brings:
             by_object[name].append((motion.activity, place))
     snapshot = facts.snapshot
     found = []
@@ -417,32 +412,6 @@ class Motions:
         """
         report = self.service.plan(query, deadline)
         return report, Strength.RELATIVE if report.complete else Strength.HEURISTIC
-
-    def fastest_alone(self, motion: TimedMotion) -> Trajectory | None:
-        """Return the motion's fastest trajectory with nobody else there, from time 0; None where
-        none was found, or the search for it was not finished.
-        """
-        report = self.path(PathQuery(motion.body, motion.poses))
-        return report.trajectory if report.complete else None
-
-    def arrival(
-        self,
-        motion: TimedMotion,
-        leader: TimedMotion,
-        drive: Trajectory,
-        enough: float,
-        deadline: Deadline,
-    ) -> float | None:
-        """Return the motion's earliest arrival (s) behind another one's ``drive``, or any by
-        ``enough`` (s), with nobody else there; None if none was found.
-        """
-        early = replace(motion, due=enough)
-        limit = deadline.within(self.budget.query_seconds)
-        return earliest_arrival(self.service, early, leader, drive, limit)
-
-    def order_decides(self, first: TimedMotion, second: TimedMotion) -> bool:
-        """Return whether it decides everything which of two motions goes first where they meet."""
-        return order_decides(self.service, first, second, self.budget.query())
 
     @cached_property
     def there(self) -> Where:

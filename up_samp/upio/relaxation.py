@@ -246,12 +246,8 @@ def told_fluents(problem: SchedulingMotionProblem) -> Iterator[FNode]:
 
 def _reachable(relaxation: Relaxation, fluent: FNode) -> tuple[str, ...]:
     """Return what a ground fluent may hold: its initial value and what effects may assign."""
-    if fluent not in relaxation.reachable:
-        relaxation.reachable[fluent] = _reached(relaxation, fluent)
-    return relaxation.reachable[fluent]
-
-
-def _reached(relaxation: Relaxation, fluent: FNode) -> tuple[str, ...]:
+    if fluent in relaxation.reachable:
+        return relaxation.reachable[fluent]
     found = {relaxation.given_values[fluent].object().name}
     for effect in relaxation.given_effects.get(fluent.fluent(), ()):
         if _surely_other(effect.fluent, fluent):
@@ -262,7 +258,7 @@ def _reached(relaxation: Relaxation, fluent: FNode) -> tuple[str, ...]:
             found |= set(_possible(relaxation, effect.value.parameter()))
         else:
             found |= set(_configurations(relaxation, fluent.type))
-    return tuple(sorted(found))
+    return relaxation.reachable.setdefault(fluent, tuple(sorted(found)))
 
 
 def _surely_other(one: FNode, two: FNode) -> bool:
@@ -326,8 +322,7 @@ class Itinerary:
 
         A move counts from its end on, where it leads.
         """
-        events = [(m.end, m.configurations[-1]) for m in self.motions if m.object == name]
-        events += [(m.end, place) for m in self.motions for load, place in m.loads if load == name]
+        events = [(m.end, to) for m in self.motions for who, to in m.brings if who == name]
         events += [(c.time, c.configuration) for c in self.changes if c.object == name]
         return [(-math.inf, snapshot.initial[name]), *sorted(events)]
 

@@ -213,16 +213,12 @@ def carried(
     """
     takers, givers = defaultdict[FNode, set[str]](set), defaultdict[FNode, set[str]](set)
     wild = {effect.fluent.fluent().name for _, effect in problem.base_effects}
-    asked = {
-        a.name: {c for c, at_once in asked_at_start(a) if at_once and c.is_fluent_exp()}
-        for a in problem.activities
-    }
     for activity in problem.activities:
+        asked = {condition for condition, at_once in asked_at_start(activity) if at_once}
         for fluent, value in _set(activity):
-            name = activity.name
-            if value is None or (value is False and fluent not in asked[name]):
+            if value is None or (value is False and fluent not in asked):
                 wild.add(fluent.fluent().name)
-            (givers if value else takers)[fluent].add(name)
+            (givers if value else takers)[fluent].add(activity.name)
     found: dict[str, tuple[str, FNode]] = {}
     for fluent, giving in givers.items():
         pairs = {

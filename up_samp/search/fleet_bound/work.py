@@ -53,6 +53,11 @@ class JobMode:
     origins: frozenset[str] = frozenset()
     leaves: tuple[str, ...] | None = ()
 
+    @property
+    def froms(self) -> Sequence[str | None]:
+        """The origins; None where it comes from anywhere, or is there."""
+        return [None] if self.goal is None else sorted(self.origins)
+
     def drives(self, origin: str | None) -> tuple[Leg, ...]:
         """Return all drives if it comes from an origin."""
         if origin is None or self.goal is None:
@@ -69,8 +74,7 @@ class JobMode:
 
     def least(self, units: Units) -> int:
         """Return what it takes from wherever it takes least."""
-        origins: list[str | None] = [None] if self.goal is None else [*sorted(self.origins)]
-        return min(self.units(origin, units) for origin in origins)
+        return min(self.units(origin, units) for origin in self.froms)
 
 
 class JobWork:
@@ -193,7 +197,7 @@ class JobWork:
         direct = [t for t in driven if len(t.terms) == 2 and self._known_ends(t)]
         calls = [t for t in driven if t.terms[0].kind is not TermKind.CONSTANT]
         usable = len(calls) == 1 and self.traced(robot) and len(calls[0].terms) == 2
-        origins = self.origins(calls[0]) if usable else None
+        origins = self.origins(calls[0]) if usable else ()
         call = calls[0] if origins else None
         busy = sum(self._drive(t) for t in driven if t not in direct and t is not call)
         busy += self._beside(option)
@@ -208,7 +212,7 @@ class JobWork:
             return way
         goal, after = call.terms[-1].name, self._after(option, call, driven)
         body = self.body_of(call)
-        return replace(way, body=body, goal=goal, after=after, origins=frozenset(origins or ()))
+        return replace(way, body=body, goal=goal, after=after, origins=frozenset(origins))
 
     def _after(
         self, option: WorkMode, call: MotionTask, driven: Sequence[MotionTask]
@@ -254,12 +258,11 @@ class JobWork:
 
     def _drives(self, task: MotionTask) -> TimelineStop:
         name, first, last = task.activity, task.terms[0], task.terms[-1]
-        origins = self.origins(task)
         fluent = first.name if first.kind is TermKind.FLUENT else ""
         loose = fluent in self._stands.fluents
         read = self._stands.reads.get(name, frozenset())
         return TimelineStop(
-            None if origins is None else frozenset(origins),
+            frozenset(self.origins(task)),
             frozenset((last.name,)),
             drives=True,
             loose=loose and fluent not in read,
@@ -277,20 +280,16 @@ class JobWork:
     def _drive(self, task: MotionTask) -> int:
         if task.terms[-1].kind is not TermKind.CONSTANT:
             return 0
-        origins = self.origins(task) or ()
         body, goal = self.body_of(task), task.terms[-1].name
-        return min((self.units((body, place, goal)) for place in origins), default=0)
+        return min((self.units((body, place, goal)) for place in self.origins(task)), default=0)
 
-    def origins(self, task: MotionTask) -> tuple[str, ...] | None:
-        """Return where a drive may begin, None where that is not known."""
+    def origins(self, task: MotionTask) -> tuple[str, ...]:
+        """Return where a drive may begin."""
         first = task.terms[0]
         if first.kind is TermKind.CONSTANT:
             return (first.name,)
-        choice = self._facts.choices.get((task.activity, first, False))
-        if choice is None:
-            return None
         left = self._left_by_others(task.object)
-        return tuple(v for v in choice.values if v not in left)
+        return tuple(v for v in self._facts.choice(task, first).values if v not in left)
 
     def _left_by_others(self, robot: str) -> frozenset[str]:
         """Return the places of a robot that every arrival has a drive of its own away from: no
