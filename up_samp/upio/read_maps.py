@@ -144,9 +144,8 @@ def read_movable(obj: MovableObject) -> Movable:
     if footprint is None and not model.mobility.flies:
         raise ProblemError(f"object '{obj.name}' needs a footprint to move in the plane")
     corners = _corners(obj.name, footprint or ())
-    if footprint is not None and (
-        len(corners) < 3 or not all(math.isfinite(v) for c in corners for v in c)
-    ):
+    finite = all(map(math.isfinite, itertools.chain(*corners)))
+    if footprint is not None and (len(corners) < 3 or not finite):
         raise ProblemError(f"object '{obj.name}': a footprint needs three or more finite corners")
     mesh = obj.geometric_model
     if mesh is not None and model.mobility.flies and not os.path.isfile(mesh):
@@ -258,15 +257,16 @@ def _read_zones(name: str, given: Any) -> tuple[TrafficZone, ...]:
         if not isinstance(zone, TrafficZone):
             raise ProblemError(f"object '{name}': '{_ZONES}' holds TrafficZone, not {short(zone)}")
         corners = _corners(name, zone.polygon, LIMITS.farthest)
-        if not shapely.Polygon(corners if len(corners) > 2 else ()).is_valid or len(corners) < 3:
-            raise ProblemError(f"object '{name}': the zone {short(corners)} is no simple polygon")
-        if zone.one_way is not None and not math.isfinite(zone.one_way):
-            raise ProblemError(
-                f"object '{name}': a zone's one_way is a heading, not {zone.one_way}"
-            )
-        if not (zone.v_max > 0 and 1.0 <= zone.prefer < math.inf):
-            told = f"v_max is positive and prefer 1 at least, not {zone.v_max} and {zone.prefer}"
-            raise ProblemError(f"object '{name}': a zone's {told}")
+        heading = zone.one_way or 0.0
+        simple = len(corners) > 2 and shapely.Polygon(corners).is_valid
+        limits = f"v_max is positive and prefer 1 at least, not {zone.v_max} and {zone.prefer}"
+        for told, right in (
+            (f"the zone {short(corners)} is no simple polygon", simple),
+            (f"a zone's one_way is a heading, not {heading}", math.isfinite(heading)),
+            (f"a zone's {limits}", zone.v_max > 0 and 1.0 <= zone.prefer < math.inf),
+        ):
+            if not right:
+                raise ProblemError(f"object '{name}': {told}")
         if zone.dock is not None:
             _check_dock(name, zone)
     return tuple(sorted(set(zones), key=repr))
