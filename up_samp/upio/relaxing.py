@@ -153,10 +153,7 @@ def _add_state(relaxation: Relaxation, name: str, lasting: frozenset[str]) -> No
     ]
     changes = [c for c in snapshot.changes if c.object == name]
     early = int(lasting.issuperset(snapshot.movers[name]))
-    own = _tracking_fluent(relaxation, name, tasks, changes, early)
-    if own is None and early:
-        own = _tracking_fluent(relaxation, name, tasks, changes, 0)
-        early = 1 if own is None else 0
+    own, early = _tracking_fluent(relaxation, name, tasks, changes, early)
     state = own if own is not None else _new_state(relaxation, name)
     relaxation.state[name] = state
     relaxation.early[name] = early
@@ -304,24 +301,24 @@ def _tracking_fluent(
     tasks: list[MotionTask],
     changes: list[ChangeTask],
     early: int,
-) -> FNode | None:
-    """Return a fluent of the problem that already tells where ``name`` is, if there is one.
+) -> tuple[FNode | None, int]:
+    """Return a fluent of the problem that already tells where ``name`` is, if there is one, and
+    how many units before the ends of what moves the object its state is set.
 
     It must start at the object's initial configuration and be assigned by just the activities that
-    move the object, ``early`` units before their ends, to just the values that the motions lead
-    to.
+    move the object, ``early`` units before their ends or else at these, to just the values that the
+    motions lead to.
     """
     problem = relaxation.problem
     goals = {t.activity: t.terms[-1] for t in tasks} | {c.activity: c.term for c in changes}
     initial = problem.object(relaxation.snapshot.initial[name])
     # a fluent tells the names that the problem has, not the one that stands for several here
     values = {} if name in relaxation.snapshot.renamed else relaxation.given_values
-    for expression, value in values.items():
-        if not (value.is_object_exp() and value.object() == initial):
-            continue
-        if _assigned_by(relaxation, expression, early) == goals:
-            return expression
-    return None
+    begun = [e for e, v in values.items() if v.is_object_exp() and v.object() == initial]
+    for units, expression in itertools.product(dict.fromkeys((early, 0)), begun):
+        if _assigned_by(relaxation, expression, units) == goals:
+            return expression, units
+    return None, early
 
 
 def _assigned_by(relaxation: Relaxation, expression: FNode, early: int) -> dict[str, Term] | None:
@@ -440,22 +437,19 @@ def told_by(activity: str, obstacle: Object, value: Any) -> FNode:
 
 
 def _hold(relaxation: Relaxation, activity: Activity, name: str, told: FNode) -> None:
-    state = relaxation.state.get(name)
-    if state is not None and told == state:
-        if not relaxation.early[name]:
+    state, initial = relaxation.state.get(name), relaxation.snapshot.initial.get(name)
+    late = state is not None and not relaxation.early[name]
+    if told == state:
+        if late:
             _not_just_set(relaxation, activity, name)
         return
-    place: FNode
-    if state is not None:
-        place = state
-    elif name in relaxation.snapshot.initial:
-        place = relaxation.place(relaxation.snapshot.initial[name])
-    else:
+    if initial is None:
         return
+    place = relaxation.place(initial) if state is None else state
     equal = _one_place(relaxation, told, place)
     at_start = TimePointInterval(Timing(0, activity.start))
     span = RightOpenTimeInterval(Timing(0, activity.start), Timing(-1, activity.end))
-    if state is not None and not relaxation.early[name]:
+    if late:
         # the state tells a unit late what happens right at the start; the fluent stays then
         activity.add_condition(at_start, relaxation.manager.Equals(told, told))
         span = OpenTimeInterval(Timing(0, activity.start), Timing(-1, activity.end))

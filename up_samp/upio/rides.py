@@ -22,7 +22,7 @@ from up_samp.model import (
     UnsupportedError,
 )
 from up_samp.model.frames import Frame
-from up_samp.model.snapshot import ChangeTask, MotionTask, Ride, Term, TermKind
+from up_samp.model.snapshot import ChangeTask, MotionTask, Ride, Term, TermKind, grouped
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -57,9 +57,7 @@ def find_rides(
 
     :raises UnsupportedError: where it hangs on decisions whether a load travels, or who carries it.
     """
-    of_activity: dict[str, list[MotionTask]] = {}
-    for task in tasks:
-        of_activity.setdefault(task.activity, []).append(task)
+    of_activity = grouped(tasks, lambda task: task.activity)
     put = [(t.object, t.terms[-1]) for t in tasks] + [(c.object, c.term) for c in changes]
     rides: dict[MotionTask, list[Ride]] = {}
     left = []
