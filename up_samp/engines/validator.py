@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from unified_planning.engines import (
     Credits,
@@ -22,10 +22,6 @@ from unified_planning.plans import PlanKind, Schedule
 
 from up_samp.engines.features import BESIDES, SCHEDULES
 from up_samp.model import ProblemError
-
-if TYPE_CHECKING:
-    pass
-
 
 _REASONS = {
     "condition": FailedValidationReason.INAPPLICABLE_ACTION,
