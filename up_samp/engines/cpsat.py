@@ -137,20 +137,21 @@ class CpsatEngine(DirectFace, Engine, OneshotPlannerMixin, AnytimePlannerMixin):
         except UnsupportedError as error:
             yield self._unsupported(error)
             return
-        found: queue.Queue[Any] = queue.Queue()
+        found: queue.Queue[tuple[ScheduleReport | BaseException, bool]] = queue.Queue()
         stop = threading.Event()
 
         def progress(schedule: CandidateSchedule, bound: int | Fraction | None) -> None:
             if stop.is_set():
                 raise RuntimeError("whoever asked for schedules has gone")
-            found.put(ScheduleReport(ScheduleStatus.FOUND, schedule, bound, "", deadline.elapsed()))
+            seconds = deadline.elapsed()
+            found.put((ScheduleReport(ScheduleStatus.FOUND, schedule, bound, "", seconds), False))
 
         def work() -> None:
             try:
                 hint = _candidate(call.warm_start_plan)
-                found.put(("end", session.solve(deadline, hint=hint, on_solution=progress)))
+                found.put((session.solve(deadline, hint=hint, on_solution=progress), True))
             except BaseException as error:  # raised again by the generator
-                found.put(("error", error))
+                found.put((error, True))
 
         thread = threading.Thread(target=work, daemon=True)
         try:
@@ -163,24 +164,23 @@ class CpsatEngine(DirectFace, Engine, OneshotPlannerMixin, AnytimePlannerMixin):
                 thread.join()
 
     def _stream(
-        self, problem: Any, found: queue.Queue[Any], output: IO[str] | None
+        self,
+        problem: Any,
+        found: queue.Queue[tuple[ScheduleReport | BaseException, bool]],
+        output: IO[str] | None,
     ) -> Iterator[PlanGenerationResult]:
         """Yield intermediate plans as they are found, then the final result."""
-        while True:
-            item = found.get()
-            if isinstance(item, ScheduleReport):
-                result = self._result(problem, item, final=False)
-            elif item[0] == "error":
-                if isinstance(item[1], UnsupportedError):
-                    yield self._unsupported(item[1])
-                    return
-                raise item[1]
-            else:
-                result = self._result(problem, item[1])
+        final = False
+        while not final:
+            item, final = found.get()
+            if isinstance(item, UnsupportedError):
+                yield self._unsupported(item)
+                return
+            if isinstance(item, BaseException):
+                raise item
+            result = self._result(problem, item, final=final)
             _write(output, result)
             yield result
-            if not isinstance(item, ScheduleReport):
-                return
 
     def _session(self, problem: Any) -> CpsatSession:
         if not isinstance(problem, SchedulingProblem):
