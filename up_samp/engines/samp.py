@@ -47,9 +47,10 @@ from up_samp.model import (
     Violation,
     in_force,
 )
-from up_samp.model.errors import InterruptedSearch, interrupt_behind
+from up_samp.model.errors import InterruptedSearch
 from up_samp.scheduling.quirks import is_compatible
 from up_samp.search.params import split_parameters
+from up_samp.system.imports import interrupt_behind
 
 if TYPE_CHECKING:
     from up_samp.motion.compile import Compilation
