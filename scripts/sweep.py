@@ -385,9 +385,7 @@ def other(field: dataclasses.Field[Any], value: Any, factor: float) -> Any:
         new = value * factor
     if isinstance(value, int):
         new = round(new) if round(new) != value else value + (1 if factor > 1 else -1)
-    low, high = told["least"], told["most"]
-    new = max(new, low) if low is not None else new
-    new = min(new, high) if high is not None else new
+    new = min(max(new, told["least"]), told["most"])
     new = type(value)(new)
     return None if new == value else new
 

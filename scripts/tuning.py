@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import sys
 from pathlib import Path
 from typing import Any
@@ -57,7 +58,7 @@ def shown(value: object) -> str:
 def bounds(about: Any) -> str:
     """Return which values make sense."""
     low, high = about["least"], about["most"]
-    return f"{low:g} or more" if high is None else f"{low:g} to {high:g}"
+    return f"{low:g} or more" if high == math.inf else f"{low:g} to {high:g}"
 
 
 def told(swept: dict[str, Any], name: str) -> str:

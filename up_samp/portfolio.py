@@ -123,8 +123,26 @@ def run_member(data: bytes, number: int, each: float, ends: float) -> Said:
     """Run a member of a portfolio that was sent: a worker's task, for ``each`` s at most, until
     ``ends`` (of ``time.time``: a cluster's clocks are in step).
     """
+    from unified_planning.shortcuts import OneshotPlanner
+
+    import up_samp  # noqa: F401  (registers the engines)
+
     problem, members = pickle.loads(data)
-    return _run(problem, members[number], min(each, max(0.0, ends - time.time())))
+    member, seconds = members[number], min(each, max(0.0, ends - time.time()))
+    get_environment().credits_stream = None
+    with OneshotPlanner(name=member.engine, params=dict(member.params)) as planner:
+        result = planner.solve(problem, timeout=None if math.isinf(seconds) else seconds)
+    told = " ".join(m.message for m in result.log_messages or ())
+    metrics = result.metrics or {}
+    bound, kind = int(metrics.get("lower_bound", 0)), str(metrics.get("bound_kind", ""))
+    if result.plan is None:
+        return Said(result.status.name, None, None, bound, kind, told)
+    if "value" in metrics:
+        raise UnsupportedError("a portfolio compares makespans, and the problem has another metric")
+    unit = float(metrics.get("seconds_per_unit", 1.0))
+    plan = plan_to_dict(problem, result.plan, seconds_per_unit=unit)
+    makespan = max((a["end"] for a in plan["activities"]), default=0)
+    return Said(result.status.name, plan, makespan, bound, kind, told)
 
 
 def _submit(executor: Executor, *given: Any) -> Future[Said]:
@@ -148,27 +166,6 @@ def _answer(future: Future[Said], seconds: float) -> Said:
     except (Exception, CancelledError) as error:
         log.warning("a worker is lost: %r", error)
         return Said(LOST, message=f"a worker is lost: {error!r}")
-
-
-def _run(problem: SchedulingMotionProblem, member: Member, seconds: float) -> Said:
-    from unified_planning.shortcuts import OneshotPlanner
-
-    import up_samp  # noqa: F401  (registers the engines)
-
-    get_environment().credits_stream = None
-    with OneshotPlanner(name=member.engine, params=dict(member.params)) as planner:
-        result = planner.solve(problem, timeout=None if seconds == float("inf") else seconds)
-    told = " ".join(m.message for m in result.log_messages or ())
-    metrics = result.metrics or {}
-    bound, kind = int(metrics.get("lower_bound", 0)), str(metrics.get("bound_kind", ""))
-    if result.plan is None:
-        return Said(result.status.name, None, None, bound, kind, told)
-    if "value" in metrics:
-        raise UnsupportedError("a portfolio compares makespans, and the problem has another metric")
-    unit = float(metrics.get("seconds_per_unit", 1.0))
-    plan = plan_to_dict(problem, result.plan, seconds_per_unit=unit)
-    makespan = max((a["end"] for a in plan["activities"]), default=0)
-    return Said(result.status.name, plan, makespan, bound, kind, told)
 
 
 def _result(problem: SchedulingMotionProblem, said: Sequence[Said]) -> PlanGenerationResult:

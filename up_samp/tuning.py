@@ -15,7 +15,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from up_samp.model.errors import ProblemError, short
 
@@ -32,7 +32,7 @@ def tunable(
     room: str,
     *,
     least: float,
-    most: float | None = None,
+    most: float = math.inf,
 ) -> Any:
     """Return a dataclass field: its default, unit, meaning, the room whose code reads it, and the
     values that make sense.
@@ -159,17 +159,17 @@ def _check(field: dataclasses.Field[Any], value: object) -> None:
     several = isinstance(default, tuple)
     if several and (not isinstance(value, tuple) or not value):
         raise ProblemError(f"'{field.name}' must be a list of numbers, not {short(value)}")
-    first = default[0] if several else default
-    for number in cast(tuple[object, ...], value) if several else (value,):
-        whole = isinstance(first, int)
+    first, *_ = default if several else (default,)
+    whole, low, high = isinstance(first, int), told["least"], told["most"]
+    kind = "a whole number" if whole else "a finite number"
+    given: Any = value if several else (value,)
+    for number in given:
         good = isinstance(number, int if whole else int | float) and not isinstance(number, bool)
-        if not good or not math.isfinite(cast(float, number)):
-            kind = "a whole number" if whole else "a finite number"
+        if not good or not math.isfinite(number):
             raise ProblemError(f"'{field.name}' must be {kind}, not {short(number)}")
-        low, high = told["least"], told["most"]
-        if cast(float, number) < low:
+        if number < low:
             raise ProblemError(f"'{field.name}' must be {low:g} or more, not {number}")
-        if high is not None and cast(float, number) > high:
+        if number > high:
             raise ProblemError(f"'{field.name}' must be {high:g} or less, not {number}")
 
 

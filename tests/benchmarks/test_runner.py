@@ -99,7 +99,7 @@ def is_running(pid):
 
 def test_memory_is_limited(monkeypatch):
     script = (
-        "import sys, json; from up_samp.system.memory import limit_memory;"
+        "import sys, json; from up_samp.system.child import limit_memory;"
         "limit_memory(json.loads(sys.argv[1])['memory'] * 1_000_000, 'DATA');"
         "x = bytearray(2_000_000_000)"
     )

@@ -13,7 +13,7 @@ from up_samp.cli import main, solving
 from up_samp.cli.solving import Progress, schedule_table, table
 from up_samp.execution import with_dependencies
 from up_samp.io import plan_to_dict, read_plan, write_plan
-from up_samp.search.history import ProgressEvent
+from up_samp.search.knowledge import ProgressEvent
 
 SCRIPT = """
 import sys

@@ -10,8 +10,8 @@ from unified_planning.model.metrics import MinimizeMakespan
 from unified_planning.shortcuts import Minus, get_environment
 
 from tests.fleet.test_rules import one_room
-from up_samp.engines.direct import Call
-from up_samp.engines.in_order import InOrder, costs_in_order
+from up_samp.engines.faces import Call
+from up_samp.engines.indirect import InOrder, costs_in_order
 from up_samp.fleet import Fleet, FleetError
 from up_samp.model.errors import InterruptedSearch
 from up_samp.model.objective import Cost, MinimizeCosts

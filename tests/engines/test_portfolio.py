@@ -68,10 +68,11 @@ def told(monkeypatch):
     """Let members say what they are told to; a plan is the number of its member."""
 
     def tell(*said):
-        def run(problem, member, seconds):
-            return said[member.params["seed"]]
+        def run(data, number, each, ends):
+            _, members = pickle.loads(data)
+            return said[members[number].params["seed"]]
 
-        monkeypatch.setattr(portfolio, "_run", run)
+        monkeypatch.setattr(portfolio, "run_member", run)
 
     monkeypatch.setattr(portfolio, "_judged", lambda problem, said: said.plan.get("valid"))
     return tell

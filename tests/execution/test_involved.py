@@ -9,7 +9,7 @@ from tests.metamorphic.sites import FAMILIES
 from up_samp.benchmarks import instance
 from up_samp.benchmarks.instances import ENCODINGS
 from up_samp.execution.remaining import Involved
-from up_samp.upio.whereabouts import whereabouts
+from up_samp.upio.movers import whereabouts
 
 
 def sites():

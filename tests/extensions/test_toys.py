@@ -26,7 +26,7 @@ from up_samp.model.refinement import Strength
 from up_samp.motion import Leg
 from up_samp.refinement import rules
 from up_samp.scheduling.cpsat.encode.forms import constant
-from up_samp.search.attempt import keep_if_better
+from up_samp.search.loop import keep_if_better
 from up_samp.search.resolve import Subproblem
 from up_samp.upio import read_itinerary
 from up_samp.upio.objective import ObjectivePart

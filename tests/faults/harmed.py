@@ -8,7 +8,7 @@ from pathlib import Path
 
 from tests.faults.expected import ended
 from tests.faults.stage import run
-from up_samp.system.folders import VARIABLE, cache_folder
+from up_samp.system.files import VARIABLE, cache_folder
 
 
 def harm(rng: random.Random, file: Path) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from tests.faults.expected import ended, sane
 from tests.faults.stage import run
-from up_samp.system.folders import VARIABLE, cache_folder
+from up_samp.system.files import VARIABLE, cache_folder
 
 
 def little_memory(folder: Path, rng: random.Random) -> list[str]:

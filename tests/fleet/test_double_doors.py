@@ -13,8 +13,9 @@ from up_samp.model import Deadline, UnsupportedError
 from up_samp.model.refinement import Strength
 from up_samp.operate.planner import check_site
 from up_samp.search.params import Parameters
-from up_samp.search.session import Wrapped, open_search
-from up_samp.search.statements.unreachable import unreachable
+from up_samp.search.search import Wrapped
+from up_samp.search.session import open_search
+from up_samp.search.statements import unreachable
 from up_samp.validation import validate_plan
 
 LEAF = (0.6, 1.9)

@@ -24,7 +24,7 @@ import up_samp.geometry
 import up_samp.motion
 from up_samp.geometry import kernel_cache
 from up_samp.model import Deadline
-from up_samp.system import child, folders
+from up_samp.system import child, files
 
 SOURCE = """
 from up_samp.geometry.records import kernel
@@ -60,7 +60,7 @@ def asked(folder, step=1, extra=0):
         patch.syspath_prepend(folder)
         done = subprocess.run(
             child.command(child.bare("outer_module")),
-            env=child.environment({folders.VARIABLE: str(folder / "cache"), **NO_BYTECODE}),
+            env=child.environment({files.VARIABLE: str(folder / "cache"), **NO_BYTECODE}),
             capture_output=True,
             text=True,
             timeout=120,
@@ -204,10 +204,10 @@ def test_nowhere_to_keep_them_is_told_and_does_no_harm(ask, tmp_path):
 
 
 def test_no_home_is_no_folder(monkeypatch):
-    monkeypatch.delenv(folders.VARIABLE, raising=False)
-    monkeypatch.setattr(folders, "user_cache_path", lambda *a, **k: Path("~/.cache/up-samp"))
+    monkeypatch.delenv(files.VARIABLE, raising=False)
+    monkeypatch.setattr(files, "user_cache_path", lambda *a, **k: Path("~/.cache/up-samp"))
     assert kernel_cache.folder() is None
-    monkeypatch.setenv(folders.VARIABLE, "/somewhere")
+    monkeypatch.setenv(files.VARIABLE, "/somewhere")
     assert kernel_cache.folder() == Path("/somewhere/kernels")
 
 
@@ -278,7 +278,7 @@ def test_the_word_about_a_full_disk(tmp_path, monkeypatch, caplog):
 
 
 def test_time_limits_stand_still_while_kernels_are_compiled(tmp_path, monkeypatch):
-    monkeypatch.setenv(folders.VARIABLE, str(tmp_path))
+    monkeypatch.setenv(files.VARIABLE, str(tmp_path))
     source = tmp_path / "slow_to_compile.py"
     source.write_text(SOURCE.format(step=1.0, extra=0.25))
     module = types.ModuleType("slow_to_compile")

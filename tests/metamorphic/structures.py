@@ -13,7 +13,8 @@ from up_samp.scheduling.cpsat.routing.dispatch import find_tasks, find_unit_plac
 from up_samp.scheduling.cpsat.routing.route import Route
 from up_samp.search.loop import state_what_is_known
 from up_samp.search.params import Parameters
-from up_samp.search.session import Wrapped, open_search
+from up_samp.search.search import Wrapped
+from up_samp.search.session import open_search
 
 
 @dataclass(frozen=True)

@@ -11,13 +11,13 @@ import pytest
 from up_samp.geometry import kernel_cache
 from up_samp.model import MotionModel
 from up_samp.motion import compile as module
-from up_samp.system import child, folders
+from up_samp.system import child, files
 
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """An empty cache folder, and parts that compile nothing but leave a file."""
-    monkeypatch.setenv(folders.VARIABLE, str(tmp_path))
+    monkeypatch.setenv(files.VARIABLE, str(tmp_path))
     monkeypatch.setattr(module, "_compiled_here", set())
     kernels = tmp_path / "kernels"
 
@@ -160,7 +160,7 @@ def test_a_child_that_fails_is_told_of_and_its_work_done_here(folder, monkeypatc
 def test_a_folder_that_cannot_be_written_costs_a_word_and_no_more(tmp_path, monkeypatch, caplog):
     blocked = tmp_path / "file"
     blocked.write_text("not a folder")
-    monkeypatch.setenv(folders.VARIABLE, str(blocked / "cache"))
+    monkeypatch.setenv(files.VARIABLE, str(blocked / "cache"))
     monkeypatch.setattr(module, "_compiled_here", set())
     ran = []
     monkeypatch.setattr(module, "workload", lambda part: lambda: ran.append(part))
@@ -187,7 +187,7 @@ module.precompile()
 def test_nothing_is_left_when_the_first_compile_is_ended(tmp_path, how):
     parent = subprocess.Popen(
         child.command("import signal; signal.signal(2, signal.default_int_handler)" + PARENT),
-        env=child.environment({folders.VARIABLE: str(tmp_path), "UP_SAMP_TEST": str(tmp_path)}),
+        env=child.environment({files.VARIABLE: str(tmp_path), "UP_SAMP_TEST": str(tmp_path)}),
         stderr=subprocess.DEVNULL,
     )
     until = time.monotonic() + 60

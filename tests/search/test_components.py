@@ -7,7 +7,7 @@ import pytest
 from unified_planning.engines import PlanGenerationResultStatus as Status
 from unified_planning.shortcuts import AnytimePlanner, OneshotPlanner
 
-import up_samp.search.session as session
+import up_samp.search.search as parts
 from tests.upio.hall import Hall
 from up_samp.model import ProblemError
 from up_samp.model.refinement import Strength
@@ -17,8 +17,7 @@ from up_samp.search import (
     State,
     split_parameters,
 )
-from up_samp.search.cuts.paper import PaperCuts
-from up_samp.search.cuts.small import SmallCuts
+from up_samp.search.cuts import PaperCuts, SmallCuts
 from up_samp.search.params import ABLATIONS, PRESETS
 from up_samp.search.presets import components_of
 from up_samp.search.search import Components, Statement
@@ -99,8 +98,8 @@ def test_a_plan_is_built_once_for_each_incumbent(tmp_path, monkeypatch):
         built.append(schedule)
         return original(problem, snapshot, schedule, *rest)
 
-    original = session.build_plan
-    monkeypatch.setattr(session, "build_plan", build)
+    original = parts.build_plan
+    monkeypatch.setattr(parts, "build_plan", build)
     recorder = Recorder()
     params = {"observers": [recorder], "without": ("tidy",)}
     with AnytimePlanner(name="samp-refine[cpsat]", params=params) as planner:

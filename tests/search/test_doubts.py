@@ -19,11 +19,10 @@ from up_samp.model import CandidateSchedule
 from up_samp.model.refinement import Strength
 from up_samp.refinement import rules
 from up_samp.scheduling.cpsat.solve import strategy
-from up_samp.search import attempt
+from up_samp.search import loop
 from up_samp.search.check import Checker
 from up_samp.search.conclusion import Conclusion, conclude
-from up_samp.search.history import History
-from up_samp.search.knowledge import Bounds, Incumbent
+from up_samp.search.knowledge import Bounds, History, Incumbent
 from up_samp.validation import validate_plan
 
 MAPS = Path(__file__).parents[2] / "examples" / "maps"
@@ -110,10 +109,10 @@ def test_what_a_valid_plan_breaks_is_taken_back(strength, optimal, monkeypatch, 
         learned = [r for r in check.refinements if r not in said]
         return adopted(search, itinerary, replace(check, refinements=learned))
 
-    adopted = attempt.adopt_or_repair
+    adopted = loop.adopt_or_repair
     far = 17, 2, 1.57  # drives there and back take longer than is proven that they need
     honestly = there_and_back(*far).solve(optimal=True, relative=True)
-    monkeypatch.setattr(attempt, "adopt_or_repair", adopt)
+    monkeypatch.setattr(loop, "adopt_or_repair", adopt)
     monkeypatch.setattr(Checker, "check", check)
     result = there_and_back(*far).solve(optimal=optimal, relative=True)
     assert said

@@ -14,7 +14,7 @@ from up_samp.model import Deadline, ProblemError
 from up_samp.model.deadline import computing_time
 from up_samp.search.budget import Budget, SchedulerPace
 from up_samp.search.fleet import solve
-from up_samp.search.history import History
+from up_samp.search.knowledge import History
 from up_samp.search.params import Parameters
 from up_samp.validation import validate_plan
 

@@ -7,8 +7,8 @@ from unified_planning.shortcuts import OneshotPlanner, get_environment
 
 import up_samp  # noqa: F401  (registers the engines)
 from up_samp.benchmarks.instances import instance
-from up_samp.search.history import STAGES, Stages
-from up_samp.system.memory import peak_memory
+from up_samp.search.knowledge import STAGES, Stages
+from up_samp.system.child import peak_memory
 
 
 def test_seconds_and_memory_by_stage():

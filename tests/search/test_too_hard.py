@@ -5,7 +5,7 @@ from shapely.geometry import box
 from up_samp import Fleet
 from up_samp.fleet.importers import map_from_polygons
 from up_samp.search.conclusion import what_was_hard
-from up_samp.search.history import CHECKING, SCHEDULING, History
+from up_samp.search.knowledge import CHECKING, SCHEDULING, History
 
 
 def without_plan(tmp_path, floor, footprint, places, **tasks):

@@ -8,7 +8,7 @@ from unified_planning.shortcuts import OneshotPlanner, get_environment
 
 from tests.upio.hall import Hall
 from up_samp.search import session
-from up_samp.search.attempt import InvalidPlanError
+from up_samp.search.loop import InvalidPlanError
 
 get_environment().credits_stream = None
 

@@ -51,7 +51,7 @@ def test_one_that_has_grown_large_says_so_and_the_next_question_is_answered(monk
 
 def test_the_peak_is_this_program_s_own():
     held = bytearray(b"x" * (300 * 2**20))
-    code = "from up_samp.system.memory import peak_memory as peak; print(peak())"
+    code = "from up_samp.system.child import peak_memory as peak; print(peak())"
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert len(held)
     assert 5.0 < float(told.stdout) < 200.0

@@ -13,7 +13,6 @@ from tests.soundness.coarse import Coarse, makespan_of
 from tests.soundness.worlds import SECONDS, build
 from up_samp.model import CandidateSchedule, Deadline
 from up_samp.model.refinement import Clause, Elsewhere, Refinement, Strength
-from up_samp.refinement import holds
 from up_samp.upio import build_plan, relax, write_refinement
 from up_samp.upio.plan import build_schedule
 from up_samp.validation import validate_plan, validate_schedule
@@ -135,12 +134,12 @@ def _judge_cuts(coarse, refinements: list[Refinement], found: Findings, plans: l
             found.wrong.append(f"the relaxation forbids {times}: {said.violations[0]}")
             continue
         for refinement, relaxation in written:
-            if not holds(refinement.statement, schedule, places):
+            if not refinement.statement.holds(schedule, places):
                 found.wrong.append(f"broken by {times}: {refinement}")
             elif not _admits(relaxation, schedule, refinement, places):
                 found.wrong.append(f"as written, broken by {times}: {refinement}")
         for refinement in relative:
-            if not holds(refinement.statement, schedule, places):
+            if not refinement.statement.holds(schedule, places):
                 found.relative.append(f"{times} breaks {refinement}")
                 if found.makespan is None or makespan_of(times) < found.makespan:
                     found.costly.append(f"{times} breaks {refinement}")
@@ -158,9 +157,9 @@ def _admits(relaxation, schedule, refinement, places) -> bool:
     if isinstance(refinement.statement, Clause):
         for literal in refinement.statement.literals:
             if isinstance(literal, Elsewhere):
-                twin = relaxation.elsewhere[literal.activity, literal.object, literal.configuration]
-                if holds(Clause((literal,)), schedule, places):
-                    times[twin.name] = schedule.times[literal.activity]
+                twin = relaxation.literals[literal].presence().container
+                if literal.holds(schedule, places):
+                    times[twin] = schedule.times[literal.activity]
     trials = [times, dict(schedule.times)]
     problem = relaxation.problem
     return any(

@@ -12,7 +12,6 @@ from tests.soundness.worlds import SECONDS, write_rooms
 from up_samp.model import CandidateSchedule
 from up_samp.model.refinement import Strength
 from up_samp.model.snapshot import TermKind
-from up_samp.refinement import holds
 from up_samp.scheduling.quirks import known_engines
 from up_samp.search.world import places_between
 from up_samp.upio import read_itinerary, read_problem, relax
@@ -109,7 +108,7 @@ def broken(world, rooms, decided, attack, refinements, named=False):
     for refinement in refinements:
         if refinement.strength is not Strength.PROVEN:
             continue
-        if not holds(refinement.statement, schedule, places):
+        if not refinement.statement.holds(schedule, places):
             yield f"{decided} with {times} breaks {refinement}"
 
 

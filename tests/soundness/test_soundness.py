@@ -6,7 +6,7 @@ from tests.soundness.coarse import Coarse, makespan_of
 from tests.soundness.judge import judge
 from tests.soundness.worlds import Change, Drive, World, build, random_world, write_rooms
 from up_samp.model import CandidateSchedule, Deadline, ScheduledMotion
-from up_samp.refinement import holds, rules
+from up_samp.refinement import rules
 
 SEEDS = (1, 3, 5, 7, 8, 13, 14, 22, 26, 35, 46, 48)
 """Quick ones of all sorts: optimal, unsolvable, cars and free robots, doors opened and closed."""
@@ -102,8 +102,8 @@ def test_a_late_motion_may_pass_when_the_other_takes_its_time():
     ]
     cut = rules.group_timing(group, {"b": 12}, {}, {}, "late").statement
     nowhere = lambda *_: ()  # noqa: E731
-    assert not holds(cut, CandidateSchedule({"a": (0, 10), "b": (1, 10)}), nowhere)
-    assert holds(cut, CandidateSchedule({"a": (0, 11), "b": (1, 10)}), nowhere)
+    assert not cut.holds(CandidateSchedule({"a": (0, 10), "b": (1, 10)}), nowhere)
+    assert cut.holds(CandidateSchedule({"a": (0, 11), "b": (1, 10)}), nowhere)
 
 
 def test_a_timing_cut_gives_way_when_a_robot_drives_on():
@@ -114,5 +114,5 @@ def test_a_timing_cut_gives_way_when_a_robot_drives_on():
     ]
     cut = rules.group_timing(group, {"b": 4}, {}, {}, "late", rivals=["next"]).statement
     nowhere = lambda *_: ()  # noqa: E731
-    assert not holds(cut, CandidateSchedule({"a": (0, 2), "b": (1, 3), "next": (4, 5)}), nowhere)
-    assert holds(cut, CandidateSchedule({"a": (0, 2), "b": (1, 3), "next": (2, 3)}), nowhere)
+    assert not cut.holds(CandidateSchedule({"a": (0, 2), "b": (1, 3), "next": (4, 5)}), nowhere)
+    assert cut.holds(CandidateSchedule({"a": (0, 2), "b": (1, 3), "next": (2, 3)}), nowhere)

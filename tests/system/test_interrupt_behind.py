@@ -2,7 +2,7 @@
 
 import pytest
 
-from up_samp.system.interrupts import interrupt_behind
+from up_samp.system.imports import interrupt_behind
 
 
 class Named:

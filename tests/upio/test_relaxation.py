@@ -22,7 +22,6 @@ from up_samp.model.refinement import (
     end_of,
     start_of,
 )
-from up_samp.refinement import holds
 from up_samp.scheduling import open_scheduler
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.search.world import places_between
@@ -277,7 +276,7 @@ def test_each_statement_binds_the_scheduler(shuttle, statement, makespan):
     def places(name, first, last):
         return places_between(itinerary, shuttle.snapshot, name, first, last)
 
-    assert holds(statement, report.schedule, places)
+    assert statement.holds(report.schedule, places)
 
 
 def test_a_place_for_one_keeps_arrivals_apart(tmp_path):
@@ -292,7 +291,7 @@ def test_a_place_for_one_keeps_arrivals_apart(tmp_path):
     report = solve(relaxation)
     times = report.schedule.times
     assert times["out0"][0] < times["in1"][1]
-    assert holds(statement, report.schedule, lambda *_: set())
+    assert statement.holds(report.schedule, lambda *_: set())
 
 
 def test_nobody_passes_through_a_place_for_one_while_another_rests_there(tmp_path):

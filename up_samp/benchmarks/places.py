@@ -39,7 +39,7 @@ from unified_planning.shortcuts import ConfigurationType, MinimizeMakespan
 from up_samp.geometry.maps import write_map
 from up_samp.model import ProblemError
 from up_samp.model.frames import Frame
-from up_samp.system.folders import cache_folder
+from up_samp.system.files import cache_folder
 
 RESOLUTION, WALL = 0.1, 0.5
 """Metres per pixel, and thickness of an outer wall (m)."""

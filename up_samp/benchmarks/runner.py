@@ -40,8 +40,7 @@ from up_samp.benchmarks.instances import (
 )
 from up_samp.model import EngineError, ProblemError
 from up_samp.system import child
-from up_samp.system.child import die_with
-from up_samp.system.memory import limit_memory
+from up_samp.system.child import die_with, limit_memory
 
 Record = dict[str, Any]
 """The outcome of a run, as one line of JSON.

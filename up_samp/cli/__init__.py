@@ -11,8 +11,7 @@ import signal
 import sys
 from collections.abc import Sequence
 
-from up_samp.system.imports import load_unified_planning, own_the_process
-from up_samp.system.interrupts import interrupt_behind
+from up_samp.system.imports import interrupt_behind, load_unified_planning, own_the_process
 
 ERROR, INTERRUPTED, TERMINATED = 2, 128 + signal.SIGINT, 128 + signal.SIGTERM
 """Exit codes beside 0 and a command's own; of signals as shells have them."""

@@ -29,7 +29,7 @@ from up_samp.system.files import check_folder, uninterrupted
 from up_samp.upio.objective import shown
 
 if TYPE_CHECKING:
-    from up_samp.search.history import ProgressEvent
+    from up_samp.search.knowledge import ProgressEvent
     from up_samp.validation import Verdict
 
 LONGEST = 120.0

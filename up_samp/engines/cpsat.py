@@ -25,7 +25,7 @@ from unified_planning.model.problem_kind_versioning import LATEST_PROBLEM_KIND_V
 from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.plans import Schedule
 
-from up_samp.engines.direct import Call, DirectFace
+from up_samp.engines.faces import Call, DirectFace
 from up_samp.engines.features import SCHEDULES
 from up_samp.model import (
     CandidateSchedule,
@@ -75,11 +75,11 @@ class CpsatEngine(DirectFace, Engine, OneshotPlannerMixin, AnytimePlannerMixin):
         AnytimePlannerMixin.__init__(self)
         if options:
             raise ProblemError(f"cpsat has no option {', '.join(sorted(options))}")
-        for name, value in (("seed", seed), ("workers", workers)):
-            whole = isinstance(value, int) and not isinstance(value, bool)
-            if not whole and not (name == "workers" and value is None):
+        count = 1 if workers is None else workers
+        for name, value in (("seed", seed), ("workers", count)):
+            if not isinstance(value, int) or isinstance(value, bool):
                 raise ProblemError(f"cpsat's {name} must be a whole number, not {short(value)}")
-        if workers is not None and workers < 1:
+        if count < 1:
             raise ProblemError(f"cpsat needs at least one worker, not {workers}")
         self.seed = seed
         self.workers = workers
@@ -137,20 +137,21 @@ class CpsatEngine(DirectFace, Engine, OneshotPlannerMixin, AnytimePlannerMixin):
         except UnsupportedError as error:
             yield self._unsupported(error)
             return
-        found: queue.Queue[Any] = queue.Queue()
+        found: queue.Queue[tuple[ScheduleReport | BaseException, bool]] = queue.Queue()
         stop = threading.Event()
 
         def progress(schedule: CandidateSchedule, bound: int | Fraction | None) -> None:
             if stop.is_set():
                 raise RuntimeError("whoever asked for schedules has gone")
-            found.put(ScheduleReport(ScheduleStatus.FOUND, schedule, bound, "", deadline.elapsed()))
+            seconds = deadline.elapsed()
+            found.put((ScheduleReport(ScheduleStatus.FOUND, schedule, bound, "", seconds), False))
 
         def work() -> None:
             try:
                 hint = _candidate(call.warm_start_plan)
-                found.put(("end", session.solve(deadline, hint=hint, on_solution=progress)))
+                found.put((session.solve(deadline, hint=hint, on_solution=progress), True))
             except BaseException as error:  # raised again by the generator
-                found.put(("error", error))
+                found.put((error, True))
 
         thread = threading.Thread(target=work, daemon=True)
         try:
@@ -163,24 +164,23 @@ class CpsatEngine(DirectFace, Engine, OneshotPlannerMixin, AnytimePlannerMixin):
                 thread.join()
 
     def _stream(
-        self, problem: Any, found: queue.Queue[Any], output: IO[str] | None
+        self,
+        problem: Any,
+        found: queue.Queue[tuple[ScheduleReport | BaseException, bool]],
+        output: IO[str] | None,
     ) -> Iterator[PlanGenerationResult]:
         """Yield intermediate plans as they are found, then the final result."""
-        while True:
-            item = found.get()
-            if isinstance(item, ScheduleReport):
-                result = self._result(problem, item, final=False)
-            elif item[0] == "error":
-                if isinstance(item[1], UnsupportedError):
-                    yield self._unsupported(item[1])
-                    return
-                raise item[1]
-            else:
-                result = self._result(problem, item[1])
+        final = False
+        while not final:
+            item, final = found.get()
+            if isinstance(item, UnsupportedError):
+                yield self._unsupported(item)
+                return
+            if isinstance(item, BaseException):
+                raise item
+            result = self._result(problem, item, final=final)
             _write(output, result)
             yield result
-            if not isinstance(item, ScheduleReport):
-                return
 
     def _session(self, problem: Any) -> CpsatSession:
         if not isinstance(problem, SchedulingProblem):

@@ -56,11 +56,9 @@ def _prefer(factory: Any, best: str) -> None:
     """
     names = list(factory.preference_list)
     family = best.split("[")[0] + "["
-    mine = [i for i, name in enumerate(names) if name.startswith(family)]
     if best in names:
-        ordered = sorted((names[i] for i in mine), key=lambda name: name != best)
-        for i, name in zip(mine, ordered, strict=True):
-            names[i] = name
+        first = next(i for i, name in enumerate(names) if name.startswith(family))
+        names.insert(first, names.pop(names.index(best)))
         factory.preference_list = names
 
 

@@ -22,7 +22,7 @@ from up_samp.upio.objective import MAKESPAN
 
 if TYPE_CHECKING:
     from up_samp.search.conclusion import Conclusion
-    from up_samp.search.history import History, ProgressEvent
+    from up_samp.search.knowledge import History, ProgressEvent
     from up_samp.search.search import Search
 
 
@@ -69,22 +69,23 @@ def result_of(
     """Return the result of the engine ``name``: a plan or none, and ``why`` (or "")."""
     failed = status is PlanGenerationResultStatus.INTERNAL_ERROR
     messages = [LogMessage(LogLevel.ERROR if failed else LogLevel.INFO, why)] if why else []
-    if search.history.handed_over:
-        handed = "; ".join(search.history.handed_over)
-        messages.append(LogMessage(LogLevel.INFO, f"{name} was handed over {handed}"))
-    if search.history.may_be_shorter:
-        told = f"motions may be shorter than the planner's by {_most_shorter(search.history)}"
-        messages.append(LogMessage(LogLevel.INFO, told))
+    metrics = metrics_of(params, search)
+    for key, told in (
+        ("handed_over", f"{name} was handed over "),
+        ("may_be_shorter", "motions may be shorter than the planner's by "),
+    ):
+        if key in metrics:
+            messages.append(LogMessage(LogLevel.INFO, told + metrics[key]))
     messages += [LogMessage(LogLevel.ERROR, told) for told in search.history.refuted]
     messages = [replace(told, message=in_words(told.message)) for told in messages]
-    result = SampResult(status, plan, name, metrics_of(params, search), messages)
+    result = SampResult(status, plan, name, metrics, messages)
     result.history = search.history
     return result
 
 
 def too_late(name: str, params: Parameters, deadline: Deadline) -> SampResult:
     """Say that the time was over before the problem was even read."""
-    from up_samp.search.history import History
+    from up_samp.search.knowledge import History
 
     why = "the time was over before the search began: the problem or its map is large"
     metrics = {
@@ -124,8 +125,6 @@ def metrics_of(params: Parameters, search: Search) -> dict[str, str]:
     }
     if bounds.relative and bounds.absolute > bounds.measure.least:
         metrics["absolute_bound"] = bounds.measure.told(bounds.absolute)
-    if history.may_be_shorter:
-        metrics["may_be_shorter"] = _most_shorter(history)
     if history.without_traffic is not None:
         # in any plan robots heed each other at places
         plans = [] if bounds.incumbent is None else [bounds.incumbent.schedule.makespan]
@@ -133,12 +132,13 @@ def metrics_of(params: Parameters, search: Search) -> dict[str, str]:
     if history.recognised or history.left_over:
         metrics["recognised"] = "; ".join(history.recognised)
         metrics["left_over"] = "; ".join(history.left_over)
-    if history.handed_over:
-        metrics["handed_over"] = "; ".join(history.handed_over)
-    if history.refuted:
-        metrics["refuted"] = "; ".join(history.refuted)
-    if history.refused:
-        metrics["refused"] = str(len(history.refused))
+    told = {
+        "may_be_shorter": _most_shorter(history),
+        "handed_over": "; ".join(history.handed_over),
+        "refuted": "; ".join(history.refuted),
+        "refused": str(len(history.refused) or ""),
+    }
+    metrics |= {name: text for name, text in told.items() if text}
     if bounds.incumbent is not None:
         makespan = bounds.incumbent.schedule.makespan
         metrics["makespan"] = str(makespan)

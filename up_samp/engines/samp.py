@@ -23,10 +23,9 @@ from unified_planning.model import ProblemKind
 from unified_planning.model.motion import MotionModels, MovableObject, SchedulingMotionProblem
 from unified_planning.plans import Plan
 
-from up_samp.engines.direct import Call
+from up_samp.engines.faces import Call, ReplanningFace
 from up_samp.engines.features import COMPILED, PASSED_ON
-from up_samp.engines.in_order import InOrder, costs_in_order
-from up_samp.engines.replanning import ReplanningFace
+from up_samp.engines.indirect import InOrder, costs_in_order
 from up_samp.engines.results import (
     SampResult,
     broke_down,
@@ -51,7 +50,7 @@ from up_samp.model import (
 from up_samp.model.errors import InterruptedSearch
 from up_samp.scheduling.quirks import is_compatible
 from up_samp.search.params import split_parameters
-from up_samp.system.interrupts import interrupt_behind
+from up_samp.system.imports import interrupt_behind
 
 if TYPE_CHECKING:
     from up_samp.motion.compile import Compilation
@@ -77,18 +76,6 @@ def _movers(problem: SchedulingMotionProblem) -> set[MovableObject]:
     """Return what is moved by a motion constraint (doors and loads change place in one instant)."""
     moved = (c.movable for a in problem.motion_activities for c in a.motion_constraints)
     return {expression.object() for expression in moved if expression.is_object_exp()}
-
-
-# ------------------ Which problems ``samp-refine`` takes, given the engine that it wraps
-
-
-def samp_kind(engine: Any) -> ProblemKind:
-    """Return what an engine's kind (a UP engine class) becomes with compilers and motions."""
-    kind = engine.supported_kind()  # which engines may share: it is not changed
-    if getattr(engine, "has_sessions", False):  # nothing is compiled for it
-        return ProblemKind({*kind.features, "SAMP"}, version=kind.version)
-    own = {f for f in PASSED_ON if f in kind.features}
-    return ProblemKind({*COMPILED, *own, "SAMP"}, version=kind.version)
 
 
 # schedulers, motion planners and the validator are imported when a problem is solved: UP imports
@@ -148,7 +135,12 @@ class SampRefine(ReplanningFace, MetaEngine, OneshotPlannerMixin, AnytimePlanner
 
     @staticmethod
     def _supported_kind(engine: type[Engine]) -> ProblemKind:
-        return samp_kind(engine)
+        """Return what an engine's kind becomes with compilers and motions."""
+        kind = engine.supported_kind()  # which engines may share: it is not changed
+        features = set(kind.features)
+        if not getattr(engine, "has_sessions", False):  # else nothing is compiled for it
+            features = features.intersection(PASSED_ON).union(COMPILED)
+        return ProblemKind({*features, "SAMP"}, version=kind.version)
 
     @staticmethod
     def _supports(problem_kind: ProblemKind, engine: type[Engine]) -> bool:
@@ -210,7 +202,7 @@ class SampRefine(ReplanningFace, MetaEngine, OneshotPlannerMixin, AnytimePlanner
         holds the search of this problem by the objective ranked before, if there was one; this one
         takes its place.
         """
-        from up_samp.engines.movers import solve_settled
+        from up_samp.engines.indirect import solve_settled
         from up_samp.upio.movers import settle_movers
 
         problem, timeout, start = call.problem, call.timeout, call.warm_start_plan
@@ -292,14 +284,15 @@ class SampRefine(ReplanningFace, MetaEngine, OneshotPlannerMixin, AnytimePlanner
         deadline: Deadline,
     ) -> Iterator[PlanGenerationResult]:
         """Yield each better plan, and what the search ends with, if it ends as it should."""
-        from up_samp.search.attempt import InvalidPlanError
         from up_samp.search.conclusion import conclude
+        from up_samp.search.loop import InvalidPlanError
 
         try:
             while True:
                 with in_force(deadline):
                     better = next(steps)
-                yield self._intermediate(search, better)
+                status = PlanGenerationResultStatus.INTERMEDIATE
+                yield self._result(status, better.plan, search, "")
         except StopIteration as stop:
             yield self._final(problem, search, stop.value)
         except OutOfTimeError:
@@ -316,7 +309,8 @@ class SampRefine(ReplanningFace, MetaEngine, OneshotPlannerMixin, AnytimePlanner
         before: list[Search] | None,
     ) -> Search:
         from up_samp.engines.plain import wrong_in
-        from up_samp.search.session import Wrapped, open_search
+        from up_samp.search.search import Wrapped
+        from up_samp.search.session import open_search
         from up_samp.upio.plan import build_schedule
         from up_samp.validation import validate_plan, value_of
 
@@ -342,33 +336,21 @@ class SampRefine(ReplanningFace, MetaEngine, OneshotPlannerMixin, AnytimePlanner
         return search
 
     # ------------------------------------------------------------------ results
-    def _intermediate(self, search: Search, incumbent: Incumbent) -> PlanGenerationResult:
-        return self._result(PlanGenerationResultStatus.INTERMEDIATE, incumbent.plan, search, "")
-
-    def _final(
-        self, problem: SchedulingMotionProblem, search: Search, ending: SearchResult
-    ) -> PlanGenerationResult:
-        from up_samp.search.conclusion import Conclusion
-
-        incumbent = search.bounds.incumbent
-        plan = None if incumbent is None else incumbent.plan
-        status = status_of(ending.conclusion)
-        solved = PlanGenerationResultStatus.SOLVED_SATISFICING
-        if status is PlanGenerationResultStatus.SOLVED_OPTIMALLY and not problem.quality_metrics:
-            status = solved
-        if plan is not None and ending.conclusion is Conclusion.FAILED:
-            status = solved
-        return self._result(status, plan, search, ending.why)
-
-    def _failure(
-        self, problem: SchedulingMotionProblem, search: Search, why: str
-    ) -> PlanGenerationResult:
+    def _failure(self, problem: Any, search: Search, why: str) -> PlanGenerationResult:
         """Return what went wrong, and the best plan until then, if there is one."""
-        if search.bounds.incumbent is None:
-            return self._result(PlanGenerationResultStatus.INTERNAL_ERROR, None, search, why)
         from up_samp.search.conclusion import Conclusion, SearchResult
 
         return self._final(problem, search, SearchResult(Conclusion.FAILED, why))
+
+    def _final(self, problem: Any, search: Search, ending: SearchResult) -> PlanGenerationResult:
+        from up_samp.search.conclusion import Conclusion
+
+        best = search.bounds.incumbent
+        plan, status = None if best is None else best.plan, status_of(ending.conclusion)
+        failed = plan is not None and ending.conclusion is Conclusion.FAILED
+        if failed or (ending.conclusion is Conclusion.OPTIMAL and not problem.quality_metrics):
+            status = PlanGenerationResultStatus.SOLVED_SATISFICING
+        return self._result(status, plan, search, ending.why)
 
     def _result(
         self, status: PlanGenerationResultStatus, plan: Plan | None, search: Search, why: str

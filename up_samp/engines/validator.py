@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from unified_planning.engines import (
     Credits,
@@ -24,10 +23,6 @@ from unified_planning.plans import PlanKind, Schedule
 from up_samp.engines.features import BESIDES, SCHEDULES
 from up_samp.model import ProblemError
 
-if TYPE_CHECKING:
-    from up_samp.validation import Violation
-
-
 _REASONS = {
     "condition": FailedValidationReason.INAPPLICABLE_ACTION,
     "interference": FailedValidationReason.MUTEX_CONFLICT,
@@ -35,6 +30,8 @@ _REASONS = {
     "overlap": FailedValidationReason.MUTEX_CONFLICT,
     "collision": FailedValidationReason.MUTEX_CONFLICT,
 }
+"""UP's nearest word for the first violation, by its kind; for the others:"""
+_OTHER = FailedValidationReason.UNSATISFIED_GOALS
 
 
 class SampValidator(Engine, PlanValidatorMixin):
@@ -105,13 +102,6 @@ class SampValidator(Engine, PlanValidatorMixin):
             self.name,
             log_messages=[LogMessage(LogLevel.INFO, str(v)) for v in verdict.violations],
             metric_evaluations=values if accepted else None,
-            reason=None if accepted else _reason(verdict.violations),
+            reason=None if accepted else _REASONS.get(verdict.violations[0].kind, _OTHER),
             metrics={"reading": reading},
         )
-
-
-def _reason(violations: Sequence[Violation]) -> FailedValidationReason:
-    """Return UP's nearest word for the first violation."""
-    if not violations:
-        return FailedValidationReason.UNSATISFIED_GOALS
-    return _REASONS.get(violations[0].kind, FailedValidationReason.UNSATISFIED_GOALS)

@@ -35,14 +35,14 @@ from numba.core.runtime.nrt import rtsys
 from numba.core.serialize import dumps
 
 from up_samp.model.deadline import clock, do_not_count
-from up_samp.system.files import whole
-from up_samp.system.folders import (
+from up_samp.system.files import (
     cache_folder,
     is_private,
     is_writable,
     make_private,
     only_owner_writes,
     say_uncached,
+    whole,
 )
 from up_samp.system.imports import load_numba_arrays
 

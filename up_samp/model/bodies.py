@@ -190,20 +190,28 @@ class Kinematics:
         for name in ("v_back", "lateral_a_max", "alpha_max"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be positive, not {getattr(self, name)!r}")
-        along = self.mobility.steers or self.mobility.rolls
-        if not 1.0 <= self.back_cost < math.inf:
-            raise ValueError(f"back_cost is 1 or more, not {self.back_cost!r}")
-        if not (along or (self.reverse and math.isinf(self.v_back) and self.back_cost == 1.0)):
-            raise ValueError("only who drives along its heading reverses")
-        if self.heeds_turns and not along:
-            raise ValueError(
+        able = self.mobility
+        along = able.steers or able.rolls
+        usual = self.reverse and math.isinf(self.v_back) and self.back_cost == 1.0
+        for told, right in (
+            (f"back_cost is 1 or more, not {self.back_cost!r}", 1.0 <= self.back_cost < math.inf),
+            ("only who drives along its heading reverses", along or usual),
+            (
                 "only who drives along its heading has a lateral_a_max or an alpha_max: "
-                "leave them out, or state less v_max, a_max or omega_max"
-            )
-        if self.drives_along and not self.mobility.sideways:
-            raise ValueError("only who moves in any direction drives along with others")
-        if self.zones and (self.mobility.flies or self.mobility.own_law):
-            raise ValueError("zones are for bodies in the plane without equations of their own")
+                "leave them out, or state less v_max, a_max or omega_max",
+                along or not self.heeds_turns,
+            ),
+            (
+                "only who moves in any direction drives along with others",
+                able.sideways or not self.drives_along,
+            ),
+            (
+                "zones are for bodies in the plane without equations of their own",
+                not self.zones or not (able.flies or able.own_law),
+            ),
+        ):
+            if not right:
+                raise ValueError(told)
 
     @property
     def mobility(self) -> Mobility:

@@ -113,12 +113,16 @@ class Deadline:
         return Deadline.after(None)
 
     @property
+    def _last(self) -> float:
+        """When all is over by the clock."""
+        return self.at if self.work is None else self.work.until
+
+    @property
     def moment(self) -> float:
         """When it ends on the clock of the whole machine, ``time.monotonic``, as things stand; at
         the latest, where it counts computing.
         """
-        at = self.at if self.work is None else self.work.until
-        left = at - clock()
+        left = self._last - clock()
         return time.monotonic() + left * (_BUSY if _computing[0] else 1.0)
 
     def remaining(self) -> float:
@@ -163,7 +167,7 @@ class Deadline:
 
     def over(self, grace: float = 0.0) -> bool:
         """Return whether the clock says that all was over ``grace`` s ago, which is no work."""
-        return clock() >= (self.at if self.work is None else self.work.until) + grace
+        return clock() >= self._last + grace
 
     def within(self, seconds: float | None) -> Deadline:
         """Return the earlier of this deadline and ``seconds`` from now."""

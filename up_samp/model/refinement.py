@@ -1,12 +1,21 @@
 """What the scheduler is told after a motion check, as plain values.
 
-A refinement is a statement about activities. ``upio.write`` puts it into a UP problem.
+A refinement is a statement about activities, which schedules satisfy (``holds``) or not.
+``upio.write`` puts it into a UP problem. ``activities`` are those that a statement speaks of.
 """
 
 from __future__ import annotations
 
 import enum
+import itertools
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
+
+from up_samp.model.schedule import CandidateSchedule
+
+Places = Callable[[str, int, int], Collection[str]]
+"""``places(object, first, last)``: where the object's state is during [first, last] (units), if
+it is set at the end of what moves it."""
 
 
 class Strength(enum.Enum):
@@ -52,6 +61,11 @@ class TimeRef:
     activity: str
     end: Anchor
 
+    def of(self, times: Mapping[str, tuple[int, int]]) -> int:
+        """Return when that is in a schedule (units)."""
+        start, end = times[self.activity]
+        return start if self.end is Anchor.START else end
+
 
 def start_of(activity: str) -> TimeRef:
     """Return the reference to an activity's start."""
@@ -69,6 +83,15 @@ class Absent:
 
     activity: str
 
+    @property
+    def activities(self) -> tuple[str, ...]:
+        """What it speaks of."""
+        return (self.activity,)
+
+    def holds(self, schedule: CandidateSchedule, places: Places) -> bool:
+        """Return whether a schedule satisfies it."""
+        return self.activity not in schedule.times
+
     def __str__(self) -> str:
         return f"{self.activity} absent"
 
@@ -80,6 +103,17 @@ class Apart:
     earlier: TimeRef
     later: TimeRef
     at_least: int
+
+    @property
+    def activities(self) -> tuple[str, ...]:
+        """What it speaks of."""
+        return self.earlier.activity, self.later.activity
+
+    def holds(self, schedule: CandidateSchedule, places: Places) -> bool:
+        """Return whether a schedule satisfies it."""
+        times = schedule.times
+        there = times.keys() >= set(self.activities)
+        return there and self.later.of(times) - self.earlier.of(times) >= self.at_least
 
     def __str__(self) -> str:
         return (
@@ -96,19 +130,45 @@ class Elsewhere:
     object: str
     configuration: str
 
+    @property
+    def activities(self) -> tuple[str, ...]:
+        """What it speaks of."""
+        return (self.activity,)
+
+    def holds(self, schedule: CandidateSchedule, places: Places) -> bool:
+        """Return whether a schedule satisfies it."""
+        if self.activity not in schedule.times:
+            return False
+        start, end = schedule.times[self.activity]
+        return self.configuration not in places(self.object, start + 1, end)
+
     def __str__(self) -> str:
         return f"{self.object} not at {self.configuration} during {self.activity}"
 
 
 @dataclass(frozen=True)
 class Overlap:
-    """``rival`` is present and neither wholly before nor wholly after all of ``activities``."""
+    """``rival`` is present and neither wholly before nor wholly after all of ``others``."""
 
     rival: str
-    activities: tuple[str, ...]
+    others: tuple[str, ...]
+
+    @property
+    def activities(self) -> tuple[str, ...]:
+        """What it speaks of."""
+        return self.rival, *self.others
+
+    def holds(self, schedule: CandidateSchedule, places: Places) -> bool:
+        """Return whether a schedule satisfies it."""
+        times = schedule.times
+        if not times.keys() >= set(self.activities):
+            return False
+        start, end = times[self.rival]
+        others = [times[name] for name in self.others]
+        return start <= max(e for _, e in others) and min(s for s, _ in others) <= end
 
     def __str__(self) -> str:
-        return f"{self.rival} overlaps {', '.join(self.activities)}"
+        return f"{self.rival} overlaps {', '.join(self.others)}"
 
 
 @dataclass(frozen=True)
@@ -121,6 +181,15 @@ class Differs:
 
     variable: str
     value: str
+
+    @property
+    def activities(self) -> tuple[str, ...]:
+        """What it speaks of."""
+        return ()
+
+    def holds(self, schedule: CandidateSchedule, places: Places) -> bool:
+        """Return whether a schedule satisfies it."""
+        return schedule.parameters.get(self.variable) != self.value
 
     def __str__(self) -> str:
         return f"{self.variable} is not {self.value}"
@@ -138,6 +207,15 @@ class Clause:
 
     literals: tuple[Literal, ...]
 
+    @property
+    def activities(self) -> tuple[str, ...]:
+        """What it speaks of."""
+        return tuple(name for literal in self.literals for name in literal.activities)
+
+    def holds(self, schedule: CandidateSchedule, places: Places) -> bool:
+        """Return whether a schedule satisfies it."""
+        return any(literal.holds(schedule, places) for literal in self.literals)
+
     def __str__(self) -> str:
         return " or ".join(str(x) for x in self.literals) or "false"
 
@@ -148,6 +226,16 @@ class Lasts:
 
     activity: str
     at_least: int
+
+    @property
+    def activities(self) -> tuple[str, ...]:
+        """What it speaks of."""
+        return (self.activity,)
+
+    def holds(self, schedule: CandidateSchedule, places: Places) -> bool:
+        """Return whether a schedule satisfies it."""
+        span = schedule.times.get(self.activity)
+        return span is None or span[1] - span[0] >= self.at_least
 
     def __str__(self) -> str:
         return f"{self.activity} lasts at least {self.at_least}"
@@ -163,6 +251,19 @@ class Requires:
     object: str
     configuration: str
     at_end: bool = False
+
+    @property
+    def activities(self) -> tuple[str, ...]:
+        """What it speaks of."""
+        return (self.activity,)
+
+    def holds(self, schedule: CandidateSchedule, places: Places) -> bool:
+        """Return whether a schedule satisfies it."""
+        if self.activity not in schedule.times:
+            return True
+        start, end = schedule.times[self.activity]
+        first, last = (end, end) if self.at_end else (start + 1, end - 1)
+        return self.configuration not in places(self.object, first, last)
 
     def __str__(self) -> str:
         when = "in the end" if self.at_end else "all the time"
@@ -190,8 +291,31 @@ class Exclusive:
         """Return how long after the start of a departure the place is free again: at once for who
         may come back, at its end.
         """
-        returns = activity in self.arrivals or any(activity == name for name, _, _ in self.coming)
-        return 0 if returns else 1
+        return 0 if activity in {*self.arrivals, *(name for name, _, _ in self.coming)} else 1
+
+    @property
+    def activities(self) -> tuple[str, ...]:
+        """What it speaks of."""
+        decided = (name for name, _, _ in (*self.leaving, *self.coming))
+        return *self.arrivals, *self.departures, *decided
+
+    def holds(self, schedule: CandidateSchedule, places: Places) -> bool:
+        """Return whether a schedule satisfies it."""
+
+        def moving(always: Iterable[str], some: Iterable[tuple[str, str, str]]) -> list[str]:
+            told = schedule.parameters
+            chosen = (name for name, variable, value in some if told.get(variable) == value)
+            return [name for name in (*always, *chosen) if name in schedule.times]
+
+        times = schedule.times
+        changes = [(times[a][1], 1) for a in moving(self.arrivals, self.coming)]
+        leaving = moving(self.departures, self.leaving)
+        changes += [(times[a][0] + self.back_at(a), -1) for a in leaving]
+        # at one time some go before others come
+        levels = itertools.accumulate(
+            (step for _, step in sorted(changes)), initial=int(self.taken)
+        )
+        return max(levels) <= 1
 
     def __str__(self) -> str:
         return f"place {self.name} holds one object"

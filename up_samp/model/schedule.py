@@ -6,6 +6,7 @@ import enum
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import cached_property
 
 from up_samp.model.bodies import Configuration
 
@@ -81,10 +82,15 @@ class ScheduledMotion:
     given: tuple[tuple[str, str], ...] = ()
     loads: tuple[tuple[str, str], ...] = ()
 
-    @property
+    @cached_property
     def moved(self) -> frozenset[str]:
         """The object and what travels with it."""
-        return frozenset({self.object, *(load for load, _ in self.loads)})
+        return frozenset(name for name, _ in self.brings)
+
+    @property
+    def brings(self) -> tuple[tuple[str, str], ...]:
+        """The object and what travels with it, with where (configurations) they are in the end."""
+        return (self.object, self.configurations[-1]), *self.loads
 
 
 @dataclass(frozen=True)

@@ -84,9 +84,10 @@ class ChangeTask:
     term: Term
 
 
-def _grouped(
+def grouped(
     tasks: Iterable[MotionTask], key: Callable[[MotionTask], str]
 ) -> Mapping[str, Sequence[MotionTask]]:
+    """Return tasks by what the key tells of them."""
     found: dict[str, list[MotionTask]] = {}
     for task in tasks:
         found.setdefault(key(task), []).append(task)
@@ -155,12 +156,12 @@ class Snapshot:
     @cached_property
     def by_activity(self) -> Mapping[str, Sequence[MotionTask]]:
         """The motion tasks of each activity that has some."""
-        return _grouped(self.tasks, lambda task: task.activity)
+        return grouped(self.tasks, lambda task: task.activity)
 
     @cached_property
     def by_object(self) -> Mapping[str, Sequence[MotionTask]]:
         """The motion tasks of each object that drives."""
-        return _grouped(self.tasks, lambda task: task.object)
+        return grouped(self.tasks, lambda task: task.object)
 
     def moved(self) -> frozenset[str]:
         """Return the objects that some activity moves or changes."""

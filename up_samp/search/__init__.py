@@ -1,7 +1,7 @@
 """The interleaving of scheduling and motion planning."""
 
 from up_samp.search.events import Observer, State
-from up_samp.search.history import History, ProgressEvent, Round
+from up_samp.search.knowledge import History, ProgressEvent, Round
 from up_samp.search.params import ABLATIONS, PRESETS, Parameters, split_parameters
 
 __all__ = [

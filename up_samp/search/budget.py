@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 
 from up_samp.model import Deadline
 from up_samp.model.refinement import Refinement
+from up_samp.search.knowledge import History
 
 PARTS = {
     "proof": (0.3, 20.0),
@@ -43,15 +44,14 @@ _STALE_RESTARTS = 8
 class Budget:
     """``query_seconds``: limit (s) of one motion query now (the paper's t_p).
 
-    ``seconds_motion`` and ``seconds_scheduler`` are what was spent so far. ``patience``: how long
+    What was spent is told in the ``history``. ``patience``: how long
     to go on without a better plan, as a share of what it took to find the best one.
     """
 
     deadline: Deadline
     query_seconds: float
     patience: float = math.inf
-    seconds_motion: float = 0.0
-    seconds_scheduler: float = 0.0
+    history: History = field(default_factory=History)
     _asking: bool = False
     _whole: Deadline | None = None
     """The deadline, while patience ends the search before it."""
@@ -121,7 +121,7 @@ class Budget:
         try:
             yield
         finally:
-            self.seconds_motion += time.monotonic() - started
+            self.history.seconds_motion += time.monotonic() - started
             self._asking = False
 
 

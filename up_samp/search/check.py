@@ -7,6 +7,7 @@ candidate is collected, unless the cuts stop at the first refinement as the pape
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -20,14 +21,19 @@ from up_samp.model import (
     avoids,
 )
 from up_samp.model.refinement import Refinement, Strength
-from up_samp.refinement import rules, timed
-from up_samp.search.cuts.protocol import Alone, Failure, rejecting
-from up_samp.search.cuts.small import SmallCuts, blocked
+from up_samp.refinement import rules
+from up_samp.search.cuts import Alone, Failure, SmallCuts, blocked, rejecting
 from up_samp.search.events import Phase, Telling
 from up_samp.search.facts import Facts, MotionCase
 from up_samp.search.knowledge import Knowledge
-from up_samp.search.motions import Motions, touching
-from up_samp.search.world import group_query, groups_of, instant_obstacles, motion_key
+from up_samp.search.world import (
+    Motions,
+    group_query,
+    groups_of,
+    instant_obstacles,
+    motion_key,
+    touching,
+)
 from up_samp.upio import Itinerary
 
 MOST_NAMED = 3
@@ -72,20 +78,15 @@ class Checker:
     thorough: bool = True
     seed: int = 0
 
-    def check(self, itinerary: Itinerary) -> Check:
-        """Check all motions of a candidate (lines 8 to 15)."""
-        return self._checked(itinerary, learn=True, first_only=self.cuts.first_only)
-
-    def drive(self, itinerary: Itinerary) -> Check:
-        """Ask for trajectories alone: groups teach nothing."""
-        return self._checked(itinerary, learn=False, first_only=False)
-
-    def _checked(self, itinerary: Itinerary, *, learn: bool, first_only: bool) -> Check:
-        check = Check()
+    def check(self, itinerary: Itinerary, *, learn: bool = True) -> Check:
+        """Check all motions of a candidate (lines 8 to 15); without ``learn`` groups are asked for
+        trajectories alone, and teach nothing.
+        """
+        check, first_only = Check(), learn and self.cuts.first_only
         deadline = self.motions.budget.deadline
         with self.motions.budget.motion_time():
             for group in groups_of(itinerary.motions):
-                self._check_group(itinerary, group, check, learn=learn, first_only=first_only)
+                self._check_group(itinerary, group, check, learn=learn)
                 over = deadline.expired()  # asked once: what is left then has failed
                 if over:
                     check.failed |= {motion_key(m) for m in group}
@@ -100,37 +101,28 @@ class Checker:
         check: Check,
         *,
         learn: bool,
-        first_only: bool,
     ) -> None:
+        names = {motion_key(m) for m in group}
+        first_only = learn and self.cuts.first_only
         found = self._check_alone(itinerary, group, check, first_only=first_only)
         check.refinements += found
-        if found and not self.thorough:
-            return
-        if any(motion_key(m) in check.failed for m in group):
+        if (found and not self.thorough) or names & check.failed:
             return
         query = group_query(self.motions.facts, itinerary, group)
         report, cut_short = self._coordinate(query)
         check.trajectories.update(report.trajectories)
         if report.outcome is not Outcome.FOUND:
-            check.failed |= report.conflict or {motion_key(m) for m in group}
+            check.failed |= report.conflict or names
         for name, arrival in report.late.items():
             check.needed[name] = self.motions.facts.units(arrival)
         if report.outcome is Outcome.FOUND and not report.late:
             return
-        wrong = report.conflict or report.late.keys() or {motion_key(m) for m in group}
+        wrong = report.conflict or report.late.keys() or names
         missed = [m for m in group if motion_key(m) in wrong]
         self.note(missed, report.blockers, itinerary, report.reason)
         if learn and not found:
-            failure = Failure(
-                self.motions,
-                self.knowledge,
-                self.cuts.alike,
-                itinerary,
-                group,
-                query,
-                report,
-                cut_short,
-            )
+            asked = itinerary, group, query, report, cut_short
+            failure = Failure(self.motions, self.knowledge, self.cuts.alike, *asked)
             check.refinements += self.cuts.group(failure)
 
     def note(
@@ -158,15 +150,12 @@ class Checker:
         first_only: bool,
     ) -> list[Refinement]:
         """Return what the first layer tells that finds something."""
-        found: list[Refinement] = []
         for layer in self.layers:
-            for motion in group:
-                found += layer(self, itinerary, motion, check)
-                if found and first_only:
-                    break
-            if found:
-                break
-        return found
+            told = (layer(self, itinerary, motion, check) for motion in group)
+            some = next(filter(None, told), []) if first_only else itertools.chain(*told)
+            if found := list(some):
+                return found
+        return []
 
     def _coordinate(self, query: GroupQuery) -> tuple[GroupReport, bool]:
         """Ask the motion service for a group; return also whether its time was up."""
@@ -192,15 +181,11 @@ def check_path(
     among = report.blockers or {o.name for o in obstacles}
     checker.note([motion], among, itinerary, report.reason)
     proven = report.outcome is Outcome.IMPOSSIBLE
+    why = facts.case(motion).why_not(report) or f"no path for {motion.activity} found"
+    strength = Strength.PROVEN if proven else Strength.HEURISTIC
     names = report.blockers if proven else frozenset(o.name for o in obstacles)
-    alone = Alone(
-        motion,
-        obstacles,
-        _places(facts, itinerary, motion, names),
-        _alike(checker, motion, names),
-        facts.case(motion).why_not(report) or f"no path for {motion.activity} found",
-        Strength.PROVEN if proven else Strength.HEURISTIC,
-    )
+    concerned = _concerned(checker, itinerary, motion, names)
+    alone = Alone(motion, obstacles, *concerned, why, strength)
     if not alone.places:
         never = ((rules.impossible(c.activity, alone.why), c.given) for c in alone.cases)
         return [replace(rules.only_given(r, g), strength=alone.strength) for r, g in never]
@@ -216,7 +201,7 @@ def check_duration(
     """Layer 1, temporal: does the motion alone fit its scheduled time?"""
     motions, facts = checker.motions, checker.motions.facts
     body = facts.body(motion)
-    told = checker.cuts.unobstructed(motions, checker.knowledge, motion)
+    told = checker.cuts.unobstructed(motions, checker.knowledge, facts.like(motion))
     found = rejecting(itinerary, facts.snapshot, told)
     if found:
         return found
@@ -228,15 +213,10 @@ def check_duration(
     units = facts.units(report.trajectory.duration)
     if units <= motion.end - motion.start:
         return []
+    why = f"the fastest motion found takes {report.trajectory.duration:.2f} s"
     names = frozenset(o.name for o in obstacles)
-    alone = Alone(
-        motion,
-        obstacles,
-        _places(facts, itinerary, motion, names),
-        _alike(checker, motion, names),
-        f"the fastest motion found takes {report.trajectory.duration:.2f} s",
-        strength,
-    )
+    concerned = _concerned(checker, itinerary, motion, names)
+    alone = Alone(motion, obstacles, *concerned, why, strength)
     found = checker.cuts.too_slow(motions, alone, units)
     if not rejecting(itinerary, facts.snapshot, found):
         exact = _blocked_as_timed(facts, itinerary, alone)
@@ -244,12 +224,19 @@ def check_duration(
     return found
 
 
-def _places(
-    facts: Facts, itinerary: Itinerary, motion: ScheduledMotion, names: Iterable[str]
-) -> dict[str, str]:
-    """Return where those of some objects that may move rest when a motion starts."""
-    snapshot = facts.snapshot
-    return {n: itinerary.place_at(snapshot, n, motion.start) for n in names if snapshot.movers[n]}
+def _concerned(
+    checker: Checker, itinerary: Itinerary, motion: ScheduledMotion, names: frozenset[str]
+) -> tuple[dict[str, str], tuple[MotionCase, ...]]:
+    """Return where those of the objects ``names`` that may move rest when a motion starts, and the
+    motion's case with those that are the same motion with equal bodies and heed all of them too,
+    as far as the cuts are stated for them.
+    """
+    snapshot = checker.motions.facts.snapshot
+    moved = [n for n in names if snapshot.movers[n]]
+    places = {n: itinerary.place_at(snapshot, n, motion.start) for n in moved}
+    mine, *others = checker.cuts.alike(checker.motions.facts, motion)
+    heeding = [c for c in others if avoids(c.task.avoid, *names)]
+    return places, tuple(sorted([mine, *heeding], key=lambda c: (c.activity, c.given)))
 
 
 def _blocked_as_timed(facts: Facts, itinerary: Itinerary, alone: Alone) -> Refinement:
@@ -272,18 +259,7 @@ def _blocked_as_timed(facts: Facts, itinerary: Itinerary, alone: Alone) -> Refin
             if name in drive.moved and drive.activity == set_by[name]:
                 given |= dict(drive.given)
     rides = {ride.activity for ride in facts.snapshot.rides if ride.load in set_by}
-    cut = timed.blocked_as_timed(
+    cut = rules.blocked_as_timed(
         motion, set_by, changes, alone.why, rides=rides, strength=alone.strength
     )
     return rules.only_given(cut, tuple(sorted(given.items())))
-
-
-def _alike(
-    checker: Checker, motion: ScheduledMotion, blockers: frozenset[str]
-) -> tuple[MotionCase, ...]:
-    """Return the motion's case and those that are the same motion with equal bodies and heed the
-    ``blockers`` too, as far as the cuts are stated for them.
-    """
-    mine, *others = checker.cuts.alike(checker.motions.facts, motion)
-    heeding = [c for c in others if avoids(c.task.avoid, *blockers)]
-    return tuple(sorted([mine, *heeding], key=lambda c: (c.activity, c.given)))

@@ -8,6 +8,8 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from unified_planning.model.scheduling import SchedulingProblem
+
 from up_samp.model import (
     CandidateSchedule,
     Deadline,
@@ -21,12 +23,12 @@ from up_samp.model import (
 from up_samp.model.refinement import Refinement, Strength
 from up_samp.scheduling.cpsat.doubt import refuted_by, sooner
 from up_samp.search.events import Phase
-from up_samp.search.history import SCHEDULING, TOLD, History
-from up_samp.search.knowledge import Cost
+from up_samp.search.knowledge import SCHEDULING, TOLD, Cost, History
 from up_samp.search.proof import listed
 from up_samp.search.search import Search
 from up_samp.search.world import instant_obstacles
 from up_samp.upio import Itinerary, read_itinerary
+from up_samp.upio.objective import Number
 
 
 class Conclusion(enum.Enum):
@@ -73,7 +75,7 @@ def conclude_without_schedule(search: Search, report: ScheduleReport) -> SearchR
     if not planned:
         facts = refutation(search, report)
         if facts is not None:
-            if not stands(search, nothing=facts):
+            if not nothing_is_left(search, facts):
                 return None
             return SearchResult(Conclusion.UNSOLVABLE, search.prover.because(facts))
     if report.status is ScheduleStatus.ERROR:
@@ -107,43 +109,50 @@ def refutation(search: Search, report: ScheduleReport) -> list[Refinement] | Non
     return None
 
 
-def stands(search: Search, *, nothing: Sequence[Refinement] | None = None) -> bool:
-    """Return whether the lower bound stands, or that these facts leave ``nothing``, where doubting
-    it is cheap: the plain model, with nothing recognised, is asked for a schedule that cannot be.
+def stands(search: Search) -> bool:
+    """Return whether the lower bound stands, where doubting it is cheap: the plain model, with
+    nothing recognised, is asked for a schedule that cannot be.
 
     If there is one, that is an error of ours; it is told, and the search goes on with nothing
     recognised.
     """
-    bounds = search.bounds
-    claim, best = bounds.told_lower() if nothing is None else None, bounds.incumbent
-    beaten = claim is not None and bounds.upper is not None and claim > bounds.upper
+    bounds, best = search.bounds, search.bounds.incumbent
+    claim, cost = bounds.told_lower(), bounds.upper
+    if search.plain or claim is None or not search.problem.native:
+        return True
     # what was doubted and stood may still be beaten by a plan that came later
-    ours = search.problem.native and (beaten or bounds.lower > bounds.stood)
-    if search.plain or not (ours or nothing is not None):
-        return True
-    if nothing is None and claim is None:
-        return True
-    if beaten and bounds.relative and bounds.lower <= bounds.beside:
+    if best is None or cost is None or claim <= cost:
+        if claim <= max(bounds.stood, bounds.beside):
+            return True  # it stood, or rests on more than what the scheduler is told
+        found = _cheaper(search, search.knowledge.relaxation.problem, claim)
+    elif bounds.relative and bounds.lower <= bounds.beside:
         bounds.forget_relative()  # a plan may drive faster than the planner drives alone
         return False
-    if beaten:
-        assert best is not None
-        found: CandidateSchedule | None = best.schedule
-    elif claim is not None and claim <= bounds.beside:
-        return True  # it rests on more than what the scheduler is told
     else:
-        found = sooner(
-            search.knowledge.relaxation.problem
-            if nothing is None
-            else search.prover.problem_with(nothing),
-            claim,
-            search.budget.part("doubt"),
-            seed=search.seed,
-            tuning=search.tuning,
-        )
-    if found is None:
-        bounds.stood = max(bounds.stood, bounds.lower)
+        found = best.schedule
+    if found is not None:
+        return _refute(search, claim, found)
+    bounds.stood = bounds.lower
+    return True
+
+
+def nothing_is_left(search: Search, facts: Sequence[Refinement]) -> bool:
+    """Return whether it stands that these facts leave no schedule, doubted in the same way."""
+    if search.plain:
         return True
+    found = _cheaper(search, search.prover.problem_with(facts), None)
+    return found is None or _refute(search, None, found)
+
+
+def _cheaper(
+    search: Search, problem: SchedulingProblem, claim: Number | None
+) -> CandidateSchedule | None:
+    """Return a schedule that costs less than is claimed (None: any one), if there is one."""
+    limit = search.budget.part("doubt")
+    return sooner(problem, claim, limit, seed=search.seed, tuning=search.tuning)
+
+
+def _refute(search: Search, claim: Number | None, found: CandidateSchedule) -> bool:
     search.refute(refuted_by(claim, found))
     search.recognise_nothing()
     return False
@@ -255,7 +264,7 @@ def called_optimal(search: Search, cost: Cost) -> SearchResult:
     """
     tell_what_may_be_shorter(search)
     bounds, worst = search.bounds, max(search.history.may_be_shorter.values(), default=0.0)
-    if search.relative or bounds.absolute >= cost or worst < NEAR:
+    if search.problem.params.relative or bounds.absolute >= cost or worst < NEAR:
         return SearchResult(Conclusion.OPTIMAL)
     assert bounds.incumbent is not None
     facts = search.knowledge.proven  # which may be enough: what counts need not be motions

@@ -13,8 +13,7 @@ from pathlib import Path
 from up_samp.model import ScheduleReport, Violation
 from up_samp.model.errors import in_words
 from up_samp.model.refinement import Refinement
-from up_samp.search.history import History, ProgressEvent
-from up_samp.search.knowledge import Incumbent
+from up_samp.search.knowledge import History, Incumbent, ProgressEvent
 from up_samp.system.files import write_whole
 from up_samp.upio.objective import Measure, Number, shown
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -12,8 +12,6 @@ from up_samp.model import Body, Configuration, PathReport, Placed, ScheduledMoti
 from up_samp.model.refinement import Given
 from up_samp.model.snapshot import MotionTask, Snapshot, Term, TermKind
 from up_samp.upio import ConfigurationChoice
-
-Choices = Mapping[tuple[str, Term, bool], ConfigurationChoice]
 
 
 @dataclass(frozen=True)
@@ -41,26 +39,6 @@ class MotionCase:
             return f"at '{self.configurations[report.where]}' {report.reason}"
         places = " to ".join(f"'{name}'" for name in self.configurations)
         return f"from {places} {report.reason}" if report.reason else ""
-
-
-def cases_of(task: MotionTask, choices: Choices, most: int) -> list[MotionCase]:
-    """Return all cases of a task; none where there are more than ``most``."""
-    terms = [_choice(task, t, choices) for t in task.terms]
-    domains = {c.variable: c.values for c in terms if c.variable is not None}
-    if math.prod(len(values) for values in domains.values()) > most:
-        return []
-    found = []
-    for values in itertools.product(*domains.values()):
-        chosen = dict(zip(domains, values, strict=True))
-        names = tuple(c.values[0] if c.variable is None else chosen[c.variable] for c in terms)
-        found.append(MotionCase(task, names, tuple(sorted(chosen.items()))))
-    return found
-
-
-def _choice(task: MotionTask, term: Term, choices: Choices) -> ConfigurationChoice:
-    if term.kind is TermKind.CONSTANT:
-        return ConfigurationChoice(None, (term.name,))
-    return choices[task.activity, term, False]
 
 
 def are_apart(one: MotionCase, other: MotionCase) -> bool:
@@ -110,9 +88,23 @@ class Facts:
     @cached_property
     def cases(self) -> tuple[MotionCase, ...]:
         """All motions between known configurations (none of a task with too many of them)."""
-        return tuple(
-            c for task in self.snapshot.tasks for c in cases_of(task, self.choices, self.most_cases)
-        )
+        return tuple(case for task in self.snapshot.tasks for case in self._cases_of(task))
+
+    def _cases_of(self, task: MotionTask) -> Iterator[MotionCase]:
+        terms = [self.choice(task, term) for term in task.terms]
+        domains = {c.variable: c.values for c in terms if c.variable is not None}
+        if math.prod(map(len, domains.values())) > self.most_cases:
+            return
+        for values in itertools.product(*domains.values()):
+            chosen = dict(zip(domains, values, strict=True))
+            names = tuple(c.values[0] if c.variable is None else chosen[c.variable] for c in terms)
+            yield MotionCase(task, names, tuple(sorted(chosen.items())))
+
+    def choice(self, task: MotionTask, term: Term) -> ConfigurationChoice:
+        """Return what one of a task's terms may be."""
+        if term.kind is TermKind.CONSTANT:
+            return ConfigurationChoice(None, (term.name,))
+        return self.choices[task.activity, term, False]
 
     def signature(self, case: MotionCase) -> Signature:
         """Return what a case is to the motion planner."""
@@ -136,7 +128,10 @@ class Facts:
 
     def like(self, motion: ScheduledMotion) -> list[MotionCase]:
         """Return the case that a scheduled motion is, and all that are the same to the planner."""
-        case = self.case(motion)
+        return self.same(self.case(motion))
+
+    def same(self, case: MotionCase) -> list[MotionCase]:
+        """Return a case, and all that are the same to the planner."""
         return list(dict.fromkeys((case, *self.by_signature.get(self.signature(case), ()))))
 
     # ---------------------------------------------------------------- objects

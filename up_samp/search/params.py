@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 from up_samp.model.errors import ProblemError, short
 from up_samp.search.events import Observer, State
-from up_samp.search.history import ProgressEvent
+from up_samp.search.knowledge import ProgressEvent
 
 if TYPE_CHECKING:
     from up_samp.motion.cache import MotionCache
-    from up_samp.search.search import Components
     from up_samp.tuning import Tuning
 
 
@@ -61,8 +60,9 @@ class Parameters:
     """Asked before every round whether to stop there."""
     runtime: float = math.inf
     """Longest search (s), as ``timeout`` says it where UP takes one; it ends what is under way."""
-    components: Components | None = None
-    """What the search is made of, instead of what the preset says."""
+    components: Any = None
+    """What the search is made of (:class:`up_samp.search.search.Components`), instead of what the
+    preset says."""
     tuning: Tuning | Mapping[str, Any] | str | os.PathLike[str] | None = None
     """Tunables (:mod:`up_samp.tuning`), or a table or TOML file of them."""
     path_planner: str = "default"

@@ -14,9 +14,7 @@ from up_samp.extensions import parts
 from up_samp.model.refinement import Refinement, Strength
 from up_samp.search.budget import SchedulerPace
 from up_samp.search.check import CheckAlone, check_duration, check_path
-from up_samp.search.cuts.paper import PaperCuts
-from up_samp.search.cuts.profiles import pair_cuts
-from up_samp.search.cuts.small import Attempt, SmallCuts
+from up_samp.search.cuts import Attempt, PaperCuts, SmallCuts, pair_cuts
 from up_samp.search.events import Phase
 from up_samp.search.facts import Facts, just_this
 from up_samp.search.fleet.improve import in_order, in_order_at_last
@@ -30,11 +28,14 @@ from up_samp.search.resolve import (
     slack,
 )
 from up_samp.search.search import Components, Search, Statement
-from up_samp.search.statements.durations import fastest_durations, lower_bounds
-from up_samp.search.statements.handovers import proven_handovers
-from up_samp.search.statements.kept_orders import kept_orders
-from up_samp.search.statements.unary_places import unary_places
-from up_samp.search.statements.unreachable import unreachable
+from up_samp.search.statements import (
+    fastest_durations,
+    kept_orders,
+    lower_bounds,
+    proven_handovers,
+    unary_places,
+    unreachable,
+)
 
 Part = TypeVar("Part")
 Ideas = tuple[str, ...]

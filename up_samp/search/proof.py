@@ -21,17 +21,8 @@ from up_samp.model import (
     UnsupportedError,
 )
 from up_samp.model.refinement import (
-    Absent,
-    Apart,
-    Clause,
-    Elsewhere,
-    Exclusive,
-    Lasts,
     Layer,
-    Overlap,
     Refinement,
-    Requires,
-    Statement,
 )
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.search.budget import Budget
@@ -204,7 +195,7 @@ class Prover:
             text = "the activities cannot be scheduled, whatever the motions"
             return f"{text}: {' and '.join(met)}" if met else text
         text = "these proven facts leave no schedule: " + listed(few)
-        names = {a for fact in few for a in activities_of(fact.statement)}
+        names = {a for fact in few for a in fact.statement.activities}
         limits = self._met(few, list(limits_on(self.relax(), names)), _LIMITS)
         return f"{text}; but {' and '.join(limits)}" if limits else text
 
@@ -295,22 +286,3 @@ def _fewest(items: Sequence[T], fails: Callable[[Sequence[T]], bool]) -> list[T]
         return first + second
 
     return search([], True, list(items))
-
-
-def activities_of(statement: Statement) -> set[str]:
-    """Return the activities that a statement speaks of."""
-    if isinstance(statement, Lasts | Requires):
-        return {statement.activity}
-    if isinstance(statement, Exclusive):
-        decided = {name for name, _, _ in (*statement.leaving, *statement.coming)}
-        return {*statement.arrivals, *statement.departures, *decided}
-    found: set[str] = set()
-    assert isinstance(statement, Clause)
-    for literal in statement.literals:
-        if isinstance(literal, Absent | Elsewhere):
-            found.add(literal.activity)
-        elif isinstance(literal, Apart):
-            found |= {literal.earlier.activity, literal.later.activity}
-        elif isinstance(literal, Overlap):
-            found |= {literal.rival, *literal.activities}
-    return found

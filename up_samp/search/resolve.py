@@ -25,8 +25,7 @@ from unified_planning.model.metrics import Oversubscription
 from unified_planning.model.scheduling import Activity, SchedulingProblem
 from unified_planning.plans import Plan, Schedule
 
-from up_samp.model import CandidateSchedule, Deadline, ProblemError, ScheduledMotion
-from up_samp.model.snapshot import TermKind
+from up_samp.model import CandidateSchedule, Deadline, ProblemError
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.schedules import to_candidate
 from up_samp.search.check import Check
@@ -76,7 +75,7 @@ class Subproblem:
         """Return the best (``optimal``), or some, schedule; None where none is found in time."""
         budget = self.search.budget
         report = self.session.solve(deadline or budget.deadline, optimal=optimal, hint=near)
-        budget.seconds_scheduler += report.seconds
+        self.search.history.seconds_scheduler += report.seconds
         if report.schedule is None:
             return None
         values = {**near.parameters, **report.schedule.parameters}
@@ -129,7 +128,6 @@ def until_driven(
     """Schedule ``again``, drive, and ``tell`` what did not fit, until all motions fit; None where
     that ends before. ``learn``: checks also look for what holds for later candidates.
     """
-    drive = search.checker.check if learn else search.checker.drive
     for _ in range(steps):
         if search.budget.deadline.expired():
             return None
@@ -138,7 +136,7 @@ def until_driven(
             return None
         near = scheduled
         itinerary = read_itinerary(search.knowledge.relaxation, near)
-        check = drive(itinerary)
+        check = search.checker.check(itinerary, learn=learn)
         if check.passed:
             return search.plan_of(near, check.trajectories)
         if not tell(itinerary, check):
@@ -331,7 +329,7 @@ def _prefer(problem: SchedulingProblem, goals: dict[object, int], until: int) ->
 
 
 def prune_motions(search: Search, plan: Incumbent) -> Incumbent | None:
-    """Return a valid plan with fewer motions that ends no later, if one is found: the last pass of
+    """Return a plan with fewer motions that ends no later, if one is found: the last pass of
     a search.
 
     A makespan says nothing of moves that end before it: an idle robot may drive out, back and out
@@ -361,12 +359,11 @@ def prune_motions(search: Search, plan: Incumbent) -> Incumbent | None:
         problem.add_constraint(manager.Or(small.activities[n].present for n in gone))
         return True
 
-    better = until_driven(search, plan.schedule, again, tell, steps=_STEPS)
-    return None if better is None or search.judged(better.plan) else better
+    return until_driven(search, plan.schedule, again, tell, steps=_STEPS)
 
 
 def begin_soon(search: Search, plan: Incumbent) -> Incumbent | None:
-    """Return a valid plan with the same activities that ends no later and in which most begin
+    """Return a plan with the same activities that ends no later and in which most begin
     sooner, if one is found: a makespan says nothing of waits that end before it. (Without any
     metric a plan is to be like the one that it began from.)
     """
@@ -390,8 +387,7 @@ def begin_soon(search: Search, plan: Incumbent) -> Incumbent | None:
         sooner = found is not None and sum(s - found.times[n][0] for n, (s, _) in old.items()) > 0
         return found if sooner else None
 
-    better = until_driven(search, plan.schedule, again, small.heard, steps=_FEW_STEPS)
-    return None if better is None or search.judged(better.plan) else better
+    return until_driven(search, plan.schedule, again, small.heard, steps=_FEW_STEPS)
 
 
 def _worth_of_leaving_out(relaxation: Relaxation, schedule: CandidateSchedule) -> dict[str, int]:
@@ -435,7 +431,7 @@ def _with_motions_optional(
     """Return the problem of a schedule's activities and of the weighted ones, which are optional;
     all of it ends by ``until``.
     """
-    twins = {twin.name for twin in relaxation.elsewhere.values()}
+    twins = {twin.name for twin in relaxation.elsewhere}
     free = frozenset(weights) | (twins & set(schedule.times))
     problem = restrict(relaxation, schedule, free=free)
     manager = problem.environment.expression_manager
@@ -467,24 +463,6 @@ def start_of(problem: SchedulingProblem, plan: Plan) -> CandidateSchedule:
     names |= {p.name for a in problem.activities if a.name in times for p in a.parameters}
     values = {name: value for name, value in told.parameters.items() if name in names}
     return CandidateSchedule(times, values)
-
-
-def motions_of(relaxation: Relaxation, start: CandidateSchedule) -> list[ScheduledMotion]:
-    """Return the motions of a schedule from which values may be missing: those that can be told
-    without them.
-    """
-    found = []
-    for task in relaxation.snapshot.tasks:
-        span = start.times.get(task.activity)
-        if span is not None and all(t.kind is TermKind.CONSTANT for t in task.terms):
-            names = tuple(t.name for t in task.terms)
-            poses = tuple(relaxation.snapshot.configurations[n] for n in names)
-            found.append(
-                ScheduledMotion(
-                    task.activity, task.index, task.object, names, poses, *span, task.avoid
-                )
-            )
-    return found
 
 
 def begin_near(search: Search, start: CandidateSchedule) -> CandidateSchedule | None:

@@ -5,28 +5,41 @@ they are told of what is found.
 from __future__ import annotations
 
 import logging
+import operator
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
+
+from unified_planning.model.motion import SchedulingMotionProblem
+from unified_planning.plans import Schedule
 
 from up_samp.model import CandidateSchedule, Trajectory, Violation
 from up_samp.model.refinement import Refinement, Strength
-from up_samp.scheduling import Scheduler
+from up_samp.model.snapshot import Snapshot
+from up_samp.scheduling import Scheduler, open_scheduler
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.doubt import refuted
 from up_samp.search.budget import Budget, Restarts, SchedulerPace
 from up_samp.search.check import Check, CheckAlone, Checker
-from up_samp.search.cuts.protocol import rejecting
-from up_samp.search.cuts.small import SmallCuts
-from up_samp.search.events import State, Telling
+from up_samp.search.cuts import SmallCuts, rejecting
+from up_samp.search.events import Telling
 from up_samp.search.facts import Facts
-from up_samp.search.history import VALIDATING, History
-from up_samp.search.knowledge import Bounds, Incumbent, Knowledge
-from up_samp.search.motions import Motions
+from up_samp.search.knowledge import VALIDATING, Bounds, History, Incumbent, Knowledge
+from up_samp.search.params import Parameters
 from up_samp.search.proof import Prover
-from up_samp.tuning import Tuning
-from up_samp.upio import Itinerary, Relaxation, SampSchedule, read_itinerary
-from up_samp.upio.objective import Measure
+from up_samp.search.world import Motions
+from up_samp.tuning import Tuning, tuning_of
+from up_samp.upio import (
+    Itinerary,
+    Relaxation,
+    SampSchedule,
+    build_plan,
+    read_itinerary,
+    relax,
+    trajectory_key,
+)
+from up_samp.upio.objective import Measure, Number, measure_of
 
 log = logging.getLogger(__name__)
 
@@ -53,7 +66,8 @@ Improver = Callable[["Search", bool], Iterator[Incumbent]]
 asked in every round, and told whether the scheduler found nothing better in its time.
 """
 Finisher = Callable[["Search", Incumbent], Incumbent | None]
-"""Makes the best plan better in what no metric tells, in the end; None leaves it as it is."""
+"""Makes the best plan better in what no metric tells, in the end; None, and what is not valid,
+leaves it as it is."""
 
 
 @dataclass(frozen=True)
@@ -77,21 +91,94 @@ class Components:
 
 
 @dataclass(frozen=True)
-class Problem:
-    """What a search asks of the problem as UP has it.
+class Wrapped:
+    """The engine that schedules, with its parameters and the judges of its schedules (``check``)
+    and of plans made of them (``judge``).
 
-    ``relax`` makes the relaxation anew, without refinements; ``schedule`` opens a scheduler on one,
-    for the attempt of that number (``native``: our own, which knows unary places, if only to draw
-    what another engine is handed over); ``build`` makes the UP plan of a schedule and its
-    trajectories; ``judge`` is the independent validator; ``measure`` tells what a schedule costs.
+    ``native``: it is our own. ``worth`` is what the problem's metric makes of a schedule, asked
+    where that is another one than the makespan.
     """
 
-    relax: Callable[[], Relaxation]
-    schedule: Callable[[Relaxation, int], Scheduler]
-    build: Callable[[CandidateSchedule, Mapping[str, Trajectory]], SampSchedule]
+    engine: Any
+    params: Mapping[str, Any]
+    check: Callable[[Any, Schedule], list[str]]
     judge: Callable[[SampSchedule], list[Violation]]
     native: bool
-    measure: Measure = field(default_factory=lambda: Measure(lambda s: s.makespan))
+    worth: Callable[[CandidateSchedule], Number] = operator.attrgetter("makespan")
+
+
+@dataclass(frozen=True)
+class Problem:
+    """The problem as UP has it (``source``), how it was read, and what it is solved with: a search
+    asks it for relaxations, schedulers and plans.
+    """
+
+    source: SchedulingMotionProblem
+    snapshot: Snapshot
+    wrapped: Wrapped
+    params: Parameters
+
+    @cached_property
+    def tuning(self) -> Tuning:
+        """Of our own scheduler, whatever engine is wrapped."""
+        return tuning_of(self.params.tuning)
+
+    @property
+    def unheard(self) -> Parameters:
+        """The parameters of a search within the search, of which nobody is told."""
+        return replace(self.params, progress=None, trace=None, observers=())
+
+    @property
+    def unjudged(self) -> Wrapped:
+        """The engine for plans that nobody judges."""
+        return replace(self.wrapped, judge=lambda plan: [])
+
+    @property
+    def native(self) -> bool:
+        """Whether our own engine schedules, which knows unary places, if only to draw what another
+        one is handed over: but where the preset asks nothing of ours.
+        """
+        return self.wrapped.native or "incumbents" not in self.params.without
+
+    @cached_property
+    def measure(self) -> Measure:
+        """What tells what a schedule costs."""
+        return measure_of(self.source, self.wrapped.worth)
+
+    def relax(self) -> Relaxation:
+        """Return the relaxation, made anew, without refinements."""
+        return relax(self.source, self.snapshot)
+
+    def schedule(self, relaxation: Relaxation, attempt: int) -> Scheduler:
+        """Return a scheduler opened on a relaxation, for the attempt of that number."""
+        wrapped, seed = self.wrapped, self.params.seed + attempt
+        scheduler: Any = open_scheduler(
+            wrapped.engine,
+            relaxation.problem,
+            params={**({"tuning": self.tuning} if wrapped.native else {}), **wrapped.params},
+            seed=seed,
+            check=wrapped.check,
+            environment=self.source.environment,
+        )
+        if wrapped.native:
+            scheduler.soon = True  # better schedules are driven before more is proven of them
+        if wrapped.native or not self.native:
+            return scheduler
+        from up_samp.scheduling.thinned import ThinnedScheduler  # and all compilers
+
+        return ThinnedScheduler(scheduler, relaxation, seed=seed, tuning=self.tuning)
+
+    def build(
+        self, schedule: CandidateSchedule, trajectories: Mapping[str, Trajectory]
+    ) -> SampSchedule:
+        """Return the UP plan of a schedule; trajectories are in the world frame there."""
+        found, snapshot = dict(trajectories), self.snapshot
+        for task in snapshot.tasks if snapshot.to_world else ():
+            key = trajectory_key(task.activity, task.index)
+            if key in found:
+                own = found[key]
+                found[key] = replace(own, poses=snapshot.to_world[task.map].out(own.poses))
+        return build_plan(self.source, snapshot, schedule, found, self.params.margin)
 
 
 @dataclass
@@ -112,12 +199,6 @@ class Search:
     components: Components
     restarts: Restarts
     tell: Telling
-    stop: Callable[[State], bool] | None = None
-    relative: bool = False
-    """Whether the planner's own motions are short enough for a proof (see :class:`Parameters`)."""
-    seed: int = 0
-    tuning: Tuning = field(default_factory=Tuning)
-    """Of our own scheduler, whatever engine is wrapped."""
     start: CandidateSchedule | None = None
     """What to begin from: see :mod:`up_samp.search.resolve`."""
     easier: Callable[[Search], Generator[Incumbent, None, Any]] | None = None
@@ -135,7 +216,18 @@ class Search:
     @property
     def stopped(self) -> bool:
         """Whether the user's criterion says that it is enough."""
-        return self.stop is not None and self.stop(self.tell.state())
+        stop = self.problem.params.stop
+        return stop is not None and stop(self.tell.state())
+
+    @property
+    def seed(self) -> int:
+        """Of all that is random."""
+        return self.problem.params.seed
+
+    @property
+    def tuning(self) -> Tuning:
+        """Of our own scheduler, whatever engine is wrapped."""
+        return self.problem.tuning
 
     def learn(self, refinements: Iterable[Refinement]) -> int:
         """Tell the scheduler what is new of these and return how many that were."""
@@ -176,7 +268,7 @@ class Search:
     def judged(self, plan: SampSchedule) -> list[Violation]:
         """Return what the independent validator has against a plan."""
         with self.history.stages.of(VALIDATING):
-            return self.problem.judge(plan)
+            return self.problem.wrapped.judge(plan)
 
     def start_over(self) -> None:
         """Begin anew with what is proven or relative; drop what was only guessed."""

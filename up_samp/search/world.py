@@ -1,4 +1,6 @@
-"""The world of an itinerary: who rests where and when, and which motions may meet."""
+"""The world of an itinerary: who rests where and when, which motions may meet, and what motion
+planners are asked about them.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +9,15 @@ import math
 from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 from up_samp.model import (
     Body,
     Configuration,
+    Deadline,
     GroupQuery,
+    PathQuery,
+    PathReport,
     Placed,
     Rest,
     ScheduledMotion,
@@ -19,8 +25,11 @@ from up_samp.model import (
     avoids,
 )
 from up_samp.model.graphs import reached
+from up_samp.model.refinement import Strength
 from up_samp.model.snapshot import MotionTask, Snapshot, TermKind
 from up_samp.motion import MotionService
+from up_samp.motion.guides.search_space import TOUCHES
+from up_samp.search.budget import Budget
 from up_samp.search.facts import Facts, MotionCase
 from up_samp.upio import Itinerary, trajectory_key
 
@@ -53,9 +62,7 @@ def instant_obstacles(
     snapshot = facts.snapshot
     found = []
     for name, place in snapshot.initial.items():
-        if name in motion.moved or name in facts.drivers:
-            continue
-        if not avoids(motion.avoid, name):
+        if name in motion.moved | facts.drivers or not avoids(motion.avoid, name):
             continue
         resting = _resting_at(facts, itinerary, name, motion.start, motion.end)
         if resting is not None or name not in snapshot.moved_otherwise:
@@ -65,16 +72,12 @@ def instant_obstacles(
 
 def _resting_at(facts: Facts, itinerary: Itinerary, name: str, start: int, end: int) -> str | None:
     """Return where ``name`` is all through (start, end), or None if it changes in between."""
-    for motion in itinerary.motions:
-        if name in motion.moved and motion.start < end and start < motion.end:
-            return None
-    current = facts.snapshot.initial[name]
-    for since, place in itinerary.places(facts.snapshot, name):
-        if since <= start:
-            current = place
-        elif since < end:
-            return None
-    return current
+    mine = (m for m in itinerary.motions if name in m.moved)
+    if any(m.start < end and start < m.end for m in mine):
+        return None
+    periods = itinerary.periods(facts.snapshot, name)
+    stays = [place for since, until, place in periods if since <= start and end <= until]
+    return stays[-1] if stays else None
 
 
 def rests_of(facts: Facts, itinerary: Itinerary) -> tuple[Rest, ...]:
@@ -87,15 +90,13 @@ def rests_of(facts: Facts, itinerary: Itinerary) -> tuple[Rest, ...]:
     found = []
     for name in sorted(snapshot.initial):
         body = snapshot.objects[name].body
+        leaves: dict[float, float]
         leaves = {m.end: m.start for m in itinerary.motions if name in m.moved - {m.object}}
-        periods = itinerary.places(snapshot, name)
-        for index, (since, place) in enumerate(periods):
-            until = periods[index + 1][0] if index + 1 < len(periods) else math.inf
-            until = leaves.get(int(until), until) if math.isfinite(until) else until
-            if until <= since:
-                continue
-            pose = snapshot.configurations[place]
-            found.append(Rest(name, body, pose, facts.seconds(since), facts.seconds(until)))
+        for since, end, place in itinerary.periods(snapshot, name):
+            until = leaves.get(end, end)
+            if since < until:
+                pose = snapshot.configurations[place]
+                found.append(Rest(name, body, pose, facts.seconds(since), facts.seconds(until)))
     return tuple(found)
 
 
@@ -131,7 +132,11 @@ def group_query(facts: Facts, itinerary: Itinerary, group: Sequence[ScheduledMot
         for r in (*rests_of(facts, itinerary), *alone)
         if r.since <= facts.seconds(window[1])
         and r.until >= facts.seconds(window[0])
-        and not _is_held(r, timed)
+        and not any(
+            # an object is where its motions have it, while they do
+            m.object == r.name and m.present_from < r.until and r.since < m.present_until
+            for m in timed
+        )
     ]
     return GroupQuery(tuple(timed), tuple(dict.fromkeys(rests)))
 
@@ -146,20 +151,14 @@ def _chain(
     return before, own[index + 1] if index + 1 < len(own) else None
 
 
-def _is_held(rest: Rest, timed: Sequence[TimedMotion]) -> bool:
-    """Return whether motions tell of a rest: an object is where they have it, while they do."""
-    mine = (m for m in timed if m.object == rest.name)
-    return any(m.present_from < rest.until and rest.since < m.present_until for m in mine)
-
-
 def _presence(
     facts: Facts, itinerary: Itinerary, group: Sequence[ScheduledMotion], motion: ScheduledMotion
 ) -> tuple[float, float]:
     """Return from when to when (s) the body of a motion is there."""
     before, after = _chain(group, motion)
     loads = {name for name, _ in motion.loads}
-    low, first = (-math.inf, -math.inf) if before is None else (before.end, motion.start)
-    high = math.inf if after is None else after.start
+    low, first = (before.end, motion.start) if before else (-math.inf, -math.inf)
+    high = after.start if after else math.inf
     # what sets it down where it begins, or takes it away from where it ends, or along
     jumps = [c.time for c in itinerary.changes if c.object == motion.object]
     along = (m for m in itinerary.motions if motion.object in m.moved - {m.object})
@@ -170,12 +169,12 @@ def _presence(
         return since, until
     # at rest beside its loads it is the same body, as long as nobody else takes one of them and
     # whoever keeps clear of it keeps clear of them
-    others = [m for m in group if m is not motion and m.object != motion.object]
+    others = [m for m in group if m.object != motion.object]
     same = all(avoids(m.avoid, *loads) for m in others)
-    taken = [m for m in group if m is not motion and loads & m.moved]
-    if before is not None or not same or any(m.start < motion.start for m in taken):
+    taken = [m.start for m in group if m is not motion and loads & m.moved]
+    if before or not same or min(taken, default=math.inf) < motion.start:
         since = facts.seconds(motion.start)
-    if after is not None or not same or any(m.start >= motion.end for m in taken):
+    if after or not same or max(taken, default=-math.inf) >= motion.end:
         until = facts.seconds(motion.end)
     return since, until
 
@@ -209,13 +208,8 @@ def places_between(
 
     As PDDL 2.1 reads it: a change at t is seen from t + 1 on.
     """
-    periods = itinerary.places(snapshot, name)
-    found = set()
-    for index, (since, place) in enumerate(periods):
-        until = periods[index + 1][0] if index + 1 < len(periods) else math.inf
-        if since + 1 <= last and first <= until:
-            found.add(place)
-    return found
+    periods = itinerary.periods(snapshot, name)
+    return {place for since, until, place in periods if since + 1 <= last and first <= until}
 
 
 # ------------------ Where the objects of a candidate rest
@@ -239,7 +233,7 @@ def _visits(facts: Facts, itinerary: Itinerary) -> list[PlaceVisit]:
     """Return where the objects that drive rest, in a candidate."""
     by_object: dict[str, list[tuple[str, str]]] = defaultdict(list)
     for motion in itinerary.motions:
-        for name, place in ((motion.object, motion.configurations[-1]), *motion.loads):
+        for name, place in motion.brings:
             by_object[name].append((motion.activity, place))
     snapshot = facts.snapshot
     found = []
@@ -331,11 +325,9 @@ def surely_there(facts: Facts, service: MotionService) -> Where:
             if any(t.kind is not TermKind.CONSTANT for task in tasks for t in task.terms):
                 continue
             shut = [task for task in tasks if _is_shut(facts, service, task, thing)]
-            for task in _from_behind(snapshot, driver, tasks, shut):
+            behind = _from_behind(snapshot, driver, tasks, shut)
+            for task in (*behind, *(t for t in shut if thing in (t.static or ()))):
                 found.setdefault(task, {})[thing] = then
-            for task in shut:
-                if thing in (task.static or ()):
-                    found.setdefault(task, {})[thing] = then
     return found
 
 
@@ -396,3 +388,39 @@ def _is_shut(facts: Facts, service: MotionService, task: MotionTask, thing: str)
     body = facts.snapshot.body(task.activity, task.index, task.object)
     poses = tuple(facts.snapshot.configurations[t.name] for t in task.terms)
     return bool(closed) and service.certificate(body, poses, closed) is not None
+
+
+# ------------------ Questions to the motion planners about the motions of one problem
+
+
+@dataclass(frozen=True)
+class Motions:
+    """Asks the motion service about motions of the problem, within the search's budget."""
+
+    facts: Facts
+    service: MotionService
+    budget: Budget
+
+    def path(self, query: PathQuery) -> PathReport:
+        """Return the planner's path for a motion alone, within one query's time."""
+        return self.service.plan(query, self.budget.query())
+
+    def fastest(self, query: PathQuery, deadline: Deadline) -> tuple[PathReport, Strength]:
+        """Return the planner's answer and what its duration is worth.
+
+        Only a motion whose planner finished its search is the planner's fastest.
+        """
+        report = self.service.plan(query, deadline)
+        return report, Strength.RELATIVE if report.complete else Strength.HEURISTIC
+
+    @cached_property
+    def there(self) -> Where:
+        """What surely rests where whenever somebody leaves a place."""
+        return surely_there(self.facts, self.service)
+
+
+def touching(reason: str) -> str:
+    """Return for people that a motion begins or ends in touch with something, if that is why the
+    planners do not find it; a plan may begin so, but they keep clear by a hair.
+    """
+    return f"; {TOUCHES}: leave a millimetre between them" if TOUCHES in reason else ""

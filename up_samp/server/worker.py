@@ -27,7 +27,7 @@ from up_samp.server.requests import (
     read_request,
     records_of,
 )
-from up_samp.system.memory import limit_memory, peak_memory
+from up_samp.system.child import limit_memory, peak_memory
 
 
 class Teller:
@@ -52,7 +52,7 @@ class Teller:
         self.tell(**plan)
 
     def progress(self, event: Any) -> None:
-        """Tell a step of the search (:class:`up_samp.search.history.ProgressEvent`)."""
+        """Tell a step of the search (:class:`up_samp.search.knowledge.ProgressEvent`)."""
         bounds = (event.lower_bound, event.upper_bound)
         now = time.monotonic()
         if bounds == self._bounds and now - self._last < 0.2:  # s, unless a bound moves

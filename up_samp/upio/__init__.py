@@ -1,6 +1,5 @@
 """Between UP problems and our plain values: reading, relaxing, refining, writing plans."""
 
-from up_samp.upio.candidate import Itinerary, read_itinerary
 from up_samp.upio.plan import (
     SampSchedule,
     build_plan,
@@ -9,7 +8,7 @@ from up_samp.upio.plan import (
     trajectory_key,
 )
 from up_samp.upio.read import read_problem
-from up_samp.upio.relaxation import ConfigurationChoice, Relaxation
+from up_samp.upio.relaxation import ConfigurationChoice, Itinerary, Relaxation, read_itinerary
 from up_samp.upio.relaxing import relax
 from up_samp.upio.write import write_refinement
 

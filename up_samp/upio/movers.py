@@ -1,4 +1,5 @@
-"""Activities whose moved object is a parameter: one activity for each object, and plans back.
+"""Activities whose moved object is a parameter: one activity for each object, and plans back; which
+fluents tell where objects are.
 
 "Some robot fetches the pallet" is one activity with a parameter for the robot. Motions are planned
 for one body each, so the problem that is solved has, beside such an activity, an optional one for
@@ -9,11 +10,21 @@ there if and only if the parameter is that object, and lasts as long.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Mapping
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from unified_planning.model import Effect, FNode, Object, Parameter, TimeInterval, Timepoint, Timing
+from unified_planning.model import (
+    Effect,
+    Fluent,
+    FNode,
+    Object,
+    Parameter,
+    TimeInterval,
+    Timepoint,
+    Timing,
+)
 from unified_planning.model.motion import (
     ActivityWaypoints,
     MotionActivity,
@@ -161,9 +172,7 @@ def _choices(
     empty = [p.name for p, domain in zip(parameters, domains, strict=True) if not domain]
     if empty:
         raise UnsupportedError(f"there is no movable object for '{empty[0]}'")
-    size = 1
-    for domain in domains:
-        size *= len(domain)
+    size = math.prod(map(len, domains))
     if size > LIMITS.movers:
         raise UnsupportedError(
             f"activity '{activity.name}' may move {size} different choices of objects, more than "
@@ -199,7 +208,7 @@ class _PutMover:
         manager = self.activity._environment.expression_manager
         self._others[manager.ParameterExp(parameter)] = manager.ParameterExp(other)
 
-    def speaks(self, nodes: Iterable[FNode]) -> bool:
+    def speaks(self, *nodes: FNode) -> bool:
         """Return whether some expression speaks of the parameters."""
         return any(node.substitute(self._values) != node for node in nodes)
 
@@ -215,7 +224,20 @@ class _PutMover:
         ends = self.timing(span.lower), self.timing(span.upper)
         return TimeInterval(*ends, span.is_left_open(), span.is_right_open())
 
-    def obstacles(self, given: Any) -> Any:
+    def motion(self, constraint: Any) -> Any:
+        """Return a motion constraint of the copy for one of the activity."""
+        if not isinstance(constraint, ActivityWaypoints):
+            return constraint
+        return ActivityWaypoints(
+            self(constraint.movable),
+            self(constraint.starting),
+            [*map(self, constraint.waypoints)],
+            self._obstacles(constraint.static_obstacles),
+            self._obstacles(constraint.dynamic_obstacles_at_start),
+            self.activity._environment,
+        )
+
+    def _obstacles(self, given: Any) -> Any:
         """Return obstacles as a constraint lists them: by fluents, or without."""
         if not isinstance(given, dict):
             return given
@@ -236,14 +258,18 @@ def _without_motions(activity: MotionActivity, parameters: list[Parameter]) -> A
     stand_in = {p: Object("?", p.type, activity._environment) for p in parameters}
     put = _PutMover(activity, activity.name, stand_in)
     for span, conditions in conditions_of(activity).items():
-        rest = [c for c in conditions if not put.speaks([c])]
+        rest = [c for c in conditions if not put.speaks(c)]
         if rest:
             plain._conditions[span] = rest
-    for timing, effects in activity.effects.items():
-        for effect in effects:
-            if not put.speaks(_spoken(effect)):
-                plain._add_effect_instance(timing, effect)
+    for timing, effect in _effects_of(activity):
+        if not put.speaks(*_spoken(effect)):
+            plain._add_effect_instance(timing, effect)
     return plain
+
+
+def _effects_of(activity: Activity) -> Iterator[tuple[Timing, Effect]]:
+    for timing, effects in activity.effects.items():
+        yield from ((timing, effect) for effect in effects)
 
 
 def _copy(
@@ -264,27 +290,15 @@ def _copy(
                 put.also(parameter, copy.add_parameter(own, parameter.type))
     copy._set_duration_constraint(rewritten(activity.duration, put))
     for span, conditions in conditions_of(activity).items():
-        mine = [put(c) for c in conditions if whole or put.speaks([c])]
+        mine = [put(c) for c in conditions if whole or put.speaks(c)]
         if mine:
             copy._conditions[put.span(span)] = mine
-    for timing, effects in activity.effects.items():
-        for effect in effects:
-            if whole or put.speaks(_spoken(effect)):
-                said = Effect(*map(put, _spoken(effect)), effect.kind, effect.forall)
-                copy._add_effect_instance(put.timing(timing), said)
+    for timing, effect in _effects_of(activity):
+        if whole or put.speaks(*_spoken(effect)):
+            said = Effect(*map(put, _spoken(effect)), effect.kind, effect.forall)
+            copy._add_effect_instance(put.timing(timing), said)
     for constraint in activity.motion_constraints:
-        copy.add_motion_constraint(
-            ActivityWaypoints(
-                put(constraint.movable),
-                put(constraint.starting),
-                [put(w) for w in constraint.waypoints],
-                put.obstacles(constraint.static_obstacles),
-                put.obstacles(constraint.dynamic_obstacles_at_start),
-                activity._environment,
-            )
-            if isinstance(constraint, ActivityWaypoints)
-            else constraint
-        )
+        copy.add_motion_constraint(put.motion(constraint))
     for movable, place in activity.motion_effects.items():
         copy.add_motion_effect(put(movable), put(place))
     return copy
@@ -318,3 +332,64 @@ def _tie(
     problem.add_constraint(manager.Or(*presences, *(manager.Not(h) for h in here)))
     for one, other in itertools.combinations(presences, 2):
         problem.add_constraint(manager.Or(manager.Not(one), manager.Not(other)))
+
+
+# ------------------ Which fluents tell where objects are, however a problem writes it
+# Sites write ``robot_at(r0)``, ``r0_at`` or ``at_3``, drives that end at a parameter, and values
+# that mean "on the road" while a robot drives. What they have in common: only what moves an object
+# sets the fluent, and each drive sets it to where the drive ends.
+
+
+def whereabouts(problem: SchedulingMotionProblem) -> Mapping[FNode, str]:
+    """Return the ground fluents that tell where an object is, with its name.
+
+    Assumed of each: effects of activities alone set it, all of them move the object, and each sets
+    it to the configuration that it brings the object to (beside other values, perhaps).
+    """
+    settled = settle_movers(problem)
+    source = problem if settled is None else settled.problem
+    assigned, loose = changes_of(source)
+    reached = {activity.name: brought(activity) for activity in source.activities}
+    found: dict[FNode, str] = {}
+    for fluent, changes in assigned.items():
+        set_to: dict[str, set[FNode]] = {activity.name: set() for activity, _, _ in changes}
+        for activity, _, effect in changes:
+            if effect.is_assignment() and effect.condition.is_true():
+                set_to[activity.name].add(effect.value)
+        # of each activity that sets it the objects that it brings to where it sets it
+        told = [{o for o, at in reached[n].items() if at in values} for n, values in set_to.items()]
+        whose = set[str]().union(*told)
+        if fluent.fluent() not in loose and len(whose) == 1 and all(told):
+            (found[fluent],) = whose
+    return found
+
+
+FluentChanges = dict[FNode, list[tuple[Activity, Timing, Effect]]]
+"""Fluent expression -> what activities do to it, and when."""
+
+
+def changes_of(problem: SchedulingProblem) -> tuple[FluentChanges, frozenset[Fluent]]:
+    """Return what activities change, and the fluents that something sets without an activity, or
+    with arguments that are decided.
+    """
+    found: FluentChanges = {}
+    loose = set()
+    for timing, effect, activity in problem.all_effects():
+        if activity is None or not all(a.is_constant() for a in effect.fluent.args):
+            loose.add(effect.fluent.fluent())
+        if activity is not None:
+            found.setdefault(effect.fluent, []).append((activity, timing, effect))
+    return found, frozenset(loose)
+
+
+def brought(activity: Activity) -> dict[str, FNode]:
+    """Return the objects that an activity moves, with the configurations that it brings them to."""
+    if not isinstance(activity, MotionActivity):
+        return {}
+    return {m.object().name: goal for m, goal in _moved(activity) if m.is_object_exp()}
+
+
+def _moved(activity: MotionActivity) -> Iterator[tuple[FNode, FNode]]:
+    told = (c for c in activity.motion_constraints if isinstance(c, ActivityWaypoints))
+    yield from ((c.movable, c.waypoints[-1]) for c in told)
+    yield from activity.motion_effects.items()

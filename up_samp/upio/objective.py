@@ -108,8 +108,7 @@ class Objective(metrics.PlanQualityMetric):  # type: ignore[misc]
 
 
 def _makespan(metric: Any, problem: Any) -> Iterator[ObjectivePart]:
-    manager = problem.environment.expression_manager
-    yield ObjectivePart(1, manager.TimingExp(GlobalEndTiming()))
+    yield ObjectivePart(1, problem.environment.expression_manager.TimingExp(GlobalEndTiming()))
 
 
 def _final(metric: Any, problem: Any) -> Iterator[ObjectivePart]:
@@ -118,12 +117,8 @@ def _final(metric: Any, problem: Any) -> Iterator[ObjectivePart]:
 
 def _goals(metric: Any, problem: Any) -> Iterator[ObjectivePart]:
     for goal, gain in metric.goals.items():
-        yield ObjectivePart(plain_number(gain), goal)
-
-
-def _timed_goals(metric: Any, problem: Any) -> Iterator[ObjectivePart]:
-    for (interval, goal), gain in metric.goals.items():
-        yield ObjectivePart(plain_number(gain), goal, interval)
+        interval, node = goal if isinstance(goal, tuple) else (None, goal)
+        yield ObjectivePart(plain_number(gain), node, interval)
 
 
 def _costs(metric: Any, problem: Any) -> Iterator[ObjectivePart]:
@@ -149,7 +144,7 @@ METRICS: Mapping[type, tuple[str, int, Callable[[Any, Any], Iterable[ObjectivePa
     metrics.MinimizeExpressionOnFinalState: ("final value", 1, _final),
     metrics.MaximizeExpressionOnFinalState: ("final value", -1, _final),
     metrics.Oversubscription: ("gain", -1, _goals),
-    metrics.TemporalOversubscription: ("gain", -1, _timed_goals),
+    metrics.TemporalOversubscription: ("gain", -1, _goals),
     metrics.MinimizeActionCosts: ("cost", 1, _costs),
     MinimizeCosts: ("cost", 1, _sum),
 }

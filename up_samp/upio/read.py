@@ -31,14 +31,15 @@ from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermK
 from up_samp.upio.plan import trajectory_key
 from up_samp.upio.read_maps import (
     LIMITS,
+    check_docks,
     check_flat,
+    check_zones,
     map_driven,
     read_maps,
     read_movable,
 )
 from up_samp.upio.relaxing import told_by
 from up_samp.upio.rides import RideFloor, find_rides, laden_bodies
-from up_samp.upio.zone_checks import check_docks, check_zones
 
 
 def read_problem(problem: SchedulingMotionProblem, seconds_per_unit: float = 1.0) -> Snapshot:
@@ -60,8 +61,7 @@ def read_problem(problem: SchedulingMotionProblem, seconds_per_unit: float = 1.0
     floor = RideFloor(objects, configurations, initial, heights)
     users = [(t.activity, t.object, tuple(t.terms)) for t in tasks]
     users += [(c.activity, c.object, (c.term,)) for c in changes]
-    _check_initial(floor, users)
-    _check_dimensions(floor, users)
+    _check_places(floor, users)
     check_flat(maps, objects)
     check_zones(maps, objects)
     check_docks(objects, configurations, maps, tasks)
@@ -333,7 +333,7 @@ Users = Sequence[tuple[str, str, tuple[Term, ...]]]
 """(activity, object, places) of every motion and every change."""
 
 
-def _check_initial(floor: RideFloor, users: Users) -> None:
+def _check_places(floor: RideFloor, users: Users) -> None:
     for activity, name, _ in users:
         if name not in floor.initial:
             raise ProblemError(
@@ -350,10 +350,6 @@ def _check_initial(floor: RideFloor, users: Users) -> None:
                 f"object '{name}' starts at '{place}', which is no configuration of the problem "
                 "(add it with problem.add_object)"
             )
-
-
-def _check_dimensions(floor: RideFloor, users: Users) -> None:
-    for name, place in floor.initial.items():
         model = floor.objects[name].body.kinematics.model
         if len(floor.configurations[place]) != model.mobility.size:
             raise ProblemError(

@@ -1,5 +1,5 @@
-"""Read occupancy maps with their frames, and what moves: footprint or mesh, limits, and the law of
-its motion.
+"""Read occupancy maps with their frames, what zones ask of them, and what moves: footprint or mesh,
+limits, and the law of its motion.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from up_samp.model import (
 )
 from up_samp.model.errors import short
 from up_samp.model.frames import Frame, PlacedMap
+from up_samp.model.snapshot import MotionTask, TermKind
 
 
 @dataclass(frozen=True)
@@ -143,9 +144,8 @@ def read_movable(obj: MovableObject) -> Movable:
     if footprint is None and not model.mobility.flies:
         raise ProblemError(f"object '{obj.name}' needs a footprint to move in the plane")
     corners = _corners(obj.name, footprint or ())
-    if footprint is not None and (
-        len(corners) < 3 or not all(math.isfinite(v) for c in corners for v in c)
-    ):
+    finite = all(map(math.isfinite, itertools.chain(*corners)))
+    if footprint is not None and (len(corners) < 3 or not finite):
         raise ProblemError(f"object '{obj.name}': a footprint needs three or more finite corners")
     mesh = obj.geometric_model
     if mesh is not None and model.mobility.flies and not os.path.isfile(mesh):
@@ -257,15 +257,16 @@ def _read_zones(name: str, given: Any) -> tuple[TrafficZone, ...]:
         if not isinstance(zone, TrafficZone):
             raise ProblemError(f"object '{name}': '{_ZONES}' holds TrafficZone, not {short(zone)}")
         corners = _corners(name, zone.polygon, LIMITS.farthest)
-        if not shapely.Polygon(corners if len(corners) > 2 else ()).is_valid or len(corners) < 3:
-            raise ProblemError(f"object '{name}': the zone {short(corners)} is no simple polygon")
-        if zone.one_way is not None and not math.isfinite(zone.one_way):
-            raise ProblemError(
-                f"object '{name}': a zone's one_way is a heading, not {zone.one_way}"
-            )
-        if not (zone.v_max > 0 and 1.0 <= zone.prefer < math.inf):
-            told = f"v_max is positive and prefer 1 at least, not {zone.v_max} and {zone.prefer}"
-            raise ProblemError(f"object '{name}': a zone's {told}")
+        heading = zone.one_way or 0.0
+        simple = len(corners) > 2 and shapely.Polygon(corners).is_valid
+        limits = f"v_max is positive and prefer 1 at least, not {zone.v_max} and {zone.prefer}"
+        for told, right in (
+            (f"the zone {short(corners)} is no simple polygon", simple),
+            (f"a zone's one_way is a heading, not {heading}", math.isfinite(heading)),
+            (f"a zone's {limits}", zone.v_max > 0 and 1.0 <= zone.prefer < math.inf),
+        ):
+            if not right:
+                raise ProblemError(f"object '{name}': {told}")
         if zone.dock is not None:
             _check_dock(name, zone)
     return tuple(sorted(set(zones), key=repr))
@@ -372,3 +373,51 @@ def _bicycle_curvature(name: str, function: Any, given: Mapping[str, Any]) -> fl
     if any(max(part) - min(part) > 1e-9 for part in by_phi):
         return None
     return min(by_phi[0][0], by_phi[1][0])
+
+
+# ------------------ What zones ask: maps where they lie, and straight ways to docks
+
+
+def check_docks(
+    objects: Mapping[str, Movable],
+    configurations: Mapping[str, Configuration],
+    maps: Sequence[PlacedMap],
+    tasks: Sequence[MotionTask],
+) -> None:
+    """Check motions on maps with docks.
+
+    :raises ProblemError: where one does not say from where it comes straight to a dock.
+    :raises UnsupportedError: where it goes on from there, or any of its poses is decided later.
+    """
+    for task in tasks:
+        zones = [
+            zone
+            for zone in objects[task.object].body.kinematics.zones
+            if zone.dock and zone.height == maps[task.map].height
+        ]
+        if not zones:
+            continue
+        what = f"activity '{task.activity}': '{task.object}', which has docks,"
+        if any(term.kind is not TermKind.CONSTANT for term in task.terms):
+            raise UnsupportedError(f"{what} needs named configurations as start and waypoints")
+        poses = [configurations[term.name] for term in task.terms]
+        for zone in zones:
+            if any(zone.binds(pose) for pose in poses[1:-1]):
+                raise UnsupportedError(f"{what} goes on from a dock: let the motion end there")
+            begins = len(poses) == 2 or abs(zone.off_dock(poses[-2])[0]) > zone.long - 1e-4
+            if zone.binds(poses[-1]) and not (begins and zone.leads_in(poses[-2])):
+                raise ProblemError(
+                    f"{what} has to come straight to {task.terms[-1].name}: give it, as the last "
+                    "waypoint before, a pose on the line along that heading where the zone begins"
+                )
+
+
+def check_zones(maps: Sequence[PlacedMap], objects: Mapping[str, Movable]) -> None:
+    """Raise where a zone is at a height at which there is no map: it would mean nothing."""
+    heights = {placed.height for placed in maps}
+    for name, movable in objects.items():
+        for zone in movable.body.kinematics.zones:
+            if zone.height not in heights:
+                raise ProblemError(
+                    f"object '{name}': a zone is {zone.height:g} m up, and no map is"
+                )

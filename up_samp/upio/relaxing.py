@@ -32,8 +32,7 @@ from unified_planning.model.timing import (
 from up_samp.model import ProblemError, UnsupportedError, check_time
 from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
 from up_samp.upio.objective import objective_of, only_makespan
-from up_samp.upio.relaxation import Relaxation, choose, named_fluent, told_fluents
-from up_samp.upio.rewrite import Rewriter
+from up_samp.upio.relaxation import Relaxation, Rewriter, choose, named_fluent, told_fluents
 from up_samp.upio.spans import (
     closed,
     conditions_of,
@@ -154,16 +153,12 @@ def _add_state(relaxation: Relaxation, name: str, lasting: frozenset[str]) -> No
     ]
     changes = [c for c in snapshot.changes if c.object == name]
     early = int(lasting.issuperset(snapshot.movers[name]))
-    own = _tracking_fluent(relaxation, name, tasks, changes, early)
-    if own is None and early:
-        own = _tracking_fluent(relaxation, name, tasks, changes, 0)
-        early = 1 if own is None else 0
+    own, early = _tracking_fluent(relaxation, name, tasks, changes, early)
     state = own if own is not None else _new_state(relaxation, name)
     relaxation.state[name] = state
     relaxation.early[name] = early
-    manager = relaxation.problem.environment.expression_manager
     decided = any(t.kind is not TermKind.CONSTANT for task in tasks for t in task.terms)
-    equal = partial(_one_place, relaxation) if decided else manager.Equals
+    equal = partial(_one_place, relaxation) if decided else relaxation.manager.Equals
     for task in tasks:
         activity = relaxation.activities[task.activity]
         first, *others = task.terms
@@ -196,10 +191,10 @@ def _one_place(relaxation: Relaxation, one: FNode, other: FNode) -> FNode:
     """Return that two expressions for configurations are of one pose: by one name, or by two names
     for it.
     """
-    manager, problem = relaxation.problem.environment.expression_manager, relaxation.problem
+    manager = relaxation.manager
     ways = [manager.Equals(one, other)]
     for names in dict.fromkeys(relaxation.snapshot.alike.values()):
-        places = [manager.ObjectExp(problem.object(name)) for name in names]
+        places = [relaxation.place(name) for name in names]
         if places[0].type not in (one.type, other.type):
             continue  # on another map
         sides = [
@@ -226,7 +221,6 @@ def _agree_at_end(problem: SchedulingMotionProblem, relaxation: Relaxation) -> N
     """A fluent that names a drive's goal is read at its start, and again at its end by a motion
     effect that repeats it: it must say the same.
     """
-    manager = relaxation.problem.environment.expression_manager
     driven = {(t.activity, t.object): t.terms[-1] for t in relaxation.snapshot.tasks}
     for activity in problem.activities:
         if not isinstance(activity, MotionActivity):
@@ -236,15 +230,15 @@ def _agree_at_end(problem: SchedulingMotionProblem, relaxation: Relaxation) -> N
             term = driven.get((activity.name, movable.object().name))
             if term is not None and term.kind is TermKind.FLUENT:
                 goal = choose(relaxation, mine, term)
-                at_end = TimePointInterval(Timing(0, mine.end))
-                mine.add_condition(at_end, manager.Equals(relaxation.rewriter(value), goal))
+                same = relaxation.manager.Equals(relaxation.rewriter(value), goal)
+                mine.add_condition(TimePointInterval(Timing(0, mine.end)), same)
 
 
 def _drives_of(snapshot: Snapshot) -> dict[str, list[str]]:
     """Return the activities that drive each object, or take it along."""
     found: dict[str, list[str]] = {}
     for task in snapshot.tasks:
-        for name in sorted({task.object, *(ride.load for ride in task.rides)}):
+        for name in sorted(task.moved):
             found.setdefault(name, []).append(task.activity)
     return found
 
@@ -256,7 +250,7 @@ def _hold_static(relaxation: Relaxation, task: MotionTask, drives: Mapping[str, 
     an object's state, whatever it is, keeps the activities apart that would change it; those that
     drive the object, whose state changes only at their end, are kept apart by constraints.
     """
-    manager = relaxation.problem.environment.expression_manager
+    manager = relaxation.manager
     activity = relaxation.activities[task.activity]
     for name in sorted(task.static or ()):
         if name not in relaxation.state:
@@ -268,11 +262,11 @@ def _hold_static(relaxation: Relaxation, task: MotionTask, drives: Mapping[str, 
         for other in drives.get(name, ()):
             if other != task.activity:
                 rival = relaxation.activities[other]
-                scope = [a.present for a in (activity, rival) if a.optional]
                 apart = manager.Or(
-                    manager.LE(rival.end, activity.start), manager.LE(activity.end, rival.start)
+                    manager.LE(rival.end, activity.start),
+                    manager.LE(activity.end, rival.start),
                 )
-                relaxation.problem.add_constraint(apart, scope)
+                relaxation.constrain(apart, activity, rival)
 
 
 def _new_state(relaxation: Relaxation, name: str) -> FNode:
@@ -307,24 +301,24 @@ def _tracking_fluent(
     tasks: list[MotionTask],
     changes: list[ChangeTask],
     early: int,
-) -> FNode | None:
-    """Return a fluent of the problem that already tells where ``name`` is, if there is one.
+) -> tuple[FNode | None, int]:
+    """Return a fluent of the problem that already tells where ``name`` is, if there is one, and
+    how many units before the ends of what moves the object its state is set.
 
     It must start at the object's initial configuration and be assigned by just the activities that
-    move the object, ``early`` units before their ends, to just the values that the motions lead
-    to.
+    move the object, ``early`` units before their ends or else at these, to just the values that the
+    motions lead to.
     """
     problem = relaxation.problem
     goals = {t.activity: t.terms[-1] for t in tasks} | {c.activity: c.term for c in changes}
     initial = problem.object(relaxation.snapshot.initial[name])
     # a fluent tells the names that the problem has, not the one that stands for several here
     values = {} if name in relaxation.snapshot.renamed else relaxation.given_values
-    for expression, value in values.items():
-        if not (value.is_object_exp() and value.object() == initial):
-            continue
-        if _assigned_by(relaxation, expression, early) == goals:
-            return expression
-    return None
+    begun = [e for e, v in values.items() if v.is_object_exp() and v.object() == initial]
+    for units, expression in itertools.product(dict.fromkeys((early, 0)), begun):
+        if _assigned_by(relaxation, expression, units) == goals:
+            return expression, units
+    return None, early
 
 
 def _assigned_by(relaxation: Relaxation, expression: FNode, early: int) -> dict[str, Term] | None:
@@ -367,10 +361,10 @@ def find_lasting(relaxation: Relaxation) -> frozenset[str]:
     movers = snapshot.by_activity.keys() | {c.activity for c in snapshot.changes}
     long = {name for name in movers if _lasts(relaxation, name)}
     drives = {t.activity for t in snapshot.tasks if _leads_away(snapshot, t)} - long
-    manager = relaxation.problem.environment.expression_manager
     for name in sorted(drives):
         activity = relaxation.activities[name]
-        activity.add_constraint(manager.LE(manager.Plus(activity.start, 1), activity.end))
+        later = relaxation.manager.Plus(activity.start, 1)
+        activity.add_constraint(relaxation.manager.LE(later, activity.end))
     return frozenset(long | drives)
 
 
@@ -443,25 +437,21 @@ def told_by(activity: str, obstacle: Object, value: Any) -> FNode:
 
 
 def _hold(relaxation: Relaxation, activity: Activity, name: str, told: FNode) -> None:
-    manager = relaxation.problem.environment.expression_manager
-    state = relaxation.state.get(name)
-    if state is not None and told == state:
-        if not relaxation.early[name]:
+    state, initial = relaxation.state.get(name), relaxation.snapshot.initial.get(name)
+    late = state is not None and not relaxation.early[name]
+    if told == state:
+        if late:
             _not_just_set(relaxation, activity, name)
         return
-    place: FNode
-    if state is not None:
-        place = state
-    elif name in relaxation.snapshot.initial:
-        place = manager.ObjectExp(relaxation.problem.object(relaxation.snapshot.initial[name]))
-    else:
+    if initial is None:
         return
+    place = relaxation.place(initial) if state is None else state
     equal = _one_place(relaxation, told, place)
     at_start = TimePointInterval(Timing(0, activity.start))
     span = RightOpenTimeInterval(Timing(0, activity.start), Timing(-1, activity.end))
-    if state is not None and not relaxation.early[name]:
+    if late:
         # the state tells a unit late what happens right at the start; the fluent stays then
-        activity.add_condition(at_start, manager.Equals(told, told))
+        activity.add_condition(at_start, relaxation.manager.Equals(told, told))
         span = OpenTimeInterval(Timing(0, activity.start), Timing(-1, activity.end))
     else:
         activity.add_condition(at_start, equal)
@@ -470,12 +460,12 @@ def _hold(relaxation: Relaxation, activity: Activity, name: str, told: FNode) ->
 
 def _not_just_set(relaxation: Relaxation, activity: Activity, name: str) -> None:
     """Let ``activity`` not start at the very instant at which the object is set elsewhere."""
-    manager = relaxation.problem.environment.expression_manager
+    manager = relaxation.manager
     snapshot = relaxation.snapshot
     for other in sorted(snapshot.movers[name] - {activity.name}):
         rival = relaxation.activities[other]
         apart = manager.Or(
-            manager.LT(rival.end, activity.start), manager.LT(activity.start, rival.end)
+            manager.LT(rival.end, activity.start),
+            manager.LT(activity.start, rival.end),
         )
-        scope = [a.present for a in (activity, rival) if a.optional]
-        relaxation.problem.add_constraint(apart, scope)
+        relaxation.constrain(apart, activity, rival)

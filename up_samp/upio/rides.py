@@ -22,7 +22,7 @@ from up_samp.model import (
     UnsupportedError,
 )
 from up_samp.model.frames import Frame
-from up_samp.model.snapshot import ChangeTask, MotionTask, Ride, Term, TermKind
+from up_samp.model.snapshot import ChangeTask, MotionTask, Ride, Term, TermKind, grouped
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -57,9 +57,7 @@ def find_rides(
 
     :raises UnsupportedError: where it hangs on decisions whether a load travels, or who carries it.
     """
-    of_activity: dict[str, list[MotionTask]] = {}
-    for task in tasks:
-        of_activity.setdefault(task.activity, []).append(task)
+    of_activity = grouped(tasks, lambda task: task.activity)
     put = [(t.object, t.terms[-1]) for t in tasks] + [(c.object, c.term) for c in changes]
     rides: dict[MotionTask, list[Ride]] = {}
     left = []
@@ -128,10 +126,9 @@ def _check_lists(tasks: Sequence[MotionTask]) -> None:
     """Raise where a motion has to keep clear of a load that travels, but not of its carrier."""
     pairs = {(task.object, ride.load) for task in tasks for ride in task.rides}
     for task in tasks:
-        own = {task.object, *(ride.load for ride in task.rides)}
+        heeded = task.moved.union(task.avoid or ())
         for carrier, load in sorted(pairs):
-            listed = task.dynamic is not None and load in task.dynamic
-            if listed and carrier not in own.union(task.avoid or ()):
+            if load in (task.dynamic or ()) and carrier not in heeded:
                 raise UnsupportedError(
                     f"activity '{task.activity}' lists the dynamic obstacle '{load}' but not "
                     f"'{carrier}', which carries it: robot and load are one body, so list both"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 from unified_planning.model import FNode, Timing
@@ -34,8 +34,7 @@ def write_refinement(relaxation: Relaxation, refinement: Refinement) -> None:
 
 
 def _write_clause(relaxation: Relaxation, clause: Clause) -> None:
-    manager = relaxation.problem.environment.expression_manager
-    known = relaxation.literals
+    known, manager = relaxation.literals, relaxation.manager
     for literal in clause.literals:
         if literal not in known:
             known[literal] = _LITERALS[type(literal)](relaxation, literal)
@@ -44,40 +43,31 @@ def _write_clause(relaxation: Relaxation, clause: Clause) -> None:
 
 
 def _write_lasts(relaxation: Relaxation, lasts: Lasts) -> None:
-    activity = relaxation.activities[lasts.activity]
-    bounds = activity.duration
-    if bounds.lower.is_int_constant() and bounds.upper.is_int_constant():
-        low, high = bounds.lower.constant_value(), bounds.upper.constant_value()
-        if bounds.is_right_open():
-            high -= 1
-        if lasts.at_least <= low:
-            return
-        if lasts.at_least <= high:
-            activity.set_duration_bounds(lasts.at_least, high)
-            return
-        _forbid(relaxation, activity)
+    activity, manager = relaxation.activities[lasts.activity], relaxation.manager
+    bounds, least = activity.duration, lasts.at_least
+    if not (bounds.lower.is_int_constant() and bounds.upper.is_int_constant()):
+        longer = manager.LE(manager.Plus(activity.start, least), activity.end)
+        activity.add_constraint(longer)
         return
-    manager = relaxation.problem.environment.expression_manager
-    longer = manager.LE(manager.Plus(activity.start, lasts.at_least), activity.end)
-    activity.add_constraint(longer)
-
-
-def _forbid(relaxation: Relaxation, activity: Activity) -> None:
-    manager = relaxation.problem.environment.expression_manager
-    relaxation.problem.add_constraint(
-        manager.Not(activity.present) if activity.optional else manager.FALSE()
-    )
+    high = bounds.upper.constant_value() - bounds.is_right_open()
+    if least > high:
+        relaxation.problem.add_constraint(_absent(relaxation, Absent(activity.name)))
+    elif least > bounds.lower.constant_value():
+        activity.set_duration_bounds(least, high)
 
 
 def _write_requires(relaxation: Relaxation, requires: Requires) -> None:
-    manager = relaxation.problem.environment.expression_manager
     activity = relaxation.activities[requires.activity]
     early = relaxation.early[requires.object]
     end = TimePointInterval(Timing(-early, activity.end))
     span = end if requires.at_end else inner(activity, early)
-    place = manager.ObjectExp(relaxation.problem.object(requires.configuration))
-    away = manager.Not(manager.Equals(relaxation.state[requires.object], place))
-    activity.add_condition(span, away)
+    activity.add_condition(span, _away(relaxation, requires))
+
+
+def _away(relaxation: Relaxation, told: Requires | Elsewhere) -> FNode:
+    manager = relaxation.manager
+    state, place = relaxation.state[told.object], relaxation.place(told.configuration)
+    return manager.Not(manager.Equals(state, place))
 
 
 def _write_exclusive(relaxation: Relaxation, place: Exclusive) -> None:
@@ -86,94 +76,75 @@ def _write_exclusive(relaxation: Relaxation, place: Exclusive) -> None:
     Who leaves still rests there at that instant, so nobody else has come by then: not even who
     only passes through and leaves at once.
     """
-    problem = relaxation.problem
+    problem, manager = relaxation.problem, relaxation.manager
     free = problem.add_fluent(
         f"samp_free_{place.name}",
         problem.environment.type_manager.IntType(0, 1),
         default_initial_value=0 if place.taken else 1,
     )
     relaxation.places.add(free)
-    manager = problem.environment.expression_manager
 
-    def when(*given: str) -> FNode:
-        if not given:
-            return manager.TRUE()
-        variable, value = given
-        chosen = manager.ParameterExp(relaxation.variable(variable))
-        return manager.Equals(chosen, manager.ObjectExp(problem.object(value)))
+    def told(
+        always: Iterable[str], some: Iterable[tuple[str, str, str]]
+    ) -> Iterator[tuple[Activity, FNode]]:
+        yield from ((relaxation.activities[name], manager.TRUE()) for name in sorted(always))
+        for name, variable, value in sorted(some):
+            chosen = manager.Equals(relaxation.variable(variable), relaxation.place(value))
+            yield relaxation.activities[name], chosen
 
-    for name, *given in (*((n,) for n in sorted(place.arrivals)), *sorted(place.coming)):
-        activity = relaxation.activities[name]
-        activity.add_decrease_effect(activity.end, free, 1, when(*given))
-    for name, *given in (*((n,) for n in sorted(place.departures)), *sorted(place.leaving)):
-        activity = relaxation.activities[name]
+    for activity, condition in told(place.arrivals, place.coming):
+        activity.add_decrease_effect(activity.end, free, 1, condition)
+    for activity, condition in told(place.departures, place.leaving):
         # who goes from one of the configurations to another may be back at once
-        back = Timing(place.back_at(name), activity.start)
-        activity.add_increase_effect(back, free, 1, when(*given))
+        back = Timing(place.back_at(activity.name), activity.start)
+        activity.add_increase_effect(back, free, 1, condition)
 
 
 def _absent(relaxation: Relaxation, literal: Absent) -> FNode:
-    manager = relaxation.problem.environment.expression_manager
-    activity = relaxation.activities[literal.activity]
+    activity, manager = relaxation.activities[literal.activity], relaxation.manager
     return manager.Not(activity.present) if activity.optional else manager.FALSE()
 
 
 def _apart(relaxation: Relaxation, literal: Apart) -> FNode:
-    manager = relaxation.problem.environment.expression_manager
+    manager, units = relaxation.manager, literal.at_least
     earlier, later = _timepoint(relaxation, literal.earlier), _timepoint(relaxation, literal.later)
-    if literal.at_least >= 0:
-        difference = manager.LE(manager.Plus(earlier, literal.at_least), later)
+    if units >= 0:
+        difference = manager.LE(manager.Plus(earlier, units), later)
     else:
-        difference = manager.LE(earlier, manager.Plus(later, -literal.at_least))
-    return _with_presence(
-        relaxation, difference, {literal.earlier.activity, literal.later.activity}
-    )
+        difference = manager.LE(earlier, manager.Plus(later, -units))
+    return _with_presence(relaxation, difference, literal)
 
 
 def _elsewhere(relaxation: Relaxation, literal: Elsewhere) -> FNode:
     """The paper's CHCONF with fluents: an auxiliary activity that needs the object elsewhere."""
-    key = (literal.activity, literal.object, literal.configuration)
-    if key not in relaxation.elsewhere:
-        relaxation.elsewhere[key] = _auxiliary(relaxation, literal, len(relaxation.elsewhere))
-    return relaxation.elsewhere[key].present
-
-
-def _auxiliary(relaxation: Relaxation, literal: Elsewhere, number: int) -> Activity:
-    problem = relaxation.problem
-    manager = problem.environment.expression_manager
-    main = relaxation.activities[literal.activity]
+    problem, manager = relaxation.problem, relaxation.manager
+    main, number = relaxation.activities[literal.activity], len(relaxation.elsewhere)
     twin = Activity(f"samp_elsewhere_{number}", 1, True, _env=problem.environment)
     twin._set_duration_constraint(main.duration)
-    place = manager.ObjectExp(problem.object(literal.configuration))
-    state = relaxation.state[literal.object]
-    twin.add_condition(
-        whole(twin, relaxation.early[literal.object]), manager.Not(manager.Equals(state, place))
-    )
+    span = whole(twin, relaxation.early[literal.object])
+    twin.add_condition(span, _away(relaxation, literal))
     for mine, other in ((twin.start, main.start), (twin.end, main.end)):
         twin.add_constraint(manager.LE(mine, other))
         twin.add_constraint(manager.LE(other, mine))
     if main.optional:
         problem.add_constraint(manager.Implies(twin.present, main.present))
     problem._activities.append(twin)
-    return twin
+    relaxation.elsewhere.append(twin)
+    return twin.present
 
 
 def _overlap(relaxation: Relaxation, literal: Overlap) -> FNode:
-    manager = relaxation.problem.environment.expression_manager
-    rival = relaxation.activities[literal.rival]
-    others = [relaxation.activities[n] for n in literal.activities]
+    manager, rival = relaxation.manager, relaxation.activities[literal.rival]
+    others = [relaxation.activities[n] for n in literal.others]
     not_after = manager.Or([manager.LE(rival.start, a.end) for a in others])
     not_before = manager.Or([manager.LE(a.start, rival.end) for a in others])
-    return _with_presence(
-        relaxation, manager.And(not_after, not_before), {literal.rival, *literal.activities}
-    )
+    return _with_presence(relaxation, manager.And(not_after, not_before), literal)
 
 
 def _differs(relaxation: Relaxation, literal: Differs) -> FNode:
-    manager = relaxation.problem.environment.expression_manager
-    variable = manager.ParameterExp(relaxation.variable(literal.variable))
-    value = manager.ObjectExp(relaxation.problem.object(literal.value))
-    return manager.Not(manager.Equals(variable, value))
+    manager = relaxation.manager
+    chosen = manager.Equals(relaxation.variable(literal.variable), relaxation.place(literal.value))
+    return manager.Not(chosen)
 
 
 def _timepoint(relaxation: Relaxation, ref: TimeRef) -> Any:
@@ -181,12 +152,10 @@ def _timepoint(relaxation: Relaxation, ref: TimeRef) -> Any:
     return activity.start if ref.end is Anchor.START else activity.end
 
 
-def _with_presence(relaxation: Relaxation, expression: FNode, names: set[str]) -> FNode:
-    manager = relaxation.problem.environment.expression_manager
-    present = [
-        relaxation.activities[n].present for n in sorted(names) if relaxation.activities[n].optional
-    ]
-    return manager.And([*present, expression]) if present else expression
+def _with_presence(relaxation: Relaxation, expression: FNode, literal: Apart | Overlap) -> FNode:
+    named = [relaxation.activities[name] for name in sorted(set(literal.activities))]
+    present = [activity.present for activity in named if activity.optional]
+    return relaxation.manager.And([*present, expression]) if present else expression
 
 
 _WRITERS: dict[type, Callable[[Relaxation, Any], None]] = {

@@ -3,7 +3,6 @@
 import math
 import random
 from dataclasses import replace
-from functools import partial
 
 import pytest
 from unified_planning.shortcuts import get_environment
@@ -24,6 +23,7 @@ from up_samp.search.fleet.solve import homes_of
 from up_samp.search.fleet.tours import Priorities
 from up_samp.search.loop import get_schedule, state_what_is_known
 from up_samp.search.params import Parameters
+from up_samp.search.search import Problem, Wrapped
 from up_samp.upio import read_itinerary, read_problem
 from up_samp.upio.restrict import thinned
 from up_samp.validation import validate_plan
@@ -113,13 +113,14 @@ def opened(problem, seed):
     dealt = dealt_out(jobs, snapshot, seed=seed)
     thin = thinned(problem, decided_by(dealt, [a.name for a in problem.activities]))
     state_order(thin, dealt)
-    wrapped = session.Wrapped("cpsat", {}, lambda problem, plan: [], lambda plan: [], True)
-    search = session.open_thin(wrapped, Parameters(), service, thin, Deadline.after(120))
+    wrapped = Wrapped("cpsat", {}, lambda problem, plan: [], lambda plan: [], True)
+    whole = Problem(problem, snapshot, wrapped, Parameters())
+    search = session.open_thin(whole, service, thin, Deadline.after(120))
     state_what_is_known(search)
     report = get_schedule(search, optimal=False)
     search.scheduler.close()
-    build = partial(session.to_plan, problem, snapshot, 0.01)
-    return search, read_itinerary(search.knowledge.relaxation, report.schedule), build, dealt
+    itinerary = read_itinerary(search.knowledge.relaxation, report.schedule)
+    return search, itinerary, whole.build, dealt
 
 
 @pytest.mark.parametrize(

@@ -15,8 +15,7 @@ from up_samp.search.fleet.jobs import (
     stated_gaps,
     stated_precedences,
 )
-from up_samp.search.fleet_bound.locations import guaranteed_locations
-from up_samp.search.fleet_bound.timelines import carried
+from up_samp.search.fleet_bound.timelines import carried, guaranteed_locations
 from up_samp.upio import read_problem
 
 

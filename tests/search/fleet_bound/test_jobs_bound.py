@@ -35,12 +35,11 @@ from up_samp.search.budget import Budget
 from up_samp.search.facts import Facts
 from up_samp.search.fleet.jobs import Jobs, find_jobs
 from up_samp.search.fleet_bound.bound import JobsBound
-from up_samp.search.history import History
-from up_samp.search.knowledge import Bounds, Knowledge
-from up_samp.search.motions import Motions
+from up_samp.search.knowledge import Bounds, History, Knowledge
 from up_samp.search.params import Parameters
 from up_samp.search.session import open_service
-from up_samp.search.statements.durations import lower_bounds
+from up_samp.search.statements import lower_bounds
+from up_samp.search.world import Motions
 from up_samp.upio import read_problem, write_refinement
 from up_samp.upio.relaxing import relax
 from up_samp.validation import validate_plan

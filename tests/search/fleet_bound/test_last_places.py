@@ -12,9 +12,7 @@ from up_samp.benchmarks.builders.warehouse import warehouse
 from up_samp.geometry import lay_out
 from up_samp.search.facts import Facts
 from up_samp.search.fleet.jobs import find_jobs
-from up_samp.search.fleet_bound.bound import _counted
-from up_samp.search.fleet_bound.final_occupancy import FinalOccupancy, final_occupancy
-from up_samp.search.fleet_bound.load_balance import least_share
+from up_samp.search.fleet_bound.bound import FinalOccupancy, _counted, final_occupancy, least_share
 from up_samp.search.fleet_bound.work import JobMode, JobWork
 from up_samp.search.params import Parameters
 from up_samp.search.session import open_service

@@ -5,7 +5,7 @@ import random
 from collections import Counter
 from types import SimpleNamespace
 
-from up_samp.search.fleet_bound.load_balance import called, least_share
+from up_samp.search.fleet_bound.bound import called, least_share
 from up_samp.search.fleet_bound.work import JobMode
 
 

@@ -32,8 +32,8 @@ from up_samp.upio.expressions import (
     start_before_start,
     statements,
 )
+from up_samp.upio.movers import whereabouts
 from up_samp.upio.spans import own_end
-from up_samp.upio.whereabouts import whereabouts
 
 Gaps = Mapping[tuple[str, str], int]
 """(a, b) -> units that are between the end of a and the start of b at least, if both are there."""
@@ -148,7 +148,7 @@ def closed(gaps: Gaps, names: Collection[str]) -> dict[tuple[str, str], int]:
 
 
 # ------------------ Where activities without a drive of their own are done, as their conditions say
-# An activity with the condition that a robot's fluent (``up_samp.upio.whereabouts``) equals some
+# An activity with the condition that a robot's fluent (``up_samp.upio.movers``) equals some
 # place is done there, by that robot.
 
 

@@ -21,7 +21,6 @@ from unified_planning.model.motion import SchedulingMotionProblem
 
 from up_samp.model import Body, Configuration, Deadline, PathQuery
 from up_samp.model.snapshot import Snapshot
-from up_samp.search.attempt import keep_if_better
 from up_samp.search.conclusion import SearchResult, conclude, conclude_stopped
 from up_samp.search.events import Phase
 from up_samp.search.fleet.assignment import (
@@ -42,9 +41,8 @@ from up_samp.search.fleet.sequential import FleetSolution
 from up_samp.search.fleet.tours import TourPlanner
 from up_samp.search.fleet.travel_times import TravelTimeModel, pauses_of
 from up_samp.search.fleet_bound.bound import state_bounds
-from up_samp.search.history import BUILDING, STATING
-from up_samp.search.knowledge import Incumbent
-from up_samp.search.loop import get_schedule, solve, state_what_is_known
+from up_samp.search.knowledge import BUILDING, STATING, Incumbent
+from up_samp.search.loop import get_schedule, keep_if_better, solve, state_what_is_known
 from up_samp.search.search import Search
 from up_samp.tuning import Tuning
 from up_samp.upio import Itinerary, read_itinerary
@@ -242,7 +240,6 @@ def _candidate(
         state_what_is_known(inner)
         report = get_schedule(inner, optimal=False)
     finally:
-        inner.history.take_times(inner.budget)
         inner.scheduler.close()
     if report.schedule is None:
         return None

@@ -21,8 +21,12 @@ from up_samp.motion import MotionService
 from up_samp.scheduling.cpsat.encode.durations import least
 from up_samp.search.facts import Facts
 from up_samp.search.fleet.jobs import Jobs, WorkMode, closed, held_by, stated_gaps
-from up_samp.search.fleet_bound.locations import guaranteed_locations
-from up_samp.search.fleet_bound.timelines import RobotTimeline, TimelineStop, carried
+from up_samp.search.fleet_bound.timelines import (
+    RobotTimeline,
+    TimelineStop,
+    carried,
+    guaranteed_locations,
+)
 
 Leg = tuple[Body, str, str]
 """What is driven, from one configuration to another (names)."""
@@ -49,6 +53,11 @@ class JobMode:
     origins: frozenset[str] = frozenset()
     leaves: tuple[str, ...] | None = ()
 
+    @property
+    def froms(self) -> Sequence[str | None]:
+        """The origins; None where it comes from anywhere, or is there."""
+        return [None] if self.goal is None else sorted(self.origins)
+
     def drives(self, origin: str | None) -> tuple[Leg, ...]:
         """Return all drives if it comes from an origin."""
         if origin is None or self.goal is None:
@@ -65,8 +74,7 @@ class JobMode:
 
     def least(self, units: Units) -> int:
         """Return what it takes from wherever it takes least."""
-        origins: list[str | None] = [None] if self.goal is None else [*sorted(self.origins)]
-        return min(self.units(origin, units) for origin in origins)
+        return min(self.units(origin, units) for origin in self.froms)
 
 
 class JobWork:
@@ -80,6 +88,7 @@ class JobWork:
         self.robots = sorted({o.robot for options in jobs.options for o in options})
         bodies = list(dict.fromkeys(body[r] for r in self.robots))
         self.kind_of = {r: bodies.index(body[r]) for r in self.robots}
+        self._of_kind = {k: [r for r in self.robots if body[r] == b] for k, b in enumerate(bodies)}
         self.sizes = Counter(self.kind_of.values())
         """How many robots there are of each kind."""
         self.starts = Counter((self.kind_of[r], start[r]) for r in self.robots)
@@ -157,7 +166,7 @@ class JobWork:
         What the planner takes to come there directly is no bound: a robot may stop on its way, and
         a planner may be quicker with a stop.
         """
-        robots = [r for r in self.robots if self.kind_of[r] == way.kind]
+        robots = self._of_kind[way.kind]
         if way.goal is None or any(self.lines.get(robot) is None for robot in robots):
             return 0, ()
         starts = {self._facts.snapshot.initial[robot] for robot in robots}
@@ -174,8 +183,8 @@ class JobWork:
 
     def stops(self, kind: int) -> frozenset[str]:
         """Return the places where drives of a kind of robots end."""
-        robots = [r for r in self.robots if self.kind_of[r] == kind]
-        return frozenset(t.terms[-1].name for robot in robots for t in self.drives(robot))
+        mine = (t for robot in self._of_kind[kind] for t in self.drives(robot))
+        return frozenset(t.terms[-1].name for t in mine)
 
     def traced(self, robot: str) -> bool:
         """Return whether it is known where each drive of a robot ends, and only drives move it."""
@@ -187,28 +196,23 @@ class JobWork:
         driven = [t for name in sorted(option.members) for t in self._tasks.get(name, ())]
         direct = [t for t in driven if len(t.terms) == 2 and self._known_ends(t)]
         calls = [t for t in driven if t.terms[0].kind is not TermKind.CONSTANT]
-        call = calls[0] if len(calls) == 1 and self.traced(robot) else None
-        origins = None if call is None else self.origins(call)
-        if call is None or not origins or len(call.terms) > 2:
-            call, origins = None, ()
+        usable = len(calls) == 1 and self.traced(robot) and len(calls[0].terms) == 2
+        origins = self.origins(calls[0]) if usable else ()
+        call = calls[0] if origins else None
         busy = sum(self._drive(t) for t in driven if t not in direct and t is not call)
         busy += self._beside(option)
         legs = tuple((self.body_of(t), t.terms[0].name, t.terms[-1].name) for t in direct)
         ends = tuple(t.terms[-1].name for t in driven) if self.traced(robot) else ()
         begins = [t.terms[0] for t in driven if t is not call]
         known = all(term.kind is TermKind.CONSTANT for term in begins)
-        return JobMode(
-            job,
-            self.kind_of[robot],
-            busy,
-            legs,
-            self._facts.snapshot.objects[robot].body if call is None else self.body_of(call),
-            None if call is None else call.terms[-1].name,
-            ends,
-            frozenset() if call is None else self._after(option, call, driven),
-            frozenset(origins or ()),
-            tuple(term.name for term in begins) if known else None,
-        )
+        leaves = tuple(term.name for term in begins) if known else None
+        body, kind, nowhere = self.body(robot), self.kind_of[robot], frozenset[str]()
+        way = JobMode(job, kind, busy, legs, body, None, ends, nowhere, nowhere, leaves)
+        if call is None:
+            return way
+        goal, after = call.terms[-1].name, self._after(option, call, driven)
+        body = self.body_of(call)
+        return replace(way, body=body, goal=goal, after=after, origins=frozenset(origins))
 
     def _after(
         self, option: WorkMode, call: MotionTask, driven: Sequence[MotionTask]
@@ -254,12 +258,11 @@ class JobWork:
 
     def _drives(self, task: MotionTask) -> TimelineStop:
         name, first, last = task.activity, task.terms[0], task.terms[-1]
-        origins = self.origins(task)
         fluent = first.name if first.kind is TermKind.FLUENT else ""
         loose = fluent in self._stands.fluents
         read = self._stands.reads.get(name, frozenset())
         return TimelineStop(
-            None if origins is None else frozenset(origins),
+            frozenset(self.origins(task)),
             frozenset((last.name,)),
             drives=True,
             loose=loose and fluent not in read,
@@ -277,20 +280,16 @@ class JobWork:
     def _drive(self, task: MotionTask) -> int:
         if task.terms[-1].kind is not TermKind.CONSTANT:
             return 0
-        origins = self.origins(task) or ()
         body, goal = self.body_of(task), task.terms[-1].name
-        return min((self.units((body, place, goal)) for place in origins), default=0)
+        return min((self.units((body, place, goal)) for place in self.origins(task)), default=0)
 
-    def origins(self, task: MotionTask) -> tuple[str, ...] | None:
-        """Return where a drive may begin, None where that is not known."""
+    def origins(self, task: MotionTask) -> tuple[str, ...]:
+        """Return where a drive may begin."""
         first = task.terms[0]
         if first.kind is TermKind.CONSTANT:
             return (first.name,)
-        choice = self._facts.choices.get((task.activity, first, False))
-        if choice is None:
-            return None
         left = self._left_by_others(task.object)
-        return tuple(v for v in choice.values if v not in left)
+        return tuple(v for v in self._facts.choice(task, first).values if v not in left)
 
     def _left_by_others(self, robot: str) -> frozenset[str]:
         """Return the places of a robot that every arrival has a drive of its own away from: no

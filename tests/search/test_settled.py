@@ -7,8 +7,8 @@ from unified_planning.engines import PlanGenerationResultStatus as Status
 from unified_planning.shortcuts import OneshotPlanner
 
 from up_samp.benchmarks.instances import instance
+from up_samp.search import cuts
 from up_samp.search import world as settled
-from up_samp.search.cuts import small
 
 
 def reached_while_shut(first, ways, shut):
@@ -75,8 +75,8 @@ def test_what_an_open_door_costs_is_a_bound_for_who_has_come_through_it():
 def test_optima_are_the_same_with_all_that_a_cut_may_name(name, monkeypatch):
     """With every blocker named, as it was met, cuts are the weakest: the same optimum follows."""
     few = optimum(name)
-    monkeypatch.setattr(small, "_that_delay", lambda motions, alone, units: dict(alone.places))
-    monkeypatch.setattr(small, "remaining", lambda places, case, there: dict(places))
+    monkeypatch.setattr(cuts, "_that_delay", lambda motions, alone, units: dict(alone.places))
+    monkeypatch.setattr(cuts, "remaining", lambda places, case, there: dict(places))
     every = optimum(name)
     assert few[0] is every[0] is Status.SOLVED_OPTIMALLY
     assert few[1]["makespan"] == every[1]["makespan"]

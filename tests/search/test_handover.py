@@ -29,7 +29,7 @@ from tests.benchmarks.scene import hall_map
 from up_samp.benchmarks.instances import instance
 from up_samp.model import Body, Kinematics, MotionModel
 from up_samp.model.refinement import Strength
-from up_samp.search.statements.handovers import proven_gap
+from up_samp.search.statements import proven_gap
 from up_samp.validation import validate_plan
 
 CAR = ((-1.0, -0.5), (1.0, -0.5), (1.0, 0.5), (-1.0, 0.5))

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 from up_samp.model.snapshot import ChangeTask, Term, TermKind
 from up_samp.search.facts import Facts
-from up_samp.search.statements.unreachable import _instant_states
+from up_samp.search.statements import _instant_states
 
 PLACES = ("p", "q", "s")
 

@@ -1,6 +1,4 @@
-"""Objectives in an order: the first is minimised, then the next among the plans that are as good in
-all before, and so on. Each is a problem of its own, which begins from the best plan so far.
-"""
+"""Problems solved by way of others: costs in an order, moved objects that are parameters."""
 
 from __future__ import annotations
 
@@ -13,11 +11,13 @@ from typing import Any
 from unified_planning.engines import LogLevel, LogMessage, PlanGenerationResultStatus
 from unified_planning.model.metrics import MinimizeMakespan
 
-from up_samp.engines.direct import Call
+from up_samp.engines.faces import Call
+from up_samp.model import UnsupportedError
 from up_samp.model.deadline import Deadline
 from up_samp.model.errors import InterruptedSearch
 from up_samp.model.objective import MinimizeCosts, terms_in
 from up_samp.model.refinement import RELATIVE
+from up_samp.upio.movers import Settled
 from up_samp.upio.objective import is_makespan, shown
 
 Results = Callable[[Call], Iterator[Any]]
@@ -141,3 +141,40 @@ class InOrder:
         if self._relative:  # what one rank rests on, those after it do, too
             result.metrics["bound_kind"] = RELATIVE
         return result
+
+
+# ------------------ Moved objects that are parameters: solved with named ones, told as they were
+
+
+def solve_settled(
+    settled: Settled, call: Call, results: Results, seconds_per_unit: float
+) -> Iterator[Any]:
+    """Yield the results of the settled problem, with plans of the original one, judged anew.
+
+    :raises UnsupportedError: with a plan to begin from.
+    """
+    if call.warm_start_plan is not None:
+        raise UnsupportedError(
+            "a plan to begin from, where which object moves is a parameter: leave it out, or "
+            "write one activity for each object"
+        )
+    try:
+        for result in results(replace(call, problem=settled.problem)):
+            yield _brought_back(settled, result, seconds_per_unit)
+    except InterruptedSearch as stop:
+        best = _brought_back(settled, stop.result, seconds_per_unit)
+        raise InterruptedSearch(best) from stop
+
+
+def _brought_back(settled: Settled, result: Any, seconds_per_unit: float) -> Any:
+    from up_samp.validation import validate_plan
+
+    if result.plan is None:
+        return result
+    result.plan = settled.back(result.plan)
+    verdict = validate_plan(settled.original, result.plan, seconds_per_unit=seconds_per_unit)
+    if verdict.violations:
+        result.plan, result.status = None, PlanGenerationResultStatus.INTERNAL_ERROR
+        why = f"the plan with named objects is none of the problem: {verdict.violations[0]}"
+        result.log_messages.append(LogMessage(LogLevel.ERROR, why))
+    return result

@@ -7,7 +7,7 @@ from unified_planning.engines import PlanGenerationResultStatus as Status
 from unified_planning.shortcuts import OneshotPlanner, get_environment
 
 from tests.motion.fleet.spacetime_oracle import room
-from tests.search.statements.rows import BOX, FLOORS, Row, aisle, drawn, problem_of, ring
+from tests.search.rows import BOX, FLOORS, Row, aisle, drawn, problem_of, ring
 from tests.soundness.known_plans import KnownPlan, NoPlanError
 from up_samp.geometry import load_map
 from up_samp.model import Body, Kinematics, MotionModel, Placed

@@ -6,7 +6,7 @@ import pytest
 
 from up_samp.model import ScheduledMotion
 from up_samp.model.refinement import Overlap, Strength
-from up_samp.search.cuts import paper
+from up_samp.search import cuts
 from up_samp.search.facts import just_this
 
 
@@ -41,6 +41,6 @@ def failure(opening):
     ],
 )
 def test_a_door_that_may_open_meanwhile(opening, strength, rivals):
-    (cut,) = paper.PaperCuts(just_this).group(failure(opening))
+    (cut,) = cuts.PaperCuts(just_this).group(failure(opening))
     assert cut.strength is strength
     assert {x.rival for x in cut.statement.literals if isinstance(x, Overlap)} == rivals

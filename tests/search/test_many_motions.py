@@ -6,12 +6,11 @@ from up_samp.benchmarks.builders.warehouse import warehouse
 from up_samp.geometry.atlas import lay_out
 from up_samp.model import Deadline
 from up_samp.motion.service import MotionService
+from up_samp.search import statements
 from up_samp.search.budget import Budget
 from up_samp.search.facts import Facts
-from up_samp.search.history import History
-from up_samp.search.knowledge import Knowledge
-from up_samp.search.motions import Motions
-from up_samp.search.statements import durations
+from up_samp.search.knowledge import History, Knowledge
+from up_samp.search.world import Motions
 from up_samp.upio import read_problem, relax
 
 
@@ -31,9 +30,9 @@ def parts():
 
 
 def test_far_too_many_motions_are_left_for_later(parts, monkeypatch):
-    monkeypatch.setattr(durations, "PROBE", 2)
-    monkeypatch.setattr(durations, "HOPELESS", 1e-9)
+    monkeypatch.setattr(statements, "PROBE", 2)
+    monkeypatch.setattr(statements, "HOPELESS", 1e-9)
     motions, knowledge = parts()
     assert len(motions.facts.by_signature) > 10
-    durations.fastest_durations(motions, knowledge, lambda *_: None)
+    statements.fastest_durations(motions, knowledge, lambda *_: None)
     assert len(knowledge.durations) == 2

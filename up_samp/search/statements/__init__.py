@@ -1,1 +1,0 @@
-"""What is stated of motions: before the first schedule, and whenever a check tells more."""
