@@ -31,8 +31,7 @@ from up_samp.scheduling.cpsat.encode.disjunctions import find_groups
 from up_samp.scheduling.cpsat.encode.forms import Cmp
 from up_samp.scheduling.cpsat.encode.recognition import find_unary
 from up_samp.scheduling.cpsat.model import ScheduleModel
-from up_samp.scheduling.cpsat.normal import anchor, normal_form
-from up_samp.scheduling.cpsat.problem import Watcher
+from up_samp.scheduling.cpsat.normal import Watcher, anchor, normal_form
 
 
 @pytest.fixture

@@ -9,10 +9,15 @@ from up_samp.scheduling.compilers.constraints import (
     compile_differences,
     compile_negations,
     compile_products,
+    compile_resources,
     compile_rules,
 )
-from up_samp.scheduling.compilers.exclusion import compile_resources
-from up_samp.scheduling.compilers.fluents import compile_ground, compile_instances
+from up_samp.scheduling.compilers.fluents import (
+    compile_flat_types,
+    compile_ground,
+    compile_instances,
+    compile_unused,
+)
 from up_samp.scheduling.compilers.intervals import (
     compile_dense,
     compile_intervals,
@@ -27,7 +32,6 @@ from up_samp.scheduling.compilers.optional import (
 )
 from up_samp.scheduling.compilers.plain import Compiled, PlainProblem, some_value
 from up_samp.scheduling.compilers.precedences import compile_precedences
-from up_samp.scheduling.compilers.types import compile_flat_types, compile_unused
 from up_samp.scheduling.quirks import Quirks
 
 Compiler = Callable[[PlainProblem], Compiled]

@@ -13,7 +13,6 @@ from unified_planning.model.scheduling import SchedulingProblem
 from up_samp.extensions import parts as parts_from_outside
 from up_samp.model import Deadline, OutOfTimeError, UnsupportedError, check_time, in_force
 from up_samp.scheduling.cpsat.encode.disjunctions import Disjunctions, find_groups, merge_forms
-from up_samp.scheduling.cpsat.encode.durations import PLACEHOLDER, constant_bounds, constants, least
 from up_samp.scheduling.cpsat.encode.forms import (
     FALSE,
     TRUE,
@@ -25,22 +24,28 @@ from up_samp.scheduling.cpsat.encode.forms import (
     constant,
     disjunction,
 )
-from up_samp.scheduling.cpsat.encode.fractions import scales_of
-from up_samp.scheduling.cpsat.encode.horizon import Horizon
+from up_samp.scheduling.cpsat.encode.numbers import (
+    PLACEHOLDER,
+    constant_bounds,
+    constants,
+    least,
+    scales_of,
+)
 from up_samp.scheduling.cpsat.encode.objective import Encoding, ends_in_time, lasts
 from up_samp.scheduling.cpsat.encode.recognition import find_histories, find_milestones, find_unary
 from up_samp.scheduling.cpsat.encode.states import Key, Read, States, StateVar
 from up_samp.scheduling.cpsat.encode.store import ModelStore
 from up_samp.scheduling.cpsat.encode.terms import Terms, World, countable
 from up_samp.scheduling.cpsat.encode.timeline import NumericTimeline, Timeline
-from up_samp.scheduling.cpsat.encode.variables import Variables, domains
+from up_samp.scheduling.cpsat.encode.variables import Horizon, Variables, domains
 from up_samp.scheduling.cpsat.normal import (
+    Additions,
     FollowUp,
     NormalForm,
     Precondition,
+    Watcher,
     normal_form,
 )
-from up_samp.scheduling.cpsat.problem import Additions, Watcher
 from up_samp.upio.expressions import walk
 from up_samp.upio.objective import objective_of, only_makespan
 from up_samp.upio.spans import with_timings

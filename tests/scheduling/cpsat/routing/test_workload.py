@@ -18,7 +18,7 @@ from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing import workload
 from up_samp.scheduling.cpsat.routing.detection import find_routes
 from up_samp.scheduling.cpsat.routing.dispatch import find_work
-from up_samp.scheduling.cpsat.routing.labels import LabelTable
+from up_samp.scheduling.cpsat.routing.sequences import LabelTable
 from up_samp.scheduling.cpsat.routing.workload import (
     TaskShare,
     bound_by_assignment,

@@ -14,7 +14,6 @@ from unified_planning.model.operators import OperatorKind as Op
 from unified_planning.model.scheduling import Activity
 
 from up_samp.model import check_time
-from up_samp.scheduling.cpsat.encode.durations import INFINITE, constant_bounds
 from up_samp.scheduling.cpsat.encode.forms import (
     TRUE,
     Cmp,
@@ -26,11 +25,11 @@ from up_samp.scheduling.cpsat.encode.forms import (
     indicator_sum,
     parts_of,
 )
+from up_samp.scheduling.cpsat.encode.numbers import INFINITE, constant_bounds
 from up_samp.scheduling.cpsat.encode.recognition import Unary
 from up_samp.scheduling.cpsat.encode.store import ModelStore
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
-from up_samp.scheduling.cpsat.normal import Presences, decided, decisions, told_together
-from up_samp.scheduling.cpsat.problem import Additions
+from up_samp.scheduling.cpsat.normal import Additions, Presences, decided, decisions, told_together
 from up_samp.upio.expressions import end_before_start, walk
 
 Alternatives = tuple[str, ...]

@@ -14,7 +14,6 @@ from unified_planning.model.timing import TimepointKind
 from unified_planning.model.types import Type
 
 from up_samp.model import ProblemError, UnsupportedError
-from up_samp.scheduling.cpsat.encode.durations import LARGEST, MAGNITUDE
 from up_samp.scheduling.cpsat.encode.forms import (
     FALSE,
     TRUE,
@@ -27,6 +26,7 @@ from up_samp.scheduling.cpsat.encode.forms import (
     disjunction,
     join,
 )
+from up_samp.scheduling.cpsat.encode.numbers import LARGEST, MAGNITUDE
 from up_samp.scheduling.cpsat.encode.store import ModelStore
 from up_samp.upio.expressions import walk
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from unified_planning.model import FNode
 from unified_planning.model.operators import OperatorKind as Op
 
-from up_samp.scheduling.cpsat.encode.durations import INFINITE
 from up_samp.scheduling.cpsat.encode.forms import (
     TRUE,
     Cmp,
@@ -23,6 +22,7 @@ from up_samp.scheduling.cpsat.encode.forms import (
     value_told,
     variables_in,
 )
+from up_samp.scheduling.cpsat.encode.numbers import INFINITE
 from up_samp.scheduling.cpsat.encode.states import Key, Read, StateVar, Write
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.encode.timeline import Timeline

@@ -13,7 +13,6 @@ from typing import Any
 from up_samp.model import CandidateSchedule
 from up_samp.model.graphs import reached
 from up_samp.scheduling.cpsat.encode.disjunctions import merge_forms
-from up_samp.scheduling.cpsat.encode.durations import INFINITE
 from up_samp.scheduling.cpsat.encode.forms import (
     TRUE,
     Cmp,
@@ -26,6 +25,7 @@ from up_samp.scheduling.cpsat.encode.forms import (
     indicator_sum,
     spoken_of,
 )
+from up_samp.scheduling.cpsat.encode.numbers import INFINITE
 from up_samp.scheduling.cpsat.encode.states import Key, Write
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.model import ScheduleModel

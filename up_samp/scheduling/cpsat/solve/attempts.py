@@ -14,9 +14,8 @@ from ortools.sat.python import cp_model
 from up_samp.model import CandidateSchedule, Deadline
 from up_samp.scheduling.cpsat.encode.forms import TRUE, Lin
 from up_samp.scheduling.cpsat.model import ScheduleModel
-from up_samp.scheduling.cpsat.solve import options as profiles
-from up_samp.scheduling.cpsat.solve.options import Profile
-from up_samp.scheduling.cpsat.solve.runner import SolverAnswer, run
+from up_samp.scheduling.cpsat.solve import runner
+from up_samp.scheduling.cpsat.solve.runner import Profile, SolverAnswer, run
 from up_samp.tuning import Tuning
 
 
@@ -186,7 +185,7 @@ class Attempts:
     def without_presolve(self, cap: int) -> None:
         """Try what solves the smallest problems at once."""
         if self.tiny:
-            self.improve(cap, profiles.NO_PRESOLVE, NO_PRESOLVE)
+            self.improve(cap, runner.NO_PRESOLVE, NO_PRESOLVE)
 
     def climb(self) -> None:
         """Solve a small problem without routes, with more and more effort."""
@@ -198,10 +197,10 @@ class Attempts:
             return
         if optimal and self.orders.workers > 1:
             # a poor schedule as a hint leads both searches astray
-            profile = profiles.TWO_FULL_SEARCHES
+            profile = runner.TWO_FULL_SEARCHES
             self.improve(self.model.limit, profile, _TWO_SEARCHES, hinted=False)
             return
-        turns = zip(itertools.cycle(profiles.ONE_THREAD), _ONE_THREAD, strict=False)
+        turns = zip(itertools.cycle(runner.ONE_THREAD), _ONE_THREAD, strict=False)
         for profile, effort in turns if optimal else itertools.islice(turns, 1):
             self.improve(self.cap, profile, effort)
             if self.over():
@@ -213,14 +212,14 @@ class Attempts:
         if not known or not self.small:
             return
         if self.tiny:
-            self.improve(self.cap, profiles.NO_INPROCESSING, _NO_INPROCESSING)
+            self.improve(self.cap, runner.NO_INPROCESSING, _NO_INPROCESSING)
         if not self.over():
-            self.improve(self.cap, profiles.ONE_PRESOLVE_PASS, _ONE_PRESOLVE_PASS)
+            self.improve(self.cap, runner.ONE_PRESOLVE_PASS, _ONE_PRESOLVE_PASS)
 
     def finish(self, effort: float | None) -> None:
         """Improve the schedule until it is proven optimal, or good enough."""
         optimal = self.orders.optimal
-        profile = profiles.CP_SATS_OWN if optimal else profiles.LINEARIZATION
+        profile = runner.CP_SATS_OWN if optimal else runner.LINEARIZATION
         self.improve(self.cap, profile, effort)
 
     def realize(self, guess: CandidateSchedule, others: Iterable[str] = ()) -> bool:
@@ -249,9 +248,9 @@ class Attempts:
             self._set_hints(model)
             answer = None
             if self.tiny:
-                answer = self._run(model, profiles.NO_PRESOLVE, NO_PRESOLVE, first=True)
+                answer = self._run(model, runner.NO_PRESOLVE, NO_PRESOLVE, first=True)
             if answer is None or answer.status == cp_model.UNKNOWN:
-                answer = self._run(model, profiles.NO_LINEARIZATION, _REALIZE, first=True)
+                answer = self._run(model, runner.NO_LINEARIZATION, _REALIZE, first=True)
             if answer.values is not None or self.over():
                 return answer.values is not None
         return False
@@ -263,7 +262,7 @@ class Attempts:
         limit = self.model.limit
         model = self.model.capped(max(limit // 8, 4 * base))
         self._set_hints(model)
-        dived = self._run(model, profiles.DIVE, _FIRST_DIVE, first=True)
+        dived = self._run(model, runner.DIVE, _FIRST_DIVE, first=True)
         if dived.values is not None or self.over():
             return
         base = max(base, self.bound)
@@ -280,11 +279,11 @@ class Attempts:
         model = self.model.capped(cap)
         self._set_hints(model)
         for profile, weight in (
-            (profiles.LINEARIZATION, 2.0),
-            (profiles.NO_LINEARIZATION, 1.0),
-            (profiles.FIXED_SEARCH if last else profiles.DIVE, 1.0),
+            (runner.LINEARIZATION, 2.0),
+            (runner.NO_LINEARIZATION, 1.0),
+            (runner.FIXED_SEARCH if last else runner.DIVE, 1.0),
         ):
-            unlimited = profile is profiles.FIXED_SEARCH
+            unlimited = profile is runner.FIXED_SEARCH
             answer = self._run(model, profile, None if unlimited else weight * effort, first=True)
             if answer.status == cp_model.INFEASIBLE:
                 if last:
@@ -310,7 +309,7 @@ class Attempts:
             some = [model.get_int_var_from_proto_index(store.position(v)) for v, _ in cost.terms]
             total = cp_model.LinearExpr.weighted_sum(some, [c for _, c in cost.terms])
             model.add_linear_constraint(total, cp_model.INT_MIN, most - cost.const)
-        self._run(model, profiles.ONE_PRESOLVE_PASS, None, first=True)
+        self._run(model, runner.ONE_PRESOLVE_PASS, None, first=True)
 
     def improve(
         self, cap: int, profile: Profile, effort: float | None, *, hinted: bool = True

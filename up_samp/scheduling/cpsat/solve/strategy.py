@@ -27,7 +27,7 @@ from up_samp.scheduling.cpsat.routing.relaxation import RoutingRelaxation
 from up_samp.scheduling.cpsat.routing.route import Route
 from up_samp.scheduling.cpsat.routing.sequences import Sequences
 from up_samp.scheduling.cpsat.routing.workload import bound_by_work
-from up_samp.scheduling.cpsat.solve import options as profiles
+from up_samp.scheduling.cpsat.solve import runner
 from up_samp.scheduling.cpsat.solve.attempts import Attempts, hint_values
 
 _SHARE = 0.35
@@ -318,7 +318,7 @@ def _solve_relaxation(search: Solve) -> None:
     if whole.best is not None:
         inner.without_presolve(whole.value)
         if not inner.over():
-            profile = profiles.CP_SATS_OWN if search.optimal else profiles.LINEARIZATION
+            profile = runner.CP_SATS_OWN if search.optimal else runner.LINEARIZATION
             inner.improve(whole.value, profile, effort)
     else:
         inner.first(0)
