@@ -23,9 +23,8 @@ from up_samp.scheduling.compilers.pipeline import chain, compilers_for, restored
 from up_samp.scheduling.compilers.read import read_problem
 from up_samp.scheduling.compilers.write import ProblemWriter
 from up_samp.scheduling.quirks import quirks_of
-from up_samp.scheduling.schedules import to_candidate
 from up_samp.scheduling.worker import slim_down
-from up_samp.upio.plan import build_schedule
+from up_samp.upio.plan import build_schedule, to_candidate
 from up_samp.validation import validate_schedule
 
 COLUMNS = ("cpsat", "aries-opt", "cpse", "aries-opt compiled", "cpse compiled")
