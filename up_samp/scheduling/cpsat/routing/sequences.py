@@ -22,7 +22,6 @@ import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -32,8 +31,7 @@ from up_samp.scheduling.cpsat.encode.numbers import INFINITE
 from up_samp.scheduling.cpsat.routing.rules import NEVER, SequenceChoice, SequenceRules, StateChange
 
 # ------------------ Labels
-# Partial sequences of tasks, many at once, as arrays with a row each; how they are extended, and
-# which differ only in robots that are alike.
+# Partial sequences of tasks, many at once, as arrays with a row each, and how they are extended.
 
 
 @dataclass(frozen=True)
@@ -44,8 +42,7 @@ class LabelTable:
     place (-1: nothing). ``free``: when it can do something again, where that was. ``ready`` (for
     each place, too): when it can do something there, or go on from there. Both are lower bounds.
     ``own``: what it carries and has set (a number, see :mod:`.own_states`).
-    ``turned``: who of its parent's travellers each one is (twins are exchanged). ``parent``: the
-    row that it was made from, among the labels with one task less.
+    ``parent``: the row that it was made from, among the labels with one task less.
     """
 
     done: Any
@@ -53,7 +50,6 @@ class LabelTable:
     free: Any
     ready: Any
     own: Any
-    turned: Any
     parent: Any
 
     def __len__(self) -> int:
@@ -68,21 +64,18 @@ class LabelTable:
         zero = np.zeros((1, count), dtype=np.int64)
         nothing = np.full((1, count), -1, dtype=np.int64)
         none = np.zeros(1, dtype=np.int64)
-        own = np.arange(count)[None]
-        return LabelTable(none, nothing, zero, ready[None], zero, own, none)
+        return LabelTable(none, nothing, zero, ready[None], zero, none)
 
     def rows(self, which: Any) -> LabelTable:
         """Return some of the labels (numbers or a mask)."""
         return LabelTable(*(column[which] for column in self._columns()))
 
     def _columns(self) -> tuple[Any, ...]:
-        columns = self.done, self.last, self.free, self.ready, self.own, self.turned, self.parent
-        return columns
+        return self.done, self.last, self.free, self.ready, self.own, self.parent
 
     def numbered(self) -> LabelTable:
         """Return the labels as parents of those that are made from them."""
-        own = np.broadcast_to(np.arange(self.last.shape[1]), self.last.shape)
-        return replace(self, turned=own, parent=np.arange(len(self)))
+        return replace(self, parent=np.arange(len(self)))
 
     def bare(self) -> LabelTable:
         """Return the labels without what only those that are made from them need."""
@@ -298,126 +291,6 @@ class Steps:
         return np.minimum(labels.free - gaps, self.end)
 
 
-# ------------------ Travellers who can do the same in the same times
-# Beginnings that differ in who of them did what are one. Where they start is their own, so only
-# those that have done something are exchanged.
-
-
-@dataclass(frozen=True)
-class Twins:
-    """``groups`` of two or more travellers that are alike. ``same`` has, for each choice (the last
-    row: for none) and traveller, the number of the same task at the same place (-1: it is no twin).
-    """
-
-    groups: list[list[int]]
-    same: Any
-
-    @staticmethod
-    def of(rules: SequenceRules) -> Twins:
-        """Return who is alike by the rules.
-
-        Assumes: twins have the same ways, choices and doors; where they begin is their own.
-        """
-        count = len(rules.ways)
-        mine: list[dict[tuple[int, int], int]] = [{} for _ in range(count)]
-        for number, choice in enumerate(rules.choices):
-            mine[choice.traveller][choice.task, choice.place] = number
-        sizes = [sum(c.traveller == axis for c in rules.choices) for axis in range(count)]
-        groups: list[list[int]] = []
-        for axis in range(count):
-            if len(mine[axis]) < sizes[axis]:
-                continue  # one task in two ways at one place
-            found = (g for g in groups if _are_alike(rules, mine, g[0], axis))
-            group = next(found, None)
-            if group is None:
-                groups.append([axis])
-            else:
-                group.append(axis)
-        same = np.full((len(rules.choices) + 1, count), -1, dtype=np.int64)
-        for group in groups:
-            for one, other in itertools.product(group, group):
-                for what, number in mine[one].items():
-                    same[number, other] = mine[other][what]
-        return Twins([group for group in groups if len(group) > 1], same)
-
-    def ordered(self, labels: LabelTable) -> LabelTable:
-        """Return the labels with twins that did something in the order of what they did last."""
-        turned = labels.turned.copy()
-        for group in self.groups:
-            first = self.same[labels.last[:, group], group[0]]
-            used = (labels.last[:, group] >= 0) @ (1 << np.arange(len(group)))
-            for pattern in np.unique(used).tolist():
-                places = np.flatnonzero(pattern >> np.arange(len(group)) & 1)
-                rows = np.flatnonzero(used == pattern)
-                order = np.argsort(first[np.ix_(rows, places)], axis=1, kind="stable")
-                axes = np.array(group)[places]
-                if len(axes) > 1:
-                    turned[np.ix_(rows, axes)] = axes[order]
-        moved = np.flatnonzero((turned != np.arange(turned.shape[1])).any(1))
-        if not len(moved):
-            return labels
-        return self._turned(labels, moved, turned[moved])
-
-    def _turned(self, labels: LabelTable, rows: Any, turned: Any) -> LabelTable:
-        """Return the labels with the travellers of some rows exchanged."""
-        found = {}
-        for name in ("last", "free", "own"):
-            found[name] = getattr(labels, name).copy()
-            found[name][rows] = np.take_along_axis(found[name][rows], turned, axis=1)
-        done = found["last"][rows]
-        own = self.same[done, np.arange(turned.shape[1])]
-        # who is nobody's twin has stayed
-        found["last"][rows] = np.where(done >= 0, np.where(own >= 0, own, done), -1)
-        found["ready"] = labels.ready.copy()
-        found["ready"][rows] = np.take_along_axis(labels.ready[rows], turned[:, :, None], axis=1)
-        found["turned"] = labels.turned.copy()
-        found["turned"][rows] = turned
-        return replace(labels, **found)
-
-
-def _are_alike(
-    rules: SequenceRules, mine: list[dict[tuple[int, int], int]], one: int, other: int
-) -> bool:
-    """Return whether two travellers have the same ways, choices and rules."""
-    ways, routes = rules.ways, rules.programme.routes
-    if mine[one].keys() != mine[other].keys() or rules.shape[one] != rules.shape[other]:
-        return False
-    for what, number in mine[one].items():
-        a, b = rules.choices[number], rules.choices[mine[other][what]]
-        if (a.spot, a.late, a.back) != (b.spot, b.late, b.back):
-            return False
-    if not np.array_equal(ways[one].travel, ways[other].travel):
-        return False
-    if (routes[one].gap, routes[one].step) != (routes[other].gap, routes[other].step):
-        return False
-    a, b = (rules.own[:, [mine[who][what] for what in mine[one]]] for who in (one, other))
-    alike = np.array_equal(a, b) and _hand_over_alike(rules.handovers, one, other)
-    return alike and _doors_alike(rules, one, other)
-
-
-def _hand_over_alike(handovers: Any, one: int, other: int) -> bool:
-    """Return whether exchanging the two changes nothing where only one fits."""
-    order = list(range(len(handovers)))
-    order[one], order[other] = other, one
-    return np.array_equal(handovers, handovers[order][:, :, order])
-
-
-def _doors_alike(rules: SequenceRules, one: int, other: int) -> bool:
-    """Return whether doors open alike, and stand still for both or none."""
-    for doors in rules.doors:
-        a, b = ({(p, d) for axis, p, d in doors if axis == who} for who in (one, other))
-        if a != b:
-            return False
-    for change in rules.changes:
-        if change is None:
-            continue
-        if change.still.get(one) != change.still.get(other):
-            return False
-        if one in change.still and not np.array_equal(change.shut[one], change.shut[other]):
-            return False
-    return True
-
-
 # ------------------ Proofs over all sequences
 
 
@@ -452,10 +325,6 @@ class Sequences:
         go further where they are too many. It may look at a few.
         """
         return Sequences(self.rules.plain(), min(self.most, _PLAIN))
-
-    def anew(self, most: int) -> Sequences:
-        """Return the same with nothing looked at or found."""
-        return Sequences(self.rules, most)
 
     @property
     def is_spent(self) -> bool:
@@ -510,7 +379,7 @@ class Sequences:
             labels = LabelTable.joined(following) if following else labels.rows([])
             if not len(labels):
                 break
-            labels = self.twins.ordered(labels).undominated(deadline)
+            labels = labels.undominated(deadline)
             if 0 < width < len(labels):
                 total = steps.spent(labels).sum(1) + self.rules.rest(labels.done, labels.last)
                 labels = labels.rows(np.sort(np.argsort(total, kind="stable")[:width]))
@@ -537,27 +406,14 @@ class Sequences:
         rows = [row]
         for after in layers[:0:-1]:
             rows.append(int(after.parent[rows[-1]]))
-        who = np.arange(layers[0].last.shape[1])
         path = []
         pairs = zip(itertools.pairwise(layers), itertools.pairwise(rows[::-1]), strict=True)
         for (before, after), (one, other) in pairs:
-            task = (int(after.done[other]) & ~int(before.done[one])).bit_length() - 1
-            last = after.last[other].tolist()
-            axis = next(a for a, c in enumerate(last) if c >= 0 and self._task(c) == task)
-            busy = self.rules.lengths[last[axis]] + self.rules.gaps[axis]
-            who = who[after.turned[other]]
-            # a twin stands in for who did it
-            number = last[axis] if who[axis] == axis else self.twins.same[last[axis], who[axis]]
-            path.append((int(number), int(after.free[other, axis] - busy)))
+            axis = int(np.flatnonzero(before.last[one] != after.last[other])[0])
+            number = int(after.last[other, axis])
+            busy = self.rules.lengths[number] + self.rules.gaps[axis]
+            path.append((number, int(after.free[other, axis] - busy)))
         return path
-
-    def _task(self, choice: int) -> int:
-        return self.rules.choices[choice].task
-
-    @cached_property
-    def twins(self) -> Twins:
-        """Who of the travellers is like whom."""
-        return Twins.of(self.rules)
 
 
 def raised(sequences: Sequences, known: int, deadline: Deadline, value: int = 0) -> int:

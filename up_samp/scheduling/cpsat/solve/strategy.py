@@ -197,7 +197,7 @@ def _seek_sequences(search: Solve) -> None:
     assert search.sequences is not None
     deadline = search.share()
     width = _BEAM if search.optimal else _BEAM // 5
-    sequences = search.sequences.anew(sys.maxsize)
+    sequences = Sequences(search.sequences.rules, sys.maxsize)
     while not whole.over() and sequences.sought(whole.value - 1, width, deadline):
         if not _realize_one(search, sequences):
             return
