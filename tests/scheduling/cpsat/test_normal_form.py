@@ -172,7 +172,6 @@ def test_preconditions_by_helpers_and_rivals_are_read(problem):
     (found,) = form.preconditions
     assert (found.activity, found.helpers) == ("a", {"b": frozenset({"c"})})
     assert found.initially == frozenset({"b", "c"})
-    assert form.follow_ups == [("a", frozenset({"c"}))]
     assert len(form.parts.constraints) == 2  # what comes afterwards is stated, too
 
 

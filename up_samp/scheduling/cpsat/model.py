@@ -40,7 +40,6 @@ from up_samp.scheduling.cpsat.encode.timeline import NumericTimeline, Timeline
 from up_samp.scheduling.cpsat.encode.variables import Horizon, Variables, domains
 from up_samp.scheduling.cpsat.normal import (
     Additions,
-    FollowUp,
     NormalForm,
     Precondition,
     Watcher,
@@ -105,7 +104,6 @@ class ScheduleModel:
         problem = self.problem
         parts = Watcher(problem).look()
         form = NormalForm(parts, {}) if self.plain else normal_form(parts)
-        self.follow_ups: list[FollowUp] = form.follow_ups
         for code, obj in enumerate(problem.all_objects):
             self.world.objects[obj.name] = code
             self.world.object_types.append(obj.type)
@@ -349,15 +347,9 @@ class ScheduleModel:
         """Take what is said by precedences as conditions on state variables, where that is the
         same; return what has to be stated as it is written.
         """
-        made, read, left = find_histories(
-            preconditions,
-            self.world.activities,
-            self.disjunctions.gap,
-            [s for k, s in self.states.vars.items() if k[0] in self.states.dynamic],
-        )
+        activities, gap = self.world.activities, self.disjunctions.gap
+        made, left = find_histories(preconditions, activities, gap)
         self.unread = left
-        for state, reads in read:
-            state.reads += reads
         self._adopt(made)
         return self._forms(Additions(constraints=[p.constraint for p in left]))
 

@@ -149,26 +149,20 @@ class Precondition:
     constraint: Constraint
 
 
-FollowUp = tuple[str, frozenset[str]]
-"""(activity, helpers): after the activity, one of the helpers has to come."""
-
-
 def read_precedences(
     constraints: Iterable[Constraint],
-) -> tuple[list[Precondition], list[FollowUp], list[Constraint]]:
-    """Return preconditions, follow-ups, and all constraints but the preconditions."""
-    preconditions, follow_ups, others = [], [], []
+) -> tuple[list[Precondition], list[Constraint]]:
+    """Return preconditions, and all constraints but these."""
+    preconditions, others = [], []
     before = cache(_before)  # most parts of preconditions come many times
     for constraint in constraints:
         check_time()
         found = _precedence(constraint, before)
-        if isinstance(found, Precondition):
+        if found is None:
+            others.append(constraint)
+        else:
             preconditions.append(found)
-            continue
-        if found is not None:
-            follow_ups.append(found)
-        others.append(constraint)
-    return preconditions, follow_ups, others
+    return preconditions, others
 
 
 BeforeOf = Callable[[FNode], "Before | None"]
@@ -179,7 +173,7 @@ def _before(node: FNode) -> Before | None:
     return found if found is not None and found[2] in (0, 1) else None
 
 
-def _precedence(constraint: Constraint, before: BeforeOf) -> Precondition | FollowUp | None:
+def _precedence(constraint: Constraint, before: BeforeOf) -> Precondition | None:
     node, scope, _ = constraint
     if node.node_type is Op.IMPLIES and not scope:
         node, scope = node.arg(1), [node.arg(0)]
@@ -188,7 +182,6 @@ def _precedence(constraint: Constraint, before: BeforeOf) -> Precondition | Foll
     if activity is None or any(o.node_type not in (Op.AND, Op.OR, Op.IMPLIES) for o in options):
         return None
     helpers: dict[str, frozenset[str]] = {}
-    follow_ups: set[str] = set()
     initially, gap = None, 0
     for parts in map(conjuncts, options):
         names = [name for name in map(present_told, parts) if name is not None]
@@ -203,16 +196,11 @@ def _precedence(constraint: Constraint, before: BeforeOf) -> Precondition | Foll
         order = [b for b in map(before, parts) if b is not None]
         if len(order) != 1 or len(rest) + 2 != len(parts):
             return None
-        if order[0][:2] == (activity, helper) and not rest:
-            follow_ups.add(helper)
-            continue
         if order[0][:2] != (helper, activity) or rivals is None or helper in helpers:
             return None
         helpers[helper] = rivals[0]
         gap = max(gap, order[0][2], rivals[1])
-    if follow_ups and not helpers and initially is None:
-        return activity, frozenset(follow_ups)
-    if follow_ups or (not helpers and not initially):
+    if not helpers and not initially:
         return None
     return Precondition(activity, helpers, initially, gap, constraint)
 
@@ -387,22 +375,21 @@ def find_presences(
 class NormalForm:
     """A problem's parts in one style, who is there together, and what is said with precedences.
 
-    ``preconditions`` are not among the constraints of ``parts`` any more, follow-ups are.
+    ``preconditions`` are not among the constraints of ``parts`` any more.
     """
 
     parts: Additions
     presences: Presences
     preconditions: list[Precondition] = field(default_factory=list)
-    follow_ups: list[FollowUp] = field(default_factory=list)
 
 
 def normal_form(parts: Additions) -> NormalForm:
     """Return the normal form of all parts of a problem (not of what is appended later)."""
-    preconditions, follow_ups, others = read_precedences(parts.constraints)
+    preconditions, others = read_precedences(parts.constraints)
     parts = replace(parts, constraints=others, effects=anchor(parts.effects))
     presences = find_presences(
         parts.constraints,
         [a.name for a in parts.activities if a.optional],
         [v.name for v in parts.variables if v.type.is_bool_type()],
     )
-    return NormalForm(parts, presences, preconditions, follow_ups)
+    return NormalForm(parts, presences, preconditions)

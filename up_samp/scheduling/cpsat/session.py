@@ -324,7 +324,7 @@ def _route(model: ScheduleModel, route: Route) -> str:
         parts.append(f"{len(route.visits)} places to come to")
     if doors:
         parts.append(f"{doors} needed open on the way")
-    if route.home is not None:
+    if route.final is not None:
         parts.append("a way home")
     return f"route {name_of(model, route.key)}: {', '.join(parts)}"
 

@@ -36,20 +36,14 @@ def find_histories(
     preconditions: list[Precondition],
     activities: dict[str, ActivityVars],
     gap: Gap,
-    states: Iterable[StateVar] = (),
-) -> tuple[list[StateVar], list[tuple[StateVar, list[Read]]], list[Precondition]]:
-    """Return the state variables that preconditions speak of; conditions on those that are there
-    already, and tell the same; and the preconditions that none of these say.
+) -> tuple[list[StateVar], list[Precondition]]:
+    """Return the state variables that preconditions speak of, and the preconditions that none of
+    these say.
 
     Assumes: helpers, rivals and who needs them never overlap, and all are named who may undo what
     is needed.
-
-    :param states: those of the problem; where one of them tells the same, it is read.
     """
-    made: list[StateVar] = []
-    read: list[tuple[StateVar, list[Read]]] = []
     left: list[Precondition] = []
-    known = _last_effects(states, activities)
     lasting = [p for p in preconditions if _lasts(p)]
     groups = list(_by_writers([p for p in preconditions if not _lasts(p)]).items())
     said: list[Group] = []
@@ -63,13 +57,11 @@ def find_histories(
             left += some
         else:
             said.append((writers, some))
-    for number, (writers, some) in enumerate(said):
-        reads = _told(known.get(frozenset(activities[w].index for w in writers)), some, activities)
-        if reads is not None:
-            read.append(reads)
-        else:
-            made.append(_history(("#history", number), writers, some, activities))
-    return made, read, left + [p for p in lasting if id(p) not in told]
+    made = [
+        _history(("#history", number), writers, some, activities)
+        for number, (writers, some) in enumerate(said)
+    ]
+    return made, left + [p for p in lasting if id(p) not in told]
 
 
 def _lasts(precondition: Precondition) -> bool:
@@ -118,50 +110,6 @@ def _together(
         lasting = [p for p in lasting if id(p) not in wrong]
         groups = [g for g in groups if all(id(p) not in wrong for p in g[1])]
     return []
-
-
-def _last_effects(
-    states: Iterable[StateVar], activities: dict[str, ActivityVars]
-) -> dict[frozenset[int], StateVar]:
-    """Return the state variables that each of some activities sets once, a unit before its end."""
-    index = {a.index: a for a in activities.values()}
-    found: dict[frozenset[int], StateVar] = {}
-    for state in states:
-        plain = state.initial is not None and all(
-            w.owner is not None
-            and not w.add
-            and not w.value.terms
-            and w.active == index[w.owner].present
-            and w.time == index[w.owner].end.shift(-1)._replace(needs=())
-            for w in state.writes
-        )
-        owners = frozenset(w.owner for w in state.writes if w.owner is not None)
-        if plain and len(owners) == len(state.writes):
-            found.setdefault(owners, state)
-    return found
-
-
-def _told(
-    state: StateVar | None, preconditions: list[Precondition], activities: dict[str, ActivityVars]
-) -> tuple[StateVar, list[Read]] | None:
-    """Return what the preconditions ask of a state variable, if they ask just for values of it."""
-    if state is None:
-        return None
-    values = {w.owner: w.value.const for w in state.writes}
-    reads = []
-    for precondition in preconditions:
-        mine = activities[precondition.activity].index
-        helpers = {activities[h].index for h in precondition.helpers}
-        allowed = {values[h] for h in helpers}
-        if precondition.initially is not None and state.initial is not None:
-            allowed.add(state.initial)
-        for owner, value in values.items():
-            if owner != mine and (value in allowed) != (owner in helpers):
-                return None
-        if (state.initial in allowed) != (precondition.initially is not None):
-            return None
-        reads.append(_read(activities[precondition.activity], frozenset(allowed)))
-    return state, reads
 
 
 def _writers(precondition: Precondition) -> frozenset[str]:

@@ -91,8 +91,8 @@ class Decoder:
             pending.remove(ready)
             self._do(ready, 0)
         for number, robot in enumerate(self.robots):
-            if robot.route.home is not None and robot.here not in robot.route.home:
-                self._go(number, robot.route.home, 0, None)
+            if robot.route.final is not None and robot.here not in robot.route.final:
+                self._go(number, robot.route.final, 0, None)
         return CandidateSchedule(dict(self.times))
 
     # -- tasks ---------------------------------------------------------------------------------

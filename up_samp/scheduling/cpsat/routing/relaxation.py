@@ -115,7 +115,7 @@ class RoutingRelaxation:
                 circuit.append((i, j, store.raw(literal)))
                 load.append((literal, least))
                 self._when(since.shift(least).le(stop.start), literal)
-            back = way_back(route, places, route.returns.get(stop.name, route.final))
+            back = way_back(route, places, route.final)
             literal = store.boolean()
             circuit.append((j, 0, store.raw(literal)))
             load.append((literal, back))
