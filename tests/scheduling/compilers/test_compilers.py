@@ -31,7 +31,6 @@ from up_samp.scheduling.compilers.intervals import (
     refuse_numbers,
 )
 from up_samp.scheduling.compilers.optional import compile_optional
-from up_samp.scheduling.compilers.pipeline import restored
 from up_samp.scheduling.compilers.plain import (
     TRUE,
     Activity,
@@ -48,7 +47,7 @@ from up_samp.scheduling.compilers.plain import (
 from up_samp.scheduling.compilers.precedences import compile_precedences
 from up_samp.scheduling.compilers.read import read_problem
 from up_samp.scheduling.compilers.write import ProblemWriter
-from up_samp.scheduling.engine_scheduler import EngineScheduler
+from up_samp.scheduling.engine_scheduler import EngineScheduler, restored
 from up_samp.validation import validate_schedule
 
 

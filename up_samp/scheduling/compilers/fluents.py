@@ -149,7 +149,8 @@ def _grounded(
         if left:
             conditions.append(condition)
         else:
-            constraints.append(_timeless(problem, condition))
+            ways = asks_nothing(problem, condition)
+            constraints.append(disjunction([condition.expression, *ways]))
     return replace(
         found,
         constraints=tuple(c for c in constraints if c != TRUE),
@@ -158,11 +159,6 @@ def _grounded(
         fluents=fluents,
         initial={k: v for k, v in problem.initial.items() if k[1] in kept},
     )
-
-
-def _timeless(problem: PlainProblem, condition: Condition) -> Expr:
-    """Return the constraint that a condition without fluents amounts to."""
-    return disjunction([condition.expression, *asks_nothing(problem, condition)])
 
 
 def asks_nothing(problem: PlainProblem, condition: Condition) -> list[Expr]:

@@ -332,7 +332,7 @@ class ScheduleModel:
         delays += [int(abs(s.upper.delay)) for s, _, _ in parts.conditions]
         delays += [int(abs(s.upper.delay)) for s in timed]
         self.states.far = constant(self.limit + max(delays, default=0) + 2)
-        for var in self.time_variables():
+        for var in self.variables.time_variables():
             self.store.rebound(var, self.limit)
 
     def _unary(self, form: NormalForm) -> None:
@@ -400,15 +400,11 @@ class ScheduleModel:
         """
         copy = self.store.model.clone()
         variables = copy.proto.variables
-        for var in self.time_variables():
+        for var in self.variables.time_variables():
             domain = variables[self.store.position(var)].domain
             if len(domain) == 2 and domain[0] <= makespan < domain[1]:
                 domain[1] = makespan
         return copy
-
-    def time_variables(self) -> list[int]:
-        """Return the makespan and the start and end variables."""
-        return self.variables.time_variables()
 
 
 FAMILIES: tuple[tuple[str, Callable[[ScheduleModel, NormalForm], None]], ...] = (

@@ -442,15 +442,13 @@ def _sequence(now: Planned, key: Expr, groups: Groups) -> Groups:
     hangs = _depends(key, groups)
     if fits_up and fits_down and not hangs:
         return []
-    order = None if hangs else _within(here, amounts, low, high)
-    if order is None:
+    if hangs or not (fits_up or fits_down):
         everybody = [w for group in groups for w in group]
         return [everybody, everybody]  # each waits for the other
-    blocks = [
-        [w for k in run for w in groups[k]]
-        for _, run in itertools.groupby(order, key=lambda k: amounts[k] > 0)
+    rises = list(zip(groups, (amount > 0 for amount in amounts), strict=True))
+    return [
+        [w for group, up in rises if up == first for w in group] for first in (fits_up, fits_down)
     ]
-    return blocks
 
 
 def _depends(key: Expr, groups: Groups) -> bool:
@@ -462,29 +460,6 @@ def _depends(key: Expr, groups: Groups) -> bool:
         for e in (w.effect.condition, w.effect.value)
         for sub in subexpressions(e)
     )
-
-
-def _within(here: int, amounts: list[int], low: int | None, high: int | None) -> list[int] | None:
-    """Return an order of amounts in which all sums are within bounds, with few turns from giving to
-    taking (``None``: there is none).
-    """
-    dead: set[frozenset[int]] = set()
-
-    def rest(value: int, left: frozenset[int], rising: bool) -> list[int] | None:
-        if not left:
-            return []
-        if left in dead:
-            return None
-        for k in sorted(left, key=lambda k: ((amounts[k] > 0) != rising, -abs(amounts[k]), k)):
-            then = value + amounts[k]
-            if (low is None or then >= low) and (high is None or then <= high):
-                found = rest(then, left - {k}, amounts[k] > 0)
-                if found is not None:
-                    return [k, *found]
-        dead.add(left)
-        return None
-
-    return rest(here, frozenset(range(len(amounts))), rising=True)
 
 
 def _capacity(planned: Planned, key: Expr, writes: list[_Write]) -> int | None:

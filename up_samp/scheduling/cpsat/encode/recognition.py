@@ -20,7 +20,14 @@ from up_samp.scheduling.cpsat.encode.forms import (
     parts_of,
     value_told,
 )
-from up_samp.scheduling.cpsat.encode.states import Key, Read, States, StateVar, Write
+from up_samp.scheduling.cpsat.encode.states import (
+    Key,
+    Read,
+    States,
+    StateVar,
+    SureChange,
+    Write,
+)
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.encode.timeline import pair_uses
 from up_samp.scheduling.cpsat.normal import Precondition
@@ -360,20 +367,16 @@ def _set_for_good(states: States) -> dict[frozenset[int], StateVar]:
     """
     found: dict[frozenset[int], StateVar] = {}
     for key, state in states.vars.items():
-        if state.initial is None or not state.writes or key[0] not in states.dynamic:
-            continue
-        if all(_sets(state, write, states) for write in state.writes):
-            found.setdefault(frozenset(w.owner or 0 for w in state.writes), state)
+        changes = states.sure_changes(state) if key[0] in states.dynamic else []
+        if changes and all(_sets(state, change) for change in changes):
+            found.setdefault(frozenset(change.owner.index for change in changes), state)
     return found
 
 
-def _sets(state: StateVar, write: Write, states: States) -> bool:
-    """Return whether a write brings a state somewhere else, whenever its owner is there."""
-    if write.owner is None or write.add or write.value.terms or write.value.const == state.initial:
-        return False
-    owner = states.activity(write.owner)
-    low, high = states.difference(write.time, owner.end)
-    return write.active == owner.present and low == high <= 0
+def _sets(state: StateVar, change: SureChange) -> bool:
+    """Return whether a change brings a state somewhere else, at a known time."""
+    low, high = change.late
+    return not change.adds and state.initial not in (None, change.value) and low == high <= 0
 
 
 def _milestone(number: int, helpers: list[int], states: States) -> StateVar:

@@ -211,21 +211,13 @@ def _openers(model: ScheduleModel, tasks: list[RoutedTask], entrance: Need) -> l
     """Return the tasks that open an entrance, if all that changes it does just that, and alike."""
     key, allowed = entrance
     state = model.states.vars[key]
-    if state.numeric or state.initial in allowed or not state.writes:
+    changes = model.states.sure_changes(state)
+    if state.numeric or state.initial in allowed or not changes:
         return None
     names = {name: i for i, task in enumerate(tasks) for _, name, _ in task.ways}
-    found: dict[int, None] = {}
-    for write in state.writes:
-        if model.store.never(write.active):
-            continue
-        owner = None if write.owner is None else model.states.activity(write.owner)
-        if owner is None or owner.name not in names or write.active != owner.present:
-            return None
-        if write.value.terms or write.value.const not in allowed:
-            return None
-        found[names[owner.name]] = None
-    if not found:
+    if any(c.owner.name not in names or c.value not in allowed for c in changes):
         return None
+    found = dict.fromkeys(names[change.owner.name] for change in changes)
     some = [tasks[i] for i in found]
     first = some[0]
     alike = all(
@@ -451,16 +443,11 @@ def _gap_between(model: ScheduleModel, one: RoutedTask, other: RoutedTask) -> in
     """Return the least gap between two tasks, whoever does them; ``None`` if some ways to do them,
     be they of two travellers, may overlap.
     """
-    world = model.world.activities
-    gaps = []
-    for _, a, _ in one.ways:
-        for _, b, _ in other.ways:
-            first, second = sorted((world[a].index, world[b].index))
-            gap = model.disjunctions.gaps.get((first, second))
-            if gap is None:
-                return None
-            gaps.append(gap)
-    return min(gaps)
+    index, gaps = model.world.activities, model.disjunctions.gaps
+    pairs = itertools.product(one.ways, other.ways)
+    both = (sorted((index[a].index, index[b].index)) for (_, a, _), (_, b, _) in pairs)
+    least = min(gaps.get((first, second), -1) for first, second in both)
+    return None if least < 0 else least
 
 
 def _find_changes(

@@ -17,7 +17,7 @@ from up_samp.scheduling.cpsat.encode.forms import (
     parts_of,
 )
 from up_samp.scheduling.cpsat.encode.numbers import INFINITE
-from up_samp.scheduling.cpsat.encode.states import Key, Read, StateVar, Write
+from up_samp.scheduling.cpsat.encode.states import Key, Read, StateVar
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.route import Route, shorten
@@ -73,21 +73,19 @@ def find_levels(model: ScheduleModel, route: Route) -> list[RouteLevel]:
 
 
 def _level(model: ScheduleModel, route: Route, state: StateVar) -> RouteLevel | None:
-    stops = {name for name, _ in route.stops}
+    stops = dict(route.stops)
     taken: dict[str, int] = {}
     gains: dict[str, int] = {}
     settings: dict[str, int] = {}
-    for write in state.writes:
-        if model.store.never(write.active):
-            continue
-        name, value = _owner(model, write), write.value.const
-        if name is None or write.value.terms:
+    for change in model.states.sure_changes(state):
+        name, value = change.owner.name, change.value
+        if change.since[0] < 0 or change.late[1] > 0:
             return None
-        if write.add and name in route.movers and value <= 0:
+        if change.adds and name in route.movers and value <= 0:
             taken[name] = taken.get(name, 0) - value
-        elif name not in stops or not _after_start(model, write):
-            return None
-        elif write.add:
+        elif name not in stops or change.since[0] < 1:
+            return None  # at its start it is seen together with the end of what was before
+        elif change.adds:
             gains[name] = gains.get(name, 0) + value
         else:
             settings[name] = value
@@ -95,24 +93,6 @@ def _level(model: ScheduleModel, route: Route, state: StateVar) -> RouteLevel | 
     if not taken or both or state.initial is None:
         return None
     return RouteLevel(state.initial, *state.bounds, gains, settings, _ways(route, taken))
-
-
-def _owner(model: ScheduleModel, write: Write) -> str | None:
-    """Return the activity that always has this effect, within it."""
-    if write.owner is None:
-        return None
-    owner = model.states.activity(write.owner)
-    inside = model.states.difference(write.time, owner.start)[0] >= 0
-    ends = model.states.difference(owner.end, write.time)[0] >= 0
-    return owner.name if inside and ends and write.active == owner.present else None
-
-
-def _after_start(model: ScheduleModel, write: Write) -> bool:
-    """Return whether an effect comes after the start of its activity: nobody sees it together with
-    one at the end of what came before.
-    """
-    owner = model.states.activity(write.owner or 0)
-    return model.states.difference(write.time, owner.start)[0] >= 1
 
 
 def _ways(route: Route, taken: Mapping[str, int]) -> Ways:
@@ -194,19 +174,14 @@ def _changes(
     world, found = model.world.activities, dict[Way, list[Change]]()
     begins = {way: world[name].start.terms[0][0] for name, way in names.items()}
     later = _later_starts(model)
-    for write in state.writes:
-        if model.store.never(write.active):
-            continue
-        owner = model.states.activity(write.owner or 0)
-        start = owner.start.terms[0][0]
-        ways = coming.get(owner.present, ())
+    for change in model.states.sure_changes(state):
+        start, (since, latest) = change.owner.start.terms[0][0], change.since
+        ways = coming.get(change.owner.present, ())
         after = [(w, gap) for w in ways if (gap := later.get((begins[w], start))) is not None]
-        since, latest = model.states.difference(write.time, owner.start)
-        told = write.owner, write.active, write.add, write.value.terms, since, len(after)
-        if told != (owner.index, owner.present, False, (), latest, 1):
+        if change.adds or since < latest or len(after) != 1:
             return {}
         ((way, gap),) = after
-        found.setdefault(way, []).append((state.key, write.value.const, gap + since))
+        found.setdefault(way, []).append((state.key, change.value, gap + since))
     return found
 
 
@@ -382,25 +357,14 @@ def _settled(
     index), does so once whenever it is there, and the next one sees that; else nothing.
     """
     changes: dict[Way, int] = {}
-    for write in state.writes:
-        if model.store.never(write.active):
-            continue
-        owner = model.states.activity(write.owner or 0)
-        since = model.states.difference(write.time, owner.start)[0]
-        late = model.states.difference(write.time, owner.end)[1]
-        value = write.value.const
+    for change in model.states.sure_changes(state):
+        way, late = mine.get(change.owner.index), change.late[1]
         # what is taken is not taken at the instant at which the next one gives something back
-        soon = late < gap if write.add and value < 0 else late <= gap
-        if (
-            write.owner is None
-            or write.owner not in mine
-            or mine[write.owner] in changes
-            or write.active != owner.present
-            or (write.value.terms or write.add != state.numeric)
-            or not (since >= 0 and soon)
-        ):
+        soon = late < gap if change.adds and change.value < 0 else late <= gap
+        once = way not in changes and change.adds == state.numeric
+        if way is None or not once or change.since[0] < 0 or not soon:
             return {}
-        changes[mine[write.owner]] = value
+        changes[way] = change.value
     return changes
 
 

@@ -150,8 +150,7 @@ class RoutingRelaxation:
 
     def _never_after(self, one: ActivityVars, other: ActivityVars) -> bool:
         """Return whether ``other`` cannot come after ``one``: it is an alternative, or earlier."""
-        pair = (min(one.index, other.index), max(one.index, other.index))
-        if pair in self.model.disjunctions.exclusive:
+        if self.model.disjunctions.gap(one.index, other.index) >= INFINITE:
             return True
         return self._surely_before(other.start.terms[0][0], one.start.terms[0][0])
 

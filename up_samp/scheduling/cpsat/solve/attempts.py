@@ -241,11 +241,10 @@ class Attempts:
         for cap in caps:
             if cap < self.bound * self.minimizes_makespan:
                 continue
-            model = self.model.capped(cap)
+            model = self._capped(cap)
             for var in sorted(presences & hints.keys()):
                 position = self.model.store.position(var)
                 model.add(model.get_int_var_from_proto_index(position) == hints[var])
-            self._set_hints(model)
             answer = None
             if self.tiny:
                 answer = self._run(model, runner.NO_PRESOLVE, NO_PRESOLVE, first=True)
@@ -260,8 +259,7 @@ class Attempts:
         to loose, with more effort each time. ``base``: the makespan to expect (0: not known).
         """
         limit = self.model.limit
-        model = self.model.capped(max(limit // 8, 4 * base))
-        self._set_hints(model)
+        model = self._capped(max(limit // 8, 4 * base))
         dived = self._run(model, runner.DIVE, _FIRST_DIVE, first=True)
         if dived.values is not None or self.over():
             return
@@ -276,8 +274,7 @@ class Attempts:
 
     def _under(self, cap: int, effort: float, *, last: bool) -> bool:
         """Look for some schedule under a cap; return whether that is over, well or not."""
-        model = self.model.capped(cap)
-        self._set_hints(model)
+        model = self._capped(cap)
         for profile, weight in (
             (runner.LINEARIZATION, 2.0),
             (runner.NO_LINEARIZATION, 1.0),
@@ -316,12 +313,10 @@ class Attempts:
     ) -> None:
         """Search between the bound and ``cap``, and learn from the answer."""
         store = self.model.store
-        model = self.model.capped(cap)
+        model = self._capped(cap, hinted=hinted)
         if self.minimizes_makespan and self.bound:
             makespan = model.get_int_var_from_proto_index(store.position(self.model.world.makespan))
             model.add(makespan >= self.bound)
-        if hinted:
-            self._set_hints(model)
         answer = self._run(model, profile, effort, first=False)
         if answer.status == cp_model.INFEASIBLE and self.best is None:
             self.infeasible = True
@@ -379,10 +374,12 @@ class Attempts:
             self.best, self.value = schedule, value
             self.known = {v: values[p] for v, p in store.positions() if v and p < len(values)}
 
-    def _set_hints(self, model: Any) -> None:
-        """Give the model what is known as hints."""
+    def _capped(self, cap: int, *, hinted: bool = True) -> Any:
+        """Return the model in which everything ends by ``cap``, with what is known as hints."""
+        model = self.model.capped(cap)
         model.clear_hints()
-        some = sorted(self.known.items())
+        some = sorted(self.known.items()) if hinted else []
         hint = model.proto.solution_hint  # one by one takes a hundred times as long
         hint.vars.extend([self.model.store.position(var) for var, _ in some])
         hint.values.extend([value for _, value in some])
+        return model
