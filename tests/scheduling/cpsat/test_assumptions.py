@@ -406,6 +406,16 @@ def doors_of_two_kinds():
     return trip.done()
 
 
+def a_door_with_two_uses():
+    trip, door, opens = guarded()
+    again = optional(trip, "again", "C", 4)
+    again.add_effect(again.end, door(), True)
+    for name, one in (("x", opens), ("y", again)):
+        wants = trip.problem.add_activity(f"wants_{name}", 1)
+        trip.problem.add_constraint(And(one.present, LE(one.end, wants.start)))
+    return trip.done()
+
+
 def a_door_that_somebody_shuts():
     trip, door, _ = guarded()
     shuts = trip.problem.add_activity("shuts", 1)
@@ -520,6 +530,7 @@ BROKEN = {
         lambda: a_door_that_closes(opened_at=2),
         a_door_that_somebody_shuts,
     ],
+    "opened_once": [a_door_with_two_uses, doors_of_two_kinds],
     "find_levels": [a_battery_that_is_filled_by_others],
     "precedence_closure": [in_any_order_but_one],
     "find_work": [something_beside_the_routes],

@@ -92,6 +92,8 @@ class ScheduleModel:
         self.stated: list[Form] = []
         """What was stated at first, but for disjunctions of pairs: of what is written, each family
         leaves what it does not say."""
+        self.appended: list[Form] = []
+        """What was stated later."""
         self._deadline = deadline
         self._is_exact = False
         """Whether the makespan variable is the latest end, not only at least that."""
@@ -267,7 +269,9 @@ class ScheduleModel:
             self.variables.narrow(activity)
         if parts.durations:
             self.disjunctions.emit_loads(self.store, Lin(((self.world.makespan, 1),)))
-        for form in self._forms(parts):
+        forms = self._forms(parts)
+        self.appended += forms
+        for form in forms:
             self.store.enforce(form)
         for span, condition, owner in parts.conditions:
             self.states.add_condition(span, condition, self.variables.of(owner))

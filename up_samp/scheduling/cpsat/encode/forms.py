@@ -116,6 +116,15 @@ def variables_in(form: Form) -> frozenset[int]:
     return frozenset(var for cmp in comparisons(form) for var, _ in cmp.terms)
 
 
+def spoken_of(form: Form) -> frozenset[int]:
+    """Return the variables that ``form`` speaks of: compared ones, and those of literals."""
+    if form.__class__ is int:
+        return frozenset((form if form >= 0 else ~form,))
+    if form.__class__ is Cmp:
+        return frozenset(var for var, _ in form.terms).union(*map(spoken_of, form.needs))
+    return frozenset[int]().union(*map(spoken_of, form[1:]))
+
+
 def value_told(form: Form, op: str) -> tuple[int, int] | None:
     """Return (variable, value) if a form says that the variable is (``==``), or is not (``!=``),
     that value.
