@@ -35,11 +35,11 @@ _SHARE = 0.35
 where the optimum is not asked for."""
 _BOUNDING = 0.7
 """For bounds without search, where it is: most of what is proven of routed problems they prove."""
-_LABELS_AGAIN = 150_000
+_LABELS_AGAIN = 180_000
 """Beginnings of sequences that proofs may look at if bounds were sought before."""
-_LABELS_ASIDE = 50_000
+_LABELS_ASIDE = 60_000
 """The same where the optimum is not asked for."""
-_BEAM = 500
+_BEAM = 750
 """Beginnings of each length among which sequences are sought that end before the schedule in hand:
 a fifth of them where the optimum is not asked for."""
 _AGAIN, _LONGER, _TIMES = 0.5, 5, 30
