@@ -16,7 +16,6 @@ from typing import Any
 import unified_planning as up
 from instances import SHOPS, flexible_shop, job_shop, transport
 from unified_planning.shortcuts import OneshotPlanner
-from up_samp.scheduling.schedules import to_candidate
 
 import up_samp  # noqa: F401  (registers the engines)
 from up_samp.model import CandidateSchedule, UnsupportedError
@@ -25,7 +24,7 @@ from up_samp.scheduling.compilers.write import ProblemWriter
 from up_samp.scheduling.engine_scheduler import chain, compilers_for, restored
 from up_samp.scheduling.quirks import quirks_of
 from up_samp.scheduling.worker import slim_down
-from up_samp.upio.plan import build_schedule
+from up_samp.upio.plan import build_schedule, to_candidate
 from up_samp.validation import validate_schedule
 
 COLUMNS = ("cpsat", "aries-opt", "cpse", "aries-opt compiled", "cpse compiled")
