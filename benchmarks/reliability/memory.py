@@ -4,7 +4,7 @@
 
 A fleet without chargers is solved once in a process of its own, and every model that CP-SAT was
 given is replayed there again and again, with the searches that are left out
-(``IGNORED``, up_samp/scheduling/cpsat/solve/options.py) and without them. glibc's malloc checks
+(``IGNORED``, up_samp/scheduling/cpsat/solve/runner.py) and without them. glibc's malloc checks
 each block as it is freed and ends the process where one was written beyond. Run it before a
 newer OR-Tools is let use them again. Linux with glibc only (``libc_malloc_debug.so.0``).
 """
@@ -22,7 +22,7 @@ from unittest import mock
 from ortools.sat.python import cp_model
 
 from up_samp.fleet import Fleet
-from up_samp.scheduling.cpsat.solve.options import IGNORED
+from up_samp.scheduling.cpsat.solve.runner import IGNORED
 
 MAP = Path(__file__).parents[2] / "examples" / "maps" / "two_rooms.yaml"
 CHECKS = {"LD_PRELOAD": "libc_malloc_debug.so.0", "MALLOC_CHECK_": "3"}

@@ -74,5 +74,5 @@ def _route(route: Route, told: dict) -> tuple:
         tuple(sorted(visits, key=sorted)),
         frozenset(needs),
         len(route.still),
-        route.home and frozenset(told[p] for p in route.home),
+        route.final and frozenset(told[p] for p in route.final),
     )

@@ -7,8 +7,8 @@ from unified_planning.shortcuts import LE, IntType, MinimizeActionCosts, Not, Re
 
 from tests.scheduling import problems
 from up_samp.model import Deadline, ScheduleStatus, UnsupportedError
-from up_samp.scheduling import known_engines, open_scheduler, to_candidate
-from up_samp.upio.plan import build_schedule
+from up_samp.scheduling import known_engines, open_scheduler
+from up_samp.upio.plan import build_schedule, to_candidate
 from up_samp.validation import validate_schedule
 
 ENGINES = ("cpsat", *(name for name, _, _ in known_engines()))

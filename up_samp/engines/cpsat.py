@@ -224,6 +224,6 @@ def _candidate(plan: Any) -> CandidateSchedule | None:
     """Return a UP schedule as plain values (``None`` for no plan)."""
     if plan is not None and not isinstance(plan, Schedule):
         raise ProblemError("cpsat starts from schedules only")
-    from up_samp.scheduling.schedules import to_candidate
+    from up_samp.upio.plan import to_candidate
 
     return None if plan is None else to_candidate(plan)

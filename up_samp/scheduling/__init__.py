@@ -2,12 +2,10 @@
 
 from up_samp.scheduling.adapters import Scheduler, open_scheduler
 from up_samp.scheduling.quirks import is_compatible, known_engines
-from up_samp.scheduling.schedules import to_candidate
 
 __all__ = [
     "Scheduler",
     "is_compatible",
     "known_engines",
     "open_scheduler",
-    "to_candidate",
 ]

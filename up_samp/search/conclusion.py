@@ -21,7 +21,7 @@ from up_samp.model import (
     in_force,
 )
 from up_samp.model.refinement import Refinement, Strength
-from up_samp.scheduling.cpsat.doubt import refuted_by, sooner
+from up_samp.scheduling.cpsat.session import refuted_by, sooner
 from up_samp.search.events import Phase
 from up_samp.search.knowledge import SCHEDULING, TOLD, Cost, History
 from up_samp.search.proof import listed

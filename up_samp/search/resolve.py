@@ -27,7 +27,6 @@ from unified_planning.plans import Plan, Schedule
 
 from up_samp.model import CandidateSchedule, Deadline, ProblemError
 from up_samp.scheduling.cpsat import CpsatSession
-from up_samp.scheduling.schedules import to_candidate
 from up_samp.search.check import Check
 from up_samp.search.events import Phase
 from up_samp.search.knowledge import Incumbent
@@ -35,6 +34,7 @@ from up_samp.search.search import Search
 from up_samp.search.world import groups_of, motion_key
 from up_samp.upio import Itinerary, Relaxation, read_itinerary
 from up_samp.upio.objective import only_makespan
+from up_samp.upio.plan import to_candidate
 from up_samp.upio.restrict import restrict
 
 Next = Callable[[CandidateSchedule], "CandidateSchedule | None"]

@@ -19,7 +19,7 @@ from up_samp.model.refinement import Refinement, Strength
 from up_samp.model.snapshot import Snapshot
 from up_samp.scheduling import Scheduler, open_scheduler
 from up_samp.scheduling.cpsat import CpsatSession
-from up_samp.scheduling.cpsat.doubt import refuted
+from up_samp.scheduling.cpsat.session import refuted
 from up_samp.search.budget import Budget, Restarts, SchedulerPace
 from up_samp.search.check import Check, CheckAlone, Checker
 from up_samp.search.cuts import SmallCuts, rejecting

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from unified_planning.environment import Environment
+from unified_planning.model import Parameter, Timepoint, TimepointKind
 from unified_planning.model.motion import (
     SE2,
     SE3,
@@ -97,6 +98,32 @@ def build_schedule(problem: Any, schedule: CandidateSchedule) -> Schedule:
     activities = [a for a in problem.activities if a.name in schedule.times]
     assignment = _assignment(problem, schedule, activities)
     return Schedule(activities, assignment, problem.environment)
+
+
+def to_candidate(schedule: Schedule) -> CandidateSchedule:
+    """Return times of the present activities and values of all parameters of a UP schedule.
+
+    Raises:
+        ValueError: a time is no integer.
+    """
+    assignment: dict[Any, int] = {}
+    parameters: dict[str, Any] = {}
+    for variable, value in schedule.assignment.items():
+        if isinstance(variable, Timepoint):
+            constant = value.constant_value()
+            if constant != int(constant):
+                raise ValueError(f"{variable} is at {constant}, which is not an integer")
+            assignment[variable.container, variable.kind] = int(constant)
+        elif isinstance(variable, Parameter):  # cpse lists presences as well
+            parameters[variable.name] = (
+                value.object().name if value.is_object_exp() else value.constant_value()
+            )
+    ends = (TimepointKind.START, TimepointKind.END)
+    times = {
+        a.name: (assignment[a.name, ends[0]], assignment[a.name, ends[1]])
+        for a in schedule.activities
+    }
+    return CandidateSchedule(times, parameters)
 
 
 def _assignment(

@@ -22,9 +22,8 @@ from unified_planning.shortcuts import (
 from tests.scheduling import problems
 from up_samp.model import CandidateSchedule, Deadline, UnsupportedError
 from up_samp.scheduling.adapters import _engine_class
-from up_samp.scheduling.compilers.constraints import compile_differences
-from up_samp.scheduling.compilers.exclusion import compile_resources
-from up_samp.scheduling.compilers.fluents import compile_ground
+from up_samp.scheduling.compilers.constraints import compile_differences, compile_resources
+from up_samp.scheduling.compilers.fluents import compile_flat_types, compile_ground
 from up_samp.scheduling.compilers.intervals import (
     compile_dense,
     compile_stillness,
@@ -32,7 +31,6 @@ from up_samp.scheduling.compilers.intervals import (
     refuse_numbers,
 )
 from up_samp.scheduling.compilers.optional import compile_optional
-from up_samp.scheduling.compilers.pipeline import restored
 from up_samp.scheduling.compilers.plain import (
     TRUE,
     Activity,
@@ -48,9 +46,8 @@ from up_samp.scheduling.compilers.plain import (
 )
 from up_samp.scheduling.compilers.precedences import compile_precedences
 from up_samp.scheduling.compilers.read import read_problem
-from up_samp.scheduling.compilers.types import compile_flat_types
 from up_samp.scheduling.compilers.write import ProblemWriter
-from up_samp.scheduling.engine_scheduler import EngineScheduler
+from up_samp.scheduling.engine_scheduler import EngineScheduler, restored
 from up_samp.validation import validate_schedule
 
 

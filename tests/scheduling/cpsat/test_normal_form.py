@@ -31,8 +31,7 @@ from up_samp.scheduling.cpsat.encode.disjunctions import find_groups
 from up_samp.scheduling.cpsat.encode.forms import Cmp
 from up_samp.scheduling.cpsat.encode.recognition import find_unary
 from up_samp.scheduling.cpsat.model import ScheduleModel
-from up_samp.scheduling.cpsat.normal import anchor, normal_form
-from up_samp.scheduling.cpsat.problem import Watcher
+from up_samp.scheduling.cpsat.normal import Watcher, anchor, normal_form
 
 
 @pytest.fixture
@@ -173,7 +172,6 @@ def test_preconditions_by_helpers_and_rivals_are_read(problem):
     (found,) = form.preconditions
     assert (found.activity, found.helpers) == ("a", {"b": frozenset({"c"})})
     assert found.initially == frozenset({"b", "c"})
-    assert form.follow_ups == [("a", frozenset({"c"}))]
     assert len(form.parts.constraints) == 2  # what comes afterwards is stated, too
 
 

@@ -1,10 +1,13 @@
-"""Fluents that engines take: ground ones, without arguments."""
+"""Fluents and types that engines take: ground fluents, without arguments; user types that something
+has, none below others.
+"""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 from up_samp.model import UnsupportedError
 from up_samp.scheduling.compilers.plain import (
@@ -17,6 +20,7 @@ from up_samp.scheduling.compilers.plain import (
     Expr,
     Fluent,
     PlainProblem,
+    Type,
     conjunction,
     disjunction,
     evaluate,
@@ -145,7 +149,8 @@ def _grounded(
         if left:
             conditions.append(condition)
         else:
-            constraints.append(_timeless(problem, condition))
+            ways = asks_nothing(problem, condition)
+            constraints.append(disjunction([condition.expression, *ways]))
     return replace(
         found,
         constraints=tuple(c for c in constraints if c != TRUE),
@@ -154,11 +159,6 @@ def _grounded(
         fluents=fluents,
         initial={k: v for k, v in problem.initial.items() if k[1] in kept},
     )
-
-
-def _timeless(problem: PlainProblem, condition: Condition) -> Expr:
-    """Return the constraint that a condition without fluents amounts to."""
-    return disjunction([condition.expression, *asks_nothing(problem, condition)])
 
 
 def asks_nothing(problem: PlainProblem, condition: Condition) -> list[Expr]:
@@ -230,3 +230,58 @@ def reaches_end(problem: PlainProblem, delay: int, time: Expr) -> Expr:
         idle = negation(problem.happens(effect))
         late.append(disjunction([idle, ("le", later(effect.time, 1 + delay), time)]))
     return conjunction(late)
+
+
+# ------------------ User types below others away
+
+
+def compile_flat_types(problem: PlainProblem) -> Compiled:
+    """Return the problem with flat types only."""
+    if all(father is None for father in problem.types.values()):
+        return Compiled(problem)
+    root = partial(_root, problem)
+
+    def flat(tpe: Type) -> Type:
+        return ("user", root(tpe[1])) if tpe[0] == "user" else tpe
+
+    def flat_all(parameters: tuple[tuple[str, Type], ...]) -> tuple[tuple[str, Type], ...]:
+        return tuple((name, flat(tpe)) for name, tpe in parameters)
+
+    restricted: list[Expr] = []
+    for name, tpe in problem.parameter_types.items():
+        if tpe[0] == "user" and problem.types[tpe[1]] is not None:
+            choices = problem.objects_of(tpe[1])
+            restricted.append(disjunction(("eq", ("par", name), ("obj", o)) for o in choices))
+    flattened = replace(
+        problem,
+        activities=tuple(replace(a, parameters=flat_all(a.parameters)) for a in problem.activities),
+        constraints=(*problem.constraints, *restricted),
+        variables={n: flat(t) for n, t in problem.variables.items()},
+        types={n: None for n, father in problem.types.items() if father is None},
+        objects={o: root(t) for o, t in problem.objects.items()},
+        fluents={
+            n: Fluent(flat(f.type), flat_all(f.parameters), f.default)
+            for n, f in problem.fluents.items()
+        },
+    )
+    return Compiled(flattened)
+
+
+def _root(problem: PlainProblem, name: str) -> str:
+    """Return the type above all others that a type is below of."""
+    father = problem.types[name]
+    return name if father is None else _root(problem, father)
+
+
+# ------------------ User types that nothing has
+
+
+def compile_unused(problem: PlainProblem) -> Compiled:
+    """Drop types that no variable, fluent or fluent's parameter has, nor a relative of one."""
+    needed: set[Type] = set(problem.parameter_types.values())
+    for fluent in problem.fluents.values():
+        needed |= {fluent.type, *(tpe for _, tpe in fluent.parameters)}
+    roots = {_root(problem, tpe[1]) for tpe in needed if tpe[0] == "user"}
+    kept = {name: father for name, father in problem.types.items() if _root(problem, name) in roots}
+    objects = {name: tpe for name, tpe in problem.objects.items() if tpe in kept}
+    return Compiled(replace(problem, types=kept, objects=objects))

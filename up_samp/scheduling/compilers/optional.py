@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
 from dataclasses import replace
 
 from up_samp.model import UnsupportedError
@@ -301,9 +300,9 @@ class _OptionalCompiler:
         wishes = wished_values(self.problem, condition, self.idle[owner])
         assert wishes is not None
         slots = {
-            atom: self._slot(
-                owner, self._present(owner), atom[1], self._reading_copy(atom, wishes[atom])
-            )(atom)
+            atom: self._in_slot(
+                owner, self._present(owner), atom, self._reading_copy(atom, wishes[atom])
+            )
             for atom in fluents_in(condition.expression)
         }
         return replace(condition, expression=rewrite(condition.expression, slots.get))
@@ -341,7 +340,7 @@ class _OptionalCompiler:
         self.objects[own] = self.slot_types[fluent[1]]
         if effect.kind != "assign":
             self._make_room(effect, own)
-        slot = self._slot(owner, happens, fluent[1], own)(fluent)
+        slot = self._in_slot(owner, happens, fluent, own)
         return replace(effect, fluent=slot, value=value, condition=TRUE)
 
     def _present(self, owner: str | None) -> Expr:
@@ -365,19 +364,19 @@ class _OptionalCompiler:
                 self.initial[(*ground, ("obj", copy))] = wish
         return self._copies[key]
 
-    def _slot(
-        self, owner: str | None, happens: Expr, fluent: str, off: str
-    ) -> Callable[[Expr], Expr]:
-        """Add a slot parameter: ``main`` if it ``happens``, ``off`` if not."""
+    def _in_slot(self, owner: str | None, happens: Expr, fluent: Expr, off: str) -> Expr:
+        """Return a fluent with one more slot parameter: ``main`` if it ``happens``, ``off`` if
+        not.
+        """
         base = "slot" if owner is None else f"{owner}.slot"
-        parameter, tpe = fresh(base, self.taken), ("user", self.slot_types[fluent])
+        parameter, tpe = fresh(base, self.taken), ("user", self.slot_types[fluent[1]])
         if owner is None:
             self.variables[parameter] = tpe
         else:
             self.extra.setdefault(owner, []).append((parameter, tpe))
         slot = ("par", parameter)
         self.constraints += [
-            disjunction([self.normal(happens, False), ("eq", slot, ("obj", self.main[fluent]))]),
+            disjunction([self.normal(happens, False), ("eq", slot, ("obj", self.main[fluent[1]]))]),
             disjunction([self.normal(happens), ("eq", slot, ("obj", off))]),
         ]
-        return lambda expression: (*expression, slot)
+        return (*fluent, slot)

@@ -354,7 +354,7 @@ class PlainProblem:
 @dataclass(frozen=True)
 class Compiled:
     """A compiled problem. Activities and parameters that are not the original's are left out of its
-    schedules (:func:`.pipeline.restored`).
+    schedules (:func:`..engine_scheduler.restored`).
 
     ``presence``: activities that are optional in the original and are not here, with the bool
     parameters that say whether they are there.

@@ -13,7 +13,6 @@ from unified_planning.model.scheduling import SchedulingProblem
 from up_samp.extensions import parts as parts_from_outside
 from up_samp.model import Deadline, OutOfTimeError, UnsupportedError, check_time, in_force
 from up_samp.scheduling.cpsat.encode.disjunctions import Disjunctions, find_groups, merge_forms
-from up_samp.scheduling.cpsat.encode.durations import PLACEHOLDER, constant_bounds, constants, least
 from up_samp.scheduling.cpsat.encode.forms import (
     FALSE,
     TRUE,
@@ -25,22 +24,27 @@ from up_samp.scheduling.cpsat.encode.forms import (
     constant,
     disjunction,
 )
-from up_samp.scheduling.cpsat.encode.fractions import scales_of
-from up_samp.scheduling.cpsat.encode.horizon import Horizon
+from up_samp.scheduling.cpsat.encode.numbers import (
+    PLACEHOLDER,
+    constant_bounds,
+    constants,
+    least,
+    scales_of,
+)
 from up_samp.scheduling.cpsat.encode.objective import Encoding, ends_in_time, lasts
 from up_samp.scheduling.cpsat.encode.recognition import find_histories, find_milestones, find_unary
 from up_samp.scheduling.cpsat.encode.states import Key, Read, States, StateVar
 from up_samp.scheduling.cpsat.encode.store import ModelStore
 from up_samp.scheduling.cpsat.encode.terms import Terms, World, countable
 from up_samp.scheduling.cpsat.encode.timeline import NumericTimeline, Timeline
-from up_samp.scheduling.cpsat.encode.variables import Variables, domains
+from up_samp.scheduling.cpsat.encode.variables import Horizon, Variables, domains
 from up_samp.scheduling.cpsat.normal import (
-    FollowUp,
+    Additions,
     NormalForm,
     Precondition,
+    Watcher,
     normal_form,
 )
-from up_samp.scheduling.cpsat.problem import Additions, Watcher
 from up_samp.upio.expressions import walk
 from up_samp.upio.objective import objective_of, only_makespan
 from up_samp.upio.spans import with_timings
@@ -102,7 +106,6 @@ class ScheduleModel:
         problem = self.problem
         parts = Watcher(problem).look()
         form = NormalForm(parts, {}) if self.plain else normal_form(parts)
-        self.follow_ups: list[FollowUp] = form.follow_ups
         for code, obj in enumerate(problem.all_objects):
             self.world.objects[obj.name] = code
             self.world.object_types.append(obj.type)
@@ -333,7 +336,7 @@ class ScheduleModel:
         delays += [int(abs(s.upper.delay)) for s, _, _ in parts.conditions]
         delays += [int(abs(s.upper.delay)) for s in timed]
         self.states.far = constant(self.limit + max(delays, default=0) + 2)
-        for var in self.time_variables():
+        for var in self.variables.time_variables():
             self.store.rebound(var, self.limit)
 
     def _unary(self, form: NormalForm) -> None:
@@ -348,15 +351,9 @@ class ScheduleModel:
         """Take what is said by precedences as conditions on state variables, where that is the
         same; return what has to be stated as it is written.
         """
-        made, read, left = find_histories(
-            preconditions,
-            self.world.activities,
-            self.disjunctions.gap,
-            [s for k, s in self.states.vars.items() if k[0] in self.states.dynamic],
-        )
+        activities, gap = self.world.activities, self.disjunctions.gap
+        made, left = find_histories(preconditions, activities, gap)
         self.unread = left
-        for state, reads in read:
-            state.reads += reads
         self._adopt(made)
         return self._forms(Additions(constraints=[p.constraint for p in left]))
 
@@ -407,15 +404,11 @@ class ScheduleModel:
         """
         copy = self.store.model.clone()
         variables = copy.proto.variables
-        for var in self.time_variables():
+        for var in self.variables.time_variables():
             domain = variables[self.store.position(var)].domain
             if len(domain) == 2 and domain[0] <= makespan < domain[1]:
                 domain[1] = makespan
         return copy
-
-    def time_variables(self) -> list[int]:
-        """Return the makespan and the start and end variables."""
-        return self.variables.time_variables()
 
 
 FAMILIES: tuple[tuple[str, Callable[[ScheduleModel, NormalForm], None]], ...] = (

@@ -1,4 +1,5 @@
-"""The normal form of a problem: the list of steps from what is written to what is recognised.
+"""What a scheduling problem holds, read once and then by what was appended; and its normal form:
+the list of steps from what is written to what is recognised.
 
 Each step says the same in one way, so a model may be built from any of them; what recognition finds
 in the form only adds what follows anyway, or replaces what is equivalent.
@@ -9,16 +10,112 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
+from typing import Any
 
-from unified_planning.model import Effect, FNode, Timing
+from unified_planning.model import Effect, FNode, TimeInterval, Timing
 from unified_planning.model.operators import OperatorKind as Op
-from unified_planning.model.scheduling import Activity
+from unified_planning.model.scheduling import Activity, SchedulingProblem
 from unified_planning.model.timing import TimepointKind
 
 from up_samp.model import check_time
-from up_samp.scheduling.cpsat.encode.durations import constant_bounds
-from up_samp.scheduling.cpsat.problem import Additions
-from up_samp.upio.expressions import conjuncts, end_before_start, present_told
+from up_samp.scheduling.cpsat.encode.numbers import constant_bounds
+from up_samp.upio.expressions import QuantifierRemover, conjuncts, end_before_start, present_told
+from up_samp.upio.spans import with_timings
+
+
+@dataclass
+class Additions:
+    """What is new since the last look. ``activity`` is ``None`` for the problem's own parts."""
+
+    activities: list[Activity] = field(default_factory=list)
+    variables: list[Any] = field(default_factory=list)
+    parameters: list[tuple[Activity, Any]] = field(default_factory=list)
+    constraints: list[tuple[FNode, list[FNode], Activity | None]] = field(default_factory=list)
+    conditions: list[tuple[TimeInterval, FNode, Activity | None]] = field(default_factory=list)
+    effects: list[tuple[Timing, Effect, Activity | None]] = field(default_factory=list)
+    durations: list[Activity] = field(default_factory=list)
+    new_objects: bool = False
+    rewritten: bool = False
+    """Something was taken back or exchanged, not only appended."""
+
+
+class Watcher:
+    """Remembers what of a problem has been seen, and tells what was appended."""
+
+    def __init__(self, problem: SchedulingProblem) -> None:
+        self.problem = problem
+        self._seen: dict[tuple[Any, ...], list[Any]] = {}
+        """By whose it is (``None``: the problem's own), what it is, and when: what was seen."""
+        self._durations: dict[str, Any] = {}
+        self._activities: list[Activity] = []
+        self._state: tuple[Any, ...] = ()
+        self._written_out = QuantifierRemover(problem)
+
+    def look(self) -> Additions:
+        """Return what was appended since the last call (the first time: everything)."""
+        new = Additions()
+        known = len(self._activities)
+        now = list(self.problem.activities)
+        if [id(a) for a in now[:known]] != [id(a) for a in self._activities]:
+            new.rewritten = True
+        new.activities = now[known:]
+        self._activities = now
+        self._chronicle(None, self.problem._base, new)
+        for activity in now:
+            self._chronicle(activity, activity, new)
+            self._duration(activity, new)
+        state = (
+            len(list(self.problem.all_objects)),
+            len(self.problem.fluents),
+            tuple(
+                sorted((str(k), str(v)) for k, v in self.problem.explicit_initial_values.items())
+            ),
+            tuple(id(m) for m in self.problem.quality_metrics),
+        )
+        if self._state and state != self._state:
+            new.new_objects = state[0] != self._state[0]
+            new.rewritten |= state[2:] != self._state[2:]
+        self._state = state
+        return new
+
+    def _chronicle(self, activity: Activity | None, chronicle: Any, new: Additions) -> None:
+        name, put = None if activity is None else activity.name, self._written_out
+        for parameter in self._appended((name, "parameters"), chronicle.parameters, new):
+            if activity is None:
+                new.variables.append(parameter)
+            else:
+                new.parameters.append((activity, parameter))
+        constraints = self._appended((name, "constraints"), chronicle.scoped_constraints, new)
+        new.constraints += [(put(c), [put(s) for s in scope], activity) for c, scope in constraints]
+        for span, items in self._timed((name, "conditions"), chronicle.conditions, new):
+            new.conditions += [(with_timings(span), put(c), activity) for c in items]
+        for time, items in self._timed((name, "effects"), chronicle.effects, new):
+            new.effects += [(time, each, activity) for e in items for each in put.effects(e)]
+
+    def _timed(
+        self, key: tuple[Any, ...], now: dict[Any, list[Any]], new: Additions
+    ) -> Iterator[tuple[Any, list[Any]]]:
+        """Yield what was appended at each time."""
+        new.rewritten |= any(time not in now for time in self._seen.get(key, ()))
+        self._seen[key] = list(now)
+        for time, items in now.items():
+            yield time, self._appended((*key, time), items, new)
+
+    def _appended(self, key: tuple[Any, ...], now: list[Any], new: Additions) -> list[Any]:
+        """Return what was appended to a list since it was looked at."""
+        old = self._seen.get(key, [])
+        new.rewritten |= now[: len(old)] != old
+        self._seen[key] = list(now)
+        return list(now[len(old) :])
+
+    def _duration(self, activity: Activity, new: Additions) -> None:
+        duration = activity.duration
+        old = self._durations.get(activity.name)
+        if old is not duration:
+            if old is not None and old != duration:
+                new.durations.append(activity)
+            self._durations[activity.name] = duration
+
 
 Constraint = tuple[FNode, list[FNode], "Activity | None"]
 
@@ -52,26 +149,20 @@ class Precondition:
     constraint: Constraint
 
 
-FollowUp = tuple[str, frozenset[str]]
-"""(activity, helpers): after the activity, one of the helpers has to come."""
-
-
 def read_precedences(
     constraints: Iterable[Constraint],
-) -> tuple[list[Precondition], list[FollowUp], list[Constraint]]:
-    """Return preconditions, follow-ups, and all constraints but the preconditions."""
-    preconditions, follow_ups, others = [], [], []
+) -> tuple[list[Precondition], list[Constraint]]:
+    """Return preconditions, and all constraints but these."""
+    preconditions, others = [], []
     before = cache(_before)  # most parts of preconditions come many times
     for constraint in constraints:
         check_time()
         found = _precedence(constraint, before)
-        if isinstance(found, Precondition):
+        if found is None:
+            others.append(constraint)
+        else:
             preconditions.append(found)
-            continue
-        if found is not None:
-            follow_ups.append(found)
-        others.append(constraint)
-    return preconditions, follow_ups, others
+    return preconditions, others
 
 
 BeforeOf = Callable[[FNode], "Before | None"]
@@ -82,7 +173,7 @@ def _before(node: FNode) -> Before | None:
     return found if found is not None and found[2] in (0, 1) else None
 
 
-def _precedence(constraint: Constraint, before: BeforeOf) -> Precondition | FollowUp | None:
+def _precedence(constraint: Constraint, before: BeforeOf) -> Precondition | None:
     node, scope, _ = constraint
     if node.node_type is Op.IMPLIES and not scope:
         node, scope = node.arg(1), [node.arg(0)]
@@ -91,7 +182,6 @@ def _precedence(constraint: Constraint, before: BeforeOf) -> Precondition | Foll
     if activity is None or any(o.node_type not in (Op.AND, Op.OR, Op.IMPLIES) for o in options):
         return None
     helpers: dict[str, frozenset[str]] = {}
-    follow_ups: set[str] = set()
     initially, gap = None, 0
     for parts in map(conjuncts, options):
         names = [name for name in map(present_told, parts) if name is not None]
@@ -106,16 +196,11 @@ def _precedence(constraint: Constraint, before: BeforeOf) -> Precondition | Foll
         order = [b for b in map(before, parts) if b is not None]
         if len(order) != 1 or len(rest) + 2 != len(parts):
             return None
-        if order[0][:2] == (activity, helper) and not rest:
-            follow_ups.add(helper)
-            continue
         if order[0][:2] != (helper, activity) or rivals is None or helper in helpers:
             return None
         helpers[helper] = rivals[0]
         gap = max(gap, order[0][2], rivals[1])
-    if follow_ups and not helpers and initially is None:
-        return activity, frozenset(follow_ups)
-    if follow_ups or (not helpers and not initially):
+    if not helpers and not initially:
         return None
     return Precondition(activity, helpers, initially, gap, constraint)
 
@@ -290,22 +375,21 @@ def find_presences(
 class NormalForm:
     """A problem's parts in one style, who is there together, and what is said with precedences.
 
-    ``preconditions`` are not among the constraints of ``parts`` any more, follow-ups are.
+    ``preconditions`` are not among the constraints of ``parts`` any more.
     """
 
     parts: Additions
     presences: Presences
     preconditions: list[Precondition] = field(default_factory=list)
-    follow_ups: list[FollowUp] = field(default_factory=list)
 
 
 def normal_form(parts: Additions) -> NormalForm:
     """Return the normal form of all parts of a problem (not of what is appended later)."""
-    preconditions, follow_ups, others = read_precedences(parts.constraints)
+    preconditions, others = read_precedences(parts.constraints)
     parts = replace(parts, constraints=others, effects=anchor(parts.effects))
     presences = find_presences(
         parts.constraints,
         [a.name for a in parts.activities if a.optional],
         [v.name for v in parts.variables if v.type.is_bool_type()],
     )
-    return NormalForm(parts, presences, preconditions, follow_ups)
+    return NormalForm(parts, presences, preconditions)

@@ -1,4 +1,6 @@
-"""One problem, solved again and again while constraints are added to it."""
+"""One problem, solved again and again while constraints are added to it; its claims doubted, and
+what they rest on in words.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +8,7 @@ import logging
 import math
 import os
 import threading
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
@@ -13,16 +16,26 @@ from functools import partial
 
 from unified_planning.model.scheduling import SchedulingProblem
 
-from up_samp.model import CandidateSchedule, Deadline, ScheduleReport, ScheduleStatus
+from up_samp.model import (
+    CandidateSchedule,
+    Deadline,
+    OutOfTimeError,
+    ScheduleReport,
+    ScheduleStatus,
+    UnsupportedError,
+)
 from up_samp.model.deadline import in_force
-from up_samp.model.errors import OutOfTimeError
-from up_samp.scheduling.cpsat.doubt import refuted_by, sooner
-from up_samp.scheduling.cpsat.explain import explain
+from up_samp.scheduling.cpsat.encode.states import Key
+from up_samp.scheduling.cpsat.encode.timeline import Timeline
 from up_samp.scheduling.cpsat.model import ScheduleModel
-from up_samp.scheduling.cpsat.problem import Watcher
-from up_samp.scheduling.cpsat.solve.attempts import Attempts, Orders
+from up_samp.scheduling.cpsat.normal import Watcher
+from up_samp.scheduling.cpsat.routing.detection import refusals
+from up_samp.scheduling.cpsat.routing.dispatch import find_unit_places
+from up_samp.scheduling.cpsat.routing.route import Route
+from up_samp.scheduling.cpsat.solve.attempts import NO_PRESOLVE, Attempts, Orders
 from up_samp.scheduling.cpsat.solve.strategy import Solve, solve
 from up_samp.tuning import Tuning
+from up_samp.upio.expressions import constraints_of
 from up_samp.upio.objective import Number, plain_number
 
 log = logging.getLogger(__name__)
@@ -231,3 +244,146 @@ class CpsatSession:
 def cost_of(model: ScheduleModel, number: int) -> Number:
     """Return a number of a model's objective as a cost."""
     return plain_number(Fraction(number, model.scale))
+
+
+# ------------------ Claims that rest on what was recognised, doubted
+# The plain model of a small problem, in which nothing is recognised, is asked for a schedule that
+# cannot be if they hold.
+
+
+def sooner(
+    problem: SchedulingProblem,
+    before: Number | None,
+    deadline: Deadline,
+    *,
+    seed: int,
+    tuning: Tuning,
+) -> CandidateSchedule | None:
+    """Return a schedule that costs less (ends before a time; ``None``: any schedule), if the plain
+    model of a problem has one that is found with little effort. Large problems are not looked at.
+    """
+    said = sum(1 for _ in constraints_of(problem))
+    if said > tuning.doubted or deadline.expired():
+        return None
+    try:
+        model = ScheduleModel(problem, deadline=deadline, plain=True)
+    except (OutOfTimeError, UnsupportedError):
+        return None
+    orders = Orders(seed, 1, False, tuning, threading.Event())
+    attempts = Attempts(model, orders, deadline, None, left=NO_PRESOLVE)
+    attempts.below(None if before is None else math.ceil(before * model.scale) - 1)
+    return attempts.best
+
+
+def refuted_by(bound: Number | None, schedule: CandidateSchedule) -> str:
+    """Return in words what a schedule refutes: a lower bound, or that there is none (``None``)."""
+    claim = "that there is no schedule" if bound is None else f"the lower bound {bound}"
+    return refuted(
+        f"{claim} rests on what was recognised in the problem",
+        f"there is a schedule for less (it ends at {schedule.makespan})",
+    )
+
+
+def refuted(claim: str, because: str) -> str:
+    """Return in words that a claim of ours was wrong."""
+    return f"refuted: {claim}, but {because}; this is an error of up_samp's, please report it"
+
+
+# ------------------ What was recognised and what was left over, in words: why a bound may be weak
+
+
+def explain(model: ScheduleModel, routes: list[Route]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return sentences about what was recognised in a model, and about what was left over;
+    ``routes`` are those that were found in it.
+    """
+    found = [
+        *(_route(model, route) for route in routes),
+        *_cliques(model),
+        *_alternatives(model),
+        *_states(model, routes),
+    ]
+    return tuple(found), tuple(_left(model, routes))
+
+
+def name_of(model: ScheduleModel, key: Key) -> str:
+    """Return a ground fluent as it is written."""
+    fluent, *arguments = key
+    names = {code: name for name, code in model.world.objects.items()}
+    if str(fluent).startswith("#"):
+        return "a state said with precedences"
+    return (
+        f"{fluent}({', '.join(str(names.get(a, a)) for a in arguments)})" if arguments else fluent
+    )
+
+
+def _route(model: ScheduleModel, route: Route) -> str:
+    doors = len({e.state for entries in route.entries.values() for e in entries})
+    names = {move.name for move in route.moves} - route.odd.keys()
+    parts = [f"{len(names)} moves", f"{len(route.stops)} stops"]
+    if route.visits:
+        parts.append(f"{len(route.visits)} places to come to")
+    if doors:
+        parts.append(f"{doors} needed open on the way")
+    if route.final is not None:
+        parts.append("a way home")
+    return f"route {name_of(model, route.key)}: {', '.join(parts)}"
+
+
+def _cliques(model: ScheduleModel) -> list[str]:
+    sizes = sorted((len(members) for _, members in model.disjunctions.cliques), reverse=True)
+    large = [size for size in sizes if size > 2]
+    if not large:
+        return []
+    return [f"one thing at a time: {len(large)} sets of {large[-1]} to {large[0]} activities"]
+
+
+def _alternatives(model: ScheduleModel) -> list[str]:
+    counts = Counter(len(members) for members in model.disjunctions.groups if len(members) > 1)
+    return [f"exactly one of {size} activities: {n} times" for size, n in sorted(counts.items())]
+
+
+def _states(model: ScheduleModel, routes: list[Route]) -> list[str]:
+    known = {route.key for route in routes}
+    circuits = [
+        key
+        for key, timeline in model.timelines.items()
+        if isinstance(timeline, Timeline) and timeline.linked and key not in known
+    ]
+    replaced = [key for key in model.replaced if not str(key[0]).startswith("#")]
+    counts = {
+        "unary places": find_unit_places(model, routes),
+        "state variables with transitions": circuits,
+        "resources and flags that are for one": replaced,
+    }
+    return [f"{what}: {len(some)}" for what, some in counts.items() if some]
+
+
+def _left(model: ScheduleModel, routes: list[Route]) -> list[str]:
+    found = [
+        f"{name_of(model, key)} is no route: {why}"
+        for key, why in sorted(refusals(model, routes).items(), key=str)
+    ]
+    several = [p for p in model.unread if p.initially is not None or any(p.helpers.values())]
+    if several:
+        found.append(
+            f"{len(several)} preconditions said with precedences (of {several[0].activity} and "
+            "others) are stated as written: helpers and rivals may overlap, or some are not named"
+        )
+    whole = {route.key for route in routes}
+    stops = {name for route in routes for name, _ in route.stops}
+    moves = {name for route in routes for name in route.movers}
+    found += [
+        f"beside route {name_of(model, route.key)}: {name} {why}"
+        for route in routes
+        for name, why in sorted(route.odd.items())
+    ]
+    odd = {name for route in routes for name in route.odd}
+    if whole:
+        others = [
+            name
+            for name, activity in model.world.activities.items()
+            if name not in stops | moves | odd and not model.store.never(activity.present)
+        ]
+        if others:
+            found.append(f"{len(others)} activities are on no route ({others[0]} and others)")
+    return found

@@ -4,8 +4,7 @@
 every constraint; ``Earliest`` gives all points their earliest times under such differences.
 """
 
-from up_samp.scheduling.partial_order.differences import Difference, Planned, Point
-from up_samp.scheduling.partial_order.earliest import Earliest
+from up_samp.scheduling.partial_order.differences import Difference, Earliest, Planned, Point
 from up_samp.scheduling.partial_order.orders import OrderConstraint, orders_of
 
 __all__ = ["Difference", "Earliest", "OrderConstraint", "Planned", "Point", "orders_of"]

@@ -12,7 +12,7 @@ from unified_planning.model.scheduling import SchedulingProblem
 
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.model.snapshot import Snapshot
-from up_samp.scheduling.compilers.exclusion import amounts_taken
+from up_samp.scheduling.compilers.constraints import amounts_taken
 from up_samp.scheduling.compilers.plain import Effect, Expr, show, subexpressions
 from up_samp.scheduling.compilers.read import read_constraints
 from up_samp.scheduling.partial_order.differences import (

@@ -21,7 +21,7 @@ from up_samp.model import Deadline, ScheduleStatus
 from up_samp.scheduling.cpsat import CpsatSession, model
 from up_samp.scheduling.cpsat.encode.disjunctions import find_groups, merge_forms
 from up_samp.scheduling.cpsat.encode.forms import Cmp
-from up_samp.scheduling.cpsat.problem import Watcher
+from up_samp.scheduling.cpsat.normal import Watcher
 from up_samp.upio.plan import build_schedule
 from up_samp.validation import validate_schedule
 

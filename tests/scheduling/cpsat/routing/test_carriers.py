@@ -9,8 +9,9 @@ from up_samp.fleet.starter import write_starter
 from up_samp.model import Deadline
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.detection import find_routes
-from up_samp.scheduling.cpsat.routing.dispatch import _later, find_work
+from up_samp.scheduling.cpsat.routing.dispatch import find_work
 from up_samp.scheduling.cpsat.routing.list_scheduling import improve
+from up_samp.scheduling.cpsat.routing.needs import _later
 from up_samp.scheduling.cpsat.routing.workload import bound_by_work
 from up_samp.upio import read_problem, relax
 

@@ -26,7 +26,7 @@ from up_samp.model import Deadline, ScheduleStatus
 from up_samp.refinement import rules
 from up_samp.scheduling.cpsat import CpsatSession
 from up_samp.scheduling.cpsat.model import ScheduleModel
-from up_samp.scheduling.cpsat.problem import Watcher
+from up_samp.scheduling.cpsat.normal import Watcher
 from up_samp.scheduling.cpsat.routing.detection import find_routes
 from up_samp.scheduling.cpsat.routing.dispatch import find_unit_places, find_work
 from up_samp.scheduling.cpsat.routing.list_scheduling import improve

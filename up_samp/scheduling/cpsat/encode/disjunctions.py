@@ -14,7 +14,6 @@ from unified_planning.model.operators import OperatorKind as Op
 from unified_planning.model.scheduling import Activity
 
 from up_samp.model import check_time
-from up_samp.scheduling.cpsat.encode.durations import INFINITE, constant_bounds
 from up_samp.scheduling.cpsat.encode.forms import (
     TRUE,
     Cmp,
@@ -26,11 +25,11 @@ from up_samp.scheduling.cpsat.encode.forms import (
     indicator_sum,
     parts_of,
 )
+from up_samp.scheduling.cpsat.encode.numbers import INFINITE, constant_bounds
 from up_samp.scheduling.cpsat.encode.recognition import Unary
 from up_samp.scheduling.cpsat.encode.store import ModelStore
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
-from up_samp.scheduling.cpsat.normal import Presences, decided, decisions, told_together
-from up_samp.scheduling.cpsat.problem import Additions
+from up_samp.scheduling.cpsat.normal import Additions, Presences, decided, decisions, told_together
 from up_samp.upio.expressions import end_before_start, walk
 
 Alternatives = tuple[str, ...]
@@ -301,7 +300,7 @@ class Disjunctions:
         """Return how far apart two activities (indices) are when both are there; -1 if they may
         overlap.
         """
-        pair = (min(a, b), max(a, b))
+        pair = _ordered(a, b)
         return INFINITE if pair in self.exclusive else self.gaps.get(pair, -1)
 
     def take_alternatives(
@@ -351,7 +350,7 @@ class Disjunctions:
                 self._note(a, b, unary.gap)
 
     def _note(self, a: int, b: int, gap: int) -> None:
-        key = (min(a, b), max(a, b))
+        key = _ordered(a, b)
         self.gaps[key] = max(gap, self.gaps.get(key, 0))
 
     def take(self, forms: list[Form], activities: list[ActivityVars]) -> list[Form]:
@@ -412,7 +411,7 @@ class Disjunctions:
             (i, j)
             for (i, some), (j, others) in itertools.combinations(enumerate(groups), 2)
             if (some[0].present != TRUE or others[0].present != TRUE)
-            and all(_ordered(a, b) in pairs for a in some for b in others)
+            and all(_ordered(a.index, b.index) in pairs for a in some for b in others)
         ]
         done = []
         for clique in clique_cover(graph_of(edges)):
@@ -424,8 +423,8 @@ class Disjunctions:
         return done
 
 
-def _ordered(a: ActivityVars, b: ActivityVars) -> tuple[int, int]:
-    return (min(a.index, b.index), max(a.index, b.index))
+def _ordered(a: int, b: int) -> tuple[int, int]:
+    return (min(a, b), max(a, b))
 
 
 def _interval(store: ModelStore, activity: ActivityVars, gap: int) -> object:

@@ -49,25 +49,10 @@ class Lin(NamedTuple):
         if not other.terms:
             const = self.const + factor * other.const
             return Lin(self.terms, const, join(self.needs, other.needs))
-        if len(self.terms) == 1 and len(other.terms) == 1:
-            return self._plus_one(other, factor)
         sums = dict(self.terms)
         for var, coef in other.terms:
             sums[var] = sums.get(var, 0) + factor * coef
         terms = tuple(sorted((v, c) for v, c in sums.items() if c))
-        return Lin(terms, self.const + factor * other.const, join(self.needs, other.needs))
-
-    def _plus_one(self, other: Lin, factor: int) -> Lin:
-        """Do :meth:`plus` for one variable on each side, by far the most frequent case."""
-        (var, coef), (other_var, other_coef) = self.terms[0], other.terms[0]
-        more = factor * other_coef
-        terms: tuple[tuple[int, int], ...]
-        if var < other_var:
-            terms = ((var, coef), (other_var, more))
-        elif var > other_var:
-            terms = ((other_var, more), (var, coef))
-        else:
-            terms = ((var, coef + more),) if coef + more else ()
         return Lin(terms, self.const + factor * other.const, join(self.needs, other.needs))
 
     def shift(self, delay: int) -> Lin:

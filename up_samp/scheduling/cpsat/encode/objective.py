@@ -19,14 +19,13 @@ from up_samp.scheduling.cpsat.encode.forms import (
     compare,
     conjunction,
     constant,
+    indicator_sum,
 )
 from up_samp.scheduling.cpsat.encode.states import States
 from up_samp.scheduling.cpsat.encode.terms import (
     ActivityVars,
     Terms,
     fluents_in,
-    indicator,
-    times,
 )
 from up_samp.upio.expressions import walk
 from up_samp.upio.objective import Objective, ObjectivePart
@@ -72,9 +71,9 @@ class Encoding:
         if part.activity is not None:
             return self._paid(part, self.states.world.activities[part.activity])
         if part.interval is not None:
-            return indicator(self._throughout(part)), 1
+            return indicator_sum([(self._throughout(part), 1)]), 1
         if part.node.type.is_bool_type():
-            return indicator(self._holds(self.final, part.node)), 1
+            return indicator_sum([(self._holds(self.final, part.node), 1)]), 1
         lin, scale = self.final.scaled(part.node)
         return self._counted(self._always_there(lin, part.node), TRUE, part), scale
 
@@ -107,7 +106,7 @@ class Encoding:
         """
         if not lin.terms:
             const = max(0, lin.const) if part.positive else lin.const
-            return times(indicator(present), const)
+            return indicator_sum([(present, const)])
         if present == TRUE and not part.positive:
             return lin
         low, high = self.store.range(lin)
@@ -119,7 +118,7 @@ class Encoding:
             self.store.enforce(compare(paid, "=="), (~present,))
             if low > 0:
                 # a share of its presence costs a share of the least: linear relaxations do not know
-                self.store.enforce(compare(times(indicator(present), low).plus(paid, -1), "<="))
+                self.store.enforce(indicator_sum([(present, low)]).le(paid))
         return paid
 
     # -- goals -----------------------------------------------------------------------------------

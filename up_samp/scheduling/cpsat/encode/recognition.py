@@ -20,7 +20,14 @@ from up_samp.scheduling.cpsat.encode.forms import (
     parts_of,
     value_told,
 )
-from up_samp.scheduling.cpsat.encode.states import Key, Read, States, StateVar, Write
+from up_samp.scheduling.cpsat.encode.states import (
+    Key,
+    Read,
+    States,
+    StateVar,
+    SureChange,
+    Write,
+)
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.encode.timeline import pair_uses
 from up_samp.scheduling.cpsat.normal import Precondition
@@ -36,20 +43,14 @@ def find_histories(
     preconditions: list[Precondition],
     activities: dict[str, ActivityVars],
     gap: Gap,
-    states: Iterable[StateVar] = (),
-) -> tuple[list[StateVar], list[tuple[StateVar, list[Read]]], list[Precondition]]:
-    """Return the state variables that preconditions speak of; conditions on those that are there
-    already, and tell the same; and the preconditions that none of these say.
+) -> tuple[list[StateVar], list[Precondition]]:
+    """Return the state variables that preconditions speak of, and the preconditions that none of
+    these say.
 
     Assumes: helpers, rivals and who needs them never overlap, and all are named who may undo what
     is needed.
-
-    :param states: those of the problem; where one of them tells the same, it is read.
     """
-    made: list[StateVar] = []
-    read: list[tuple[StateVar, list[Read]]] = []
     left: list[Precondition] = []
-    known = _last_effects(states, activities)
     lasting = [p for p in preconditions if _lasts(p)]
     groups = list(_by_writers([p for p in preconditions if not _lasts(p)]).items())
     said: list[Group] = []
@@ -63,13 +64,11 @@ def find_histories(
             left += some
         else:
             said.append((writers, some))
-    for number, (writers, some) in enumerate(said):
-        reads = _told(known.get(frozenset(activities[w].index for w in writers)), some, activities)
-        if reads is not None:
-            read.append(reads)
-        else:
-            made.append(_history(("#history", number), writers, some, activities))
-    return made, read, left + [p for p in lasting if id(p) not in told]
+    made = [
+        _history(("#history", number), writers, some, activities)
+        for number, (writers, some) in enumerate(said)
+    ]
+    return made, left + [p for p in lasting if id(p) not in told]
 
 
 def _lasts(precondition: Precondition) -> bool:
@@ -118,50 +117,6 @@ def _together(
         lasting = [p for p in lasting if id(p) not in wrong]
         groups = [g for g in groups if all(id(p) not in wrong for p in g[1])]
     return []
-
-
-def _last_effects(
-    states: Iterable[StateVar], activities: dict[str, ActivityVars]
-) -> dict[frozenset[int], StateVar]:
-    """Return the state variables that each of some activities sets once, a unit before its end."""
-    index = {a.index: a for a in activities.values()}
-    found: dict[frozenset[int], StateVar] = {}
-    for state in states:
-        plain = state.initial is not None and all(
-            w.owner is not None
-            and not w.add
-            and not w.value.terms
-            and w.active == index[w.owner].present
-            and w.time == index[w.owner].end.shift(-1)._replace(needs=())
-            for w in state.writes
-        )
-        owners = frozenset(w.owner for w in state.writes if w.owner is not None)
-        if plain and len(owners) == len(state.writes):
-            found.setdefault(owners, state)
-    return found
-
-
-def _told(
-    state: StateVar | None, preconditions: list[Precondition], activities: dict[str, ActivityVars]
-) -> tuple[StateVar, list[Read]] | None:
-    """Return what the preconditions ask of a state variable, if they ask just for values of it."""
-    if state is None:
-        return None
-    values = {w.owner: w.value.const for w in state.writes}
-    reads = []
-    for precondition in preconditions:
-        mine = activities[precondition.activity].index
-        helpers = {activities[h].index for h in precondition.helpers}
-        allowed = {values[h] for h in helpers}
-        if precondition.initially is not None and state.initial is not None:
-            allowed.add(state.initial)
-        for owner, value in values.items():
-            if owner != mine and (value in allowed) != (owner in helpers):
-                return None
-        if (state.initial in allowed) != (precondition.initially is not None):
-            return None
-        reads.append(_read(activities[precondition.activity], frozenset(allowed)))
-    return state, reads
 
 
 def _writers(precondition: Precondition) -> frozenset[str]:
@@ -412,20 +367,16 @@ def _set_for_good(states: States) -> dict[frozenset[int], StateVar]:
     """
     found: dict[frozenset[int], StateVar] = {}
     for key, state in states.vars.items():
-        if state.initial is None or not state.writes or key[0] not in states.dynamic:
-            continue
-        if all(_sets(state, write, states) for write in state.writes):
-            found.setdefault(frozenset(w.owner or 0 for w in state.writes), state)
+        changes = states.sure_changes(state) if key[0] in states.dynamic else []
+        if changes and all(_sets(state, change) for change in changes):
+            found.setdefault(frozenset(change.owner.index for change in changes), state)
     return found
 
 
-def _sets(state: StateVar, write: Write, states: States) -> bool:
-    """Return whether a write brings a state somewhere else, whenever its owner is there."""
-    if write.owner is None or write.add or write.value.terms or write.value.const == state.initial:
-        return False
-    owner = states.activity(write.owner)
-    low, high = states.difference(write.time, owner.end)
-    return write.active == owner.present and low == high <= 0
+def _sets(state: StateVar, change: SureChange) -> bool:
+    """Return whether a change brings a state somewhere else, at a known time."""
+    low, high = change.late
+    return not change.adds and state.initial not in (None, change.value) and low == high <= 0
 
 
 def _milestone(number: int, helpers: list[int], states: States) -> StateVar:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from unified_planning.model import Effect, FNode, TimeInterval, Timing
 from unified_planning.model.timing import TimepointKind
@@ -64,6 +64,18 @@ class Read:
     guard_only: bool = False
     loose: bool = False
     """Whether effects of others at ``hi`` are allowed (the old value counts)."""
+
+
+class SureChange(NamedTuple):
+    """What a write does whenever its owner is there: sets a state to ``value``, or adds it.
+    ``since`` and ``late`` bound when, counted from its owner's start and from its end.
+    """
+
+    owner: ActivityVars
+    value: int
+    adds: bool
+    since: tuple[int, int]
+    late: tuple[int, int]
 
 
 @dataclass
@@ -509,6 +521,21 @@ class States:
             if one is not other:
                 return self.store.range(gap)
         return self.store.range(self.in_sizes(gap))
+
+    def sure_changes(self, state: StateVar) -> list[SureChange]:
+        """Return all that may change a state; nothing, if some of it may happen or not where its
+        owner is there, has no owner, or sets it to what is not known.
+        """
+        found = []
+        for write in state.writes:
+            if self.store.never(write.active):
+                continue
+            owner = None if write.owner is None else self.activity(write.owner)
+            if owner is None or write.active != owner.present or write.value.terms:
+                return []
+            times = (self.difference(write.time, at) for at in (owner.start, owner.end))
+            found.append(SureChange(owner, write.value.const, write.add, *times))
+        return found
 
     def surely_during(self, owner: int, low: Lin, high: Lin) -> bool:
         """Return whether an interval is within an activity's, whatever the schedule."""

@@ -14,7 +14,6 @@ from unified_planning.model.timing import TimepointKind
 from unified_planning.model.types import Type
 
 from up_samp.model import ProblemError, UnsupportedError
-from up_samp.scheduling.cpsat.encode.durations import LARGEST, MAGNITUDE
 from up_samp.scheduling.cpsat.encode.forms import (
     FALSE,
     TRUE,
@@ -25,8 +24,10 @@ from up_samp.scheduling.cpsat.encode.forms import (
     conjunction,
     constant,
     disjunction,
+    indicator_sum,
     join,
 )
+from up_samp.scheduling.cpsat.encode.numbers import LARGEST, MAGNITUDE
 from up_samp.scheduling.cpsat.encode.store import ModelStore
 from up_samp.upio.expressions import walk
 
@@ -268,7 +269,7 @@ class Terms:
             return self.read(node)
         if node.type.is_bool_type():
             positive, negative = self.form(node), self.form(node, False)
-            return indicator(self.world.store.equivalent(positive, negative))
+            return indicator_sum([(self.world.store.equivalent(positive, negative), 1)])
         raise UnsupportedError(f"'{node}' ({kind.name}) is not supported by cpsat")
 
     # -- truth ---------------------------------------------------------------------------------
@@ -353,15 +354,4 @@ class Terms:
 
 def times(lin: Lin, factor: int) -> Lin:
     """Return ``factor * lin``."""
-    if factor == 1:
-        return lin
-    if factor == 0:
-        return Lin((), 0, lin.needs)
-    return Lin(tuple((v, c * factor) for v, c in lin.terms), lin.const * factor, lin.needs)
-
-
-def indicator(literal: Literal) -> Lin:
-    """Return a literal as a 0/1 expression."""
-    if literal in (TRUE, FALSE):
-        return constant(1 if literal == TRUE else 0)
-    return Lin(((literal, 1),)) if literal >= 0 else Lin(((~literal, -1),), 1)
+    return lin if factor == 1 else Lin().plus(lin, factor)

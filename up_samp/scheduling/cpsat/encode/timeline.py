@@ -243,9 +243,7 @@ class NumericTimeline:
         if literal == TRUE:
             return value
         if not value.terms:
-            if literal >= 0:
-                return Lin(((literal, value.const),)) if value.const else constant(0)
-            return Lin(((~literal, -value.const),), value.const)
+            return indicator_sum([(literal, value.const)])
         low, high = store.range(value)
         part = Lin(((store.integer(min(low, 0), max(high, 0)), 1),))
         store.enforce(compare(part.plus(value, -1), "=="), (literal,))

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from unified_planning.model import FNode
 from unified_planning.model.operators import OperatorKind as Op
 
-from up_samp.scheduling.cpsat.encode.durations import INFINITE
 from up_samp.scheduling.cpsat.encode.forms import (
     TRUE,
     Cmp,
@@ -23,6 +22,7 @@ from up_samp.scheduling.cpsat.encode.forms import (
     value_told,
     variables_in,
 )
+from up_samp.scheduling.cpsat.encode.numbers import INFINITE
 from up_samp.scheduling.cpsat.encode.states import Key, Read, StateVar, Write
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.encode.timeline import Timeline
@@ -609,7 +609,6 @@ def _route(model: ScheduleModel, place: RoutePlace, lengths: Lengths) -> Route:
         never=never,
         lag=_lag(bound),
     )
-    _find_returns(model, route)
     find_visits(model, route)
     find_entries(model, route, bound)
     route.still = {} if place.free else find_still(model, state, place.owners)
@@ -700,32 +699,3 @@ def _final(model: ScheduleModel, state: StateVar) -> frozenset[int] | None:
         if read.owner is None and read.lo == read.hi == model.states.far and read.allowed:
             final = read.allowed if final is None else final & read.allowed
     return final
-
-
-def _find_returns(model: ScheduleModel, route: Route) -> None:
-    """Find what has to be followed by a move: stops, or every move to any other place.
-
-    Assumes: a follow-up asks for some move afterwards, not for the next one or the last one.
-    """
-    to: dict[str, frozenset[int]] = {}
-    for move in route.moves:
-        to[move.name] = to.get(move.name, frozenset()) | {move.to}
-    stops = {name for name, _ in route.stops}
-    left: dict[frozenset[int], set[str]] = {}
-    for activity, some in model.follow_ups:
-        helpers = some - route.never
-        if not helpers <= to.keys() - route.odd.keys():
-            continue
-        places = frozenset[int]().union(*(to[h] for h in helpers))
-        if activity in stops:
-            # it may come to one after the other, so each says something alone: the narrower one is
-            # kept
-            known = route.returns.get(activity, places)
-            route.returns[activity] = min(known, places, key=lambda p: (len(p), sorted(p)))
-        elif activity in to:
-            left.setdefault(places, set()).add(activity)
-    for places, movers in left.items():
-        whoever = {name for name, some in to.items() if not some <= places}
-        fixed = route.initial in places and route.final is None and not route.free
-        if whoever <= movers and fixed:
-            route.final = places

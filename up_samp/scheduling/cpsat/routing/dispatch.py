@@ -8,19 +8,29 @@ model: order, machines, doors, unary places.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from operator import attrgetter
 
 from up_samp.model import CandidateSchedule
-from up_samp.scheduling.cpsat.encode.forms import TRUE, Form, Literal, difference_told, parts_of
+from up_samp.scheduling.cpsat.encode.forms import TRUE, Literal, difference_told
 from up_samp.scheduling.cpsat.encode.states import Key, StateVar, Write
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.model import ScheduleModel
-from up_samp.scheduling.cpsat.routing.levels import RouteLevel, find_levels
+from up_samp.scheduling.cpsat.routing.needs import (
+    Held,
+    OwnState,
+    RouteLevel,
+    Way,
+    WayNeeds,
+    find_levels,
+    find_needs,
+    find_own_states,
+    find_set_back,
+    ways_with,
+)
 from up_samp.scheduling.cpsat.routing.route import Move, Route
-from up_samp.scheduling.cpsat.routing.set_back import Held, Way, find_set_back
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,21 +211,13 @@ def _openers(model: ScheduleModel, tasks: list[RoutedTask], entrance: Need) -> l
     """Return the tasks that open an entrance, if all that changes it does just that, and alike."""
     key, allowed = entrance
     state = model.states.vars[key]
-    if state.numeric or state.initial in allowed or not state.writes:
+    changes = model.states.sure_changes(state)
+    if state.numeric or state.initial in allowed or not changes:
         return None
     names = {name: i for i, task in enumerate(tasks) for _, name, _ in task.ways}
-    found: dict[int, None] = {}
-    for write in state.writes:
-        if model.store.never(write.active):
-            continue
-        owner = None if write.owner is None else model.states.activity(write.owner)
-        if owner is None or owner.name not in names or write.active != owner.present:
-            return None
-        if write.value.terms or write.value.const not in allowed:
-            return None
-        found[names[owner.name]] = None
-    if not found:
+    if any(c.owner.name not in names or c.value not in allowed for c in changes):
         return None
+    found = dict.fromkeys(names[change.owner.name] for change in changes)
     some = [tasks[i] for i in found]
     first = some[0]
     alike = all(
@@ -284,44 +286,6 @@ def entrances_of(routes: list[Route], task: RoutedTask) -> dict[Need, int]:
 
 
 # ------------------ Who does what where
-
-
-@dataclass
-class WayNeeds:
-    """What one way to do a task asks besides its place: ``along``: the ways of others that come
-    with it; ``first``: (way that comes before it, time from its start). Both are as stated.
-    """
-
-    along: list[Way] = field(default_factory=list)
-    first: list[tuple[Way, int]] = field(default_factory=list)
-
-    @property
-    def ended(self) -> dict[Way, int]:
-        """What comes with it and before it, and how long before (from start to start)."""
-        return {way: gap for way, gap in self.first if way in self.along}
-
-
-@dataclass(frozen=True)
-class OwnState:
-    """A state that the stops of one ``route`` (its number) alone change, each between its start and
-    the next thing that its traveller does: to a value, or (``adds``) by it. ``reads``: the values
-    that ways to do tasks ask for, as they begin.
-    """
-
-    route: int
-    initial: int
-    least: int
-    most: int
-    adds: bool
-    changes: dict[Way, int]
-    reads: dict[Way, frozenset[int]]
-
-    def after(self, value: int, way: Way) -> int | None:
-        """Return its value after a task is done in one way; ``None`` if it cannot be done."""
-        kept = self.adds * value
-        new = kept + self.changes.get(way, value - kept)
-        fits = value in self.reads.get(way, (value,)) and self.least <= new <= self.most
-        return new if fits else None
 
 
 @dataclass
@@ -399,7 +363,7 @@ def find_work(model: ScheduleModel, routes: list[Route]) -> RoutedWork:
         for way, (_, name, _) in enumerate(task.ways)
         if not task.visit
     }
-    activities, coming = model.world.activities, _ways_with(model, names)
+    activities, coming = model.world.activities, ways_with(model, names)
     needs = find_needs(model, names, coming)
     for number, task in enumerate(tasks):
         ways = (needs.get((number, way), WayNeeds()) for way in range(len(task.ways)))
@@ -417,87 +381,6 @@ def find_work(model: ScheduleModel, routes: list[Route]) -> RoutedWork:
     return RoutedWork(routes, tasks, units, initial, levels, needs, own, made_for, held, others)
 
 
-def _ways_with(model: ScheduleModel, names: Mapping[str, Way]) -> dict[Literal, list[Way]]:
-    """Return which ways to do tasks come with a literal (of a presence, say): by clauses of two.
-    ``names`` are those of the stops.
-    """
-    own: dict[Literal, list[Way]] = {}
-    for name, way in names.items():
-        own.setdefault(model.world.activities[name].present, []).append(way)
-    found = {literal: [*some] for literal, some in own.items()}
-    for form in model.stated:
-        for one, other in _implied(form):
-            found.setdefault(one, []).extend(own.get(other, ()))
-    return found
-
-
-def find_needs(
-    model: ScheduleModel, names: Mapping[str, Way], coming: Mapping[Literal, list[Way]]
-) -> dict[Way, WayNeeds]:
-    """Return what the ways to do tasks ask of each other; ``names`` are those of the stops, and
-    ``coming`` with each literal.
-    """
-    activities = model.world.activities
-    present = {way: activities[name].present for name, way in names.items()}
-    needs = {w: WayNeeds([o for o in coming[p] if o != w]) for w, p in present.items()}
-    starting: dict[int, list[Way]] = {}
-    for name, way in names.items():
-        starting.setdefault(activities[name].start.terms[0][0], []).append(way)
-    for asked, gaps in _gaps_told(model).items():
-        for first in gaps.keys() & starting.keys():
-            for last, gap in (_later(gaps, first) if asked else gaps[first]).items():
-                pairs = itertools.product(starting[first], starting.get(last, ()))
-                for before, then in pairs:
-                    if gap >= 0 and asked <= {present[before], present[then]}:
-                        needs[then].first.append((before, gap))
-    return needs
-
-
-def _implied(form: Form) -> Iterator[tuple[Literal, Literal]]:
-    """Yield the pairs of literals of which the first one implies the other, by a clause of two."""
-    parts = parts_of("|", form)
-    if [part.__class__ for part in parts] == [int, int]:
-        one, other = parts
-        yield from ((~one, other), (~other, one))
-
-
-Gaps = dict[int, dict[int, int]]
-"""(time, time) -> how much later than the first the other is, at least."""
-
-
-def _gaps_told(model: ScheduleModel) -> dict[frozenset[int], Gaps]:
-    """Return the gaps between times that are stated, by the presences that they hang on."""
-    found: dict[frozenset[int], Gaps] = {}
-    for activity in model.world.activities.values():
-        start, end = activity.start, activity.end
-        if start.terms != end.terms:
-            lasts = activity.least + start.const - end.const
-            gaps = found.setdefault(frozenset({activity.present} - {TRUE}), {})
-            gaps.setdefault(start.terms[0][0], {})[end.terms[0][0]] = lasts
-    for form in model.stated:
-        parts = parts_of("|", form)
-        stated = [part for part in parts if part.__class__ is not int]
-        told = difference_told(stated[0]) if len(stated) == 1 else None
-        if told is not None:
-            first, last, gap = told
-            asked = {~part for part in parts if part.__class__ is int} | {*stated[0].needs}
-            then = found.setdefault(frozenset(asked), {}).setdefault(first, {})
-            then[last] = max(gap, then.get(last, gap))
-    return found
-
-
-def _later(gaps: Gaps, first: int) -> dict[int, int]:
-    """Return how much later other times are than one, by all gaps between some."""
-    later = {first: 0}
-    for _ in gaps:
-        for one, then in gaps.items():
-            for other, gap in then.items() if one in later else ():
-                least = later[one] + gap
-                later[other] = max(least, later.get(other, least))
-    del later[first]
-    return later
-
-
 def _before_whoever_does_it(some: list[WayNeeds]) -> list[tuple[int, int]]:
     """Return (task, time from its start) of what comes before a task in whichever of its ways it
     is done.
@@ -505,77 +388,6 @@ def _before_whoever_does_it(some: list[WayNeeds]) -> list[tuple[int, int]]:
     each = [{task: gap for (task, _), gap in needs.ended.items()} for needs in some]
     common = set.intersection(*map(set, each))
     return [(task, min(gaps[task] for gaps in each)) for task in sorted(common)]
-
-
-def find_own_states(
-    model: ScheduleModel, routes: list[Route], names: Mapping[str, Way]
-) -> list[OwnState]:
-    """Return the states that one traveller's stops alone change, and who sets and asks for what.
-
-    Assumes: what a stop sets is seen before its traveller does anything else; who asks for it
-    excludes that it is set at that time.
-    """
-    found = []
-    for number, route in enumerate(routes):
-        mine = {model.world.activities[name].index: names[name] for name, _ in route.stops}
-        for state in model.states.vars.values():
-            changes, reads = _settled(model, state, mine, route.gap), _asked(model, state, mine)
-            if changes and state.initial is not None:
-                least, most = state.bounds
-                # what is given back and taken at one instant may be more meanwhile
-                most -= state.numeric * sum(min(0, change) for change in changes.values())
-                own = OwnState(number, state.initial, least, most, state.numeric, changes, reads)
-                found.append(own)
-    return found
-
-
-def _settled(
-    model: ScheduleModel, state: StateVar, mine: Mapping[int, Way], gap: int
-) -> dict[Way, int]:
-    """Return how stops change a state, if whatever changes it is one of ``mine`` (by activity's
-    index), does so once whenever it is there, and the next one sees that; else nothing.
-    """
-    changes: dict[Way, int] = {}
-    for write in state.writes:
-        if model.store.never(write.active):
-            continue
-        owner = model.states.activity(write.owner or 0)
-        since = model.states.difference(write.time, owner.start)[0]
-        late = model.states.difference(write.time, owner.end)[1]
-        value = write.value.const
-        # what is taken is not taken at the instant at which the next one gives something back
-        soon = late < gap if write.add and value < 0 else late <= gap
-        if (
-            write.owner is None
-            or write.owner not in mine
-            or mine[write.owner] in changes
-            or write.active != owner.present
-            or (write.value.terms or write.add != state.numeric)
-            or not (since >= 0 and soon)
-        ):
-            return {}
-        changes[mine[write.owner]] = value
-    return changes
-
-
-def _asked(
-    model: ScheduleModel, state: StateVar, mine: Mapping[int, Way]
-) -> dict[Way, frozenset[int]]:
-    """Return the values of which each stop, whenever it is there, finds a state to have one."""
-    found: dict[Way, frozenset[int]] = {}
-    for read in state.reads:
-        if read.owner is None or read.owner not in mine or read.allowed is None:
-            continue
-        owner = model.states.activity(read.owner)
-        since = model.states.difference(read.lo, owner.start)[0]
-        lasts = model.states.difference(read.hi, read.lo)[0]
-        own = state.by_owner().get(read.owner, ())
-        before = all(model.states.difference(w.time, read.lo)[0] >= 0 for w in own)
-        # at its last instant a loose one does not exclude that others set it
-        if read.active == owner.present and since >= 0 and lasts >= read.loose and before:
-            way = mine[read.owner]
-            found[way] = found.get(way, read.allowed) & read.allowed
-    return found
 
 
 def find_tasks(model: ScheduleModel, routes: list[Route]) -> list[RoutedTask]:
@@ -631,16 +443,11 @@ def _gap_between(model: ScheduleModel, one: RoutedTask, other: RoutedTask) -> in
     """Return the least gap between two tasks, whoever does them; ``None`` if some ways to do them,
     be they of two travellers, may overlap.
     """
-    world = model.world.activities
-    gaps = []
-    for _, a, _ in one.ways:
-        for _, b, _ in other.ways:
-            first, second = sorted((world[a].index, world[b].index))
-            gap = model.disjunctions.gaps.get((first, second))
-            if gap is None:
-                return None
-            gaps.append(gap)
-    return min(gaps)
+    index, gaps = model.world.activities, model.disjunctions.gaps
+    pairs = itertools.product(one.ways, other.ways)
+    both = (sorted((index[a].index, index[b].index)) for (_, a, _), (_, b, _) in pairs)
+    least = min(gaps.get((first, second), -1) for first, second in both)
+    return None if least < 0 else least
 
 
 def _find_changes(

@@ -14,8 +14,8 @@ from up_samp.scheduling.cpsat.routing.dispatch import (
     RoutedTask,
     RoutedWork,
     UnitPlace,
-    WayNeeds,
 )
+from up_samp.scheduling.cpsat.routing.needs import Change, Held, Way, WayNeeds
 from up_samp.scheduling.cpsat.routing.route import (
     Entrance,
     Move,
@@ -26,7 +26,6 @@ from up_samp.scheduling.cpsat.routing.route import (
     expand,
 )
 from up_samp.scheduling.cpsat.routing.sequences import Found, Sequences
-from up_samp.scheduling.cpsat.routing.set_back import Change, Held, Way
 
 Step = tuple[int, int]
 """(task, number of its way; -1: whichever is done first)."""
@@ -92,8 +91,8 @@ class Decoder:
             pending.remove(ready)
             self._do(ready, 0)
         for number, robot in enumerate(self.robots):
-            if robot.route.home is not None and robot.here not in robot.route.home:
-                self._go(number, robot.route.home, 0, None)
+            if robot.route.final is not None and robot.here not in robot.route.final:
+                self._go(number, robot.route.final, 0, None)
         return CandidateSchedule(dict(self.times))
 
     # -- tasks ---------------------------------------------------------------------------------

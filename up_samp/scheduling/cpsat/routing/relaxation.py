@@ -13,7 +13,6 @@ from typing import Any
 from up_samp.model import CandidateSchedule
 from up_samp.model.graphs import reached
 from up_samp.scheduling.cpsat.encode.disjunctions import merge_forms
-from up_samp.scheduling.cpsat.encode.durations import INFINITE
 from up_samp.scheduling.cpsat.encode.forms import (
     TRUE,
     Cmp,
@@ -26,6 +25,7 @@ from up_samp.scheduling.cpsat.encode.forms import (
     indicator_sum,
     spoken_of,
 )
+from up_samp.scheduling.cpsat.encode.numbers import INFINITE
 from up_samp.scheduling.cpsat.encode.states import Key, Write
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
 from up_samp.scheduling.cpsat.model import ScheduleModel
@@ -208,7 +208,7 @@ class RoutingRelaxation:
                 circuit.append((i, j, store.raw(literal)))
                 load.append((literal, least))
                 self._when(since.shift(least).le(stop.start), literal)
-            back = way_back(route, places, route.returns.get(stop.name, route.final))
+            back = way_back(route, places, route.final)
             literal = store.boolean()
             circuit.append((j, 0, store.raw(literal)))
             load.append((literal, back))
@@ -243,8 +243,7 @@ class RoutingRelaxation:
 
     def _never_after(self, one: ActivityVars, other: ActivityVars) -> bool:
         """Return whether ``other`` cannot come after ``one``: it is an alternative, or earlier."""
-        pair = (min(one.index, other.index), max(one.index, other.index))
-        if pair in self.model.disjunctions.exclusive:
+        if self.model.disjunctions.gap(one.index, other.index) >= INFINITE:
             return True
         return self._surely_before(other.start.terms[0][0], one.start.terms[0][0])
 

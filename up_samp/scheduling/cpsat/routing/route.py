@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 from up_samp.model import CandidateSchedule
-from up_samp.scheduling.cpsat.encode.durations import INFINITE
+from up_samp.scheduling.cpsat.encode.numbers import INFINITE
 from up_samp.scheduling.cpsat.encode.states import Key
 from up_samp.scheduling.cpsat.model import ScheduleModel
 
@@ -88,8 +88,6 @@ class Route:
     """Stops that need their place only after their start: a move may end when they begin."""
     entries: dict[int, list[Entrance]] = field(default_factory=dict)
     still: Still = field(default_factory=dict)
-    returns: dict[str, frozenset[int]] = field(default_factory=dict)
-    """Stops after which the traveller has to come to one of these places some time."""
     visits: list[tuple[str, frozenset[int]]] = field(default_factory=list)
     """Places where the traveller has to arrive some time, with a name for each: nothing happens
     there. As stops they last no time, and begin when a move ends (see :meth:`with_visits`)."""
@@ -131,14 +129,6 @@ class Route:
     def rest(self, stop: str) -> int:
         """Return the time from the end of a move to a stop."""
         return self.gap if stop in self.late else self.step
-
-    @property
-    def home(self) -> frozenset[int] | None:
-        """Where the traveller has to be in the end, or may as well be (``None``: anywhere)."""
-        if self.final is not None or not self.returns:
-            return self.final
-        places = frozenset.intersection(*self.returns.values())
-        return places or None
 
     def measure(self) -> None:
         """Compute the shortest travel times between places."""
@@ -290,8 +280,8 @@ def calm(still: Still, events: Iterable[tuple[Key, int]], start: int, length: in
 def _expand(route: Route, times: dict[str, tuple[int, int]], events: Events) -> None:
     stops = sorted((times[n], n, places) for n, places in route.stops if n in times)
     goals = [(start, end, places) for (start, end), _, places in stops]
-    if route.home is not None:
-        goals.append((0, 0, route.home))
+    if route.final is not None:
+        goals.append((0, 0, route.final))
     wait = partial(calm, route.still, events)
     here, free, used = route.initial, 0, set[str]()
     for start, end, places in goals:

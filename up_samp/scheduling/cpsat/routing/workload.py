@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from dataclasses import dataclass
 
 from ortools.sat.python import cp_model
 
 from up_samp.model import Deadline
-from up_samp.scheduling.cpsat.encode.durations import INFINITE
+from up_samp.scheduling.cpsat.encode.numbers import INFINITE
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.dispatch import RoutedWork
 from up_samp.scheduling.cpsat.routing.route import Route, way_back
@@ -23,26 +25,19 @@ _STATES = 2_000_000
 # ------------------ A lower bound for large fleets: who does which tasks, with times left out
 # Each traveller does its tasks in some order; before each of them it comes from another one, or
 # from its start, which only the first one can. So they take at least what each task needs from the
-# nearest other one (one of them: from the start), and the way back of one. If tasks cannot be dealt
-# out so that everybody ends by a given time (generalised assignment, by CP-SAT), no schedule does.
-# The first end that is not refuted is a bound.
+# nearest other one (one of them: from the start), and the way back of one. The least time by which
+# everybody ends, however tasks are dealt out (generalised assignment, by CP-SAT), is a bound.
 
 
 @dataclass(frozen=True)
 class TaskShare:
-    """What one task costs one traveller: ``first`` if it comes from its start, ``later`` if not,
-    and the way ``back`` if it is the last one.
+    """What one task costs one traveller, with its own length: ``first`` if it comes from its start,
+    ``later`` if not, and the way ``back`` if it is the last one.
     """
 
     first: int
     later: int
     back: int
-
-    def plus(self, length: int) -> TaskShare:
-        """Return the share with the task's own length."""
-        return TaskShare(
-            min(INFINITE, self.first + length), min(INFINITE, self.later + length), self.back
-        )
 
     @property
     def base(self) -> int:
@@ -70,65 +65,39 @@ def shares(work: RoutedWork) -> list[dict[int, TaskShare]]:
     wanted = [task for task in work.tasks if task.wanted]
     spots: dict[int, list[tuple[int, int]]] = {}
     for number, task in enumerate(wanted):
-        for route, stop, places in task.ways:
-            if stop not in work.routes[route].rests:  # from there on it comes from where it was
-                spots.setdefault(route, []).extend((number, place) for place in places)
+        for axis, stop, places in task.ways:
+            if stop not in work.routes[axis].rests:  # from there on it comes from where it was
+                spots.setdefault(axis, []).extend((number, place) for place in places)
     found = []
     for number, task in enumerate(wanted):
         mine: dict[int, TaskShare] = {}
         for axis, stop, places in task.ways:
-            share = _share(work.routes[axis], stop, places, number, spots.get(axis, []))
-            if share is not None:
-                mine[axis] = share.plus(task.length)
+            route = work.routes[axis]
+            others = {place for other, place in spots.get(axis, ()) if other != number}
+            first = min(cost(route, route.initial, p, stop, first=True) for p in places)
+            pairs = itertools.product(others, places)
+            costs = (cost(route, here, p, stop, first=False) for here, p in pairs)
+            later, back = min(costs, default=INFINITE), way_back(route, places, route.final)
+            if min(first, later) < INFINITE:
+                first, later = (min(INFINITE, c + task.length) for c in (first, later))
+                mine[axis] = TaskShare(first, later, back)
         found.append(mine)
     return found
 
 
-def _share(
-    route: Route, stop: str, places: frozenset[int], number: int, spots: list[tuple[int, int]]
-) -> TaskShare | None:
-    first = min(cost(route, route.initial, place, stop, first=True) for place in places)
-    later = min(
-        (
-            cost(route, here, place, stop, first=False)
-            for place in places
-            for other, here in spots
-            if other != number
-        ),
-        default=INFINITE,
-    )
-    if min(first, later) >= INFINITE:
-        return None
-    return TaskShare(first, later, way_back(route, places, route.final))
-
-
 def bound_by_assignment(work: RoutedWork, known: int, deadline: Deadline = Deadline.never()) -> int:
-    """Return a lower bound on the makespan, at least ``known``: the first that is not refuted, or
-    less if the ``deadline`` comes.
+    """Return a lower bound on the makespan, at least ``known``: by when the travellers can share
+    all tasks, as far as that is proven with a limited effort.
 
     Assumes: a traveller comes to each task from its start or from another task that is done.
     """
     costs = shares(work)
     if not costs or any(not mine for mine in costs):
         return known
-    most = max(known, sum(max(share.most for share in mine.values()) for mine in costs))
+    most = sum(max(share.most for share in mine.values()) for mine in costs)
     low = max(known, max(min(s.least for s in mine.values()) for mine in costs))
-    step = 1
-    while low < most and not deadline.expired() and _refuted(costs, low + step - 1, deadline):
-        low, step = low + step, 2 * step
-    high = low + step - 1
-    while low < high and not deadline.expired():
-        middle = (low + high - 1) // 2
-        if _refuted(costs, middle, deadline):
-            low = middle + 1
-        else:
-            high = middle
-    return low
-
-
-def _refuted(costs: list[dict[int, TaskShare]], end: int, deadline: Deadline) -> bool:
-    """Return whether it is proven that the travellers cannot share all tasks and end by ``end``."""
     model = cp_model.CpModel()
+    end = model.new_int_var(low, max(low, most), "")
     does: list[list[cp_model.IntVar]] = [[] for _ in costs]
     for axis in sorted({axis for mine in costs for axis in mine}):
         at_all, total = model.new_bool_var(""), []
@@ -147,9 +116,10 @@ def _refuted(costs: list[dict[int, TaskShare]], end: int, deadline: Deadline) ->
         model.add(sum(total) <= end)
     for travellers in does:
         model.add_bool_or(travellers)  # more than one may do it, if a plan has it done twice
-    options = {"num_workers": 1, "linearization_level": 2, "max_deterministic_time": 0.5}
+    model.minimize(end)
+    options = {"num_workers": 1, "linearization_level": 2, "max_deterministic_time": 2.0}
     answer = run(model, deadline, lambda *_: None, options=options)
-    return bool(answer.status == cp_model.INFEASIBLE)
+    return max(low, math.ceil(answer.bound - 1e-6)) if math.isfinite(answer.bound) else low
 
 
 # ------------------ A lower bound from all the work there is

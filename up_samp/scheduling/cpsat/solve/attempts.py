@@ -14,9 +14,8 @@ from ortools.sat.python import cp_model
 from up_samp.model import CandidateSchedule, Deadline
 from up_samp.scheduling.cpsat.encode.forms import TRUE, Lin
 from up_samp.scheduling.cpsat.model import ScheduleModel
-from up_samp.scheduling.cpsat.solve import options as profiles
-from up_samp.scheduling.cpsat.solve.options import Profile
-from up_samp.scheduling.cpsat.solve.runner import SolverAnswer, run
+from up_samp.scheduling.cpsat.solve import runner
+from up_samp.scheduling.cpsat.solve.runner import Profile, SolverAnswer, run
 from up_samp.tuning import Tuning
 
 
@@ -186,7 +185,7 @@ class Attempts:
     def without_presolve(self, cap: int) -> None:
         """Try what solves the smallest problems at once."""
         if self.tiny:
-            self.improve(cap, profiles.NO_PRESOLVE, NO_PRESOLVE)
+            self.improve(cap, runner.NO_PRESOLVE, NO_PRESOLVE)
 
     def climb(self) -> None:
         """Solve a small problem without routes, with more and more effort."""
@@ -198,10 +197,10 @@ class Attempts:
             return
         if optimal and self.orders.workers > 1:
             # a poor schedule as a hint leads both searches astray
-            profile = profiles.TWO_FULL_SEARCHES
+            profile = runner.TWO_FULL_SEARCHES
             self.improve(self.model.limit, profile, _TWO_SEARCHES, hinted=False)
             return
-        turns = zip(itertools.cycle(profiles.ONE_THREAD), _ONE_THREAD, strict=False)
+        turns = zip(itertools.cycle(runner.ONE_THREAD), _ONE_THREAD, strict=False)
         for profile, effort in turns if optimal else itertools.islice(turns, 1):
             self.improve(self.cap, profile, effort)
             if self.over():
@@ -213,14 +212,14 @@ class Attempts:
         if not known or not self.small:
             return
         if self.tiny:
-            self.improve(self.cap, profiles.NO_INPROCESSING, _NO_INPROCESSING)
+            self.improve(self.cap, runner.NO_INPROCESSING, _NO_INPROCESSING)
         if not self.over():
-            self.improve(self.cap, profiles.ONE_PRESOLVE_PASS, _ONE_PRESOLVE_PASS)
+            self.improve(self.cap, runner.ONE_PRESOLVE_PASS, _ONE_PRESOLVE_PASS)
 
     def finish(self, effort: float | None) -> None:
         """Improve the schedule until it is proven optimal, or good enough."""
         optimal = self.orders.optimal
-        profile = profiles.CP_SATS_OWN if optimal else profiles.LINEARIZATION
+        profile = runner.CP_SATS_OWN if optimal else runner.LINEARIZATION
         self.improve(self.cap, profile, effort)
 
     def realize(self, guess: CandidateSchedule, others: Iterable[str] = ()) -> bool:
@@ -242,16 +241,15 @@ class Attempts:
         for cap in caps:
             if cap < self.bound * self.minimizes_makespan:
                 continue
-            model = self.model.capped(cap)
+            model = self._capped(cap)
             for var in sorted(presences & hints.keys()):
                 position = self.model.store.position(var)
                 model.add(model.get_int_var_from_proto_index(position) == hints[var])
-            self._set_hints(model)
             answer = None
             if self.tiny:
-                answer = self._run(model, profiles.NO_PRESOLVE, NO_PRESOLVE, first=True)
+                answer = self._run(model, runner.NO_PRESOLVE, NO_PRESOLVE, first=True)
             if answer is None or answer.status == cp_model.UNKNOWN:
-                answer = self._run(model, profiles.NO_LINEARIZATION, _REALIZE, first=True)
+                answer = self._run(model, runner.NO_LINEARIZATION, _REALIZE, first=True)
             if answer.values is not None or self.over():
                 return answer.values is not None
         return False
@@ -261,9 +259,8 @@ class Attempts:
         to loose, with more effort each time. ``base``: the makespan to expect (0: not known).
         """
         limit = self.model.limit
-        model = self.model.capped(max(limit // 8, 4 * base))
-        self._set_hints(model)
-        dived = self._run(model, profiles.DIVE, _FIRST_DIVE, first=True)
+        model = self._capped(max(limit // 8, 4 * base))
+        dived = self._run(model, runner.DIVE, _FIRST_DIVE, first=True)
         if dived.values is not None or self.over():
             return
         base = max(base, self.bound)
@@ -277,14 +274,13 @@ class Attempts:
 
     def _under(self, cap: int, effort: float, *, last: bool) -> bool:
         """Look for some schedule under a cap; return whether that is over, well or not."""
-        model = self.model.capped(cap)
-        self._set_hints(model)
+        model = self._capped(cap)
         for profile, weight in (
-            (profiles.LINEARIZATION, 2.0),
-            (profiles.NO_LINEARIZATION, 1.0),
-            (profiles.FIXED_SEARCH if last else profiles.DIVE, 1.0),
+            (runner.LINEARIZATION, 2.0),
+            (runner.NO_LINEARIZATION, 1.0),
+            (runner.FIXED_SEARCH if last else runner.DIVE, 1.0),
         ):
-            unlimited = profile is profiles.FIXED_SEARCH
+            unlimited = profile is runner.FIXED_SEARCH
             answer = self._run(model, profile, None if unlimited else weight * effort, first=True)
             if answer.status == cp_model.INFEASIBLE:
                 if last:
@@ -310,19 +306,17 @@ class Attempts:
             some = [model.get_int_var_from_proto_index(store.position(v)) for v, _ in cost.terms]
             total = cp_model.LinearExpr.weighted_sum(some, [c for _, c in cost.terms])
             model.add_linear_constraint(total, cp_model.INT_MIN, most - cost.const)
-        self._run(model, profiles.ONE_PRESOLVE_PASS, None, first=True)
+        self._run(model, runner.ONE_PRESOLVE_PASS, None, first=True)
 
     def improve(
         self, cap: int, profile: Profile, effort: float | None, *, hinted: bool = True
     ) -> None:
         """Search between the bound and ``cap``, and learn from the answer."""
         store = self.model.store
-        model = self.model.capped(cap)
+        model = self._capped(cap, hinted=hinted)
         if self.minimizes_makespan and self.bound:
             makespan = model.get_int_var_from_proto_index(store.position(self.model.world.makespan))
             model.add(makespan >= self.bound)
-        if hinted:
-            self._set_hints(model)
         answer = self._run(model, profile, effort, first=False)
         if answer.status == cp_model.INFEASIBLE and self.best is None:
             self.infeasible = True
@@ -380,10 +374,12 @@ class Attempts:
             self.best, self.value = schedule, value
             self.known = {v: values[p] for v, p in store.positions() if v and p < len(values)}
 
-    def _set_hints(self, model: Any) -> None:
-        """Give the model what is known as hints."""
+    def _capped(self, cap: int, *, hinted: bool = True) -> Any:
+        """Return the model in which everything ends by ``cap``, with what is known as hints."""
+        model = self.model.capped(cap)
         model.clear_hints()
-        some = sorted(self.known.items())
+        some = sorted(self.known.items()) if hinted else []
         hint = model.proto.solution_hint  # one by one takes a hundred times as long
         hint.vars.extend([self.model.store.position(var) for var, _ in some])
         hint.values.extend([value for _, value in some])
+        return model

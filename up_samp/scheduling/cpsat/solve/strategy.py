@@ -27,7 +27,7 @@ from up_samp.scheduling.cpsat.routing.relaxation import RoutingRelaxation
 from up_samp.scheduling.cpsat.routing.route import Route
 from up_samp.scheduling.cpsat.routing.sequences import Sequences
 from up_samp.scheduling.cpsat.routing.workload import bound_by_work
-from up_samp.scheduling.cpsat.solve import options as profiles
+from up_samp.scheduling.cpsat.solve import runner
 from up_samp.scheduling.cpsat.solve.attempts import Attempts, hint_values
 
 _SHARE = 0.35
@@ -35,11 +35,11 @@ _SHARE = 0.35
 where the optimum is not asked for."""
 _BOUNDING = 0.7
 """For bounds without search, where it is: most of what is proven of routed problems they prove."""
-_LABELS_AGAIN = 150_000
+_LABELS_AGAIN = 180_000
 """Beginnings of sequences that proofs may look at if bounds were sought before."""
-_LABELS_ASIDE = 50_000
+_LABELS_ASIDE = 60_000
 """The same where the optimum is not asked for."""
-_BEAM = 500
+_BEAM = 750
 """Beginnings of each length among which sequences are sought that end before the schedule in hand:
 a fifth of them where the optimum is not asked for."""
 _AGAIN, _LONGER, _TIMES = 0.5, 5, 30
@@ -197,7 +197,7 @@ def _seek_sequences(search: Solve) -> None:
     assert search.sequences is not None
     deadline = search.share()
     width = _BEAM if search.optimal else _BEAM // 5
-    sequences = search.sequences.anew(sys.maxsize)
+    sequences = Sequences(search.sequences.rules, sys.maxsize)
     while not whole.over() and sequences.sought(whole.value - 1, width, deadline):
         if not _realize_one(search, sequences):
             return
@@ -236,17 +236,27 @@ def _may_anneal_again(whole: Attempts) -> bool:
 
 def _anneal_again(search: Solve) -> None:
     """Anneal tours from other random numbers, each longer, for schedules better than the one in
-    hand, as long as a share of the time lasts.
+    hand.
     """
     whole, work = search.whole, _work(search)
-    rounds = _LONGER * whole.orders.tuning.tour_rounds * len(work.tasks)
-    deadline, seed = search.share(_AGAIN), whole.orders.seed + whole.value
+    _anneal_on(search, [work], _LONGER, whole.orders.seed + whole.value)
+
+
+def _anneal_on(search: Solve, works: list[RoutedWork], longer: int, seed: int) -> None:
+    """Anneal tours as long as a share of the time lasts; ``works`` say by turns what they cost."""
+    whole = search.whole
+    rounds = longer * whole.orders.tuning.tour_rounds * len(works[0].tasks)
+    deadline = search.share(_AGAIN)
+    by_makespan = whole.minimizes_makespan
+    enough, fixed = (whole.bound, 0) if by_makespan else (0, whole.model.objective.const)
     for number in range(_TIMES):
         if whole.over() or deadline.expired():
             return
-        tour = improve(work, rounds, seed + number, deadline, enough=whole.bound)
-        if tour is not None and tour.schedule.makespan < whole.value:
-            search.better |= whole.realize(tour.schedule, work.others)
+        work, before = works[number % len(works)], whole.value
+        tour = improve(work, rounds, seed + number, deadline, enough=enough)
+        if tour is not None and work.worth(tour.schedule) + fixed < before:
+            whole.realize(tour.schedule, work.others)
+            search.better |= whole.value < before
 
 
 def _is_paid_by_activity(search: Solve) -> bool:
@@ -269,17 +279,8 @@ def _anneal_costs(search: Solve) -> None:
 
     whole.without_presolve(whole.cap)  # tiny ones are solved at once
     work = find_work(whole.model, find_routes(whole.model))
-    rounds = whole.orders.tuning.tour_rounds * len(work.tasks)
-    deadline = search.share(_AGAIN)
-    for number in range(_TIMES):
-        if whole.over() or deadline.expired():
-            return
-        by = partial(worth, most=(last, math.inf)[number % 2])
-        tour = improve(replace(work, worth=by), rounds, whole.orders.seed + number, deadline)
-        if tour is not None and by(tour.schedule) + whole.model.objective.const < whole.value:
-            before = whole.value
-            whole.realize(tour.schedule, work.others)
-            search.better |= whole.value < before
+    by_turns = [replace(work, worth=partial(worth, most=most)) for most in (last, math.inf)]
+    _anneal_on(search, by_turns, 1, whole.orders.seed)
 
 
 def _is_worth_relaxing(search: Solve) -> bool:
@@ -318,7 +319,7 @@ def _solve_relaxation(search: Solve) -> None:
     if whole.best is not None:
         inner.without_presolve(whole.value)
         if not inner.over():
-            profile = profiles.CP_SATS_OWN if search.optimal else profiles.LINEARIZATION
+            profile = runner.CP_SATS_OWN if search.optimal else runner.LINEARIZATION
             inner.improve(whole.value, profile, effort)
     else:
         inner.first(0)
