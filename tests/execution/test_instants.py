@@ -121,6 +121,29 @@ def test_who_swaps_two_units_at_one_instant_is_told():
     assert "one instant" in why
 
 
+def test_who_puts_down_and_takes_up_by_turns_at_one_instant_has_an_order():
+    """A table for two has one thing on it: two put and two take at once, which neither all puts
+    nor all takes before the others keep within its room.
+    """
+    problem = SchedulingProblem("table")
+    table = Fluent("table", IntType(0, 2))
+    problem.add_fluent(table, default_initial_value=1)
+    times, tasks = {}, []
+    for name in ("take one", "put one", "put two", "take two"):
+        task = problem.add_activity(name, 2)
+        change = task.add_increase_effect if name.startswith("put") else task.add_decrease_effect
+        change(task.start, table(), 1)
+        times[task.start], times[task.end] = 1, 3
+        tasks.append(task)
+    schedule = Schedule(tasks, times)
+    assert validate_schedule(problem, schedule).valid
+    plan = plan_to_dict(problem, schedule)
+    found = dependencies_of(problem, plan)
+    for seed in range(10):
+        record = instants.executed(found, plan, random.Random(seed))
+        assert broken_rules(found, record)[0] == ()
+
+
 @pytest.mark.parametrize("turned", [False, True])
 def test_meeting_in_one_instant_is_no_cycle(turned):
     """``b`` starts when ``a`` ends, in whatever order that is said."""
