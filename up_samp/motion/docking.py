@@ -11,7 +11,7 @@ from up_samp.geometry import Scene, sweeps
 from up_samp.model import Body, Configuration, TrafficZone
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.curves.slowing import last_stay
-from up_samp.motion.curves.straight import timed_chain
+from up_samp.motion.curves.trapezoid import timed_chain
 from up_samp.motion.guides.search_space import MARGIN_SHARES
 from up_samp.motion.protocol import Leg, LegQuery
 

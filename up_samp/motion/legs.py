@@ -26,11 +26,9 @@ from up_samp.model import (
 )
 from up_samp.motion.cache import CachedLeg, MotionCache, PairKey, body_key, obstacle_key
 from up_samp.motion.curves.blending import TINY
-from up_samp.motion.curves.passing import driven_through, flown_through, pivoted_through
-from up_samp.motion.curves.ramps import with_ramps
-from up_samp.motion.curves.slowing import slowed
-from up_samp.motion.curves.trajectories import at_rest, joined
-from up_samp.motion.curves.twists import twists
+from up_samp.motion.curves.passing import driven_through, flown_through
+from up_samp.motion.curves.slowing import slowed, with_ramps
+from up_samp.motion.curves.trajectories import at_rest, joined, twists
 from up_samp.motion.docking import docking_leg, is_docking
 from up_samp.motion.guides.search_space import MARGIN_SHARES
 from up_samp.motion.proofs.certificates import Certifier
@@ -95,15 +93,13 @@ def _strung(scene: Scene, query: PathQuery, legs: Sequence[Leg]) -> tuple[Trajec
     parts = [leg.trajectory for leg in legs if leg.trajectory is not None]
     if len(parts) < 2:
         return (parts[0] if parts else at_rest(query.poses[0])), True
-    if kinematics.mobility.steers:
+    if kinematics.mobility.steers or kinematics.mobility.rolls:
         return driven_through(parts, kinematics), True
-    if kinematics.mobility.rolls:
-        return pivoted_through(parts, kinematics), True
     if kinematics.mobility.flies:
         return flown_through(parts, kinematics)
     whole = joined(parts)
     if kinematics.mobility.sideways and not is_docking(query.body, *query.poses[-2:]):
-        from up_samp.motion.planners.gliding import glide_through
+        from up_samp.motion.curves.blending import glide_through
 
         ways = [leg.corners for leg in legs if leg.corners is not None]
         if len(ways) == len(legs):

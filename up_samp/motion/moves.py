@@ -11,19 +11,26 @@ import numpy as np
 
 from up_samp.model import Body, Configuration, Kinematics, Trajectory
 from up_samp.model.arrays import FloatArray
-from up_samp.motion.curves.arcs import length_of, merged, nodes_of, reversed_arcs
-from up_samp.motion.curves.reeds_shepp import fastest, run_time
+from up_samp.motion.curves.reeds_shepp import (
+    fastest,
+    length_of,
+    merged,
+    nodes_of,
+    reversed_arcs,
+    run_time,
+)
 from up_samp.motion.curves.rolling import rolled, rolls_of
-from up_samp.motion.curves.straight import leg_profile, timed_chain
+from up_samp.motion.curves.trajectories import partway
 from up_samp.motion.curves.trapezoid import (
     distance_of_time,
+    leg_profile,
     limits_of,
     poses_on,
     runs_of,
     time_of_distance,
+    timed_chain,
     trajectory_of,
 )
-from up_samp.motion.curves.twists import partway
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +102,7 @@ def drive(moves: Sequence[ShortMove], kinematics: Kinematics) -> Trajectory:
     arcs = [move.arcs for move in moves if move.arcs is not None]
     if len(arcs) == len(moves):
         ends = [tuple(row.tolist()) for row in (moves[0].rows[0], moves[-1].rows[-1])]
-        return trajectory_of(ends, [merged(np.concatenate(arcs))], kinematics)
+        return trajectory_of(ends, merged(np.concatenate(arcs)), kinematics)
     if kinematics.mobility.rolls:
         return rolled(corners_of(moves), kinematics)
     return timed_chain(corners_of(moves), kinematics)

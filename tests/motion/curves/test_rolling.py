@@ -22,7 +22,7 @@ from up_samp.model import (
 from up_samp.motion import MotionService
 from up_samp.motion.curves.reeds_shepp import run_time
 from up_samp.motion.curves.rolling import rolled, rolling_time, rows_of, thinned
-from up_samp.motion.curves.straight import timed_chain
+from up_samp.motion.curves.trapezoid import timed_chain
 from up_samp.motion.fleet.paths import path_of, safe_intervals
 from up_samp.motion.fleet.speed import tune
 from up_samp.motion.legs import parking_clears

@@ -26,8 +26,7 @@ from up_samp.model import (
     Trajectory,
 )
 from up_samp.model.arrays import FloatArray
-from up_samp.motion.curves.arcs import merged, nodes_of
-from up_samp.motion.curves.reeds_shepp import DriveLimits
+from up_samp.motion.curves.reeds_shepp import DriveLimits, merged, nodes_of
 from up_samp.motion.curves.rolling import rolled, rolling_radius, thinned
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
 from up_samp.motion.docking import before_docking, dock_of, docking_leg
@@ -360,7 +359,7 @@ def drivable(
         if arcs is None or sweeps.path_free(world, start, arcs) >= 0:
             continue
         if math.dist(nodes_of(start, arcs)[-1][:2], poses[1][:2]) <= 1e-7:
-            return path_of(trajectory_of(poses, [arcs], kin), body, poses)
+            return path_of(trajectory_of(poses, arcs, kin), body, poses)
     return None
 
 

@@ -11,14 +11,12 @@ import numpy as np
 from up_samp.geometry import sweeps
 from up_samp.geometry.scene import Scene
 from up_samp.model.arrays import FloatArray
-from up_samp.motion.curves.arcs import merged
-from up_samp.motion.curves.blending import pieces
-from up_samp.motion.curves.reeds_shepp import DriveLimits, fastest
+from up_samp.motion.curves.blending import glide, pieces
+from up_samp.motion.curves.reeds_shepp import DriveLimits, fastest, merged
 from up_samp.motion.curves.rolling import rolled, rolling_radius, rows_of, thinned
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
 from up_samp.motion.fleet.paths import Path, path_of
 from up_samp.motion.planners.car_shortcuts import settle
-from up_samp.motion.planners.gliding import glide
 
 EXACT = 1e-7
 """Metres, or rad, by which a lane may miss the path that it comes back to."""
@@ -101,7 +99,7 @@ def _swerved(scene: Scene, path: Path, first: float, last: float, offset: float)
         return None
     if settle(start, goal, whole) > EXACT:
         return None
-    return path_of(trajectory_of(path.ends, [whole], kin), path.body, path.ends)
+    return path_of(trajectory_of(path.ends, whole, kin), path.body, path.ends)
 
 
 def _rolled_aside(

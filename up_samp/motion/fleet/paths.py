@@ -20,11 +20,20 @@ from up_samp.geometry.records import inner, kernel
 from up_samp.geometry.shapes import Shape, padded, shape_of
 from up_samp.model import Body, Configuration, Trajectory
 from up_samp.model.arrays import BoolArray, FloatArray, IntArray
-from up_samp.motion.curves.bends import SHORT, bends_of, between_bends, ways_at
 from up_samp.motion.curves.rolling import ON_SPOT, rolls_of
-from up_samp.motion.curves.slowing import allowed_speeds, last_stay, push_along, slowed, steps_in
-from up_samp.motion.curves.turning import limits_in_bends
-from up_samp.motion.curves.twists import partway, travels, twists
+from up_samp.motion.curves.slowing import (
+    SHORT,
+    allowed_speeds,
+    bends_of,
+    between_bends,
+    last_stay,
+    limits_in_bends,
+    push_along,
+    slowed,
+    steps_in,
+    ways_at,
+)
+from up_samp.motion.curves.trajectories import partway, travels, twists
 from up_samp.motion.fleet.conflicts import Hull, Swept, runs_in, sweep_table
 from up_samp.motion.fleet.flyers import ROUND, SweptSolid
 
@@ -378,9 +387,7 @@ def kinks_and_stops(poses: FloatArray, s: FloatArray, body: Body) -> tuple[BoolA
     if n > 2 and not body.flies:
         unit = twists(poses) / np.diff(s)[:, None]
         kink[1:-1] = np.abs(np.diff(unit, axis=0)).max(axis=1) > 1e-6  # more than rounding
-        if body.mobility.steers:
-            stop[1:-1] = unit[:-1, 0] * unit[1:, 0] < 0
-        elif body.mobility.rolls:  # it turns at will, but on the spot it rests
+        if body.mobility.steers or body.mobility.rolls:
             stop[1:-1] = np.diff(rolls_of(poses, body.kinematics).kinds) != 0
         elif not body.mobility.sideways:
             # a velocity may not jump: chords of smooth curves turn little from sample to sample

@@ -19,8 +19,7 @@ from up_samp.geometry.scene import Scene
 from up_samp.geometry.shapes import shape_of
 from up_samp.model import Body, Configuration, Kinematics, Placed, check_time, same_pose
 from up_samp.model.arrays import FloatArray
-from up_samp.motion.curves.arcs import length_of, nodes_of
-from up_samp.motion.curves.reeds_shepp import fastest
+from up_samp.motion.curves.reeds_shepp import fastest, length_of, nodes_of
 from up_samp.motion.curves.rolling import rolling_time
 from up_samp.motion.curves.trapezoid import limits_of, runs_of
 from up_samp.motion.fleet.conflicts import Hull, Swept, sweep_table

@@ -13,8 +13,14 @@ from up_samp.geometry.records import WorldData
 from up_samp.model import Deadline
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.budget import WorkBudget
-from up_samp.motion.curves.arcs import merged, path_time, reversed_arcs
-from up_samp.motion.curves.reeds_shepp import SPOT, DriveLimits, fastest
+from up_samp.motion.curves.reeds_shepp import (
+    SPOT,
+    DriveLimits,
+    fastest,
+    merged,
+    path_time,
+    reversed_arcs,
+)
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
 from up_samp.motion.guides.cost_to_go import Fields, least_value
 from up_samp.motion.guides.search_space import (
@@ -103,7 +109,7 @@ class CarPlanner:
         complete = not budget.cut
         if arcs is None:
             return Leg(None, reason, budget.used, complete)
-        motion = trajectory_of((query.start, query.goal), (arcs,), query.body.kinematics)
+        motion = trajectory_of((query.start, query.goal), arcs, query.body.kinematics)
         return Leg(motion, reason, budget.used, complete)
 
     def path(

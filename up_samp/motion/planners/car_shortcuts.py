@@ -11,14 +11,17 @@ from up_samp.geometry.kernels import advance
 from up_samp.geometry.records import WorldData, inner, kernel
 from up_samp.geometry.sweeps import first_blocked
 from up_samp.model.arrays import FloatArray, IntArray
-from up_samp.motion.curves.arcs import ends_of, merged, nodes_of, path_time
 from up_samp.motion.curves.reeds_shepp import (
     TINY,
     DriveLimits,
     Pose,
     connect,
     driven_on,
+    ends_of,
+    merged,
+    nodes_of,
     on_spot,
+    path_time,
     run_time,
 )
 

@@ -36,7 +36,7 @@ from up_samp.model import (
 )
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.budget import WorkBudget
-from up_samp.motion.curves.straight import leg_profile, timed_chain, turn_between
+from up_samp.motion.curves.trapezoid import leg_profile, timed_chain, turn_between
 from up_samp.motion.guides.search_space import MARGIN_SHARES, TOUCHES
 from up_samp.motion.planners.ompl_solve import (
     EdgeValidity,

@@ -14,7 +14,7 @@ from up_samp.geometry import Scene, Shape
 from up_samp.model import Deadline, MotionModel, Trajectory
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.budget import WorkBudget
-from up_samp.motion.curves.blending import chain_time, moved_corner, pieces
+from up_samp.motion.curves.blending import chain_time, glide, moved_corner, pieces
 from up_samp.motion.curves.reeds_shepp import run_time
 from up_samp.motion.guides.cost_to_go import Fields, field_value
 from up_samp.motion.guides.search_space import (
@@ -26,7 +26,6 @@ from up_samp.motion.guides.search_space import (
     widest_shape,
 )
 from up_samp.motion.planners import hybrid_astar as hybrid
-from up_samp.motion.planners.gliding import glide
 from up_samp.motion.planners.omni_astar import (
     expand_planar,
     planar_limits,

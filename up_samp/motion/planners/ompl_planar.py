@@ -29,13 +29,18 @@ from up_samp.model import (
 )
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.budget import WorkBudget
-from up_samp.motion.curves.arcs import merged, path_time
-from up_samp.motion.curves.blending import pieces
-from up_samp.motion.curves.reeds_shepp import DriveLimits, Pose, connect, shortest
+from up_samp.motion.curves.blending import glide, pieces
+from up_samp.motion.curves.reeds_shepp import (
+    DriveLimits,
+    Pose,
+    connect,
+    merged,
+    path_time,
+    shortest,
+)
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
 from up_samp.motion.guides.search_space import TOUCHES, search_box, widest_shape
 from up_samp.motion.planners.car_shortcuts import improve, settle
-from up_samp.motion.planners.gliding import glide
 from up_samp.motion.planners.omni_astar import planar_limits, shortened, straight_free
 from up_samp.motion.planners.ompl_solve import (
     EdgeValidity,
@@ -228,7 +233,7 @@ def _drive(
             best = arcs
     if best is None:
         return None
-    return trajectory_of((start, goal), (best,), world.body.kinematics)
+    return trajectory_of((start, goal), best, world.body.kinematics)
 
 
 def _glide(

@@ -3,7 +3,7 @@
 They are sought as a car's that turns no tighter than such a body can at top speed, so that it never
 rests but at cusps, and that may rest to turn on the spot, too (:mod:`.car`); then stretches are
 replaced where a line is faster, with turns on the spot at its ends, or as it sets off and comes to
-rest (:mod:`up_samp.motion.curves.involute`).
+rest (:mod:`up_samp.motion.curves.rolling`).
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from up_samp.geometry.sweeps import first_hit
 from up_samp.model import Configuration, Deadline, Kinematics, Trajectory
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.budget import WorkBudget
-from up_samp.motion.curves.involute import swerves
 from up_samp.motion.curves.reeds_shepp import DriveLimits, run_time
 from up_samp.motion.curves.rolling import (
     moves_on,
@@ -27,6 +26,7 @@ from up_samp.motion.curves.rolling import (
     rolling_time,
     rolls_of,
     rows_of,
+    swerves,
 )
 from up_samp.motion.curves.trajectories import at_rest, with_ends
 from up_samp.motion.curves.trapezoid import limits_of
