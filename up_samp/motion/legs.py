@@ -1,7 +1,10 @@
-"""Legs from the cache or from planners, asked one after the other, with proofs in between."""
+"""Legs from the cache or from planners, asked one after the other, with proofs in between; legs
+strung together to one motion; and the last stretch to a dock.
+"""
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -9,7 +12,8 @@ from functools import partial
 
 import numpy as np
 
-from up_samp.geometry import Scene, sweeps
+from up_samp.geometry import Scene
+from up_samp.geometry.kernels import first_hit, samples_free
 from up_samp.geometry.memory import Memory
 from up_samp.geometry.records import WorldData, open_plane
 from up_samp.geometry.shapes import shape_of
@@ -17,27 +21,34 @@ from up_samp.model import (
     Body,
     Configuration,
     Deadline,
+    Kinematics,
     Outcome,
     PathQuery,
     PathReport,
     Placed,
+    TrafficZone,
     Trajectory,
     UnsupportedError,
 )
-from up_samp.motion.cache import CachedLeg, MotionCache, PairKey, body_key, obstacle_key
+from up_samp.model.arrays import BoolArray, FloatArray
 from up_samp.motion.curves.blending import TINY
-from up_samp.motion.curves.passing import driven_through, flown_through
-from up_samp.motion.curves.slowing import slowed, with_ramps
+from up_samp.motion.curves.rolling import rolled, thinned
+from up_samp.motion.curves.slowing import last_stay, slowed, with_ramps
 from up_samp.motion.curves.trajectories import at_rest, joined, twists
-from up_samp.motion.docking import docking_leg, is_docking
-from up_samp.motion.guides.search_space import MARGIN_SHARES
+from up_samp.motion.curves.trapezoid import time_of_distance, timed_chain
+from up_samp.motion.guides import MARGIN_SHARES
 from up_samp.motion.proofs.certificates import Certifier
-from up_samp.motion.protocol import Leg, LegQuery, MotionPlanner
-from up_samp.motion.registry import (
-    PLANNERS,
-    make_planner,
-    planner_names,
+from up_samp.motion.protocol import (
+    CachedLeg,
+    Leg,
+    LegQuery,
+    MotionCache,
+    MotionPlanner,
+    PairKey,
+    body_key,
+    obstacle_key,
 )
+from up_samp.motion.registry import PLANNERS, make_planner, planner_names
 
 NOISE = 1e-6
 """By how much positions (m) may be off."""
@@ -68,7 +79,7 @@ def strung(scene: Scene, query: PathQuery, legs: Sequence[Leg]) -> tuple[Traject
 def check_ways(body: Body, motion: Trajectory, planner: str) -> None:
     """Raise where a planner from outside breaks a rule of zones."""
     world = Scene(None).world(shape_of(body))
-    if sweeps.samples_free(world, motion.poses.copy(), 1e-4) >= 0:
+    if samples_free(world, motion.poses.copy(), 1e-4) >= 0:
         raise UnsupportedError(
             f"the motion planner '{planner}' drives against a zone's direction, or turns on the "
             "spot in a zone: it has to look at 'kinematics.ways' of the bodies that it plans for"
@@ -273,7 +284,7 @@ class Legs:
         """
         shape = self.scene.shape(query.body, MARGIN_SHARES[1] * self.scene.margin)
         world = self.scene.world(shape, query.obstacles)
-        return with_ramps(motion, query.body, partial(sweeps.first_hit, world))
+        return with_ramps(motion, query.body, partial(first_hit, world))
 
     def _ask_one_way(self, name: str, query: LegQuery, deadline: Deadline) -> Leg | PathReport:
         """Ask a planner; where it finds nothing soon, look for a stronger proof in between."""
@@ -365,4 +376,147 @@ def parking_clears(
     shape = shape_of(body, clearance).data
     world = WorldData(open_plane(), scene.polys((placed,)), shape)
     poses = trajectory.poses.copy()  # numba compiles anew for arrays that cannot be written
-    return bool(sweeps.samples_free(world, poses, 1e-4) < 0)
+    return bool(samples_free(world, poses, 1e-4) < 0)
+
+
+# ------------------ Motions that pass from one leg into the next without a stop where they can
+# A waypoint asks for a pose, not for a rest. What drives along its heading drives on where its
+# direction does not change, and it need not turn on the spot; a free flyer does where the next
+# piece goes on straight, at the same share of turn.
+
+
+def driven_through(parts: Sequence[Trajectory], kinematics: Kinematics) -> Trajectory:
+    """Return the legs of a body that drives along its heading as one motion from time 0 that rests
+    where it turns on the spot, or changes its direction, only.
+    """
+    whole = joined(parts)
+    if len(whole.times) < 3:
+        return whole
+    kept = np.concatenate([[True], _joints(parts), [True]])
+    return rolled(thinned(whole.poses, kinematics, kept), kinematics)
+
+
+def flown_through(parts: Sequence[Trajectory], kinematics: Kinematics) -> tuple[Trajectory, bool]:
+    """Return a flyer's legs (straight pieces, at rest at each corner) as one motion from time 0,
+    and whether it passes all joints without a stop.
+    """
+    whole = joined(parts)
+    inner = _joints(parts)
+    if len(whole.times) < 3:
+        return whole, True
+    ways = np.linalg.norm(np.diff(whole.poses[:, :3], axis=0), axis=1)
+    if not np.all(ways > 1e-12):  # turns on the spot have no share of a way
+        return whole, not inner.any()
+    rates = rotations(whole.poses) / ways[:, None]
+    units = np.diff(whole.poses[:, :3], axis=0) / ways[:, None]
+    change = np.abs(np.diff(np.hstack([units, rates]), axis=0)).max(axis=1)
+    corners = np.flatnonzero(change > 1e-7) + 1
+    top = np.linalg.norm(rates, axis=1)
+
+    marks = [0, *corners.tolist(), len(ways)]
+    times = np.zeros(len(ways) + 1)
+    for low, high in itertools.pairwise(marks):  # one trapezoid from each rest to the next
+        s, turning = np.cumsum(ways[low:high]), float(top[low])
+        fastest = kinematics.omega_max / turning if turning > 1e-12 else np.inf
+        v = min(kinematics.v_max, fastest)
+        times[low + 1 : high + 1] = times[low] + time_of_distance(
+            s, float(s[-1]), v, kinematics.a_max
+        )
+    # where it rested before, samples now are far closer than they need be; ways may be nothing
+    stay = [0]
+    for i in range(1, len(times) - 1):
+        asked = inner[i - 1] or i in marks or times[i + 1] - times[stay[-1]] > Trajectory.MAX_STEP
+        if asked and times[stay[-1]] < times[i] < times[-1]:
+            stay.append(i)
+    stay.append(len(times) - 1)
+    motion = Trajectory(times[stay], whole.poses[stay].copy())
+    return motion, not inner[corners - 1].any()
+
+
+def _joints(parts: Sequence[Trajectory]) -> BoolArray:
+    """Return which inner samples of the joined motion are ends of a leg, shape (n - 2,)."""
+    counts = [len(part.times) - 1 for part in parts]
+    ends = np.cumsum(counts)[:-1]
+    marks = np.zeros(sum(counts) + 1, dtype=np.bool_)
+    marks[ends] = True
+    return marks[1:-1]
+
+
+def rotations(poses: FloatArray) -> FloatArray:
+    """Return the rotation vectors (n - 1, 3) (rad) from each quaternion (x, y, z, w) to the next,
+    in the world's frame.
+    """
+    q = poses[:, 3:] / np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
+    a, b = q[:-1], q[1:]
+    w = np.sum(a * b, axis=1)
+    v = a[:, 3:] * b[:, :3] - b[:, 3:] * a[:, :3] - np.cross(b[:, :3], a[:, :3])
+    sign = np.where(w < 0, -1.0, 1.0)
+    size = np.linalg.norm(v, axis=1)
+    angle = 2 * np.arctan2(size, np.abs(w))
+    return np.asarray(v * (sign * angle / np.where(size > 1e-15, size, 1.0))[:, None])
+
+
+# ------------------ The last stretch to a dock
+# Straight, along the dock's heading, as a zone with a dock asks.
+
+
+def dock_of(body: Body, goal: Configuration) -> TrafficZone | None:
+    """Return the zone that tells how a body comes to a pose, if there is one."""
+    if body.flies:
+        return None
+    return next((z for z in body.kinematics.zones if z.dock and z.binds(goal)), None)
+
+
+def but_docks(body: Body) -> Body:
+    """Return a body without what its docks ask for."""
+    zones = tuple(zone for zone in body.kinematics.zones if zone.dock is None)
+    if len(zones) == len(body.kinematics.zones):
+        return body
+    return replace(body, kinematics=replace(body.kinematics, zones=zones))
+
+
+def is_docking(body: Body, start: Configuration, goal: Configuration) -> bool:
+    """Return whether a leg is the straight stretch to a dock, or a part of it."""
+    zone = dock_of(body, goal)
+    return zone is not None and zone.leads_in(start)
+
+
+def before_docking(body: Body, poses: tuple[Configuration, ...]) -> tuple[Configuration, ...]:
+    """Return the poses that a body may go between as it likes: all but a dock that it comes to
+    straight, from the last one before.
+    """
+    return poses[:-1] if is_docking(body, *poses[-2:]) else poses
+
+
+def docking_leg(scene: Scene, query: LegQuery) -> Leg | None:
+    """Return the straight stretch to a dock (None: the leg of ``query`` is none), as fast as the
+    body is elsewhere, or why it cannot be driven.
+    """
+    zone = dock_of(query.body, query.goal)
+    if zone is None or not zone.leads_in(query.start):
+        return None
+    if not query.body.kinematics.reverse and zone.off_dock(query.start)[0] > 0.0:
+        return Leg(None, "it comes to its dock backwards, which it may not", complete=True)
+    end = query.start[2] + math.remainder(query.goal[2] - query.start[2], math.tau)
+    rows = np.array([query.start, (*query.goal[:2], end)], dtype=np.float64)
+    motion = timed_chain(rows, query.body.kinematics)
+    for share in MARGIN_SHARES:  # there is no other way: as wide as this one allows
+        world = scene.world(scene.shape(query.body, scene.margin * share), query.obstacles)
+        if first_hit(world, motion.poses.copy()) < 0:
+            return Leg(motion, complete=True, corners=rows)
+    return Leg(None, "something stands where it comes straight to its dock", complete=True)
+
+
+def comes_straight(poses: FloatArray, body: Body) -> bool:
+    """Return whether a way (n, 3) comes straight to where it ends, if that is a dock: from where
+    its reference point last comes into the dock's zone.
+    """
+    zone = dock_of(body, tuple(poses[-1].tolist()))
+    if zone is None:
+        return True
+    since = last_stay(zone, poses)
+    if since:  # where it comes in, as far as samples tell
+        step = math.dist(poses[since - 1, :2], poses[since, :2])
+        if zone.long - abs(zone.off_dock(poses[since])[0]) > step:
+            return False
+    return all(zone.leads_in(pose) for pose in poses[since:])

@@ -9,7 +9,7 @@ from dataclasses import replace
 from up_samp.extensions import parts
 from up_samp.geometry import OccupancyGrid, Scene
 from up_samp.geometry.memory import Memory
-from up_samp.geometry.shadows import met_by
+from up_samp.geometry.meshes import met_by
 from up_samp.geometry.shapes import core_of
 from up_samp.model import (
     Body,
@@ -25,7 +25,6 @@ from up_samp.model import (
     Trajectory,
     same_pose,
 )
-from up_samp.motion.cache import MotionCache, obstacle_key
 from up_samp.motion.compile import warm_up
 from up_samp.motion.curves.slowing import (
     as_obstacle,
@@ -34,12 +33,18 @@ from up_samp.motion.curves.slowing import (
     slowed,
     slowing_zones,
 )
-from up_samp.motion.docking import before_docking, but_docks
-from up_samp.motion.guides.preferred import along_lanes
-from up_samp.motion.legs import Legs, check_ways, strung, strung_at_full_speed
+from up_samp.motion.guides import along_lanes
+from up_samp.motion.legs import (
+    Legs,
+    before_docking,
+    but_docks,
+    check_ways,
+    strung,
+    strung_at_full_speed,
+)
 from up_samp.motion.proofs.bounds import DurationBounds
 from up_samp.motion.proofs.certificates import Apart, Certifier
-from up_samp.motion.protocol import Leg, LegQuery
+from up_samp.motion.protocol import Leg, LegQuery, MotionCache, obstacle_key
 from up_samp.tuning import Tuning
 
 

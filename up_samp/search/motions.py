@@ -16,7 +16,7 @@ from up_samp.model.refinement import Strength
 from up_samp.motion import MotionService
 from up_samp.motion.fleet import earliest_arrival
 from up_samp.motion.fleet.coordination import order_decides
-from up_samp.motion.guides.search_space import TOUCHES
+from up_samp.motion.guides import TOUCHES
 from up_samp.search.budget import Budget
 from up_samp.search.facts import Facts
 from up_samp.search.world import Where, surely_there

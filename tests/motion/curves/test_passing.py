@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from up_samp.model import Kinematics, MotionModel, Trajectory
-from up_samp.motion.curves.passing import driven_through
+from up_samp.motion.legs import driven_through
 from up_samp.validation.kinematics import motion_violations
 from up_samp.validation.limits import Limits
 

@@ -19,12 +19,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from up_samp.geometry import Scene
+from up_samp.geometry.kernels import first_hit
 from up_samp.geometry.records import WorldData
-from up_samp.geometry.sweeps import first_hit
 from up_samp.model import Body, Configuration, Kinematics, Placed, Trajectory
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.curves.trajectories import at_rest, with_ends
-from up_samp.motion.guides.search_space import widest_shape
+from up_samp.motion.guides import widest_shape
 
 TINY = 1e-9
 

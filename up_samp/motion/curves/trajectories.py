@@ -2,7 +2,7 @@
 
 Between samples of planar poses the twist is constant: an arc through both, turned evenly. Here for
 whole arrays; :func:`up_samp.model.interpolate` does one pose, and
-:func:`up_samp.geometry.sweeps.between` is the compiled form (Lynch & Park, *Modern Robotics*,
+:func:`up_samp.geometry.kernels.between` is the compiled form (Lynch & Park, *Modern Robotics*,
 ch. 3).
 """
 

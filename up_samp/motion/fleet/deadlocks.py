@@ -12,8 +12,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import shapely
 
+from up_samp.geometry.meshes import met_by
 from up_samp.geometry.scene import Scene
-from up_samp.geometry.shadows import met_by
 from up_samp.model import Body, Configuration, Deadline, Placed, TimedMotion, avoids
 from up_samp.motion.curves.trajectories import with_ends
 from up_samp.motion.fleet.conflicts import Swept, kept, sweeps_meet, swept_in_step

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from up_samp.geometry import sweeps
+from up_samp.geometry.kernels import first_hit, path_free
 from up_samp.geometry.scene import Scene
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.curves.blending import glide, pieces
@@ -16,7 +16,7 @@ from up_samp.motion.curves.reeds_shepp import DriveLimits, fastest, merged
 from up_samp.motion.curves.rolling import rolled, rolling_radius, rows_of, thinned
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
 from up_samp.motion.fleet.paths import Path, path_of
-from up_samp.motion.planners.car_shortcuts import settle
+from up_samp.motion.planners.car import settle
 
 EXACT = 1e-7
 """Metres, or rad, by which a lane may miss the path that it comes back to."""
@@ -95,7 +95,7 @@ def _swerved(scene: Scene, path: Path, first: float, last: float, offset: float)
     ends = arcs_between(path, 0.0, begin), arcs_between(path, end, path.length)
     whole = merged(np.concatenate([ends[0], *curves, ends[1]]))
     start, goal = path.poses[0], path.poses[-1]
-    if sweeps.path_free(scene.world(scene.shape(path.body)), start, whole) >= 0:
+    if path_free(scene.world(scene.shape(path.body)), start, whole) >= 0:
         return None
     if settle(start, goal, whole) > EXACT:
         return None
@@ -129,7 +129,7 @@ def _rolled_aside(
     after = path.poses[path.s > end + EXACT].copy()
     after[:, 2] += parts[-1][-1, 2] - poses[-1, 2] - _off(parts[-1][-1], poses[-1])[2]
     rows = thinned(np.concatenate([*parts, after]), kin)
-    if sweeps.first_hit(scene.world(scene.shape(path.body)), rows) >= 0:
+    if first_hit(scene.world(scene.shape(path.body)), rows) >= 0:
         return None
     return path_of(rolled(rows, kin), path.body, path.ends)
 

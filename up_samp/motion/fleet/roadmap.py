@@ -14,7 +14,8 @@ from functools import cached_property, lru_cache, partial
 
 import numpy as np
 
-from up_samp.geometry import Shape, sweeps
+from up_samp.geometry import Shape
+from up_samp.geometry.kernels import first_hit
 from up_samp.geometry.scene import Scene
 from up_samp.geometry.shapes import shape_of
 from up_samp.model import Body, Configuration, Kinematics, Placed, check_time, same_pose
@@ -24,7 +25,7 @@ from up_samp.motion.curves.rolling import rolling_time
 from up_samp.motion.curves.trapezoid import limits_of, runs_of
 from up_samp.motion.fleet.conflicts import Hull, Swept, sweep_table
 from up_samp.motion.fleet.paths import hull_of
-from up_samp.motion.guides.search_space import widest_shape
+from up_samp.motion.guides import widest_shape
 from up_samp.motion.moves import ShortMove, steer, straight_move
 
 Key = tuple[int, int, int]
@@ -480,7 +481,7 @@ class Roadmap:
         return self._places[key]
 
     def _sweeps_free(self, rows: FloatArray) -> bool:
-        return sweeps.first_hit(self._world, rows) < 0
+        return first_hit(self._world, rows) < 0
 
     def _new(self, pose: Configuration) -> int:
         self.poses.append(pose)

@@ -16,13 +16,13 @@ from up_samp.model import (
     Trajectory,
 )
 from up_samp.motion.curves.slowing import may_stand
-from up_samp.motion.docking import before_docking
 from up_samp.motion.fleet.deadlocks import Drives, untie
-from up_samp.motion.fleet.detours import pass_by
+from up_samp.motion.fleet.one_robot import pass_by
 from up_samp.motion.fleet.paths import Path, path_of
 from up_samp.motion.fleet.speed import first_start, fit
 from up_samp.motion.fleet.timed_path import TimedPath, Timing, natural_timing, run_of
 from up_samp.motion.fleet.workspace import Workspace, rest_run
+from up_samp.motion.legs import before_docking
 
 
 def couple(

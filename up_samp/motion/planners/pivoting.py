@@ -14,10 +14,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from up_samp.geometry import Scene, Shape
-from up_samp.geometry.sweeps import first_hit
+from up_samp.geometry.kernels import first_hit
 from up_samp.model import Configuration, Deadline, Kinematics, Trajectory
 from up_samp.model.arrays import FloatArray
-from up_samp.motion.budget import WorkBudget
 from up_samp.motion.curves.reeds_shepp import DriveLimits, run_time
 from up_samp.motion.curves.rolling import (
     moves_on,
@@ -30,10 +29,10 @@ from up_samp.motion.curves.rolling import (
 )
 from up_samp.motion.curves.trajectories import at_rest, with_ends
 from up_samp.motion.curves.trapezoid import limits_of
-from up_samp.motion.guides.search_space import TOUCHES, widest_shape
+from up_samp.motion.guides import TOUCHES, widest_shape
 from up_samp.motion.moves import corners_of, steer
 from up_samp.motion.planners.car import QUICK, CarPlanner, CarSettings
-from up_samp.motion.protocol import Leg, LegQuery
+from up_samp.motion.protocol import Leg, LegQuery, WorkBudget
 
 
 class PivotPlanner:

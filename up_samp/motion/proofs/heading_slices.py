@@ -23,7 +23,7 @@ from up_samp.geometry.records import GridFrame, PolyData, along, grid_point, inn
 from up_samp.geometry.shapes import shape_of
 from up_samp.model import Body, Configuration, Deadline, Placed
 from up_samp.model.arrays import FloatArray, Int32Array, IntArray
-from up_samp.motion.guides.cost_to_go import point_to_convex
+from up_samp.motion.guides import point_to_convex
 
 BINS = (72, 36)
 """Ranges of headings: on small maps, on large ones."""
