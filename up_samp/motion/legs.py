@@ -31,10 +31,10 @@ from up_samp.model import (
     UnsupportedError,
 )
 from up_samp.model.arrays import BoolArray, FloatArray
-from up_samp.motion.curves.blending import TINY
+from up_samp.motion.curves.blending import TINY, glide_through
 from up_samp.motion.curves.rolling import rolled, thinned
 from up_samp.motion.curves.slowing import last_stay, slowed, with_ramps
-from up_samp.motion.curves.trajectories import at_rest, joined, twists
+from up_samp.motion.curves.trajectories import at_rest, joined, rotations, twists
 from up_samp.motion.curves.trapezoid import time_of_distance, timed_chain
 from up_samp.motion.guides import MARGIN_SHARES
 from up_samp.motion.proofs.certificates import Certifier
@@ -110,8 +110,6 @@ def _strung(scene: Scene, query: PathQuery, legs: Sequence[Leg]) -> tuple[Trajec
         return flown_through(parts, kinematics)
     whole = joined(parts)
     if kinematics.mobility.sideways and not is_docking(query.body, *query.poses[-2:]):
-        from up_samp.motion.curves.blending import glide_through
-
         ways = [leg.corners for leg in legs if leg.corners is not None]
         if len(ways) == len(legs):
             gliding = glide_through(scene, query.body, query.poses, ways, query.obstacles)
@@ -166,10 +164,11 @@ class Legs:
             return "straight", straight
         names = planner_names(self.planner, query.body)
         for name in names:
-            known = self._usable(name, query, deadline)
+            asked = self._asked(name, query)
+            known = self._usable(name, asked, deadline)
             if known is not None:
                 self.cache.hits += 1
-                return name, known
+                return name, known if asked is query else known.turned(query.start)
         key = replace(query, obstacles=tuple(sorted(query.obstacles, key=lambda p: p.name)))
         limit = deadline.remaining()
         missed = self._missed.get(key)
@@ -179,7 +178,9 @@ class Legs:
         if isinstance(found, PathReport):
             over = found.outcome is Outcome.OUT_OF_TIME
             self._missed.put(key, (found, limit if over else math.inf))
-        return found
+            return found
+        name, leg = found
+        return name, leg if self._asked(name, query) is query else leg.turned(query.start)
 
     def _not_straight(self, leg: Leg, query: LegQuery) -> PathReport:
         """Return why the straight stretch to a dock cannot be driven."""
@@ -208,7 +209,8 @@ class Legs:
             limit = 0.75 * deadline.remaining() if len(names) > 1 else None
             if name != names[0]:
                 limit = 2.0
-            found = self._lazily(name, query, deadline.within(limit), complete)
+            asked = self._asked(name, query)
+            found = self._lazily(name, asked, deadline.within(limit), complete)
             if isinstance(found, PathReport):
                 return found
             if found.trajectory is not None:
@@ -252,6 +254,8 @@ class Legs:
                         return leg
                     leg = old.leg
                 else:
+                    if math.isfinite(body.kinematics.alpha_max):
+                        leg = replace(leg, trajectory=self._ramped(part, leg.trajectory))
                     self.remember(name, part, leg, limit)
             assert leg.trajectory is not None
             if chosen == obstacles:
@@ -266,18 +270,6 @@ class Legs:
                 return proof
         raise AssertionError("the last round heeds all obstacles")
 
-    def _ask(self, name: str, query: LegQuery, deadline: Deadline) -> Leg | PathReport:
-        """Ask a planner, always in the direction that is remembered: what a motion and its reverse
-        last must not depend on which of the two was asked for first.
-        """
-        _, asked = self._key(name, query)
-        answer = self._ask_one_way(name, asked, deadline)
-        if isinstance(answer, PathReport) or answer.trajectory is None:
-            return answer
-        if math.isfinite(query.body.kinematics.alpha_max):
-            answer = replace(answer, trajectory=self._ramped(asked, answer.trajectory))
-        return answer if asked is query else answer.turned(query.start)
-
     def _ramped(self, query: LegQuery, motion: Trajectory) -> Trajectory:
         """Return a motion with ramps of the curvature where there is room for them: ways often lead
         along corners as near as the margin lets them, and a ramp may come a little nearer.
@@ -286,7 +278,7 @@ class Legs:
         world = self.scene.world(shape, query.obstacles)
         return with_ramps(motion, query.body, partial(first_hit, world))
 
-    def _ask_one_way(self, name: str, query: LegQuery, deadline: Deadline) -> Leg | PathReport:
+    def _ask(self, name: str, query: LegQuery, deadline: Deadline) -> Leg | PathReport:
         """Ask a planner; where it finds nothing soon, look for a stronger proof in between."""
         planner = self._planner(name)
         effort = _QUICK_EFFORT[query.body.kinematics.reverse].get(name)
@@ -306,10 +298,8 @@ class Legs:
 
     def remember(self, name: str, query: LegQuery, leg: Leg, limit: float = 0.0) -> None:
         """Put a leg that ``name`` planned into the cache; it had ``limit`` seconds."""
-        key, asked = self._key(name, query)
-        stored = leg if asked is query else leg.turned(asked.start)
         limit = 0.0 if leg.complete else limit
-        self.cache.put(key, CachedLeg(obstacle_key(query.obstacles), stored, limit))
+        self.cache.put(self._key(name, query), CachedLeg(obstacle_key(query.obstacles), leg, limit))
 
     def _usable(self, name: str, query: LegQuery, deadline: Deadline) -> Leg | None:
         """Return a remembered leg that is not worth another search: its planner finished, or it had
@@ -324,27 +314,30 @@ class Legs:
     def _known(self, name: str, query: LegQuery) -> CachedLeg | None:
         """Return a remembered leg that was planned among a part of the obstacles and clears all."""
         body, obstacles = query.body, query.obstacles
-        key, asked = self._key(name, query)
         here = obstacle_key(obstacles)
-        for entry in self.cache.get(key):
+        for entry in self.cache.get(self._key(name, query)):
             if not entry.among <= here:
                 continue
             rest = [p for p in obstacles if not obstacle_key([p]) <= entry.among]
             if rest and not _in_plane(body):
                 continue
             if all(self.clears(entry.trajectory, body, p) for p in rest):
-                if asked is query:
-                    return entry
-                return replace(entry, leg=entry.leg.turned(query.start))
+                return entry
         return None
 
-    def _key(self, name: str, query: LegQuery) -> tuple[PairKey, LegQuery]:
-        """Return the key of a leg, and the query in the direction in which it is stored."""
+    def _key(self, name: str, query: LegQuery) -> PairKey:
+        """Return the key of a leg."""
         scope = (self.scene.digest, name, self.scene.margin, self.seed)
+        a, b = tuple(map(float, query.start)), tuple(map(float, query.goal))
+        return (*scope, body_key(query.body), a, b)
+
+    def _asked(self, name: str, query: LegQuery) -> LegQuery:
+        """Return the query in the direction in which a planner is always asked, and its legs are
+        remembered: what a motion and its reverse last must not depend on which of the two was asked
+        for first.
+        """
         # OMPL's planners by their own names are never reversible, and need not be loaded to tell
-        asked = query.remembered(reversible=name in PLANNERS and self._planner(name).reversible)
-        a, b = tuple(map(float, asked.start)), tuple(map(float, asked.goal))
-        return (*scope, body_key(query.body), a, b), asked
+        return query.remembered(reversible=name in PLANNERS and self._planner(name).reversible)
 
     def clears(self, trajectory: Trajectory, body: Body, placed: Placed) -> bool:
         """Return whether a motion keeps the scene's margin from a resting object, all the way."""
@@ -357,7 +350,8 @@ class Legs:
         body, hit = query.body, query.obstacles
         if _in_plane(body) and hit:
             alone = replace(query, obstacles=())
-            ways = (self._known(name, alone) for name in planner_names(self.planner, body))
+            names = planner_names(self.planner, body)
+            ways = (self._known(name, self._asked(name, alone)) for name in names)
             free = next((way.trajectory for way in ways if way is not None), None)
             if free is not None:
                 hit = tuple(p for p in hit if not self.clears(free, body, p))
@@ -440,20 +434,6 @@ def _joints(parts: Sequence[Trajectory]) -> BoolArray:
     marks = np.zeros(sum(counts) + 1, dtype=np.bool_)
     marks[ends] = True
     return marks[1:-1]
-
-
-def rotations(poses: FloatArray) -> FloatArray:
-    """Return the rotation vectors (n - 1, 3) (rad) from each quaternion (x, y, z, w) to the next,
-    in the world's frame.
-    """
-    q = poses[:, 3:] / np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
-    a, b = q[:-1], q[1:]
-    w = np.sum(a * b, axis=1)
-    v = a[:, 3:] * b[:, :3] - b[:, 3:] * a[:, :3] - np.cross(b[:, :3], a[:, :3])
-    sign = np.where(w < 0, -1.0, 1.0)
-    size = np.linalg.norm(v, axis=1)
-    angle = 2 * np.arctan2(size, np.abs(w))
-    return np.asarray(v * (sign * angle / np.where(size > 1e-15, size, 1.0))[:, None])
 
 
 # ------------------ The last stretch to a dock

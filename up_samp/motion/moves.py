@@ -20,7 +20,7 @@ from up_samp.motion.curves.reeds_shepp import (
     run_time,
 )
 from up_samp.motion.curves.rolling import rolled, rolls_of
-from up_samp.motion.curves.trajectories import partway
+from up_samp.motion.curves.trajectories import partway, unwound
 from up_samp.motion.curves.trapezoid import (
     distance_of_time,
     leg_profile,
@@ -169,9 +169,7 @@ def corners_of(moves: Sequence[ShortMove]) -> FloatArray:
     """Return the poses (n, 3) at which the direction of a chain of moves changes, and its ends."""
     nodes = [moves[0].rows[0]]
     for move in moves:
-        turns = 2 * math.pi * round((nodes[-1][2] - move.rows[0, 2]) / (2 * math.pi))
-        for row in move.rows[1:]:
-            here = row + np.array([0.0, 0.0, turns])
+        for here in unwound(move.rows, nodes[-1])[1:]:
             if len(nodes) > 1 and _straight_on(nodes[-2], nodes[-1], here):
                 nodes.pop()
             nodes.append(here)

@@ -23,7 +23,7 @@ from up_samp.geometry.kernels import first_hit
 from up_samp.geometry.records import WorldData
 from up_samp.model import Body, Configuration, Kinematics, Placed, Trajectory
 from up_samp.model.arrays import FloatArray
-from up_samp.motion.curves.trajectories import at_rest, with_ends
+from up_samp.motion.curves.trajectories import at_rest, unwound, with_ends
 from up_samp.motion.guides import widest_shape
 
 TINY = 1e-9
@@ -367,8 +367,7 @@ def glide_through(
     for way in ways[1:]:
         last = rows[-1][-1]
         pins[sum(map(len, rows)) - 1] = last.copy()
-        turns = round(float(last[2] - way[0, 2]) / (2 * math.pi))
-        rows.append(way[1:] + np.array([0.0, 0.0, turns * 2 * math.pi]))
+        rows.append(unwound(way, last)[1:])
     nodes = np.concatenate(rows)
     world = scene.world(shape, obstacles)
     return glide(world, body.kinematics, nodes, poses[-1], pins)

@@ -25,26 +25,28 @@ def reversed_trajectory(trajectory: Trajectory) -> Trajectory:
 
 def joined(parts: Sequence[Trajectory]) -> Trajectory:
     """Return planar or spatial motions one after the other, from time 0, theta continuous."""
-    times, poses = [np.zeros(1)], [parts[0].poses[:1].copy()]
+    now, last = 0.0, parts[0].poses[0]
+    times, poses = [np.zeros(1)], [last[None]]
     for part in parts:
-        rows = part.poses[1:].copy()
-        if rows.shape[1] == 3:
-            turns = round(float(poses[-1][-1, 2] - part.poses[0, 2]) / (2 * math.pi))
-            rows[:, 2] += turns * 2 * math.pi
-        times.append(times[-1][-1] + (part.times[1:] - part.times[0]))
-        poses.append(rows)
-        if len(rows) == 0:
-            times.pop()
-            poses.pop()
+        rows = unwound(part.poses, last) if len(last) == 3 else part.poses
+        times.append(now + (part.times[1:] - part.times[0]))
+        poses.append(rows[1:])
+        now, last = now + part.duration, rows[-1]
     return Trajectory(np.concatenate(times), np.concatenate(poses))
+
+
+def unwound(rows: FloatArray, near: FloatArray) -> FloatArray:
+    """Return planar poses (n, 3) with whole turns added, so that the first is nearest to a pose."""
+    found = rows.copy()
+    found[:, 2] += 2 * math.pi * round((near[2] - found[0, 2]) / (2 * math.pi))
+    return found
 
 
 def with_ends(motion: Trajectory, start: Configuration, goal: Configuration) -> Trajectory:
     """Return a planar motion with its ends exactly at two poses, off which it is by rounding."""
     poses = motion.poses.copy()
     for k, pose in ((0, start), (-1, goal)):
-        turns = 2 * math.pi * round((float(poses[k, 2]) - pose[2]) / (2 * math.pi))
-        poses[k] = (pose[0], pose[1], pose[2] + turns)
+        poses[k] = unwound(np.array([pose[:3]], dtype=np.float64), poses[k])[0]
     return Trajectory(motion.times.copy(), poses)
 
 
@@ -98,3 +100,17 @@ def partway(a: FloatArray, b: FloatArray, share: FloatArray) -> FloatArray:
     x = a[:, 0] + scale * (c * d[:, 0] - sn * d[:, 1])
     y = a[:, 1] + scale * (sn * d[:, 0] + c * d[:, 1])
     return np.stack([x, y, a[:, 2] + share * d[:, 2]], axis=1)
+
+
+def rotations(poses: FloatArray) -> FloatArray:
+    """Return the rotation vectors (n - 1, 3) (rad) from each quaternion (x, y, z, w) to the next,
+    in the world's frame.
+    """
+    q = poses[:, 3:] / np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
+    a, b = q[:-1], q[1:]
+    w = np.sum(a * b, axis=1)
+    v = a[:, 3:] * b[:, :3] - b[:, 3:] * a[:, :3] - np.cross(b[:, :3], a[:, :3])
+    sign = np.where(w < 0, -1.0, 1.0)
+    size = np.linalg.norm(v, axis=1)
+    angle = 2 * np.arctan2(size, np.abs(w))
+    return np.asarray(v * (sign * angle / np.where(size > 1e-15, size, 1.0))[:, None])

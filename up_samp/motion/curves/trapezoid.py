@@ -16,7 +16,7 @@ from up_samp.geometry.records import kernel
 from up_samp.model import Configuration, Kinematics, Trajectory, interpolate
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.curves.reeds_shepp import DriveLimits, nodes_of, run_time
-from up_samp.motion.curves.trajectories import with_ends
+from up_samp.motion.curves.trajectories import rotations, with_ends
 
 SHORTEST = 1e-6
 """Arcs shorter than this (m) are no samples of their own. They turn all the same: what comes after
@@ -155,10 +155,7 @@ def turn_between(a: FloatArray, b: FloatArray) -> float:
     """
     if len(a) == 3:
         return abs(float(b[2] - a[2]))
-    # by the chords to q and -q: accurate also where the angle is tiny
-    near = float(np.linalg.norm(a[3:] - b[3:]))
-    far = float(np.linalg.norm(a[3:] + b[3:]))
-    return 4.0 * math.atan2(min(near, far), max(near, far))
+    return float(np.linalg.norm(rotations(np.array([a, b]))))
 
 
 def leg_profile(a: FloatArray, b: FloatArray, kinematics: Kinematics) -> tuple[float, float, float]:

@@ -33,7 +33,7 @@ from up_samp.motion.curves.slowing import (
     steps_in,
     ways_at,
 )
-from up_samp.motion.curves.trajectories import partway, travels, twists
+from up_samp.motion.curves.trajectories import partway, rotations, travels, twists
 from up_samp.motion.fleet.conflicts import Hull, Swept, runs_in, sweep_table
 from up_samp.motion.fleet.flyers import ROUND, SweptSolid
 
@@ -323,7 +323,8 @@ LEVELS = 20
 def path_steps(poses: FloatArray, body: Body, radius: float) -> FloatArray:
     """Return the steps of ``s`` (m) between samples of a body of this ``radius`` (m)."""
     if body.flies:
-        return _flown(poses, radius)
+        ways = np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1)
+        return np.asarray(ways + radius * np.linalg.norm(rotations(poses), axis=1))
     kin = body.kinematics
     moves = twists(poses)
     ways, turns = np.hypot(moves[:, 0], moves[:, 1]), np.abs(moves[:, 2])
@@ -335,15 +336,6 @@ def path_steps(poses: FloatArray, body: Body, radius: float) -> FloatArray:
         return np.where(ways < ON_SPOT * turns, spots, ways + arcs)
     turn_metre = 0.0 if kin.mobility.steers else radius
     return np.asarray(np.maximum(ways, turn_metre * turns))
-
-
-def _flown(poses: FloatArray, radius: float) -> FloatArray:
-    """Return how far (m) any point of a body in space moves at most between samples (n, 7)."""
-    quaternions = poses[:, 3:] / np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
-    # half the angle between two quaternions, by the chords to q and -q
-    chords = [np.linalg.norm(quaternions[1:] + k * quaternions[:-1], axis=1) for k in (-1, 1)]
-    turns = 4 * np.arctan2(np.minimum(*chords), np.maximum(*chords))
-    return np.asarray(np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1) + radius * turns)
 
 
 def top_speeds(poses: FloatArray, body: Body, most: FloatArray) -> FloatArray:

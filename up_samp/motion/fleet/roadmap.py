@@ -22,6 +22,7 @@ from up_samp.model import Body, Configuration, Kinematics, Placed, check_time, s
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.curves.reeds_shepp import fastest, length_of, nodes_of
 from up_samp.motion.curves.rolling import rolling_time
+from up_samp.motion.curves.trajectories import twists
 from up_samp.motion.curves.trapezoid import limits_of, runs_of
 from up_samp.motion.fleet.conflicts import Hull, Swept, sweep_table
 from up_samp.motion.fleet.paths import hull_of
@@ -290,10 +291,8 @@ class RoadmapEdge:
 
 def steps_of(rows: FloatArray, radius: float) -> FloatArray:
     """Return the larger of way and turn times ``radius`` between poses (k, 3): shape (k - 1,)."""
-    d = np.diff(rows, axis=0)
-    half = 0.5 * np.abs(d[:, 2])
-    grow = np.where(half < 1e-9, 1.0, half / np.maximum(np.sin(np.minimum(half, 3.0)), 1e-9))
-    steps = np.maximum(np.hypot(d[:, 0], d[:, 1]) * grow, radius * np.abs(d[:, 2]))
+    moves = twists(rows)
+    steps = np.maximum(np.hypot(moves[:, 0], moves[:, 1]), radius * np.abs(moves[:, 2]))
     return np.asarray(np.maximum(steps, 1e-9))
 
 

@@ -16,6 +16,7 @@ from up_samp.model import (
     Trajectory,
 )
 from up_samp.motion.curves.slowing import may_stand
+from up_samp.motion.curves.trajectories import unwound
 from up_samp.motion.fleet.deadlocks import Drives, untie
 from up_samp.motion.fleet.one_robot import pass_by
 from up_samp.motion.fleet.paths import Path, path_of
@@ -169,8 +170,8 @@ def _one_run(motion: TimedMotion, legs: Sequence[TimedPath]) -> TimedPath:
     """Return the drives of one robot as one run, with rests in between."""
     times, poses = [legs[0].timing.trajectory.times], [legs[0].timing.trajectory.poses]
     for leg in legs[1:]:
-        t, rows = leg.timing.trajectory.times, leg.timing.trajectory.poses.copy()
-        rows[:, 2] += 2 * math.pi * round((poses[-1][-1, 2] - rows[0, 2]) / (2 * math.pi))
+        t, rows = leg.timing.trajectory.times, leg.timing.trajectory.poses
+        rows = unwound(rows, poses[-1][-1])
         # without a wait the last pose is already there
         skip = 1 if t[0] <= times[-1][-1] + 1e-9 else 0
         times.append(t[skip:])

@@ -294,17 +294,20 @@ class Shot:
             z = trials[best]
         return z if np.abs(self._misses(z[None])[0]).max() <= _EXACT else None
 
-    def _step(self, z: FloatArray, off: FloatArray, slope: FloatArray) -> FloatArray:
-        """Return the step of least norm that cancels the miss to first order, without the unknowns
-        that it would push out of their bounds.
+    def _step(
+        self, z: FloatArray, off: FloatArray, slope: FloatArray, down: float = 0.0
+    ) -> FloatArray:
+        """Return the step nearest to so many times minus the duration's gradient (``down``) that
+        cancels the miss to first order, without the unknowns that it would push out of their
+        bounds.
         """
         free = np.ones(len(z), dtype=np.bool_)
         step = np.zeros(len(z))
         for _ in range(4):
-            part = np.where(free, slope, 0.0)
+            part, wish = np.where(free, slope, 0.0), np.where(free, -down * self._gradient, 0.0)
             normal = part @ part.T
             normal += (1e-12 * float(np.trace(normal)) + 1e-15) * np.eye(3)
-            step = -part.T @ np.linalg.solve(normal, off)
+            step = wish - part.T @ np.linalg.solve(normal, part @ wish + off)
             stuck = free & (((z <= 0.0) & (step < 0.0)) | ((z >= 1.0) & (step > 0.0)))
             if not stuck.any():
                 break
@@ -318,7 +321,7 @@ class Shot:
             if size < 0.01:
                 break
             _, slope = self._slope(z)
-            down = self._downhill(z, slope)
+            down = self._step(z, np.zeros(3), slope, 1.0)
             length = float(np.linalg.norm(down))
             if length < 1e-9:
                 break
@@ -329,21 +332,6 @@ class Shot:
             else:
                 size *= 0.4
         return z
-
-    def _downhill(self, z: FloatArray, slope: FloatArray) -> FloatArray:
-        """Return minus the duration's gradient, projected on what keeps the end where it is."""
-        free = np.ones(len(z), dtype=np.bool_)
-        down = np.zeros(len(z))
-        for _ in range(4):
-            part, wish = np.where(free, slope, 0.0), np.where(free, -self._gradient, 0.0)
-            normal = part @ part.T
-            normal += (1e-9 * float(np.trace(normal)) + 1e-15) * np.eye(3)
-            down = wish - part.T @ np.linalg.solve(normal, part @ wish)
-            stuck = free & (((z <= 0.0) & (down < 0.0)) | ((z >= 1.0) & (down > 0.0)))
-            if not stuck.any():
-                break
-            free &= ~stuck
-        return np.asarray(down)
 
     def final(self, z: FloatArray) -> list[ControlPiece] | None:
         """Return the pieces, exact for the steps that their trajectory will have."""
