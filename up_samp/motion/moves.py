@@ -19,15 +19,12 @@ from up_samp.motion.curves.reeds_shepp import (
     reversed_arcs,
     run_time,
 )
-from up_samp.motion.curves.rolling import rolled, rolls_of
-from up_samp.motion.curves.trajectories import partway, unwound
+from up_samp.motion.curves.rolling import rolled
+from up_samp.motion.curves.trajectories import unwound
 from up_samp.motion.curves.trapezoid import (
-    distance_of_time,
     leg_profile,
     limits_of,
-    poses_on,
     runs_of,
-    time_of_distance,
     timed_chain,
     trajectory_of,
 )
@@ -42,11 +39,6 @@ class ShortMove:
     rows: FloatArray
     seconds: float
     arcs: FloatArray | None = None
-
-    @property
-    def steady(self) -> bool:
-        """Whether it needs no stop between its ends."""
-        return len(self.rows) == 2 or (self.arcs is not None and len(runs_of(self.arcs)) == 1)
 
     def back(self) -> ShortMove:
         """Return the same move from its end to its start."""
@@ -106,63 +98,6 @@ def drive(moves: Sequence[ShortMove], kinematics: Kinematics) -> Trajectory:
     if kinematics.mobility.rolls:
         return rolled(corners_of(moves), kinematics)
     return timed_chain(corners_of(moves), kinematics)
-
-
-def in_step(moves: Sequence[ShortMove], kinematics: Sequence[Kinematics]) -> list[Trajectory]:
-    """Return steady moves of several robots driven at the same share of each at every instant,
-    from time 0, as fast as all of them can.
-    """
-    speed = acceleration = math.inf
-    marks = {1.0}
-    for move, kin in zip(moves, kinematics, strict=True):
-        if move.arcs is None:
-            v, a = _shares_of(move, kin)
-        else:
-            lengths = np.abs(move.arcs[:, 1])
-            v, a = kin.v_max / lengths.sum(), kin.a_max / lengths.sum()
-            marks |= set((np.cumsum(lengths)[:-1] / lengths.sum()).tolist())
-        speed, acceleration = min(speed, v), min(acceleration, a)
-    times, shares = _shared_profile(sorted(marks), speed, acceleration)
-    found = []
-    for move, kin in zip(moves, kinematics, strict=True):
-        start = move.rows[0]
-        if move.arcs is None and kin.mobility.rolls:
-            first, last = (np.repeat(row[None], len(shares), axis=0) for row in move.rows)
-            rows = partway(first, last, shares)
-        elif move.arcs is None:
-            rows = start + shares[:, None] * (move.rows[-1] - start)
-        else:
-            ends = np.cumsum(np.abs(move.arcs[:, 1]))
-            rows = poses_on(nodes_of(start, move.arcs), move.arcs, ends, shares * ends[-1])
-        found.append(Trajectory(times.copy(), rows))
-    return found
-
-
-def _shares_of(move: ShortMove, kinematics: Kinematics) -> tuple[float, float]:
-    """Return top speed and acceleration of a move with one twist, in shares of it."""
-    if kinematics.mobility.rolls:
-        rolls = rolls_of(move.rows, kinematics)
-        size = float(rolls.sizes[0])
-        return float(rolls.tops[0]) / size, float(rolls.pushes[0]) / size
-    _, speed, acceleration = leg_profile(move.rows[0], move.rows[-1], kinematics)
-    return speed, acceleration
-
-
-def _shared_profile(
-    marks: Sequence[float], speed: float, acceleration: float
-) -> tuple[FloatArray, FloatArray]:
-    """Return times (s) and shares (0 to 1) of a drive from rest to rest, the ``marks`` among them;
-    limits in shares.
-    """
-    total = float(run_time(1.0, speed, acceleration))
-    at = time_of_distance(np.array(marks), 1.0, speed, acceleration)
-    count = max(2, math.ceil(total / Trajectory.MAX_STEP - 1e-9))
-    times = np.union1d(np.linspace(0.0, total, count + 1), at)
-    times = times[np.concatenate([[True], np.diff(times) > 1e-9])]
-    times[-1] = total
-    shares = distance_of_time(times, 1.0, speed, acceleration)
-    shares[-1] = 1.0
-    return times, shares
 
 
 def corners_of(moves: Sequence[ShortMove]) -> FloatArray:
