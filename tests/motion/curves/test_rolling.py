@@ -27,7 +27,7 @@ from up_samp.motion.fleet.paths import path_of, safe_intervals
 from up_samp.motion.fleet.speed import tune
 from up_samp.motion.legs import parking_clears
 from up_samp.motion.moves import drive, steer
-from up_samp.motion.planners.pivoting import PivotPlanner
+from up_samp.motion.planners.car import PivotPlanner
 from up_samp.motion.protocol import LegQuery
 from up_samp.upio import read_problem
 from up_samp.validation.kinematics import motion_violations

@@ -21,7 +21,7 @@ from up_samp.motion.curves.slowing import (
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
 from up_samp.motion.fleet.paths import path_of, safe_intervals
 from up_samp.motion.fleet.speed import tune
-from up_samp.motion.planners.pivoting import rolling_limits
+from up_samp.motion.planners.car import rolling_limits
 from up_samp.validation.kinematics import motion_violations
 from up_samp.validation.limits import Limits
 

@@ -24,7 +24,7 @@ from up_samp.model import (
     ProblemError,
 )
 from up_samp.motion.legs import parking_clears
-from up_samp.motion.planners.pivoting import PivotPlanner
+from up_samp.motion.planners.car import PivotPlanner
 from up_samp.motion.protocol import LegQuery
 from up_samp.motion.service import MotionService
 from up_samp.upio.read_maps import read_movable

@@ -31,7 +31,7 @@ from up_samp.motion.guides import (
     pose_space,
     widest_shape,
 )
-from up_samp.motion.planners.car import random_share
+from up_samp.motion.planners.car import PivotPlanner, random_share
 from up_samp.motion.planners.hybrid_astar import (
     PoseSearch,
     Tree,
@@ -40,7 +40,6 @@ from up_samp.motion.planners.hybrid_astar import (
     plant,
     slot_of,
 )
-from up_samp.motion.planners.pivoting import PivotPlanner
 from up_samp.motion.protocol import Leg, LegQuery, WorkBudget
 
 Move = tuple[float, float, float]
