@@ -14,9 +14,7 @@ from up_samp.model.arrays import FloatArray
 from up_samp.motion.curves.reeds_shepp import (
     fastest,
     length_of,
-    merged,
     nodes_of,
-    reversed_arcs,
     run_time,
 )
 from up_samp.motion.curves.rolling import rolled
@@ -26,24 +24,21 @@ from up_samp.motion.curves.trapezoid import (
     limits_of,
     runs_of,
     timed_chain,
-    trajectory_of,
 )
 
 
 @dataclass(frozen=True, eq=False)
 class ShortMove:
     """A short move from rest to rest: poses ``rows`` (k, 3) with a constant twist between
-    (theta continuous), the ``seconds`` it takes, and a car's ``arcs``.
+    (theta continuous), and the ``seconds`` it takes.
     """
 
     rows: FloatArray
     seconds: float
-    arcs: FloatArray | None = None
 
     def back(self) -> ShortMove:
         """Return the same move from its end to its start."""
-        arcs = None if self.arcs is None else reversed_arcs(self.arcs)
-        return ShortMove(np.ascontiguousarray(self.rows[::-1]), self.seconds, arcs)
+        return ShortMove(np.ascontiguousarray(self.rows[::-1]), self.seconds)
 
 
 def straight_move(start: FloatArray, goal: FloatArray, kinematics: Kinematics) -> ShortMove:
@@ -58,9 +53,8 @@ def arc_moves(start: FloatArray, arcs: FloatArray, kinematics: Kinematics) -> li
     car = limits_of(kinematics)
     moves = []
     for run in runs_of(arcs):
-        run = np.ascontiguousarray(run)
-        rows = nodes_of(start, run)
-        moves.append(ShortMove(rows, float(run_time(length_of(run), car.v, car.a)), run))
+        rows = nodes_of(start, np.ascontiguousarray(run))
+        moves.append(ShortMove(rows, float(run_time(length_of(run), car.v, car.a))))
         start = np.ascontiguousarray(rows[-1])
     return moves
 
@@ -91,13 +85,8 @@ def steer(body: Body, start: Configuration, goal: Configuration) -> list[ShortMo
 
 def drive(moves: Sequence[ShortMove], kinematics: Kinematics) -> Trajectory:
     """Return moves one after the other, from time 0, with as few rests as the moves allow."""
-    arcs = [move.arcs for move in moves if move.arcs is not None]
-    if len(arcs) == len(moves):
-        ends = [tuple(row.tolist()) for row in (moves[0].rows[0], moves[-1].rows[-1])]
-        return trajectory_of(ends, merged(np.concatenate(arcs)), kinematics)
-    if kinematics.mobility.rolls:
-        return rolled(corners_of(moves), kinematics)
-    return timed_chain(corners_of(moves), kinematics)
+    timed = timed_chain if kinematics.mobility.sideways else rolled
+    return timed(corners_of(moves), kinematics)
 
 
 def corners_of(moves: Sequence[ShortMove]) -> FloatArray:

@@ -199,7 +199,7 @@ class LatticeState:
         here = np.array(self.pose(key))
 
         def made(arcs: FloatArray, seconds: float) -> ShortMove:
-            return ShortMove(nodes_of(here, arcs), seconds, arcs)
+            return ShortMove(nodes_of(here, arcs), seconds)
 
         return [
             ((i + di, j + dj, n), length_of(arcs), 0.0, partial(made, arcs, seconds))
