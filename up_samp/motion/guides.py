@@ -165,8 +165,10 @@ class Field(NamedTuple):
 
 @kernel
 def field_value(field: Field, x: float, y: float) -> float:
-    """Return the distance (m) of a point to the field's goal; inf outside."""
+    """Return the distance (m) of a point to the field's goal; inf outside, 0 without a field."""
     rows, cols = field.values.shape
+    if rows == 0:
+        return 0.0
     gx, gy = grid_along(field.frame, x, y)
     col, row = math.floor(gx / field.frame.size), math.floor(gy / field.frame.size)
     if row < 0 or col < 0 or row >= rows or col >= cols:

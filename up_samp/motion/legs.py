@@ -164,11 +164,10 @@ class Legs:
             return "straight", straight
         names = planner_names(self.planner, query.body)
         for name in names:
-            asked = self._asked(name, query)
-            known = self._usable(name, asked, deadline)
+            known = self._usable(name, self._asked(name, query), deadline)
             if known is not None:
                 self.cache.hits += 1
-                return name, known if asked is query else known.turned(query.start)
+                return self._facing(query, name, known)
         key = replace(query, obstacles=tuple(sorted(query.obstacles, key=lambda p: p.name)))
         limit = deadline.remaining()
         missed = self._missed.get(key)
@@ -179,8 +178,7 @@ class Legs:
             over = found.outcome is Outcome.OUT_OF_TIME
             self._missed.put(key, (found, limit if over else math.inf))
             return found
-        name, leg = found
-        return name, leg if self._asked(name, query) is query else leg.turned(query.start)
+        return self._facing(query, *found)
 
     def _not_straight(self, leg: Leg, query: LegQuery) -> PathReport:
         """Return why the straight stretch to a dock cannot be driven."""
@@ -339,6 +337,10 @@ class Legs:
         # OMPL's planners by their own names are never reversible, and need not be loaded to tell
         return query.remembered(reversible=name in PLANNERS and self._planner(name).reversible)
 
+    def _facing(self, query: LegQuery, name: str, leg: Leg) -> tuple[str, Leg]:
+        """Return a planner and its leg in the direction of a query."""
+        return name, leg if self._asked(name, query) is query else leg.turned(query.start)
+
     def clears(self, trajectory: Trajectory, body: Body, placed: Placed) -> bool:
         """Return whether a motion keeps the scene's margin from a resting object, all the way."""
         return parking_clears(self.scene, trajectory, body, placed, self.scene.margin)
@@ -450,8 +452,6 @@ def dock_of(body: Body, goal: Configuration) -> TrafficZone | None:
 def but_docks(body: Body) -> Body:
     """Return a body without what its docks ask for."""
     zones = tuple(zone for zone in body.kinematics.zones if zone.dock is None)
-    if len(zones) == len(body.kinematics.zones):
-        return body
     return replace(body, kinematics=replace(body.kinematics, zones=zones))
 
 

@@ -6,7 +6,7 @@ import itertools
 import math
 import random
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -438,19 +438,17 @@ def untie(
     if scene is None or any(m.body.mobility.own_law for m in motions):
         return None
     knot = Knot(workspace, scene, motions, world, deadline)
-    known: list[list[Agent]] = []
-    dry: set[int] = set()
-    for turn, most in enumerate(workspace.tuning.knots):
-        for number, agents in enumerate(known if turn else _coarse_to_fine(knot)):
-            known += [] if turn else [agents]
-            if number in dry:
-                continue
+    left: Iterable[list[Agent]] = _coarse_to_fine(knot)
+    for most in workspace.tuning.knots:
+        cut = []
+        for agents in left:
             joint = Joint(agents, knot.heeds, knot.margin)
             steps = joint.search(most, deadline)
             drives = None if steps is None else drives_of(knot, joint, loosened(joint, steps))
-            dry |= {number} if joint.dry else set()
             if drives is not None or deadline.expired():
                 return drives
+            cut += [] if joint.dry else [agents]
+        left = cut
     return None
 
 

@@ -106,7 +106,7 @@ def earliest_arrival(
     motion: TimedMotion,
     leader: TimedMotion,
     drive: Trajectory,
-    deadline: Deadline = Deadline.never(),
+    deadline: Deadline,
 ) -> float | None:
     """Return the earliest found arrival (s) of one motion among nothing but a ``leader``, who is
     there as long as its decided ``drive``; None where none was found, or a search was cut short:

@@ -338,15 +338,6 @@ def path_steps(poses: FloatArray, body: Body, radius: float) -> FloatArray:
     return np.asarray(np.maximum(ways, turn_metre * turns))
 
 
-def top_speeds(poses: FloatArray, body: Body, most: FloatArray) -> FloatArray:
-    """Return the top speeds (m/s) between poses of a path, none above ``most`` where it drives."""
-    tops = np.full(len(poses) - 1, body.kinematics.v_max)
-    if body.mobility.rolls and len(poses) > 1:
-        rolls = rolls_of(poses, body.kinematics)
-        return np.where(np.abs(rolls.kinds) == 2, tops, np.minimum(rolls.tops, most))
-    return np.minimum(tops, most)
-
-
 def _reached(s: FloatArray, stop: BoolArray, body: Body) -> FloatArray:
     """Return the speeds (m/s) between samples that full acceleration from the stop before, or to
     the one behind, leads to: top speeds above them limit nothing (by one per cent less, for samples
@@ -645,9 +636,7 @@ def path_of(
             if zone.dock is not None and zone.binds(kept[-1]):
                 stop[max(last_stay(zone, kept) - 1, 0)] = True  # slow cells begin there
         kink |= stop | _waypoints(trajectory, natural_s, s, waypoints[1:-1])
-    most = np.full(len(kept) - 1, math.inf)
-    if tunable and len(kept) > 1:
-        most = allowed_speeds(kept, body)
+    most = allowed_speeds(kept, body) if tunable else np.full(len(kept) - 1, math.inf)
     push = push_along(kept, body)
     tops, steady, stop = _tops(Trajectory(trajectory.times[keep], kept), s, stop, body, most, push)
     edges, halt = _cells(s, stop, tops, body, push, np.isfinite(most))
@@ -680,23 +669,25 @@ def _tops(
     and at which samples it rests, with those at which it has to ``stop``; ``most`` is what zones
     and bends allow, and ``push`` the acceleration (m/s^2) everywhere.
     """
-    poses = motion.poses
+    kin = body.kinematics
     steady, rests = np.zeros(len(most), dtype=np.bool_), np.zeros(len(s), dtype=np.bool_)
-    tops = top_speeds(poses, body, most)
-    if body.mobility.sideways and len(poses) > 1:
-        tops, steady, rests = bends_of(poses, s, motion.times, body, most)
+    tops = np.minimum(kin.v_max, most)
+    if body.mobility.rolls:
+        rolls = rolls_of(motion.poses, kin)
+        tops = np.where(np.abs(rolls.kinds) == 2, kin.v_max, np.minimum(rolls.tops, most))
+    elif body.mobility.sideways and len(s) > 1:
+        tops, steady, rests = bends_of(motion.poses, s, motion.times, body, most)
     at_rest = stop | rests
     limits = tops < _reached(s, at_rest, body)
     more = not (body.mobility.flies or body.mobility.own_law)
     while more:  # a stretch of several crawls is cut at the slower ones again
         crawled = _crawled(s, at_rest, np.where(limits, tops, -tops), push, steady)
         more = bool((crawled > at_rest).any())
-        if more:
-            at_rest |= crawled
-            limits = tops < _reached(s, at_rest, body)
+        at_rest |= crawled
+        limits = tops < _reached(s, at_rest, body)
     # what rests at both ends of a piece drives no bend there at speed
     steady &= ~(at_rest[1:] & at_rest[:-1])
-    return np.where(limits, tops, body.kinematics.v_max), steady, at_rest
+    return np.where(limits, tops, kin.v_max), steady, at_rest
 
 
 def through_zones(rows: IntArray, one: IntArray, other: IntArray) -> IntArray:

@@ -87,11 +87,9 @@ def _estimate(problem: PoseSearch, pose: Pose, closed: float, run: float, out: F
     goal, field, space, car = problem.goal, problem.field, problem.space, problem.limits
     dx, dy = goal[0] - pose[0], goal[1] - pose[1]
     away = math.sqrt(dx * dx + dy * dy)
-    far = away
-    if field.values.shape[0] > 0:
-        far = max(far, field_value(field, pose[0], pose[1]))
-        if far == math.inf:
-            return math.inf
+    far = max(away, field_value(field, pose[0], pose[1]))
+    if far == math.inf:
+        return math.inf
     total = closed + run_time(abs(run) + space.weight * far, car.v, car.a)
     if away < space.near:
         time, _ = connect(pose, goal, car, (run, 0.0), out)

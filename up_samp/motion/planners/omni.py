@@ -93,9 +93,7 @@ def _cost(move: Move, limits: DriveLimits) -> float:
 def _to_go(problem: PoseSearch, x: float, y: float, th: float) -> float:
     field, goal, limits = problem.field, problem.goal, problem.limits
     dx, dy = goal[0] - x, goal[1] - y
-    far = math.sqrt(dx * dx + dy * dy)
-    if field.values.shape[0] > 0:
-        far = max(far, field_value(field, x, y))
+    far = max(math.sqrt(dx * dx + dy * dy), field_value(field, x, y))
     return max(far / limits.v, abs(wrapped(goal[2] - th)) / limits.omega)
 
 
@@ -391,8 +389,8 @@ class PlanarPlanner:
         if not slow(beeline):
             return False
         field = self.fields.toward(shape, query.goal, query.obstacles)
-        metres = float(field_value(field, x, y)) if len(field.values) else math.inf
-        return slow(metres if math.isfinite(metres) else beeline)
+        metres = float(field_value(field, x, y))
+        return slow(max(metres, beeline) if math.isfinite(metres) else beeline)
 
     def _one_way(
         self,

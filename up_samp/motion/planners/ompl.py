@@ -86,9 +86,6 @@ GEOMETRIC = (
 CONTROL = ("RRT", "KPIECE1", "EST")
 """Control planners that are known to work here."""
 
-ONE_TREE = frozenset({"RRT", "RRTstar", "InformedRRTstar", "KPIECE1"})
-"""Planners whose every vertex has been reached from the start."""
-
 REFUSED = {
     "PRM": "its second thread makes it neither deterministic nor safe from Python",
     "PRMstar": "its second thread makes it neither deterministic nor safe from Python",
@@ -481,28 +478,22 @@ def explore(
     targets: Mapping[str, Configuration],
     deadline: Deadline,
     *,
-    planner: str = "RRT",
     seed: int = 0,
 ) -> tuple[bool, frozenset[str], frozenset[str]]:
-    """Search from the first to the last pose of a query; return whether the last one was reached,
-    the names of the targets that were, and the obstacles that extensions ran into.
+    """Search from the first to the last pose of a query by an RRT; return whether the last one was
+    reached, the names of the targets that were, and the obstacles that extensions ran into.
 
     The paper's reading of an RRT: a target counts as reached if the tree has a vertex from which it
     is one free edge away (the nearest ``NEAREST`` are tried); an obstacle is a blocker if
     an extension collided with it. A target that was not reached is *not* proven unreachable.
     """
-    if canonical(planner) not in ONE_TREE:
-        trees = ", ".join(sorted(ONE_TREE))
-        raise UnsupportedError(
-            f"what {planner} reached is not recorded; planners that can: {trees}"
-        )
     start, goal = query.poses[0], query.poses[-1]
     world = PlanarWorld(scene, query.body, (start,), query.obstacles)
     world.hits = set()
     if not world.fit_margin():
         return False, frozenset(), frozenset(world.hits)
     budget = WorkBudget(deadline)
-    nodes, _, tree = search(world, start, goal, budget, planner=planner, seed=seed, tree=True)
+    nodes, _, tree = search(world, start, goal, budget, planner="RRT", seed=seed, tree=True)
     blockers = frozenset(world.hits)  # not those of what is looked at now
     reached = frozenset(name for name, pose in targets.items() if _reaches(world, tree, pose))
     return nodes is not None, reached, blockers

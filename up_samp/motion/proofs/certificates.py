@@ -84,7 +84,7 @@ class Certifier:
         """Return a report that driving through ``poses`` is impossible, or None (no proof)."""
         body = core_of(body)
         for k, pose in enumerate(poses):
-            if self.scene.grid is not None and not self.scene.map_free(body, pose):
+            if not self.scene.map_free(body, pose):
                 where = ", ".join(f"{v:g}" for v in pose[:3])
                 reason = f"the configuration ({where}) collides with the map"
                 return replace(_impossible(reason, ()), where=k)
@@ -141,7 +141,7 @@ class Certifier:
 
         See :mod:`up_samp.motion.proofs.heading_slices`. Blockers are minimal where time allows.
         """
-        if self.scene.grid is None or self.scene.grid.shape[0] == 0:
+        if self.scene.grid is None:
             return None
         fine = self._finer(shape_of(core_of(body)).inner[2], MOST_BOXES)
         proof = None if fine is None else fine.prove(body, (start, goal), obstacles)
@@ -150,7 +150,7 @@ class Certifier:
         body = core_of(body)
 
         def apart(among: Sequence[Placed]) -> bool:
-            return separated(self.scene, self.nearest, body, (start, goal), tuple(among), deadline)
+            return separated(self.scene, self.nearest, body, (start, goal), among, deadline)
 
         rest = list(obstacles)
         if not apart(rest):
@@ -283,8 +283,6 @@ class Certifier:
 
     def hits_map(self, body: Body, pose: Configuration) -> bool:
         """Return whether a pose surely overlaps the map's blocked cells or its outside."""
-        if self.scene.grid is None:
-            return False
         return not self.scene.map_free(core_of(body), pose)
 
     def _cell(

@@ -175,8 +175,7 @@ def separated(
 
     ``nearest`` int32 (2, rows, cols): row + 1 and column + 1 of a blocked cell near each cell.
     """
-    if scene.grid is None:
-        return False
+    assert scene.grid is not None
     rows, cols = scene.grid.shape
     bins = BINS[0] if rows * cols * BINS[0] <= MOST_BOXES else BINS[1]
     factor = math.ceil(math.sqrt(rows * cols * bins / MOST_BOXES))
