@@ -58,6 +58,8 @@ def rolls_of(rows: FloatArray, kinematics: Kinematics) -> Rolls:
     way, size = np.abs(ahead), np.abs(turns)
     if kinematics.mobility.steers:
         tops, pushes = np.full((2, len(way)), [[kinematics.v_max], [kinematics.a_max]])
+        # a turn of next to nothing, between poses that are almost one, has no length
+        way = np.maximum(way, NOWHERE)
         return Rolls(way, turns, np.sign(ahead).astype(np.int64), tops, pushes)
     on_spot = way < ON_SPOT * size
     kinds = np.where(on_spot, 2 * np.sign(turns), np.sign(ahead)).astype(np.int64)

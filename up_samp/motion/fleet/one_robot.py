@@ -36,6 +36,7 @@ from up_samp.model import (
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.curves.reeds_shepp import DriveLimits, merged, nodes_of
 from up_samp.motion.curves.rolling import rolled, rolling_radius, thinned
+from up_samp.motion.curves.trajectories import unwound
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
 from up_samp.motion.fleet.conflicts import ROOM
 from up_samp.motion.fleet.lanes import curves_through, lane_offsets
@@ -572,24 +573,17 @@ def _timed_slide(body: Body, poses: tuple[Configuration, ...], rows: FloatArray)
 
 def _turned(poses: tuple[Configuration, ...], rows: FloatArray, flip: bool) -> FloatArray:
     """Return a way with turns on the spot where it begins, turns back and ends."""
-    rows = rows.copy()
-    if flip:
-        rows[:, 2] += math.pi
+    first, goal = (np.array([pose[:3]], dtype=np.float64) for pose in poses)
+    rows = rows + np.array([0.0, 0.0, math.pi * flip])
     rows[:, 2] = np.unwrap(rows[:, 2])
-    rows[:, 2] += poses[0][2] + math.remainder(rows[0, 2] - poses[0][2], 2 * math.pi) - rows[0, 2]
-    parts = [np.array([poses[0][:3]], dtype=np.float64)]
+    rows = unwound(rows, first[0])
+    parts = [first]
     for a, b in itertools.pairwise(rows):
         parts.append(a[None, :])
         way = math.atan2(b[1] - a[1], b[0] - a[0]) + math.pi * flip
         if abs(math.remainder(way - a[2], 2 * math.pi)) > 1.0:  # it turned back here
-            turned = b.copy()
-            turned[:2] = a[:2]
-            parts.append(turned[None, :])
-    last = rows[-1].copy()
-    parts.append(last[None, :])
-    end = np.array([*poses[1][:2], last[2] + math.remainder(poses[1][2] - last[2], 2 * math.pi)])
-    parts.append(end[None, :])
-    return np.concatenate(parts)
+            parts.append(np.array([[*a[:2], b[2]]]))
+    return np.concatenate([*parts, rows[-1:], unwound(goal, rows[-1])])
 
 
 def _steered(
