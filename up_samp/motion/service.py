@@ -9,7 +9,7 @@ from dataclasses import replace
 from up_samp.extensions import parts
 from up_samp.geometry import OccupancyGrid, Scene
 from up_samp.geometry.memory import Memory
-from up_samp.geometry.meshes import met_by
+from up_samp.geometry.meshes import bodies_meet, meets_walls, met_by
 from up_samp.geometry.shapes import core_of
 from up_samp.model import (
     Body,
@@ -225,8 +225,6 @@ class MotionService:
         """Return whether a body at a pose overlaps the map, and the obstacles that it overlaps."""
         hit = {p.name for p in obstacles if self.overlap(body, pose, p.body, p.pose)}
         if body.flies:
-            from up_samp.geometry.meshes import meets_walls
-
             return self.grid is not None and meets_walls(self.grid, body, pose), frozenset(hit)
         return self.certifier.hits_map(body, pose), frozenset(hit)
 
@@ -237,8 +235,6 @@ class MotionService:
         touch).
         """
         if body_a.flies and body_b.flies:
-            from up_samp.geometry.meshes import bodies_meet
-
             return bodies_meet(body_a, pose_a, body_b, pose_b)
         if body_a.flies:
             return self.overlap(body_b, pose_b, body_a, pose_a)
