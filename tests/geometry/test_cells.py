@@ -6,8 +6,8 @@ from scipy import ndimage
 from scipy.sparse import csgraph
 
 from up_samp.geometry import cells
+from up_samp.geometry.cells import convex_corners, corner_matrix
 from up_samp.model import Deadline, OutOfTimeError, in_force
-from up_samp.motion.guides.visibility import convex_corners, corner_matrix
 
 
 def _random_cells(seed):

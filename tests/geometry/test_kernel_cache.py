@@ -126,7 +126,14 @@ def test_a_kernel_heeds_the_order_of_a_record_s_fields(tmp_path):
     kernel_cache.kernels_need.cache_clear()
     assert not kernel_cache.kernels_need(records)
     uses = Path(up_samp.motion.__file__).parent / "planners" / "hybrid_astar.py"
-    assert uses.parents[1] / "guides" / "search_space.py" in closure(uses)
+    assert uses.parents[1] / "guides.py" in closure(uses)
+
+
+def test_a_folder_that_is_left_of_a_module_hides_nothing(tmp_path, monkeypatch):
+    monkeypatch.setattr(kernel_cache, "_PACKAGE", tmp_path)
+    (tmp_path / "guides" / "__pycache__").mkdir(parents=True)
+    (tmp_path / "guides.py").touch()
+    assert kernel_cache._files("up_samp.guides", "push") == [tmp_path / "guides.py"]
 
 
 def test_a_kernel_in_the_place_of_another_is_not_run(again, tmp_path):

@@ -8,8 +8,9 @@ import shapely
 from shapely import affinity
 
 from tests.motion.oracle import shape_at
-from up_samp.geometry import OccupancyGrid, Scene, shape_of, sweeps
+from up_samp.geometry import OccupancyGrid, Scene, shape_of
 from up_samp.geometry import kernels as k
+from up_samp.geometry.kernels import arc_free, path_free, samples_free
 from up_samp.model import Body, Kinematics, MotionModel, Placed, ProblemError
 
 KIN = Kinematics(MotionModel.REEDSSHEPP)
@@ -101,7 +102,7 @@ def test_edges_against_the_map(name):
     for x, y, th in random_poses(rng, grid, 250):
         kappa = float(rng.choice([0.0, 1.0, -1.0, 0.3]))
         length = float(rng.uniform(-3, 3))
-        free = sweeps.arc_free(world, x, y, th, kappa, length)
+        free = arc_free(world, x, y, th, kappa, length)
         poses = [k.advance(x, y, th, kappa, length * i / 60) for i in range(61)]
         nearest = min(area.distance(shape_at(footprint, pose)) for pose in poses)
         seen[free] += 1
@@ -110,7 +111,7 @@ def test_edges_against_the_map(name):
         else:  # the least slack of 0.02, mitred, and the spacing of the oracle's own samples
             assert nearest <= (margin + shape.slack[2]) * 1.083 + 0.05
         arcs = np.array([[kappa, length / 2], [kappa, length / 2]])
-        whole = sweeps.path_free(world, np.array([x, y, th]), arcs)
+        whole = path_free(world, np.array([x, y, th]), arcs)
         assert (whole < 0) == free or nearest <= (margin + shape.slack[2]) * 1.083 + 0.05
     assert min(seen.values()) > 25
 
@@ -159,7 +160,7 @@ def test_resting_objects(name):
             kappa, length = float(rng.choice([0.0, 1.0])), float(rng.uniform(-3, 3))
             swept = [k.advance(x, y, th, kappa, length * i / 40) for i in range(41)]
             nearest = min(area.distance(shape_at(FOOTPRINTS[name], pose)) for pose in swept)
-            if sweeps.arc_free(world, x, y, th, kappa, length):
+            if arc_free(world, x, y, th, kappa, length):
                 assert nearest >= 0.05 - TOLERANCE
             else:
                 assert nearest <= 0.05 + 0.01 + 0.1
@@ -173,8 +174,8 @@ def test_samples_are_swept():
     across = np.array([[-1.0, 0, 0], [1.0, 0, 0]])
     beside = np.array([[-1.0, 2.2, 0], [1.0, 2.2, 0]])
     world = scene.world(shape_of(dot), (wall,))
-    assert sweeps.samples_free(world, across, 1e-4) == 0
-    assert sweeps.samples_free(world, beside, 1e-4) == -1
+    assert samples_free(world, across, 1e-4) == 0
+    assert samples_free(world, beside, 1e-4) == -1
 
 
 def test_clearance_field_is_a_bound_for_whole_cells():
@@ -254,7 +255,7 @@ def test_many_edges_against_the_map(name):
         world = k.WorldData(scene.data, scene.polys(), shape)
         for x, y, th in random_poses(rng, grid, 500):
             kappa, length = float(rng.uniform(-1, 1)), float(rng.uniform(-3, 3))
-            if sweeps.arc_free(world, x, y, th, kappa, length):
+            if arc_free(world, x, y, th, kappa, length):
                 free += 1
                 poses = [k.advance(x, y, th, kappa, length * i / 200) for i in range(201)]
                 nearest = min(area.distance(shape_at(footprint, pose)) for pose in poses)

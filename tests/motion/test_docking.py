@@ -37,7 +37,7 @@ from up_samp.model import (
 )
 from up_samp.model.frames import Frame
 from up_samp.motion import MotionService
-from up_samp.motion.docking import comes_straight, docking_leg
+from up_samp.motion.legs import comes_straight, docking_leg
 from up_samp.motion.protocol import LegQuery
 
 

@@ -20,8 +20,8 @@ from up_samp.model import (
     TimedMotion,
 )
 from up_samp.motion import MotionService
-from up_samp.motion.cache import body_key, obstacle_key
 from up_samp.motion.fleet import paths
+from up_samp.motion.protocol import body_key, obstacle_key
 
 GRID = box_map(20, 10, [(9, 0, 10, 4), (9, 6, 10, 10)])
 DOOR = Body(((-0.2, -1.2), (0.2, -1.2), (0.2, 1.2), (-0.2, 1.2)), CAR)

@@ -39,8 +39,7 @@ from up_samp.model import (
 )
 from up_samp.motion import Leg, MotionService
 from up_samp.motion.curves.slowing import seconds_of, slowed, steps_in
-from up_samp.motion.curves.trajectories import reversed_trajectory
-from up_samp.motion.curves.twists import twists
+from up_samp.motion.curves.trajectories import reversed_trajectory, twists
 from up_samp.upio.read_maps import read_movable
 from up_samp.validation.kinematics import limits_of
 

@@ -4,7 +4,7 @@ import random
 from pathlib import Path
 
 from tests.operate.sites import hall
-from up_samp.motion.cache import MotionCache
+from up_samp.motion.protocol import MotionCache
 from up_samp.operate.clock import SimulatedClock
 from up_samp.operate.horizon import Opened
 from up_samp.operate.judge import judge_day

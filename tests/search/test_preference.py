@@ -5,7 +5,7 @@ from unified_planning.shortcuts import OneshotPlanner, get_environment
 
 from up_samp.benchmarks import door_sequence, logistics, navigation
 from up_samp.model import MotionModel
-from up_samp.motion.cache import MotionCache
+from up_samp.motion.protocol import MotionCache
 from up_samp.upio import read_problem
 from up_samp.validation import validate_plan
 from up_samp.validation.kinematics import limits_of

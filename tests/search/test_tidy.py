@@ -12,7 +12,7 @@ from tests.search.test_end_to_end import solve
 from tests.search.test_parameters import EACH_INSTALLED
 from tests.upio.hall import Hall
 from up_samp.benchmarks import instance
-from up_samp.motion.cache import MotionCache
+from up_samp.motion.protocol import MotionCache
 from up_samp.validation import validate_plan
 
 

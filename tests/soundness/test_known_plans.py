@@ -6,7 +6,7 @@ from unified_planning.shortcuts import OneshotPlanner, get_environment
 
 from tests.soundness.known_plans import SECONDS, KnownPlan, NoPlanError
 from up_samp.model.deadline import computing_time
-from up_samp.motion.cache import MotionCache
+from up_samp.motion.protocol import MotionCache
 from up_samp.validation import validate_plan
 
 SHARE = 1.05

@@ -136,10 +136,11 @@ def kernels_need(file: Path) -> bool:
 def _files(module: str, names: str) -> list[Path]:
     """Return the files that ``from module import names`` reads."""
     path = _PACKAGE.joinpath(*module.split(".")[1:])
-    if path.is_dir():
-        parts = [path / f"{name}.py" for name in re.findall(r"\w+", names)]
-        return [p for p in (path / "__init__.py", *parts) if p.is_file()]
-    return [path.with_suffix(".py")]
+    source = path.with_suffix(".py")
+    if source.is_file():  # a folder beside it may be left of what it once was
+        return [source]
+    parts = [path / f"{name}.py" for name in re.findall(r"\w+", names)]
+    return [p for p in (path / "__init__.py", *parts) if p.is_file()]
 
 
 class KernelCache:

@@ -1,4 +1,4 @@
-"""Compiled collision checks of planar footprints (numba).
+"""Compiled collision checks of planar footprints (numba), at poses and all along motions.
 
 Poses are (x, y, theta) in the world frame, lengths in m, angles in rad. A footprint is checked
 against the map in two stages: discs against the clearance field, which settles open space, then
@@ -16,6 +16,7 @@ import numpy as np
 from up_samp.geometry.records import (
     GridData,
     PolyData,
+    RuleData,
     ShapeData,
     WorldData,
     grid_along,
@@ -257,3 +258,205 @@ def pair_distance(a: ShapeData, pose_a: Pose, b: ShapeData, pose_b: Pose) -> flo
             _place(b.verts[0, j], m, *pose_b, pb)
             best = min(best, convex_distance(pa, n, pb, m))
     return best
+
+
+# ------------------ Rules of ways
+# Zones that are driven through in one direction only, and zones in which no body turns on the spot.
+# A motion is looked at piece by piece, each taken for its chord; the zones are wider by what that
+# may leave out.
+
+
+WIDER = 0.01
+"""What zones are wider (m) than they are: arcs leave their chords by less than half of it."""
+
+
+@inner
+def _meets(verts: FloatArray, n: int, ax: float, ay: float, bx: float, by: float) -> bool:
+    """Return whether a segment meets a convex counter-clockwise polygon (Cyrus and Beck)."""
+    low, high = 0.0, 1.0
+    j = n - 1
+    for i in range(n):
+        nx, ny = verts[j, 1] - verts[i, 1], verts[i, 0] - verts[j, 0]
+        inside = (ax - verts[j, 0]) * nx + (ay - verts[j, 1]) * ny
+        gain = (bx - ax) * nx + (by - ay) * ny
+        if gain == 0.0:
+            if inside < 0.0:
+                return False
+        elif gain > 0.0:
+            low = max(low, -inside / gain)
+        else:
+            high = min(high, -inside / gain)
+        if low > high:
+            return False
+        j = i
+    return True
+
+
+@inner
+def piece_obeys(
+    rules: RuleData, ax: float, ay: float, bx: float, by: float, turn: float, bend: float
+) -> bool:
+    """Return whether a piece of a way from one point to another keeps the rules: it turns the body
+    by ``turn`` rad, and its own direction leaves the chord's by ``bend`` rad at most.
+    """
+    dx, dy = bx - ax, by - ay
+    way = math.sqrt(dx * dx + dy * dy)
+    # who turns round a point nearer than 5 cm turns on the spot
+    spot = abs(turn) > 1e-9 and way < 0.05 * abs(turn)
+    for k in range(rules.counts.shape[0]):
+        u, w, still = rules.rules[k, 0], rules.rules[k, 1], rules.rules[k, 2] > 0.0
+        if still:
+            if not spot:
+                continue
+        else:
+            along, across = dx * u + dy * w, abs(dx * w - dy * u)
+            # a millionth of the way may lead against the direction: rounding
+            if along * math.cos(bend) - across * math.sin(bend) >= -1e-6 * way - 1e-12:
+                continue
+        if _meets(rules.verts[k], rules.counts[k], ax, ay, bx, by):
+            return False
+    return True
+
+
+# ------------------ Whole motions
+
+
+@kernel
+def travel_ratio(shape: ShapeData, kappa: float) -> float:
+    """Return how far the footprint's fastest point moves per metre of the reference point."""
+    best = 1.0
+    for i in range(shape.verts.shape[1]):
+        for k in range(shape.counts[0, i]):
+            x, y = shape.verts[0, i, k, 0], shape.verts[0, i, k, 1]
+            best = max(best, (1.0 - kappa * y) ** 2 + (kappa * x) ** 2)
+    return math.sqrt(best)
+
+
+@kernel
+def arc_free(world: WorldData, x: float, y: float, th: float, kappa: float, s: float) -> bool:
+    """Return whether driving ``s`` m along curvature ``kappa`` keeps the margin *all the way*.
+
+    Refuses motions that come closer than the margin plus the shape's smallest slack, too, and those
+    that break a rule of ways.
+    """
+    if not _arc_obeys(world.shape.ways, x, y, th, kappa, s):
+        return False
+    ratio = travel_ratio(world.shape, kappa)
+    least = 0.1 * world.shape.slack[2]
+    total, done = abs(s), 0.0
+    sign = math.copysign(1.0, s)
+    while True:
+        px, py, pth = advance(x, y, th, kappa, sign * done)
+        c = clearance(world, px, py, pth)
+        if c < least:
+            return False
+        done += c / ratio
+        if done >= total:
+            return True
+
+
+@inner
+def _arc_obeys(ways: RuleData, x: float, y: float, th: float, kappa: float, s: float) -> bool:
+    """Return whether driving ``s`` m along curvature ``kappa`` keeps the rules of ways."""
+    if ways.counts.shape[0] == 0:
+        return True
+    turn = abs(kappa * s)
+    # an arc leaves its chord by turn * length / 8
+    n = max(1, math.ceil(turn / 0.2), math.ceil(math.sqrt(turn * abs(s) / (4.0 * WIDER))))
+    for _ in range(n):
+        ax, ay = x, y
+        x, y, th = advance(x, y, th, kappa, s / n)
+        if not piece_obeys(ways, ax, ay, x, y, kappa * s / n, 0.5 * turn / n):
+            return False
+    return True
+
+
+@kernel
+def path_free(world: WorldData, start: FloatArray, arcs: FloatArray) -> int:
+    """Return the index of the first of the ``arcs`` (n, 2: curvature, signed length), driven one
+    after the other from ``start``, that does not keep the margin; -1 if all do.
+    """
+    return first_blocked(world, (start[0], start[1], start[2]), arcs, arcs.shape[0])
+
+
+@inner
+def first_blocked(world: WorldData, start: Pose, arcs: FloatArray, n: int) -> int:
+    """Return the index of the first of ``n`` arcs, driven from ``start``, that does not keep the
+    margin; -1 if all do.
+    """
+    x, y, th = start
+    for i in range(n):
+        if not arc_free(world, x, y, th, arcs[i, 0], arcs[i, 1]):
+            return i
+        x, y, th = advance(x, y, th, arcs[i, 0], arcs[i, 1])
+    return -1
+
+
+@kernel
+def between(poses: FloatArray, i: int, share: float) -> tuple[float, float, float]:
+    """Return the pose ``share`` of the way from sample ``i`` to the next under a constant twist."""
+    turn = poses[i + 1, 2] - poses[i, 2]
+    dx, dy = poses[i + 1, 0] - poses[i, 0], poses[i + 1, 1] - poses[i, 1]
+    if abs(turn) < 1e-9:
+        return poses[i, 0] + share * dx, poses[i, 1] + share * dy, poses[i, 2] + share * turn
+    cot = math.cos(0.5 * turn) / math.sin(0.5 * turn)
+    cx, cy = poses[i, 0] + 0.5 * (dx - dy * cot), poses[i, 1] + 0.5 * (dy + dx * cot)
+    c, s = math.cos(share * turn), math.sin(share * turn)
+    rx, ry = poses[i, 0] - cx, poses[i, 1] - cy
+    return cx + c * rx - s * ry, cy + s * rx + c * ry, poses[i, 2] + share * turn
+
+
+@kernel
+def sweep_travel(poses: FloatArray, i: int, radius: float) -> float:
+    """Return a bound (m) on the travel of any point within ``radius`` from sample i to the next."""
+    turn = abs(poses[i + 1, 2] - poses[i, 2])
+    dx, dy = poses[i + 1, 0] - poses[i, 0], poses[i + 1, 1] - poses[i, 1]
+    chord = math.sqrt(dx * dx + dy * dy)
+    half = 0.5 * turn
+    arc = chord if half < 1e-6 else chord * half / max(abs(math.sin(half)), 1e-9)
+    return arc + turn * radius
+
+
+@kernel
+def samples_free(world: WorldData, poses: FloatArray, least: float) -> int:
+    """Return the index of the first sample after which the swept motion through ``poses`` (n, 3),
+    with a constant twist between samples, does not keep the margin, or the rules of ways; -1 if it
+    keeps them all the way.
+
+    Clearance beyond the margin below ``least`` (> 0, m) counts as none.
+    """
+    credit = 0.0  # how far the fastest point may still travel unseen
+    n = poses.shape[0]
+    if n == 1:
+        c = clearance(world, poses[0, 0], poses[0, 1], poses[0, 2])
+        return -1 if c >= 0.0 else 0
+    ways = world.shape.ways
+    for i in range(n - 1):
+        if ways.counts.shape[0] > 0:
+            turn = poses[i + 1, 2] - poses[i, 2]
+            (ax, ay), (bx, by) = (poses[i, 0], poses[i, 1]), (poses[i + 1, 0], poses[i + 1, 1])
+            if not piece_obeys(ways, ax, ay, bx, by, turn, 0.5 * abs(turn)):
+                return i
+        travel = sweep_travel(poses, i, world.shape.radius)
+        if travel <= credit:
+            credit -= travel
+            continue
+        share = 0.0 if travel <= 0.0 else credit / travel
+        while True:
+            x, y, th = between(poses, i, share)
+            credit = clearance(world, x, y, th)
+            if credit < least:
+                return i
+            rest = (1.0 - share) * travel
+            if credit >= rest:
+                credit -= rest
+                break
+            share += credit / travel
+    return -1
+
+
+def first_hit(world: WorldData, poses: FloatArray) -> int:
+    """Return :func:`samples_free` for a way that is planned: clearance below a thousandth of the
+    least extra inflation counts as none.
+    """
+    return int(samples_free(world, poses, 1e-3 * float(world.shape.slack[2])))

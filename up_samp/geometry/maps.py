@@ -62,19 +62,23 @@ class OccupancyGrid:
 
     def __post_init__(self) -> None:
         occupied = np.ascontiguousarray(self.occupied, dtype=np.bool_)
-        if occupied.ndim != 2 or occupied.size == 0:
-            raise ProblemError(
-                f"{self._label()}: a map needs a two-dimensional array of cells, "
-                f"not one of shape {occupied.shape}"
-            )
         blank = np.zeros_like(occupied) if self.unknown is None else self.unknown
         unknown = np.ascontiguousarray(blank, dtype=np.bool_)
-        if unknown.shape != occupied.shape:
-            raise ProblemError(f"{self._label()}: 'unknown' and 'occupied' differ in shape")
-        if not (math.isfinite(self.resolution) and self.resolution > 0):
-            raise ProblemError(f"{self._label()}: the resolution must be > 0 m per cell")
-        if len(self.origin) != 3 or not all(math.isfinite(v) for v in self.origin):
-            raise ProblemError(f"{self._label()}: the origin must be three finite numbers")
+        shape = occupied.shape
+        for holds, told in (
+            (
+                len(shape) == 2 and min(shape) > 0,
+                f"a map needs a two-dimensional array of cells, not one of shape {shape}",
+            ),
+            (unknown.shape == shape, "'unknown' and 'occupied' differ in shape"),
+            (0 < self.resolution < math.inf, "the resolution must be > 0 m per cell"),
+            (
+                np.shape(self.origin) == (3,) and np.isfinite(self.origin).all(),
+                "the origin must be three finite numbers",
+            ),
+        ):
+            if not holds:
+                raise ProblemError(f"{self._label()}: {told}")
         for name, value, given in (
             ("occupied", occupied, self.occupied),
             ("unknown", unknown, self.unknown),

@@ -86,7 +86,7 @@ class GridData(NamedTuple):
 
 
 class RuleData(NamedTuple):
-    """Rules of ways (:mod:`up_samp.geometry.ways`) by convex parts of the floor: ``verts`` (n,
+    """Rules of ways (:mod:`up_samp.geometry.kernels`) by convex parts of the floor: ``verts`` (n,
     corners, 2), counter-clockwise, ``counts`` (n,); ``rules`` (n, 3): the unit direction against
     which nothing may move there (0, 0: any), and whether nothing turns on the spot (1).
     """

@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 import shapely
 
+from up_samp.geometry.kernels import WIDER
 from up_samp.geometry.records import RuleData, ShapeData
-from up_samp.geometry.ways import WIDER
 from up_samp.model import Body, ProblemError, TrafficZone, check_time
 from up_samp.model.arrays import FloatArray
 

@@ -1,7 +1,6 @@
 """Motions: planners, bounds, proofs of impossibility, timing and a cache behind one service."""
 
-from up_samp.motion.cache import MotionCache
-from up_samp.motion.protocol import Leg, LegQuery, MotionPlanner
+from up_samp.motion.protocol import Leg, LegQuery, MotionCache, MotionPlanner
 from up_samp.motion.service import MotionService
 
 __all__ = ["Leg", "LegQuery", "MotionCache", "MotionPlanner", "MotionService"]

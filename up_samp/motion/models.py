@@ -29,12 +29,12 @@ MODELS: dict[MotionModel, PlannedBy] = {
     MotionModel.REEDSSHEPP: PlannedBy(
         ("car", "RRTConnect"),
         kernels=("paths", "shortcuts", "bounds", "groups", "knots"),
-        ompl=f"{_HOME}.ompl_planar:planar_leg",
+        ompl=f"{_HOME}.ompl:planar_leg",
     ),
     MotionModel.SE2: PlannedBy(
         ("planar", "RRTConnect"),
         kernels=("planar", "bounds", "groups", "knots"),
-        ompl=f"{_HOME}.ompl_planar:planar_leg",
+        ompl=f"{_HOME}.ompl:planar_leg",
     ),
     MotionModel.PIVOT: PlannedBy(
         ("pivot",),

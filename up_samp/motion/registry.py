@@ -19,7 +19,7 @@ Factory = Callable[[Scene, int], MotionPlanner]
 
 PLANNERS: dict[str, str | Factory] = {
     "car": "up_samp.motion.planners.car:CarPlanner",
-    "pivot": "up_samp.motion.planners.pivoting:PivotPlanner",
+    "pivot": "up_samp.motion.planners.car:PivotPlanner",
     "planar": "up_samp.motion.planners.omni:PlanarPlanner",
     "se3": "up_samp.motion.planners.ompl:flyer_planner",
     "control": "up_samp.motion.planners.ompl:control_planner",

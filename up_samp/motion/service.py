@@ -9,7 +9,7 @@ from dataclasses import replace
 from up_samp.extensions import parts
 from up_samp.geometry import OccupancyGrid, Scene
 from up_samp.geometry.memory import Memory
-from up_samp.geometry.shadows import met_by
+from up_samp.geometry.meshes import bodies_meet, meets_walls, met_by
 from up_samp.geometry.shapes import core_of
 from up_samp.model import (
     Body,
@@ -25,7 +25,6 @@ from up_samp.model import (
     Trajectory,
     same_pose,
 )
-from up_samp.motion.cache import MotionCache, obstacle_key
 from up_samp.motion.compile import warm_up
 from up_samp.motion.curves.slowing import (
     as_obstacle,
@@ -34,12 +33,18 @@ from up_samp.motion.curves.slowing import (
     slowed,
     slowing_zones,
 )
-from up_samp.motion.docking import before_docking, but_docks
-from up_samp.motion.guides.preferred import along_lanes
-from up_samp.motion.legs import Legs, check_ways, strung, strung_at_full_speed
+from up_samp.motion.guides import along_lanes
+from up_samp.motion.legs import (
+    Legs,
+    before_docking,
+    but_docks,
+    check_ways,
+    strung,
+    strung_at_full_speed,
+)
 from up_samp.motion.proofs.bounds import DurationBounds
 from up_samp.motion.proofs.certificates import Apart, Certifier
-from up_samp.motion.protocol import Leg, LegQuery
+from up_samp.motion.protocol import Leg, LegQuery, MotionCache, obstacle_key
 from up_samp.tuning import Tuning
 
 
@@ -220,8 +225,6 @@ class MotionService:
         """Return whether a body at a pose overlaps the map, and the obstacles that it overlaps."""
         hit = {p.name for p in obstacles if self.overlap(body, pose, p.body, p.pose)}
         if body.flies:
-            from up_samp.geometry.meshes import meets_walls
-
             return self.grid is not None and meets_walls(self.grid, body, pose), frozenset(hit)
         return self.certifier.hits_map(body, pose), frozenset(hit)
 
@@ -232,8 +235,6 @@ class MotionService:
         touch).
         """
         if body_a.flies and body_b.flies:
-            from up_samp.geometry.meshes import bodies_meet
-
             return bodies_meet(body_a, pose_a, body_b, pose_b)
         if body_a.flies:
             return self.overlap(body_b, pose_b, body_a, pose_a)

@@ -58,8 +58,8 @@ def _hall() -> OccupancyGrid:
 
 def compile_bounds() -> None:
     """Run what bounds and refutes motions of single bodies, once."""
-    from up_samp.motion.guides.cost_to_go import Fields
-    from up_samp.motion.guides.visibility import Visibility
+    from up_samp.geometry.cells import Visibility
+    from up_samp.motion.guides import Fields
 
     hall = _hall()
     start, goal = (3.0, 2.0, 0.0), (9.0, 2.0, math.pi / 2)
@@ -85,7 +85,7 @@ def compile_shortcuts() -> None:
     """Run what shortens a car's path, once: the last that planning it needs, so that another
     process has time to compile it.
     """
-    from up_samp.motion.planners.car_shortcuts import improve
+    from up_samp.motion.planners.car import improve
 
     scene = Scene(_hall())
     world = scene.world(shape_of(_BODY, 0.01), (Placed("parked", _BODY, (3.0, 6.5, 0.0)),))

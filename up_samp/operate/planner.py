@@ -46,7 +46,7 @@ from up_samp.operate.zones import still_counted
 from up_samp.system.child import ProcessGroup, command, environment
 
 if TYPE_CHECKING:
-    from up_samp.motion.cache import MotionCache
+    from up_samp.motion.protocol import MotionCache
 
 RESTS = 2
 """Places at which who is in the way may rest."""
@@ -337,7 +337,7 @@ def _solved(ask: Question, cache: MotionCache | None) -> tuple[Written, PlanDict
 
 def serve(source: BinaryIO, sink: BinaryIO) -> None:
     """Answer questions until nobody asks any more; motions between places are kept so long."""
-    from up_samp.motion.cache import MotionCache
+    from up_samp.motion.protocol import MotionCache
 
     cache = MotionCache()
     gc.freeze()

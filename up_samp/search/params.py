@@ -14,7 +14,7 @@ from up_samp.search.events import Observer, State
 from up_samp.search.knowledge import ProgressEvent
 
 if TYPE_CHECKING:
-    from up_samp.motion.cache import MotionCache
+    from up_samp.motion.protocol import MotionCache
     from up_samp.tuning import Tuning
 
 

@@ -28,7 +28,7 @@ from up_samp.model.graphs import reached
 from up_samp.model.refinement import Strength
 from up_samp.model.snapshot import MotionTask, Snapshot, TermKind
 from up_samp.motion import MotionService
-from up_samp.motion.guides.search_space import TOUCHES
+from up_samp.motion.guides import TOUCHES
 from up_samp.search.budget import Budget
 from up_samp.search.facts import Facts, MotionCase
 from up_samp.upio import Itinerary, trajectory_key

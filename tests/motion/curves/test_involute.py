@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from up_samp.model import Body, Kinematics, MotionModel
-from up_samp.motion.curves.involute import swerves
 from up_samp.motion.curves.reeds_shepp import run_time
-from up_samp.motion.curves.rolling import rolled, rolling_time
+from up_samp.motion.curves.rolling import rolled, rolling_time, swerves
 from up_samp.motion.moves import corners_of, steer
-from up_samp.motion.proofs.runs import fastest_roll
+from up_samp.motion.proofs.bounds import fastest_roll
 from up_samp.validation.kinematics import Limits, motion_violations
 
 RING = ((-0.3, -0.2), (0.3, -0.2), (0.3, 0.2), (-0.3, 0.2))

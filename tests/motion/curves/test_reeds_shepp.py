@@ -4,8 +4,16 @@ import numpy as np
 import pytest
 
 from up_samp.geometry.kernels import advance
-from up_samp.motion.curves.arcs import merged, nodes_of, path_time, reversed_arcs
-from up_samp.motion.curves.reeds_shepp import DriveLimits, fastest, run_time, shortest
+from up_samp.motion.curves.reeds_shepp import (
+    DriveLimits,
+    fastest,
+    merged,
+    nodes_of,
+    path_time,
+    reversed_arcs,
+    run_time,
+    shortest,
+)
 
 CAR = DriveLimits(1.0, 2.0, 0.5)
 

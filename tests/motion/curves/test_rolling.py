@@ -22,12 +22,12 @@ from up_samp.model import (
 from up_samp.motion import MotionService
 from up_samp.motion.curves.reeds_shepp import run_time
 from up_samp.motion.curves.rolling import rolled, rolling_time, rows_of, thinned
-from up_samp.motion.curves.straight import timed_chain
+from up_samp.motion.curves.trapezoid import timed_chain
 from up_samp.motion.fleet.paths import path_of, safe_intervals
 from up_samp.motion.fleet.speed import tune
 from up_samp.motion.legs import parking_clears
 from up_samp.motion.moves import drive, steer
-from up_samp.motion.planners.pivoting import PivotPlanner
+from up_samp.motion.planners.car import PivotPlanner
 from up_samp.motion.protocol import LegQuery
 from up_samp.upio import read_problem
 from up_samp.validation.kinematics import Limits, motion_violations

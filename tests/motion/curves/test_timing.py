@@ -6,7 +6,7 @@ import pytest
 from tests.motion.oracle import CAR, RECTANGLE, box_map, car_faults, ends_exactly
 from up_samp.model import Body, Deadline, Kinematics, MotionModel, PathQuery
 from up_samp.motion import MotionService
-from up_samp.motion.curves.arcs import nodes_of
+from up_samp.motion.curves.reeds_shepp import nodes_of
 from up_samp.motion.curves.trajectories import joined, reversed_trajectory
 from up_samp.motion.curves.trapezoid import (
     distance_of_time,
@@ -37,7 +37,7 @@ def test_every_limit_holds_between_all_samples():
     rng = np.random.default_rng(0)
     for _ in range(40):
         start, arcs, end = random_path(rng)
-        trajectory = trajectory_of((tuple(start), tuple(end)), (arcs,), CAR)
+        trajectory = trajectory_of((tuple(start), tuple(end)), arcs, CAR)
         assert car_faults(trajectory, CAR) == []
         assert ends_exactly(trajectory, start, end)
 
@@ -48,7 +48,8 @@ def test_several_legs_rest_between():
     second = np.array([[0.5, 4.0]])
     end = nodes_of(middle, second)[-1]
     wrapped = (middle[0], middle[1], middle[2] + 4 * math.pi)
-    trajectory = trajectory_of((tuple(start), wrapped, tuple(end)), (first, second), CAR)
+    legs = ((start, wrapped), first), ((wrapped, end), second)
+    trajectory = joined([trajectory_of(ends, arcs, CAR) for ends, arcs in legs])
     assert car_faults(trajectory, CAR) == []
     assert ends_exactly(trajectory, start, end)
     assert np.abs(np.diff(trajectory.poses[:, 2])).max() < 0.2
@@ -57,7 +58,7 @@ def test_several_legs_rest_between():
 def test_reversed_and_joined():
     rng = np.random.default_rng(2)
     start, arcs, end = random_path(rng)
-    there = trajectory_of((tuple(start), tuple(end)), (arcs,), CAR)
+    there = trajectory_of((tuple(start), tuple(end)), arcs, CAR)
     back = reversed_trajectory(there)
     assert ends_exactly(back, end, start)
     assert car_faults(back, CAR) == []
@@ -71,7 +72,7 @@ def test_a_leg_driven_the_other_way_begins_with_the_heading_that_is_asked_for():
     """-pi and pi are one heading, and two numbers."""
     rng = np.random.default_rng(3)
     start, arcs, end = random_path(rng)
-    leg = Leg(trajectory_of((tuple(start), tuple(end)), (arcs,), CAR))
+    leg = Leg(trajectory_of((tuple(start), tuple(end)), arcs, CAR))
     for turns in (-1, 0, 2):
         asked = (*map(float, end[:2]), float(end[2]) + 2 * math.pi * turns)
         back = leg.turned(asked).trajectory
@@ -139,7 +140,7 @@ def test_arcs_that_are_too_short_to_be_sampled_turn_all_the_same(hair):
     arcs = np.array([[0.0, 1.0], [-0.78, hair], [0.0, 90.0], [0.78, hair], [0.78, 2.0]])
     start = np.zeros(3)
     end = nodes_of(start, arcs)[-1]
-    trajectory = trajectory_of((tuple(start), tuple(end)), (arcs,), CAR)
+    trajectory = trajectory_of((tuple(start), tuple(end)), arcs, CAR)
     assert judged(Body(RECTANGLE, CAR), trajectory) == []
 
 

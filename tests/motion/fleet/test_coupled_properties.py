@@ -10,13 +10,13 @@ import pytest
 from tests.motion.fleet.spacetime_oracle import CAR, motion, room
 from up_samp.geometry import load_map, write_map
 from up_samp.model import Deadline, GroupQuery, Outcome
-from up_samp.motion.budget import WorkBudget
 from up_samp.motion.fleet import coordinate
 from up_samp.motion.fleet.coordination import one_after_another
 from up_samp.motion.fleet.neighbourhoods import MovingGroup
 from up_samp.motion.fleet.timed_path import natural_timing, run_of
 from up_samp.motion.fleet.together import couple
 from up_samp.motion.fleet.workspace import workspace_of
+from up_samp.motion.protocol import WorkBudget
 from up_samp.motion.service import MotionService
 from up_samp.validation.collisions import BlockedMap, JudgedShape, Track, hits_body, hits_map
 from up_samp.validation.kinematics import Limits, motion_violations

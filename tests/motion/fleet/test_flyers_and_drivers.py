@@ -11,7 +11,7 @@ from unified_planning.shortcuts import LT, OneshotPlanner, get_environment
 
 import up_samp  # noqa: F401  (registers the engines)
 from tests.motion.fleet.flying import UPRIGHT, World
-from up_samp.geometry.shadows import covered
+from up_samp.geometry.meshes import covered
 from up_samp.io import result_to_dict
 from up_samp.io.restore import contradictions
 from up_samp.model import ProblemError

@@ -8,10 +8,10 @@ import pytest
 from tests.motion.fleet import tight_places as tight
 from tests.motion.fleet.independent import judge
 from up_samp.model import Deadline, GroupQuery, GroupReport, Outcome
-from up_samp.motion.budget import WorkBudget
 from up_samp.motion.fleet import coordinate
 from up_samp.motion.fleet.neighbourhoods import MovingGroup, first_runs, improve
 from up_samp.motion.fleet.workspace import workspace_of
+from up_samp.motion.protocol import WorkBudget
 from up_samp.motion.service import MotionService
 
 

@@ -9,7 +9,7 @@ from tests.motion.fleet import tight_places as tight
 from tests.motion.fleet.independent import judge
 from up_samp.model import Deadline, GroupQuery, TimedMotion
 from up_samp.motion.fleet import coordinate
-from up_samp.motion.fleet.detours import pass_by
+from up_samp.motion.fleet.one_robot import pass_by
 from up_samp.motion.fleet.timed_path import natural_timing, run_of
 from up_samp.motion.fleet.workspace import workspace_of
 from up_samp.motion.service import MotionService

@@ -5,8 +5,7 @@ import pytest
 
 from tests.motion.curves.test_involute import drawn
 from up_samp.model import Trajectory
-from up_samp.motion.curves.involute import swerves
-from up_samp.motion.curves.rolling import rolled
+from up_samp.motion.curves.rolling import rolled, swerves
 from up_samp.motion.fleet.paths import path_of
 
 

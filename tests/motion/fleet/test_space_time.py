@@ -9,7 +9,7 @@ import pytest
 from tests.motion.fleet import tight_places as tight
 from up_samp.geometry.shapes import rules_of
 from up_samp.model import Deadline, Rest, TimedMotion
-from up_samp.motion.fleet.detours import drivable
+from up_samp.motion.fleet.one_robot import drivable
 from up_samp.motion.fleet.space_time import Lattice, proposer_of, visits
 from up_samp.motion.fleet.workspace import rest_run, workspace_of
 from up_samp.motion.service import MotionService

@@ -205,7 +205,7 @@ def test_earliest_arrival_among_movers():
     for release in (0.0, alone / 2 - 4.0, alone):  # before it, across its way, after it
         b = motion("b", (20, 2.5, UP), (20, 9.5, UP), release)
         drive = solve(service, [b]).trajectories["b"]
-        delays.append(earliest_arrival(service, a, b, drive) - alone)
+        delays.append(earliest_arrival(service, a, b, drive, Deadline.never()) - alone)
     assert delays[0] == delays[2] == 0.0 < delays[1] < drive.end - drive.start
 
 

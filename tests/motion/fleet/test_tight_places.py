@@ -4,13 +4,10 @@ import pytest
 
 from tests.motion.fleet import tight_places as tight
 from tests.motion.fleet.independent import judge
-from up_samp.model import Deadline, GroupReport, Outcome
+from up_samp.model import Deadline, Outcome
 from up_samp.motion.fleet import coordinate
-from up_samp.motion.fleet import together as coupled
-from up_samp.motion.fleet.deadlocks import Agent, Joint, Knot, drives_of, loosened
-from up_samp.motion.fleet.roadmap import Roadmap, cells_of
-from up_samp.motion.fleet.timed_path import natural_timing, run_of
-from up_samp.motion.fleet.workspace import workspace_of
+from up_samp.motion.fleet.deadlocks import Agent, Joint
+from up_samp.motion.fleet.roadmap import Roadmap
 from up_samp.motion.service import MotionService
 
 SLOW = {"square of ten", "full ring of six", "room of nine, seven", "room of nine, four small"}
@@ -49,40 +46,6 @@ def test_an_l_slides_round_a_corner_wherever_it_starts(tmp_path):
         judge(traffic, solve(traffic), tmp_path)
 
 
-def test_where_nobody_can_go_first_all_go_at_once(tmp_path):
-    body = tight.omni(tight.DISC)
-    traffic = tight.carousel(body)
-    service = MotionService(traffic.grid)
-    workspace, motions = workspace_of(service), traffic.query.motions
-    assert joint(traffic, body, 1.6).search(10_000, Deadline.never()) is None
-    search = joint(traffic, body, 1.6, together=True)
-    steps = search.search(10_000, Deadline.never())
-    assert [len(group) for group in search.turns(steps[0])] == [4]
-    knot = Knot(workspace, service.scene, motions, (), Deadline.never())
-    [drives] = drives_of(knot, search, loosened(search, steps))
-    assert {robot for robot, _ in drives} == {0, 1, 2, 3}
-    found = {motions[robot].name: path.natural for robot, path in drives}
-    judge(traffic, GroupReport(Outcome.FOUND, found), tmp_path)
-
-
-def test_cars_of_a_full_ring_go_at_once(tmp_path, monkeypatch):
-    traffic = tight.CASES["full ring of three"].build(tight.car())
-    motions = traffic.query.motions
-    service = MotionService(traffic.grid)
-    workspace, alone = workspace_of(service), {}
-    for m in motions:
-        path = workspace.path(m.body, m.poses, (), Deadline.never())
-        alone[m.name] = run_of(m, path, natural_timing(path, m.release))
-    search = joint(traffic, motions[0].body, cells_of(motions[0].body)[1], together=True)
-    knot = Knot(workspace, service.scene, motions, (), Deadline.never())
-    drives = drives_of(knot, search, loosened(search, search.search(20_000, Deadline.never())))
-    assert max(len(stage) for stage in drives) == 3
-    monkeypatch.setattr(coupled, "untie", lambda *given: drives)
-    runs = coupled.couple(workspace, motions, alone, [], Deadline.never())
-    found = {name: run.timing.trajectory for name, run in runs.items()}
-    judge(traffic, GroupReport(Outcome.FOUND, found), tmp_path)
-
-
 @pytest.mark.long
 def test_no_room_at_all_is_not_called_impossible():
     grid = tight.hall(20, 10, [(0, 4.2, 20, 5.8)])
@@ -93,7 +56,7 @@ def test_no_room_at_all_is_not_called_impossible():
     assert report.conflict == {"go0", "go1"}
 
 
-def joint(traffic, body, cell=1.0, together=False):
+def joint(traffic, body, cell=1.0):
     service = MotionService(traffic.grid)
     ends = [pose for m in traffic.query.motions for pose in m.poses]
     roadmap = Roadmap(service.scene, body, ends, (), cell)
@@ -102,7 +65,7 @@ def joint(traffic, body, cell=1.0, together=False):
         goal = roadmap.place(m.poses[-1])
         agents.append(Agent(roadmap, roadmap.place(m.poses[0]), goal, roadmap.to_go(goal)))
     heeds = [[i != j for j in range(len(agents))] for i in range(len(agents))]
-    return Joint(agents, heeds, 0.01, together)
+    return Joint(agents, heeds, 0.01)
 
 
 def test_joint_moves_lead_from_start_to_goal_one_by_one():
@@ -111,10 +74,9 @@ def test_joint_moves_lead_from_start_to_goal_one_by_one():
     assert steps is not None
     at = [agent.start for agent in search.agents]
     for step in steps:
-        groups = search.turns(step)
-        assert groups is not None
-        assert all(len(group) == 1 for group in groups)
-        for [i] in groups:
+        order = search.in_turns(step)
+        assert order is not None
+        for i in order:
             assert step[i].source == at[i]
             rests = [(j, search.agents[j].roadmap.rest(at[j])) for j in range(len(at)) if j != i]
             assert not any(search.overlap(i, step[i], j, rest) for j, rest in rests)

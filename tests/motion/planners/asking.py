@@ -4,8 +4,7 @@ import itertools
 
 from up_samp.model import MotionModel, Outcome, PathReport
 from up_samp.motion.curves.trajectories import at_rest, joined
-from up_samp.motion.planners.ompl import OmplPlanner
-from up_samp.motion.planners.ompl_solve import canonical
+from up_samp.motion.planners.ompl import OmplPlanner, canonical
 from up_samp.motion.protocol import LegQuery
 
 

@@ -23,7 +23,7 @@ from up_samp.model import (
     deadline,
 )
 from up_samp.motion import MotionService
-from up_samp.motion.cache import MotionCache
+from up_samp.motion.protocol import MotionCache
 
 BOX = ((-0.5, -0.3), (0.5, -0.3), (0.5, 0.3), (-0.5, 0.3))
 CRATE = ((-0.6, -0.6), (0.6, -0.6), (0.6, 0.6), (-0.6, 0.6))

@@ -21,8 +21,7 @@ from up_samp.model import (
     ProblemError,
     UnsupportedError,
 )
-from up_samp.motion.planners.control_law import ControlPiece, Roller
-from up_samp.motion.planners.shooting import Shot
+from up_samp.motion.planners.control import ControlPiece, Roller, Shot
 from up_samp.validation.kinematics import Limits, motion_violations
 
 PLANNERS = ("RRT", "KPIECE1", "EST")

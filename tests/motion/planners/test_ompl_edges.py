@@ -8,7 +8,7 @@ import pytest
 from tests.motion.planners import ompl_oracle as oracle
 from tests.motion.planners.ompl_oracle import CAR, CRATE, DOOR, OMNI
 from up_samp.motion.curves.reeds_shepp import shortest
-from up_samp.motion.planners.ompl_planar import PlanarWorld
+from up_samp.motion.planners.ompl import PlanarWorld
 
 SCENE = oracle.hall_scene()
 ITEMS = (CRATE, DOOR)

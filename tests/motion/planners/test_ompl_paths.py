@@ -149,8 +149,6 @@ def test_names():
         plan_with_ompl(SCENE, query, Deadline.after(1), planner="dijkstra")
     with pytest.raises(UnsupportedError, match="PRM"):
         plan_with_ompl(SCENE, query, Deadline.after(1), planner="prm")
-    with pytest.raises(UnsupportedError, match="RRTConnect"):
-        explore(SCENE, query, {}, Deadline.after(1), planner="RRTConnect")
 
 
 def test_open_plane():

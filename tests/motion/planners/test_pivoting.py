@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from unified_planning.model.motion import MotionModels, MovableObject
 from unified_planning.shortcuts import MovableType
 
-from up_samp.geometry import OccupancyGrid, sweeps
+from up_samp.geometry import OccupancyGrid
+from up_samp.geometry.kernels import samples_free
 from up_samp.model import (
     Body,
     Deadline,
@@ -23,7 +24,7 @@ from up_samp.model import (
     ProblemError,
 )
 from up_samp.motion.legs import parking_clears
-from up_samp.motion.planners.pivoting import PivotPlanner
+from up_samp.motion.planners.car import PivotPlanner
 from up_samp.motion.protocol import LegQuery
 from up_samp.motion.service import MotionService
 from up_samp.upio.read_maps import read_movable
@@ -140,4 +141,4 @@ def test_who_stands_along_a_wall_leaves_it_and_comes_to_it_on_arcs(side, reverse
         times, poses = leg.trajectory.times, leg.trajectory.poses
         assert list(motion_violations("m", limits(), times, poses)) == []
         world = service.scene.world(service.scene.shape(body), ())
-        assert sweeps.samples_free(world, np.ascontiguousarray(poses), 1e-6) < 0
+        assert samples_free(world, np.ascontiguousarray(poses), 1e-6) < 0

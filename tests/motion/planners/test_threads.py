@@ -10,9 +10,8 @@ from tests.motion.oracle import smallest_clearance
 from tests.soundness.known_plans import SECONDS, KnownPlan
 from up_samp.geometry.maps import load_map
 from up_samp.model import Deadline, Outcome, PathQuery
-from up_samp.motion.planners.car import CarPlanner, CarSettings
+from up_samp.motion.planners.car import CarPlanner, CarSettings, PivotPlanner
 from up_samp.motion.planners.omni import PlanarPlanner
-from up_samp.motion.planners.pivoting import PivotPlanner
 from up_samp.motion.protocol import LegQuery
 from up_samp.motion.service import MotionService
 from up_samp.upio import read_problem

@@ -6,9 +6,9 @@ from scipy import ndimage
 
 from tests.motion.oracle import CAR, DOOR, RECTANGLE, ROBOT, box_map, logistics_map
 from up_samp.geometry import OccupancyGrid, Scene
+from up_samp.geometry.cells import Visibility
 from up_samp.model import Body, Kinematics, MotionModel, Outcome, Placed
 from up_samp.motion import MotionService
-from up_samp.motion.guides.visibility import Visibility
 from up_samp.motion.proofs.bounds import DurationBounds
 from up_samp.motion.proofs.certificates import Certifier
 from up_samp.validation.collisions import JudgedShape as JudgedShape

@@ -9,7 +9,7 @@ import pytest
 from up_samp.geometry.kernels import advance
 from up_samp.model import Kinematics, MotionModel
 from up_samp.motion.curves.reeds_shepp import DriveLimits, fastest, run_time, shortest
-from up_samp.motion.proofs.runs import ahead, fastest_roll, fastest_runs
+from up_samp.motion.proofs.bounds import ahead, fastest_roll, fastest_runs
 
 
 def drawn(rng, wide=8.0):

@@ -15,7 +15,7 @@ from up_samp.geometry.shapes import core_of, shape_of
 from up_samp.model import Body, Deadline, Kinematics, MotionModel, Outcome, PathQuery, TrafficZone
 from up_samp.model.frames import Frame
 from up_samp.motion import MotionService
-from up_samp.motion.proofs.slow_zones import fastest_with_slow
+from up_samp.motion.proofs.bounds import fastest_with_slow
 
 KINDS = {
     "car": Kinematics(MotionModel.REEDSSHEPP, 0.8, 1.5, 0.7),

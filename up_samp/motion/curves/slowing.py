@@ -8,7 +8,9 @@ times a way again takes its top speeds from here.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -22,18 +24,18 @@ from up_samp.model import (
     TrafficZone,
     Trajectory,
 )
-from up_samp.model.arrays import BoolArray, FloatArray
-from up_samp.motion.curves.bends import bends_of, between_bends, ways_at
+from up_samp.model.arrays import BoolArray, FloatArray, IntArray
 from up_samp.motion.curves.rolling import (
     ON_SPOT,
+    SAME,
     Rolls,
     moves_on,
     rolls_of,
     sampled_rolls,
     through_rows,
 )
-from up_samp.motion.curves.turning import limits_in_bends, turns_evenly
-from up_samp.motion.curves.twists import partway, travels, twists
+from up_samp.motion.curves.trajectories import partway, travels, twists
+from up_samp.motion.curves.trapezoid import MOST_TURN
 
 OVER = 1e-3
 """Share by which a limit may be exceeded before a motion is slowed: rounding."""
@@ -178,15 +180,8 @@ def _rolls(rows: FloatArray, body: Body) -> Rolls:
     """Return the pieces of a way that is driven along the heading, with the accelerations that its
     bends allow.
     """
-    kin = body.kinematics
-    if body.mobility.rolls:
-        rolls = rolls_of(rows, kin)
-    else:
-        ahead, across, turns = twists(rows).T
-        tops, pushes = np.full((2, len(ahead)), [[kin.v_max], [kin.a_max]])
-        kinds = np.sign(ahead).astype(np.int64)
-        rolls = Rolls(np.hypot(ahead, across), turns, kinds, tops, pushes)
-    least = np.minimum(rolls.pushes, limits_in_bends(rows, kin).pushes)
+    rolls = rolls_of(rows, body.kinematics)
+    least = np.minimum(rolls.pushes, limits_in_bends(rows, body.kinematics).pushes)
     return rolls._replace(pushes=np.where(np.abs(rolls.kinds) == 2, rolls.pushes, least))
 
 
@@ -270,3 +265,343 @@ def as_obstacle(zone: TrafficZone) -> Placed:
     """Return a zone as something to go around."""
     still = Kinematics(MotionModel.SE2)
     return Placed("", Body(zone.polygon, still), (0.0, 0.0, 0.0))
+
+
+# ------------------ What lateral_a_max and alpha_max allow along the heading
+# Ways are poses with a constant twist from each to the next, so their curvature is constant by
+# pieces and a change of it is a step. A step is driven over as if the curvature rose evenly along
+# the shorter of the pieces beside it, and never by more turn rate than alpha_max makes good within
+# a moment; where that is too slow, the body rests.
+
+
+ALONG = 0.5
+"""At most this share of ``alpha_max`` is for changes of curvature, what is left for changes of
+speed.
+"""
+MOMENT = 0.05
+"""What ``alpha_max`` makes good within so many s needs no ramp of its own."""
+SLOW = 0.3
+"""A body rests where the curvature jumps so that it could pass with less than this share of its top
+speed only.
+"""
+
+
+class Bends(NamedTuple):
+    """How a way bends, by piece: signed ``ways`` (m), ``turns`` (rad), ``bends`` (1/m; 0 on the
+    spot), and which pieces are one ``arc``; by inner pose: by how much the curvature ``jumps``
+    where the body need not rest (1/m).
+    """
+
+    ways: FloatArray
+    turns: FloatArray
+    bends: FloatArray
+    arc: IntArray
+    jumps: FloatArray
+
+    @staticmethod
+    def of(ways: FloatArray, turns: FloatArray) -> Bends:
+        """Return how pieces of such signed ``ways`` and ``turns`` bend."""
+        spot = np.abs(ways) <= ON_SPOT * np.abs(turns)
+        bends = np.where(spot, 0.0, turns / np.where(spot, 1.0, ways))
+        drives = np.where(spot, 0.0, ways)
+        passes = drives[:-1] * drives[1:] > 0.0
+        least = np.where(passes, np.minimum(*np.abs([ways[:-1], ways[1:]])), 1.0)
+        jumps = np.where(passes, np.abs(np.diff(bends)), 0.0)
+        jumps[jumps <= SAME + 1e-7 / least] = 0.0  # headings may be off by 1e-7 rad
+        turns_on = spot[:-1] & spot[1:] & (turns[:-1] * turns[1:] > 0.0)
+        cut = (jumps > 0.0) | ~(passes | turns_on)
+        arc = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(cut)])
+        return Bends(drives, turns, bends, arc, jumps)
+
+    @property
+    def whole(self) -> Bends:
+        """The same way with the pieces of each arc as one."""
+        firsts = np.flatnonzero(np.diff(self.arc, prepend=-1))
+        return Bends.of(*(np.add.reduceat(a, firsts) for a in (self.ways, self.turns)))
+
+    def tops(self, kinematics: Kinematics) -> FloatArray:
+        """Return the speeds (m/s) that the lateral acceleration, v^2 k on a curvature k, allows."""
+        tight = np.maximum(np.abs(self.bends), SAME)
+        return np.sqrt(np.where(tight > SAME, kinematics.lateral_a_max, math.inf) / tight)
+
+
+class TurnLimits(NamedTuple):
+    """What a way's bends allow: top speeds ``tops`` (m/s) and accelerations ``pushes`` (m/s^2)
+    between poses, infinite where they say nothing; and at which inner poses a body ``rests``.
+    """
+
+    tops: FloatArray
+    pushes: FloatArray
+    rests: BoolArray
+
+
+def limits_in_bends(poses: FloatArray, kinematics: Kinematics) -> TurnLimits:
+    """Return what the bends of a way (n, 3) allow.
+
+    A step dk of the curvature over l m turns faster by v^2 dk / l, which takes at most a share of
+    ``alpha_max`` (``ALONG``), and half of it on either side. What the steps beside an arc of
+    curvature k leave of ``alpha_max`` is for speeding up in it, which takes k a.
+    """
+    n = len(poses) - 1
+    if not kinematics.heeds_turns or n < 1:
+        free = np.full(n, math.inf)
+        return TurnLimits(free, free, np.zeros(max(n - 1, 0), dtype=np.bool_))
+    way = Bends.of(*twists(poses).T[[0, 2]])
+    most, alpha = way.tops(kinematics), kinematics.alpha_max
+    length = np.maximum(np.abs(np.bincount(way.arc, way.ways)), SAME)[way.arc]
+    least = np.minimum(length[:-1], length[1:])
+    jumps = way.jumps if math.isfinite(alpha) else np.zeros(n - 1)
+    steps = np.where(jumps > 0.0, jumps, SAME**2)
+    push = ALONG * alpha
+    speeds = np.minimum(np.sqrt(push * least / steps), push * MOMENT / steps)
+    fast = np.minimum(kinematics.v_max, np.minimum(most[:-1], most[1:]))
+    rests = (jumps > 0.0) & (speeds < SLOW * fast)
+    speeds = np.where(rests | (jumps == 0.0), math.inf, speeds)
+    most[:-1] = np.minimum(most[:-1], speeds)
+    most[1:] = np.minimum(most[1:], speeds)
+    used = np.where(np.isinf(speeds), 0.0, 0.5 * np.minimum(speeds, fast) ** 2 * jumps)
+    taken = np.bincount(way.arc[:-1], used, n) + np.bincount(way.arc[1:], used, n)
+    left = alpha - taken[way.arc] / length
+    return TurnLimits(most, left / np.maximum(np.abs(way.bends), SAME**2), rests)
+
+
+def turns_evenly(motion: Trajectory, kinematics: Kinematics) -> bool:
+    """Return whether the turn rate of a motion never changes faster than it may, from rest to rest:
+    means between samples, and a ``MOMENT`` is allowed for steps.
+    """
+    alpha = kinematics.alpha_max
+    if math.isinf(alpha):
+        return True
+    times = motion.times
+    middle = np.concatenate([times[:1], 0.5 * (times[1:] + times[:-1]), times[-1:]])
+    rates = np.concatenate([[0.0], np.diff(motion.poses[:, 2]) / np.diff(times), [0.0]])
+    # since any time before, by more than alpha times what has passed
+    grown = [s * rates - alpha * (1.0 + SAME) * middle for s in (1.0, -1.0)]
+    least = alpha * MOMENT
+    return all(bool(np.all(g - np.minimum.accumulate(g) <= least)) for g in grown)
+
+
+# ------------------ Ramps of the curvature
+# Ways of arcs whose curvature jumps become ways on which it changes in small steps. The curvature
+# becomes its mean over a window about each place: that makes a clothoid of a jump, in small arcs,
+# and a low bump of a short arc (Scheuer & Laugier 1998; Fraichard & Scheuer 2004 put clothoids
+# between arcs). Headings stay about what they were, and the end of the way moves a little; the arcs
+# are made longer or shorter, as little as it takes, until it ends where it did.
+
+
+def with_ramps(motion: Trajectory, body: Body, blocked: Callable[[FloatArray], int]) -> Trajectory:
+    """Return the motion of a body that drives along its heading, from time 0, as its limits allow:
+    with ramps where these are quicker than rests, and ``blocked`` (the first of the poses (n, 3)
+    after which a way is not free, or -1) lets them be. A ramp that is not free is halved.
+    """
+    rows = motion.poses[moves_on(motion.poses)]
+    way = Bends.of(*twists(rows).T[[0, 2]]).whole
+    best = driven(rows, body)
+    if not way.jumps.any():
+        return best
+    windows = _windows(way, body.kinematics)
+    for share in (1.6, 0.8, 0.4, 0.2):
+        found = _ramped(way, rows, share * windows, body.kinematics, blocked)
+        if found is not None:
+            best = min(best, driven(found, body), key=lambda one: one.duration)
+    return best
+
+
+def _windows(way: Bends, kinematics: Kinematics) -> FloatArray:
+    """Return over how many metres each jump may be made good at the speed that is had there."""
+    tops = np.minimum(way.tops(kinematics), kinematics.v_max)
+    if kinematics.mobility.rolls:
+        tops = np.minimum(tops, kinematics.omega_max / np.maximum(np.abs(way.bends), 1e-9))
+    fast = np.minimum(tops[:-1], tops[1:]) ** 2
+    s = np.concatenate([[0.0], np.cumsum(np.abs(way.ways))])
+    rests = s[np.concatenate([[True], way.jumps == 0.0, [True]])]
+    near = np.abs(s[1:-1, None] - rests).min(axis=1)
+    push = ALONG * kinematics.alpha_max
+    # a short arc becomes a bump of its turn, which is the lower the longer it is
+    turns = np.maximum(np.abs(way.turns[1:]), np.abs(way.turns[:-1]))
+    windows = np.minimum(fast * way.jumps / push, np.sqrt(fast * turns / push))
+    return np.asarray(np.minimum(windows, 5.0 * near))
+
+
+def _ramped(
+    way: Bends,
+    rows: FloatArray,
+    windows: FloatArray,
+    kinematics: Kinematics,
+    blocked: Callable[[FloatArray], int],
+) -> FloatArray | None:
+    """Return a way with ramps over at most such ``windows`` (m) that is free, if there is one."""
+    step = MOMENT * SLOW * kinematics.v_max
+    for k in range(30):  # each time half as long where it hits something, and wider around
+        windows = np.where(windows > step, windows, 0.0)
+        if not windows.any():
+            return None
+        found = _closed(way, rows, windows, 2.0 * step)
+        if found is None:
+            windows = 0.5 * windows
+            continue
+        hit = blocked(found[0])
+        if hit < 0:
+            return found[0]
+        poses, joints = found
+        far = np.hypot(*(poses[joints, :2] - poses[hit, :2]).T)
+        least = max(float(far[windows > 0.0].min()), 0.3 * k)
+        windows[far <= np.maximum(0.5 * windows, least)] *= 0.5
+    return None
+
+
+def _closed(
+    way: Bends, rows: FloatArray, windows: FloatArray, step: float
+) -> tuple[FloatArray, IntArray] | None:
+    """Return the way with ramps over such ``windows`` (m), in steps of at most ``step`` m, from the
+    first of ``rows`` to the last, and which of its poses is where each jump was; None if there is
+    none.
+
+    Newton's method: the end moves, as an arc gets longer, as if it turned about that arc's middle.
+    """
+    spot = way.ways == 0.0
+    ahead, turn = np.where(spot, 0.0, 1.0), np.where(spot, 1.0, way.bends)
+    size = np.where(spot, np.abs(way.turns), np.abs(way.ways))
+    counts = np.maximum(2, np.ceil(size / np.where(spot, MOST_TURN, step)).astype(np.int64))
+    ends = np.cumsum(counts)
+    gone = np.zeros(len(size))
+    for _ in range(25):
+        ways, turns = way.ways + ahead * gone, way.turns + turn * gone
+        if np.any(np.where(spot, turns * way.turns, ways * way.ways) <= 0.0):
+            return None
+        poses = _laid(rows[0], ways, turns, counts, np.where(way.jumps > 0.0, windows, -1.0))
+        off = rows[-1] - poses[-1]
+        if np.abs(off).max() < 1e-10:
+            poses[-1] = rows[-1]
+            return poses, ends[:-1]
+        here = poses[ends - counts // 2]
+        gap = poses[-1] - here
+        c, s = np.cos(here[:, 2]), np.sin(here[:, 2])
+        by = np.stack([ahead * c - turn * gap[:, 1], ahead * s + turn * gap[:, 0], turn])
+        gone = gone + size * (np.linalg.lstsq(by * size, off, rcond=1e-9)[0])
+    return None
+
+
+def _laid(
+    start: FloatArray, ways: FloatArray, turns: FloatArray, counts: IntArray, windows: FloatArray
+) -> FloatArray:
+    """Return the poses (k, 3) of arcs of such signed ``ways`` and ``turns``, each in so many parts,
+    with the curvature of each part the mean over a window about it, as long as that of the jumps
+    beside it (``windows``, m; -1: a rest).
+    """
+    parts, turned = np.repeat(ways / counts, counts), np.repeat(turns / counts, counts)
+    s = np.concatenate([[0.0], np.cumsum(np.abs(parts))])
+    heading = np.concatenate([[0.0], np.cumsum(turned)])
+    middle, first = 0.5 * (s[1:] + s[:-1]), 0
+    for run in np.split(np.arange(len(ways)), np.flatnonzero(windows < 0.0) + 1):
+        last = first + int(counts[run].sum())
+        low, high, here = s[first], s[last], slice(first, last)
+        if len(run) > 1:
+            joints = s[first + np.cumsum(counts[run])[:-1]]
+            width = np.interp(middle[here], joints, windows[run[:-1]])
+            size = np.abs(parts[here])
+            half = 0.5 * np.maximum(width, size)
+            # beyond its ends it would go on as it begins and ends
+            far = 2.0 * (high - low)
+            known = (
+                np.concatenate([[low - far], s[first : last + 1], [high + far]]),
+                np.concatenate(
+                    [
+                        [heading[first] - far * turned[first] / size[0]],
+                        heading[first : last + 1],
+                        [heading[last] + far * turned[last - 1] / size[-1]],
+                    ]
+                ),
+            )
+            mean = np.interp(middle[here] + half, *known) - np.interp(middle[here] - half, *known)
+            turned[here] = size * mean / (2.0 * half)
+        first = last
+    heading = start[2] + np.concatenate([[0.0], np.cumsum(turned)])
+    chord, along = parts * np.sinc(turned / (2.0 * math.pi)), heading[:-1] + 0.5 * turned
+    x, y = (np.append(0.0, np.cumsum(chord * f(along))) for f in (np.cos, np.sin))
+    return np.stack([start[0] + x, start[1] + y, heading], axis=1)
+
+
+# ------------------ Bends of what moves in any direction
+# How such a way is cut into pieces, and what its body may do in a bend.
+
+
+SHORT = 1e-7
+"""Steps shorter than this (m) carry no shape of their own."""
+STRAIGHT, SHARP = 1e-4, 0.35
+"""An omnidirectional body bends where its direction changes by more from sample to sample, and
+rests where it changes by more.
+"""
+
+
+def bends_of(
+    poses: FloatArray, s: FloatArray, times: FloatArray, body: Body, most: FloatArray
+) -> tuple[FloatArray, BoolArray, BoolArray]:
+    """Return how an omnidirectional body gets along a way that was driven at ``times`` (n,): top
+    speeds (m/s) between samples, none above ``most`` (n - 1,), whether it keeps to one speed there,
+    and where it has to rest.
+
+    What was driven keeps to the limits, so a bend may be driven at one speed that is not more.
+    """
+    kin = body.kinematics
+    fast = np.minimum(kin.v_max, most)
+    step, gone = np.diff(s), np.diff(poses[:, :2], axis=0)
+    turn, way = np.abs(np.diff(poses[:, 2])), np.hypot(*gone.T)
+    arc = kin.reach * np.diff(poses[:, 2])
+    spot = way < ON_SPOT * turn
+    tops = np.where(spot, kin.v_max, np.minimum(kin.v_max, kin.omega_max * step / (turn + 1e-12)))
+    driven = np.minimum(step / np.diff(times), kin.v_max)
+    unit = np.column_stack((gone, arc)) / np.maximum(step, SHORT)[:, None]
+    change = np.diff(np.where(spot[:, None], 0.0, unit), axis=0)
+    change = np.hypot(change[:, 0], change[:, 1]) + np.abs(change[:, 2])
+    bend = change > STRAIGHT
+    # a little slower than its planner chose, and at rest where that is far below its top speed
+    speed = 0.95 * np.minimum(driven[1:], driven[:-1])
+    slow = bend & (speed < 0.3 * np.minimum(fast[1:], fast[:-1]))
+    rests = (spot[1:] != spot[:-1]) | slow | (change > SHARP)
+    bend &= ~rests
+    steady = np.zeros(len(step), dtype=np.bool_)
+    for side in (slice(None, -1), slice(1, None)):
+        steady[side] |= bend
+        tops[side] = np.where(bend, np.minimum(tops[side], speed), tops[side])
+    tops = np.where(spot, tops, np.minimum(tops, most))
+    return tops, steady, np.concatenate([[True], rests, [True]])
+
+
+def ways_at(poses: FloatArray, s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the direction per metre (n, 2) in which an omnidirectional body comes to each sample
+    of its way, and that in which it leaves: where it does not rest, that of a straight piece
+    beside it, else the mean of both sides.
+    """
+    unit = np.diff(poses[:, :2], axis=0) / np.diff(s)[:, None]
+    change = np.concatenate([[0.0], np.hypot(*np.diff(unit, axis=0).T), [0.0]])
+    bend = change > STRAIGHT
+    before, after = np.concatenate([unit[:1], unit]), np.concatenate([unit, unit[-1:]])
+    begins = bend & ~np.append(False, bend[:-1])
+    ends = bend & ~np.append(bend[1:], False)
+    mean = 0.5 * (before + after)
+    way = np.where((begins & ~ends)[:, None], before, mean)
+    way = np.where((ends & ~begins)[:, None], after, way)
+    sharp = (change > SHARP)[:, None]
+    return np.where(sharp, before, way), np.where(sharp, after, way)
+
+
+def between_bends(
+    poses: FloatArray,
+    s: FloatArray,
+    ways: tuple[FloatArray, FloatArray],
+    i: IntArray,
+    share: FloatArray,
+) -> FloatArray:
+    """Return the poses (k, 3) ``share`` (k,) of the way from samples ``i`` (k,) of an
+    omnidirectional body's way to the next ones, along cubics (Hermite) that keep its direction
+    (``ways``, see :func:`ways_at`) from jumping.
+    """
+    u, step = share[:, None], (s[i + 1] - s[i])[:, None]
+    a, b = poses[i], poses[i + 1]
+    out = a + u * (b - a)
+    d = b[:, :2] - a[:, :2]
+    comes, leaves = ways
+    p, q = leaves[i] * step - d, d - comes[i + 1] * step
+    out[:, :2] += u * (1 - u) * ((1 - u) * p + u * q)
+    return np.asarray(out)

@@ -1,7 +1,10 @@
-"""Rest-to-rest timing of paths: trapezoidal speed on each run, rest at each cusp."""
+"""Rest-to-rest timing: trapezoidal speed on each run of a car's path, which rests at each cusp, and
+on each straight piece of a chain (SE2 and SE3 bodies), with a rest at each node.
+"""
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -10,10 +13,10 @@ import numpy.typing as npt
 
 from up_samp.geometry.kernels import advance
 from up_samp.geometry.records import kernel
-from up_samp.model import Configuration, Kinematics, Trajectory
+from up_samp.model import Configuration, Kinematics, Trajectory, interpolate
 from up_samp.model.arrays import FloatArray
-from up_samp.motion.curves.arcs import nodes_of
-from up_samp.motion.curves.reeds_shepp import DriveLimits, run_time
+from up_samp.motion.curves.reeds_shepp import DriveLimits, nodes_of, run_time
+from up_samp.motion.curves.trajectories import rotations, with_ends
 
 SHORTEST = 1e-6
 """Arcs shorter than this (m) are no samples of their own. They turn all the same: what comes after
@@ -106,30 +109,21 @@ def _run_samples(arcs: FloatArray, v: float, a: float) -> tuple[FloatArray, Floa
 
 
 def trajectory_of(
-    poses: Sequence[Configuration], legs: Sequence[FloatArray], kinematics: Kinematics
+    ends: Sequence[Configuration], arcs: FloatArray, kinematics: Kinematics
 ) -> Trajectory:
-    """Return the timed motion along ``legs`` (arcs between successive ``poses``), from time 0.
-
-    The car rests at each pose. It starts and passes exactly at the poses (theta modulo 2 pi, but
-    continuous).
+    """Return a car's timed motion along ``arcs`` from the first of two poses exactly to the other
+    one (theta modulo 2 pi, but continuous), from time 0.
     """
     v, a = limits_of(kinematics)[1:3]
-    times = [np.zeros(1)]
-    rows = [np.array([poses[0][:3]], dtype=np.float64)]
-    now = 0.0
-    for target, arcs in zip(poses[1:], legs, strict=True):
-        begins = nodes_of(rows[-1][-1], np.ascontiguousarray(arcs))
-        for some in _long_ones(arcs):
-            run = arcs[some]
-            t, s = _run_samples(run, v, a)
-            times.append(now + t)
-            ends = np.cumsum(np.abs(run[:, 1]))
-            rows.append(poses_on(begins[some], run, ends, s))
-            now = float(times[-1][-1])
-        end = rows[-1][-1]
-        turns = round((float(end[2]) - target[2]) / (2 * math.pi))
-        end[:] = (target[0], target[1], target[2] + turns * 2 * math.pi)
-    return Trajectory(np.concatenate(times), np.concatenate(rows))
+    times, rows = [np.zeros(1)], [np.array([ends[0][:3]], dtype=np.float64)]
+    begins = nodes_of(rows[0][0], np.ascontiguousarray(arcs))
+    for some in _long_ones(arcs):
+        run = arcs[some]
+        t, s = _run_samples(run, v, a)
+        times.append(times[-1][-1] + t)
+        rows.append(poses_on(begins[some], run, np.cumsum(np.abs(run[:, 1])), s))
+    motion = Trajectory(np.concatenate(times), np.concatenate(rows))
+    return with_ends(motion, ends[0], ends[1])
 
 
 @kernel
@@ -150,3 +144,63 @@ def poses_on(begins: FloatArray, arcs: FloatArray, ends: FloatArray, s: FloatArr
             part = -part
         out[i, 0], out[i, 1], out[i, 2] = advance(x, y, th, arcs[k, 0], part)
     return out
+
+
+# ------------------ Chains of straight motions
+
+
+def turn_between(a: FloatArray, b: FloatArray) -> float:
+    """Return the angle (rad) between two poses: (x, y, theta), theta continuous, or with a
+    quaternion (x, y, z, qx, qy, qz, qw), where it is at most pi.
+    """
+    if len(a) == 3:
+        return abs(float(b[2] - a[2]))
+    return float(np.linalg.norm(rotations(np.array([a, b]))))
+
+
+def leg_profile(a: FloatArray, b: FloatArray, kinematics: Kinematics) -> tuple[float, float, float]:
+    """Return (seconds, top speed, acceleration) of a rest-to-rest trapezoid over the *share* (0 to
+    1) of the straight motion from ``a`` to ``b``; speeds and accelerations in shares.
+
+    Distance and turn share the trapezoid, so that ``v_max``, ``a_max`` and ``omega_max`` all hold.
+    A turn on the spot runs at a constant rate where nothing limits ``alpha_max``.
+    """
+    size = 2 if len(a) == 3 else 3
+    turn = turn_between(a, b)
+    way = float(np.linalg.norm(b[:size] - a[:size])) + kinematics.reach * turn
+    if way < 1e-9:
+        if turn < 1e-12:
+            return 0.0, 0.0, 0.0
+        speed = kinematics.omega_max / turn
+        acceleration = kinematics.alpha_max / turn
+        return float(run_time(1.0, speed, acceleration)), speed, acceleration
+    speed = kinematics.v_max / way
+    if turn > 1e-12:
+        speed = min(speed, kinematics.omega_max / turn)
+    acceleration = kinematics.a_max / way
+    return float(run_time(1.0, speed, acceleration)), speed, acceleration
+
+
+def timed_chain(nodes: FloatArray, kinematics: Kinematics) -> Trajectory:
+    """Return the motion through ``nodes``, shape (n, 3) or (n, 7), from time 0, at rest at each.
+
+    Positions move straight, headings turn at the same share (quaternions by slerp).
+    """
+    times, rows = [np.zeros(1)], [np.array(nodes[:1])]
+    now = 0.0
+    for a, b in itertools.pairwise(nodes):
+        seconds, speed, acceleration = leg_profile(a, b, kinematics)
+        if seconds <= 1e-9:
+            continue
+        count = max(2, math.ceil(seconds / Trajectory.MAX_STEP - 1e-9))
+        grid = np.linspace(0.0, seconds, count + 1)[1:]
+        shares = distance_of_time(grid, 1.0, speed, acceleration)
+        if len(a) == 3:
+            poses = a + shares[:, None] * (b - a)
+        else:
+            poses = np.array([interpolate(a, b, float(s)) for s in shares])
+        poses[-1] = b
+        times.append(now + grid)
+        rows.append(poses)
+        now += seconds
+    return Trajectory(np.concatenate(times), np.concatenate(rows))

@@ -6,14 +6,14 @@ import itertools
 import math
 import random
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 import shapely
 
+from up_samp.geometry.meshes import met_by
 from up_samp.geometry.scene import Scene
-from up_samp.geometry.shadows import met_by
 from up_samp.model import Body, Configuration, Deadline, Placed, TimedMotion, avoids
 from up_samp.motion.curves.trajectories import with_ends
 from up_samp.motion.fleet.conflicts import Swept, kept, sweeps_meet, swept_in_step
@@ -22,7 +22,7 @@ from up_samp.motion.fleet.roadmap import Roadmap, RoadmapEdge, cells_of
 from up_samp.motion.fleet.speed import parked_all_the_time
 from up_samp.motion.fleet.timed_path import TimedPath
 from up_samp.motion.fleet.workspace import Workspace
-from up_samp.motion.moves import ShortMove, drive, in_step
+from up_samp.motion.moves import drive
 
 State = tuple[int, ...]
 
@@ -51,17 +51,12 @@ class _Node:
 
 class Joint:
     """Searches joint moves of ``agents``; ``heeds[i][j]``: whether i and j must keep apart by
-    ``margin`` m; ``together``: also joint moves in which some have to go at the same time.
+    ``margin`` m.
     """
 
     def __init__(
-        self,
-        agents: Sequence[Agent],
-        heeds: Sequence[Sequence[bool]],
-        margin: float,
-        together: bool = False,
+        self, agents: Sequence[Agent], heeds: Sequence[Sequence[bool]], margin: float
     ) -> None:
-        self.together = together
         self.agents, self.heeds, self.margin = agents, heeds, margin
         self.rng = random.Random(0)
         self.work = 0
@@ -156,15 +151,14 @@ class Joint:
             if robot not in chosen and not self._push(robot, node, rests, chosen):
                 return None
         step = tuple(chosen[i] for i in range(len(self.agents)))
-        return step if self.turns(step) is not None else None
+        return step if self.in_turns(step) is not None else None
 
-    def turns(self, step: tuple[RoadmapEdge, ...]) -> list[list[int]] | None:
-        """Return groups of those that move, in an order in which one group after the other can
-        move while all others rest. Those of a group move in step: in a full ring nobody can go
-        first. None where that is not wanted, or a move in step stops on its way (``Move.steady``).
+    def in_turns(self, step: tuple[RoadmapEdge, ...]) -> list[int] | None:
+        """Return those that move, in an order in which one after the other can move while all
+        others rest (None: there is none).
         """
         moving = [i for i, edge in enumerate(step) if edge.source != edge.target]
-        # before[i]: who has to go before i does, or with it
+        # before[i]: who has to go before i does
         before: dict[int, set[int]] = {i: set() for i in moving}
         for i, j in itertools.permutations(moving, 2):
             if self._blocks(step, j, step[j].source, i):
@@ -174,15 +168,9 @@ class Joint:
         for k, i in itertools.product(moving, moving):
             if k in before[i]:
                 before[i] |= before[k]
-        groups: list[list[int]] = []
-        for i in sorted(moving, key=lambda i: (len(before[i] | {i}), i)):
-            if not any(i in group for group in groups):
-                groups.append(sorted({i} | {j for j in before[i] if i in before[j]}))
-        for group in groups:
-            steady = self.together and all(step[i].move.steady for i in group)
-            if len(group) > 1 and not steady:
-                return None
-        return groups
+        if any(i in before[i] for i in moving):
+            return None
+        return sorted(moving, key=lambda i: (len(before[i]), i))
 
     def _blocks(self, step: tuple[RoadmapEdge, ...], j: int, place: int, i: int) -> bool:
         """Return whether robot j, at rest at a place, is in the way of i's move."""
@@ -254,9 +242,7 @@ def _steps(node: _Node) -> list[tuple[RoadmapEdge, ...]]:
 
 @dataclass(frozen=True)
 class LooseMove:
-    """A drive of one robot along moves (one or more) while all others rest that have no trip in the
-    same stage.
-    """
+    """A drive of one robot along moves (one or more) while all others rest."""
 
     robot: int
     edges: tuple[RoadmapEdge, ...]
@@ -277,12 +263,7 @@ class LooseMove:
         return sum(edge.cost for edge in self.edges)
 
 
-Stage = tuple[LooseMove, ...]
-"""Trips at the same time, while everybody else rests: one, or several of one move each that are
-driven in step."""
-
-
-def loosened(joint: Joint, steps: Sequence[tuple[RoadmapEdge, ...]]) -> list[Stage]:
+def loosened(joint: Joint, steps: Sequence[tuple[RoadmapEdge, ...]]) -> list[LooseMove]:
     """Return joint moves (an edge for each robot) as drives with few stops and short ways: two
     drives of a robot become one, early or late, where the others do not need it to stand in
     between.
@@ -300,111 +281,83 @@ def loosened(joint: Joint, steps: Sequence[tuple[RoadmapEdge, ...]]) -> list[Sta
     return found
 
 
-def _in_order(joint: Joint, steps: Sequence[tuple[RoadmapEdge, ...]]) -> list[Stage]:
-    """Return the moves one by one, each clear of everybody else at rest; those that have to be at
-    the same time together.
-    """
-    return [
-        tuple(LooseMove(i, (step[i],)) for i in group)
-        for step in steps
-        for group in joint.turns(step) or ()
-    ]
+def _in_order(joint: Joint, steps: Sequence[tuple[RoadmapEdge, ...]]) -> list[LooseMove]:
+    """Return the moves one by one, each clear of everybody else at rest."""
+    return [LooseMove(i, (step[i],)) for step in steps for i in joint.in_turns(step) or ()]
 
 
-def _joined(joint: Joint, order: Sequence[Stage]) -> list[Stage]:
+def _joined(joint: Joint, order: Sequence[LooseMove]) -> list[LooseMove]:
     """Return the moves as drives, in an order that keeps who goes before whom where
     two moves meet.
 
     The next drive is one that brings its robot to its end, or else the longest one.
     """
-    count = len(joint.agents)
-    mine: list[list[int]] = [[] for _ in range(count)]
     waits = [{q for q in range(k) if _meet(joint, order[k], order[q])} for k in range(len(order))]
-    for k, stage in enumerate(order):
-        for trip in stage:
-            mine[trip.robot].append(k)
     done: set[int] = set()
-    drives: list[Stage] = []
+    drives: list[LooseMove] = []
     while len(done) < len(order):
+        # the first of those left can always go: the given order is one that works
         options: list[tuple[bool, int, int, list[int]]] = []
-        for robot in range(count):
-            left = [k for k in mine[robot] if k not in done]
-            ready: list[int] = []
-            for k in left:
-                if not waits[k] <= done or len(order[k]) > 1:
-                    break
-                ready.append(k)
+        for robot in range(len(joint.agents)):
+            left = [k for k, trip in enumerate(order) if trip.robot == robot and k not in done]
+            held = (n for n, k in enumerate(left) if not waits[k] <= done)
+            ready = left[: next(held, len(left))]
             if ready:
                 options.append((len(ready) < len(left), -len(ready), robot, ready))
-        # the first of those left can always go: the given order is one that works
-        first = next(k for k in range(len(order)) if k not in done)
-        if len(order[first]) > 1:
-            options.append((True, -1, count, [first]))
-        _, _, robot, ready = min(options, key=lambda option: option[:3])
+        _, _, robot, ready = min(options)
         done |= set(ready)
-        if robot == count:
-            drives.append(order[first])
-        else:
-            drives.append((LooseMove(robot, tuple(order[k][0].edges[0] for k in ready)),))
+        drives.append(LooseMove(robot, tuple(order[k].edges[0] for k in ready)))
     return drives
 
 
-def _meet(joint: Joint, a: Stage, b: Stage) -> bool:
-    """Return whether any moves of two stages come too close to each other."""
-    return any(
-        joint.overlap(t.robot, e, u.robot, f)
-        for t, u in itertools.product(a, b)
-        for e, f in itertools.product(t.edges, u.edges)
-    ) or bool({t.robot for t in a} & {t.robot for t in b} and len(a) + len(b) > 2)
+def _meet(joint: Joint, a: LooseMove, b: LooseMove) -> bool:
+    """Return whether any moves of two drives come too close to each other."""
+    pairs = itertools.product(a.edges, b.edges)
+    return any(joint.overlap(a.robot, e, b.robot, f) for e, f in pairs)
 
 
-def _seconds(stages: Sequence[Stage]) -> float:
-    return sum(trip.seconds for stage in stages for trip in stage)
+def _seconds(trips: Sequence[LooseMove]) -> float:
+    return sum(trip.seconds for trip in trips)
 
 
-def _merge(joint: Joint, stages: list[Stage], k: int) -> bool:
+def _merge(joint: Joint, trips: list[LooseMove], k: int) -> bool:
     """Join drive ``k`` with the same robot's next one, in place; return whether that works."""
-    first = stages[k][0]
-    after = range(k + 1, len(stages))
-    n = next((i for i in after if any(t.robot == first.robot for t in stages[i])), -1)
-    if n < 0 or len(stages[k]) > 1 or len(stages[n]) > 1:
+    first = trips[k]
+    n = next((i for i in range(k + 1, len(trips)) if trips[i].robot == first.robot), -1)
+    if n < 0:
         return False
-    second, roadmap = stages[n][0], joint.agents[first.robot].roadmap
-    between = [trip for stage in stages[k + 1 : n] for trip in stage]
+    second, roadmap = trips[n], joint.agents[first.robot].roadmap
     for place, when in ((first.start, n), (second.end, k)):
-        rest = roadmap.rest(place)
-        if any(joint.overlap(first.robot, rest, t.robot, e) for t in between for e in t.edges):
+        rest = LooseMove(first.robot, (roadmap.rest(place),))
+        if any(_meet(joint, rest, between) for between in trips[k + 1 : n]):
             continue
         if first.start == second.end:
-            del stages[n], stages[k]
+            del trips[n], trips[k]
             return True
         limit = first.seconds + second.seconds + 1.0  # what a stop is worth
-        rests = _rests(joint, stages, when)
+        rests = _rests(joint, trips, when)
         way = _route(joint, first.robot, (first.start, second.end), rests, limit)
         if way is not None:
-            stages[when] = (LooseMove(first.robot, way),)
-            del stages[k if when == n else n]
+            trips[when] = LooseMove(first.robot, way)
+            del trips[k if when == n else n]
             return True
     return False
 
 
-def _shorten(joint: Joint, stages: list[Stage], k: int) -> None:
+def _shorten(joint: Joint, trips: list[LooseMove], k: int) -> None:
     """Replace a drive by the shortest one among the others at rest."""
-    if len(stages[k]) > 1:
-        return
-    trip = stages[k][0]
+    trip = trips[k]
     ends, limit = (trip.start, trip.end), trip.seconds - 1e-9
-    way = _route(joint, trip.robot, ends, _rests(joint, stages, k), limit)
+    way = _route(joint, trip.robot, ends, _rests(joint, trips, k), limit)
     if way:
-        stages[k] = (LooseMove(trip.robot, way),)
+        trips[k] = LooseMove(trip.robot, way)
 
 
-def _rests(joint: Joint, stages: Sequence[Stage], k: int) -> list[RoadmapEdge]:
+def _rests(joint: Joint, trips: Sequence[LooseMove], k: int) -> list[RoadmapEdge]:
     """Return everybody's rest before drive ``k``."""
     at = [agent.start for agent in joint.agents]
-    for stage in stages[:k]:
-        for trip in stage:
-            at[trip.robot] = trip.end
+    for trip in trips[:k]:
+        at[trip.robot] = trip.end
     return [agent.roadmap.rest(place) for agent, place in zip(joint.agents, at, strict=True)]
 
 
@@ -437,8 +390,8 @@ def _route(
 # proves nothing: the roadmaps leave poses out.
 
 
-Drives = tuple[tuple[int, Path], ...]
-"""Paths of robots at the same time: one, or several with a timing in which they keep clear."""
+Drive = tuple[int, Path]
+"""A robot (its number) and its path."""
 
 
 @dataclass
@@ -474,7 +427,7 @@ def untie(
     motions: Sequence[TimedMotion],
     world: Sequence[TimedPath],
     deadline: Deadline,
-) -> list[Drives] | None:
+) -> list[Drive] | None:
     """Return drives (robot, path) in a sequence that brings everybody from start to goal, each one
     clear of all others at rest where the drives before left them; None if none is found.
 
@@ -485,40 +438,31 @@ def untie(
     if scene is None or any(m.body.mobility.own_law for m in motions):
         return None
     knot = Knot(workspace, scene, motions, world, deadline)
-    searches = [(most, False) for most in workspace.tuning.knots]
-    if len(motions) > 2:  # nobody can go first: some at the same time; in a ring there are three
-        searches.append((150_000, True))
-    known: list[list[Agent]] = []
-    dry: set[int] = set()
-    for turn, (most, together) in enumerate(searches):
-        for number, agents in enumerate(known if turn else _coarse_to_fine(knot)):
-            known += [] if turn else [agents]
-            if number in dry and not together:
-                continue
-            joint = Joint(agents, knot.heeds, knot.margin, together)
+    left: Iterable[list[Agent]] = _coarse_to_fine(knot)
+    for most in workspace.tuning.knots:
+        cut = []
+        for agents in left:
+            joint = Joint(agents, knot.heeds, knot.margin)
             steps = joint.search(most, deadline)
             drives = None if steps is None else drives_of(knot, joint, loosened(joint, steps))
-            dry |= {number} if joint.dry else set()
             if drives is not None or deadline.expired():
                 return drives
+            cut += [] if joint.dry else [agents]
+        left = cut
     return None
 
 
-def drives_of(knot: Knot, joint: Joint, stages: Sequence[Stage]) -> list[Drives] | None:
+def drives_of(knot: Knot, joint: Joint, trips: Sequence[LooseMove]) -> list[Drive] | None:
     """Return the drives with a planner's paths where it finds shorter ones."""
     at: list[Configuration] = [m.poses[0] for m in knot.motions]
-    found: list[Drives] = []
-    for stage in stages:
-        ends = {t.robot: joint.agents[t.robot].roadmap.poses[t.end] for t in stage}
-        if len(stage) == 1:
-            path = _drive(knot, joint, stage[0], at, ends[stage[0].robot])
-            if path is None:
-                return None
-            found.append(((stage[0].robot, path),))
-        else:
-            found.append(_together(knot, stage, at, ends))
-        for robot, end in ends.items():
-            at[robot] = end
+    found: list[Drive] = []
+    for trip in trips:
+        end = joint.agents[trip.robot].roadmap.poses[trip.end]
+        path = _drive(knot, joint, trip, at, end)
+        if path is None:
+            return None
+        found.append((trip.robot, path))
+        at[trip.robot] = end
     return found
 
 
@@ -564,19 +508,6 @@ def _agents(knot: Knot, cells: Sequence[float]) -> list[Agent] | None:
     return [agents[i] for i in range(len(knot.motions))]
 
 
-def _together(
-    knot: Knot, stage: Stage, at: Sequence[Configuration], ends: Mapping[int, Configuration]
-) -> Drives:
-    """Return the paths of trips that are driven in step."""
-    robots = [t.robot for t in stage]
-    moves = [t.edges[0].move for t in stage]
-    motions = in_step(moves, [knot.motions[i].body.kinematics for i in robots])
-    return tuple(
-        (i, path_of(with_ends(motion, at[i], ends[i]), knot.motions[i].body, _marks([move])))
-        for i, move, motion in zip(robots, moves, motions, strict=True)
-    )
-
-
 def _drive(
     knot: Knot, joint: Joint, trip: LooseMove, at: Sequence[Configuration], end: Configuration
 ) -> Path | None:
@@ -594,7 +525,8 @@ def _drive(
     )
     moves = [edge.move for edge in trip.edges]
     whole = with_ends(drive(moves, motion.body.kinematics), at[robot], end)
-    own = path_of(whole, motion.body, _marks(moves))
+    rows = [moves[0].rows[0], *(move.rows[-1] for move in moves)]
+    own = path_of(whole, motion.body, [tuple(row.tolist()) for row in rows])
     options = sorted((p for p in (path, own) if p is not None), key=lambda p: p.natural.duration)
     rests = [knot.workspace.resting(p.body, p.pose) for p in parked]
     clear = (p for p in options if not any(len(knot.workspace.conflicts(p, r)) for r in rests))
@@ -605,8 +537,3 @@ def grown(body: Body, by: float) -> Body:
     """Return the body with a footprint that is wider by ``by`` m on all sides."""
     ring = shapely.Polygon(body.footprint).buffer(by, join_style="mitre").exterior
     return replace(body, footprint=tuple((float(x), float(y)) for x, y in ring.coords[:-1]))
-
-
-def _marks(moves: Sequence[ShortMove]) -> list[Configuration]:
-    rows = [moves[0].rows[0], *(move.rows[-1] for move in moves)]
-    return [tuple(row.tolist()) for row in rows]

@@ -8,17 +8,14 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from up_samp.geometry import sweeps
+from up_samp.geometry.kernels import first_hit
 from up_samp.geometry.scene import Scene
 from up_samp.model.arrays import FloatArray
-from up_samp.motion.curves.arcs import merged
-from up_samp.motion.curves.blending import pieces
+from up_samp.motion.curves.blending import glide, pieces
 from up_samp.motion.curves.reeds_shepp import DriveLimits, fastest
 from up_samp.motion.curves.rolling import rolled, rolling_radius, rows_of, thinned
-from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
+from up_samp.motion.curves.trapezoid import limits_of
 from up_samp.motion.fleet.paths import Path, path_of
-from up_samp.motion.planners.car_shortcuts import settle
-from up_samp.motion.planners.gliding import glide
 
 EXACT = 1e-7
 """Metres, or rad, by which a lane may miss the path that it comes back to."""
@@ -39,8 +36,7 @@ def shifted_lane(scene: Scene, path: Path, first: float, last: float, offset: fl
         return None
     if able.sideways:
         return _beside(scene, path, first, last, offset)
-    swerve = _rolled_aside if able.pivots else _swerved
-    return swerve(scene, path, first, last, offset)
+    return _swerved(scene, path, first, last, offset)
 
 
 def _beside(scene: Scene, path: Path, first: float, last: float, offset: float) -> Path | None:
@@ -85,34 +81,15 @@ def _thinned(rows: FloatArray, off_line: float = 0.01) -> FloatArray:
 
 
 def _swerved(scene: Scene, path: Path, first: float, last: float, offset: float) -> Path | None:
-    """Return the lane of a car."""
-    kin = path.body.kinematics
-    reach = _swerve(offset, kin.turning_radius)
-    begin, end = max(first - reach, 0.0), min(last + reach, path.length)
-    marks = np.array([begin, first, last, end])
-    poses = _aside(path, marks, offset)
-    curves = curves_through(poses, np.diff(marks), limits_of(kin))
-    if curves is None:
-        return None
-    ends = arcs_between(path, 0.0, begin), arcs_between(path, end, path.length)
-    whole = merged(np.concatenate([ends[0], *curves, ends[1]]))
-    start, goal = path.poses[0].copy(), path.poses[-1]  # no kernel is for what cannot be written
-    if sweeps.path_free(scene.world(scene.shape(path.body)), start, whole) >= 0:
-        return None
-    if settle(start, goal, whole) > EXACT:
-        return None
-    return path_of(trajectory_of(path.ends, [whole], kin), path.body, path.ends)
-
-
-def _rolled_aside(
-    scene: Scene, path: Path, first: float, last: float, offset: float
-) -> Path | None:
-    """Return the lane of a body that turns on the spot: it drives arcs all the same, between the
-    places where it rests.
+    """Return the lane of a body that drives along its heading: arcs, between the places where it
+    rests.
     """
     kin, stops = path.body.kinematics, path.s[path.stop]
-    car = limits_of(kin)._replace(radius=rolling_radius(kin))
-    reach = _swerve(offset, car.radius)
+    car = limits_of(kin)
+    if path.body.mobility.pivots:
+        car = car._replace(radius=rolling_radius(kin))
+    # two equal arcs take about 2 sqrt(|d| (2 R - |d| / 2)), with some air
+    reach = 2.0 * math.sqrt(abs(offset) * car.radius * 2.0) + car.radius
     begin = max(first - reach, float(stops[stops <= first + 1e-9][-1]))
     end = min(last + reach, float(stops[stops >= last - 1e-9][0]))
     if not begin < first < last < end or np.any((stops > first) & (stops < last)):
@@ -131,16 +108,9 @@ def _rolled_aside(
     after = path.poses[path.s > end + EXACT].copy()
     after[:, 2] += parts[-1][-1, 2] - poses[-1, 2] - _off(parts[-1][-1], poses[-1])[2]
     rows = thinned(np.concatenate([*parts, after]), kin)
-    if sweeps.first_hit(scene.world(scene.shape(path.body)), rows) >= 0:
+    if first_hit(scene.world(scene.shape(path.body)), rows) >= 0:
         return None
     return path_of(rolled(rows, kin), path.body, path.ends)
-
-
-def _swerve(offset: float, radius: float) -> float:
-    """Return how long (m) a lane change is: two equal arcs take about 2 sqrt(|d| (2 R - |d| / 2)),
-    with some air.
-    """
-    return 2.0 * math.sqrt(abs(offset) * radius * 2.0) + radius
 
 
 def _aside(path: Path, marks: FloatArray, offset: float) -> FloatArray:
@@ -170,20 +140,3 @@ def _off(pose: FloatArray, target: FloatArray) -> FloatArray:
     off = pose - target
     off[2] = math.remainder(float(off[2]), 2 * math.pi)
     return np.asarray(off)
-
-
-def arcs_between(path: Path, first: float, last: float) -> FloatArray:
-    """Return the arcs (curvature, signed length) of a car's path from ``first`` to ``last`` m."""
-    kinks = path.s[path.kink]
-    marks = np.concatenate([[first], kinks[(kinks > first) & (kinks < last)], [last]])
-    marks = marks[np.concatenate([[True], np.diff(marks) > 1e-9])]
-    if len(marks) < 2:
-        return np.empty((0, 2))
-    middle = 0.5 * (marks[1:] + marks[:-1])
-    i = np.clip(np.searchsorted(path.s, middle, side="right") - 1, 0, len(path.s) - 2)
-    d = path.poses[i + 1] - path.poses[i]
-    heading = path.poses[i, 2] + 0.5 * d[:, 2]
-    sign = np.sign(np.cos(heading) * d[:, 0] + np.sin(heading) * d[:, 1])
-    lengths = np.diff(marks) * sign
-    poses = path.poses_at(marks)
-    return np.stack([np.diff(poses[:, 2]) / lengths, lengths], axis=1)

@@ -16,12 +16,12 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from up_samp.model import Deadline, Rest, TimedMotion
-from up_samp.motion.budget import WorkBudget
 from up_samp.motion.fleet.paths import ON_TIME, Path
 from up_samp.motion.fleet.space_time import proposer_of
 from up_samp.motion.fleet.speed import fit
 from up_samp.motion.fleet.timed_path import TimedPath, natural_timing, run_of
 from up_samp.motion.fleet.workspace import Workspace, rest_run
+from up_samp.motion.protocol import WorkBudget
 
 Runs = Mapping[str, TimedPath]
 """Runs by the names of their motions."""

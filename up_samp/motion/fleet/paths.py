@@ -20,11 +20,20 @@ from up_samp.geometry.records import inner, kernel
 from up_samp.geometry.shapes import Shape, padded, shape_of
 from up_samp.model import Body, Configuration, Trajectory
 from up_samp.model.arrays import BoolArray, FloatArray, IntArray
-from up_samp.motion.curves.bends import SHORT, bends_of, between_bends, ways_at
 from up_samp.motion.curves.rolling import ON_SPOT, rolls_of
-from up_samp.motion.curves.slowing import allowed_speeds, last_stay, push_along, slowed, steps_in
-from up_samp.motion.curves.turning import limits_in_bends
-from up_samp.motion.curves.twists import partway, travels, twists
+from up_samp.motion.curves.slowing import (
+    SHORT,
+    allowed_speeds,
+    bends_of,
+    between_bends,
+    last_stay,
+    limits_in_bends,
+    push_along,
+    slowed,
+    steps_in,
+    ways_at,
+)
+from up_samp.motion.curves.trajectories import partway, rotations, travels, twists
 from up_samp.motion.fleet.conflicts import Hull, Swept, runs_in, sweep_table
 from up_samp.motion.fleet.flyers import ROUND, SweptSolid
 
@@ -314,7 +323,8 @@ LEVELS = 20
 def path_steps(poses: FloatArray, body: Body, radius: float) -> FloatArray:
     """Return the steps of ``s`` (m) between samples of a body of this ``radius`` (m)."""
     if body.flies:
-        return _flown(poses, radius)
+        ways = np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1)
+        return np.asarray(ways + radius * np.linalg.norm(rotations(poses), axis=1))
     kin = body.kinematics
     moves = twists(poses)
     ways, turns = np.hypot(moves[:, 0], moves[:, 1]), np.abs(moves[:, 2])
@@ -326,24 +336,6 @@ def path_steps(poses: FloatArray, body: Body, radius: float) -> FloatArray:
         return np.where(ways < ON_SPOT * turns, spots, ways + arcs)
     turn_metre = 0.0 if kin.mobility.steers else radius
     return np.asarray(np.maximum(ways, turn_metre * turns))
-
-
-def _flown(poses: FloatArray, radius: float) -> FloatArray:
-    """Return how far (m) any point of a body in space moves at most between samples (n, 7)."""
-    quaternions = poses[:, 3:] / np.linalg.norm(poses[:, 3:], axis=1, keepdims=True)
-    # half the angle between two quaternions, by the chords to q and -q
-    chords = [np.linalg.norm(quaternions[1:] + k * quaternions[:-1], axis=1) for k in (-1, 1)]
-    turns = 4 * np.arctan2(np.minimum(*chords), np.maximum(*chords))
-    return np.asarray(np.linalg.norm(np.diff(poses[:, :3], axis=0), axis=1) + radius * turns)
-
-
-def top_speeds(poses: FloatArray, body: Body, most: FloatArray) -> FloatArray:
-    """Return the top speeds (m/s) between poses of a path, none above ``most`` where it drives."""
-    tops = np.full(len(poses) - 1, body.kinematics.v_max)
-    if body.mobility.rolls and len(poses) > 1:
-        rolls = rolls_of(poses, body.kinematics)
-        return np.where(np.abs(rolls.kinds) == 2, tops, np.minimum(rolls.tops, most))
-    return np.minimum(tops, most)
 
 
 def _reached(s: FloatArray, stop: BoolArray, body: Body) -> FloatArray:
@@ -378,9 +370,7 @@ def kinks_and_stops(poses: FloatArray, s: FloatArray, body: Body) -> tuple[BoolA
     if n > 2 and not body.flies:
         unit = twists(poses) / np.diff(s)[:, None]
         kink[1:-1] = np.abs(np.diff(unit, axis=0)).max(axis=1) > 1e-6  # more than rounding
-        if body.mobility.steers:
-            stop[1:-1] = unit[:-1, 0] * unit[1:, 0] < 0
-        elif body.mobility.rolls:  # it turns at will, but on the spot it rests
+        if body.mobility.steers or body.mobility.rolls:
             stop[1:-1] = np.diff(rolls_of(poses, body.kinematics).kinds) != 0
         elif not body.mobility.sideways:
             # a velocity may not jump: chords of smooth curves turn little from sample to sample
@@ -646,9 +636,7 @@ def path_of(
             if zone.dock is not None and zone.binds(kept[-1]):
                 stop[max(last_stay(zone, kept) - 1, 0)] = True  # slow cells begin there
         kink |= stop | _waypoints(trajectory, natural_s, s, waypoints[1:-1])
-    most = np.full(len(kept) - 1, math.inf)
-    if tunable and len(kept) > 1:
-        most = allowed_speeds(kept, body)
+    most = allowed_speeds(kept, body) if tunable else np.full(len(kept) - 1, math.inf)
     push = push_along(kept, body)
     tops, steady, stop = _tops(Trajectory(trajectory.times[keep], kept), s, stop, body, most, push)
     edges, halt = _cells(s, stop, tops, body, push, np.isfinite(most))
@@ -681,23 +669,25 @@ def _tops(
     and at which samples it rests, with those at which it has to ``stop``; ``most`` is what zones
     and bends allow, and ``push`` the acceleration (m/s^2) everywhere.
     """
-    poses = motion.poses
+    kin = body.kinematics
     steady, rests = np.zeros(len(most), dtype=np.bool_), np.zeros(len(s), dtype=np.bool_)
-    tops = top_speeds(poses, body, most)
-    if body.mobility.sideways and len(poses) > 1:
-        tops, steady, rests = bends_of(poses, s, motion.times, body, most)
+    tops = np.minimum(kin.v_max, most)
+    if body.mobility.rolls:
+        rolls = rolls_of(motion.poses, kin)
+        tops = np.where(np.abs(rolls.kinds) == 2, kin.v_max, np.minimum(rolls.tops, most))
+    elif body.mobility.sideways and len(s) > 1:
+        tops, steady, rests = bends_of(motion.poses, s, motion.times, body, most)
     at_rest = stop | rests
     limits = tops < _reached(s, at_rest, body)
     more = not (body.mobility.flies or body.mobility.own_law)
     while more:  # a stretch of several crawls is cut at the slower ones again
         crawled = _crawled(s, at_rest, np.where(limits, tops, -tops), push, steady)
         more = bool((crawled > at_rest).any())
-        if more:
-            at_rest |= crawled
-            limits = tops < _reached(s, at_rest, body)
+        at_rest |= crawled
+        limits = tops < _reached(s, at_rest, body)
     # what rests at both ends of a piece drives no bend there at speed
     steady &= ~(at_rest[1:] & at_rest[:-1])
-    return np.where(limits, tops, body.kinematics.v_max), steady, at_rest
+    return np.where(limits, tops, kin.v_max), steady, at_rest
 
 
 def through_zones(rows: IntArray, one: IntArray, other: IntArray) -> IntArray:

@@ -14,8 +14,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from up_samp.model import Body, Configuration, Deadline, Placed, Rest, TimedMotion, avoids
-from up_samp.motion.fleet.detours import Stand, is_good, met_at_full_speed, ways_past
-from up_samp.motion.fleet.one_robot import Attempt, plan_one
+from up_samp.motion.fleet.one_robot import (
+    Attempt,
+    Stand,
+    is_good,
+    met_at_full_speed,
+    plan_one,
+    ways_past,
+)
 from up_samp.motion.fleet.paths import Path
 from up_samp.motion.fleet.space_time import proposer_of
 from up_samp.motion.fleet.speed import fit

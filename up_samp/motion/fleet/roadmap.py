@@ -14,18 +14,19 @@ from functools import cached_property, lru_cache, partial
 
 import numpy as np
 
-from up_samp.geometry import Shape, sweeps
+from up_samp.geometry import Shape
+from up_samp.geometry.kernels import first_hit
 from up_samp.geometry.scene import Scene
 from up_samp.geometry.shapes import shape_of
 from up_samp.model import Body, Configuration, Kinematics, Placed, check_time, same_pose
 from up_samp.model.arrays import FloatArray
-from up_samp.motion.curves.arcs import length_of, nodes_of
-from up_samp.motion.curves.reeds_shepp import fastest
+from up_samp.motion.curves.reeds_shepp import fastest, length_of, nodes_of
 from up_samp.motion.curves.rolling import rolling_time
+from up_samp.motion.curves.trajectories import twists
 from up_samp.motion.curves.trapezoid import limits_of, runs_of
 from up_samp.motion.fleet.conflicts import Hull, Swept, sweep_table
 from up_samp.motion.fleet.paths import hull_of
-from up_samp.motion.guides.search_space import widest_shape
+from up_samp.motion.guides import widest_shape
 from up_samp.motion.moves import ShortMove, steer, straight_move
 
 Key = tuple[int, int, int]
@@ -198,7 +199,7 @@ class LatticeState:
         here = np.array(self.pose(key))
 
         def made(arcs: FloatArray, seconds: float) -> ShortMove:
-            return ShortMove(nodes_of(here, arcs), seconds, arcs)
+            return ShortMove(nodes_of(here, arcs), seconds)
 
         return [
             ((i + di, j + dj, n), length_of(arcs), 0.0, partial(made, arcs, seconds))
@@ -290,10 +291,8 @@ class RoadmapEdge:
 
 def steps_of(rows: FloatArray, radius: float) -> FloatArray:
     """Return the larger of way and turn times ``radius`` between poses (k, 3): shape (k - 1,)."""
-    d = np.diff(rows, axis=0)
-    half = 0.5 * np.abs(d[:, 2])
-    grow = np.where(half < 1e-9, 1.0, half / np.maximum(np.sin(np.minimum(half, 3.0)), 1e-9))
-    steps = np.maximum(np.hypot(d[:, 0], d[:, 1]) * grow, radius * np.abs(d[:, 2]))
+    moves = twists(rows)
+    steps = np.maximum(np.hypot(moves[:, 0], moves[:, 1]), radius * np.abs(moves[:, 2]))
     return np.asarray(np.maximum(steps, 1e-9))
 
 
@@ -481,7 +480,7 @@ class Roadmap:
         return self._places[key]
 
     def _sweeps_free(self, rows: FloatArray) -> bool:
-        return sweeps.first_hit(self._world, rows) < 0
+        return first_hit(self._world, rows) < 0
 
     def _new(self, pose: Configuration) -> int:
         self.poses.append(pose)

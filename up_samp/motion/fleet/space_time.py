@@ -3,7 +3,7 @@ Likhachev 2011), with what stopping and turning cost.
 
 The lattice knows bodies as discs, and speeds as full or none: it proposes which side to pass on,
 and whom to let go first. The way is then cut to what the body can drive
-(:func:`up_samp.motion.fleet.detours.drivable`) and timed exactly by those who ask.
+(:func:`up_samp.motion.fleet.one_robot.drivable`) and timed exactly by those who ask.
 """
 
 from __future__ import annotations
@@ -18,17 +18,15 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from up_samp.geometry.kernels import point_clearance
+from up_samp.geometry.kernels import piece_obeys, point_clearance
 from up_samp.geometry.memory import Memory
 from up_samp.geometry.records import GridData, RuleData, inner, kernel
 from up_samp.geometry.scene import Scene
 from up_samp.geometry.shapes import shape_of
-from up_samp.geometry.ways import piece_obeys
 from up_samp.model import Body, Configuration, Mobility, TimedMotion
 from up_samp.model.arrays import BoolArray, FloatArray, Int32Array, IntArray
-from up_samp.motion.docking import before_docking
 from up_samp.motion.fleet.conflicts import noted
-from up_samp.motion.fleet.detours import docked, drivable
+from up_samp.motion.fleet.one_robot import docked, drivable
 from up_samp.motion.fleet.paths import (
     Path,
     TimeSets,
@@ -38,7 +36,8 @@ from up_samp.motion.fleet.paths import (
 )
 from up_samp.motion.fleet.timed_path import TimedPath, pair_flags
 from up_samp.motion.fleet.workspace import Workspace
-from up_samp.motion.guides.search_space import search_box
+from up_samp.motion.guides import search_box
+from up_samp.motion.legs import before_docking
 
 STEP = 0.7
 """Circumscribed radii between places of the lattice."""

@@ -415,18 +415,6 @@ def fit(
             return run
 
 
-def first_start(
-    workspace: Workspace,
-    motion: TimedMotion,
-    path: Path,
-    others: Sequence[TimedPath],
-) -> float | None:
-    """Return when a motion can first begin its ``path`` with the path's own timing (s), if ever."""
-    rows = workspace.forbidden(path, motion.object, motion.avoid, others)
-    start = _start(motion, path, _to_come(motion, path, rows))
-    return start if start < math.inf else None
-
-
 def _start(motion: TimedMotion, path: Path, rows: FloatArray) -> float:
     """Return when a motion can first begin its ``path`` with the path's own timing (s; inf: never),
     with forbidden (cell, from, until) ``rows``.

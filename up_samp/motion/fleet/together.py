@@ -16,13 +16,14 @@ from up_samp.model import (
     Trajectory,
 )
 from up_samp.motion.curves.slowing import may_stand
-from up_samp.motion.docking import before_docking
-from up_samp.motion.fleet.deadlocks import Drives, untie
-from up_samp.motion.fleet.detours import pass_by
+from up_samp.motion.curves.trajectories import unwound
+from up_samp.motion.fleet.deadlocks import Drive, untie
+from up_samp.motion.fleet.one_robot import pass_by
 from up_samp.motion.fleet.paths import Path, path_of
-from up_samp.motion.fleet.speed import first_start, fit
-from up_samp.motion.fleet.timed_path import TimedPath, Timing, natural_timing, run_of
+from up_samp.motion.fleet.speed import fit
+from up_samp.motion.fleet.timed_path import TimedPath, Timing, run_of
 from up_samp.motion.fleet.workspace import Workspace, rest_run
+from up_samp.motion.legs import before_docking
 
 
 def couple(
@@ -60,15 +61,15 @@ def couple(
     }
 
 
-def _docking(workspace: Workspace, motions: Sequence[TimedMotion]) -> list[Drives] | None:
+def _docking(workspace: Workspace, motions: Sequence[TimedMotion]) -> list[Drive] | None:
     """Return the straight drives to docks with which motions end, one after the other."""
-    found: list[Drives] = []
+    found: list[Drive] = []
     for robot, motion in enumerate(motions):
         if len(motion.poses) > 2:
             path = workspace.path(motion.body, motion.poses[-2:], (), Deadline.never())
             if not isinstance(path, Path):
                 return None
-            found.append(((robot, path),))
+            found.append((robot, path))
     return found
 
 
@@ -101,7 +102,7 @@ def _timed(
     workspace: Workspace,
     motions: Sequence[TimedMotion],
     world: Sequence[TimedPath],
-    sequence: Sequence[Drives],
+    sequence: Sequence[Drive],
 ) -> list[list[TimedPath]] | None:
     """Return the drives of each robot, every one as early as those before it in the sequence
     allow.
@@ -110,67 +111,38 @@ def _timed(
         [replace(rest_run(workspace, Rest(m.object, m.body, m.poses[0])), avoid=m.avoid)]
         for m in motions
     ]
-    for drives in sequence:
-        robots = {robot for robot, _ in drives}
-        others = [run for i, runs in enumerate(legs) if i not in robots for run in runs]
-        parts = [_leg(motions[robot], legs[robot], path) for robot, path in drives]
-        found = _begun(workspace, parts, [*world, *others])
-        if found is None:
+    for robot, path in sequence:
+        others = [run for i, runs in enumerate(legs) if i != robot for run in runs]
+        leg = _leg(motions[robot], legs[robot], path)
+        run = fit(workspace, leg, path, [*world, *others])
+        if run is None:
             return None
-        for (robot, _), run in zip(drives, found, strict=True):
-            last = legs[robot][-1]
-            # from then on the robot is where this drive leaves it
-            until = min(last.until, run.since)
-            legs[robot][-1] = replace(last, until=until)
-            legs[robot].append(run)
+        last = legs[robot][-1]
+        # from then on the robot is where this drive leaves it
+        legs[robot][-1] = replace(last, until=min(last.until, run.since))
+        legs[robot].append(run)
     return [runs[1:] for runs in legs]
 
 
-def _leg(motion: TimedMotion, legs: Sequence[TimedPath], path: Path) -> tuple[TimedMotion, Path]:
-    """Return a robot's next drive after those in ``legs``, with its path."""
+def _leg(motion: TimedMotion, legs: Sequence[TimedPath], path: Path) -> TimedMotion:
+    """Return a robot's next drive, along a path, after those in ``legs``."""
     last, moved = legs[-1], len(legs) > 1
     final = path.poses[-1][:2].tolist() == list(motion.poses[-1][:2])
-    leg = replace(
+    return replace(
         motion,
         poses=path.ends,
         release=max(motion.release, last.arrival) if moved else motion.release,
         present_from=last.arrival if moved else motion.present_from,
         present_until=motion.present_until if final else math.inf,
     )
-    return leg, path
-
-
-def _begun(
-    workspace: Workspace,
-    parts: Sequence[tuple[TimedMotion, Path]],
-    others: Sequence[TimedPath],
-) -> list[TimedPath] | None:
-    """Return the runs of drives that go at the same time: one with its speed tuned, several begun
-    together, as early as all of them can.
-    """
-    if len(parts) == 1:
-        run = fit(workspace, *parts[0], others)
-        return None if run is None else [run]
-    begin = max(leg.release for leg, _ in parts)
-    for _ in range(40):
-        found = []
-        for leg, path in parts:
-            start = first_start(workspace, replace(leg, release=begin), path, others)
-            if start is None:
-                return None
-            found.append(start)
-        if max(found) <= begin:
-            return [run_of(leg, path, natural_timing(path, begin)) for leg, path in parts]
-        begin = max(found)
-    return None
 
 
 def _one_run(motion: TimedMotion, legs: Sequence[TimedPath]) -> TimedPath:
     """Return the drives of one robot as one run, with rests in between."""
     times, poses = [legs[0].timing.trajectory.times], [legs[0].timing.trajectory.poses]
     for leg in legs[1:]:
-        t, rows = leg.timing.trajectory.times, leg.timing.trajectory.poses.copy()
-        rows[:, 2] += 2 * math.pi * round((poses[-1][-1, 2] - rows[0, 2]) / (2 * math.pi))
+        t, rows = leg.timing.trajectory.times, leg.timing.trajectory.poses
+        rows = unwound(rows, poses[-1][-1])
         # without a wait the last pose is already there
         skip = 1 if t[0] <= times[-1][-1] + 1e-9 else 0
         times.append(t[skip:])

@@ -13,10 +13,10 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from up_samp.geometry.kernels import first_hit
 from up_samp.geometry.memory import Memory
+from up_samp.geometry.meshes import met_by
 from up_samp.geometry.scene import Scene
-from up_samp.geometry.shadows import met_by
-from up_samp.geometry.sweeps import first_hit
 from up_samp.model import (
     Body,
     Configuration,
@@ -31,8 +31,6 @@ from up_samp.model import (
     same_pose,
 )
 from up_samp.model.arrays import FloatArray, IntArray
-from up_samp.motion.cache import obstacle_key
-from up_samp.motion.docking import comes_straight, docking_leg
 from up_samp.motion.fleet.conflicts import (
     ROOM,
     conflicting_cells,
@@ -54,10 +52,10 @@ from up_samp.motion.fleet.paths import (
     through_zones,
 )
 from up_samp.motion.fleet.timed_path import TimedPath, Timing, pair_flags
-from up_samp.motion.guides.search_space import widest_shape
-from up_samp.motion.legs import strung
+from up_samp.motion.guides import widest_shape
+from up_samp.motion.legs import comes_straight, docking_leg, strung
 from up_samp.motion.models import MODELS, made_by
-from up_samp.motion.protocol import Leg, LegQuery, MotionPlanner
+from up_samp.motion.protocol import Leg, LegQuery, MotionPlanner, obstacle_key
 from up_samp.motion.registry import PLANNERS
 from up_samp.tuning import Tuning
 

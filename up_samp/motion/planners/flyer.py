@@ -35,10 +35,9 @@ from up_samp.model import (
     interpolate,
 )
 from up_samp.model.arrays import FloatArray
-from up_samp.motion.budget import WorkBudget
-from up_samp.motion.curves.straight import leg_profile, timed_chain, turn_between
-from up_samp.motion.guides.search_space import MARGIN_SHARES, TOUCHES
-from up_samp.motion.planners.ompl_solve import (
+from up_samp.motion.curves.trapezoid import leg_profile, timed_chain, turn_between
+from up_samp.motion.guides import MARGIN_SHARES, TOUCHES
+from up_samp.motion.planners.ompl import (
     EdgeValidity,
     Validity,
     box_bounds,
@@ -48,7 +47,7 @@ from up_samp.motion.planners.ompl_solve import (
     set_seed,
     solve,
 )
-from up_samp.motion.protocol import Leg, LegQuery
+from up_samp.motion.protocol import Leg, LegQuery, WorkBudget
 
 TOUCH = 1e-4
 """Clearance (m) that counts as none (and the shortest step of the edge checks)."""

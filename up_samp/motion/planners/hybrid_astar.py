@@ -14,14 +14,11 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from up_samp.geometry.kernels import advance
+from up_samp.geometry.kernels import advance, arc_free, first_blocked
 from up_samp.geometry.records import WorldData, inner, kernel
-from up_samp.geometry.sweeps import arc_free, first_blocked
 from up_samp.model.arrays import FloatArray, IntArray
 from up_samp.motion.curves.reeds_shepp import DriveLimits, Pose, connect, driven_on, run_time
-from up_samp.motion.guides.cost_to_go import Field, field_value
-from up_samp.motion.guides.heap import pop, push
-from up_samp.motion.guides.search_space import Space
+from up_samp.motion.guides import Field, Space, field_value, pop, push
 
 BEAT = 0.995
 """Share of the best time that an estimate must beat."""
@@ -90,11 +87,9 @@ def _estimate(problem: PoseSearch, pose: Pose, closed: float, run: float, out: F
     goal, field, space, car = problem.goal, problem.field, problem.space, problem.limits
     dx, dy = goal[0] - pose[0], goal[1] - pose[1]
     away = math.sqrt(dx * dx + dy * dy)
-    far = away
-    if field.values.shape[0] > 0:
-        far = max(far, field_value(field, pose[0], pose[1]))
-        if far == math.inf:
-            return math.inf
+    far = max(away, field_value(field, pose[0], pose[1]))
+    if far == math.inf:
+        return math.inf
     total = closed + run_time(abs(run) + space.weight * far, car.v, car.a)
     if away < space.near:
         time, _ = connect(pose, goal, car, (run, 0.0), out)

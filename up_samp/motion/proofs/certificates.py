@@ -13,8 +13,8 @@ statements about whole cells: rounding to the grid never makes a false proof.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -24,18 +24,11 @@ import numpy.typing as npt
 from up_samp.geometry import Scene
 from up_samp.geometry.cells import distances_to, label_regions, nearest_to
 from up_samp.geometry.memory import Memory
+from up_samp.geometry.records import GridFrame, PolyData, grid_along, grid_point, kernel
 from up_samp.geometry.shapes import core_of, shape_of
-from up_samp.model import (
-    Body,
-    Configuration,
-    Deadline,
-    Outcome,
-    PathReport,
-    Placed,
-    check_time,
-)
+from up_samp.model import Body, Configuration, Deadline, Outcome, PathReport, Placed, check_time
 from up_samp.model.arrays import BoolArray, Int32Array, IntArray
-from up_samp.motion.cache import obstacle_key
+from up_samp.motion.guides import point_to_convex
 from up_samp.motion.proofs.heading_slices import MOST_BOXES, separated
 from up_samp.motion.proofs.orders import (
     Blocks,
@@ -47,7 +40,7 @@ from up_samp.motion.proofs.orders import (
     reached,
     too_many,
 )
-from up_samp.motion.proofs.regions import Regions, box_of, links_of, mark_blocked
+from up_samp.motion.protocol import obstacle_key
 
 Apart = Callable[[Sequence[Configuration]], bool]
 Rounds = Callable[[Sequence[Configuration]], set[int] | None]
@@ -91,7 +84,7 @@ class Certifier:
         """Return a report that driving through ``poses`` is impossible, or None (no proof)."""
         body = core_of(body)
         for k, pose in enumerate(poses):
-            if self.scene.grid is not None and not self.scene.map_free(body, pose):
+            if not self.scene.map_free(body, pose):
                 where = ", ".join(f"{v:g}" for v in pose[:3])
                 reason = f"the configuration ({where}) collides with the map"
                 return replace(_impossible(reason, ()), where=k)
@@ -148,7 +141,7 @@ class Certifier:
 
         See :mod:`up_samp.motion.proofs.heading_slices`. Blockers are minimal where time allows.
         """
-        if self.scene.grid is None or self.scene.grid.shape[0] == 0:
+        if self.scene.grid is None:
             return None
         fine = self._finer(shape_of(core_of(body)).inner[2], MOST_BOXES)
         proof = None if fine is None else fine.prove(body, (start, goal), obstacles)
@@ -157,7 +150,7 @@ class Certifier:
         body = core_of(body)
 
         def apart(among: Sequence[Placed]) -> bool:
-            return separated(self.scene, self.nearest, body, (start, goal), tuple(among), deadline)
+            return separated(self.scene, self.nearest, body, (start, goal), among, deadline)
 
         rest = list(obstacles)
         if not apart(rest):
@@ -290,8 +283,6 @@ class Certifier:
 
     def hits_map(self, body: Body, pose: Configuration) -> bool:
         """Return whether a pose surely overlaps the map's blocked cells or its outside."""
-        if self.scene.grid is None:
-            return False
         return not self.scene.map_free(core_of(body), pose)
 
     def _cell(
@@ -366,3 +357,86 @@ def _impossible(reason: str, blockers: Iterable[str]) -> PathReport:
         reason=reason,
         planner="certificate",
     )
+
+
+# ------------------ Regions that a disc cannot leave, and what keeps them apart
+
+
+@kernel
+def mark_blocked(owners: IntArray, frame: GridFrame, polys: PolyData, radius: float) -> None:
+    """Set bit i in the cells that obstacle ``i`` surely blocks for a disc of ``radius`` m."""
+    rows, cols = owners.shape
+    size = frame.size
+    for p in range(polys.counts.shape[0]):
+        bit = np.int64(1) << polys.owner[p]
+        gx, gy = grid_along(frame, polys.centres[p, 0], polys.centres[p, 1])
+        cx, cy = gx / size, gy / size
+        span = (polys.centres[p, 2] + radius) / size + 1.0
+        r0, r1 = max(0, math.floor(cy - span)), min(rows, math.ceil(cy + span))
+        c0, c1 = max(0, math.floor(cx - span)), min(cols, math.ceil(cx + span))
+        if r1 <= r0 or c1 <= c0:
+            continue
+        near = np.empty((r1 - r0 + 1, c1 - c0 + 1), dtype=np.bool_)
+        for row in range(r0, r1 + 1):
+            for col in range(c0, c1 + 1):
+                x, y = grid_point(frame, col * size, row * size)
+                d = point_to_convex(x, y, polys.verts[p], polys.counts[p])
+                near[row - r0, col - c0] = d < radius - 1e-9
+        for i in range(r1 - r0):
+            for j in range(c1 - c0):
+                if near[i, j] and near[i + 1, j] and near[i, j + 1] and near[i + 1, j + 1]:
+                    owners[r0 + i, c0 + j] |= bit
+
+
+@dataclass(frozen=True)
+class Regions:
+    """Connected regions of cells, each blocked by a (possibly empty) set of obstacles.
+
+    ``labels`` int32 (rows, cols): 0 where the map blocks. ``owners[label]``: bit set of obstacles.
+    ``links[label]``: neighbouring labels.
+    """
+
+    labels: Int32Array
+    owners: Mapping[int, int]
+    links: Mapping[int, frozenset[int]]
+
+    def reaches(self, start: int, goal: int, removed: int) -> bool:
+        """Return whether two labels are joined once the obstacles in ``removed`` are gone."""
+        if self.owners.get(start, 0) & ~removed:
+            return False
+        seen, stack = {start}, [start]
+        while stack:
+            for other in self.links.get(stack.pop(), ()):
+                if other not in seen and not self.owners.get(other, 0) & ~removed:
+                    seen.add(other)
+                    stack.append(other)
+        return goal in seen
+
+
+def box_of(owners: IntArray) -> tuple[slice, slice]:
+    """Return the smallest part of the grid that holds all cells that are not 0."""
+    rows = np.flatnonzero(owners.any(axis=1))
+    if len(rows) == 0:
+        return slice(0, 0), slice(0, 0)
+    band = slice(int(rows[0]), int(rows[-1]) + 1)
+    cols = np.flatnonzero(owners[band].any(axis=0))
+    return band, slice(int(cols[0]), int(cols[-1]) + 1)
+
+
+def links_of(
+    labels: Int32Array, rows: npt.NDArray[np.intp], cols: npt.NDArray[np.intp]
+) -> dict[int, frozenset[int]]:
+    """Return which regions touch (8-connected); only the cells at ``rows`` and ``cols`` can join
+    two regions.
+    """
+    links: dict[int, set[int]] = {}
+    for dr in (-1, 0, 1):
+        for dc in (-1, 0, 1):
+            r, c = rows + dr, cols + dc
+            ok = (r >= 0) & (c >= 0) & (r < labels.shape[0]) & (c < labels.shape[1])
+            mine, theirs = labels[rows[ok], cols[ok]], labels[r[ok], c[ok]]
+            differ = (mine != theirs) & (theirs != 0)
+            for a, b in set(zip(mine[differ].tolist(), theirs[differ].tolist(), strict=True)):
+                links.setdefault(a, set()).add(b)
+                links.setdefault(b, set()).add(a)
+    return {label: frozenset(others) for label, others in links.items()}

@@ -23,7 +23,7 @@ from up_samp.geometry.records import GridFrame, PolyData, along, grid_point, inn
 from up_samp.geometry.shapes import shape_of
 from up_samp.model import Body, Configuration, Deadline, Placed
 from up_samp.model.arrays import FloatArray, Int32Array, IntArray
-from up_samp.motion.guides.cost_to_go import point_to_convex
+from up_samp.motion.guides import point_to_convex
 
 BINS = (72, 36)
 """Ranges of headings: on small maps, on large ones."""
@@ -175,8 +175,7 @@ def separated(
 
     ``nearest`` int32 (2, rows, cols): row + 1 and column + 1 of a blocked cell near each cell.
     """
-    if scene.grid is None:
-        return False
+    assert scene.grid is not None
     rows, cols = scene.grid.shape
     bins = BINS[0] if rows * cols * BINS[0] <= MOST_BOXES else BINS[1]
     factor = math.ceil(math.sqrt(rows * cols * bins / MOST_BOXES))

@@ -1,15 +1,21 @@
-"""Distances to a goal over a coarse grid: they guide searches, they prove nothing."""
+"""What leads searches over poses, and proves nothing: the box they search and how close to things
+they may go, distances to a goal over a coarse grid, the heap of the compiled ones, and ways along
+the lanes that robots prefer.
+"""
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+import shapely
 
 from up_samp.geometry import Scene, Shape
+from up_samp.geometry.cells import sees
 from up_samp.geometry.memory import Memory
 from up_samp.geometry.records import (
     NO_FRAME,
@@ -21,10 +27,129 @@ from up_samp.geometry.records import (
     inner,
     kernel,
 )
-from up_samp.model import Placed
-from up_samp.model.arrays import BoolArray, FloatArray, Int32Array
-from up_samp.motion.guides.heap import pop, push
-from up_samp.motion.guides.visibility import sees
+from up_samp.model import Body, Configuration, Placed, TrafficZone
+from up_samp.model.arrays import BoolArray, FloatArray, Int32Array, IntArray
+
+MARGIN_SHARES = (1.0, 0.25, 0.06, 0.015, 0.004, 0.001)
+"""Shares of the clearance margin tried where a start or goal is closer to something than that."""
+
+TOUCHES = "the start or the goal touches the map or an obstacle"
+"""Why there is no motion where not even the least of these can be kept."""
+
+OUT_OF_TIME = "out of time"
+DRY = "no path at the finest resolution"
+STUCK = f"{DRY} within fixed effort"
+"""Why a search over poses found none."""
+
+
+class Space(NamedTuple):
+    """The box and the resolution of a search over poses, as the kernels take it.
+
+    ``x``, ``y``: its low corner (m); ``cell`` (m), ``cols``, ``rows``; ``bins`` of headings.
+    ``weight``: of what is left of the way. Of a car's search ``extra``: expansions to go on for
+    after the first solution; ``near``: range (m) in which Reeds-Shepp times guide. Of a search by
+    straight moves ``tight``: where a step does not go all the way, slide up to what is in the way,
+    and half as far: so the tree gets into gaps that are narrower than its steps.
+    """
+
+    x: float
+    y: float
+    cell: float
+    cols: int
+    rows: int
+    bins: int
+    weight: float = 1.0
+    extra: int = 0
+    near: float = 0.0
+    tight: bool = False
+
+
+def widest_shape(
+    scene: Scene, body: Body, poses: Sequence[Configuration], obstacles: tuple[Placed, ...]
+) -> Shape | None:
+    """Return the footprint with the largest margin that all ``poses`` can keep (None: they
+    touch).
+    """
+    for share in MARGIN_SHARES:
+        shape = scene.shape(body, scene.margin * share)
+        least = 0.1 * shape.data.slack[2]
+        if all(scene.clearance(shape, obstacles, pose) >= least for pose in poses):
+            return shape
+    return None
+
+
+def search_box(
+    scene: Scene, poses: Sequence[Configuration], obstacles: tuple[Placed, ...], reach: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the corners of the map, or without one of what is known and ``reach`` m around it."""
+    if scene.grid is not None:
+        return scene.grid.box
+    points = np.array([p[:2] for p in poses])
+    polys = scene.polys(obstacles)
+    if len(polys.counts):
+        centres, radii = polys.centres[:, :2], polys.centres[:, 2:]
+        points = np.concatenate([points, centres - radii, centres + radii])
+    return points.min(axis=0) - reach, points.max(axis=0) + reach
+
+
+def pose_space(
+    scene: Scene,
+    poses: Sequence[Configuration],
+    obstacles: tuple[Placed, ...],
+    reach: float,
+    cell: float,
+    bins: int,
+) -> Space:
+    """Return the box and the resolution of a search (``cell`` m)."""
+    low, high = search_box(scene, poses, obstacles, reach)
+    cols, rows = np.ceil((high - low) / cell).astype(int) + 1
+    corner = float(low[0]), float(low[1]), float(cell)
+    return Space(*corner, int(cols), int(rows), bins)
+
+
+# ------------------ A binary heap of row numbers over plain arrays
+
+
+@inner
+def push(heap: IntArray, rows: FloatArray, counters: IntArray, item: int) -> None:
+    """Add a row number. The last column of ``rows`` is the order, ``counters[1]`` the size."""
+    last = rows.shape[1] - 1
+    i = counters[1]
+    counters[1] += 1
+    while i > 0:
+        up = (i - 1) // 2
+        if rows[heap[up], last] <= rows[item, last]:
+            break
+        heap[i] = heap[up]
+        i = up
+    heap[i] = item
+
+
+@inner
+def pop(heap: IntArray, rows: FloatArray, counters: IntArray) -> int:
+    """Remove and return the row number with the least value in the last column of ``rows``."""
+    last = rows.shape[1] - 1
+    top = heap[0]
+    counters[1] -= 1
+    n = counters[1]
+    item = heap[n]
+    i = 0
+    while True:
+        child = 2 * i + 1
+        if child >= n:
+            break
+        if child + 1 < n and rows[heap[child + 1], last] < rows[heap[child], last]:
+            child += 1
+        if rows[heap[child], last] >= rows[item, last]:
+            break
+        heap[i] = heap[child]
+        i = child
+    heap[i] = item
+    return int(top)
+
+
+# ------------------ Distances to a goal over a coarse grid
+
 
 MAX_CELLS = 60_000
 
@@ -40,8 +165,10 @@ class Field(NamedTuple):
 
 @kernel
 def field_value(field: Field, x: float, y: float) -> float:
-    """Return the distance (m) of a point to the field's goal; inf outside."""
+    """Return the distance (m) of a point to the field's goal; inf outside, 0 without a field."""
     rows, cols = field.values.shape
+    if rows == 0:
+        return 0.0
     gx, gy = grid_along(field.frame, x, y)
     col, row = math.floor(gx / field.frame.size), math.floor(gy / field.frame.size)
     if row < 0 or col < 0 or row >= rows or col >= cols:
@@ -224,3 +351,81 @@ class Fields:
         padded[: fine.shape[0], : fine.shape[1]] = fine
         blocks = padded.reshape(rows, factor, cols, factor)
         return np.asarray(blocks.max(axis=(1, 3)).astype(np.float64))
+
+
+# ------------------ Ways along the lanes that robots prefer: through which poses they lead
+# Shortest ways (Dijkstra) on a graph of points on the lanes, on which a metre counts for less than
+# beside them. Lanes join where points of theirs are near each other. A planner has to find a motion
+# through these poses, and what that lasts decides.
+
+
+Length = Callable[[Body, Configuration, Configuration], float]
+"""Metres that no way of a body between two planar poses can beat."""
+
+
+def along_lanes(
+    body: Body, poses: Sequence[Configuration], length: Length
+) -> tuple[Configuration, ...]:
+    """Return poses (m, rad) that a body drives through, with those between them that lead along
+    the lanes that it prefers, where these are worth it.
+    """
+    # a third of a second, for those only who have lanes
+    from scipy.sparse.csgraph import dijkstra
+    from scipy.spatial.distance import cdist
+
+    lanes = body.kinematics.lanes
+    whole = [_middle(lane) for lane in lanes]
+    apart = max(0.5, sum(line.length for line in whole) / 200)  # m; few are quick to look at
+    lines = [shapely.get_coordinates(shapely.segmentize(line, apart)) for line in whole]
+    counts = [len(line) for line in lines]
+    points, number = np.concatenate(lines), np.repeat(np.arange(len(lanes)), counts)
+    shares = np.repeat([1.0 / lane.prefer for lane in lanes], counts)
+    gaps = cdist(points, points)
+    costs = np.where(number == number[:, None], gaps * shares, gaps + 1e-6)
+    graph = np.zeros((len(points) + 2, len(points) + 2))  # 0: no edge
+    graph[2:, 2:] = np.where(gaps <= apart * (1.0 + 1e-6), costs, 0.0)
+    found = list(poses[:1])
+    for start, goal in itertools.pairwise(poses):
+        rows = [(float(x), float(y), 0.0) for x, y in points]
+        graph[0, 1:] = [length(body, start, to) for to in (goal, *rows)]
+        graph[2:, 1] = [length(body, at, goal) for at in rows]
+        _, before = dijkstra(graph, indices=0, return_predecessors=True)
+        way = [1]
+        while way[-1] > 0:
+            way.append(int(before[way[-1]]))
+        found += [*_turned(points[np.array(way[-2:0:-1], dtype=np.int64) - 2], body), goal]
+    return tuple(found)
+
+
+def _middle(lane: TrafficZone) -> shapely.LineString:
+    """Return the middle of a lane's length (m), but for half its width at both ends."""
+    box = shapely.oriented_envelope(shapely.Polygon(lane.polygon))
+    corners = shapely.get_coordinates(box)[:4]
+    sides = np.roll(corners, -1, axis=0) - corners
+    if np.hypot(*sides[0]) < np.hypot(*sides[1]):
+        corners, sides = np.roll(corners, -1, axis=0), np.roll(sides, -1, axis=0)
+    ends = 0.5 * (corners[[0, 1]] + corners[[3, 2]])
+    inset = min(0.5, 0.5 * np.hypot(*sides[1]) / np.hypot(*sides[0])) * sides[0]
+    return shapely.LineString([ends[0] + inset, ends[1] - inset])
+
+
+def _turned(points: FloatArray, body: Body) -> list[Configuration]:
+    """Return two poses for each straight piece of a way through points (n, 2): so far from its ends
+    that a body turns into it and out of it; none for shorter pieces.
+    """
+    steps = np.diff(points, axis=0)
+    headings = np.arctan2(steps[:, 1], steps[:, 0])
+    bends = np.abs(np.exp(1j * np.diff(headings)) - 1.0) > 1e-3
+    rests = np.hypot(*steps.T) < 1e-3
+    ends = [0, *(1 + np.flatnonzero(bends | rests[1:] | rests[:-1])), len(steps)]
+    turn = max(0.5, body.kinematics.bend_radius)
+    pieces = [
+        (points[a], points[b], math.dist(points[a], points[b]))
+        for a, b in itertools.pairwise(ends)
+        if b > a and math.dist(points[a], points[b]) > 2.0 * turn
+    ]
+    return [
+        (float(x), float(y), math.atan2(*(to - at)[::-1]))
+        for at, to, long in pieces
+        for x, y in (at + (to - at) * turn / long, to - (to - at) * turn / long)
+    ]

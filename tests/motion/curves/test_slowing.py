@@ -8,15 +8,20 @@ import pytest
 
 from up_samp.execution.travel import travel_of
 from up_samp.model import Body, Kinematics, MotionModel, Trajectory
-from up_samp.motion.curves.ramps import with_ramps
 from up_samp.motion.curves.reeds_shepp import fastest, run_time
 from up_samp.motion.curves.rolling import rolled, rows_of
-from up_samp.motion.curves.slowing import allowed_speeds, push_along, slowed
+from up_samp.motion.curves.slowing import (
+    allowed_speeds,
+    limits_in_bends,
+    push_along,
+    slowed,
+    turns_evenly,
+    with_ramps,
+)
 from up_samp.motion.curves.trapezoid import limits_of, trajectory_of
-from up_samp.motion.curves.turning import limits_in_bends, turns_evenly
 from up_samp.motion.fleet.paths import path_of, safe_intervals
 from up_samp.motion.fleet.speed import tune
-from up_samp.motion.planners.pivoting import rolling_limits
+from up_samp.motion.planners.car import rolling_limits
 from up_samp.validation.kinematics import Limits, motion_violations
 
 RING = ((-0.5, -0.3), (0.5, -0.3), (0.5, 0.3), (-0.5, 0.3))
@@ -36,7 +41,7 @@ def drawn(rng, far=9.0):
         for _ in range(2)
     ]
     if kin.mobility.steers:
-        free = trajectory_of((a, b), (fastest(a, b, limits_of(kin))[1],), kin)
+        free = trajectory_of((a, b), fastest(a, b, limits_of(kin))[1], kin)
     else:
         arcs = fastest(a, b, rolling_limits(kin))[1]
         free = rolled(rows_of(np.array(a), arcs), kin)
@@ -118,7 +123,7 @@ def test_a_ramp_that_is_not_free_gets_shorter_and_is_left_out_at_last():
 def test_lateral_acceleration_bounds_the_speed_on_an_arc():
     kin = Kinematics(MotionModel.REEDSSHEPP, turning_radius=2.0, v_max=2.0)
     body = Body(RING, replace(kin, lateral_a_max=0.5))
-    free = trajectory_of(((0, 0, 0), (0, 4, math.pi)), (np.array([[0.5, 2 * math.pi]]),), kin)
+    free = trajectory_of(((0, 0, 0), (0, 4, math.pi)), np.array([[0.5, 2 * math.pi]]), kin)
     assert np.allclose(allowed_speeds(free.poses, body), 1.0)
     assert slowed(free, body).duration == pytest.approx(run_time(2 * math.pi, 1.0, 1.0), rel=1e-6)
     assert travel_of(path_of(free, body)).speed.max() == pytest.approx(1.0)
@@ -139,7 +144,7 @@ def test_who_has_no_room_for_a_ramp_rests_where_the_curvature_jumps():
     kin = Kinematics(MotionModel.REEDSSHEPP, turning_radius=1.0, alpha_max=1.0)
     arcs = np.array([[0.0, 2.0], [1.0, 1.0]])  # the end can be reached by no other lengths
     end = (2 + math.sin(1), 1 - math.cos(1), 1.0)
-    free = trajectory_of(((0, 0, 0), end), (arcs,), replace(kin, alpha_max=INF))
+    free = trajectory_of(((0, 0, 0), end), arcs, replace(kin, alpha_max=INF))
     body = Body(RING, kin)
     motion = with_ramps(free, body, lambda rows: -1)
     assert push_along(free.poses, body) == pytest.approx(1.0)

@@ -1,1 +1,0 @@
-"""Guides of searches: costs to go, search spaces, visibility, a heap. They prove nothing."""
