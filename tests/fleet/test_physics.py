@@ -16,8 +16,8 @@ from tests.shuffled import shuffled_fleet
 from up_samp.fleet.batteries import tell_levels
 from up_samp.fleet.build import write_problem
 from up_samp.fleet.files import read_record
+from up_samp.fleet.fleet import solve_problem
 from up_samp.fleet.records import FleetRecords
-from up_samp.fleet.result import solve_problem
 from up_samp.validation import validate_plan
 
 

@@ -18,7 +18,6 @@ from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import GE, LE, Equals, Or
 
 from up_samp.fleet.batteries import Meter
-from up_samp.fleet.doorways import check_visits
 from up_samp.fleet.fields import corners_of
 from up_samp.fleet.floors import floor_of, lift_between, ride_seconds, way_between
 from up_samp.fleet.loads import (
@@ -37,7 +36,7 @@ from up_samp.fleet.outlines import area_of
 from up_samp.fleet.records import GROUND, Order, RobotType, can_do
 from up_samp.fleet.site import Site
 from up_samp.fleet.statements import Kind, Meaning, at_start, present
-from up_samp.fleet.visits import Successions, moves_needed
+from up_samp.fleet.visits import Successions, check_visits, moves_needed
 from up_samp.fleet.work import Work
 from up_samp.model import Placed
 

@@ -18,8 +18,7 @@ from typing import Any
 from shapely.geometry import Polygon
 from shapely.validation import explain_validity
 
-from up_samp.fleet.fields import Outline, corners_of
-from up_samp.fleet.limits import FILE_LIMITS
+from up_samp.fleet.fields import FILE_LIMITS, Outline, corners_of
 from up_samp.fleet.records import (
     GROUND,
     Attached,

@@ -36,7 +36,6 @@ from unified_planning.shortcuts import (
 )
 
 from up_samp.fleet.batteries import above_reserve, battery_of, first_level, usable
-from up_samp.fleet.docks import front_of
 from up_samp.fleet.faults import Fault, FleetError
 from up_samp.fleet.fields import Outline, Pose, corners_of
 from up_samp.fleet.floors import FloorMaps, floor_of, height_of, map_of, spots_of, way_between
@@ -52,7 +51,16 @@ from up_samp.fleet.loads import (
     ridden,
     with_load,
 )
-from up_samp.fleet.outlines import area_of, convex_hull, lying, movable, placed, rules_for, swept
+from up_samp.fleet.outlines import (
+    area_of,
+    convex_hull,
+    front_of,
+    lying,
+    movable,
+    placed,
+    rules_for,
+    swept,
+)
 from up_samp.fleet.records import GROUND, Attached, FleetRecords, RobotType
 from up_samp.fleet.spelled_out import stop_of
 from up_samp.fleet.statements import Meaning

@@ -10,8 +10,7 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from up_samp.fleet.fields import Windows
-from up_samp.fleet.limits import FILE_LIMITS
+from up_samp.fleet.fields import FILE_LIMITS, Windows
 from up_samp.fleet.loads import FURTHER, loads_of, seat_of
 from up_samp.fleet.records import FleetJob, FleetRecords, Order, Place, Stop, Task
 from up_samp.model.frames import Frame

@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from up_samp.fleet.faults import FleetError
-from up_samp.fleet.files import compose, plain
+from up_samp.fleet.files import compose, plain, text_of
 from up_samp.fleet.records import Order, Task
-from up_samp.fleet.tables import text_of
 from up_samp.model import SampError
 from up_samp.operate.loop import Operation
 from up_samp.operate.planner import each_time

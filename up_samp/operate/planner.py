@@ -312,7 +312,7 @@ def _solved(ask: Question, cache: MotionCache | None) -> tuple[Written, PlanDict
     """Return what is planned anew as a problem, and its plan alone."""
     from up_samp.execution.files import with_dependencies
     from up_samp.fleet.build import write_problem
-    from up_samp.fleet.result import solve_problem
+    from up_samp.fleet.fleet import solve_problem
 
     records = problem_records(ask)
     written = write_problem(records, ask.folder)
