@@ -22,10 +22,8 @@ from up_samp.model import ProblemError
 from up_samp.operate.clock import SimulatedClock
 from up_samp.operate.horizon import Cut, Opened, cut_of
 from up_samp.operate.loop import Operation
-from up_samp.operate.order import ordered
-from up_samp.operate.records import job_record
-from up_samp.operate.settings import Settings
-from up_samp.operate.stitch import Kept, _after, follow_on, kept_of
+from up_samp.operate.records import Settings, job_record
+from up_samp.operate.stitch import Kept, _after, follow_on, kept_of, ordered
 
 
 @pytest.fixture(scope="module")

@@ -212,15 +212,12 @@ class Site:
 
     def _pose_type(self, floor: str) -> Type:
         """Return the type of poses on a floor."""
-        file, height = (
-            str(self.folder / map_of(self.records, floor)),
-            height_of(self.records, floor),
-        )
-        if floor == GROUND:
-            ground = OccupancyMap(file, SE2(0.0, 0.0, 0.0))
-            return ConfigurationType("pose", ground, ConfigurationKind.SE2)
-        there = OccupancyMap(file, SE3(0.0, 0.0, height, 0.0, 0.0, 0.0, 1.0))
-        return ConfigurationType(f"pose{MARK}{floor}", there, ConfigurationKind.SE2)
+        name, frame = "pose", SE2(0.0, 0.0, 0.0)
+        if floor != GROUND:
+            height = height_of(self.records, floor)
+            name, frame = f"pose{MARK}{floor}", SE3(0.0, 0.0, height, 0.0, 0.0, 0.0, 1.0)
+        there = OccupancyMap(str(self.folder / map_of(self.records, floor)), frame)
+        return ConfigurationType(name, there, ConfigurationKind.SE2)
 
     def _pose(self, name: str, pose: Pose, floor: str) -> ConfigurationObject:
         found = ConfigurationObject(name, self._pose_types[floor], SE2(*pose))

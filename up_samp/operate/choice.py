@@ -25,8 +25,7 @@ from up_samp.fleet.statements import Kind, Meaning
 from up_samp.model import ProblemError
 from up_samp.operate.clock import Clock
 from up_samp.operate.horizon import DELIVERS, Cut, Opened, cut_of, on_board
-from up_samp.operate.records import DayOrder, OrderState, Pose, Shape
-from up_samp.operate.settings import Settings
+from up_samp.operate.records import DayOrder, OrderState, Pose, Settings, Shape
 
 ASIDE = 30.0
 """Seconds for which is put aside what no plan was found for, at first."""
