@@ -9,12 +9,12 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.model.scheduling import Activity
 from unified_planning.model.timing import GlobalEndTiming
 from unified_planning.shortcuts import MinimizeMakespan, Minus, Or
@@ -27,11 +27,6 @@ from up_samp.fleet.spelled_out import spelled_out
 from up_samp.fleet.statements import Kind, Written, one_at_a_time, present
 from up_samp.fleet.work import Work
 from up_samp.model.objective import Cost, MinimizeCosts
-
-
-def build_problem(records: FleetRecords, folder: Path) -> SchedulingMotionProblem:
-    """Return the UP problem of ``records``, see :func:`write_problem`."""
-    return write_problem(records, folder).problem
 
 
 def write_problem(records: FleetRecords, folder: Path) -> Written:
@@ -74,23 +69,18 @@ def add_objective(site: Site, work: Work) -> None:
     """State the weighted sums of terms that are to be minimised one after the other, in a site's
     problem whose activities are all there. What is left out costs in the first.
     """
-    costs: list[Cost] = []
-    for rank, weights in enumerate(site.records.weighed):
-        costs += _costs(site, work, vars(weights) | {"left_out": float(not rank)}, rank)
-    site.problem.add_quality_metric(MinimizeCosts(costs, site.problem.environment))
-
-
-def _costs(site: Site, work: Work, told: Mapping[str, float], rank: int) -> Iterator[Cost]:
-    manager = site.problem.environment.expression_manager
-    for term, amounts in TERMS.items():
-        for each, node, activity in amounts(site, work) if told[term] else ():
+    manager, costs = site.problem.environment.expression_manager, list[Cost]()
+    for (rank, weights), term in itertools.product(enumerate(site.records.weighed), TERMS):
+        told = (vars(weights) | {"left_out": float(not rank)})[term]
+        for each, node, activity in TERMS[term](site, work) if told else ():
             if not each:
                 continue
             (node,) = manager.auto_promote(node)
-            weight = Fraction(str(told[term])) * Fraction(str(each))
+            weight = Fraction(str(told)) * Fraction(str(each))
             name = None if activity is None or not activity.optional else activity.name
             share = site.meanings[activity.name].robot if term == "busiest" and activity else ""
-            yield Cost(term, weight, node, name, term == "tardiness", share, rank)
+            costs.append(Cost(term, weight, node, name, term == "tardiness", share, rank))
+    site.problem.add_quality_metric(MinimizeCosts(costs, site.problem.environment))
 
 
 def tell_lateness(records: FleetRecords, written: Written, plan: Mapping[str, Any]) -> list[str]:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 from shapely import STRtree, box
 from shapely.geometry import Polygon
 
-from up_samp.fleet.faults import NO_ROBOT
+from up_samp.fleet.faults import NO_ROBOT, both
 from up_samp.fleet.fields import Pose, Windows
 from up_samp.fleet.floors import (
     FloorMaps,
@@ -356,22 +356,16 @@ class _Checker:
     def _reaches(self, robot: str, place: str, shut: frozenset[str]) -> bool:
         """Return whether no proof says that the robot cannot get there past doors that are shut."""
         mine = self.records.robots[robot]
+        kind, body = mine.type, self.bodies[mine.type]
         ways = legs_between(self.records, mine.start, place)
-        return any(
-            not any(
-                self._drives(*leg) and self._is_stuck(mine.type, self.bodies[mine.type], *leg, shut)
-                for leg in way
-            )
-            for way in ways
-        )
-
-    def _drives(self, origin: str, to: str) -> bool:
-        return lift_between(self.records, origin, to) is None
+        return any(not any(self._is_stuck(kind, body, *leg, shut) for leg in way) for way in ways)
 
     def _is_stuck(self, kind: str, body: Body, origin: str, to: str, shut: frozenset[str]) -> bool:
-        """Return whether provably no robot of a type gets there as ``body`` past doors that are
+        """Return whether provably no robot of a type drives there as ``body`` past doors that are
         shut.
         """
+        if lift_between(self.records, origin, to) is not None:
+            return False
         floor, ends = self.floor(origin), (self.places[origin], self.places[to])
         doors = (door for door in self.doors(floor) if door.name in shut)
         around = (*kept_out(self.records, kind, floor), *doors)
@@ -399,7 +393,7 @@ class _Checker:
                 level = Level.ERROR if Kind.END in roles else Level.WARNING
                 text = f"robot '{robot}' can never get there from '{mine.start}' (proven)"
                 if self._reaches(robot, place, frozenset()):
-                    text += f": nobody can open {_and(self.shut)}"
+                    text += f": nobody can open {both(sorted(self.shut))}"
                 yield Finding(level, place, text)
                 continue
             for door in self.records.doors:
@@ -413,7 +407,7 @@ class _Checker:
 
     def _in_vain(self, kind: str, origin: str, to: str) -> bool:
         """Return whether a drive was looked for until time ran out."""
-        if not self._drives(origin, to):
+        if lift_between(self.records, origin, to) is not None:
             return False
         floor, poses = self.floor(origin), way_between(self.records, origin, to)
         body = ruled(self.records, kind, floor, self.bodies[kind])
@@ -527,10 +521,6 @@ class _Checker:
             (one, subject, *_), (other, *_) = bodies[i], bodies[j]
             if subject:
                 yield Finding(Level.ERROR, subject, f"{one} and {other} would overlap at first")
-
-
-def _and(names: frozenset[str]) -> str:
-    return " and ".join(f"'{n}'" for n in sorted(names))
 
 
 def _show(pose: Pose) -> str:

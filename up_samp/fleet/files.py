@@ -273,18 +273,13 @@ def checked_records(data: dict[str, Any], map_file: str | None = None) -> FleetR
 def write_problem_file(file: str | File, records: FleetRecords) -> File:
     """Write ``records`` as JSON or YAML (by the file's ending), without what is as by default."""
     path = File(file)
-    data = to_plain(records)
+    data = {"format": records.format, "version": records.version, **_slim(records)}
     if path.suffix == ".json":
         text = json.dumps(data, indent=1) + "\n"
     else:
         text = yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=100)
     path.write_text(text, encoding="utf-8")
     return path
-
-
-def to_plain(records: FleetRecords) -> dict[str, Any]:
-    """Return records as a problem file holds them, format and version first."""
-    return {"format": records.format, "version": records.version, **_slim(records)}
 
 
 def _slim(value: Any) -> Any:

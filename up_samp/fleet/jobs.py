@@ -123,7 +123,6 @@ class JobRules:
         self._done()
         self._linked()
         self._together()
-        self._released()
         self._after()
         self._priorities()
         self._closings()
@@ -234,24 +233,20 @@ class JobRules:
         return self._leaving[job]
 
     def _after(self) -> None:
+        """Jobs begin once they are released, and what comes before them has ended; where that is
+        left out, they are, too.
+        """
         for job in self._records.jobs:
+            begins = self._work.begins(job.id)
+            for a in begins if job.release else ():
+                a.add_release_date(self._site.up(job.release))
             for earlier in earlier_than(self._records, job):
                 if earlier in self._leaving:
-                    self._only_with(job, earlier)
-                ends, begins = self._work.ends(earlier), self._work.begins(job.id)
-                for a, b in itertools.product(ends, begins):
+                    skipped = Not(self._leaving[earlier].present)
+                    own = [self._leaving[job.id].present] if job.id in self._leaving else []
+                    self._problem.add_constraint(Or([skipped, *own]))
+                for a, b in itertools.product(self._work.ends(earlier), begins):
                     ends_before(self._problem, a, b)
-
-    def _released(self) -> None:
-        for job in self._records.jobs:
-            for a in self._work.begins(job.id) if job.release else ():
-                a.add_release_date(self._site.up(job.release))
-
-    def _only_with(self, job: Order | Task, earlier: str) -> None:
-        """Where ``earlier`` is left out, ``job`` is, too."""
-        skipped = Not(self._leaving[earlier].present)
-        own = [self._leaving[job.id].present] if job.id in self._leaving else []
-        self._problem.add_constraint(Or([skipped, *own]))
 
     def _priorities(self) -> None:
         """Who has a higher priority begins no later."""

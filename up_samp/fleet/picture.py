@@ -91,7 +91,7 @@ def _laid_out(records: FleetRecords, shifts: Mapping[float, Frame]) -> FleetReco
             return value and tuple(moved(one, shift) for one in value)
         return (value[0] + shift.x, value[1] + shift.y, *value[2:])
 
-    changed: dict[str, dict[str, Any]] = {kind: {} for kind in _DRAWN}
+    changed: dict[str, Any] = {kind: {} for kind in _DRAWN}
     for kind, keys in _DRAWN.items() if records.floors else ():
         for name, one in getattr(records, kind).items():
             shift = shifts[height_of(records, one.floor)]

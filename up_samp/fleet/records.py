@@ -518,11 +518,6 @@ class Mode:
     output: Names = ()
     resources: Names = ()
 
-    @property
-    def fetched_at(self) -> tuple[str, ...]:
-        """Where orders fetch parts."""
-        return self.output or self.input
-
 
 @dataclass(frozen=True, kw_only=True)
 class Task(FleetJob):

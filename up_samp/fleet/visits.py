@@ -20,7 +20,6 @@ from up_samp.fleet.loads import MARK, follows, load_of, options_of, place_of, ri
 from up_samp.fleet.outlines import placed
 from up_samp.fleet.records import (
     AutomaticDoor,
-    Charger,
     FleetRecords,
     Order,
     Zone,
@@ -86,28 +85,17 @@ def visits_of(records: FleetRecords, robot: str) -> list[Visit]:
         if set(door.skills) <= set(mine.skills)
         for i in range(door.times)
     ]
-    for place, charger in chargers_of(records, robot):
-        visits += [Visit(robot, Kind.CHARGE, place, (place,), i) for i in range(charger.times)]
-    for place, times in _parking(records, robot).items():
-        visits += [Visit(robot, Kind.PARK, place, (place,), i) for i in range(times)]
+    charges = records.robot_types[mine.type].battery is not None
+    for name, place in records.places.items() if charges else ():
+        times = 0 if place.charger is None else place.charger.times
+        visits += [Visit(robot, Kind.CHARGE, name, (name,), i) for i in range(times)]
+    # where it may rest, and how often: its own start, once, where that says nothing of it
+    parking = {p: place.park for p, place in records.places.items() if place.park is not None}
+    for name, times in ({mine.start: 1} | parking).items():
+        visits += [Visit(robot, Kind.PARK, name, (name,), i) for i in range(times)]
     if mine.end is not None:
         visits.append(Visit(robot, Kind.END, mine.end, (mine.end,)))
     return visits
-
-
-def chargers_of(records: FleetRecords, robot: str) -> list[tuple[str, Charger]]:
-    """Return the places at which a robot may charge."""
-    if records.robot_types[records.robots[robot].type].battery is None:
-        return []
-    return [(name, p.charger) for name, p in records.places.items() if p.charger is not None]
-
-
-def _parking(records: FleetRecords, robot: str) -> dict[str, int]:
-    """Return where a robot may rest, and how often: what is for parking, and its own start, once,
-    where that says nothing of it.
-    """
-    own = {records.robots[robot].start: 1}
-    return own | {p: place.park for p, place in records.places.items() if place.park is not None}
 
 
 NEVER = frozenset(

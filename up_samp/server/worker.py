@@ -72,11 +72,11 @@ def read_problem(request: ProblemUpload) -> tuple[Any, dict[str, float]]:
     """Return the UP problem of a request and its settings; its map's files are written into the
     current folder.
     """
-    from up_samp.fleet.build import build_problem
+    from up_samp.fleet.build import write_problem
 
     records = records_of(request)
     request.map.write(Path(), MAP_NAME)
-    return build_problem(records, Path.cwd()), records.settings
+    return write_problem(records, Path.cwd()).problem, records.settings
 
 
 def solve(request: PlanRequest, timeout: float, teller: Teller) -> None:

@@ -50,7 +50,8 @@ def import_lif(source: Path, folder: Path, options: Options) -> Imported:
     layout = json_of(source)["layouts"][0]
     nodes = {n["nodeId"]: n for n in layout["nodes"]}
     stations = layout.get("stations", [])
-    points = {key: _xy(n["nodePosition"]) for key, n in nodes.items()}
+    at = {key: n["nodePosition"] for key, n in nodes.items()}
+    points = {key: (number_of(p["x"]), number_of(p["y"])) for key, p in at.items()}
     if not points:
         raise wrong(source, None, "the layout has no nodes")
     places: dict[str, Any] = {}
@@ -72,7 +73,9 @@ def import_lif(source: Path, folder: Path, options: Options) -> Imported:
     zones, notes = lane_zones(edges)
     lanes = preferred_lanes(edges, {*places, *(e.name for e in edges)})
     if options.map is not None:
-        map_file = _copied(options.map, folder)
+        grid = load_map(options.map)
+        cells = grid.occupied, grid.resolution, grid.origin, grid.unknown
+        map_file = write_map(folder, "map", *cells).name
     else:
         floor = MultiPoint(list(points.values())).envelope.buffer(3.0, join_style="mitre")
         map_file = map_from_polygons(floor, folder).name
@@ -109,20 +112,10 @@ def _lif_edges(
     return found
 
 
-def _xy(position: Mapping[str, Any]) -> XY:
-    return number_of(position["x"]), number_of(position["y"])
-
-
 def _theta(node: Mapping[str, Any]) -> float:
     """Return the first heading that a vehicle type has at a node, rad."""
     kinds = node.get("vehicleTypeNodeProperties", ())
     return next((number_of(k["theta"]) for k in kinds if k.get("theta") is not None), 0.0)
-
-
-def _copied(map_file: Path, folder: Path) -> str:
-    """Write the cells of a ROS map into the folder; return its name."""
-    grid = load_map(map_file)
-    return write_map(folder, "map", grid.occupied, grid.resolution, grid.origin, grid.unknown).name
 
 
 def import_rmf(source: Path, folder: Path, options: Options) -> Imported:
