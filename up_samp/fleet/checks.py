@@ -57,17 +57,14 @@ class Finding:
         return f"{self.level.value}: {self.subject}: {self.what}"
 
 
-def check_fleet(
-    records: FleetRecords, folder: Path, *, seconds_per_drive: float = 2.0
-) -> list[Finding]:
+def check_fleet(records: FleetRecords, folder: Path) -> list[Finding]:
     """Return what is wrong or remarkable, errors first.
 
-    An error is a proof: no schedule can be right. A warning is something that was not found in
-    ``seconds_per_drive`` s.
+    An error is a proof: no schedule can be right. A warning is something that was not found in 2 s.
     """
     if not records.robots:
         return [Finding(Level.ERROR, "robots", NO_ROBOT.what)]
-    checker = _Checker(spelled_out(records), folder, seconds_per_drive)
+    checker = _Checker(spelled_out(records), folder)
     stages = (
         checker.poses(), checker.pairs(), checker.left_behind(), checker.loads(), checker.ways(),
         checker.one_ways(), checker.windows(), checker.objective(),
@@ -102,10 +99,10 @@ def _begin(windows: Windows, ready: float, lasts: float) -> float:
 
 
 class _Checker:
-    def __init__(self, records: FleetRecords, folder: Path, seconds: float) -> None:
+    def __init__(self, records: FleetRecords, folder: Path) -> None:
         self.records = records
         self.floors = FloorMaps(records, folder)
-        self.seconds = seconds
+        self.seconds = 2.0  # for one drive
         self.bodies = {name: body_of(kind) for name, kind in records.robot_types.items()}
         precompile({body.kinematics.model for body in self.bodies.values()})
         self.places = {name: p.pose for name, p in records.places.items()}

@@ -138,7 +138,6 @@ def simulate_day(
     plan: DayPlan,
     store: Path,
     *,
-    settings: Settings | None = None,
     speed: float = 0.0,
     operation: type[Operation] = Operation,
 ) -> DayResult:
@@ -157,7 +156,7 @@ def simulate_day(
         store=Store(store, durable=False),
         robots=robots,
         clock=clock,
-        settings=settings or Settings(seed=plan.seed),
+        settings=Settings(seed=plan.seed),
     )
     try:
         steps = _run(day, robots, [*orders_of(site, plan)], plan)

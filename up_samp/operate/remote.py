@@ -50,11 +50,13 @@ class RobotTold:
 
 class RemoteRobots:
     """The robots of a site whose drivers ask and tell; every thread may do so. Of whom nothing was
-    heard for ``silent`` s that is noted.
+    heard for 10 s that is noted.
     """
 
-    def __init__(self, site: FleetRecords, silent: float = 10.0) -> None:
-        self.site, self.silent = site, silent
+    silent = 10.0
+
+    def __init__(self, site: FleetRecords) -> None:
+        self.site = site
         self.faults: list[tuple[str, str]] = []
         self.levels: dict[str, float] = {}
         # not the numbers of another process: who asks for what comes after one of those is answered
