@@ -95,11 +95,6 @@ class Day:
         now = self.clock.now()
         return (now, math.inf) if now >= self.again else (now,)
 
-    @property
-    def lead(self) -> float:
-        """In how many seconds a plan that is asked for now is followed, at the latest."""
-        return self.settings.budget + self.settings.grace + 2 * self.settings.tick
-
     def error(self, robot: str) -> float:
         """Return how far (m) from where it tells to be a robot may be."""
         return self.site.senses(robot).get("localisation", self.settings.localisation)
@@ -190,7 +185,7 @@ class Day:
             return Cut(0.0, poses=self.poses, free=free, away=self.off_plan())
         found = cut_of(
             self.executor,
-            self.lead,
+            self.settings.lead,
             broken={r: self.poses[r] for r in self.off_plan()},
             limits=self._limits(self.executor),
             opened=opened or {},

@@ -632,11 +632,11 @@ class Operation(Day):
     def _ask(self, now: float) -> None:
         """Ask the planner for a plan of what is left."""
         why, self.wanted = self.wanted, ""
-        s, choice = self.settings, self.choice()
+        choice = self.choice()
         if choice is None:
             self._planned_at = now
             self._forecast = max(self._forecast, self._end())
-            self._not_before = now + 5 * s.tick
+            self._not_before = now + 5 * self.settings.tick
             return
         if why not in (EVERY, OVERDUE) and not self._needed(choice):
             why = EVERY
@@ -662,12 +662,8 @@ class Operation(Day):
                 self.site, self.robots.levels, self.executor, self.meanings, cut.kept
             ),
             kept_jobs=tuple(since_now(j.record, now, j.came) for j in staying),
-            seconds=s.budget * (s.stretch if self.clock.waits else 1.0),
+            settings=self.settings,
             computing=self.clock.waits,
-            lead=self.lead,
-            seed=s.seed,
-            localisation=s.localisation,
-            ahead=s.ahead,
         )
         self.store.note(now, "plan", str(self.number), f"asked for {len(chosen)} orders", why)
         self._changed.clear()

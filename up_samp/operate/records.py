@@ -170,6 +170,11 @@ class Settings:
             if not 0.0 <= (value := getattr(self, name)) < math.inf:
                 raise ProblemError(f"'{name}' cannot be {value:g}: at least 0")
 
+    @property
+    def lead(self) -> float:
+        """In how many seconds a plan that is asked for now is followed, at the latest."""
+        return self.budget + self.grace + 2 * self.tick
+
 
 DAY = Weights(tardiness=10.0, completion=1.0, driving=0.1)
 """What is best where a site file says only "makespan": a day has no end that counts."""

@@ -34,7 +34,7 @@ from up_samp.io.plan_dict import PlanDict, with_minor
 from up_samp.model import ProblemError
 from up_samp.motion.fleet.paths import ROUNDED
 from up_samp.operate.horizon import DELIVERS, Cut, meanings_of
-from up_samp.operate.records import Pose, Shape
+from up_samp.operate.records import Pose, Settings, Shape
 from up_samp.operate.zones import keep_zones
 from up_samp.tuning import Tuning
 
@@ -67,8 +67,7 @@ class Kept:
 class Question:
     """What is asked of the planner: the site, where the old plan is cut and what is kept of it, the
     orders and tasks to plan (``due`` from the cut on), the robots to do them (all others stay where
-    they are then), areas that nobody may
-    enter, and what it may take (s).
+    they are then), areas that nobody may enter, and how the day is operated.
     """
 
     number: int
@@ -90,15 +89,14 @@ class Question:
     levels: Mapping[str, float] = field(default_factory=dict)
     """Of batteries from the cut on, in the user's units."""
     kept_jobs: tuple[Order | Task, ...] = ()
-    seconds: float = 2.0
+    settings: Settings = Settings()
     computing: bool = False
     """Whether ``seconds`` are those for which the planner computes, not those of the clock."""
-    lead: float = 4.0
-    """In how many seconds the answer is followed."""
-    seed: int = 0
-    localisation: float = 0.05
-    ahead: float = 0.0
-    """For how many seconds farther than they can stand robots are let drive for good."""
+
+    @property
+    def seconds(self) -> float:
+        """How long (s) a plan may be sought."""
+        return self.settings.budget * (self.settings.stretch if self.computing else 1.0)
 
     @property
     def to_do(self) -> tuple[Order | Task, ...]:
@@ -247,12 +245,13 @@ def stitched(ask: Question, new: PlanDict, meanings: Mapping[str, Meaning]) -> P
     known = {**kept.meanings, **{n: meanings[old] for old, n in names.items()}}
     plan["meanings"] = {n: [m.kind.value, m.what, m.robot] for n, m in known.items()}
     goals = goals_of(known, (*ask.kept_jobs, *ask.to_do))
-    first = _dependencies(ask, plan, new, names, known, ask.lead)
-    plan = ordered(plan, first, goals, ask.cut.begun, ask.lead, ask.ahead, ask.cut.gone)
-    told = _dependencies(ask, plan, new, names, known)
+    first = _dependencies(ask, plan, new, names, known, ask.settings.lead)
+    told = ask.settings.lead, ask.settings.ahead, ask.cut.gone
+    plan = ordered(plan, first, goals, ask.cut.begun, *told)
+    last = _dependencies(ask, plan, new, names, known)
     plan["dependencies"] = {
-        **graph_to_dict(told.graph),
-        "localisation": told.localisation,
+        **graph_to_dict(last.graph),
+        "localisation": last.localisation,
         "narrow": new["dependencies"].get("narrow", []),
     }
     return with_minor(plan) | {"on_board": dict(ask.on_board)}
