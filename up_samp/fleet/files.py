@@ -87,25 +87,26 @@ def _faults(error: ValidationError, data: Any, path: Path) -> list[Fault]:
 def _in_words(item: Any) -> str:
     """Return what is wrong in the words of problem files, not in those of Python."""
     kind, given, limits = item["type"], item["input"], item.get("ctx", {})
-    if kind in ("extra_forbidden", "unexpected_keyword_argument"):
-        key = str(item["loc"][-1])
-        return NOT_YET.get(key, no_such_key(key))
-    if kind == "value_error":
-        return str(limits["error"])
-    if isinstance(given, bool) and kind in _WANTED:
-        word = "yes, on or true" if given else "no, off or false"
-        hint = "; quote a name that reads so" if kind == "string_type" else ""
-        return f"should be {_WANTED[kind]}, and is {word}{hint}"
-    if kind in _WANTED:
-        return f"should be {_WANTED[kind]}, not {_shown(given)}"
-    if kind in _LIMITS:
-        text, bound = _LIMITS[kind]
-        told = len(given) if text.startswith("needs") else _shown(given)
-        return f"{text.format(limits[bound])}, not {told}"
-    if kind == "string_pattern_mismatch":
-        what = "a name has letters, digits, '_', '-' and '.', and begins with a letter"
-        near = re.sub(r"[^A-Za-z0-9_.-]", "_", str(given))
-        return f"{what}: '{near}'?" if re.match("[A-Za-z_]", near) else what
+    match kind:
+        case "extra_forbidden" | "unexpected_keyword_argument":
+            key = str(item["loc"][-1])
+            return NOT_YET.get(key, no_such_key(key))
+        case "value_error":
+            return str(limits["error"])
+        case "string_pattern_mismatch":
+            what = "a name has letters, digits, '_', '-' and '.', and begins with a letter"
+            near = re.sub(r"[^A-Za-z0-9_.-]", "_", str(given))
+            return f"{what}: '{near}'?" if re.match("[A-Za-z_]", near) else what
+        case _ if kind in _LIMITS:
+            text, bound = _LIMITS[kind]
+            told = len(given) if text.startswith("needs") else _shown(given)
+            return f"{text.format(limits[bound])}, not {told}"
+        case _ if kind in _WANTED and isinstance(given, bool):
+            word = "yes, on or true" if given else "no, off or false"
+            hint = "; quote a name that reads so" if kind == "string_type" else ""
+            return f"should be {_WANTED[kind]}, and is {word}{hint}"
+        case _ if kind in _WANTED:
+            return f"should be {_WANTED[kind]}, not {_shown(given)}"
     return (
         str(item["msg"])
         .replace("Input should be", "should be")
@@ -141,13 +142,16 @@ _LIMITS = {
 
 def _shown(value: Any) -> str:
     """Return a value as a file would have it, cut short."""
-    if value is None:
-        return "nothing"
-    if isinstance(value, Mapping):
-        return "a table"
-    if isinstance(value, list | tuple):
-        return f"a list of {len(value)}"
-    text = f"'{value}'" if isinstance(value, str) else f"{value}"
+    text = f"{value}"
+    match value:
+        case None:
+            return "nothing"
+        case Mapping():
+            return "a table"
+        case list() | tuple():
+            return f"a list of {len(value)}"
+        case str():
+            text = f"'{value}'"
     return text if len(text) <= 40 else f"{text[:37]}..."
 
 

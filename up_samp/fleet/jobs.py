@@ -342,10 +342,11 @@ def add_buffers(site: Site, work: Work) -> None:
             rooms[name] = level()
     for visit, a in work.activities.items():
         for room in _levels(rooms, visit.what, visit.places):
-            if visit.kind is Kind.DELIVERY:
-                a.add_decrease_effect(a.start, room, 1)
-            elif visit.kind is Kind.PICKUP:
-                a.add_increase_effect(a.end, room, 1)
+            match visit.kind:
+                case Kind.DELIVERY:
+                    a.add_decrease_effect(a.start, room, 1)
+                case Kind.PICKUP:
+                    a.add_increase_effect(a.end, room, 1)
     for task, modes in work.machines.items():
         brought = records.bringers.get(task, ())
         fetched = [order for order in records.orders if order.pickup.task == task]

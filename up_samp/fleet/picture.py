@@ -92,12 +92,12 @@ def _laid_out(records: FleetRecords, shifts: Mapping[float, Frame]) -> FleetReco
         return (value[0] + shift.x, value[1] + shift.y, *value[2:])
 
     changed: dict[str, Any] = {kind: {} for kind in _DRAWN}
-    for kind, keys in _DRAWN.items() if records.floors else ():
+    for kind, keys in _DRAWN.items():
         for name, one in getattr(records, kind).items():
-            shift = shifts[height_of(records, one.floor)]
+            shift = shifts.get(height_of(records, one.floor), Frame())
             told = {key: moved(getattr(one, key), shift) for key in keys}
             changed[kind][name] = dataclasses.replace(one, **told)
-    return dataclasses.replace(records, **changed) if records.floors else records
+    return dataclasses.replace(records, **changed)
 
 
 def _draw_fixtures(ax: Axes, records: FleetRecords) -> list[PlacedLabel]:

@@ -49,8 +49,6 @@ def with_places(records: FleetRecords) -> FleetRecords:
                 start += "_"
             places[start] = Place(pose)
             robots[name] = dataclasses.replace(robot, start=start)
-    if len(places) == len(records.places):
-        return records
     return dataclasses.replace(records, robots=robots, places=places)
 
 

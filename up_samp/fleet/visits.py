@@ -47,13 +47,14 @@ class Visit:
     @property
     def name(self) -> str:
         """The name of its activity."""
-        if self.kind is Kind.TASK:
-            return f"{self.what}_{self.robot}" + (f"_at_{self.option}" if self.option else "")
-        if self.kind is Kind.CHARGE:
-            return f"charge_{self.robot}_at_{self.what}_{self.number + 1}"
         name = f"{self.kind.value}_{self.what}_{self.robot}"
-        if self.kind is Kind.OPEN and self.number:
-            return f"{name}_{self.number + 1}"
+        match self.kind:
+            case Kind.CHARGE:
+                return f"charge_{self.robot}_at_{self.what}_{self.number + 1}"
+            case Kind.OPEN if self.number:
+                return f"{name}_{self.number + 1}"
+            case Kind.TASK:
+                name = f"{self.what}_{self.robot}"
         return f"{name}_at_{self.option}" if self.option else name
 
 

@@ -266,9 +266,7 @@ def _mean(values: Sequence[float], otherwise: float) -> float:
 
 
 def _quantiles(values: Sequence[float]) -> tuple[float, float, float]:
-    if not values:
-        return 0.0, 0.0, 0.0
-    found = np.quantile(np.asarray(values), (0.5, 0.95, 1.0))
+    found = np.quantile(np.asarray(values or [0.0]), (0.5, 0.95, 1.0))
     return round(float(found[0]), 4), round(float(found[1]), 4), round(float(found[2]), 4)
 
 

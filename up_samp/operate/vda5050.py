@@ -263,30 +263,34 @@ class MasterControl:
             return
         if self.version == LATER:
             data = earlier(data)
-        if topic == "connection":
-            told = data.get("connectionState")
-            agv.online = told == "ONLINE"
-            if agv.online:
-                self._instant(name, "stateRequest")
-            elif str(told).startswith("CONNECTION"):
-                self._fault(name, BROKEN)
-        elif topic == "visualization" and not _older(data, agv.seen):
-            agv.seen, agv.new = data, True
-        elif topic == "factsheet":
-            self._check(name, data)
-        elif topic == "state" and not _older(data, agv.state):
-            agv.state, agv.new = data, True
-            agv.online = True
-            level = (data.get("batteryState") or {}).get("batteryCharge")
-            if level is not None:
-                self.levels[name] = float(level) / 100.0
-            if agv.shown:
-                agv.known = True
-                update = data.get("orderUpdateId", 0)
-                agv.sent = [m for m in agv.sent if m["orderUpdateId"] > update]
-            if self._dropped(agv):
-                why = f"it has given up '{agv.order}': hold and release it where it may go on"
-                self._fault(name, why)
+        match topic:
+            case "connection":
+                told = data.get("connectionState")
+                agv.online = told == "ONLINE"
+                if agv.online:
+                    self._instant(name, "stateRequest")
+                elif str(told).startswith("CONNECTION"):
+                    self._fault(name, BROKEN)
+            case "visualization" if not _older(data, agv.seen):
+                agv.seen, agv.new = data, True
+            case "factsheet":
+                self._check(name, data)
+            case "state" if not _older(data, agv.state):
+                self._hear(agv, data)
+
+    def _hear(self, agv: Agv, state: Message) -> None:
+        """Take in a robot's state."""
+        agv.state, agv.new, agv.online = state, True, True
+        level = (state.get("batteryState") or {}).get("batteryCharge")
+        if level is not None:
+            self.levels[agv.name] = float(level) / 100.0
+        if agv.shown:
+            agv.known = True
+            update = state.get("orderUpdateId", 0)
+            agv.sent = [m for m in agv.sent if m["orderUpdateId"] > update]
+        if self._dropped(agv):
+            why = f"it has given up '{agv.order}': hold and release it where it may go on"
+            self._fault(agv.name, why)
 
     def _dropped(self, agv: Agv) -> bool:
         """Return whether a robot does not know its order any more, or has given it up."""

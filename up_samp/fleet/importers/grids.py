@@ -92,13 +92,14 @@ def import_league(source: Path, folder: Path, options: Options) -> Imported:
         data["robots"][f"r{i}"] = {"type": "agent", "start": place(row[0])}
     data |= {"orders": [], "tasks": []}
     for i, row in enumerate(_rows(files["taskFile"])[: options.jobs]):
-        if len(row) > 2:
-            raise UnsupportedError(f"{source}: task {i} has {len(row)} locations; at most two")
-        if len(row) == 2:
-            order = {"id": f"t{i}", "pickup": place(row[0]), "delivery": place(row[1])}
-            data["orders"].append(order)
-        else:
-            data["tasks"].append({"id": f"t{i}", "at": place(row[0]), "duration": 1})
+        match row:
+            case [cell]:
+                data["tasks"].append({"id": f"t{i}", "at": place(cell), "duration": 1})
+            case [cell, goal]:
+                order = {"id": f"t{i}", "pickup": place(cell), "delivery": place(goal)}
+                data["orders"].append(order)
+            case _:
+                raise UnsupportedError(f"{source}: task {i} has {len(row)} locations; at most two")
     return finish(folder, data, _notes(options))
 
 
