@@ -11,7 +11,7 @@ import tempfile
 from pathlib import Path
 
 from up_samp.cli import main
-from up_samp.fleet.starter import write_starter
+from up_samp.fleet.files import write_starter
 
 ROOT = Path(__file__).parents[1]
 IMAGES = ROOT / "docs" / "images"

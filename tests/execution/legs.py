@@ -6,8 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from up_samp.execution import Executor, Surprise, solve_remaining
-from up_samp.execution.replan import broken_where_they_stand
-from up_samp.execution.simulate import floor_of, simulation_of
+from up_samp.execution.simulate import broken_where_they_stand, floor_of, simulation_of
 
 LAST_METRES = 30.0
 """Seconds that robots may be late in coming to a stand, beside those in which they are held up."""

@@ -311,3 +311,11 @@ def test_a_plan_of_another_problem_is_refused_by_name(yaml, full):
         ProblemError, match=r"is not the plan's problem: it has no activity 'in_r0'"
     ):
         dependency_faults(other.problem, full)
+
+
+@pytest.mark.parametrize("key", ["v_max", "a_max", "turning_radius"])
+def test_a_robot_without_a_limit_is_named(full, key):
+    plan = copy.deepcopy(full)
+    del plan["objects"][0][key]
+    with pytest.raises(ProblemError, match=f"'r0' lacks '{key}'"):
+        dependencies_from_plan(plan)

@@ -18,7 +18,7 @@ from up_samp.execution import (
     simulate,
     with_dependencies,
 )
-from up_samp.execution.replan import solve_remaining
+from up_samp.execution.simulate import solve_remaining
 from up_samp.io import plan_from_dict, plan_to_dict, read_plan, write_plan
 from up_samp.validation import validate_plan
 

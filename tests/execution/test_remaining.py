@@ -31,7 +31,7 @@ from up_samp.benchmarks import instance
 from up_samp.execution import Delays, Executor, Surprise, dependencies_of, solve_remaining
 from up_samp.execution.simulate import Floor, draw, floor_of
 from up_samp.fleet import Fleet
-from up_samp.fleet.starter import write_starter
+from up_samp.fleet.files import write_starter
 from up_samp.io import plan_to_dict, result_to_dict
 from up_samp.model import ProblemError
 from up_samp.validation import terms_of, validate_plan

@@ -11,7 +11,7 @@ from unified_planning.shortcuts import OneshotPlanner
 
 from tests.shuffled import shuffled_fleet
 from up_samp.execution import with_dependencies
-from up_samp.execution.replan import ENGINE, remaining_at
+from up_samp.execution.simulate import ENGINE, remaining_at
 from up_samp.fleet import Fleet
 from up_samp.fleet.build import write_problem
 from up_samp.geometry.maps import write_map

@@ -17,7 +17,7 @@ from up_samp.execution import (
     dependencies_of,
     with_dependencies,
 )
-from up_samp.execution.replan import solve_remaining
+from up_samp.execution.simulate import solve_remaining
 from up_samp.io import plan_from_dict, plan_to_dict, read_plan, result_to_dict, write_plan
 from up_samp.io.files import check_plan
 from up_samp.io.precision import PRECISION

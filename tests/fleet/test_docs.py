@@ -11,8 +11,8 @@ import yaml
 
 from up_samp.cli import main
 from up_samp.fleet import Fleet, read_problem_file
+from up_samp.fleet.files import write_starter
 from up_samp.fleet.records import FleetRecords, Order, Task
-from up_samp.fleet.starter import write_starter
 
 ROOT = Path(__file__).parents[2]
 FLEET = (ROOT / "docs" / "fleet.md").read_text(encoding="utf-8")

@@ -9,7 +9,10 @@ from up_samp.execution import Delays, dependencies_of, simulate
 from up_samp.fleet import Fleet, read_problem_file
 from up_samp.fleet.files import write_problem_file
 from up_samp.fleet.outlines import placed
+from up_samp.fleet.picture import _laid_out
+from up_samp.fleet.records import Door, FleetRecords, Storey
 from up_samp.model import Deadline, UnsupportedError
+from up_samp.model.frames import Frame
 from up_samp.model.refinement import Strength
 from up_samp.operate.planner import check_site
 from up_samp.search.params import Parameters
@@ -118,3 +121,12 @@ def test_messages_say_the_other_leaf():
     texts = [result.explain(), *told]
     assert any("the other leaf of gate" in text for text in texts)
     assert not any("@" in text for text in texts)
+
+
+def test_both_leaves_are_drawn_where_their_floor_is():
+    ends = ((2.0, 0.0, 0.0), (3.0, 0.0, 0.0))
+    door = Door((1.0, 0.1), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), ("p",), floor="up", second=ends)
+    records = FleetRecords("map.yaml", floors={"up": Storey("up.yaml", 4.0)}, doors={"d": door})
+    drawn = _laid_out(records, {0.0: Frame(), 4.0: Frame(10.0, 0.0)}).doors["d"]
+    assert drawn.closed == (10.0, 0.0, 0.0)
+    assert drawn.second == ((12.0, 0.0, 0.0), (13.0, 0.0, 0.0))

@@ -17,9 +17,8 @@ import up_samp
 from up_samp.cli import main
 from up_samp.fleet import Fleet, FleetError, files, read_problem_file, write_problem_file
 from up_samp.fleet.checks import Level, check_fleet
-from up_samp.fleet.files import json_schema
-from up_samp.fleet.result import solve_problem
-from up_samp.fleet.starter import PROBLEM, write_starter
+from up_samp.fleet.files import PROBLEM, json_schema, write_starter
+from up_samp.fleet.fleet import solve_problem
 from up_samp.model import ProblemError
 from up_samp.validation import validate_plan
 

@@ -11,9 +11,9 @@ from unified_planning.shortcuts import OneshotPlanner, get_environment
 from tests.fleet.test_fleet import two_rooms
 from up_samp.cli import main
 from up_samp.fleet import Fleet, FleetError
-from up_samp.fleet.objective import TERMS
+from up_samp.fleet.build import TERMS
+from up_samp.fleet.files import PROBLEM, write_starter
 from up_samp.fleet.records import Weights
-from up_samp.fleet.starter import PROBLEM, write_starter
 from up_samp.io import plan_from_dict, read_plan
 from up_samp.model import SampError
 from up_samp.validation import terms_of, validate_plan, value_of

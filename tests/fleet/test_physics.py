@@ -6,6 +6,7 @@ who knows nothing of Unified Planning (``physics``).
 
 import copy
 import functools
+from types import SimpleNamespace
 
 import pytest
 from shapely.geometry import Polygon
@@ -16,8 +17,8 @@ from tests.shuffled import shuffled_fleet
 from up_samp.fleet.batteries import tell_levels
 from up_samp.fleet.build import write_problem
 from up_samp.fleet.files import read_record
+from up_samp.fleet.fleet import solve_problem
 from up_samp.fleet.records import FleetRecords
-from up_samp.fleet.result import solve_problem
 from up_samp.validation import validate_plan
 
 
@@ -31,9 +32,8 @@ def told(seed, folder, timeout=20.0):
     records = shuffled_fleet(records, seed, rename=False).records
     written, unit = write_problem(records, folder), records.seconds_per_unit
     params = {"seconds_per_unit": unit, ("optimal" if seed % 3 == 0 else "first_plan"): True}
-    result = solve_problem(
-        written, timeout, params, tell=lambda plan: tell_levels(records, written, plan)
-    )
+    fleet = SimpleNamespace(check=list, tell=lambda plan: tell_levels(records, written, plan))
+    result = solve_problem(written, timeout, params, fleet)
     bound = float((result.outcome.metrics or {}).get("lower_bound") or 0) * unit
     found = [f"a bound of {bound} s, beaten by {made.makespan} s"] * (bound > made.makespan + 1e-6)
     if result.plan is None:

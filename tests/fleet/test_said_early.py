@@ -10,11 +10,10 @@ import yaml
 from up_samp.fleet import Fleet, FleetError, read_problem_file
 from up_samp.fleet.checks import Level, check_fleet
 from up_samp.fleet.faults import find_faults
-from up_samp.fleet.files import read_record
-from up_samp.fleet.limits import FILE_LIMITS
+from up_samp.fleet.fields import FILE_LIMITS
+from up_samp.fleet.files import read_record, write_starter
 from up_samp.fleet.picture import draw_fleet
 from up_samp.fleet.records import Order
-from up_samp.fleet.starter import write_starter
 
 
 @pytest.fixture

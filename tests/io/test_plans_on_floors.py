@@ -15,8 +15,7 @@ from unified_planning.shortcuts import LE, OneshotPlanner
 from tests.search.test_several_maps import House, hall, lifted
 from up_samp.execution import Delays, Executor, dependencies_of, simulate, with_dependencies
 from up_samp.execution.judge import contacts_of
-from up_samp.execution.replan import solve_remaining
-from up_samp.execution.simulate import Floor, draw, simulation_of
+from up_samp.execution.simulate import Floor, draw, simulation_of, solve_remaining
 from up_samp.export import export_plan
 from up_samp.io import contradictions, plan_from_dict, read_plan, result_to_dict, write_plan
 from up_samp.io.files import check_plan

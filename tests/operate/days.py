@@ -10,7 +10,7 @@ from up_samp.operate.horizon import Opened
 from up_samp.operate.judge import judge_day
 from up_samp.operate.loop import Operation
 from up_samp.operate.planner import answer
-from up_samp.operate.settings import Settings
+from up_samp.operate.records import Settings
 from up_samp.operate.simulated import Mishaps, SimulatedRobots, SteppedClock
 from up_samp.operate.store import Store
 

@@ -9,8 +9,7 @@ import pytest
 from tests.operate.sites import hall
 from up_samp.operate.choice import Day, choose
 from up_samp.operate.clock import SimulatedClock
-from up_samp.operate.records import DayOrder, OrderState, job_record
-from up_samp.operate.settings import Settings
+from up_samp.operate.records import DayOrder, OrderState, Settings, job_record
 
 
 class Standing(Day):

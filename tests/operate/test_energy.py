@@ -11,7 +11,7 @@ from tests.operate.sites import hall
 from tests.operate.wire import AgvFloor
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.operate.planner import check_site
-from up_samp.operate.settings import Settings
+from up_samp.operate.records import Settings
 from up_samp.operate.simulated import SimulatedRobots
 from up_samp.operate.upkeep import charge_task, low, start_levels, with_levels
 

@@ -16,7 +16,7 @@ from up_samp.execution.reports import Hold
 from up_samp.execution.state import REACTION
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.operate.planner import check_site
-from up_samp.operate.settings import Settings
+from up_samp.operate.records import Settings
 
 WRONG, LATE = {"r0": 0.15, "r1": 0.05}, {"r2": 2.0}
 OTHERS, MARGIN = 0.06, 0.25

@@ -13,7 +13,7 @@ from tests.operate.days import Here
 from tests.operate.sites import hall
 from up_samp.operate.judge import judge_day
 from up_samp.operate.loop import Operation
-from up_samp.operate.settings import Settings
+from up_samp.operate.records import Settings
 from up_samp.operate.simulated import SimulatedRobots, routes_told
 from up_samp.operate.store import Store
 

@@ -27,7 +27,7 @@ from up_samp.model import ProblemError  # noqa: E402
 from up_samp.operate.clock import RealClock  # noqa: E402
 from up_samp.operate.judge import contacts, judge_day  # noqa: E402
 from up_samp.operate.loop import Operation  # noqa: E402
-from up_samp.operate.settings import Settings  # noqa: E402
+from up_samp.operate.records import Settings  # noqa: E402
 from up_samp.operate.simulated import Drive, Handled  # noqa: E402
 from up_samp.operate.store import Store  # noqa: E402
 from up_samp.operate.vda5050 import MasterControl  # noqa: E402

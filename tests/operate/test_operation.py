@@ -74,7 +74,7 @@ def test_a_plan_counts_on_being_followed_a_tick_after_it_is_there(day):
     question, since, _ = day.operation._asked
     day.until(lambda: day.operation.costs)
     there, *_ = day.operation.costs[0]
-    assert there + day.settings.tick <= since + question.lead
+    assert there + day.settings.tick <= since + question.settings.lead
 
 
 def test_a_robot_may_start_at_a_pose_of_its_own(tmp_path):

@@ -22,10 +22,8 @@ from up_samp.model import ProblemError
 from up_samp.operate.clock import SimulatedClock
 from up_samp.operate.horizon import Cut, Opened, cut_of
 from up_samp.operate.loop import Operation
-from up_samp.operate.order import ordered
-from up_samp.operate.records import job_record
-from up_samp.operate.settings import Settings
-from up_samp.operate.stitch import Kept, _after, follow_on, kept_of
+from up_samp.operate.records import Settings, job_record
+from up_samp.operate.stitch import Kept, _after, follow_on, kept_of, ordered
 
 
 @pytest.fixture(scope="module")
@@ -205,8 +203,7 @@ def test_a_gate_that_lies_a_little_earlier_in_a_new_plan_holds_nobody_who_is_let
     assert new.state.until(way) == way.length
 
 
-@pytest.mark.parametrize("opened", [None, {}])
-def test_who_begins_soon_and_cannot_come_to_its_end_is_kept_to_where_it_waits(crossed, opened):
+def test_who_begins_soon_and_cannot_come_to_its_end_is_kept_to_where_it_waits(crossed):
     plan, told = crossed
     names = {m["object"]: m["activity"] for m in plan["motions"]}
     meanings = {name: ["move", "", robot] for robot, name in names.items()}
@@ -215,7 +212,7 @@ def test_who_begins_soon_and_cannot_come_to_its_end_is_kept_to_where_it_waits(cr
     )
     first, waits = sorted(names, key=ends(plan).get)
     pose = next(tuple(o["initial"]) for o in plan["objects"] if o["name"] == first)
-    cut = cut_of(old, 2.0, broken={first: pose}, opened=opened)
+    cut = cut_of(old, 2.0, broken={first: pose})
     old.commands(1.0)
     assert old.phase(names[waits]) is TaskPhase.RUNNING
     assert cut.kept == (names[waits],)

@@ -15,7 +15,7 @@ from tests.operate.sites import hall
 from tests.operate.wire import AgvFloor
 from up_samp.execution.simulate import Delays
 from up_samp.operate.judge import record_of_day, unruly
-from up_samp.operate.settings import Settings
+from up_samp.operate.records import Settings
 from up_samp.operate.simulated import Drive, Mishaps
 from up_samp.operate.zones import stretches_told
 

@@ -14,8 +14,7 @@ from tests.operate.days import Day
 from tests.operate.sites import anywhere, hall
 from tests.operate.wire import AgvFloor
 from up_samp.execution.simulate import Delays
-from up_samp.operate.records import OrderState
-from up_samp.operate.settings import Settings
+from up_samp.operate.records import OrderState, Settings
 from up_samp.operate.simulated import Mishaps
 
 MAPS = Path(__file__).parents[3] / "shared" / "data" / "maps"

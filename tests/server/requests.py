@@ -4,7 +4,7 @@ import base64
 
 import yaml
 
-from up_samp.fleet.starter import write_starter
+from up_samp.fleet.files import write_starter
 
 
 def starter_request(folder):

@@ -15,7 +15,7 @@ from selenium.webdriver.common.actions.action_builder import ActionBuilder  # no
 from selenium.webdriver.common.by import By  # noqa: E402
 
 from tests.server.client import serving  # noqa: E402
-from up_samp.fleet.starter import write_starter  # noqa: E402
+from up_samp.fleet.files import write_starter  # noqa: E402
 from up_samp.server.jobs import JobQueue  # noqa: E402
 
 BROWSER, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")

@@ -125,7 +125,7 @@ def add_new(parser: argparse.ArgumentParser) -> None:
 
 
 def _new(args: argparse.Namespace) -> int:
-    from up_samp.fleet.starter import write_starter
+    from up_samp.fleet.files import write_starter
 
     files = write_starter(args.folder)
     print("\n".join(str(f) for f in files))

@@ -166,8 +166,7 @@ def add_day(parser: argparse.ArgumentParser) -> None:
 
 
 def _day(args: argparse.Namespace) -> int:
-    from up_samp.operate.day import DayPlan, simulate_day
-    from up_samp.operate.report import report_text, write_report
+    from up_samp.operate.day import DayPlan, report_text, simulate_day, write_report
 
     plan = DayPlan(
         hours=args.hours, orders_per_hour=args.orders_per_hour, due=args.due, noise=args.noise,

@@ -11,12 +11,15 @@ from up_samp.execution.files import (
 )
 from up_samp.execution.graph import At, Bound, Edge, Event, Graph, PlannedTask
 from up_samp.execution.remaining import Remaining, Surprise
-from up_samp.execution.replan import (
+from up_samp.execution.reports import Command, Do, Go, Heard, Hold, Reply
+from up_samp.execution.simulate import (
+    Delays,
+    Reorderer,
+    Simulation,
     remaining_at,
+    simulate,
     solve_remaining,
 )
-from up_samp.execution.reports import Command, Do, Go, Heard, Hold, Reply
-from up_samp.execution.simulate import Delays, Reorderer, Simulation, simulate
 
 __all__ = [
     "At",

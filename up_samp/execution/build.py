@@ -69,13 +69,6 @@ class Draft:
         self.together: dict[Event, set[Event]] = {}
         """Starts that are to happen at one instant."""
 
-    def add_orders(self, orders: Iterable[OrderConstraint], unit: float) -> None:
-        """Add differences. Of two that ask for one instant the first one settles who goes first:
-        what a change leaves behind for others comes before what is only to happen together.
-        """
-        for order in sorted(orders, key=_rank):
-            self.add_order(order, unit)
-
     def add_order(self, order: OrderConstraint, unit: float) -> None:
         """Add a difference: an edge, or a bound where the plan has it the other way round.
 
@@ -340,6 +333,7 @@ _WATCHED = ("constraint", "duration")
 
 
 def _rank(order: OrderConstraint) -> tuple[bool, bool, Point, Point]:
+    """What a change leaves behind for others comes before what is only to happen together."""
     need = order.difference
     # what begins when another thing ends, ends it by nothing that it does
     backward = need.then[0] == "end" and need.first[0] != "end"
@@ -450,7 +444,9 @@ def dependencies_of(
     lives = lives_of(plan)
     meetings = meetings_of(lives, margin, localisation)
     draft = Draft(tasks_of(plan, performers(planned, snapshot)), lives)
-    draft.add_orders(orders_of(with_places(planned, problem), snapshot), unit)
+    # of two that ask for one instant the first one settles who goes first
+    for order in sorted(orders_of(with_places(planned, problem), snapshot), key=_rank):
+        draft.add_order(order, unit)
     choices = draft.settle_choices()
     for meeting in meetings:
         draft.add_meeting(meeting)

@@ -94,8 +94,7 @@ def graph_to_dict(graph: Graph) -> dict[str, Any]:
         ],
         "edges": [
             {
-                "first": event_to_list(events[e.first]),
-                "then": event_to_list(events[e.then]),
+                **_pair_to_dict(events[e.first], events[e.then]),
                 "lag": round(e.lag, 6),
                 "kind": e.kind,
                 "why": e.why,
@@ -104,8 +103,7 @@ def graph_to_dict(graph: Graph) -> dict[str, Any]:
         ],
         "bounds": [
             {
-                "first": event_to_list(events[b.first]),
-                "then": event_to_list(events[b.then]),
+                **_pair_to_dict(events[b.first], events[b.then]),
                 "most": round(b.most, 6),
                 "why": b.why,
             }
@@ -114,11 +112,12 @@ def graph_to_dict(graph: Graph) -> dict[str, Any]:
     }
 
 
+def _pair_to_dict(first: Event, then: Event) -> dict[str, Any]:
+    return {"first": event_to_list(first), "then": event_to_list(then)}
+
+
 def _choice_to_dict(choice: Choice) -> dict[str, Any]:
-    ways = [
-        {"first": event_to_list(w.first), "then": event_to_list(w.then), "lag": round(w.lag, 6)}
-        for w in choice.ways
-    ]
+    ways = [{**_pair_to_dict(w.first, w.then), "lag": round(w.lag, 6)} for w in choice.ways]
     return {"ways": ways, "kind": choice.kind, "why": choice.why}
 
 

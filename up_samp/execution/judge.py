@@ -258,7 +258,9 @@ def broken_rules(dependencies: Dependencies, record: dict[str, Any]) -> tuple[Te
     found = judge_executed(problem, decisions, samples, ends, unit)
     asked = _texts(problem) if late and found else {}
     broken = [v for v in found if not any(_stands_for(b.why, v, asked) for b in late)]
-    return tuple(_decimal(str(v)) for v in broken), tuple(dict.fromkeys(missed))
+    fraction = re.compile(r"\b(\d+)/(\d+)\b")
+    told = (fraction.sub(lambda m: f"{int(m[1]) / int(m[2]):g}", str(v)) for v in broken)
+    return tuple(told), tuple(dict.fromkeys(missed))
 
 
 def _known_ends(
@@ -318,11 +320,6 @@ def _stands_for(why: str, broken: Violation, asked: Mapping[Any, set[str]]) -> b
         re.search(rf"(sets|changes) {re.escape(name)}(?![A-Za-z0-9_])", why)
         for name in broken.about
     )
-
-
-def _decimal(text: str) -> str:
-    """Return a text with its fractions as decimals."""
-    return re.sub(r"\b(\d+)/(\d+)\b", lambda m: f"{int(m[1]) / int(m[2]):g}", text)
 
 
 def _far(a: tuple[float, ...], b: tuple[float, ...]) -> bool:

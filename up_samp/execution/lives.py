@@ -25,6 +25,7 @@ from up_samp.model import (
     Configuration,
     Kinematics,
     MotionModel,
+    ProblemError,
     TrafficZone,
     UnsupportedError,
     avoids,
@@ -206,23 +207,31 @@ def drives_of(lives: Mapping[str, Life]) -> dict[tuple[str, str], DriveCells]:
     return {d.key: d for life in lives.values() for d in life.drives}
 
 
+_LIMITS = {
+    "turning_radius": "turning_radius", "v_max": "v_max", "a_max": "a_max",
+    "omega_max": "omega_max", "reverse_v_max": "v_back", "lateral_a_max": "lateral_a_max",
+    "alpha_max": "alpha_max", "reverse_cost": "back_cost",
+}  # fmt: skip
+"""Numbers that limit motions, by what plan files call them; the first three are always there."""
+
+
 def body_of(entry: Mapping[str, Any]) -> Body:
-    """Return the body of an object of a plan dictionary."""
-    corners = tuple((float(x), float(y)) for x, y in entry["footprint"])
+    """Return the body of an object of a plan dictionary.
+
+    :raises ProblemError: where it lacks a limit.
+    """
+    for key in [*_LIMITS][:3]:
+        if key not in entry:
+            raise ProblemError(f"object '{entry['name']}' lacks '{key}'")
+    told: dict[str, Any] = {f: float(entry[key]) for key, f in _LIMITS.items() if key in entry}
     limits = Kinematics(
         MotionModel(entry["model"]),
-        turning_radius=float(entry["turning_radius"]),
-        v_max=float(entry["v_max"]),
-        a_max=float(entry["a_max"]),
-        omega_max=float(entry.get("omega_max", 1.0)),
         reverse=bool(entry.get("reverse", True)),
-        v_back=float(entry.get("reverse_v_max", math.inf)),
-        lateral_a_max=float(entry.get("lateral_a_max", math.inf)),
-        alpha_max=float(entry.get("alpha_max", math.inf)),
-        back_cost=float(entry.get("reverse_cost", 1.0)),
         zones=tuple(_zone(zone) for zone in entry.get("zones", ())),
         drives_along=bool(entry.get("drives_along", False)),
+        **told,
     )
+    corners = tuple((float(x), float(y)) for x, y in entry["footprint"])
     return Body(corners, limits, entry.get("mesh"), float(entry.get("height", math.inf)))
 
 

@@ -118,10 +118,11 @@ def doubt(way: MotionUnderWay, progress: float, seconds: float, error: float) ->
 
 def words_of(command: Command | None) -> tuple[str, str]:
     """Return what a robot is told, and why, in words."""
-    if isinstance(command, Go):
-        return f"go to {command.until:.2f} m of {command.motion}", ""
-    if isinstance(command, Do):
-        return f"do {command.activity}", "" if command.may_end else "it may not end yet"
-    if isinstance(command, Hold):
-        return "hold", "; ".join(command.waiting_for)
+    match command:
+        case Go(motion, until):
+            return f"go to {until:.2f} m of {motion}", ""
+        case Do(activity, may_end):
+            return f"do {activity}", "" if may_end else "it may not end yet"
+        case Hold(waiting_for):
+            return "hold", "; ".join(waiting_for)
     return "", ""

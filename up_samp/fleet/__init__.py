@@ -2,8 +2,7 @@
 
 from up_samp.fleet.faults import Fault, FleetError
 from up_samp.fleet.files import read_problem_file, write_problem_file
-from up_samp.fleet.fleet import Fleet
-from up_samp.fleet.result import FleetResult
+from up_samp.fleet.fleet import Fleet, FleetResult
 
 __all__ = [
     "Fault",

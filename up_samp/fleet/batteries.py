@@ -16,8 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from unified_planning.model import Effect
-from unified_planning.model.scheduling import Activity
 
 from up_samp.fleet.floors import FloorMaps, floor_of, way_between
 from up_samp.fleet.loads import load_of, ridden, with_load
@@ -76,16 +74,6 @@ class Meter:
         legs, body = self._floors.at(origin).legs, self._body(kind, origin, to)
         return way is not None and all(legs.clears(way, body, area) for area in areas)
 
-    def too_far(self, robot: str, origin: str, to: str) -> bool:
-        """Return whether a drive takes more than a full battery has above its reserve."""
-        battery = self._records.robot_types[self._records.robots[robot].type].battery
-        return battery is not None and self.drive(robot, origin, to) > usable(battery)
-
-    def _empties(self, kind: str, way: Trajectory) -> bool:
-        """Return whether a way takes more than a whole battery holds: a shorter one may not."""
-        battery = self._records.robot_types[kind].battery
-        return battery is not None and grains(battery, taken(battery, way)) > usable(battery)
-
     def _way(self, kind: str, origin: str, to: str) -> Trajectory | None:
         """Return how a robot drives when nobody is in its way.
 
@@ -98,8 +86,11 @@ class Meter:
         share = 1.0 if self._in_vain < PATIENCE else 0.1
         deadline = Deadline.after(share * WAY_SECONDS)
         quick = None if chooses(body) else quick_way(service, body, poses, zones, deadline)
-        if quick is not None and not self._empties(kind, quick):
-            return quick
+        battery = self._records.robot_types[kind].battery
+        if quick is not None and (
+            battery is None or grains(battery, taken(battery, quick)) <= usable(battery)
+        ):
+            return quick  # of one that takes more than a battery holds there may be a shorter one
         way = service.plan(PathQuery(body, poses, zones), deadline).trajectory
         self._in_vain += deadline.elapsed() if way is None else 0.0
         return way
@@ -221,7 +212,9 @@ def levels(
         ]
         for who, a in charges:
             if who == robot:
-                effect = _on_battery(by_name[a["name"]], robot)
+                effects = itertools.chain(*by_name[a["name"]].effects.values())
+                level_of = battery_of(robot)
+                effect = next(e for e in effects if e.fluent.fluent().name == level_of)
                 given = float(effect.value.constant_value()) * battery.capacity / battery.grains
                 given = math.inf if effect.is_assignment() else given
                 changes.append((float(a["end"]) * unit, given))
@@ -236,12 +229,6 @@ def levels(
 def battery_of(robot: str) -> str:
     """Return the name of the fluent that tells a robot's level."""
     return f"{robot}_battery"
-
-
-def _on_battery(charge: Activity, robot: str) -> Effect:
-    """Return what a charge does to a robot's battery."""
-    effects = itertools.chain(*charge.effects.values())
-    return next(e for e in effects if e.fluent.fluent().name == battery_of(robot))
 
 
 def tell_levels(records: FleetRecords, written: Written, plan: Mapping[str, Any]) -> list[str]:

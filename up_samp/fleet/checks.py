@@ -14,9 +14,7 @@ from typing import NamedTuple
 from shapely import STRtree, box
 from shapely.geometry import Polygon
 
-from up_samp.fleet.docks import front_of
-from up_samp.fleet.doorways import in_doorways
-from up_samp.fleet.faults import NO_ROBOT
+from up_samp.fleet.faults import NO_ROBOT, both
 from up_samp.fleet.fields import Pose, Windows
 from up_samp.fleet.floors import (
     FloorMaps,
@@ -27,11 +25,11 @@ from up_samp.fleet.floors import (
     way_between,
 )
 from up_samp.fleet.loads import ends_of, load_of, load_pose, loads_of, place_of, with_load
-from up_samp.fleet.outlines import area_of, body_of, kept_out, placed, ruled, still
+from up_samp.fleet.outlines import area_of, body_of, front_of, kept_out, placed, ruled, still
 from up_samp.fleet.records import Attached, FleetRecords, Order, Task, can_do, needs_robot
 from up_samp.fleet.spelled_out import spelled_out
 from up_samp.fleet.statements import Kind
-from up_samp.fleet.visits import visits_of
+from up_samp.fleet.visits import in_doorways, visits_of
 from up_samp.model import Body, Deadline, Outcome, PathQuery, Placed
 from up_samp.motion.compile import precompile
 
@@ -59,17 +57,14 @@ class Finding:
         return f"{self.level.value}: {self.subject}: {self.what}"
 
 
-def check_fleet(
-    records: FleetRecords, folder: Path, *, seconds_per_drive: float = 2.0
-) -> list[Finding]:
+def check_fleet(records: FleetRecords, folder: Path) -> list[Finding]:
     """Return what is wrong or remarkable, errors first.
 
-    An error is a proof: no schedule can be right. A warning is something that was not found in
-    ``seconds_per_drive`` s.
+    An error is a proof: no schedule can be right. A warning is something that was not found in 2 s.
     """
     if not records.robots:
         return [Finding(Level.ERROR, "robots", NO_ROBOT.what)]
-    checker = _Checker(spelled_out(records), folder, seconds_per_drive)
+    checker = _Checker(spelled_out(records), folder)
     stages = (
         checker.poses(), checker.pairs(), checker.left_behind(), checker.loads(), checker.ways(),
         checker.one_ways(), checker.windows(), checker.objective(),
@@ -104,10 +99,10 @@ def _begin(windows: Windows, ready: float, lasts: float) -> float:
 
 
 class _Checker:
-    def __init__(self, records: FleetRecords, folder: Path, seconds: float) -> None:
+    def __init__(self, records: FleetRecords, folder: Path) -> None:
         self.records = records
         self.floors = FloorMaps(records, folder)
-        self.seconds = seconds
+        self.seconds = 2.0  # for one drive
         self.bodies = {name: body_of(kind) for name, kind in records.robot_types.items()}
         precompile({body.kinematics.model for body in self.bodies.values()})
         self.places = {name: p.pose for name, p in records.places.items()}
@@ -358,22 +353,16 @@ class _Checker:
     def _reaches(self, robot: str, place: str, shut: frozenset[str]) -> bool:
         """Return whether no proof says that the robot cannot get there past doors that are shut."""
         mine = self.records.robots[robot]
+        kind, body = mine.type, self.bodies[mine.type]
         ways = legs_between(self.records, mine.start, place)
-        return any(
-            not any(
-                self._drives(*leg) and self._is_stuck(mine.type, self.bodies[mine.type], *leg, shut)
-                for leg in way
-            )
-            for way in ways
-        )
-
-    def _drives(self, origin: str, to: str) -> bool:
-        return lift_between(self.records, origin, to) is None
+        return any(not any(self._is_stuck(kind, body, *leg, shut) for leg in way) for way in ways)
 
     def _is_stuck(self, kind: str, body: Body, origin: str, to: str, shut: frozenset[str]) -> bool:
-        """Return whether provably no robot of a type gets there as ``body`` past doors that are
+        """Return whether provably no robot of a type drives there as ``body`` past doors that are
         shut.
         """
+        if lift_between(self.records, origin, to) is not None:
+            return False
         floor, ends = self.floor(origin), (self.places[origin], self.places[to])
         doors = (door for door in self.doors(floor) if door.name in shut)
         around = (*kept_out(self.records, kind, floor), *doors)
@@ -401,7 +390,7 @@ class _Checker:
                 level = Level.ERROR if Kind.END in roles else Level.WARNING
                 text = f"robot '{robot}' can never get there from '{mine.start}' (proven)"
                 if self._reaches(robot, place, frozenset()):
-                    text += f": nobody can open {_and(self.shut)}"
+                    text += f": nobody can open {both(sorted(self.shut))}"
                 yield Finding(level, place, text)
                 continue
             for door in self.records.doors:
@@ -415,7 +404,7 @@ class _Checker:
 
     def _in_vain(self, kind: str, origin: str, to: str) -> bool:
         """Return whether a drive was looked for until time ran out."""
-        if not self._drives(origin, to):
+        if lift_between(self.records, origin, to) is not None:
             return False
         floor, poses = self.floor(origin), way_between(self.records, origin, to)
         body = ruled(self.records, kind, floor, self.bodies[kind])
@@ -529,10 +518,6 @@ class _Checker:
             (one, subject, *_), (other, *_) = bodies[i], bodies[j]
             if subject:
                 yield Finding(Level.ERROR, subject, f"{one} and {other} would overlap at first")
-
-
-def _and(names: frozenset[str]) -> str:
-    return " and ".join(f"'{n}'" for n in sorted(names))
 
 
 def _show(pose: Pose) -> str:

@@ -17,13 +17,11 @@ from unified_planning.model.motion import ActivityWaypoints, ConfigurationObject
 from unified_planning.model.scheduling import Activity
 from unified_planning.shortcuts import GE, LE, Equals, Or
 
-from up_samp.fleet.batteries import Meter
-from up_samp.fleet.doorways import check_visits
+from up_samp.fleet.batteries import Meter, usable
 from up_samp.fleet.fields import corners_of
 from up_samp.fleet.floors import floor_of, lift_between, ride_seconds, way_between
 from up_samp.fleet.loads import (
     MARK,
-    is_stand_of,
     is_under,
     load_name,
     load_of,
@@ -37,7 +35,7 @@ from up_samp.fleet.outlines import area_of
 from up_samp.fleet.records import GROUND, Order, RobotType, can_do
 from up_samp.fleet.site import Site
 from up_samp.fleet.statements import Kind, Meaning, at_start, present
-from up_samp.fleet.visits import Successions, moves_needed
+from up_samp.fleet.visits import Successions, check_visits, moves_needed
 from up_samp.fleet.work import Work
 from up_samp.model import Placed
 
@@ -77,8 +75,9 @@ class Drives:
                 for _ in range(copies):
                     self._work.busy[robot].append(self._ride(robot, lift, origin, to))
                 continue
-            if self._meter.too_far(robot, origin, to):
-                continue
+            battery, amount = kind.battery, self._meter.drive(robot, origin, to)
+            if battery is not None and amount > usable(battery):
+                continue  # more than a full one has above its reserve
             if origin in self._seats and to in self._seats:
                 continue  # with the load, which its first carrier drives
             order = ridden(records, origin, to)
@@ -220,7 +219,7 @@ class Drives:
         around = []
         for crowd in (c for c in self._site.crowds if c.floor == floor_of(self._site.records, to)):
             area, room = self._site.rooms[crowd.zone]
-            passing = crowd.passing(robot, origin, to)
+            passing = crowd.passing(self._site.records.robots[robot].type, origin, to)
             if passing is None:
                 around.append(area)
                 continue
@@ -280,7 +279,7 @@ class Drives:
         kind = site.kind_of(robot)
         found = [r for name, r in site.robots.items() if name != robot]
         for first, load in loads_of(site.records):
-            mine = [name for name in (origin, to) if is_stand_of(name, first.id)]
+            mine = [name for name in (origin, to) if name.partition(MARK)[2] == first.id]
             seats = {self._seats[name] for name in (origin, to) if name in self._seats}
             under = [is_under(kind, load)] * len(mine)
             under += [is_under(kind, load, load.carriers[k]) for one, k in seats if one == first.id]

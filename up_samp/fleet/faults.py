@@ -18,8 +18,7 @@ from typing import Any
 from shapely.geometry import Polygon
 from shapely.validation import explain_validity
 
-from up_samp.fleet.fields import Outline, corners_of
-from up_samp.fleet.limits import FILE_LIMITS
+from up_samp.fleet.fields import FILE_LIMITS, Outline, corners_of
 from up_samp.fleet.records import (
     GROUND,
     Attached,
@@ -430,7 +429,8 @@ def _chargers(records: FleetRecords) -> Iterator[Fault]:
             assert charger is not None
             if (charger.per_second is None) == (charger.swap is None):
                 break  # told of by itself
-            given, room = _step(charger), battery.capacity - battery.reserve
+            given = (charger.per_second or 0.0) * charger.step  # where it is quickest
+            room = battery.capacity - battery.reserve
             least = given * min((share for _, share in battery.curve), default=1.0)
             if given > room:
                 text = f"a step gives {given:g}; the battery of '{kind}' takes {room:g} from its "
@@ -441,27 +441,19 @@ def _chargers(records: FleetRecords) -> Iterator[Fault]:
                 yield Fault(path, text)
 
 
-def _same_docks(records: FleetRecords) -> Iterator[Fault]:
+def _docks(records: FleetRecords) -> Iterator[Fault]:
     """A dock binds whoever ends at its pose, whatever the place there is called."""
+    ahead = [name for name, kind in records.robot_types.items() if kind.reverse == "never"]
     for name, place in records.places.items():
+        path: Path = ("places", name, "docking")
+        if place.docking is not None and place.docking.backwards and ahead:
+            text = f"robots of type '{ahead[0]}' never drive backwards (reverse: never)"
+            yield Fault((*path, "backwards"), text)
         for other, there in records.places.items() if place.docking is not None else ():
             alike = place.floor == there.floor and same_pose(place.pose, there.pose, 1e-3)
             if alike and place.docking != there.docking:
                 text = f"'{other}' is at the same pose, and is docked at otherwise, or not at all"
-                yield Fault(("places", name, "docking"), text)
-
-
-def _docks(records: FleetRecords) -> Iterator[Fault]:
-    ahead = [name for name, kind in records.robot_types.items() if kind.reverse == "never"]
-    for name, place in records.places.items():
-        if place.docking is not None and place.docking.backwards and ahead:
-            text = f"robots of type '{ahead[0]}' never drive backwards (reverse: never)"
-            yield Fault(("places", name, "docking", "backwards"), text)
-
-
-def _step(charger: Charger) -> float:
-    """Return what a step gives where it is quickest; nothing, where batteries are swapped."""
-    return (charger.per_second or 0.0) * charger.step
+                yield Fault(path, text)
 
 
 def _skills(records: FleetRecords) -> Iterator[Fault]:
@@ -470,7 +462,7 @@ def _skills(records: FleetRecords) -> Iterator[Fault]:
     for kind in ("lifts", "doors") if known else ():
         for name, item in getattr(records, kind).items():
             if not any(skills.issuperset(item.skills) for skills in known):
-                yield Fault((kind, name, "skills"), f"no robot has {_and(item.skills)}")
+                yield Fault((kind, name, "skills"), f"no robot has {both(item.skills)}")
 
 
 def _airlocks(records: FleetRecords) -> Iterator[Fault]:
@@ -560,7 +552,7 @@ def _taken_on(records: FleetRecords, order: Order, name: str, path: Path) -> Ite
         yield Fault(key, f"order '{others[0]}' takes the load of '{name}', too; only one can")
     odd = [p for p in order.pickup.at if p not in before.delivery.at]
     if odd:
-        at = _and(before.delivery.at)
+        at = both(before.delivery.at)
         yield Fault((*path, "pickup"), f"'{name}' does not put its load at '{odd[0]}', but at {at}")
 
 
@@ -574,8 +566,8 @@ def _job(records: FleetRecords, job: Order | Task, path: Path) -> Iterator[Fault
             if name not in known:
                 yield Fault((*path, key), missing(what, name, known))
     if records.robots and job.skills and needs_robot(job) and not able(records, job):
-        text = f"it needs {_and(job.skills)}, which "
-        text += f"{_and(job.robots)} does not have" if job.robots else "no robot has"
+        text = f"it needs {both(job.skills)}, which "
+        text += f"{both(job.robots)} does not have" if job.robots else "no robot has"
         yield Fault((*path, "skills"), text)
     others = [records.order_of.get(name, job) for name in getattr(job, "together", ())]
     fit = dict.fromkeys(r for one in (job, *others) for r in able(records, one))
@@ -620,7 +612,8 @@ def _on_board(records: FleetRecords) -> Iterator[Fault]:
                 yield Fault(("robots", name), text + "it is delivered after it: after")
 
 
-def _and(names: Iterable[str]) -> str:
+def both(names: Iterable[str]) -> str:
+    """Return ``'one' and 'other'``."""
     return " and ".join(f"'{n}'" for n in names)
 
 
@@ -680,7 +673,6 @@ CHECKS: tuple[Callable[[FleetRecords], Iterator[Fault]], ...] = (
     _batteries,
     _chargers,
     _docks,
-    _same_docks,
     _skills,
     _airlocks,
     _jobs,

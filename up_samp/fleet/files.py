@@ -1,26 +1,32 @@
-"""Problem files: ``problem.yaml`` and ``problem.json``."""
+"""Problem files (``problem.yaml``, ``problem.json``), orders in tables beside them, and a
+problem to begin with.
+"""
 
 from __future__ import annotations
 
+import csv
 import dataclasses
+import io
 import json
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from difflib import get_close_matches
 from functools import cache
+from importlib import resources
 from pathlib import Path as File
 from typing import Any
 
+import numpy as np
 import yaml
 from pydantic import TypeAdapter, ValidationError
 
 from up_samp.fleet import records
 from up_samp.fleet.faults import Fault, FleetError, Path, find_faults, show_path, told
-from up_samp.fleet.limits import FILE_LIMITS
+from up_samp.fleet.fields import FILE_LIMITS
 from up_samp.fleet.records import FleetRecords
-from up_samp.fleet.tables import read_orders, text_of
 from up_samp.geometry import load_map
+from up_samp.geometry.maps import write_map
 from up_samp.io.plan_dict import FORMAT
 from up_samp.model import ProblemError
 
@@ -81,25 +87,26 @@ def _faults(error: ValidationError, data: Any, path: Path) -> list[Fault]:
 def _in_words(item: Any) -> str:
     """Return what is wrong in the words of problem files, not in those of Python."""
     kind, given, limits = item["type"], item["input"], item.get("ctx", {})
-    if kind in ("extra_forbidden", "unexpected_keyword_argument"):
-        key = str(item["loc"][-1])
-        return NOT_YET.get(key, no_such_key(key))
-    if kind == "value_error":
-        return str(limits["error"])
-    if isinstance(given, bool) and kind in _WANTED:
-        word = "yes, on or true" if given else "no, off or false"
-        hint = "; quote a name that reads so" if kind == "string_type" else ""
-        return f"should be {_WANTED[kind]}, and is {word}{hint}"
-    if kind in _WANTED:
-        return f"should be {_WANTED[kind]}, not {_shown(given)}"
-    if kind in _LIMITS:
-        text, bound = _LIMITS[kind]
-        told = len(given) if text.startswith("needs") else _shown(given)
-        return f"{text.format(limits[bound])}, not {told}"
-    if kind == "string_pattern_mismatch":
-        what = "a name has letters, digits, '_', '-' and '.', and begins with a letter"
-        near = re.sub(r"[^A-Za-z0-9_.-]", "_", str(given))
-        return f"{what}: '{near}'?" if re.match("[A-Za-z_]", near) else what
+    match kind:
+        case "extra_forbidden" | "unexpected_keyword_argument":
+            key = str(item["loc"][-1])
+            return NOT_YET.get(key, no_such_key(key))
+        case "value_error":
+            return str(limits["error"])
+        case "string_pattern_mismatch":
+            what = "a name has letters, digits, '_', '-' and '.', and begins with a letter"
+            near = re.sub(r"[^A-Za-z0-9_.-]", "_", str(given))
+            return f"{what}: '{near}'?" if re.match("[A-Za-z_]", near) else what
+        case _ if kind in _LIMITS:
+            text, bound = _LIMITS[kind]
+            told = len(given) if text.startswith("needs") else _shown(given)
+            return f"{text.format(limits[bound])}, not {told}"
+        case _ if kind in _WANTED and isinstance(given, bool):
+            word = "yes, on or true" if given else "no, off or false"
+            hint = "; quote a name that reads so" if kind == "string_type" else ""
+            return f"should be {_WANTED[kind]}, and is {word}{hint}"
+        case _ if kind in _WANTED:
+            return f"should be {_WANTED[kind]}, not {_shown(given)}"
     return (
         str(item["msg"])
         .replace("Input should be", "should be")
@@ -135,13 +142,16 @@ _LIMITS = {
 
 def _shown(value: Any) -> str:
     """Return a value as a file would have it, cut short."""
-    if value is None:
-        return "nothing"
-    if isinstance(value, Mapping):
-        return "a table"
-    if isinstance(value, list | tuple):
-        return f"a list of {len(value)}"
-    text = f"'{value}'" if isinstance(value, str) else f"{value}"
+    text = f"{value}"
+    match value:
+        case None:
+            return "nothing"
+        case Mapping():
+            return "a table"
+        case list() | tuple():
+            return f"a list of {len(value)}"
+        case str():
+            text = f"'{value}'"
     return text if len(text) <= 40 else f"{text[:37]}..."
 
 
@@ -267,18 +277,13 @@ def checked_records(data: dict[str, Any], map_file: str | None = None) -> FleetR
 def write_problem_file(file: str | File, records: FleetRecords) -> File:
     """Write ``records`` as JSON or YAML (by the file's ending), without what is as by default."""
     path = File(file)
-    data = to_plain(records)
+    data = {"format": records.format, "version": records.version, **_slim(records)}
     if path.suffix == ".json":
         text = json.dumps(data, indent=1) + "\n"
     else:
         text = yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=100)
     path.write_text(text, encoding="utf-8")
     return path
-
-
-def to_plain(records: FleetRecords) -> dict[str, Any]:
-    """Return records as a problem file holds them, format and version first."""
-    return {"format": records.format, "version": records.version, **_slim(records)}
 
 
 def _slim(value: Any) -> Any:
@@ -436,3 +441,142 @@ def _line(root: yaml.Node, path: Path) -> int:
         else:
             break
     return int(line) + 1
+
+
+# ------------------ Orders in a CSV file beside a problem file, as warehouse systems write them
+# The first line names the columns: keys of an order (``id``, ``pickup``, ``due``), those of a stop
+# or a load behind a point (``pickup.service``, ``load.item``). A row is an order; an empty cell
+# says nothing; several names or numbers in a cell stand with spaces between them.
+
+
+SEPARATORS = ",;\t"
+WORDS = {"yes": True, "true": True, "no": False, "false": False}
+STOPS = ("pickup", "delivery")
+
+
+def read_orders(file: File) -> dict[int, dict[str, Any]]:
+    """Return the orders of a CSV file as plain data, by the line in which each stands; what cells
+    mean is not looked at.
+
+    :raises FleetError: that names file and line, where it is no such table.
+    """
+    text = text_of(file, " with orders")
+    header = text.partition("\n")[0]
+    reader = csv.reader(
+        io.StringIO(text, newline=""), delimiter=max(SEPARATORS, key=header.count), strict=True
+    )
+    orders = {}
+    try:
+        keys = _keys(file, next(reader, []))
+        for row in reader:
+            if any(cell.strip() for cell in row):
+                orders[reader.line_num] = _order(file, reader.line_num, keys, row)
+    except csv.Error as error:
+        raise FleetError((), f"{file}:{reader.line_num}: not readable as CSV: {error}") from error
+    return orders
+
+
+def check_size(file: File, missing: str = "") -> File:
+    """Return ``file`` if it is one that may be read whole.
+
+    :raises FleetError: where there is none (``missing`` says more of that), or a larger one than
+        any that is meant.
+    """
+    if file.is_dir():
+        raise FleetError((), f"'{file}' is a folder; name the file in it")
+    if not file.is_file():
+        raise FleetError((), f"there is no file '{file}'{missing}")
+    if file.stat().st_size > FILE_LIMITS.file_bytes:
+        raise FleetError((), f"{file}: larger than {FILE_LIMITS.file_bytes // 1_000_000} MB")
+    return file
+
+
+def text_of(file: File, missing: str = "") -> str:
+    """Return a file's text.
+
+    :raises FleetError: like :func:`check_size`, and where it cannot be read.
+    """
+    try:
+        return check_size(file, missing).read_text(encoding="utf-8-sig")  # some begin with a mark
+    except UnicodeDecodeError as error:
+        raise FleetError((), f"{file}: is not UTF-8 text") from error
+    except OSError as error:
+        raise FleetError((), f"'{file}' cannot be read: {error.strerror}") from error
+
+
+def _keys(file: File, header: list[str]) -> list[tuple[str, ...]]:
+    """Return where in an order each column belongs."""
+    names = [name.strip() for name in header]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if "id" not in names or twice:
+        what = f"the column '{twice[0]}' is there twice" if twice else "there is no column 'id'"
+        raise FleetError((), f"{file}:1: {what}; the first line names the columns")
+    nested = {name.partition(".")[0] for name in names if "." in name}
+    found = [tuple(name.split(".")) for name in names]
+    return [(*k, "at") if k[0] in STOPS and k[0] in nested and len(k) == 1 else k for k in found]
+
+
+def _order(file: File, line: int, keys: list[tuple[str, ...]], row: list[str]) -> dict[str, Any]:
+    if len(row) != len(keys):
+        raise FleetError((), f"{file}:{line}: {len(row)} cells, for {len(keys)} columns")
+    order: dict[str, Any] = {}
+    for (*outer, last), cell in zip(keys, row, strict=True):
+        if cell.strip():
+            inner = order
+            for key in outer:
+                inner = inner.setdefault(key, {})
+            inner[last] = _value(cell)
+    return order
+
+
+def _value(cell: str) -> Any:
+    """Return what a cell says: a yes or no, a number, a name, or several of them."""
+    parts = [_word(part) for part in cell.split()]
+    return parts[0] if len(parts) == 1 else parts
+
+
+def _word(text: str) -> Any:
+    if text.lower() in WORDS:
+        return WORDS[text.lower()]
+    for kind in (int, float) if text[0] in "+-.0123456789" else ():
+        try:
+            return kind(text)
+        except ValueError:
+            continue
+    return text
+
+
+# ------------------ A problem file to begin with: ``up-samp new``
+
+
+CELL = 0.1
+WIDTH, HEIGHT = 30.0, 16.0
+PROBLEM = resources.files("up_samp.fleet").joinpath("starter.yaml").read_text("utf-8")
+
+
+def write_starter(folder: File) -> list[File]:
+    """Write ``problem.yaml`` and a map of two rooms into ``folder``; return the files.
+
+    :raises ProblemError: where one of them is there already.
+    """
+    files = [folder / name for name in ("problem.yaml", "warehouse.yaml", "warehouse.png")]
+    there = [f for f in files if f.exists()]
+    if there:
+        raise ProblemError(f"'{there[0]}' is there already; name another folder")
+    folder.mkdir(parents=True, exist_ok=True)
+    write_map(folder, "warehouse", two_rooms(), CELL)
+    files[0].write_text(PROBLEM, encoding="utf-8")
+    return files
+
+
+def two_rooms() -> np.ndarray[tuple[int, int], np.dtype[np.bool_]]:
+    """Return the cells of two rooms, side by side, joined by a gap of 4 m; row 0 has lowest y."""
+    rows, cols = round(HEIGHT / CELL), round(WIDTH / CELL)
+    occupied = np.zeros((rows, cols), dtype=np.bool_)
+    wall = round(0.3 / CELL)
+    occupied[:wall], occupied[-wall:] = True, True
+    occupied[:, :wall], occupied[:, -wall:] = True, True
+    middle = cols // 2
+    occupied[:, middle - 1 : middle + 2] = True
+    occupied[round(6 / CELL) : round(10 / CELL), middle - 1 : middle + 2] = False
+    return occupied

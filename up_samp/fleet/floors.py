@@ -10,9 +10,9 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-from up_samp.fleet.docks import front_of
 from up_samp.fleet.fields import Pose
 from up_samp.fleet.loads import place_of
+from up_samp.fleet.outlines import front_of
 from up_samp.fleet.records import GROUND, FleetRecords, Lift
 from up_samp.fleet.spelled_out import stop_of
 from up_samp.geometry import load_map

@@ -58,7 +58,7 @@ def options_of(records: FleetRecords, order: Order) -> tuple[Options, Options]:
 def _options(records: FleetRecords, order: Order, stop: Stop, into: bool) -> Options:
     if stop.task is not None:
         modes = records.task_of[stop.task].modes
-        return {n: mode.input if into else mode.fetched_at for n, mode in modes.items()}
+        return {n: mode.input if into else (mode.output or mode.input) for n, mode in modes.items()}
     if stop.on is not None:
         return {}
     if order.attached is None:
@@ -132,11 +132,6 @@ def seats_of_carriers(records: FleetRecords) -> dict[str, tuple[str, int]]:
 def follows(order: Order) -> bool:
     """Return whether an order is what a further carrier of a load does, beside the first one."""
     return FURTHER in order.id
-
-
-def is_stand_of(name: str, load: str) -> bool:
-    """Return whether a pose is one at which a robot takes or puts a load."""
-    return name.partition(MARK)[2] == load
 
 
 def load_pose(attached: Attached, robot: Pose) -> Pose:

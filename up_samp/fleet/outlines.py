@@ -1,4 +1,4 @@
-"""Shapes on the floor: corners of footprints and where they are at a pose."""
+"""Shapes on the floor: footprints at their poses, areas with rules, straight ways to docks."""
 
 from __future__ import annotations
 
@@ -16,12 +16,35 @@ from unified_planning.model import Type
 from unified_planning.model.motion import MotionModels, MovableObject
 from unified_planning.shortcuts import MovableType
 
-from up_samp.fleet.docks import dock_zone
 from up_samp.fleet.fields import Outline, Point, Pose, corners_of
-from up_samp.fleet.records import GROUND, FleetRecords, RobotType, Zone
+from up_samp.fleet.records import GROUND, FleetRecords, Place, RobotType, Zone
 from up_samp.model import Body, Kinematics, MotionModel, Placed, TrafficZone
 from up_samp.model.frames import Frame
 from up_samp.upio.read_maps import read_movable
+
+
+def front_of(place: Place) -> Pose | None:
+    """Return where the straight way to a place begins (None: it is come to anyhow)."""
+    if place.docking is None:
+        return None
+    metres = place.docking.metres
+    return Frame(*place.pose).of((metres if place.docking.backwards else -metres, 0.0, 0.0))
+
+
+def dock_zone(place: Place, height: float) -> TrafficZone:
+    """Return the rule that robots come straight to a place: a strip 2 cm wide, from 1 cm behind the
+    front to 1 cm behind the place.
+    """
+    assert place.docking is not None
+    docking, half = place.docking, 0.01
+    far = docking.metres - half
+    ends = (-half, far) if docking.backwards else (-far, half)
+    corners = [(ends[0], -half), (ends[1], -half), (ends[1], half), (ends[0], half)]
+    points = Frame(*place.pose).points(corners)
+    most = math.inf if docking.v_max is None else docking.v_max
+    strip = tuple((float(x), float(y)) for x, y in points)
+    return TrafficZone(strip, most, height, dock=place.pose)
+
 
 MODELS = {
     "car": MotionModels.REEDSSHEPP,

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Patch, Polygon
 
 from up_samp.fleet.checks import Finding, Level
-from up_samp.fleet.fields import Outline, Point, Pose
+from up_samp.fleet.fields import Outline
 from up_samp.fleet.floors import height_of, map_of
 from up_samp.fleet.loads import load_pose, loads_of
 from up_samp.fleet.outlines import placed, rules_for, zone_of
@@ -72,39 +72,31 @@ def draw_fleet(records: FleetRecords, folder: Path, findings: Iterable[Finding] 
     return panels[0]
 
 
+_DRAWN = {
+    "places": ("pose",),
+    "doors": ("closed", "open", "second"),
+    "zones": ("polygon",),
+    "automatic_doors": ("polygon",),
+    "lanes": ("points",),
+}
+"""What of records says where they are: poses and points, or several of them."""
+
+
 def _laid_out(records: FleetRecords, shifts: Mapping[float, Frame]) -> FleetRecords:
     """Return the records with everything where it is drawn: floors lie side by side."""
-    if not records.floors:
-        return records
 
-    def moved(floor: str, *poses: Pose) -> list[Pose]:
-        shift = shifts[height_of(records, floor)]
-        return [(x + shift.x, y + shift.y, theta) for x, y, theta in poses]
+    def moved(value: Any, shift: Frame) -> Any:
+        if value is None or isinstance(value[0], tuple):
+            return value and tuple(moved(one, shift) for one in value)
+        return (value[0] + shift.x, value[1] + shift.y, *value[2:])
 
-    places = {
-        name: dataclasses.replace(place, pose=moved(place.floor, place.pose)[0])
-        for name, place in records.places.items()
-    }
-    doors = {}
-    for name, door in records.doors.items():
-        closed, opened = moved(door.floor, door.closed, door.open)
-        doors[name] = dataclasses.replace(door, closed=closed, open=opened)
-
-    def outline(floor: str, corners: Iterable[Point]) -> tuple[tuple[float, float], ...]:
-        return tuple(c[:2] for c in moved(floor, *((x, y, 0.0) for x, y in corners)))
-
-    areas: dict[str, Any] = {
-        kind: {
-            name: dataclasses.replace(area, polygon=outline(area.floor, area.polygon))
-            for name, area in getattr(records, kind).items()
-        }
-        for kind in ("zones", "automatic_doors")
-    }
-    areas["lanes"] = {
-        name: dataclasses.replace(lane, points=outline(lane.floor, lane.points))
-        for name, lane in records.lanes.items()
-    }
-    return dataclasses.replace(records, places=places, doors=doors, **areas)
+    changed: dict[str, Any] = {kind: {} for kind in _DRAWN}
+    for kind, keys in _DRAWN.items():
+        for name, one in getattr(records, kind).items():
+            shift = shifts.get(height_of(records, one.floor), Frame())
+            told = {key: moved(getattr(one, key), shift) for key in keys}
+            changed[kind][name] = dataclasses.replace(one, **told)
+    return dataclasses.replace(records, **changed)
 
 
 def _draw_fixtures(ax: Axes, records: FleetRecords) -> list[PlacedLabel]:

@@ -20,6 +20,7 @@ from pydantic import (
 )
 
 from up_samp.fleet.fields import (
+    FILE_LIMITS,
     NUMBER,
     STRICT,
     Clearance,
@@ -42,7 +43,6 @@ from up_samp.fleet.fields import (
     Window,
     Windows,
 )
-from up_samp.fleet.limits import FILE_LIMITS
 from up_samp.io.precision import PRECISION
 
 
@@ -518,11 +518,6 @@ class Mode:
     output: Names = ()
     resources: Names = ()
 
-    @property
-    def fetched_at(self) -> tuple[str, ...]:
-        """Where orders fetch parts."""
-        return self.output or self.input
-
 
 @dataclass(frozen=True, kw_only=True)
 class Task(FleetJob):
@@ -598,7 +593,7 @@ AnyObjective = Annotated[
 
 
 def _orders(value: Any) -> Any:
-    """Tables are read with their problem file (:mod:`up_samp.fleet.tables`), before this."""
+    """Tables are read with their problem file (:mod:`up_samp.fleet.files`), before this."""
     if isinstance(value, str):
         raise ValueError("list the orders here; only problem files name a table of them")
     return value

@@ -36,7 +36,6 @@ from unified_planning.shortcuts import (
 )
 
 from up_samp.fleet.batteries import above_reserve, battery_of, first_level, usable
-from up_samp.fleet.docks import front_of
 from up_samp.fleet.faults import Fault, FleetError
 from up_samp.fleet.fields import Outline, Pose, corners_of
 from up_samp.fleet.floors import FloorMaps, floor_of, height_of, map_of, spots_of, way_between
@@ -52,7 +51,16 @@ from up_samp.fleet.loads import (
     ridden,
     with_load,
 )
-from up_samp.fleet.outlines import area_of, convex_hull, lying, movable, placed, rules_for, swept
+from up_samp.fleet.outlines import (
+    area_of,
+    convex_hull,
+    front_of,
+    lying,
+    movable,
+    placed,
+    rules_for,
+    swept,
+)
 from up_samp.fleet.records import GROUND, Attached, FleetRecords, RobotType
 from up_samp.fleet.spelled_out import stop_of
 from up_samp.fleet.statements import Meaning
@@ -73,32 +81,23 @@ class Crowd:
         self._records = records
         self._floors = floors
         self._polygon = Polygon(records.zones[zone].polygon)
-        self._passed = cache(self._passing)
-
-    def starts_inside(self, robot: str) -> bool:
-        """Return whether a robot touches the zone where it starts."""
-        mine = self._records.robots[robot]
-        return self._inside(mine.type, mine.start)
+        self.passing = cache(self._passing)
 
     def holds(self, place: str) -> bool:
         """Return whether robots of some type touch the zone at a place."""
-        return any(self._inside(kind, place) for kind in self._records.robot_types)
-
-    def passing(self, robot: str, origin: str, to: str) -> Passing:
-        """Return what the drive of ``robot`` from ``origin`` to ``to`` has to do with the zone,
-        with the load that rides with it.
-        """
-        kind = self._records.robots[robot].type
-        return self._passed(kind, origin, to)
+        return any(self.inside(kind, place) for kind in self._records.robot_types)
 
     def _passing(self, kind: str, origin: str, to: str) -> Passing:
+        """Return what the drive of a robot of a type from ``origin`` to ``to`` has to do with the
+        zone, with the load that rides with it.
+        """
         order = ridden(self._records, origin, to)
         load = None if order is None else load_of(self._records, order)
         # the drives to and from the ride are made without the load: so the count is of robots alone
-        leaves, comes = self._inside(kind, origin), self._inside(kind, to)
+        leaves, comes = self.inside(kind, origin), self.inside(kind, to)
         if leaves or comes:
             return comes and not leaves, leaves and not comes
-        if load is not None and any(self._inside(kind, p, load) for p in (origin, to)):
+        if load is not None and any(self.inside(kind, p, load) for p in (origin, to)):
             return True, True
         poses = way_between(self._records, origin, to)
         body = with_load(self._records.robot_types[kind], load)
@@ -106,7 +105,8 @@ class Crowd:
         proof = service.certificate(body, poses, (area_of(self._records, self.zone),))
         return None if proof is None else (True, True)
 
-    def _inside(self, kind: str, place: str, load: Attached | None = None) -> bool:
+    def inside(self, kind: str, place: str, load: Attached | None = None) -> bool:
+        """Return whether a robot of a type touches the zone at a place."""
         if floor_of(self._records, place) != self.floor:
             return False
         mine, pose = self._records.robot_types[kind], self._records.places[place_of(place)].pose
@@ -204,15 +204,12 @@ class Site:
 
     def _pose_type(self, floor: str) -> Type:
         """Return the type of poses on a floor."""
-        file, height = (
-            str(self.folder / map_of(self.records, floor)),
-            height_of(self.records, floor),
-        )
-        if floor == GROUND:
-            ground = OccupancyMap(file, SE2(0.0, 0.0, 0.0))
-            return ConfigurationType("pose", ground, ConfigurationKind.SE2)
-        there = OccupancyMap(file, SE3(0.0, 0.0, height, 0.0, 0.0, 0.0, 1.0))
-        return ConfigurationType(f"pose{MARK}{floor}", there, ConfigurationKind.SE2)
+        name, frame = "pose", SE2(0.0, 0.0, 0.0)
+        if floor != GROUND:
+            height = height_of(self.records, floor)
+            name, frame = f"pose{MARK}{floor}", SE3(0.0, 0.0, height, 0.0, 0.0, 0.0, 1.0)
+        there = OccupancyMap(str(self.folder / map_of(self.records, floor)), frame)
+        return ConfigurationType(name, there, ConfigurationKind.SE2)
 
     def _pose(self, name: str, pose: Pose, floor: str) -> ConfigurationObject:
         found = ConfigurationObject(name, self._pose_types[floor], SE2(*pose))
@@ -331,7 +328,7 @@ class Site:
 
     def _room(self, name: str, area: MovableObject, most: int) -> None:
         """How many more robots may come into a zone."""
-        inside = sum(self.crowds[-1].starts_inside(r) for r in self.records.robots)
+        inside = sum(self.crowds[-1].inside(r.type, r.start) for r in self.records.robots.values())
         stop = next(filter(self.crowds[-1].holds, self.stops), None)
         if stop is not None:
             what = f"robots at the lift's stop '{stop}' would be in it: a ride is not counted"

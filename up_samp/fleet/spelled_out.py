@@ -10,8 +10,7 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from up_samp.fleet.fields import Windows
-from up_samp.fleet.limits import FILE_LIMITS
+from up_samp.fleet.fields import FILE_LIMITS, Windows
 from up_samp.fleet.loads import FURTHER, loads_of, seat_of
 from up_samp.fleet.records import FleetJob, FleetRecords, Order, Place, Stop, Task
 from up_samp.model.frames import Frame
@@ -50,8 +49,6 @@ def with_places(records: FleetRecords) -> FleetRecords:
                 start += "_"
             places[start] = Place(pose)
             robots[name] = dataclasses.replace(robot, start=start)
-    if len(places) == len(records.places):
-        return records
     return dataclasses.replace(records, robots=robots, places=places)
 
 

@@ -1,5 +1,5 @@
-"""Meanings of the activities of a fleet's UP problem, and constraints that several parts state of
-them in one way.
+"""Meanings of the activities of a fleet's UP problem, what its site calls them, and constraints
+that several parts state of them in one way.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from unified_planning.model.timing import LeftOpenTimeInterval
 from unified_planning.shortcuts import LE, Not, Or
 
 from up_samp.fleet.loads import MARK
+from up_samp.fleet.records import FleetRecords
 
 
 class Kind(enum.Enum):
@@ -115,3 +116,35 @@ def one_at_a_time(
         busy = problem.add_resource(f"busy{MARK}{who}", 1)
         for a in activities:
             a.uses(busy)
+
+
+# ------------------ A site's own words for what its robots do, and where: for exports
+
+
+ACTIONS = {Kind.PICKUP: "pick", Kind.DELIVERY: "drop", Kind.CHARGE: "startCharging"}
+"""What VDA 5050 calls it, where the site says nothing else; the others are their kinds."""
+_STOPS = {Kind.PICKUP: "pickup", Kind.DELIVERY: "delivery"}
+
+
+def words_of(records: FleetRecords, written: Written) -> dict[str, Any]:
+    """Return ``actions``, by activity its ``type`` and ``parameters`` (what it is ``for``), and
+    ``places``, by name their pose in the world frame and the ``height`` of their floor (m).
+    """
+    heights = {name: floor.height for name, floor in records.floors.items()}
+    return {
+        "actions": {
+            name: {"type": _action(records, meaning), "parameters": {"for": meaning.what}}
+            for name, meaning in written.meanings.items()
+        },
+        "places": {
+            name: {"pose": list(place.pose), "height": heights.get(place.floor, 0.0)}
+            for name, place in records.places.items()
+        },
+    }
+
+
+def _action(records: FleetRecords, meaning: Meaning) -> str:
+    """Return what the site calls it: what its file says, or what is usual."""
+    job = records.job_of.get(meaning.what)
+    part = getattr(job, _STOPS.get(meaning.kind, ""), job)
+    return getattr(part, "action", None) or ACTIONS.get(meaning.kind, meaning.kind.value)

@@ -1,4 +1,4 @@
-"""Visits: what each robot may do where, and which moves that takes.
+"""Visits: what each robot may do where, which moves that takes, and where nobody may stand.
 
 A *visit* is something a robot does at one of several places. How often a robot may have to drive
 from one place to another follows from which visits can come right after each other: a move is an
@@ -9,16 +9,20 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
-from up_samp.fleet.faults import earlier_than
-from up_samp.fleet.floors import legs_between, lift_between
-from up_samp.fleet.loads import follows, options_of, ridden
+from shapely.geometry import Polygon
+
+from up_samp.fleet.faults import Fault, FleetError, earlier_than
+from up_samp.fleet.floors import floor_of, legs_between, lift_between
+from up_samp.fleet.loads import MARK, follows, load_of, options_of, place_of, ridden, with_load
+from up_samp.fleet.outlines import placed
 from up_samp.fleet.records import (
-    Charger,
+    AutomaticDoor,
     FleetRecords,
     Order,
+    Zone,
     can_do,
     needs_robot,
     seats_of,
@@ -43,13 +47,14 @@ class Visit:
     @property
     def name(self) -> str:
         """The name of its activity."""
-        if self.kind is Kind.TASK:
-            return f"{self.what}_{self.robot}" + (f"_at_{self.option}" if self.option else "")
-        if self.kind is Kind.CHARGE:
-            return f"charge_{self.robot}_at_{self.what}_{self.number + 1}"
         name = f"{self.kind.value}_{self.what}_{self.robot}"
-        if self.kind is Kind.OPEN and self.number:
-            return f"{name}_{self.number + 1}"
+        match self.kind:
+            case Kind.CHARGE:
+                return f"charge_{self.robot}_at_{self.what}_{self.number + 1}"
+            case Kind.OPEN if self.number:
+                return f"{name}_{self.number + 1}"
+            case Kind.TASK:
+                name = f"{self.what}_{self.robot}"
         return f"{name}_at_{self.option}" if self.option else name
 
 
@@ -81,28 +86,17 @@ def visits_of(records: FleetRecords, robot: str) -> list[Visit]:
         if set(door.skills) <= set(mine.skills)
         for i in range(door.times)
     ]
-    for place, charger in chargers_of(records, robot):
-        visits += [Visit(robot, Kind.CHARGE, place, (place,), i) for i in range(charger.times)]
-    for place, times in _parking(records, robot).items():
-        visits += [Visit(robot, Kind.PARK, place, (place,), i) for i in range(times)]
+    charges = records.robot_types[mine.type].battery is not None
+    for name, place in records.places.items() if charges else ():
+        times = 0 if place.charger is None else place.charger.times
+        visits += [Visit(robot, Kind.CHARGE, name, (name,), i) for i in range(times)]
+    # where it may rest, and how often: its own start, once, where that says nothing of it
+    parking = {p: place.park for p, place in records.places.items() if place.park is not None}
+    for name, times in ({mine.start: 1} | parking).items():
+        visits += [Visit(robot, Kind.PARK, name, (name,), i) for i in range(times)]
     if mine.end is not None:
         visits.append(Visit(robot, Kind.END, mine.end, (mine.end,)))
     return visits
-
-
-def chargers_of(records: FleetRecords, robot: str) -> list[tuple[str, Charger]]:
-    """Return the places at which a robot may charge."""
-    if records.robot_types[records.robots[robot].type].battery is None:
-        return []
-    return [(name, p.charger) for name, p in records.places.items() if p.charger is not None]
-
-
-def _parking(records: FleetRecords, robot: str) -> dict[str, int]:
-    """Return where a robot may rest, and how often: what is for parking, and its own start, once,
-    where that says nothing of it.
-    """
-    own = {records.robots[robot].start: 1}
-    return own | {p: place.park for p, place in records.places.items() if place.park is not None}
 
 
 NEVER = frozenset(
@@ -208,3 +202,35 @@ def moves_needed(visits: list[Visit], successions: Successions) -> dict[tuple[st
                 leave.setdefault(leg, set()).add(a)
                 reach.setdefault(leg, set()).add(b)
     return {pair: min(len(leave[pair]), len(reach[pair])) for pair in leave}
+
+
+# ------------------ Where nobody may stand: doorways that open as robots come, zones without stops
+
+
+def in_doorways(records: FleetRecords, kind: str, name: str) -> Iterator[str]:
+    """Yield the automatic doors in whose doorway, and the zones without stops in which, a robot of
+    a type would be at a pose (a place, or a stand of the load that it then has).
+    """
+    at, _, first = name.partition(MARK)
+    load = load_of(records, records.order_of[first]) if first else None
+    body = with_load(records.robot_types[kind], load)
+    here = Polygon(placed(body.footprint, records.places[at].pose))
+    zones = {
+        n: z for n, z in records.zones.items() if (z.stopping, z.heeded_by(kind)) == ("never", True)
+    }
+    areas: dict[str, AutomaticDoor | Zone] = {**records.automatic_doors, **zones}
+    for area, told in areas.items():
+        if told.floor == floor_of(records, at) and here.intersects(Polygon(told.polygon)):
+            yield area
+
+
+def check_visits(records: FleetRecords, robot: str, visits: Iterable[Visit]) -> None:
+    """Refuse visits at places where nobody may stand.
+
+    :raises FleetError: that names the place, and the door or zone.
+    """
+    kind = records.robots[robot].type
+    for name in dict.fromkeys(p for visit in visits for p in visit.places):
+        for area in in_doorways(records, kind, name):
+            what = f"a robot of type '{kind}' would stand in '{area}', which it can only "
+            raise FleetError([Fault(("places", place_of(name)), f"{what}drive through")])

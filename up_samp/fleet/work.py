@@ -205,15 +205,18 @@ class Work:
 
     def _figures(self, visit: Visit) -> tuple[float, Windows, tuple[str, ...]]:
         """Return how long a visit lasts (s), its windows and its resources."""
-        if visit.kind is Kind.OPEN:
-            return self._records.doors[visit.what].seconds, (), ()
-        if visit.kind is Kind.TASK:
-            task = self._records.task_of[visit.what]
-            assert task.duration is not None
-            first = visit.option in ("", task.at[0])  # a crew takes them once
-            return task.duration, task.window, task.resources if first else ()
-        order = self._records.order_of[visit.what]
-        stop: Stop = order.pickup if visit.kind is Kind.PICKUP else order.delivery
+        match visit.kind:
+            case Kind.OPEN:
+                return self._records.doors[visit.what].seconds, (), ()
+            case Kind.TASK:
+                task = self._records.task_of[visit.what]
+                assert task.duration is not None
+                first = visit.option in ("", task.at[0])  # a crew takes them once
+                return task.duration, task.window, task.resources if first else ()
+            case Kind.PICKUP:
+                stop: Stop = self._records.order_of[visit.what].pickup
+            case _:
+                stop = self._records.order_of[visit.what].delivery
         return stop.service, stop.window, stop.resources
 
     def _limit(self, a: Activity, windows: Windows, resources: Iterable[str]) -> None:

@@ -4,8 +4,7 @@ and again while the rest is driven. See docs/operate.md; no function of it is sa
 
 from up_samp.operate.clock import RealClock, SimulatedClock
 from up_samp.operate.loop import Operation
-from up_samp.operate.records import DayOrder, OrderState, Report
-from up_samp.operate.settings import Settings
+from up_samp.operate.records import DayOrder, OrderState, Report, Settings
 from up_samp.operate.store import Store, StoreError
 
 __all__ = [

@@ -25,8 +25,7 @@ from up_samp.fleet.statements import Kind, Meaning
 from up_samp.model import ProblemError
 from up_samp.operate.clock import Clock
 from up_samp.operate.horizon import DELIVERS, Cut, Opened, cut_of, on_board
-from up_samp.operate.records import DayOrder, OrderState, Pose, Shape
-from up_samp.operate.settings import Settings
+from up_samp.operate.records import DayOrder, OrderState, Pose, Settings, Shape
 
 ASIDE = 30.0
 """Seconds for which is put aside what no plan was found for, at first."""
@@ -95,11 +94,6 @@ class Day:
         """
         now = self.clock.now()
         return (now, math.inf) if now >= self.again else (now,)
-
-    @property
-    def lead(self) -> float:
-        """In how many seconds a plan that is asked for now is followed, at the latest."""
-        return self.settings.budget + self.settings.grace + 2 * self.settings.tick
 
     def error(self, robot: str) -> float:
         """Return how far (m) from where it tells to be a robot may be."""
@@ -191,7 +185,7 @@ class Day:
             return Cut(0.0, poses=self.poses, free=free, away=self.off_plan())
         found = cut_of(
             self.executor,
-            self.lead,
+            self.settings.lead,
             broken={r: self.poses[r] for r in self.off_plan()},
             limits=self._limits(self.executor),
             opened=opened or {},

@@ -16,6 +16,7 @@ import itertools
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 import numpy as np
 
@@ -84,19 +85,19 @@ def cut_of(
     executor: Executor,
     ahead: float,
     *,
-    broken: Mapping[str, Pose] | None = None,
-    limits: Mapping[str, float] | None = None,
-    opened: Mapping[str, Opened] | None = None,
+    broken: Mapping[str, Pose] = MappingProxyType({}),
+    limits: Mapping[str, float] = MappingProxyType({}),
+    opened: Mapping[str, Opened] = MappingProxyType({}),
     cramped: Collection[str] = (),
 ) -> Cut:
     """Return where a plan can be cut so that nothing that begins within ``ahead`` s is touched.
 
     ``broken``: robots that drive no more, and where they stand. ``limits``: how far (m) motions may
     go, where that is less than their whole length. ``opened``: the robots whose work is planned
-    anew; what others do stays (None: everybody's). ``cramped``: those of them that drive on until
+    anew; what others do stays. ``cramped``: those of them that drive on until
     they stand in nobody's way; who comes to where another one stands waits until that has gone.
     """
-    return _Cutter(executor, broken or {}, limits or {}, opened, cramped).cut(ahead)
+    return _Cutter(executor, broken, limits, opened, cramped).cut(ahead)
 
 
 class _Cutter:
@@ -105,7 +106,7 @@ class _Cutter:
         executor: Executor,
         broken: Mapping[str, Pose],
         limits: Mapping[str, float],
-        opened: Mapping[str, Opened] | None,
+        opened: Mapping[str, Opened],
         cramped: Collection[str],
     ) -> None:
         self.executor, self.state, self.cramped = executor, executor.state, cramped
@@ -223,7 +224,7 @@ class _Cutter:
 
     def _staying(self, robot: str, turn: list[str]) -> list[str]:
         """Return what stays of a robot's work because it is not planned anew."""
-        if self.opened is None or self.opened.get(robot) is Opened.ALL:
+        if self.opened.get(robot) is Opened.ALL:
             return []
         if robot not in self.opened:
             return turn
@@ -320,7 +321,7 @@ class _Cutter:
         """
         robot, ways = self.meanings[name].robot, self.state.ways_of[name]
         if (
-            (self.opened is not None and robot not in self.opened)
+            robot not in self.opened
             or self.meanings[name].kind is not Kind.MOVE
             or any(self._alive(n) or n in kept for n in self._after(name))
             or len(ways) != 1

@@ -30,7 +30,6 @@ from up_samp.operate import upkeep
 from up_samp.operate.choice import OUT, Day, OpenWork, body_at, check_stand, choose
 from up_samp.operate.clock import Clock
 from up_samp.operate.horizon import DELIVERS, first_inside, meanings_of, pose_of
-from up_samp.operate.order import goals_of
 from up_samp.operate.planner import (
     Answer,
     Planner,
@@ -40,10 +39,19 @@ from up_samp.operate.planner import (
     each_time,
     leaf_at,
 )
-from up_samp.operate.records import DayOrder, OrderState, Pose, Report, Robots, since_now
+from up_samp.operate.records import (
+    DAY,
+    DayOrder,
+    OrderState,
+    Pose,
+    Report,
+    Robots,
+    Settings,
+    Shape,
+    since_now,
+)
 from up_samp.operate.records import job_record as record_of
-from up_samp.operate.settings import DAY, Settings
-from up_samp.operate.stitch import Kept, Question, follow_on, kept_of
+from up_samp.operate.stitch import Kept, Question, follow_on, goals_of, kept_of
 from up_samp.operate.store import Store
 
 SNAPSHOT = 60.0
@@ -304,23 +312,14 @@ class Operation(Day):
         shape = tuple((float(x), float(y)) for x, y in corners)
         if len(shape) < 3 or not Polygon(shape).is_valid:
             raise ProblemError(f"area '{name}' is no polygon")
-        with self.store:
-            self.areas[name] = shape
-            self.store.keep("areas", self.areas)
-            self.store.note(self.clock.now(), "area", name, "blocked")
-        self._limit()
-        self._other_floor(f"area '{name}' is blocked")
+        self._change_floor("area", name, "blocked", {**self.areas, name: shape}, self.shut)
 
     def unblock(self, name: str) -> None:
         """Open an area again."""
         if name not in self.areas:
             raise ProblemError(f"there is no blocked area '{name}'")
-        with self.store:
-            del self.areas[name]
-            self.store.keep("areas", self.areas)
-            self.store.note(self.clock.now(), "area", name, "open again")
-        self._limit()
-        self._other_floor(f"area '{name}' is open again")
+        left = {n: shape for n, shape in self.areas.items() if n != name}
+        self._change_floor("area", name, "open again", left, self.shut)
 
     def close_door(self, door: str, state: str = OUT) -> None:
         """Let nobody drive through a door, or open it, from now on: it is ``OUT`` of order; or let
@@ -328,13 +327,20 @@ class Operation(Day):
         """
         if door not in self.site.doors:
             raise ProblemError(f"there is no door '{door}' that robots open")
+        self._change_floor("door", door, state, self.areas, {**self.shut, door: state})
+
+    def _change_floor(
+        self, kind: str, name: str, what: str, areas: dict[str, Shape], shut: dict[str, str]
+    ) -> None:
+        """Note what has become of an area, or a door."""
         with self.store:
-            self.shut[door] = state
-            self.store.keep("shut", self.shut)
-            self.store.note(self.clock.now(), "door", door, state)
+            self.areas, self.shut = areas, shut
+            self.store.keep("areas", areas)
+            self.store.keep("shut", shut)
+            self.store.note(self.clock.now(), kind, name, what)
             self._withdraw()
         self._limit()
-        self._other_floor(f"door '{door}' is {state}")
+        self._other_floor(f"{kind} '{name}' is {what}")
 
     def charge(self, robot: str) -> DayOrder:
         """Let a robot charge until it is full, once it has done what it is on the way to.
@@ -626,11 +632,11 @@ class Operation(Day):
     def _ask(self, now: float) -> None:
         """Ask the planner for a plan of what is left."""
         why, self.wanted = self.wanted, ""
-        s, choice = self.settings, self.choice()
+        choice = self.choice()
         if choice is None:
             self._planned_at = now
             self._forecast = max(self._forecast, self._end())
-            self._not_before = now + 5 * s.tick
+            self._not_before = now + 5 * self.settings.tick
             return
         if why not in (EVERY, OVERDUE) and not self._needed(choice):
             why = EVERY
@@ -656,12 +662,8 @@ class Operation(Day):
                 self.site, self.robots.levels, self.executor, self.meanings, cut.kept
             ),
             kept_jobs=tuple(since_now(j.record, now, j.came) for j in staying),
-            seconds=s.budget * (s.stretch if self.clock.waits else 1.0),
+            settings=self.settings,
             computing=self.clock.waits,
-            lead=self.lead,
-            seed=s.seed,
-            localisation=s.localisation,
-            ahead=s.ahead,
         )
         self.store.note(now, "plan", str(self.number), f"asked for {len(chosen)} orders", why)
         self._changed.clear()

@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from up_samp.fleet.faults import FleetError
-from up_samp.fleet.files import compose, plain
+from up_samp.fleet.files import compose, plain, text_of
 from up_samp.fleet.records import Order, Task
-from up_samp.fleet.tables import text_of
 from up_samp.model import SampError
 from up_samp.operate.loop import Operation
 from up_samp.operate.planner import each_time
@@ -49,7 +48,8 @@ class OrderFile:
         refused: list[str] = []
         listed = {one.id for record in records for one in each_time(record)}
         for record in records:
-            if not self._is_known(record):
+            every = each_time(record)
+            if any(one != getattr(self.day.jobs.get(one.id), "record", None) for one in every):
                 refused += self._tried(self.day.add, record)
         for name in sorted(self._mine - listed):
             if name in self.day.jobs and self.day.jobs[name].state.open:
@@ -58,11 +58,6 @@ class OrderFile:
         with self.day.store:
             self.day.store.keep(KEY, sorted(listed))
         return refused
-
-    def _is_known(self, record: Order | Task) -> bool:
-        jobs = (self.day.jobs.get(one.id) for one in each_time(record))
-        every = zip(jobs, each_time(record), strict=True)
-        return all(job is not None and job.record == one for job, one in every)
 
     def _tried(self, do: Any, what: Any) -> Iterator[str]:
         try:

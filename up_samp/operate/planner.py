@@ -224,7 +224,7 @@ def problem_records(ask: Question) -> FleetRecords:
 
 def _time_left(ask: Question, robot: str) -> float:
     """Return how long (s) before a robot's shift ends the new plan begins, for that robot."""
-    return ask.site.robots[robot].hours[1] - max(ask.lead, ask.cut.free.get(robot, 0.0))
+    return ask.site.robots[robot].hours[1] - max(ask.settings.lead, ask.cut.free.get(robot, 0.0))
 
 
 def _still_leaves(ask: Question) -> dict[str, Shape]:
@@ -312,15 +312,12 @@ def _solved(ask: Question, cache: MotionCache | None) -> tuple[Written, PlanDict
     """Return what is planned anew as a problem, and its plan alone."""
     from up_samp.execution.files import with_dependencies
     from up_samp.fleet.build import write_problem
-    from up_samp.fleet.result import solve_problem
+    from up_samp.fleet.fleet import solve_problem
 
     records = problem_records(ask)
     written = write_problem(records, ask.folder)
-    params: dict[str, Any] = {"seed": ask.seed, "cache": cache, "patience": 0.0}
-    told = {"engine": "cpsat", "workers": 1, **records.settings}
-    # whatever else this machine does
-    params["reproducible"] = (told["engine"], told["workers"]) == ("cpsat", 1)
-    params |= records.settings
+    params: dict[str, Any] = {"seed": ask.settings.seed, "cache": cache, "patience": 0.0}
+    params |= records.settings | {"reproducible": True}  # whatever else this machine does
     beside = WRITING + EACH_KEPT * len(ask.kept.activities)
     seconds = max(LEAST * ask.seconds, ask.seconds - beside)
     result = solve_problem(written, seconds, params)
@@ -329,7 +326,7 @@ def _solved(ask: Question, cache: MotionCache | None) -> tuple[Written, PlanDict
         raise ProblemError(f"no plan within {seconds:.3g} s: {why}")
     said = [o | records.senses(o["name"]) for o in result.data["objects"]]
     data = {**result.data, "objects": said}
-    return written, with_dependencies(written.problem, data, localisation=ask.localisation)
+    return written, with_dependencies(written.problem, data, localisation=ask.settings.localisation)
 
 
 # ------------------ The process

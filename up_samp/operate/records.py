@@ -1,8 +1,9 @@
-"""What is told and decided on the floor, as frozen values. Times in s since the day's start."""
+"""What is told, decided and set on the floor, as frozen values. Times: s since the day's start."""
 
 from __future__ import annotations
 
 import enum
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Protocol
@@ -11,7 +12,8 @@ from up_samp.execution.executor import Executor
 from up_samp.execution.reports import Command
 from up_samp.fleet.fields import Windows
 from up_samp.fleet.files import read_record
-from up_samp.fleet.records import Order, Task
+from up_samp.fleet.records import Order, Task, Weights
+from up_samp.model import ProblemError
 
 Pose = tuple[float, float, float]
 Shape = tuple[tuple[float, float], ...]
@@ -128,3 +130,51 @@ class Robots(Protocol):
 
     def follow(self, executor: Executor) -> None:
         """Take note that commands speak of the motions of another plan from now on."""
+
+
+# ------------------ How a day is operated: budgets, thresholds, and how much is planned at a time
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a day is operated. ``budget``: seconds that a plan may be sought for, and ``grace`` more
+    until it has to be there. ``every``: seconds after which what is not begun is planned anew in
+    any case; ``late``: by how many seconds everything may end later than forecast until then.
+    ``soon``: orders are given to robots that are free within so many seconds; ``most``: so many
+    orders of a robot are planned anew at a time. ``tick``: seconds between two steps.
+    ``localisation``: how far (m) from the truth robots tell to be, and ``latency``: by how many
+    seconds longer than another one a message may take to come, where the site file says nothing
+    else of them; ``ahead``: for how many seconds farther than
+    they can stand robots are let drive: so much is told of a plan, and stays. ``low``: robots
+    charge that have less than this share of what a full battery has above its reserve.
+    ``stretch``: in simulated time, where the planner's budget is what it computes (CPU s), it has
+    so many times as much.
+    """
+
+    budget: float = 2.0
+    grace: float = 2.0
+    stretch: float = 1.0
+    every: float = 20.0
+    late: float = 20.0
+    soon: float = 20.0
+    most: int = 3
+    tick: float = 0.2
+    localisation: float = 0.05
+    latency: float = 0.5
+    ahead: float = 1.2
+    low: float = 0.3
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        for name in ("budget", "grace", "tick", "localisation", "latency", "ahead"):
+            if not 0.0 <= (value := getattr(self, name)) < math.inf:
+                raise ProblemError(f"'{name}' cannot be {value:g}: at least 0")
+
+    @property
+    def lead(self) -> float:
+        """In how many seconds a plan that is asked for now is followed, at the latest."""
+        return self.budget + self.grace + 2 * self.tick
+
+
+DAY = Weights(tardiness=10.0, completion=1.0, driving=0.1)
+"""What is best where a site file says only "makespan": a day has no end that counts."""

@@ -18,7 +18,7 @@ import numpy as np
 from annotated_types import Ge, Le
 
 from up_samp.execution.executor import Executor
-from up_samp.execution.reports import Command, Do, Go
+from up_samp.execution.reports import Command, Do, Go, Hold
 from up_samp.fleet.fields import NUMBER, STRICT, Pose
 from up_samp.fleet.files import read_record
 from up_samp.fleet.records import FleetRecords
@@ -50,11 +50,13 @@ class RobotTold:
 
 class RemoteRobots:
     """The robots of a site whose drivers ask and tell; every thread may do so. Of whom nothing was
-    heard for ``silent`` s that is noted.
+    heard for 10 s that is noted.
     """
 
-    def __init__(self, site: FleetRecords, silent: float = 10.0) -> None:
-        self.site, self.silent = site, silent
+    silent = 10.0
+
+    def __init__(self, site: FleetRecords) -> None:
+        self.site = site
         self.faults: list[tuple[str, str]] = []
         self.levels: dict[str, float] = {}
         # not the numbers of another process: who asks for what comes after one of those is answered
@@ -80,17 +82,18 @@ class RemoteRobots:
 
     def _told(self, command: Command) -> Message:
         """Return a command as JSON would hold it."""
-        if isinstance(command, Go):
-            return {"kind": "go", "motion": command.motion, "until": round(command.until, 4)}
-        if isinstance(command, Do):
-            assert self._executor is not None
-            name = command.activity
-            kind, what, _ = self._executor.plan["meanings"][name]
-            kind = action_of(kind, what)
-            told = {"activity": name, "action": kind, "order": what, "may_end": command.may_end}
-            seconds = self._executor.state.graph.tasks[name].expected
-            return {"kind": "do", "seconds": seconds, **told}
-        return {"kind": "hold", "why": "; ".join(command.waiting_for)}
+        match command:
+            case Hold(waiting_for):
+                return {"kind": "hold", "why": "; ".join(waiting_for)}
+            case Go(motion, until):
+                return {"kind": "go", "motion": motion, "until": round(until, 4)}
+            case Do(name, may_end):
+                assert self._executor is not None
+                kind, what, _ = self._executor.plan["meanings"][name]
+                kind = action_of(kind, what)
+                told = {"activity": name, "action": kind, "order": what, "may_end": may_end}
+                seconds = self._executor.state.graph.tasks[name].expected
+                return {"kind": "do", "seconds": seconds, **told}
 
     def reports(self, now: float) -> list[Report]:
         """Return what robots have told since the last call; who tells nothing is at fault."""

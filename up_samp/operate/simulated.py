@@ -294,8 +294,8 @@ class SimulatedRobots:
 class SteppedClock:
     """A simulated clock whose time is also that of simulated robots: they drive while it passes."""
 
-    def __init__(self, clock: Any, robots: SimulatedRobots, step: float = 0.1) -> None:
-        self.clock, self.robots, self.step = clock, robots, step
+    def __init__(self, clock: Any, robots: SimulatedRobots) -> None:
+        self.clock, self.robots = clock, robots
         self.waits: bool = clock.waits
 
     def now(self) -> float:
@@ -304,8 +304,8 @@ class SteppedClock:
         return found
 
     def sleep(self, seconds: float) -> None:
-        """Let time pass: robots drive."""
-        parts = max(1, round(seconds / self.step))
+        """Let time pass: robots drive, a tenth of a second at a time."""
+        parts = max(1, round(seconds / 0.1))
         for _ in range(parts):
             self.robots.step(self.clock.now(), seconds / parts)
             self.clock.sleep(seconds / parts)

@@ -131,10 +131,9 @@ class Agv:
         return next((a.get("actionStatus", "") for a in known if a.get("actionId") == order), "")
 
     @property
-    def released(self) -> bool:
-        """Whether it may drive on by what it was told."""
-        some = any(n.get("released") for n in self.state.get("nodeStates") or ())
-        return some or bool(self.sent)
+    def released(self) -> list[Message]:
+        """The nodes before it, by its state, to which it may drive."""
+        return [n for n in self.state.get("nodeStates") or () if n.get("released")]
 
     def heeded(self, instant: Instant) -> bool:
         """Return whether it has done what it was told at once (or has nothing to do it with)."""
@@ -264,30 +263,34 @@ class MasterControl:
             return
         if self.version == LATER:
             data = earlier(data)
-        if topic == "connection":
-            told = data.get("connectionState")
-            agv.online = told == "ONLINE"
-            if agv.online:
-                self._instant(name, "stateRequest")
-            elif str(told).startswith("CONNECTION"):
-                self._fault(name, BROKEN)
-        elif topic == "visualization" and not _older(data, agv.seen):
-            agv.seen, agv.new = data, True
-        elif topic == "factsheet":
-            self._check(name, data)
-        elif topic == "state" and not _older(data, agv.state):
-            agv.state, agv.new = data, True
-            agv.online = True
-            level = (data.get("batteryState") or {}).get("batteryCharge")
-            if level is not None:
-                self.levels[name] = float(level) / 100.0
-            if agv.shown:
-                agv.known = True
-                update = data.get("orderUpdateId", 0)
-                agv.sent = [m for m in agv.sent if m["orderUpdateId"] > update]
-            if self._dropped(agv):
-                why = f"it has given up '{agv.order}': hold and release it where it may go on"
-                self._fault(name, why)
+        match topic:
+            case "connection":
+                told = data.get("connectionState")
+                agv.online = told == "ONLINE"
+                if agv.online:
+                    self._instant(name, "stateRequest")
+                elif str(told).startswith("CONNECTION"):
+                    self._fault(name, BROKEN)
+            case "visualization" if not _older(data, agv.seen):
+                agv.seen, agv.new = data, True
+            case "factsheet":
+                self._check(name, data)
+            case "state" if not _older(data, agv.state):
+                self._hear(agv, data)
+
+    def _hear(self, agv: Agv, state: Message) -> None:
+        """Take in a robot's state."""
+        agv.state, agv.new, agv.online = state, True, True
+        level = (state.get("batteryState") or {}).get("batteryCharge")
+        if level is not None:
+            self.levels[agv.name] = float(level) / 100.0
+        if agv.shown:
+            agv.known = True
+            update = state.get("orderUpdateId", 0)
+            agv.sent = [m for m in agv.sent if m["orderUpdateId"] > update]
+        if self._dropped(agv):
+            why = f"it has given up '{agv.order}': hold and release it where it may go on"
+            self._fault(agv.name, why)
 
     def _dropped(self, agv: Agv) -> bool:
         """Return whether a robot does not know its order any more, or has given it up."""
@@ -351,8 +354,7 @@ class MasterControl:
             whole = at >= self._motions[agv.activity]["progress"][-1] - NEAR
             there = agv.state.get("lastNodeSequenceId") == last
             # what was never released of a way that ends early is no part of it
-            left = any(n.get("released") for n in agv.state.get("nodeStates") or ())
-            return whole and there and not agv.state.get("driving") and not left
+            return whole and there and not agv.state.get("driving") and not agv.released
         if agv.done != "FINISHED":
             return False
         return agv.activity not in self._charging or self._charged(agv, now)
@@ -416,8 +418,7 @@ class MasterControl:
         if not agv.left and not awaited:
             return True
         paused = agv.pause is not None and agv.pause.kind == "startPause"
-        released = any(n.get("released") for n in state.get("nodeStates") or ())
-        if state.get("driving") or (released and not paused):
+        if state.get("driving") or (agv.released and not paused):
             return False
         return self._cancelled(agv, now)
 
@@ -437,7 +438,8 @@ class MasterControl:
         """Return whether nothing is released beyond where a robot may go. Where it is, the robot
         pauses, its order is cancelled, and another one begins from where it stands.
         """
-        if agv.activity != command.motion or not agv.nodes or not (agv.released or agv.cancel):
+        ahead = agv.released or agv.sent or agv.cancel
+        if agv.activity != command.motion or not agv.nodes or not ahead:
             return True
         if agv.cancel is None and command.until >= agv.nodes[-1][1] - NEAR:
             return True
@@ -457,7 +459,7 @@ class MasterControl:
             dropped = agv.dropped.get(agv.activity, 0) + 1
             agv.dropped[agv.activity] = dropped
             agv.begin("")
-        elif agv.released:
+        elif agv.released or agv.sent:
             self._pause(agv, True, now)
 
     def _pause(self, agv: Agv, want: bool, now: float) -> None:
@@ -535,14 +537,10 @@ class MasterControl:
         if agv.shown:
             agv.known = True
             agv.update = int(state.get("orderUpdateId", 0))
-            last = max(
-                [state.get("lastNodeSequenceId", 0)]
-                + [n["sequenceId"] for n in state.get("nodeStates", ()) if n.get("released")]
-            )
-            at = [
-                n.get("nodePosition") for n in state.get("nodeStates", ())
-                if n["sequenceId"] == last
-            ]  # fmt: skip
+            left = state.get("nodeStates") or ()
+            released = (n["sequenceId"] for n in agv.released)
+            last = max([state.get("lastNodeSequenceId", 0), *released])
+            at = [n.get("nodePosition") for n in left if n["sequenceId"] == last]
             agv.nodes = [(0, 0.0), (last, self._progress(activity, at, state))]
         elif activity in agv.dropped:
             agv.nodes = [(0, self._progress(activity, [], state))]

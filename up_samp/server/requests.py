@@ -129,7 +129,7 @@ def read_request(kind: str, body: bytes) -> ProblemUpload:
         raise _fault("json_invalid", "it is nested too deeply") from None
     except ValueError as error:  # a number of too many digits, too
         raise _fault("json_invalid", f"it is no JSON: {short(str(error), 200)}") from error
-    from up_samp.fleet.limits import FILE_LIMITS
+    from up_samp.fleet.fields import FILE_LIMITS
 
     if _is_deep(data, FILE_LIMITS.depth):
         raise _fault("json_invalid", f"it is nested more than {FILE_LIMITS.depth} deep")

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TextIO
 
-from up_samp.fleet.limits import FILE_LIMITS
+from up_samp.fleet.fields import FILE_LIMITS
 from up_samp.server.requests import (
     MAP_NAME,
     PlanRequest,
@@ -70,11 +70,11 @@ class Teller:
 
 def read_problem(request: ProblemUpload) -> tuple[Any, dict[str, float]]:
     """Return a request's UP problem and settings; its map is written into the current folder."""
-    from up_samp.fleet.build import build_problem
+    from up_samp.fleet.build import write_problem
 
     records = records_of(request)
     request.map.write(Path(), MAP_NAME)
-    return build_problem(records, Path.cwd()), records.settings
+    return write_problem(records, Path.cwd()).problem, records.settings
 
 
 def solve(request: PlanRequest, timeout: float, teller: Teller) -> None:

@@ -15,9 +15,9 @@ from shapely.geometry import Point, Polygon
 from tests.geometry.states import state_at
 from up_samp.cli import main
 from up_samp.fleet import Fleet, read_problem_file
+from up_samp.fleet.fields import FILE_LIMITS
 from up_samp.fleet.importers import Options, import_file, map_from_polygons
-from up_samp.fleet.importers.lanes import LaneEdge, lane_zones, preferred_lanes
-from up_samp.fleet.limits import FILE_LIMITS
+from up_samp.fleet.importers.layouts import LaneEdge, lane_zones, preferred_lanes
 from up_samp.geometry import load_map
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.validation import validate_plan

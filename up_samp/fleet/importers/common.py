@@ -11,9 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from up_samp.fleet.faults import FleetError, find_faults
-from up_samp.fleet.files import read_record, write_problem_file
+from up_samp.fleet.files import read_record, text_of, write_problem_file
 from up_samp.fleet.records import FleetRecords
-from up_samp.fleet.tables import text_of
 from up_samp.model import ProblemError
 from up_samp.model.errors import short
 from up_samp.upio.read_maps import LIMITS as WORLD

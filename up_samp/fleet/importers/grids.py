@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from up_samp.fleet.fields import FILE_LIMITS
+from up_samp.fleet.files import text_of
 from up_samp.fleet.importers.common import Imported, Options, finish, json_of, wrong
-from up_samp.fleet.limits import FILE_LIMITS
-from up_samp.fleet.tables import text_of
 from up_samp.geometry.maps import write_map
 from up_samp.model import UnsupportedError
 from up_samp.model.errors import short
@@ -92,13 +92,14 @@ def import_league(source: Path, folder: Path, options: Options) -> Imported:
         data["robots"][f"r{i}"] = {"type": "agent", "start": place(row[0])}
     data |= {"orders": [], "tasks": []}
     for i, row in enumerate(_rows(files["taskFile"])[: options.jobs]):
-        if len(row) > 2:
-            raise UnsupportedError(f"{source}: task {i} has {len(row)} locations; at most two")
-        if len(row) == 2:
-            order = {"id": f"t{i}", "pickup": place(row[0]), "delivery": place(row[1])}
-            data["orders"].append(order)
-        else:
-            data["tasks"].append({"id": f"t{i}", "at": place(row[0]), "duration": 1})
+        match row:
+            case [cell]:
+                data["tasks"].append({"id": f"t{i}", "at": place(cell), "duration": 1})
+            case [cell, goal]:
+                order = {"id": f"t{i}", "pickup": place(cell), "delivery": place(goal)}
+                data["orders"].append(order)
+            case _:
+                raise UnsupportedError(f"{source}: task {i} has {len(row)} locations; at most two")
     return finish(folder, data, _notes(options))
 
 

@@ -18,6 +18,8 @@ from shapely.geometry import LineString, Polygon
 from shapely.geometry.base import BaseGeometry
 from shapely.ops import polygonize, unary_union
 
+from up_samp.fleet.fields import FILE_LIMITS
+from up_samp.fleet.files import check_size
 from up_samp.fleet.importers.common import (
     Imported,
     Options,
@@ -27,8 +29,6 @@ from up_samp.fleet.importers.common import (
     number_of,
     wrong,
 )
-from up_samp.fleet.limits import FILE_LIMITS
-from up_samp.fleet.tables import check_size
 from up_samp.geometry.maps import write_map
 from up_samp.model import ProblemError
 from up_samp.system.imports import extra

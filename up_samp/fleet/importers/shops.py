@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from up_samp.fleet.fields import FILE_LIMITS
+from up_samp.fleet.files import text_of
 from up_samp.fleet.importers.common import Imported, Options, finish, number_of, wrong
-from up_samp.fleet.limits import FILE_LIMITS
-from up_samp.fleet.tables import text_of
 from up_samp.geometry.maps import write_map
 from up_samp.model import ProblemError
 

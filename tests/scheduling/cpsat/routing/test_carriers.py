@@ -5,7 +5,7 @@ import pytest
 from tests.scheduling.cpsat.carriers import carriers
 from tests.scheduling.cpsat.routing.test_sequences import compare
 from up_samp.fleet import Fleet
-from up_samp.fleet.starter import write_starter
+from up_samp.fleet.files import write_starter
 from up_samp.model import Deadline
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.detection import find_routes
