@@ -10,13 +10,13 @@ from __future__ import annotations
 import itertools
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from up_samp.model import Body, Configuration
-from up_samp.model.arrays import FloatArray
+from up_samp.model.arrays import FloatArray, IntArray
 from up_samp.search.fleet.duties import BatteryUse
 from up_samp.search.fleet.evaluator_kernel import (
     BatteryTables,
@@ -112,13 +112,21 @@ class AssignmentEvaluator:
             drives += [0.0, *legs]
             stays += [each] * len(places)
         kinds, rides = self._rides(options, starts, number)
-        rests, loads = self.guess.duties.rests, self.guess.duties.loads
+        rests, loads, crews = self.guess.duties.rests, self.guess.duties.loads, self.jobs.crews
+        of, robot, entry, exit_, crew = _columns(
+            (j, self._numbers[o.robot], number[o.entry], number[o.exit], crews.get(j, -1))
+            for (j, _), o in zip(self._steps, options, strict=True)
+        )
+        start, kind, goal, aboard = _columns(
+            (number[starts[r]], kind, number.get(goals.get(r, ()), -1), loads.get(r, 1))
+            for r, kind in zip(self.robots, kinds, strict=True)
+        )
         return WorkTables(
-            of=np.array([j for j, _ in self._steps]),
-            robot=np.array([self._numbers[o.robot] for o in options]),
+            of=of,
+            robot=robot,
             first=self._first,
-            entry=np.array([number[o.entry] for o in options]),
-            exit=np.array([number[o.exit] for o in options]),
+            entry=entry,
+            exit=exit_,
             home=np.array(
                 [
                     -1.0 if home is None or o.robot in goals else ride(o.robot, o.exit, home)
@@ -130,13 +138,13 @@ class AssignmentEvaluator:
             drive=np.array(drives, dtype=float),
             place=np.array([self._shared.get(pose, -1) for places in stops for pose in places]),
             stays=np.array(stays, dtype=float),
-            crew=np.array([self.jobs.crews.get(j, -1) for j, _ in self._steps]),
-            start=np.array([number[starts[r]] for r in self.robots]),
-            kind=np.array(kinds),
+            crew=crew,
+            start=start,
+            kind=kind,
             rides=rides,
-            goal=np.array([number[goals[r]] if r in goals else -1 for r in self.robots]),
+            goal=goal,
             rests=np.array([rests.get(r, 0.0) for r in self.robots]),
-            loads=np.array([loads.get(r, 1) for r in self.robots]),
+            loads=aboard,
             cells=self._cells(options, kinds, number, rides),
         )
 
@@ -209,6 +217,11 @@ class AssignmentEvaluator:
         ]
         level, full, pace = np.array([(b.first, b.full, b.pace) for b in batteries]).T
         return BatteryTables(level, full, pace, np.array(uses), taken, detour)
+
+
+def _columns(rows: Iterable[tuple[int, ...]]) -> IntArray:
+    """Return the columns of rows, each as an array of its own."""
+    return np.ascontiguousarray(np.array([*rows], dtype=np.int64).T)
 
 
 def stops_of(option: WorkMode) -> list[Configuration]:

@@ -14,8 +14,9 @@ from __future__ import annotations
 import itertools
 import math
 import random
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any, TypeVar
 
 from up_samp.model import CandidateSchedule, Deadline
 from up_samp.search.check import Check
@@ -30,6 +31,8 @@ from up_samp.search.search import Search
 from up_samp.search.world import groups_of
 from up_samp.upio import Itinerary, read_itinerary
 from up_samp.upio.restrict import restrict
+
+Answer = TypeVar("Answer")
 
 # candidates of the usual search
 MANY, _SHARE = 14, 0.6
@@ -223,10 +226,8 @@ class FleetLNS:
     rng: random.Random
     without_traffic: float = math.inf
     """When (s) all jobs are done at the soonest, as far as shared places tell."""
-    _critical: list[str] = field(default_factory=list)
-    _delaying: dict[str, list[str]] = field(default_factory=dict)
-    _delays: dict[str, dict[str, float]] = field(default_factory=dict)
-    """What was asked of the best tours."""
+    _asked: dict[Hashable, Any] = field(default_factory=dict)
+    """What was asked of the best tours, with the answers."""
 
     def improved(self, over: Callable[[], bool], deadline: Deadline) -> Iterator[FleetSolution]:
         """Yield tours that are over sooner than all before, until it is ``over`` or many changes in
@@ -252,9 +253,7 @@ class FleetLNS:
                 continue
             # as good ones, too: they lead elsewhere
             self.best = found
-            self._critical = []
-            self._delaying.clear()
-            self._delays.clear()
+            self._asked.clear()
             if self.cost(found) < before:
                 left = stale
             if self.cost(found)[0] < before[0]:
@@ -269,11 +268,18 @@ class FleetLNS:
         ends = self.best.ends()
         return sorted(self.tours.robots, key=lambda r: (-ends.get(r, 0.0), r))
 
+    def _once(self, question: Hashable, answer: Callable[[], Answer]) -> Answer:
+        """Return what is answered to a question on the best tours, asked once as long as they are
+        the best.
+        """
+        if question not in self._asked:
+            self._asked[question] = answer()
+        found: Answer = self._asked[question]
+        return found
+
     def critical(self) -> list[str]:
         """Return the motions that the last end hangs on."""
-        if not self._critical:
-            self._critical = self.tours.critical(self.best)
-        return self._critical
+        return self._once("critical", lambda: self.tours.critical(self.best))
 
     def one_of_the_last(self) -> str:
         """Return a robot at random that the last end hangs on, or one that ends last more likely
@@ -286,15 +292,13 @@ class FleetLNS:
 
     def delaying(self, robot: str, deadline: Deadline) -> list[str]:
         """Return who delays a robot in the best tours."""
-        if robot not in self._delaying:
-            self._delaying[robot] = sorted(self.tours.delaying(self.best, robot, deadline))
-        return self._delaying[robot]
+        return self._once(
+            ("delaying", robot), lambda: sorted(self.tours.delaying(self.best, robot, deadline))
+        )
 
     def delays(self, robot: str) -> dict[str, float]:
         """Return by how much (s) a robot's motions end later than if nobody was in their way."""
-        if robot not in self._delays:
-            self._delays[robot] = self.tours.delays(self.best, robot)
-        return self._delays[robot]
+        return self._once(("delays", robot), lambda: self.tours.delays(self.best, robot))
 
     def since(self, robots: Iterable[str], moment: float) -> dict[str, int]:
         """Return how many motions of robots were decided before a moment (s)."""

@@ -432,12 +432,11 @@ class TourPlanner:
         """Return the next motions of a robot, up to the first that has to wait for one of another's
         that is not decided.
         """
-        found: list[str] = []
-        for name in self._left(robot):
-            if not self._waiting.keys().isdisjoint(self._others[name]):
-                break
-            found.append(name)
-        return found
+        waiting = self._waiting.keys()
+        free = itertools.takewhile(
+            lambda name: waiting.isdisjoint(self._others[name]), self._left(robot)
+        )
+        return list(free)
 
     def _decide(self, stretch: Sequence[str], deadline: Deadline) -> TourEnd:
         """Decide a robot's next motions, all or none."""
