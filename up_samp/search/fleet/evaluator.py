@@ -99,7 +99,6 @@ class AssignmentEvaluator:
         options = [option for some in self.jobs.options for option in some]
         starts = {r: snapshot.configurations[snapshot.initial[r]] for r in self.robots}
         stops = [stops_of(option) for option in options]
-        homes = [self.guess.home(option) for option in options]
         goals = self.guess.duties.ends
         poses = {p for o in options for p in (o.entry, o.exit)} | set(starts.values())
         poses |= set(goals.values())
@@ -127,12 +126,7 @@ class AssignmentEvaluator:
             first=self._first,
             entry=entry,
             exit=exit_,
-            home=np.array(
-                [
-                    -1.0 if home is None or o.robot in goals else ride(o.robot, o.exit, home)
-                    for o, home in zip(options, homes, strict=True)
-                ]
-            ),
+            home=np.array([*map(self._way_home, options)]),
             due=np.array([o.due * snapshot.seconds_per_unit for o in options], dtype=float),
             head=np.cumsum([0, *map(len, stops)]),
             drive=np.array(drives, dtype=float),
@@ -147,6 +141,15 @@ class AssignmentEvaluator:
             loads=aboard,
             cells=self._cells(options, kinds, number, rides),
         )
+
+    def _way_home(self, option: WorkMode) -> float:
+        """Return how long (s) it takes from where an option ends to where its robot is in nobody's
+        way (negative: nobody has to go).
+        """
+        home = self.guess.home(option)
+        if home is None or option.robot in self.guess.duties.ends:
+            return -1.0
+        return self.guess.ride(option.robot, option.exit, home)
 
     def _rides(
         self,
