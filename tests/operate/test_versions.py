@@ -142,6 +142,15 @@ def test_a_factsheet_that_promises_less_is_a_fault(control):
     ]
 
 
+def test_a_robot_that_comes_later_is_asked_what_it_is(control):
+    client, master = control
+    client.sent.clear()  # nobody was there to hear it
+    client.say("connection", connectionState="ONLINE")
+    master.reports(0.0)
+    asked = [action["actionType"] for _, message in client.sent for action in message["actions"]]
+    assert asked == ["factsheetRequest", "stateRequest"]
+
+
 def test_a_robot_that_is_gone_is_told_nothing(control):
     client, master = control
     client.say("connection", connectionState="ONLINE")

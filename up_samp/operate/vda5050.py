@@ -234,8 +234,12 @@ class MasterControl:
                 client.subscribe(
                     f"{self.root}/{name}/{topic}", qos=1 if topic == "connection" else 0
                 )
-            self._instant(name, "factsheetRequest")
-            self._instant(name, "stateRequest")
+            self._ask(name)
+
+    def _ask(self, robot: str) -> None:
+        """Ask a robot what it is, and how it is; it may not have been there before."""
+        self._instant(robot, "factsheetRequest")
+        self._instant(robot, "stateRequest")
 
     def _arrived(self, _client: mqtt.Client, _data: Any, message: mqtt.MQTTMessage) -> None:
         name, topic = message.topic.split("/")[-2:]
@@ -268,7 +272,7 @@ class MasterControl:
                 told = data.get("connectionState")
                 agv.online = told == "ONLINE"
                 if agv.online:
-                    self._instant(name, "stateRequest")
+                    self._ask(name)
                 elif str(told).startswith("CONNECTION"):
                     self._fault(name, BROKEN)
             case "visualization" if not _older(data, agv.seen):
