@@ -204,8 +204,8 @@ def in_time(
     """Return whether somebody that leaves at ``release`` might arrive from ``goal_free`` to
     ``horizon`` (s) if it could wait anywhere, and took each cell at the highest speeds there.
 
-    It takes a twentieth of the time of :func:`reachable`, and tells of four in five ways that are
-    tried among others that they are in vain.
+    A pass over the cells, where :func:`reachable` takes one for each level of speed: most ways that
+    are tried among others are in vain.
     """
     m = len(way.edges) - 1
     to_go = _to_go(way, can, _most(way, can))
