@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from operator import attrgetter
+from typing import Any
 
 from up_samp.model import CandidateSchedule
 from up_samp.scheduling.cpsat.encode.forms import TRUE, Literal, difference_told
@@ -307,6 +308,8 @@ class RoutedWork:
     """Activities on no route, and whether it is one of those of which some must be done."""
     worth: Callable[[CandidateSchedule], float] = attrgetter("makespan")
     """What a schedule costs."""
+    tours: dict[tuple[tuple[int, int], ...], Any] = field(default_factory=dict, init=False)
+    """Of sequences that were tried (see :mod:`.list_scheduling`)."""
 
     @property
     def is_all(self) -> bool:

@@ -509,6 +509,19 @@ def decode(work: RoutedWork, sequence: list[Step], *, full: bool = False) -> Tou
     return Tour([(t, decoder.ways[t]) for t in decoder.order], schedule, cost)
 
 
+def _decoded(work: RoutedWork, sequence: list[Step]) -> Tour | None:
+    """Return the tour of a sequence, which is remembered: with few tasks, and late in annealing,
+    the same come again and again.
+    """
+    key = tuple(sequence)
+    if key not in work.tours:
+        if len(work.tours) >= 1_000:  # of large problems that is some 20 MB
+            work.tours.clear()
+        work.tours[key] = decode(work, sequence)
+    found: Tour | None = work.tours[key]
+    return found
+
+
 def improve(
     work: RoutedWork,
     rounds: int,
@@ -532,7 +545,7 @@ def improve(
     for _ in range(rounds):
         if deadline.expired() or best.schedule.makespan <= enough:
             break
-        new = decode(work, _neighbour(work, current.sequence, rng))
+        new = _decoded(work, _neighbour(work, current.sequence, rng))
         heat *= cooling
         if new is None:
             continue

@@ -253,10 +253,13 @@ def _anneal_on(search: Solve, works: list[RoutedWork], longer: int, seed: int) -
         if whole.over() or deadline.expired():
             return
         work, before = works[number % len(works)], whole.value
+        known = len(work.tours)
         tour = improve(work, rounds, seed + number, deadline, enough=enough)
         if tour is not None and work.worth(tour.schedule) + fixed < before:
             whole.realize(tour.schedule, work.others)
             search.better |= whole.value < before
+        if len(work.tours) == known:
+            return  # all sequences that there are have been tried
 
 
 def _is_paid_by_activity(search: Solve) -> bool:
