@@ -208,7 +208,7 @@ def _along(pose, parts, way, sign):
         part = min(way, length)
         way -= part
         bend = k * part
-        chord = part * (np.sinc(bend / (2 * math.pi)))
+        chord = part * (2.0 * math.sin(bend / 2) / bend if bend else 1.0)
         x += sign * chord * math.cos(turn + sign * bend / 2)
         y += sign * chord * math.sin(turn + sign * bend / 2)
         turn += sign * bend

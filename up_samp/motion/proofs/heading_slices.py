@@ -19,7 +19,7 @@ import numpy.typing as npt
 import shapely
 
 from up_samp.geometry import Scene
-from up_samp.geometry.records import GridFrame, PolyData, along, grid_point, inner, kernel
+from up_samp.geometry.records import GridData, PolyData, along, grid_point, inner, kernel
 from up_samp.geometry.shapes import shape_of
 from up_samp.model import Body, Configuration, Deadline, Placed
 from up_samp.model.arrays import FloatArray, Int32Array, IntArray
@@ -50,12 +50,13 @@ def discs_inside(body: Body) -> FloatArray:
 class Blocking(NamedTuple):
     """What collides: ``discs`` (k, 3: x, y, r) inside the footprint with the map and ``polys``.
 
-    ``nearest`` int32 (2, rows, cols): row + 1 and column + 1 of a blocked cell near each cell;
-    ``frame``: where these cells lie.
+    ``nearest`` int32 (2, rows, cols): row + 1 and column + 1 of a blocked cell near each cell of
+    the ``grid``; ``reach`` (m): how far from the reference point discs lie.
     """
 
     nearest: Int32Array
-    frame: GridFrame
+    grid: GridData
+    reach: float
     polys: PolyData
     discs: FloatArray
 
@@ -65,8 +66,9 @@ class Flood(NamedTuple):
 
     ``sense``: how the body drives in it: 0 both ways, 1 ahead only, -1 back in time ahead only.
     ``state`` int8 (rows, cols, bins): 0 unseen, 1 free, 2 blocked. ``queue``: boxes (index: (row *
-    cols + col) * bins + bin) to go on from; ``ends`` (2,): its head and tail. ``goal``: the box to
-    reach. ``size`` (m): side of a box.
+    cols + col) * bins + bin) to go on from, from both its ends: a queue, and before it a stack of
+    those that lead nearer to the ``goal``, the box to reach. ``ends`` (3,): head and tail of the
+    first, top of the second. ``size`` (m): side of a box.
     """
 
     state: npt.NDArray[np.int8]
@@ -96,32 +98,49 @@ def _blocked(
     """
     nearest, polys, discs = blocking.nearest, blocking.polys, blocking.discs
     rows, cols = nearest.shape[1], nearest.shape[2]
-    res = blocking.frame.size
+    res = blocking.grid.frame.size
     gx, gy = centre
+    row, col = min(math.floor(gy / res), rows - 1), min(math.floor(gx / res), cols - 1)
+    # no disc comes near what is blocked on the map (what is known of that is float32)
+    clear = blocking.grid.clearance[row, col] > blocking.reach + 1e-3
+    if clear and polys.counts.shape[0] == 0:
+        return False
     c, s = math.cos(heading), math.sin(heading)
     for i in range(discs.shape[0]):
         dx, dy = discs[i, 0], discs[i, 1]
         x, y = gx + c * dx - s * dy, gy + s * dx + c * dy
         room = discs[i, 2] - half[0] - half[1] * math.sqrt(dx * dx + dy * dy) - 1e-5
         col, row = math.floor(x / res), math.floor(y / res)
-        if row < 0 or col < 0 or row >= rows or col >= cols:
+        beside = row < 0 or col < 0 or row >= rows or col >= cols
+        if beside and not clear:
             if room > 0.0:  # the disc's centre itself leaves the map
                 beyond = max(max(-x, x - cols * res), max(-y, y - rows * res))
                 if beyond > half[0] + half[1] * math.sqrt(dx * dx + dy * dy):
                     return True
             continue
-        # any blocked cell near by will do: its distance is an upper bound
-        ox = max(abs(x - (nearest[1, row, col] - 0.5) * res) - 0.5 * res, 0.0)
-        oy = max(abs(y - (nearest[0, row, col] - 0.5) * res) - 0.5 * res, 0.0)
-        if math.sqrt(ox * ox + oy * oy) < room:
-            return True
-        wx, wy = grid_point(blocking.frame, x, y)
+        if not clear:
+            # any blocked cell near by will do: its distance is an upper bound
+            ox = max(abs(x - (nearest[1, row, col] - 0.5) * res) - 0.5 * res, 0.0)
+            oy = max(abs(y - (nearest[0, row, col] - 0.5) * res) - 0.5 * res, 0.0)
+            if math.sqrt(ox * ox + oy * oy) < room:
+                return True
+        wx, wy = grid_point(blocking.grid.frame, x, y)
         for k in range(polys.counts.shape[0]):
             px, py = wx - polys.centres[k, 0], wy - polys.centres[k, 1]
             near = math.sqrt(px * px + py * py) - polys.centres[k, 2] < room
             if near and point_to_convex(wx, wy, polys.verts[k], polys.counts[k]) < room:
                 return True
     return False
+
+
+@inner
+def _away(flood: Flood, box: int) -> int:
+    """Return how many rows, columns and ranges of headings a box is away from the goal's."""
+    cols, bins = flood.state.shape[1], flood.state.shape[2]
+    turn = abs(box % bins - flood.goal % bins)
+    cell, goal = box // bins, flood.goal // bins
+    rows_away, cols_away = abs(cell // cols - goal // cols), abs(cell % cols - goal % cols)
+    return min(turn, bins - turn) + rows_away + cols_away
 
 
 @kernel
@@ -133,10 +152,15 @@ def spread(flood: Flood, blocking: Blocking, budget: int) -> int:
     rows, cols, bins = state.shape
     half = size * math.sqrt(0.5), math.pi / bins
     for _ in range(budget):
-        if ends[0] >= ends[1]:
+        if ends[2] < queue.shape[0]:
+            box = queue[ends[2]]
+            ends[2] += 1
+        elif ends[0] < ends[1]:
+            box = queue[ends[0]]
+            ends[0] += 1
+        else:
             return 2
-        box = queue[ends[0]]
-        ends[0] += 1
+        away = _away(flood, box)
         b, cell = box % bins, box // bins
         row, col = cell // cols, cell % cols
         for dr in range(-1, 2):
@@ -158,8 +182,12 @@ def spread(flood: Flood, blocking: Blocking, budget: int) -> int:
                     index = (r * cols + c) * bins + n
                     if index == flood.goal:
                         return 1
-                    queue[ends[1]] = index
-                    ends[1] += 1
+                    if _away(flood, index) < away:
+                        ends[2] -= 1
+                        queue[ends[2]] = index
+                    else:
+                        queue[ends[1]] = index
+                        ends[1] += 1
     return 0
 
 
@@ -184,7 +212,9 @@ def separated(
     boxes = [_box(scene, pose, size, shape) for pose in ends]
     if boxes[0] < 0 or boxes[1] < 0 or boxes[0] == boxes[1]:
         return False
-    blocking = Blocking(nearest, scene.data.frame, scene.polys(obstacles), discs_inside(body))
+    discs = discs_inside(body)
+    reach = float(np.max(np.hypot(discs[:, 0], discs[:, 1]) + discs[:, 2]))
+    blocking = Blocking(nearest, scene.data, reach, scene.polys(obstacles), discs)
     a, b = boxes
     ways = ((a, b, 0.0),) if body.kinematics.reverse else ((a, b, 1.0), (b, a, -1.0))
     floods = [_begun(shape, start, goal, float(size), sense) for start, goal, sense in ways]
@@ -201,7 +231,7 @@ def _begun(shape: tuple[int, int, int], start: int, goal: int, size: float, sens
     state.reshape(-1)[start] = 1
     queue = np.empty(state.size + 1, dtype=np.int32)
     queue[0] = start
-    return Flood(state, queue, np.array([0, 1], dtype=np.int64), goal, size, sense)
+    return Flood(state, queue, np.array([0, 1, len(queue)], dtype=np.int64), goal, size, sense)
 
 
 def _box(scene: Scene, pose: Configuration, size: float, shape: tuple[int, int, int]) -> int:

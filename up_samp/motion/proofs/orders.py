@@ -122,9 +122,11 @@ def _blocks(spans: FloatArray, room: BoolArray, size: int, hub: Hub) -> Blocks:
     count = len(first)
     ids = np.full((room.shape[0] + 1, room.shape[1] + 2), -1)
     ids[rows, cols + 1] = own
-    whole = np.repeat([[np.inf, np.inf, -np.inf, -np.inf]], count, axis=0)
-    np.minimum.at(whole[:, :2], own, spans[rows, cols, :2])
-    np.maximum.at(whole[:, 2:], own, spans[rows, cols, 2:])
+    by_block = np.argsort(own, kind="stable")
+    inside = spans[rows[by_block], cols[by_block]]
+    begins = np.searchsorted(own[by_block], np.arange(count))
+    least = np.minimum.reduceat(inside[:, :2], begins, axis=0)
+    whole = np.hstack((least, np.maximum.reduceat(inside[:, 2:], begins, axis=0)))
     near = np.eye(count, dtype=np.bool_)
     for row, col in ((0, 1), (1, -1), (1, 0), (1, 1)):
         other = ids[rows + row, cols + 1 + col]
@@ -160,8 +162,8 @@ def reached(blocks: Sequence[Blocks], reaches: Sequence[float], start: Sequence[
             moved[axis] = beside[at[axis]]
             moved[-1] = moved[-1] + (1 - 2 * axis) * turns[at[axis]]
             steps.append(np.ravel_multi_index(np.broadcast_arrays(*moved), shape).ravel())
-        new = np.unique(np.concatenate(steps))
-        new = new[free.flat[new // shape[-1]] & ~seen.flat[new]]
+        new = np.concatenate(steps)  # most is known: to sort it all takes longer
+        new = np.unique(new[free.flat[new // shape[-1]] & ~seen.flat[new]])
     return seen
 
 
