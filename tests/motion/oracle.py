@@ -36,16 +36,15 @@ def shape_at(footprint, pose):
 
 
 def walls_near(grid, x, y, reach):
-    """Return the blocked area near a point (and all that is outside the map)."""
+    """Return the blocked cells near a point (and those outside the map)."""
     size, (rows, cols) = grid.resolution, grid.shape
-    r0, c0 = int((y - reach) / size), int((x - reach) / size)
-    r1, c1 = int((y + reach) / size) + 1, int((x + reach) / size) + 1
-    cells = []
-    for r in range(r0, r1):
-        for c in range(c0, c1):
-            if not (0 <= r < rows and 0 <= c < cols) or grid.blocked[r, c]:
-                cells.append(shapely.box(c * size, r * size, (c + 1) * size, (r + 1) * size))
-    return shapely.union_all(cells)
+    r = np.arange(int((y - reach) / size), int((y + reach) / size) + 1)
+    c = np.arange(int((x - reach) / size), int((x + reach) / size) + 1)
+    beside = ((r < 0) | (r >= rows))[:, None] | (c < 0) | (c >= cols)
+    blocked = grid.blocked[np.ix_(r.clip(0, rows - 1), c.clip(0, cols - 1))]
+    up, right = np.nonzero(beside | blocked)
+    r, c = r[up], c[right]
+    return shapely.box(c * size, r * size, (c + 1) * size, (r + 1) * size)
 
 
 def smallest_clearance(trajectory, body, grid=None, obstacles: tuple[Placed, ...] = (), pieces=2):
@@ -63,7 +62,8 @@ def smallest_clearance(trajectory, body, grid=None, obstacles: tuple[Placed, ...
             for other in others:
                 best = min(best, me.distance(other))
             if grid is not None and (i + share) % 5 == 0:
-                best = min(best, me.distance(walls_near(grid, pose[0], pose[1], reach)))
+                walls = walls_near(grid, pose[0], pose[1], reach)
+                best = min(best, shapely.distance(me, walls).min(initial=math.inf))
     return best
 
 
