@@ -106,18 +106,19 @@ def test_executed_with_delays_nobody_meets(carried):
         assert run.makespan >= run.planned
 
 
-SEEDS = [0, *(pytest.param(k, marks=pytest.mark.long) for k in range(1, 12))]
+SEEDS = [(0, True), *(pytest.param(k, False, marks=pytest.mark.long) for k in range(12))]
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_whatever_is_listed_first(seed, tmp_path):
+@pytest.mark.parametrize(("seed", "first"), SEEDS)
+def test_whatever_is_listed_first(seed, first, tmp_path):
     """Three or four robots of one type or two, two or three of which carry; proofs hold."""
     rng = random.Random(seed)
     carriers = rng.choice((PAIR, THREE))
     other = rng.choice(({}, {"small": OMNI | {"v_max": 1.4}}, {"car": CAR}))
     robots = len(carriers) + 1 + (2 if other else 1)
     fleet = hall(tmp_path, robots, carriers=carriers, shuffled=rng, **other)
-    found = [fleet.solve(40, seed=seed, preset=p) for p in ("default", "sequential")]
+    presets = "default", "sequential"
+    found = [fleet.solve(40, seed=seed, preset=p, first_plan=first) for p in presets]
     for result in found:
         if result.plan is not None:
             judged(fleet, result, carriers)

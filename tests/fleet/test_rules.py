@@ -378,7 +378,7 @@ def test_names_with_underscores_may_run_into_each_other():
 def test_who_turns_very_slowly_has_the_time():
     """Half a turn takes an hour; a drive used to be cut off after a quarter of one."""
     fleet = Fleet(MAPS / "two_rooms.yaml")
-    fleet.add_robot_type("slow", FOOTPRINT, model="diff", omega_max=math.pi / 3600)
+    fleet.add_robot_type("slow", FOOTPRINT, model="omni", omega_max=math.pi / 3600)
     fleet.add_place("home", 2, 3)
     fleet.add_place("a", 7, 3, math.pi)
     fleet.add_robot("r", "slow", "home")

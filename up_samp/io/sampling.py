@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -21,22 +21,21 @@ def trajectory_rows(trajectory: Trajectory) -> list[list[float]]:
     Times in s, poses as in the trajectory, all rounded to
     ``PRECISION.sample_decimals`` digits; times increase strictly.
     """
-    times, poses = trajectory.times, trajectory.poses
+    times, poses = trajectory.times.tolist(), trajectory.poses.tolist()
     rows: list[list[float]] = []
-    for i in range(len(times)):
-        if i > 0:
+    last = len(times) - 1
+    for i, pose in enumerate(poses):
+        moved = i > 0 and pose != poses[i - 1]
+        if moved:
             _fill_gap(rows, trajectory, i)
-        if 0 < i < len(times) - 1 and (poses[[i - 1, i + 1]] == poses[i]).all():
-            continue
-        _append(rows, float(times[i]), poses[i])
+        if moved or i in (0, last) or poses[i + 1] != pose:
+            _append(rows, times[i], pose)
     return rows
 
 
 def _fill_gap(rows: list[list[float]], trajectory: Trajectory, i: int) -> None:
     """Add samples between ``i - 1`` and ``i`` where the object moves for longer than a step."""
-    before, after = float(trajectory.times[i - 1]), float(trajectory.times[i])
-    if np.array_equal(trajectory.poses[i - 1], trajectory.poses[i]):
-        return
+    before, after = trajectory.times[i - 1 : i + 1].tolist()
     # a hair below the step, so that rounding cannot push a gap above it
     pieces = math.ceil(
         (after - before) / (PRECISION.step - 2 * 10.0**-PRECISION.sample_decimals) - 1e-12
@@ -47,7 +46,7 @@ def _fill_gap(rows: list[list[float]], trajectory: Trajectory, i: int) -> None:
         _append(rows, before + share * (after - before), pose)
 
 
-def _append(rows: list[list[float]], t: float, pose: tuple[float, ...] | np.ndarray) -> None:
+def _append(rows: list[list[float]], t: float, pose: Iterable[float]) -> None:
     row = [_rounded(t), *(_rounded(float(v)) for v in pose)]
     if rows and row[0] <= rows[-1][0]:
         # two samples within the last digit: the later one tells where the object is
