@@ -47,6 +47,8 @@ STYLE = (
     [tool("lint-imports")],
 )
 TYPES = [tool("mypy"), "-p", "up_samp", "-p", "up_samp_ros"]
+WAITING = ("tests/operate/test_mqtt.py", "tests/operate/test_page.py", "tests/server/test_page.py")
+"""Tests that mostly wait, for robots in real time and for browsers: others run meanwhile."""
 
 
 def room(name: str) -> str:
@@ -66,7 +68,19 @@ def commands(arguments: list[str]) -> list[list[str]]:
         return [*STYLE, pytest(*map(room, FAST), *rest)]
     if what == "room":
         return [pytest(*map(room, rest[:1] or [""]), *rest[1:])]
-    return [*STYLE, pytest("--durations=40", *arguments)]
+    others = [f"--ignore={file}" for file in WAITING if are_all(arguments)]
+    return [*STYLE, pytest("--durations=40", *others, *arguments)]
+
+
+def are_all(arguments: list[str]) -> bool:
+    """Return whether arguments for pytest ask for no tests by name."""
+    return not {*arguments} - {"--long"}
+
+
+def beside(arguments: list[str]) -> list[list[str]]:
+    """Return what is run beside all of it, by one more process, in this order."""
+    tests = [sys.executable, "-m", "pytest", "-q", *WAITING, *arguments]
+    return [TYPES, tests] if are_all(arguments) else [TYPES]
 
 
 def run(command: list[str]) -> int:
@@ -81,13 +95,22 @@ def main() -> int:
     if arguments[:1] in (["lint"], ["fast"], ["room"]):
         return next((code for code in map(run, commands(arguments)) if code), 0)
     # tests wait for processes, brokers and pages now and then: types are judged meanwhile
-    with ThreadPoolExecutor() as pool:
-        types = pool.submit(
-            subprocess.run, TYPES, cwd=ROOT, check=False, capture_output=True, text=True
-        )
+    with ThreadPoolExecutor(1) as pool:
+        told = [pool.submit(quietly, command) for command in beside(arguments)]
         code = next((code for code in map(run, commands(arguments)) if code), 0)
-        print("$", Path(TYPES[0]).name, *TYPES[1:], types.result().stdout, sep=" ", flush=True)
-    return code or types.result().returncode
+        for command, done in zip(beside(arguments), told, strict=True):
+            if code and done.cancel():
+                continue  # it has not begun
+            print("$", Path(command[0]).name, *command[1:], done.result().stdout, flush=True)
+            code = code or done.result().returncode
+    return code
+
+
+def quietly(command: list[str]) -> subprocess.CompletedProcess[str]:
+    """Run a command; return what it says with its exit code."""
+    return subprocess.run(
+        command, cwd=ROOT, check=False, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    )
 
 
 if __name__ == "__main__":
