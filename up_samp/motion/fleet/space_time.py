@@ -17,6 +17,7 @@ from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
+import numpy.typing as npt
 
 from up_samp.geometry.kernels import piece_obeys, point_clearance
 from up_samp.geometry.memory import Memory
@@ -253,40 +254,24 @@ def distances(lattice: Lattice, goal: Links, ways: IntArray) -> FloatArray:
 
 
 @inner
-def _free_at(safe: TimeSets, place: int, t: float) -> bool:
-    for r in range(safe.head[place], safe.head[place + 1]):
-        if safe.intervals[r, 0] <= t and t <= safe.intervals[r, 1]:
+def _free_at(head: IntArray, intervals: FloatArray, place: int, t: float) -> bool:
+    for r in range(head[place], head[place + 1]):
+        if intervals[r, 0] <= t and t <= intervals[r, 1]:
             return True
     return False
 
 
 @inner
-def _step(
-    lattice: Lattice, task: Errand, links: IntArray, place: int, w: int
-) -> tuple[int, int, float]:
-    """Return where step ``w`` from a place leads (-1: nowhere), in which direction, and how long it
-    takes (s) at top speed. ``links``: for each place its row among those around the goal, or -1.
-    """
-    places = len(lattice.near)
-    if place == places:
-        return task.source.place[w], task.source.direction[w], task.source.way[w] / task.top
-    if w < len(task.drives):
-        return lattice.near[place, w], w, task.drives[w]
-    k = links[place]
-    if k < 0:
-        return -1, 0, 0.0
-    return places + 1, task.target.direction[k], task.target.way[k] / task.top
-
-
-@inner
-def _clear_between(cols: int, safe: TimeSets, place: int, way: IntArray, half: float) -> bool:
+def _clear_between(
+    cols: int, head: IntArray, intervals: FloatArray, place: int, e: int, half: float
+) -> bool:
     """Return whether a long step passes between two places that are free then."""
-    a, b = way
+    a, b = WAYS[e, 0], WAYS[e, 1]
     if abs(a) + abs(b) < 3:
         return True
     first = place + (b // 2) * cols + a // 2
     second = place + ((b + 1) // 2) * cols + (a + 1) // 2
-    return _free_at(safe, first, half) and _free_at(safe, second, half)
+    return _free_at(head, intervals, first, half) and _free_at(head, intervals, second, half)
 
 
 @inner
@@ -353,6 +338,81 @@ def _soonest(task: Errand, safe: TimeSets, goal: int, most: int) -> tuple[float,
     return soonest, int(most * min(1.0, (task.until - soonest) / GAIN))
 
 
+@inner
+def _halt(
+    queue: list[tuple[float, float, float, int]],
+    best: FloatArray,
+    parent: Int32Array,
+    key: int,
+    when: tuple[float, float, float],
+) -> None:
+    """Have a body that moves stand still from then on, if that is sooner than what is known.
+    ``when``: that, how far it has to go, and before when nobody is at the goal (s).
+    """
+    stood, left, soonest = when
+    if stood < best[key + 1] - 1e-9:
+        best[key + 1], parent[key + 1] = stood, key
+        heapq.heappush(queue, (max(stood + EAGER * left, soonest), left, stood, key + 1))
+
+
+States = tuple[FloatArray, Int32Array, npt.NDArray[np.int8], IntArray, IntArray]
+"""What a search knows of its states: when each is reached at best (s), from which one, in which
+direction it goes on; and each safe interval's place, each place's row among the links around the
+goal (-1: none)."""
+
+
+@inner
+def _arrived(lattice: Lattice, task: Errand, safe: TimeSets, states: States, most: int) -> int:
+    """Return the state in which a body is at rest at its goal (-1: not found)."""
+    places, cols, still = lattice.free.size, lattice.free.shape[1], len(task.drives)
+    queue, done = _begun(task, safe, places, states[0]), 0
+    soonest, most = _soonest(task, safe, places + 1, most)
+    # what is taken out of records in the loop is counted as used each time: ten times as slow
+    near, head, intervals = lattice.near, safe.head, safe.intervals
+    best, parent, ahead, place_of, links = states
+    drives, turns, to_go, starts, goals, source, target, top, stop, lag, _, due = task
+    ways_off, ways_in = source.way / top, target.way / top
+    set_off, towards, arriving = source.place, source.direction, target.direction
+    while len(queue) > 0 and done < most:
+        _, _, t, key = heapq.heappop(queue)
+        if t > best[key] + 1e-9:
+            continue
+        done, r, d = done + 1, key // 2, ahead[key]
+        place, until = place_of[r], intervals[r, 1]
+        if place == places + 1:
+            return key
+        if d != still and t + stop <= until:
+            _halt(queue, best, parent, key, (t + stop, to_go[place], soonest))
+        latest = until if d == still else min(t + lag, until)
+        for w in range(len(set_off) if place == places else still + 1):
+            there, e, took = -1, 0, 0.0
+            if place == places:
+                there, e, took = set_off[w], towards[w], ways_off[w]
+            elif w < still:
+                there, e, took = near[place, w], w, drives[w]
+            elif links[place] >= 0:
+                there, e, took = places + 1, arriving[links[place]], ways_in[links[place]]
+            if there < 0 or turns[d, e] == np.inf:
+                continue
+            half, ends = 0.5 * took, there == places + 1
+            took += turns[d, e] + (starts[e] if place == places else 0.0)
+            inside, left = place < places and not ends, 0.0 if ends else to_go[there]
+            for q in range(head[there], head[there + 1]):
+                low, high = intervals[q, 0], intervals[q, 1]
+                if low > latest + took:
+                    break
+                at = max(t + took, low)
+                after = at + stop + goals[e] if ends else at
+                late = after + left >= due or after >= best[2 * q] - 1e-9
+                if late or at >= high or (ends and high < np.inf):
+                    continue
+                if inside and not _clear_between(cols, head, intervals, place, e, at - half):
+                    continue
+                best[2 * q], parent[2 * q], ahead[2 * q] = after, key, e
+                heapq.heappush(queue, (max(after + EAGER * left, soonest), left, after, 2 * q))
+    return -1
+
+
 @kernel
 def search(lattice: Lattice, task: Errand, safe: TimeSets, most: int) -> FloatArray:
     """Return the rows (place, arrival s) of a way from the start to the goal (none: not found with
@@ -362,48 +422,12 @@ def search(lattice: Lattice, task: Errand, safe: TimeSets, most: int) -> FloatAr
     the body moves, in the direction in which it first came, or stands (odd). Of those that may
     arrive as soon, which is often when the goal gets free, the nearest is expanded first.
     """
-    places, cols, still = lattice.free.size, lattice.free.shape[1], len(task.drives)
     best = np.full(2 * len(safe.intervals), np.inf)
     parent = np.full(len(best), -1, dtype=np.int32)
-    ahead = np.full(len(best), still, dtype=np.int8)
-    place_of, links = _tables(task, safe, places)
-    queue, done = _begun(task, safe, places, best), 0
-    soonest, most = _soonest(task, safe, places + 1, most)
-    while len(queue) > 0 and done < most:
-        _, _, t, key = heapq.heappop(queue)
-        if t > best[key] + 1e-9:
-            continue
-        done, r, d = done + 1, key // 2, ahead[key]
-        place, until = place_of[r], safe.intervals[r, 1]
-        if place == places + 1:
-            return _traced(place_of, best, parent, key)
-        halted, stood = key + 1, t + task.stop
-        if d != still and stood <= until and stood < best[halted] - 1e-9:
-            best[halted], parent[halted] = stood, key
-            left = task.to_go[place]
-            heapq.heappush(queue, (max(stood + EAGER * left, soonest), left, stood, halted))
-        latest = until if d == still else min(t + task.lag, until)
-        for w in range(len(task.source.place) if place == places else still + 1):
-            there, e, took = _step(lattice, task, links, place, w)
-            if there < 0 or task.turns[d, e] == np.inf:
-                continue
-            half, ends = 0.5 * took, there == places + 1
-            took += task.turns[d, e] + (task.starts[e] if place == places else 0.0)
-            inside, to_go = place < places and not ends, 0.0 if ends else task.to_go[there]
-            for q in range(safe.head[there], safe.head[there + 1]):
-                low, high = safe.intervals[q, 0], safe.intervals[q, 1]
-                if low > latest + took:
-                    break
-                at = max(t + took, low)
-                after = at + task.stop + task.goals[e] if ends else at
-                late = after + to_go >= task.until or after >= best[2 * q] - 1e-9
-                if late or at >= high or (ends and high < np.inf):
-                    continue
-                if inside and not _clear_between(cols, safe, place, WAYS[e], at - half):
-                    continue
-                best[2 * q], parent[2 * q], ahead[2 * q] = after, key, e
-                heapq.heappush(queue, (max(after + EAGER * to_go, soonest), to_go, after, 2 * q))
-    return np.empty((0, 2))
+    ahead = np.full(len(best), len(task.drives), dtype=np.int8)
+    place_of, links = _tables(task, safe, lattice.free.size)
+    last = _arrived(lattice, task, safe, (best, parent, ahead, place_of, links), most)
+    return np.empty((0, 2)) if last < 0 else _traced(place_of, best, parent, last)
 
 
 # ------------------ The lattice of a floor
@@ -702,7 +726,7 @@ def _straight(
         col = min(cols - 1, max(0, round((x - lattice.x) / lattice.step)))
         row = min(rows - 1, max(0, round((y - lattice.y) / lattice.step)))
         t = run[i, 2] + share * (run[j, 2] - run[i, 2])
-        if lattice.free[row, col] and not _free_at(safe, row * cols + col, t):
+        if lattice.free[row, col] and not _free_at(safe.head, safe.intervals, row * cols + col, t):
             return False
     return True
 
