@@ -134,12 +134,10 @@ def _blocked(
 
 
 @inner
-def _away(flood: Flood, box: int) -> int:
+def _away(cols: int, bins: int, box: int, goal: int) -> int:
     """Return how many rows, columns and ranges of headings a box is away from the goal's."""
-    cols, bins = flood.state.shape[1], flood.state.shape[2]
-    turn = abs(box % bins - flood.goal % bins)
-    cell, goal = box // bins, flood.goal // bins
-    rows_away, cols_away = abs(cell // cols - goal // cols), abs(cell % cols - goal % cols)
+    turn, cell, end = abs(box % bins - goal % bins), box // bins, goal // bins
+    rows_away, cols_away = abs(cell // cols - end // cols), abs(cell % cols - end % cols)
     return min(turn, bins - turn) + rows_away + cols_away
 
 
@@ -148,7 +146,7 @@ def spread(flood: Flood, blocking: Blocking, budget: int) -> int:
     """Go on flooding ``budget`` boxes. Returns 1 if the goal's box is reached, 2 if all that can be
     reached was seen, 0 if there is more to do.
     """
-    state, queue, ends, size = flood.state, flood.queue, flood.ends, flood.size
+    state, queue, ends, goal, size, sense = flood
     rows, cols, bins = state.shape
     half = size * math.sqrt(0.5), math.pi / bins
     for _ in range(budget):
@@ -160,7 +158,7 @@ def spread(flood: Flood, blocking: Blocking, budget: int) -> int:
             ends[0] += 1
         else:
             return 2
-        away = _away(flood, box)
+        away = _away(cols, bins, box, goal)
         b, cell = box % bins, box // bins
         row, col = cell // cols, cell % cols
         for dr in range(-1, 2):
@@ -170,9 +168,9 @@ def spread(flood: Flood, blocking: Blocking, budget: int) -> int:
                     if r < 0 or c < 0 or r >= rows or c >= cols or state[r, c, n] != 0:
                         continue
                     # the heading between the two, half a turn on where time runs back
-                    between = (2.0 * b + db) * half[1] + 0.5 * math.pi * (1.0 - flood.sense)
+                    between = (2.0 * b + db) * half[1] + 0.5 * math.pi * (1.0 - sense)
                     wide = (1.0 + abs(db)) * half[1]
-                    if flood.sense != 0.0 and not _leads(between, wide, dr, dc):
+                    if sense != 0.0 and not _leads(between, wide, dr, dc):
                         continue
                     centre = (c + 0.5) * size, (r + 0.5) * size
                     if _blocked(blocking, centre, 2.0 * math.pi * n / bins, half):
@@ -180,9 +178,9 @@ def spread(flood: Flood, blocking: Blocking, budget: int) -> int:
                         continue
                     state[r, c, n] = 1
                     index = (r * cols + c) * bins + n
-                    if index == flood.goal:
+                    if index == goal:
                         return 1
-                    if _away(flood, index) < away:
+                    if _away(cols, bins, index, goal) < away:
                         ends[2] -= 1
                         queue[ends[2]] = index
                     else:
