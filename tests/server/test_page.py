@@ -88,7 +88,7 @@ def put(browser, name, value):
     )
 
 
-def until(good, what, seconds=20):
+def until(good, what, seconds=60):
     stop = time.monotonic() + seconds
     while time.monotonic() < stop:
         if good():
