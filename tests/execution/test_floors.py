@@ -9,7 +9,8 @@ from unified_planning.shortcuts import GE
 from tests.execution import floors
 from tests.execution.sites import Site
 from up_samp.execution.build import dependencies_of
-from up_samp.execution.simulate import Delays, simulate
+from up_samp.execution.floor import Delays
+from up_samp.execution.simulate import simulate
 from up_samp.io import plan_from_dict
 from up_samp.validation import validate_plan
 

@@ -12,7 +12,7 @@ import pytest
 from tests.execution.test_localisation import PLANS
 from up_samp.execution import Delays, Executor, dependencies_of
 from up_samp.execution.reports import Go, Hold
-from up_samp.execution.simulate import floor_of
+from up_samp.execution.simulate import Floor
 
 SECONDS = 90.0
 """Watched of each run (a third of it where the slow tests are not run): who is held stays so, if
@@ -74,7 +74,7 @@ def watched(found, problem, plan, seed, seconds=SECONDS):
     """Return what was seen of a run, with orders decided again and executors restored meanwhile."""
     r = random.Random(seed)
     executor = Executor(plan, problem, dependencies=found)
-    floor, watch = floor_of(executor, delays_of(r), seed), Watch([])
+    floor, watch = Floor(executor, delays_of(r), seed), Watch([])
     ticks = 0
     while floor.goes_on and floor.now < seconds and not watch.wrong:
         floor.step()

@@ -30,7 +30,7 @@ from up_samp.execution import (
 )
 from up_samp.execution.graph import ORIGIN
 from up_samp.execution.reports import TAKEN
-from up_samp.execution.simulate import floor_of, simulation_of
+from up_samp.execution.simulate import Floor, simulation_of
 from up_samp.execution.state import told_places
 from up_samp.execution.travel import along
 from up_samp.model import ProblemError
@@ -203,7 +203,7 @@ def test_nonsense_of_all_kinds_ends_nothing(yaml):
         problem, plan, found = rounds(yaml, seed + 5)
         rng = random.Random(seed)
         executor = Executor(plan, problem, dependencies=found)
-        floor = floor_of(executor, Delays.of_share(0.5), seed)
+        floor = Floor(executor, Delays.of_share(0.5), seed)
         names = [*executor.state.phase, "nothing", None]
         while floor.goes_on:
             floor.step()
@@ -308,7 +308,7 @@ def half_done(yaml, seed, ticks, **wrong):
     """A run of a random plan under way, slow and late: (problem, plan, dependencies, floor)."""
     problem, plan, found = rounds(yaml, seed)
     executor = Executor(plan, problem, dependencies=found)
-    floor = floor_of(executor, Delays(slow=0.5, late=0.5, **wrong), seed)
+    floor = Floor(executor, Delays(slow=0.5, late=0.5, **wrong), seed)
     for _ in range(ticks):
         floor.step()
     return problem, plan, found, floor
@@ -398,7 +398,7 @@ def test_an_order_is_proposed_elsewhere_and_taken_over_if_it_still_can_be(yaml):
     for seed in (5, 6):
         problem, plan, found = rounds(yaml, seed)
         executor = Executor(plan, problem, dependencies=found)
-        floor = floor_of(executor, Delays(slow=0.7, long_stop=30.0), seed)
+        floor = Floor(executor, Delays(slow=0.7, long_stop=30.0), seed)
         for _ in range(12):
             for _ in range(20):
                 floor.step()

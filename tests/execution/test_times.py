@@ -8,9 +8,10 @@ from ortools.sat.python import cp_model
 from tests.execution import floors
 from up_samp.execution.build import dependencies_of
 from up_samp.execution.executor import Executor, Go, Hold
+from up_samp.execution.floor import Delays
 from up_samp.execution.graph import At, Edge, Event, topological
 from up_samp.execution.reorder import NOW, SCALE, WORTH, _solve, open_decisions, tied
-from up_samp.execution.simulate import Delays, simulate
+from up_samp.execution.simulate import simulate
 from up_samp.execution.state import TaskPhase
 
 

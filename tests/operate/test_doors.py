@@ -81,7 +81,7 @@ def test_a_door_is_opened_once_and_others_wait_before_it(tmp_path):
 
 def beyond(day):
     """Return whether anybody is in the second room, or in the doorway."""
-    return any(day.robots.pose(r)[0] > 9.5 for r in day.robots.poses)
+    return any(day.robots.pose(r)[0] > 9.5 for r in day.robots.robots)
 
 
 def passed(day, seconds):

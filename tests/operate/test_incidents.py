@@ -79,10 +79,7 @@ def test_who_was_moved_by_hand_goes_on_from_where_it_stands(day):
     for _ in range(10):  # it still tells how far it is on its way
         day.operation.step()
     assert day.operation.pose(name) == here
-    robots.close()  # what it drove is on record
-    robots.robots[name].motion = None
-    robots._path_of.pop(name)
-    robots.poses[name] = here
+    robots.put(name, here)
     drives = len(robots.drives)
     day.operation.join(name, here)
     assert day.operation.pose(name) == here

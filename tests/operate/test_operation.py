@@ -8,7 +8,7 @@ import pytest
 
 from tests.operate.days import Day
 from tests.operate.sites import hall
-from up_samp.execution.simulate import Delays
+from up_samp.execution.floor import Delays
 from up_samp.fleet.faults import FleetError
 from up_samp.model import ProblemError
 from up_samp.operate import Operation, SimulatedClock, Store

@@ -13,10 +13,10 @@ from tests.fleet import driving
 from tests.operate.days import Day
 from tests.operate.sites import hall
 from tests.operate.wire import AgvFloor
-from up_samp.execution.simulate import Delays
+from up_samp.execution.floor import Delays, Drive
 from up_samp.operate.judge import record_of_day, unruly
 from up_samp.operate.records import Settings
-from up_samp.operate.simulated import Drive, Mishaps
+from up_samp.operate.simulated import Mishaps
 from up_samp.operate.zones import stretches_told
 
 ZONES = {

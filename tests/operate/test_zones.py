@@ -9,12 +9,12 @@ import pytest
 from tests.operate.days import Day
 from tests.operate.sites import hall
 from up_samp import Fleet
+from up_samp.execution.floor import Delays, Drive
 from up_samp.execution.graph import At, Event
-from up_samp.execution.simulate import Delays
 from up_samp.geometry.maps import write_map
 from up_samp.model import ProblemError
 from up_samp.operate.judge import crowded
-from up_samp.operate.simulated import Drive, Mishaps
+from up_samp.operate.simulated import Mishaps
 from up_samp.operate.zones import ZoneVisit, _in_rooms, _one_by_one, still_counted
 
 MIDDLE = [(7.0, 0.3), (17.5, 0.3), (17.5, 13.7), (7.0, 13.7)]

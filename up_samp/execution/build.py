@@ -602,6 +602,7 @@ def timed(dependencies: Dependencies) -> Dependencies:
             if who in last:
                 draft.put(last[who], begin, 0.0, "constraint", f"{who} does one after the other")
             last[who] = Event(At.END, task.name)
+    draft.bounds = [(old.events[b.first], old.events[b.then], b.most, b.why) for b in old.bounds]
     return replace(dependencies, graph=draft.graph(old.margin))
 
 

@@ -27,6 +27,7 @@ from up_samp.execution.tolerances import TOLERANCES
 from up_samp.io.floors import side_by_side
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import avoids
+from up_samp.model.arrays import FloatArray
 from up_samp.model.violation import Violation
 from up_samp.scheduling.partial_order.orders import constraint_texts
 from up_samp.upio.movers import named_as_planned
@@ -37,8 +38,8 @@ from up_samp.validation.scene import between, carried_along
 from up_samp.validation.schedule import objects_by_type
 from up_samp.validation.timeline import Decisions
 
-Drivings = dict[tuple[str, str], list[tuple[float, float]]]
-"""(time, progress) of each motion (activity, object)."""
+Drivings = Mapping[tuple[str, str], FloatArray]
+"""Rows (time, progress) of each motion (activity, object)."""
 
 Waits = Sequence[tuple[str, float, float, str]]
 """(robot, from, until, for whom)."""
@@ -112,7 +113,7 @@ def _activities(
     return sorted(found, key=lambda a: (a["start"], a["end"]))
 
 
-def _motion(drive: DriveCells, trace: list[tuple[float, float]]) -> dict[str, Any]:
+def _motion(drive: DriveCells, trace: FloatArray) -> dict[str, Any]:
     """Return what was driven, where the plan has it."""
     motion: dict[str, Any] = {
         "activity": drive.activity,
@@ -124,10 +125,9 @@ def _motion(drive: DriveCells, trace: list[tuple[float, float]]) -> dict[str, An
     return motion
 
 
-def _rows(drive: DriveCells, trace: list[tuple[float, float]]) -> list[list[float]]:
+def _rows(drive: DriveCells, trace: FloatArray) -> list[list[float]]:
     """Return samples [t, x, y, theta]; where the path's curvature changes there is one, too."""
-    times = np.array([t for t, _ in trace])
-    s = np.array([p for _, p in trace])
+    times, s = trace.T
     path = drive.path
     kinks = path.s[path.kink]
     kinks = kinks[(kinks > s[0] + 1e-6) & (kinks < s[-1] - 1e-6)]

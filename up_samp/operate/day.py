@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from up_samp.execution.simulate import Delays
+from up_samp.execution.floor import Delays
 from up_samp.fleet.fleet import Fleet
 from up_samp.fleet.records import Break, FleetRecords, Order, Task
 from up_samp.fleet.spelled_out import with_places
@@ -165,7 +165,7 @@ def simulate_day(
         verdict = judge_day(site, day.jobs, robots.initial, robots.drives, robots.handled)
         seconds = time.monotonic() - begun
         figures = figures_of(plan, day, robots, steps, seconds)
-        waits = tuple((p[0], p[1], b - a) for w in robots.waits.values() for a, b, p in w)
+        waits = tuple((*w.where[:2], w.until - w.since) for w in robots.waits)
         map_file = str((fleet.folder / site.map).resolve())
         record = record_of_day(replace(site, map=map_file), robots.initial, robots.drives)
         done = tuple(robots.handled)
@@ -240,7 +240,7 @@ def figures_of(
         if len(rows) > 1:
             driven += driven_until(rows) - float(rows[0, 0])
             metres += float(np.hypot(*np.diff(rows[:, 1:3], axis=0).T).sum())
-    waited = sum(b - a for w in robots.waits.values() for a, b, _ in w)
+    waited = sum(w.until - w.since for w in robots.waits)
     last = max((j.done for j in ended if j.done is not None), default=0.0)
     hours = max(plan.hours, last / 3600.0)
     return DayFigures(

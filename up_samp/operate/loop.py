@@ -19,7 +19,7 @@ from shapely.geometry import Polygon
 from up_samp.execution.astray import place_of, pose_in
 from up_samp.execution.executor import Executor
 from up_samp.execution.reorder import cost
-from up_samp.execution.reports import Command, Go, Heard, Hold, Reply, words_of
+from up_samp.execution.reports import Command, Go, Heard, Hold, Reply, Report, words_of
 from up_samp.execution.state import TaskPhase
 from up_samp.fleet.fleet import Fleet
 from up_samp.fleet.records import Order, Task
@@ -44,7 +44,6 @@ from up_samp.operate.records import (
     DayOrder,
     OrderState,
     Pose,
-    Report,
     Robots,
     Settings,
     Shape,

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any, Protocol
 
 from up_samp.execution.executor import Executor
-from up_samp.execution.reports import Command
+from up_samp.execution.reports import Command, Report
 from up_samp.fleet.fields import Windows
 from up_samp.fleet.files import read_record
 from up_samp.fleet.records import Order, Task, Weights
@@ -97,21 +97,6 @@ def _windows(windows: Windows, by: float) -> Windows:
     """Return windows on a later clock: those that are over are gone, but for the last."""
     later = [(max(0.0, opens + by), max(0.0, closes + by)) for opens, closes in windows]
     return tuple([w for w in later if w[1] > 0.0] or later[-1:])
-
-
-@dataclass(frozen=True)
-class Report:
-    """What a robot tells at ``time``: its ``progress`` (m) along a motion, or its ``pose``, or that
-    an activity is over (``done``). ``error``: how far (m) it says that it may be from there.
-    """
-
-    robot: str
-    time: float
-    activity: str = ""
-    progress: float | None = None
-    pose: Pose | None = None
-    done: bool = False
-    error: float | None = None
 
 
 class Robots(Protocol):

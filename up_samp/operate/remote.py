@@ -18,13 +18,12 @@ import numpy as np
 from annotated_types import Ge, Le
 
 from up_samp.execution.executor import Executor
-from up_samp.execution.reports import Command, Do, Go, Hold
+from up_samp.execution.reports import Command, Do, Go, Hold, Report
 from up_samp.fleet.fields import NUMBER, STRICT, Pose
 from up_samp.fleet.files import read_record
 from up_samp.fleet.records import FleetRecords
 from up_samp.model import ProblemError
 from up_samp.motion.fleet.paths import Path
-from up_samp.operate.records import Report
 from up_samp.operate.stitch import whole_motion
 from up_samp.operate.upkeep import action_of
 from up_samp.operate.zones import stretches_told

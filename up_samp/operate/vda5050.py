@@ -33,13 +33,13 @@ from paho.mqtt.enums import CallbackAPIVersion
 
 from up_samp.execution.executor import Executor
 from up_samp.execution.graph import PlannedTask
-from up_samp.execution.reports import Command, Go, Hold
+from up_samp.execution.reports import Command, Go, Hold, Report
 from up_samp.export.steps import PathPiece, pieces_of, wrapped
 from up_samp.export.vda5050 import LATER, earlier, edge_of, later, node_of
 from up_samp.fleet.fields import corners_of
 from up_samp.fleet.records import FleetRecords
 from up_samp.model import ProblemError
-from up_samp.operate.records import Pose, Report
+from up_samp.operate.records import Pose
 from up_samp.operate.stitch import whole_motion
 from up_samp.operate.upkeep import action_of
 from up_samp.operate.zones import stretches_told
