@@ -312,7 +312,7 @@ class Wait:
 
 
 @dataclass(frozen=True)
-class Work:
+class Doing:
     """Something that ``who`` does from ``since`` on, and that takes until ``until`` (s)."""
 
     activity: str
@@ -335,7 +335,7 @@ class SimulatedFloor:
         self.waits: list[Wait] = []
         self.stood: list[str] = []
         """Robots that came no farther in the last step."""
-        self.work: dict[str, Work] = {}
+        self.work: dict[str, Doing] = {}
         """All that was ever begun at places, by activity."""
         self._may: dict[str, bool] = {}
         """Activities that are to be done now, and whether they may end."""
@@ -363,7 +363,7 @@ class SimulatedFloor:
                 self._may[name] = command.may_end
                 if name not in self.work:
                     takes = self._tasks[name].expected * lateness(self.delays, name, self.seed)
-                    self.work[name] = Work(name, who, now, now + takes)
+                    self.work[name] = Doing(name, who, now, now + takes)
 
     def _begin(self, robot: SimulatedRobot, motion: str, now: float) -> None:
         self._keep(robot)
@@ -418,7 +418,7 @@ class SimulatedFloor:
         if robot.arrived and not robot.luck.silent:
             yield Report(robot.name, now, robot.motion, done=True)
 
-    def done(self, now: float) -> Iterator[Work]:
+    def done(self, now: float) -> Iterator[Doing]:
         """Yield what is to be done at places now, and is over."""
         some = (self.work[name] for name, may_end in self._may.items() if may_end)
         yield from (work for work in some if work.until <= now + 1e-9)
