@@ -300,25 +300,17 @@ class Drive:
         self.rows = np.asarray(self.rows, dtype=np.float64)  # lists take six times the memory
 
 
-@dataclass
-class Wait:
-    """A robot stood from ``since`` until ``until`` (s) at ``where``, for ``whom`` it was said."""
-
-    robot: str
-    since: float
-    until: float
-    where: Pose
-    whom: str = ""
-
-
 @dataclass(frozen=True)
-class Doing:
-    """Something that ``who`` does from ``since`` on, and that takes until ``until`` (s)."""
+class Handled:
+    """What was done at a place: ``kind`` as in :class:`up_samp.fleet.statements.Kind` by its value,
+    of which order (``what``), by whom, from when to when (s).
+    """
 
-    activity: str
-    who: str
-    since: float
-    until: float
+    kind: str
+    what: str
+    robot: str
+    start: float
+    end: float
 
 
 class SimulatedFloor:
@@ -332,14 +324,14 @@ class SimulatedFloor:
         self.delays, self.seed, self.now = delays, seed, 0.0
         self.robots = {n: SimulatedRobot(n, luck[n], pose) for n, pose in poses.items()}
         self.drives: list[Drive] = []
-        self.waits: list[Wait] = []
+        self.waits: dict[str, list[tuple[float, float, Pose, str]]] = {n: [] for n in poses}
+        """(from, until, where, for whom) robots stood, as :meth:`waited` was told."""
         self.stood: list[str] = []
         """Robots that came no farther in the last step."""
-        self.work: dict[str, Doing] = {}
-        """All that was ever begun at places, by activity."""
+        self.work: dict[str, Handled] = {}
+        """All that was ever begun at places, by activity, with its end if nothing holds it up."""
         self._may: dict[str, bool] = {}
         """Activities that are to be done now, and whether they may end."""
-        self._last_wait: dict[str, Wait] = {}
 
     def follow(self, executor: Executor) -> None:
         """Know the motions and tasks of another plan."""
@@ -363,7 +355,7 @@ class SimulatedFloor:
                 self._may[name] = command.may_end
                 if name not in self.work:
                     takes = self._tasks[name].expected * lateness(self.delays, name, self.seed)
-                    self.work[name] = Doing(name, who, now, now + takes)
+                    self.work[name] = Handled("", name, who, now, now + takes)
 
     def _begin(self, robot: SimulatedRobot, motion: str, now: float) -> None:
         self._keep(robot)
@@ -398,13 +390,11 @@ class SimulatedFloor:
 
     def waited(self, robot: str, seconds: float, whom: str = "") -> None:
         """Note that a robot stood for the last seconds."""
-        last, since = self._last_wait.get(robot), self.now - seconds
-        if last is not None and last.whom == whom and last.until >= since - 1e-6:
-            last.until = self.now
+        mine, since = self.waits[robot], self.now - seconds
+        if mine and mine[-1][3] == whom and mine[-1][1] >= since - 1e-6:
+            mine[-1] = (mine[-1][0], self.now, *mine[-1][2:])
         else:
-            wait = Wait(robot, since, self.now, self.robots[robot].pose, whom)
-            self._last_wait[robot] = wait
-            self.waits.append(wait)
+            mine.append((since, self.now, self.robots[robot].pose, whom))
 
     def told_by(self, robot: SimulatedRobot, now: float) -> Iterator[Report]:
         """Yield what a robot tells of its motion: where it takes itself to be, and that it has come
@@ -418,7 +408,7 @@ class SimulatedFloor:
         if robot.arrived and not robot.luck.silent:
             yield Report(robot.name, now, robot.motion, done=True)
 
-    def done(self, now: float) -> Iterator[Doing]:
-        """Yield what is to be done at places now, and is over."""
-        some = (self.work[name] for name, may_end in self._may.items() if may_end)
-        yield from (work for work in some if work.until <= now + 1e-9)
+    def done(self, now: float) -> list[str]:
+        """Return what is to be done at places now, and is over."""
+        some = (name for name, may_end in self._may.items() if may_end)
+        return [name for name in some if self.work[name].end <= now + 1e-9]

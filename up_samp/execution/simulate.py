@@ -122,8 +122,8 @@ class Floor(SimulatedFloor):
                 self.waited(name, self.tick, whom)
         for robot in self.robots.values():
             self._tell(robot)
-        for work in self.done(self.now):
-            self.executive.done(work.activity, self.now)
+        for activity in self.done(self.now):
+            self.executive.done(activity, self.now)
         awaited = disturbed or self.executive.awaits_time
         still = not awaited and not self._may and before == self._state()
         self.idle = self.idle + self.tick if still else 0.0
@@ -211,7 +211,8 @@ def simulation_of(
     executive, dependencies = floor.executive, floor.executive.dependencies
     spans = executive.times()
     makespan = max((end for _, end in spans.values() if end is not None), default=0.0)
-    waits = tuple((w.robot, w.since, w.until, w.whom) for w in floor.waits)
+    every = ((since, until, n, w) for n, m in floor.waits.items() for since, until, _, w in m)
+    waits = tuple((name, since, until, whom) for since, until, name, whom in sorted(every))
     drivings = {(d.activity, d.robot): d.trace for d in floor.drives}
     record = record_of(plan, dependencies.lives, spans, drivings, waits, floor.now)
     finished = executive.finished
@@ -224,7 +225,7 @@ def simulation_of(
         seed=seed,
         planned=dependencies.graph.planned,
         makespan=makespan,
-        waiting=min(1.0, sum(w.until - w.since for w in floor.waits) / time) if time else 0.0,
+        waiting=min(1.0, sum(b - a for _, a, b, _ in waits) / time) if time else 0.0,
         finished=finished,
         deadlock=not finished and floor.stuck,
         overruns=sum(r.overruns for r in floor.robots.values()),

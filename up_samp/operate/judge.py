@@ -15,14 +15,13 @@ import numpy as np
 import shapely
 from unified_planning.shortcuts import MovableType
 
-from up_samp.execution.floor import Drive
+from up_samp.execution.floor import Drive, Handled
 from up_samp.execution.judge import Contact, contacts_of
 from up_samp.fleet.fields import corners_of
 from up_samp.fleet.outlines import movable, rules_for
 from up_samp.fleet.records import FleetRecords, Order
 from up_samp.fleet.statements import Kind
 from up_samp.operate.records import DayOrder, OrderState, Pose, nothing_planned
-from up_samp.operate.simulated import Handled
 from up_samp.validation.collisions import JudgedShape, placed
 from up_samp.validation.kinematics import limits_of, speeds_on_way
 from up_samp.validation.zones import zone_violations

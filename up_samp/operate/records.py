@@ -134,8 +134,9 @@ def nothing_planned(site: FleetRecords, poses: Mapping[str, Pose]) -> PlanDict:
     return {
         "format": "up-samp-plan", "version": 1, "problem": site.name, "engine": "", "number": 0,
         "status": "SOLVED_SATISFICING", "seconds_per_unit": 1.0, "lower_bound": None,
-        "makespan": 0.0, "map": {"yaml": site.map}, "objects": objects, "activities": [], "motions": [], "changes": [],
-        "meanings": {}, "dependencies": {**nothing, "margin": site.margin},
+        "makespan": 0.0, "map": {"yaml": site.map}, "objects": objects, "activities": [],
+        "motions": [], "changes": [], "meanings": {},
+        "dependencies": {**nothing, "margin": site.margin},
     }  # fmt: skip
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from up_samp.execution.executor import Executor
-from up_samp.execution.floor import Delays, Drive, Luck, SimulatedFloor, luck_of
+from up_samp.execution.floor import Delays, Drive, Handled, Luck, SimulatedFloor, luck_of
 from up_samp.execution.reports import Report
 from up_samp.fleet.batteries import first_level
 from up_samp.fleet.records import FleetRecords
@@ -43,19 +43,6 @@ def driven_until(rows: FloatArray) -> float:
     """Return when a robot came to the pose at which a drive ends (s)."""
     before = np.flatnonzero(np.any(rows[:, 1:] != rows[-1, 1:], axis=1))
     return float(rows[np.max(before, initial=-1) + 1, 0])
-
-
-@dataclass(frozen=True)
-class Handled:
-    """What was done at a place: ``kind`` as in :class:`up_samp.fleet.statements.Kind` by its value,
-    of which order (``what``), by whom, from when to when (s).
-    """
-
-    kind: str
-    what: str
-    robot: str
-    start: float
-    end: float
 
 
 class SimulatedRobots(SimulatedFloor):
@@ -95,7 +82,7 @@ class SimulatedRobots(SimulatedFloor):
     def put(self, name: str, pose: Pose) -> None:
         """Put a robot somewhere by hand: it does nothing, and forgets what it was told."""
         robot = self.robots[name]
-        self.work = {a: w for a, w in self.work.items() if w.who != name or a in self._over}
+        self.work = {a: w for a, w in self.work.items() if w.robot != name or a in self._over}
         self._may = {a: may_end for a, may_end in self._may.items() if a in self.work}
         self._keep(robot)
         robot.motion, robot.place = None, pose
@@ -112,8 +99,8 @@ class SimulatedRobots(SimulatedFloor):
             self.robots[name].held_until = max(self.robots[name].held_until, now + seconds)
         for name in self._may:
             work = self.work[name]
-            if now < work.until and is_charge(self._meanings[name][1]):
-                self.charge(work.who, seconds)
+            if now < work.end and is_charge(self._meanings[name][1]):
+                self.charge(work.robot, seconds)
         was = {name: robot.s for name, robot in self.robots.items()}
         self.drive(now, seconds)
         for name, robot in self.robots.items():
@@ -145,14 +132,15 @@ class SimulatedRobots(SimulatedFloor):
             if now >= self._told_at.get(name, 0.0) + (SELDOM if robot.v == 0.0 else OFTEN):
                 self._told_at[name] = now
                 found += (r for report in told for r in self._sent(report))
-        for work in self.done(now):
-            if work.who in self.broken:
+        for name in self.done(now):
+            work = self.work[name]
+            if work.robot in self.broken:
                 continue
-            found += self._sent(Report(work.who, now, work.activity, done=True))
-            if work.activity not in self._over:
-                self._over.add(work.activity)
-                kind, what, _ = self._meanings[work.activity]
-                self.handled.append(Handled(kind, what, work.who, work.since, now))
+            found += self._sent(Report(work.robot, now, name, done=True))
+            if name not in self._over:
+                self._over.add(name)
+                kind, what, _ = self._meanings[name]
+                self.handled.append(replace(work, kind=kind, what=what, end=now))
         return found
 
     def _sent(self, report: Report) -> list[Report]:
