@@ -65,12 +65,11 @@ def without(found, gone):
 
 def steps(found, edge):
     """An edge with the other steps of the same staircase."""
-    events = found.graph.events
-    pair = (events[edge.first].activity, events[edge.then].activity)
+    pair = (edge.first.activity, edge.then.activity)
     return {
         e
         for e in found.graph.edges
-        if e.kind == edge.kind and (events[e.first].activity, events[e.then].activity) == pair
+        if e.kind == edge.kind and (e.first.activity, e.then.activity) == pair
     }
 
 

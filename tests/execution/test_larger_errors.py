@@ -64,10 +64,10 @@ class Watch:
                     self.wrong.append(f"{other} is sent to {command.until}, {overrun}")
 
     def _in_order(self, state):
-        for edge in state.graph.edges:
-            then, first = state.when[edge.then], state.when[edge.first]
+        for (one, other), edge in zip(state.graph.pairs, state.graph.edges, strict=True):
+            then, first = state.when[other], state.when[one]
             if then is not None and (first is None or first + edge.lag > then + 1e-6):
-                self.wrong.append(f"{state.graph.events[edge.then]} at {then}, {edge.why}: {first}")
+                self.wrong.append(f"{edge.then} at {then}, {edge.why}: {first}")
 
 
 def watched(found, problem, plan, seed, seconds=SECONDS):

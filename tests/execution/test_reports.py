@@ -435,12 +435,12 @@ def two_that_wait_for_each_other(gap):
     events = [ORIGIN, *(Event(at, n) for n in tasks for at in (At.START, At.END))]
     for n in tasks:
         events += [Event(At.REACH, n, n, 5.0 - gap), Event(At.LEAVE, n, n, 5.0)]
-    number = {e: k for k, e in enumerate(events)}
     edges = tuple(
-        Edge(number[Event(At.REACH, a, a, 5.0 - gap)], number[Event(At.LEAVE, b, b, 5.0)], 0.0,
-             "meeting", "made up")
+        Edge(
+            Event(At.REACH, a, a, 5.0 - gap), Event(At.LEAVE, b, b, 5.0), 0.0, "meeting", "made up"
+        )
         for a, b in ("ab", "ba")
-    )  # fmt: skip
+    )
     lengths = {(n, n): 9.0 for n in tasks}
     return Graph(tasks, tuple(events), (0.0,) * len(events), edges, lengths=lengths)
 

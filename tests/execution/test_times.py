@@ -88,12 +88,12 @@ def test_nobody_is_forecast_beyond_a_gate_before_it_opens(crossed):
     graph = found.graph
     gates = [e for e in graph.events if e.at is At.LEAVE and e.activity == name]
     beyond = Event(At.REACH, name, "r1", max(e.progress for e in gates) + 0.1)
-    end = graph.number[Event(At.END, name)]
+    end = Event(At.END, name)
     watched = replace(
         graph,
         events=(*graph.events, beyond),
-        times=(*graph.times, graph.times[end]),
-        edges=(*graph.edges, Edge(len(graph.events), end, 0.0, "constraint", "watched")),
+        times=(*graph.times, graph.times[graph.number[end]]),
+        edges=(*graph.edges, Edge(beyond, end, 0.0, "constraint", "watched")),
     )
     executor = Executor(plan, problem, dependencies=replace(found, graph=watched))
     executor.commands(20.0)  # both have begun, and r0 has not moved

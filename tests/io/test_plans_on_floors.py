@@ -169,7 +169,7 @@ def test_floors_are_apart_in_execution(house, solved):
     graph = dependencies_of(house.problem, solved).graph
     for edge in graph.edges:
         if edge.kind == "meeting":
-            assert {graph.events[i].activity for i in (edge.first, edge.then)} <= {
+            assert {event.activity for event in (edge.first, edge.then)} <= {
                 "back", "aside", "clear", "ride"
             }  # fmt: skip
     run = simulate(dependencies_of(house.problem, solved), solved, Delays(slow=0.5), 1)

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from up_samp.execution.graph import ORIGIN, At, Edge, Event, Graph, PlannedTask, Precedence
+from up_samp.execution.graph import ORIGIN, At, Edge, Event, Graph, PlannedTask
 from up_samp.execution.lives import DriveCells, Life, drives_of, in_turn
 from up_samp.execution.meetings import Meeting, steps_of
 from up_samp.execution.tolerances import TOLERANCES
@@ -137,7 +137,7 @@ def _lost(events: Iterable[Event], drives: Mapping[tuple[str, str], DriveCells])
 
 def needs_of_motions(
     plan: PlanDict, lives: Mapping[str, Life], meetings: Iterable[Meeting]
-) -> list[Precedence]:
+) -> list[Edge]:
     """Return what the motions ask for, whatever the problem is."""
     found = [step for meeting in meetings for step in steps_of(meeting)]
     for name, life in lives.items():
@@ -149,7 +149,7 @@ def needs_of_motions(
             then = Event(At.START if drives else At.END, two)
             lag = TOLERANCES.strict if drives else 0.0
             found.append(
-                Precedence(Event(At.END, one), then, lag, f"{one} and {two} both move {name}")
+                Edge(Event(At.END, one), then, lag, "object", f"{one} and {two} both move {name}")
             )
     return found
 
@@ -158,8 +158,8 @@ def needs_of_motions(
 
 
 def lacking(
-    tasks: Mapping[str, PlannedTask], edges: Iterable[Precedence], needs: Sequence[Precedence]
-) -> list[Precedence]:
+    tasks: Mapping[str, PlannedTask], edges: Iterable[Edge], needs: Sequence[Edge]
+) -> list[Edge]:
     """Return the needs that do not follow from ``edges``, with their lags.
 
     Raises :class:`ProblemError` where the edges have a cycle.
@@ -172,25 +172,24 @@ def lacking(
     ends = [Event(at, name) for name in tasks for at in (At.START, At.END)]
     found = dict.fromkeys([ORIGIN, *ends])
     found.update(dict.fromkeys(e for n in (*edges, *needs) for e in (n.first, n.then)))
-    events = tuple(found)
-    number = {event: k for k, event in enumerate(events)}
-    made = tuple(Edge(number[a], number[b], lag, "", "") for (a, b), lag in direct.items())
-    graph = Graph(tasks, events, (0.0,) * len(events), made)
+    made = tuple(Edge(*pair, lag) for pair, lag in direct.items())
+    graph = Graph(tasks, tuple(found), (0.0,) * len(found), made)
+    number = graph.number
     rank = {k: place for place, k in enumerate(graph.order)}
     after: dict[int, list[tuple[int, float]]] = {}
     for before, then in graph.implied:
         after.setdefault(before, []).append((then, 0.0))
-    for e in made:
-        after.setdefault(e.first, []).append((e.then, e.lag))
+    for (before, then), edge in zip(graph.pairs, made, strict=True):
+        after.setdefault(before, []).append((then, edge.lag))
     later = _later(graph.order, after)
-    left: dict[Event, list[Precedence]] = {}
+    left: dict[Event, list[Edge]] = {}
     for need in needs:
         follows = need.lag <= TOLERANCES.rounded and later[number[need.first]] >> number[need.then]
         if not follows & 1 and (
             direct.get((need.first, need.then), -1.0) < need.lag - TOLERANCES.rounded
         ):
             left.setdefault(need.first, []).append(need)
-    missing = []
+    missing: list[Edge] = []
     for first, wanted in left.items():
         latest = {number[first]: 0.0}
         for k in graph.order[rank[number[first]] :]:
@@ -227,15 +226,15 @@ def graph_faults(told: Graph, made: Graph) -> list[str]:
     """Return what a file's graph lacks of the one that its problem asks for, and which of its own
     edges the plan itself does not keep.
     """
-    lost = lacking(told.tasks, told.precedences(fixed=True), made.precedences(fixed=True))
-    every = lacking(told.tasks, told.precedences(), made.precedences())
-    found = named(list(dict.fromkeys([*lost, *every])))
-    own = {(n.first, n.then): n.lag for n in made.precedences()}
+    fixed = ([e for e in graph.edges if e.fixed] for graph in (told, made))
+    lost, every = lacking(told.tasks, *fixed), lacking(told.tasks, told.edges, made.edges)
+    found = named(list(dict.fromkeys(map(str, (*lost, *every)))))
+    own = {(n.first, n.then): n.lag for n in made.edges}
     broken = [
         need
-        for need, edge in zip(told.precedences(), told.edges, strict=True)
+        for need, (first, then) in zip(told.edges, told.pairs, strict=True)
         if need.lag > own.get((need.first, need.then), -math.inf) + TOLERANCES.rounded
-        and told.times[edge.then] < told.times[edge.first] + need.lag - TOLERANCES.late
+        and told.times[then] < told.times[first] + need.lag - TOLERANCES.late
     ]
     found += named(
         [f"the plan itself does not keep that {n.then} waits for {n.first}" for n in broken]
@@ -246,14 +245,13 @@ def graph_faults(told: Graph, made: Graph) -> list[str]:
 def _bound_faults(told: Graph, made: Graph) -> list[str]:
     known: dict[tuple[Event, Event], float] = {}
     for b in told.bounds:
-        pair = (told.events[b.first], told.events[b.then])
+        pair = b.first, b.then
         known[pair] = min(b.most, known.get(pair, math.inf))
     lost = []
     for b in made.bounds:
-        first, then = made.events[b.first], made.events[b.then]
-        if known.get((first, then), math.inf) > b.most + TOLERANCES.rounded:
+        if known.get((b.first, b.then), math.inf) > b.most + TOLERANCES.rounded:
             lost.append(
-                f"no bound says that {then} is at most {b.most:g} s after {first} ({b.why})"
+                f"no bound says that {b.then} is at most {b.most:g} s after {b.first} ({b.why})"
             )
     return named(list(dict.fromkeys(lost)))
 

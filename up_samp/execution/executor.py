@@ -334,7 +334,7 @@ class Executor(Followed):
             if event.at in (At.REACH, At.LEAVE) and event.activity in done:
                 state.fired[event] = state.fired[Event(At.END, event.activity)]
         for edge in graph.edges:
-            first, then = graph.events[edge.first], graph.events[edge.then]
+            first, then = edge.first, edge.then
             if then not in state.fired or first in state.fired or first.at is At.ORIGIN:
                 continue
             if first.at is At.REACH and first.activity not in done:
@@ -686,10 +686,10 @@ class Executor(Followed):
     def _awaited(self, number: int | None) -> Iterator[tuple[Event, str]]:
         """Yield the events that an event still waits for, and why."""
         state = self.state
-        for edge in () if number is None else state.into[number]:
-            since = state.when[edge.first]
+        for first, edge in () if number is None else state.into[number]:
+            since = state.when[first]
             if since is None or since + edge.lag > state.now + 1e-9:
-                yield state.graph.events[edge.first], edge.why
+                yield edge.first, edge.why
 
     def _missing(self, number: int | None) -> tuple[str, ...]:
         """Return what an event waits for, in words."""
@@ -758,7 +758,7 @@ class Executor(Followed):
         ahead = self.retime()
         found: dict[str, float] = {}
         for bound in self.state.graph.bounds:
-            over = ahead.times[bound.then] - ahead.times[bound.first] - bound.most
+            over = ahead.over(bound)
             if over > 1e-6:
                 found[bound.why] = max(over, found.get(bound.why, 0.0))
         return found

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -21,7 +21,7 @@ from up_samp.execution.check import (
     shape_faults,
 )
 from up_samp.execution.check import named as faults_named
-from up_samp.execution.graph import MEETING, At, Choice, Event, Graph, Narrow, Precedence
+from up_samp.execution.graph import MEETING, At, Bound, Choice, Edge, Event, Graph, Narrow
 from up_samp.execution.lives import DriveCells, drives_of, lives_of
 from up_samp.execution.meetings import meetings_of
 from up_samp.execution.tolerances import TOLERANCES
@@ -49,7 +49,7 @@ def with_dependencies(
     ]
     data["dependencies"] = graph_to_dict(dependencies.graph)
     if dependencies.choices:
-        data["dependencies"]["choices"] = [_choice_to_dict(c) for c in dependencies.choices]
+        data["dependencies"]["choices"] = [*map(_choice_to_dict, dependencies.choices)]
     if localisation:
         data["dependencies"]["localisation"] = localisation
         data["dependencies"]["narrow"] = [_narrow_to_dict(n) for n in dependencies.narrow]
@@ -84,7 +84,6 @@ def _narrow_to_dict(place: Narrow) -> dict[str, Any]:
 
 def graph_to_dict(graph: Graph) -> dict[str, Any]:
     """Return a graph as JSON would hold it."""
-    events = graph.events
     return {
         "margin": graph.margin,
         "edges_before_reduction": graph.before_reduction,
@@ -93,37 +92,32 @@ def graph_to_dict(graph: Graph) -> dict[str, Any]:
             for t in graph.tasks.values()
         ],
         "edges": [
-            {
-                **_pair_to_dict(events[e.first], events[e.then]),
-                "lag": round(e.lag, 6),
-                "kind": e.kind,
-                "why": e.why,
-            }
+            {**_pair_to_dict(e), "lag": round(e.lag, 6), "kind": e.kind, "why": e.why}
             for e in graph.edges
         ],
         "bounds": [
-            {
-                **_pair_to_dict(events[b.first], events[b.then]),
-                "most": round(b.most, 6),
-                "why": b.why,
-            }
-            for b in graph.bounds
+            {**_pair_to_dict(b), "most": round(b.most, 6), "why": b.why} for b in graph.bounds
         ],
     }
 
 
-def _pair_to_dict(first: Event, then: Event) -> dict[str, Any]:
-    return {"first": event_to_list(first), "then": event_to_list(then)}
+def _pair_to_dict(pair: Edge | Bound) -> dict[str, Any]:
+    return {"first": event_to_list(pair.first), "then": event_to_list(pair.then)}
+
+
+def edge_from_dict(entry: Mapping[str, Any]) -> Edge:
+    """Return the edge that an entry of a plan file means."""
+    return Edge(*_pair(entry), float(entry["lag"]), str(entry["kind"]), str(entry["why"]))
 
 
 def _choice_to_dict(choice: Choice) -> dict[str, Any]:
-    ways = [{**_pair_to_dict(w.first, w.then), "lag": round(w.lag, 6)} for w in choice.ways]
-    return {"ways": ways, "kind": choice.kind, "why": choice.why}
+    ways = [{**_pair_to_dict(w), "lag": round(w.lag, 6)} for w in choice]
+    return {"ways": ways, "kind": choice[0].kind, "why": choice[0].why}
 
 
 def _choice_from_dict(entry: Mapping[str, Any]) -> Choice:
-    one, two = (Precedence(*_pair(w), float(w["lag"])) for w in entry["ways"])
-    return Choice((one, two), str(entry["kind"]), str(entry["why"]))
+    one, two = (replace(edge_from_dict({**entry, **w}), free=True) for w in entry["ways"])
+    return one, two
 
 
 def event_to_list(event: Event) -> list[Any]:
@@ -197,14 +191,15 @@ def dependency_faults(problem: SchedulingProblem, plan: PlanDict) -> list[str]:
         found += _faults_alone(plan, told, alone=False) or graph_faults(told.graph, made.graph)
     except SampError as error:
         return [*found, str(error)]
-    extra = [c for c in told.choices if (c.ways, c.kind) not in _rounded_ways(made.choices)]
-    found += [f"the choice '{c.why}' is none that the problem leaves" for c in extra]
+    left = {_unexplained(_choice_from_dict(_choice_to_dict(choice))) for choice in made.choices}
+    extra = [c for c in told.choices if _unexplained(c) not in left]
+    found += [f"the choice '{c[0].why}' is none that the problem leaves" for c in extra]
     return found
 
 
-def _rounded_ways(choices: Collection[Choice]) -> set[Any]:
-    again = (_choice_from_dict(_choice_to_dict(c)) for c in choices)
-    return {(c.ways, c.kind) for c in again}
+def _unexplained(choice: Choice) -> Choice:
+    one, two = (replace(way, why="") for way in choice)
+    return one, two
 
 
 def _avoid_faults(plan: PlanDict, by_problem: PlanDict) -> list[str]:
@@ -225,13 +220,13 @@ def _avoid_faults(plan: PlanDict, by_problem: PlanDict) -> list[str]:
 def _faults_alone(plan: PlanDict, told: Dependencies, *, alone: bool = True) -> list[str]:
     """Return what is wrong with a graph whatever the problem is."""
     graph = told.graph
-    choices = (e for c in told.choices for way in c.ways for e in (way.first, way.then))
+    choices = (e for c in told.choices for way in c for e in (way.first, way.then))
     found = place_faults(plan, told.lives, [*graph.events, *choices])
     _ = graph.order
     if found or not alone:
         return found
     needs = needs_of_motions(plan, told.lives, told.meetings)
-    return faults_named(lacking(graph.tasks, graph.precedences(), needs))
+    return faults_named(lacking(graph.tasks, graph.edges, needs))
 
 
 def _as_told(plan: PlanDict) -> Dependencies:
@@ -244,21 +239,13 @@ def _as_told(plan: PlanDict) -> Dependencies:
     expected = {t["activity"]: float(t["expected"]) for t in data["tasks"]}
     tasks = {n: replace(t, expected=expected[n]) for n, t in tasks.items()}
     choices = tuple(_choice_from_dict(entry) for entry in data.get("choices", ()))
-    free = {(c.ways[0].first, c.ways[0].then) for c in choices}
-    events = {key: list(map(_pair, data[key])) for key in ("edges", "bounds")}
-    graph = graph_of(
-        tasks,
-        drives,
-        (
-            (*pair, float(e["lag"]), e["kind"], e["why"], pair in free and e["kind"] != MEETING)
-            for pair, e in zip(events["edges"], data["edges"], strict=True)
-        ),
-        (
-            (*pair, float(b["most"]), b["why"])
-            for pair, b in zip(events["bounds"], data["bounds"], strict=True)
-        ),
-        float(data["margin"]),
-    )
+    free = {(planned.first, planned.then) for planned, _ in choices}
+    edges = [
+        replace(e, free=(e.first, e.then) in free and e.kind != MEETING)
+        for e in map(edge_from_dict, data["edges"])
+    ]
+    bounds = [Bound(*_pair(b), float(b["most"]), b["why"]) for b in data["bounds"]]
+    graph = graph_of(tasks, drives, edges, bounds, float(data["margin"]))
     graph = replace(graph, before_reduction=int(data["edges_before_reduction"]))
     localisation = _localisation(plan)
     meetings = tuple(meetings_of(lives, float(data["margin"]), localisation))

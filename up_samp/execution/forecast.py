@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
-from up_samp.execution.graph import At, Event, Graph
+from up_samp.execution.graph import At, Bound, Event, Graph
 from up_samp.execution.state import FloorState, MotionUnderWay, TaskPhase
 
 Routes = tuple[tuple[tuple[tuple[int, float, str], ...], ...], tuple[float, ...]]
@@ -28,13 +28,14 @@ class Forecast:
     @cached_property
     def latest(self) -> tuple[float, ...]:
         """The latest time (s) of each event that delays neither the makespan nor a bound."""
-        graph, times = self.graph, self.times
+        graph, times, number = self.graph, self.times, self.graph.number
         latest = [max(times, default=0.0)] * len(times)
         for bound in graph.bounds:
-            latest[bound.then] = min(latest[bound.then], times[bound.first] + bound.most)
+            then = number[bound.then]
+            latest[then] = min(latest[then], times[number[bound.first]] + bound.most)
         outgoing: list[list[tuple[int, float]]] = [[] for _ in times]
-        for edge in graph.edges:
-            outgoing[edge.first].append((edge.then, edge.lag))
+        for (first, then), edge in zip(graph.pairs, graph.edges, strict=True):
+            outgoing[first].append((then, edge.lag))
         for k, before in enumerate(self.routes[0]):
             for first, seconds, who in before:
                 outgoing[first].append((k, seconds / self.pace.get(who, 1.0)))
@@ -58,6 +59,11 @@ class Forecast:
             self.times[number[Event(At.START, name)]],
             self.times[number[Event(At.END, name)]],
         )
+
+    def over(self, bound: Bound) -> float:
+        """Return by how much (s) a bound is missed (negative: it is kept)."""
+        number = self.graph.number
+        return self.times[number[bound.then]] - self.times[number[bound.first]] - bound.most
 
     def slack(self, name: str) -> float:
         """Return by how much an activity may end later without delaying anything that counts."""
@@ -118,8 +124,8 @@ def forecast(state: FloorState, routes: Routes, pace: Mapping[str, float]) -> Fo
             came = max(came, at)
         came = moved.get(k, came)
         allowed = now
-        for edge in into[k]:
-            at = times[edge.first] + edge.lag
+        for first, edge in into[k]:
+            at = times[first] + edge.lag
             allowed = max(allowed, at)
         if allowed > came:
             # it stops at the gate and has to get going again

@@ -21,7 +21,7 @@ import numpy as np
 from unified_planning.model.scheduling import SchedulingProblem
 
 from up_samp.execution.build import Dependencies, planned_of
-from up_samp.execution.graph import At, Bound, Graph
+from up_samp.execution.graph import At, Bound
 from up_samp.execution.lives import DriveCells, Life, drives_of
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.io.floors import side_by_side
@@ -241,15 +241,15 @@ def broken_rules(dependencies: Dependencies, record: dict[str, Any]) -> tuple[Te
     """
     if dependencies.problem is None:
         return (), ()
-    problem, graph = named_as_planned(dependencies.problem, record), dependencies.graph
+    problem, bounds = named_as_planned(dependencies.problem, record), dependencies.graph.bounds
     unit = float(record["seconds_per_unit"])
     ticks = max(1, math.ceil(unit / TOLERANCES.strict - 1e-9))
     times = {
         a["name"]: (_instant(a["start"], ticks), _instant(a["end"], ticks))
         for a in record["activities"]
     }
-    late = [b for b in graph.bounds if _over(graph, b, times, unit) > -2 * TOLERANCES.strict]
-    missed = [b.why for b in late if _over(graph, b, times, unit) > TOLERANCES.same_time]
+    late = [b for b in bounds if _over(b, times, unit) > -2 * TOLERANCES.strict]
+    missed = [b.why for b in late if _over(b, times, unit) > TOLERANCES.same_time]
     parameters = planned_of(problem, record).values
     objects = objects_by_type(problem)
     decisions = Decisions(times, parameters, objects, Fraction(1, ticks))
@@ -290,12 +290,10 @@ def _instant(units: float, ticks: int) -> Fraction:
     return Fraction(math.floor(units * ticks + 0.05), ticks)
 
 
-def _over(
-    graph: Graph, bound: Bound, times: Mapping[str, tuple[Fraction, Fraction]], unit: float
-) -> float:
+def _over(bound: Bound, times: Mapping[str, tuple[Fraction, Fraction]], unit: float) -> float:
     """Return by how much (s) a bound was missed (negative: it was kept)."""
     at = []
-    for event in (graph.events[bound.first], graph.events[bound.then]):
+    for event in (bound.first, bound.then):
         if event.at is not At.ORIGIN and event.activity not in times:
             return -math.inf
         end = event.at is At.END

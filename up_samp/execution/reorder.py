@@ -15,7 +15,7 @@ from ortools.sat.python import cp_model
 
 from up_samp.execution.build import Dependencies, steps_by, with_sides
 from up_samp.execution.forecast import Forecast, Routes, forecast, routes_of
-from up_samp.execution.graph import At, Event, Graph, Precedence, topological
+from up_samp.execution.graph import At, Edge, Event, Graph, topological
 from up_samp.execution.lives import Stay
 from up_samp.execution.meetings import Component, Key, Meeting, switched
 from up_samp.execution.state import FloorState, RobotPace, TaskPhase
@@ -119,7 +119,7 @@ class Decision:
     key: Key
     now: bool
     """How it is so far."""
-    needs: Mapping[bool, tuple[Precedence, ...]]
+    needs: Mapping[bool, tuple[Edge, ...]]
 
 
 def open_decisions(
@@ -153,7 +153,7 @@ def _components(executor: Followed) -> list[Decision]:
 
 def _choices(executor: Followed) -> list[Decision]:
     return [
-        Decision(k, executor.sides.get(k, True), {True: (c.ways[0],), False: (c.ways[1],)})
+        Decision(k, executor.sides.get(k, True), {True: c[:1], False: c[1:]})
         for k, c in enumerate(executor.dependencies.choices)
     ]
 
@@ -167,7 +167,7 @@ def _is_open(executor: Followed, ahead: Forecast, decision: Decision) -> bool:
     return all(can_wait(state, p) and not _too_soon(executor, ahead, p) for p in other)
 
 
-def _too_soon(executor: Followed, ahead: Forecast, need: Precedence) -> bool:
+def _too_soon(executor: Followed, ahead: Forecast, need: Edge) -> bool:
     """Return whether who is to wait is past where it would wait before it can be told."""
     event, state = need.then, executor.state
     at = ahead.span(event.activity)[event.at is At.END]
@@ -197,7 +197,7 @@ def happened(state: FloorState, event: Event) -> bool:
     return False
 
 
-def can_wait(state: FloorState, need: Precedence) -> bool:
+def can_wait(state: FloorState, need: Edge) -> bool:
     """Return whether a precedence can still be kept: its first has happened, or who waits can still
     stop.
     """
@@ -215,11 +215,12 @@ def can_wait(state: FloorState, need: Precedence) -> bool:
     return max(0.0, event.progress - way.error) >= state.committed(way) - 1e-9
 
 
-def settled(executor: Followed, open_: set[Key]) -> list[Precedence]:
+def settled(executor: Followed, open_: set[Key]) -> list[Edge]:
     """Return all precedences but those of the decisions ``open_``."""
-    found = executor.dependencies.graph.precedences(fixed=True)
-    choices = enumerate(executor.dependencies.choices)
-    found += [c.ways[int(not executor.sides.get(k, True))] for k, c in choices if k not in open_]
+    found = [e for e in executor.dependencies.graph.edges if e.fixed]
+    for k, (planned, other) in enumerate(executor.dependencies.choices):
+        if k not in open_:
+            found.append(planned if executor.sides.get(k, True) else other)
     for meeting in executor.dependencies.meetings:
         if _over(executor.state, meeting):
             continue
@@ -270,14 +271,14 @@ class Times:
 
     # ------------------------------------------------------------------ what is tied
 
-    def all_after(self, needs: Iterable[Precedence], only_if: int = 0) -> None:
+    def all_after(self, needs: Iterable[Edge], only_if: int = 0) -> None:
         """State precedences, where ``only_if`` holds, but those that say nothing new.
 
         Of a staircase these are the first step, the last, and the one that holds the second robot
         back for longest when nothing else stops the two. The times are a forecast: what is decided
         by them is looked at again with the whole graph.
         """
-        stairs: dict[tuple[str, str, str, str], list[Precedence]] = {}
+        stairs: dict[tuple[str, str, str, str], list[Edge]] = {}
         for need in needs:
             first, then = need.first, need.then
             if first.at is At.REACH and then.at is At.LEAVE:
@@ -290,7 +291,7 @@ class Times:
             for need in dict.fromkeys((steps[0], max(steps, key=self._push), steps[-1])):
                 self.after(need, only_if)
 
-    def _push(self, need: Precedence) -> float:
+    def _push(self, need: Edge) -> float:
         """Return by how much later (s) than the first robot the second has to begin."""
         return self._driving(need.first) - self._driving(need.then)
 
@@ -298,7 +299,7 @@ class Times:
         way = self.state.ways[event.activity, event.object]
         return way.travel.time_at(event.progress) / self.pace.get(way.object, 1.0)
 
-    def after(self, need: Precedence, only_if: int = 0) -> None:
+    def after(self, need: Edge, only_if: int = 0) -> None:
         """State a precedence, where ``only_if`` holds."""
         first, then, lag = need.first, need.then, need.lag
         if happened(self.state, then) or self._passed(then):
@@ -332,7 +333,7 @@ class Times:
             if not task.moves:
                 begun = state.fired.get(start)
                 if begun is None:
-                    self.after(Precedence(start, end, task.expected))
+                    self.after(Edge(start, end, task.expected))
                 else:
                     left = max(0.0, begun + task.expected - state.now)
                     self.ties.append(Tie(NOW, self.event(end), math.ceil(left * SCALE), 0))
@@ -475,8 +476,8 @@ def adopt(executor: Followed, proposal: Proposal) -> int:
     if proposal.base != executor.sides:
         return 0
     old, state = executor.state.graph, executor.state
-    known = {(p.first, p.then, p.lag) for p in old.precedences()}
-    for need in proposal.graph.precedences():
+    known = {(p.first, p.then, p.lag) for p in old.edges}
+    for need in proposal.graph.edges:
         if (need.first, need.then, need.lag) not in known and not can_wait(state, need):
             return 0
     before = executor.retime()
@@ -509,9 +510,7 @@ def _better(goals: Mapping[str, Goal], before: Forecast, after: Forecast) -> boo
 
 def _missed(ahead: Forecast) -> float:
     """Return by how much (s) deadlines, windows and longest durations will be missed, in all."""
-    return sum(
-        max(0.0, ahead.times[b.then] - ahead.times[b.first] - b.most) for b in ahead.graph.bounds
-    )
+    return sum(max(0.0, ahead.over(bound)) for bound in ahead.graph.bounds)
 
 
 def _value(

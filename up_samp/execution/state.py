@@ -13,7 +13,7 @@ import enum
 import heapq
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
@@ -190,32 +190,33 @@ class FloorState:
         """When each event happened (s; ``None``: not yet)."""
         self.after: list[list[tuple[int, float]]] = [[] for _ in range(count)]
         self.timers: list[tuple[float, int]] = []
-        self.into: list[list[Edge]] = [[] for _ in range(count)]
-        for edge in map(self._held, graph.edges):
-            self.into[edge.then].append(edge)
-            since = self.when[edge.first]
+        self.into: list[list[tuple[int, Edge]]] = [[] for _ in range(count)]
+        """The edges that hold each event back, with the number of what it waits for."""
+        for (first, then), edge in zip(graph.pairs, graph.edges, strict=True):
+            held, since = self._held(first, then), self.when[first]
+            self.into[held].append((first, edge))
             if since is None:
-                self.after[edge.first].append((edge.then, edge.lag))
+                self.after[first].append((held, edge.lag))
             elif since + edge.lag <= self.now:
                 continue
             else:
-                heapq.heappush(self.timers, (since + edge.lag, edge.then))
-            self.missing[edge.then] += 1
+                heapq.heappush(self.timers, (since + edge.lag, held))
+            self.missing[held] += 1
         self._place(graph)
         for way in self.ways.values():
             self._pass(way)
         self.start_number = {n: self.number[Event(At.START, n)] for n in graph.tasks}
         self.end_number = {n: self.number[Event(At.END, n)] for n in graph.tasks}
 
-    def _held(self, edge: Edge) -> Edge:
-        """Return an edge as it holds somebody back: what has begun before it may, by a graph that
+    def _held(self, first: int, then: int) -> int:
+        """Return which event an edge holds back: what has begun before it may, by a graph that
         held it back elsewhere, does not end before that.
         """
-        then = self.graph.events[edge.then]
-        begun = then.at is At.START and self.when[edge.then] is not None
-        if not begun or self.when[edge.first] is not None:
-            return edge
-        return replace(edge, then=self.number[Event(At.END, then.activity)])
+        event = self.graph.events[then]
+        begun = event.at is At.START and self.when[then] is not None
+        if not begun or self.when[first] is not None:
+            return then
+        return self.number[Event(At.END, event.activity)]
 
     def _place(self, graph: Graph) -> None:
         places, self.squeezed = told_places(graph, self.errors)
@@ -430,7 +431,7 @@ def told_places(
     turned = _turned(graph, places, errors)
     squeezed: list[Narrow] = []
     while turned:
-        pairs = [*chained(events, graph.tasks, places), *((e.first, e.then) for e in graph.edges)]
+        pairs = [*chained(events, graph.tasks, places), *graph.pairs]
         tangle = entangled(len(events), pairs)
         if not tangle:
             break

@@ -128,7 +128,7 @@ class _Cutter:
 
     def _pairs(self) -> Iterable[tuple[int, int]]:
         graph = self.state.graph
-        yield from ((e.first, e.then) for e in graph.edges)
+        yield from graph.pairs
         yield from graph.implied
         for turn in self.turns.values():
             for one, two in itertools.pairwise(turn):

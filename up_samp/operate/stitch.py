@@ -20,9 +20,9 @@ import numpy as np
 
 from up_samp.execution.build import Dependencies, Draft, tasks_of
 from up_samp.execution.executor import Executor
-from up_samp.execution.files import event_from_list, graph_to_dict
+from up_samp.execution.files import edge_from_dict, graph_to_dict
 from up_samp.execution.forecast import Forecast
-from up_samp.execution.graph import MEETING, ORIGIN, ZONE, At, Event, PlannedTask
+from up_samp.execution.graph import MEETING, ORIGIN, ZONE, At, Edge, Event, PlannedTask
 from up_samp.execution.lives import DriveCells, drives_of, errors_of, lives_of
 from up_samp.execution.meetings import Key, Meeting, meetings_of
 from up_samp.execution.reorder import Goal, propose, settle
@@ -45,14 +45,14 @@ BUSY = "busy."
 @dataclass(frozen=True)
 class Kept:
     """What stays of a plan, on the clock of the cut: activities, motions and changes as in plan
-    files, and edges (first, then, lag, kind, why).
+    files, and edges.
     """
 
     objects: tuple[dict[str, Any], ...] = ()
     activities: tuple[dict[str, Any], ...] = ()
     motions: tuple[dict[str, Any], ...] = ()
     changes: tuple[dict[str, Any], ...] = ()
-    edges: tuple[tuple[Event, Event, float, str, str], ...] = ()
+    edges: tuple[Edge, ...] = ()
     expected: Mapping[str, float] = field(default_factory=dict)
     initial: Mapping[str, Pose] = field(default_factory=dict)
     meanings: Mapping[str, Meaning] = field(default_factory=dict)
@@ -172,24 +172,16 @@ def _ended(motion: Mapping[str, Any], at: float | None) -> Mapping[str, Any]:
     return {**motion, "samples": kept, "progress": [*motion["progress"][:k], round(at, 6)]}
 
 
-def _edges(executor: Executor, cut: Cut) -> Iterable[tuple[Event, Event, float, str, str]]:
+def _edges(executor: Executor, cut: Cut) -> Iterator[Edge]:
     """Yield what the old graph says of what is kept, beside who lets whom pass, or into a zone."""
-    graph, names = executor.state.graph, set(cut.kept)
-    for edge in graph.edges:
-        first, then = graph.events[edge.first], graph.events[edge.then]
-        if edge.kind in (MEETING, ZONE) or then.activity not in names:
-            continue
-        if any(_lost(e, cut) for e in (first, then)):
-            continue
-        if any(_passed(e, cut) for e in (first, then)):
-            continue
-        first, then = _moved(first, cut), _moved(then, cut)
-        if first.at is At.ORIGIN:
-            lag = edge.lag - cut.since
-            if lag > 0.0:
-                yield first, then, lag, edge.kind, edge.why
-        elif first.activity in names:
-            yield first, then, edge.lag, edge.kind, edge.why
+    names = {*cut.kept, ORIGIN.activity}
+    for edge in executor.state.graph.edges:
+        ends = edge.first, edge.then
+        stays = {e.activity for e in ends} <= names and edge.kind not in (MEETING, ZONE)
+        if stays and not any(_lost(e, cut) or _passed(e, cut) for e in ends):
+            first, then = (_moved(e, cut) for e in ends)
+            lag = edge.lag - cut.since if first == ORIGIN else edge.lag
+            yield Edge(first, then, lag, edge.kind, edge.why)
 
 
 def _passed(event: Event, cut: Cut) -> bool:
@@ -321,7 +313,8 @@ def _dependencies(
         draft = Draft(_tasks(plan, ask.kept, said, names, known), lives)
         _put_needs(draft, ask, said, names, known)
         for name in names.values() if lead else ():
-            draft.put(ORIGIN, Event(At.START, name), lead, "constraint", "it is planned until then")
+            begin, why = Event(At.START, name), "it is planned until then"
+            draft.put(Edge(ORIGIN, begin, lead, "constraint", why))
         for meeting in met:
             draft.add_meeting(meeting, sides)
         choices = keep_zones(draft, lives, ask.site, errors_of(lives, error))
@@ -361,15 +354,14 @@ def _put_needs(
 ) -> None:
     """Put what both plans say, and what of the new one comes after what of the old one."""
     for edge in ask.kept.edges:
-        draft.put(*edge)
-    for entry in said["edges"]:
-        first, then = (event_from_list(entry[side]) for side in ("first", "then"))
-        if entry["kind"] != MEETING and {first.activity, then.activity} - {""} <= set(names):
-            pair = (_named(first, names), _named(then, names))
-            draft.put(*pair, float(entry["lag"]), entry["kind"], entry["why"])
+        draft.put(edge)
+    for edge in map(edge_from_dict, said["edges"]):
+        first, then = edge.first, edge.then
+        if edge.kind != MEETING and {first.activity, then.activity} - {""} <= set(names):
+            draft.put(replace(edge, first=_named(first, names), then=_named(then, names)))
     for one, two in _after(ask, names.values(), known):
-        first, then = Event(At.END, one), Event(At.START, two)
-        draft.put(first, then, TOLERANCES.strict, "object", f"{one} was there before")
+        first, then, why = Event(At.END, one), Event(At.START, two), f"{one} was there before"
+        draft.put(Edge(first, then, TOLERANCES.strict, "object", why))
 
 
 def _named(event: Event, names: Mapping[str, str]) -> Event:
@@ -467,7 +459,7 @@ def _move_gates(
         at, number = gate
         events, when = state.graph.events, state.when
         there = _on_whole(events[number], cut)
-        waits = (events[e.first] for e in state.into[number] if when[e.first] is None)
+        waits = (edge.first for k, edge in state.into[number] if when[k] is None)
         firsts = [_on_whole(event, cut) for event in waits]
         if not firsts or not all(_lets_first(old, first, there) for first in firsts):
             return
@@ -484,14 +476,13 @@ def _lets_first(old: Executor, first: Event, then: Event) -> bool:
     ``first`` is on another one: as near as its body is large.
     """
     state, near = old.state, old.drives[then.activity, then.object].path.radius
-    events = state.graph.events
     return any(
-        abs(events[edge.first].progress - first.progress) <= near
+        abs(edge.first.progress - first.progress) <= near
         for at, number in state.of_object[then.object].gates
         if abs(at - then.progress) <= near
-        for edge in state.into[number]
+        for _, edge in state.into[number]
         if edge.kind == MEETING
-        if events[edge.first].activity == first.activity
+        if edge.first.activity == first.activity
     )
 
 
