@@ -12,7 +12,7 @@ from tests.execution.sites import Site
 from tests.execution.test_orders import made
 from up_samp.execution import Delays, Do, Executor, Heard, dependencies_of, simulate
 from up_samp.execution.build import with_sides
-from up_samp.execution.reorder import _load, can_wait, happened
+from up_samp.execution.reorder import can_wait, happened
 from up_samp.model import ProblemError
 
 
@@ -120,7 +120,7 @@ def turn_one(rng):
         except ProblemError:
             return 0
         executor.sides = sides
-        _load(executor, graph)
+        executor.state.load(graph)
         return 1
 
     return watch

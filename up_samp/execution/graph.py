@@ -182,7 +182,7 @@ class Graph:
             for k, event in enumerate(self.events)
             if event.at in (At.REACH, At.LEAVE)
         }
-        return tuple(chained(self.events, self.tasks, on_path))
+        return tuple(chained(self, on_path))
 
     @cached_property
     def order(self) -> tuple[int, ...]:
@@ -195,19 +195,17 @@ class Graph:
         return tuple(found)
 
 
-def chained(
-    events: Sequence[Event], tasks: Mapping[str, PlannedTask], places: Mapping[int, float]
-) -> list[tuple[int, int]]:
+def chained(graph: Graph, places: Mapping[int, float]) -> list[tuple[int, int]]:
     """Return pairs of events (first, then) that follow each other by themselves, where the points
     on paths come in the order of their ``places``.
     """
-    number = {event: k for k, event in enumerate(events)}
+    events, number = graph.events, graph.number
     pairs: list[tuple[int, int]] = []
     on_path: dict[tuple[str, str], list[int]] = {}
     for k in places:
         on_path.setdefault((events[k].activity, events[k].object), []).append(k)
     origin = number[ORIGIN]
-    for name in tasks:
+    for name in graph.tasks:
         start, end = number[Event(At.START, name)], number[Event(At.END, name)]
         pairs += [(origin, start), (start, end)]
     for (activity, _), inner in on_path.items():

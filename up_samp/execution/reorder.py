@@ -14,11 +14,10 @@ from typing import NamedTuple
 from ortools.sat.python import cp_model
 
 from up_samp.execution.build import Dependencies, steps_by, with_sides
-from up_samp.execution.forecast import Forecast, Routes, forecast, routes_of
 from up_samp.execution.graph import At, Edge, Event, Graph, topological
 from up_samp.execution.lives import Stay
 from up_samp.execution.meetings import Component, Key, Meeting, switched
-from up_samp.execution.state import FloorState, RobotPace, TaskPhase
+from up_samp.execution.state import FloorState, Forecast, TaskPhase, forecast
 from up_samp.model import ProblemError
 from up_samp.tuning import Tuning
 
@@ -82,9 +81,7 @@ class Followed:
 
     dependencies: Dependencies
     state: FloorState
-    routes: Routes
     tuning: Tuning
-    pace: RobotPace
     sides: dict[Key, bool]
     """What was decided anew."""
     goals: Mapping[str, Goal] = MappingProxyType({})
@@ -106,10 +103,8 @@ class Followed:
         return planned_sides(self.dependencies)
 
     def retime(self) -> Forecast:
-        """Return when everything happens as soon as possible from now on: the longest path over
-        the graph, with the bodies' speed profiles and the paces seen so far.
-        """
-        return forecast(self.state, self.routes, self.pace)
+        """Return when everything happens as soon as possible from now on."""
+        return forecast(self.state)
 
 
 @dataclass(frozen=True)
@@ -256,7 +251,7 @@ class Times:
     """Times of events to come, in ticks from now."""
 
     def __init__(self, executor: Followed):
-        self.state, self.pace = executor.state, executor.pace
+        self.state, self.pace = executor.state, executor.state.pace.shares
         self.number: dict[Event, int] = {}
         self.ties: list[Tie] = []
         self.on_way: dict[tuple[str, str], list[Event]] = {}
@@ -466,7 +461,7 @@ def settle(executor: Followed) -> None:
     some = (d for d in _components(executor) if d.key in open_)
     decisions = [d for d in some if _is_open(executor, ahead, d)]
     executor.sides |= _solve(executor, ahead, decisions)
-    _load(executor, with_sides(executor.dependencies, executor.sides))
+    executor.state.load(with_sides(executor.dependencies, executor.sides))
 
 
 def adopt(executor: Followed, proposal: Proposal) -> int:
@@ -481,17 +476,12 @@ def adopt(executor: Followed, proposal: Proposal) -> int:
         if (need.first, need.then, need.lag) not in known and not can_wait(state, need):
             return 0
     before = executor.retime()
-    _load(executor, proposal.graph)
+    state.load(proposal.graph)
     if not _better(executor.goals, before, executor.retime()):
-        _load(executor, old)
+        state.load(old)
         return 0
     executor.sides = {**proposal.base, **proposal.flips}
     return len(proposal.flips)
-
-
-def _load(executor: Followed, graph: Graph) -> None:
-    executor.state.load(graph)
-    executor.routes = routes_of(graph, executor.state.ways)
 
 
 def cost(goals: Mapping[str, Goal], ahead: Forecast) -> float:

@@ -24,7 +24,7 @@ from up_samp.fleet.records import FleetRecords, Order, Stop, Task, can_do, visit
 from up_samp.fleet.statements import Kind, Meaning
 from up_samp.model import ProblemError
 from up_samp.operate.clock import Clock
-from up_samp.operate.horizon import DELIVERS, Cut, Opened, cut_of, on_board
+from up_samp.operate.horizon import DELIVERS, Cut, Cutter, Opened, on_board
 from up_samp.operate.records import DayOrder, OrderState, Pose, Settings, Shape
 
 ASIDE = 30.0
@@ -179,14 +179,14 @@ class Day:
         robots that are planned anew (None: nobody).
         """
         now = self.clock.now()
-        found = cut_of(
+        cutter = Cutter(
             self.executor,
-            self.settings.lead,
             broken={r: self.poses[r] for r in self.off_plan()},
             limits=self._limits(),
             opened=opened or {},
             cramped=self.cramped,
         )
+        found = cutter.cut(self.settings.lead)
         closed = {n: self.site.doors[n].closed for n in self.shut}
         return replace(found, since=now - self.origin, poses={**found.poses, **closed})
 

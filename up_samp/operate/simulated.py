@@ -22,8 +22,6 @@ NOWHERE = FleetRecords(map="")
 """A site without anybody."""
 OFTEN, SELDOM = 0.4, 1.0
 """Seconds between two reports of a robot that drives, and of one that stands."""
-LONG = 12 * 3600.0
-"""Seconds for which a day's delays are drawn."""
 
 
 @dataclass(frozen=True)
@@ -154,7 +152,7 @@ class SimulatedRobots(SimulatedFloor):
 
 def _luck(delays: Delays, robot: str, seed: int, senses: Mapping[str, float]) -> Luck:
     """Return what goes wrong with a robot, which may be as wrong and as late as it says."""
-    found = luck_of(delays, robot, seed, LONG)
+    found = luck_of(delays, robot, seed, 12 * 3600.0)
     noise, lag = senses.get("localisation", found.noise), senses.get("latency", found.lag)
     return replace(found, noise=noise, lag=lag, silent=False)
 

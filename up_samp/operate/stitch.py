@@ -21,12 +21,11 @@ import numpy as np
 from up_samp.execution.build import Dependencies, Draft, tasks_of
 from up_samp.execution.executor import Executor
 from up_samp.execution.files import edge_from_dict, graph_to_dict
-from up_samp.execution.forecast import Forecast
 from up_samp.execution.graph import MEETING, ORIGIN, ZONE, At, Edge, Event, PlannedTask
 from up_samp.execution.lives import DriveCells, drives_of, errors_of, lives_of
 from up_samp.execution.meetings import Key, Meeting, meetings_of
 from up_samp.execution.reorder import Goal, propose, settle
-from up_samp.execution.state import MotionUnderWay, TaskPhase
+from up_samp.execution.state import Forecast, MotionUnderWay, TaskPhase
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.fleet.records import FleetRecords, Order, Task, visited
 from up_samp.fleet.statements import Meaning
@@ -422,7 +421,7 @@ def follow_on(
             gone = cut.starts.get(name, 0.0)
             under_way[name] = {w.object: w.told - gone for w in old.state.ways_of[name]}
     executor.join(max(0.0, old.now - by), done=done, under_way=under_way, times=times)
-    executor.pace.load(old.pace.saved())
+    executor.state.pace.load(old.state.pace.saved())
     for robot, where in old.strayed.items():  # others still keep away from there
         executor.update(robot, pose=where.pose, now=max(0.0, old.now - by))
     least: dict[str, float] = {}
