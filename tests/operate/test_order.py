@@ -10,8 +10,7 @@ import pytest
 from tests.execution import floors
 from up_samp.execution import Executor, dependencies_of
 from up_samp.execution.build import Dependencies, Draft, tasks_of
-from up_samp.execution.check import motion_faults
-from up_samp.execution.files import with_dependencies
+from up_samp.execution.files import motion_faults, with_dependencies
 from up_samp.execution.judge import contacts_of
 from up_samp.execution.lives import drives_of, lives_of
 from up_samp.execution.meetings import meetings_of
