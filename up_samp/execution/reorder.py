@@ -350,54 +350,31 @@ class Times:
             self.ties.append(Tie(last, number, ticks, 0))
             last, here, gone = number, there, 0.0
 
-    # ------------------------------------------------------------------ what follows
-
-    def earliest(self) -> list[int]:
-        """Return the earliest time of each event, whatever is decided."""
-        always = [t for t in self.ties if t.only_if == 0 and t.first != NOW]
-        count = len(self.number)
-        order = topological(count, [(t.first, t.then) for t in always], [0.0] * count)
-        if len(order) < count:
-            raise ProblemError("the dependencies have a cycle: nobody could go first")
-        after: list[list[Tie]] = [[] for _ in range(count)]
-        low = [0] * count
-        for tie in always:
-            after[tie.first].append(tie)
-        for tie in self.ties:
-            if tie.only_if == 0 and tie.first == NOW:
-                low[tie.then] = max(low[tie.then], tie.ticks)
-        for k in order:
-            for tie in after[k]:
-                low[tie.then] = max(low[tie.then], low[k] + tie.ticks)
-        return low
-
     def variables(
-        self,
-        model: cp_model.CpModel,
-        low: list[int],
-        latest: int,
-        literals: list[cp_model.IntVar],
+        self, model: cp_model.CpModel, latest: int, literals: list[cp_model.IntVar]
     ) -> list[cp_model.LinearExprT]:
         """Return the events' times in a model with all ties; ``literals`` are the decisions.
 
-        What only follows one other event has that one's variable.
+        What only follows one other event, or now, has that one's variable.
         """
-        into: list[list[Tie]] = [[] for _ in low]
+        count = len(self.number)
+        into: list[list[Tie]] = [[] for _ in range(count)]
         for tie in self.ties:
-            if tie.only_if or tie.first != NOW:
-                into[tie.then].append(tie)
+            into[tie.then].append(tie)
         always = [(t.first, t.then) for t in self.ties if t.only_if == 0 and t.first != NOW]
-        found: list[cp_model.LinearExprT] = [0] * len(low)
-        for k in topological(len(low), always, [0.0] * len(low)):
+        order = topological(count, always, [0.0] * count)
+        if len(order) < count:
+            raise ProblemError("the dependencies have a cycle: nobody could go first")
+        found: list[cp_model.LinearExprT] = [0] * count + [0]  # the last one is now's
+        for k in order:
             only = into[k][0] if len(into[k]) == 1 else None
-            if only is not None and not only.only_if and low[k] == low[only.first] + only.ticks:
+            if only is not None and not only.only_if:
                 found[k] = found[only.first] + only.ticks
             else:
-                found[k] = model.new_int_var(min(low[k], latest), latest, "")
+                found[k] = model.new_int_var(0, latest, "")
         for k, ties in enumerate(into):
             for tie in ties if isinstance(found[k], cp_model.IntVar) else ():
-                first = 0 if tie.first == NOW else found[tie.first]
-                stated = model.add(found[k] >= first + tie.ticks)
+                stated = model.add(found[k] >= found[tie.first] + tie.ticks)
                 if tie.only_if:
                     literal = literals[abs(tie.only_if) - 1]
                     stated.only_enforce_if(literal if tie.only_if > 0 else literal.negated())
@@ -537,15 +514,12 @@ def _solve(executor: Followed, ahead: Forecast, decisions: list[Decision]) -> di
     """Return how each decision should be; empty where nothing better was found."""
     state = executor.state
     times, ends = tied(executor, decisions)
-    low = times.earliest()
     # where other ends count, the last one may come later
     more = ahead.makespan - state.now if executor.goals else -WORTH
     latest = math.ceil((ahead.makespan + more - state.now) * SCALE)
-    if max((low[k] for k in ends), default=0) > latest:
-        return {}  # not even without all that is open
     model = cp_model.CpModel()
     literals = [model.new_bool_var("") for _ in decisions]
-    found = times.variables(model, low, latest, literals)
+    found = times.variables(model, latest, literals)
     model.minimize(_value(executor, model, times, found, latest) + sum(found[k] for k in ends))
     for literal, decision in zip(literals, decisions, strict=True):
         model.add_hint(literal, decision.now)
