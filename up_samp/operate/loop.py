@@ -121,6 +121,7 @@ class Operation(Day):
         kept = self.store.snapshot()
         now = self.clock.now()
         self._follow(Executor(nothing_planned(self.site, self.poses), **self._following))
+        self.executor.commands(now)
         if kept is not None:
             self._resume(*kept)
             with self.store:
