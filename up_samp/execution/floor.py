@@ -158,6 +158,21 @@ def _stops(delays: Delays, rng: random.Random, horizon: float) -> list[tuple[flo
 # it tells of where it is may be wrong, and so may be what it drives by.
 
 
+@dataclass
+class Drive:
+    """What a robot drove: rows (t, x, y, theta), at rest before and after, shape (n, 4), or its
+    ``trace`` along the path that it was told, rows (t, progress in m).
+    """
+
+    robot: str
+    activity: str
+    rows: FloatArray = field(default_factory=lambda: np.empty((0, 4)))
+    trace: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+
+    def __post_init__(self) -> None:
+        self.rows = np.asarray(self.rows, dtype=np.float64)  # lists take six times the memory
+
+
 class SimulatedRobot:
     """One motion after the other. ``trace`` holds (time, progress) of the motion under way."""
 
@@ -171,6 +186,8 @@ class SimulatedRobot:
         self.overruns = 0
         self.motion: str | None = None
         self.trace: list[tuple[float, float]] = []
+        self.drive = Drive(name, "")
+        """What it drives, or drove last, on record."""
         self.s = self.v = self.until = 0.0
         """True progress (m), speed (m/s), and how far it has been told that it may go (m)."""
         self.wrong = 0.0
@@ -188,7 +205,7 @@ class SimulatedRobot:
         self.s = self.v = self.until = 0.0
         self.length = travel.length
         self.next_stop = 0
-        self.trace = [(now, 0.0)]
+        self.trace, self.drive = [(now, 0.0)], Drive(self.name, motion)
         self.known.clear()
         self._look()
 
@@ -285,21 +302,6 @@ class SimulatedRobot:
 # ------------------ The floor
 
 
-@dataclass
-class Drive:
-    """What a robot drove: rows (t, x, y, theta), at rest before and after, shape (n, 4), and its
-    ``trace``, rows (t, progress in m), where it drove by itself.
-    """
-
-    robot: str
-    activity: str
-    rows: FloatArray = field(default_factory=lambda: np.empty((0, 4)))
-    trace: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
-
-    def __post_init__(self) -> None:
-        self.rows = np.asarray(self.rows, dtype=np.float64)  # lists take six times the memory
-
-
 @dataclass(frozen=True)
 class Handled:
     """What was done at a place: ``kind`` as in :class:`up_samp.fleet.statements.Kind` by its value,
@@ -361,16 +363,12 @@ class SimulatedFloor:
         self._keep(robot)
         key = motion, robot.name
         robot.begin(motion, self._paths[key], self._travels[key], now)
-        self.drives.append(Drive(robot.name, motion))
+        self.drives.append(robot.drive)
 
     def _keep(self, robot: SimulatedRobot) -> None:
         """Put what a robot has driven on record."""
         if robot.motion is not None:
-            drive = next(d for d in reversed(self.drives) if d.robot == robot.name)
-            drive.trace = np.array(robot.trace)
-            times, s = drive.trace.T
-            poses = robot.path.poses_at(np.clip(s, 0.0, robot.path.length))
-            drive.rows = np.column_stack([times, poses])
+            robot.drive.trace = np.array(robot.trace)
 
     def close(self) -> None:
         """Put what is driven last on record."""

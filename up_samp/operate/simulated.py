@@ -10,7 +10,15 @@ from typing import Any
 import numpy as np
 
 from up_samp.execution.executor import Executor
-from up_samp.execution.floor import Delays, Drive, Handled, Luck, SimulatedFloor, luck_of
+from up_samp.execution.floor import (
+    Delays,
+    Drive,
+    Handled,
+    Luck,
+    SimulatedFloor,
+    SimulatedRobot,
+    luck_of,
+)
 from up_samp.execution.reports import Report
 from up_samp.fleet.batteries import first_level
 from up_samp.fleet.records import FleetRecords
@@ -86,6 +94,13 @@ class SimulatedRobots(SimulatedFloor):
         robot.motion, robot.place = None, pose
         rows = np.array([[self.now, *pose], [self.now + 1e-3, *pose]])
         self.drives.append(Drive(name, "by hand", rows))
+
+    def _keep(self, robot: SimulatedRobot) -> None:
+        """Put what a robot has driven on record, as poses."""
+        if robot.motion is not None:
+            times, s = np.array(robot.trace).T
+            poses = robot.path.poses_at(np.clip(s, 0.0, robot.path.length))
+            robot.drive.rows = np.column_stack([times, poses])
 
     def step(self, now: float, seconds: float) -> None:
         """Drive for some seconds from ``now`` on."""
