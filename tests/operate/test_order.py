@@ -18,7 +18,6 @@ from up_samp.execution.reorder import Goal
 from up_samp.execution.state import TaskPhase
 from up_samp.fleet.statements import Kind, Meaning
 from up_samp.model import ProblemError
-from up_samp.operate.clock import SimulatedClock
 from up_samp.operate.horizon import Cut, Cutter, Opened
 from up_samp.operate.loop import Operation
 from up_samp.operate.records import Settings, job_record
@@ -82,8 +81,7 @@ def test_no_plan_is_taken_over_in_which_somebody_is_beyond_where_it_waits(crosse
     old.commands(1.0)
     old.update("r0", progress=driven, now=4.0)
     day = SimpleNamespace(
-        executor=old, origin=0.0, settings=Settings(), limits={}, clock=SimulatedClock(4.0),
-        _following={},
+        executor=old, origin=0.0, settings=Settings(), limits={}, _following={},
     )  # fmt: skip
     begun = {n: 3.0 for n, p in old.state.phase.items() if p is not TaskPhase.WAITING}
     ask = SimpleNamespace(cut=Cut(0.0, kept=(*names.values(),), begun=begun))

@@ -23,7 +23,7 @@ from up_samp.execution.tolerances import TOLERANCES
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.model.arrays import BoolArray, FloatArray, IntArray
 from up_samp.motion.fleet.conflicts import Swept, conflicting_cells
-from up_samp.motion.fleet.paths import Path, through_zones
+from up_samp.motion.fleet.paths import Path, hull_of, through_zones
 
 Component = tuple[str, str, int]
 """A component of two objects' obstacle: (one, other, number)."""
@@ -355,7 +355,7 @@ def _side(
     steps = _corners(exits, entries)
     out_times = cell_times(leaver, p)[1]
     in_times = cell_times(enterer, q)[0]
-    reach = 0.5 * min(life.hull.radius, follower.hull.radius)
+    reach = 0.5 * min(hull_of(one.body).radius for one in (life, follower))
     allowed = in_times if planned else np.full(len(in_times), np.inf)
     pairs = []
     for gone, entered in _joined(steps, p, out_times, allowed, reach):
