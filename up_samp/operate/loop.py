@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -698,10 +699,10 @@ class Operation(Day):
         except SampError as error:
             self.cramped |= robots
             return False, " ".join(str(error).split())[:300]
-        old = self.executor
-        better = self._cost(executor, since) < self._cost(old, self.origin) - 1.0
-        if why in (EVERY, OVERDUE) and not better:
-            return False, "what is driven is no worse"
+        if why in (EVERY, OVERDUE):
+            before = self._cost(self.executor, self.origin)
+            if self._cost(executor, since) >= before - 1.0:
+                return False, "what is driven is no worse"
         self.origin = since
         self.placed.clear()
         self._keep_fleet()
@@ -724,11 +725,10 @@ class Operation(Day):
 
     def _twice(self, plan: PlanDict) -> str:
         """Return an order that would be done twice ("": there is none)."""
-        ends = [m.what for m in meanings_of(plan).values() if m.kind in DELIVERS]
-        over = [m for m in set(ends) if m in self.jobs and self.jobs[m].state is OrderState.DONE]
+        ends = Counter(m.what for m in meanings_of(plan).values() if m.kind in DELIVERS)
         kept = {m.what for n, m in self.meanings.items() if self._is_done(n) and m.kind in DELIVERS}
-        again = [m for m in over if m not in kept or ends.count(m) > 1]
-        return next(iter([*again, *(m for m in ends if ends.count(m) > 1)]), "")
+        over = {n for n, job in self.jobs.items() if job.state is OrderState.DONE} - kept
+        return next((what for what, times in ends.items() if times > 1 or what in over), "")
 
     def _joined(self, plan: PlanDict, question: Question, since: float) -> Executor:
         """Return an executor that goes on with a new plan.
