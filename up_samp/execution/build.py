@@ -527,8 +527,14 @@ def with_avoid(plan: PlanDict, snapshot: Snapshot) -> PlanDict:
     return {**plan, "motions": motions}
 
 
-def tasks_of(plan: PlanDict, who: Mapping[str, tuple[str, ...]]) -> dict[str, PlannedTask]:
-    """Return the plan's activities; one that mentions nobody belongs to whom its name mentions."""
+def tasks_of(
+    plan: PlanDict,
+    who: Mapping[str, tuple[str, ...]],
+    expected: Mapping[str, float] = MappingProxyType({}),
+) -> dict[str, PlannedTask]:
+    """Return the plan's activities; one that mentions nobody belongs to whom its name mentions.
+    ``expected``: how long (s) they last undisturbed, where that is not as planned.
+    """
     unit = float(plan["seconds_per_unit"])
     movers = sorted({m["object"] for m in plan["motions"]})
     tasks = {}
@@ -539,7 +545,8 @@ def tasks_of(plan: PlanDict, who: Mapping[str, tuple[str, ...]]) -> dict[str, Pl
         )
         doers = who.get(name) or tuple(m for m in movers if word(m).search(name))
         start, end = entry["start"] * unit, entry["end"] * unit
-        tasks[name] = PlannedTask(name, (start, end), end - start, doers or moves, moves)
+        takes = expected.get(name, end - start)
+        tasks[name] = PlannedTask(name, (start, end), takes, doers or moves, moves)
     return tasks
 
 

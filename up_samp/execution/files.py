@@ -246,9 +246,7 @@ def _as_told(plan: PlanDict) -> Dependencies:
     lives = lives_of(plan)
     drives = drives_of(lives)
     who = {t["activity"]: tuple(t["who"]) for t in data["tasks"]}
-    tasks = tasks_of(plan, who)
-    expected = {t["activity"]: float(t["expected"]) for t in data["tasks"]}
-    tasks = {n: replace(t, expected=expected[n]) for n, t in tasks.items()}
+    tasks = tasks_of(plan, who, {t["activity"]: float(t["expected"]) for t in data["tasks"]})
     choices = tuple(_choice_from_dict(entry) for entry in data.get("choices", ()))
     free = {(planned.first, planned.then) for planned, _ in choices}
     edges = [

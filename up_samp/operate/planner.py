@@ -225,15 +225,16 @@ def _still_leaves(ask: Question) -> dict[str, Shape]:
     """Return the leaves that nobody moves: they are in the way where they stand."""
     found = {}
     for name, door in ask.site.doors.items():
-        pose = door.closed if name in ask.shut else ask.cut.poses.get(name)
-        if name in ask.shut or is_open(door, pose):
-            found[name] = leaf_at(door, pose or door.closed)
+        shut = name in ask.shut
+        pose = door.closed if shut else ask.cut.poses.get(name, door.closed)
+        if shut or is_open(door, pose):
+            found[name] = leaf_at(door, pose)
     return found
 
 
-def is_open(door: Door, pose: Pose | None) -> bool:
+def is_open(door: Door, pose: Pose) -> bool:
     """Return whether a door stands open."""
-    return pose is not None and math.dist(pose, door.open) <= TOLERANCES.place
+    return math.dist(pose, door.open) <= TOLERANCES.place
 
 
 def leaf_at(door: Door, pose: Pose) -> Shape:

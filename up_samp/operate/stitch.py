@@ -320,7 +320,7 @@ def _dependencies(
     lives = lives_of(plan)
     fresh = [name for name in plan["meanings"] if name not in ask.kept.meanings]
     who = {n: ((robot,) if robot else ()) for n, (_, _, robot) in plan["meanings"].items()}
-    tasks = {n: replace(t, expected=expected[n]) for n, t in tasks_of(plan, who).items()}
+    tasks = tasks_of(plan, who, expected)
     margin, error = float(said["margin"]), float(said.get("localisation", 0.0))
     # once it has its times these say who goes first everywhere
     meetings = tuple(meetings_of(lives, margin, error, leaving=fresh if lead else ()))
