@@ -472,14 +472,14 @@ def clairvoyant(case: str) -> Values:
         dependencies_of,
         simulate,
     )
-    from up_samp.execution.simulate import draw
+    from up_samp.execution.floor import draw
     from up_samp.io import result_to_dict
 
     _, plan = executable(case)
     fine, delays = dependencies_from_plan(plan), Delays(slow=0.3)
     over: dict[str, list[float]] = {"staircase": [], "reorder": []}
     for seed in range(SEED, SEED + DRAWS):
-        luck, _ = draw(delays, fine, seed)
+        luck = draw(delays, fine, seed)
         problem = instance(case).build()
         for item in problem.all_objects:
             if getattr(item, "name", "") in luck:
@@ -499,12 +499,12 @@ def clairvoyant(case: str) -> Values:
 def replan(case: str) -> Values:
     """What is left of a plan with delays of 30 %, solved from 20, 40, 60 and 80 % of it on."""
     from up_samp.execution import Delays, Executor, Surprise, dependencies_of
-    from up_samp.execution.simulate import floor_of
+    from up_samp.execution.simulate import Floor
 
     problem, plan = executable(case)
     found = dependencies_of(problem, plan)
     executor = Executor(plan, problem, dependencies=found)
-    driven, times, solved = floor_of(executor, Delays.of_share(0.3), SEED), [], 0
+    driven, times, solved = Floor(executor, Delays.of_share(0.3), SEED), [], 0
     for share in (0.2, 0.4, 0.6, 0.8):
         while driven.now < share * plan["makespan"]:
             driven.step()

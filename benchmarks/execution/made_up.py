@@ -49,8 +49,7 @@ def fleet(robots, tasks, seed=0):
                 then = Event(At.LEAVE, f"t{r}_{k}", f"r{r}", round(0.8 * progress, 3))
                 events[first] = events[then] = 25.0 * k + progress / 2
                 edges.append((first, then))
-    number = {e: i for i, e in enumerate(events)}
-    made = tuple(Edge(number[a], number[b], 0.0, "meeting", "made up") for a, b in set(edges))
+    made = tuple(Edge(a, b, 0.0, "meeting", "made up") for a, b in set(edges))
     lengths = {d.key: d.path.length for life in lives.values() for d in life.drives}
     graph = Graph(
         all_tasks, tuple(events), tuple(events.values()), made, (), len(made), 0.0, lengths

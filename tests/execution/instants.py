@@ -227,7 +227,7 @@ def executed(found, plan, rng):
     for k in graph.order:
         event = graph.events[k]
         at = [0.0, *(times[first] for first, then in graph.implied if then == k)]
-        at += [times[e.first] + e.lag for e in graph.edges if e.then == k]
+        at += [times[graph.number[e.first]] + e.lag for e in graph.edges if e.then == event]
         if event.at is At.END:
             begun = graph.number[Event(At.START, event.activity)]
             at.append(times[begun] + graph.tasks[event.activity].expected)

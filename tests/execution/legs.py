@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from up_samp.execution import Executor, Surprise, solve_remaining
-from up_samp.execution.simulate import broken_where_they_stand, floor_of, simulation_of
+from up_samp.execution.simulate import Floor, broken_where_they_stand, simulation_of
 
 LAST_METRES = 30.0
 """Seconds that robots may be late in coming to a stand, beside those in which they are held up."""
@@ -33,7 +33,7 @@ def carried_out(problem, plan, delays, seed=0, *, incident=None, late=None, solv
     legs: list[tuple[float, Any]] = []
     since = 0.0
     while True:
-        floor = floor_of(Executor(plan, problem), delays, seed + len(legs))
+        floor = Floor(Executor(plan, problem), delays, seed + len(legs))
         told = _until(floor, *(None, None) if legs else (incident, late))
         if told is None:
             return [*legs, (since, simulation_of(floor, plan, "replan", seed))]
@@ -51,7 +51,7 @@ def carried_out(problem, plan, delays, seed=0, *, incident=None, late=None, solv
 
 def _until(floor, incident, late):
     """Execute until something happens; ``None``: until the end."""
-    planned, looked = floor.dependencies.graph.planned, 0.0
+    planned, looked = floor.executive.dependencies.graph.planned, 0.0
     while floor.goes_on:
         if incident is not None and floor.now >= incident.time:
             return incident

@@ -6,9 +6,9 @@ import random
 
 import numpy as np
 
-from up_samp.execution import Delays, Executor, Hold
+from up_samp.execution import Delays, Executor
 from up_samp.execution.judge import contacts_of
-from up_samp.execution.simulate import Floor, draw, simulation_of
+from up_samp.execution.simulate import Floor, simulation_of
 
 
 @dataclasses.dataclass
@@ -42,17 +42,24 @@ class LooseFloor(Floor):
 
     loose: Loose
 
-    def _drive(self, robot, command):
+    def drive(self, now, seconds):
+        robot = self.robots[self.loose.robot]
+        off = self._leaves(robot)
+        if off:
+            self._go_astray(robot)
+            motion, robot.motion = robot.motion, None
+        super().drive(now, seconds)
+        if off:
+            robot.motion = motion
+
+    def _go_astray(self, robot):
         loose = self.loose
-        if robot.name != loose.robot or not self._leaves(robot):
-            super()._drive(robot, command)
-            return
         if not loose.rows:
             self.home = self._pose(robot)
             loose.rows.append([self.now, *self.home])
             loose.motion, self.speed = robot.motion, loose.speed
             robot.v = 0.0
-        held = isinstance(command, Hold) and loose.gone >= loose.far
+        held = robot.hold and loose.gone >= loose.far
         back = loose.until is not None and self.now >= loose.until
         if back:
             loose.gone = max(0.0, loose.gone - 0.5 * self.tick)
@@ -105,8 +112,7 @@ def run_loose(found, problem, plan, seed, *, executor=None):
     """
     r = random.Random(seed)
     executor = executor or Executor(plan, problem, dependencies=found)
-    drawn = draw(Delays(slow=0.3), found, seed)
-    floor = LooseFloor(executor, found, *drawn)
+    floor = LooseFloor(executor, Delays(slow=0.3), seed)
     names = sorted(floor.robots)
     floor.loose = Loose(
         r.choice(names), r.uniform(0.0, 0.6) * found.graph.planned, r.choice((-1, 1)) *

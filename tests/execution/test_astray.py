@@ -18,7 +18,7 @@ from tests.fleet.test_floors import house
 from up_samp.execution import Delays, Do, Executor, Go, Heard, Hold, Overrun, dependencies_of
 from up_samp.execution.astray import place_of, pose_in
 from up_samp.execution.reports import TAKEN
-from up_samp.execution.simulate import floor_of
+from up_samp.execution.simulate import Floor
 
 FIRST, SECOND = "move_r0_0", "move_r1_0"
 SEEDS = (3, 5)
@@ -85,7 +85,7 @@ def test_a_robot_at_rest_may_be_in_the_way(yaml):
     """Whoever rests between its motions, and is pushed onto another's path, is in the way there."""
     problem, plan = floors.rounds(5, yaml, clearance=0.08)
     executor = Executor(plan, problem)
-    floor = floor_of(executor, Delays(slow=0.5), 1)
+    floor = Floor(executor, Delays(slow=0.5), 1)
     seen = 0
     while floor.goes_on:
         floor.step()

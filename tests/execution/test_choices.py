@@ -12,12 +12,12 @@ from tests.execution.sites import Site
 from tests.execution.test_orders import made
 from up_samp.execution import Delays, Do, Executor, Heard, dependencies_of, simulate
 from up_samp.execution.build import with_sides
-from up_samp.execution.reorder import _load, can_wait, happened
+from up_samp.execution.reorder import can_wait, happened
 from up_samp.model import ProblemError
 
 
 def pairs(choices):
-    return {(c.ways[0].first.activity, c.ways[0].then.activity) for c in choices}
+    return {(c[0].first.activity, c[0].then.activity) for c in choices}
 
 
 def test_machine_orders_and_unary_resources_are_choices_and_precedences_are_not():
@@ -41,7 +41,7 @@ def test_machine_orders_and_unary_resources_are_choices_and_precedences_are_not(
     problem, plan = made(times, state)
     found = dependencies_of(problem, plan)
     assert pairs(found.choices) == {("a", "b"), ("a", "c")}
-    assert {c.kind for c in found.choices} == {"constraint", "resource"}
+    assert {c[0].kind for c in found.choices} == {"constraint", "resource"}
     assert {e.why.split()[0] for e in found.graph.edges if e.kind == "resource"} <= {"c"}
 
 
@@ -108,7 +108,7 @@ def turn_one(rng):
         choices = executor.dependencies.choices
         open_ = []
         for k, choice in enumerate(choices):
-            now, other = choice.ways if executor.sides.get(k, True) else choice.ways[::-1]
+            now, other = choice if executor.sides.get(k, True) else choice[::-1]
             if can_wait(executor.state, other) and not happened(executor.state, now.first):
                 open_.append(k)
         if not open_ or rng.random() < 0.5:
@@ -120,7 +120,7 @@ def turn_one(rng):
         except ProblemError:
             return 0
         executor.sides = sides
-        _load(executor, graph)
+        executor.state.load(graph)
         return 1
 
     return watch
@@ -157,7 +157,7 @@ def below_a_lift(yaml):
 
 
 def waits_for_r1(graph):
-    return {str(p.then) for p in graph.precedences() if p.first.object == "r1"}
+    return {str(p.then) for p in graph.edges if p.first.object == "r1"}
 
 
 def test_a_lift_is_held_back_before_it_begins_whatever_orders_were_changed(yaml):

@@ -26,11 +26,7 @@ def test_the_door_opens_before_anybody_passes(made):
     """The plan's geometry: a gate before the door, which waits for the end of the opening."""
     plan = plan_to_dict(made.problem, made.plan)
     graph = dependencies_of(made.problem, plan).graph
-    found = [
-        (graph.events[e.then], e)
-        for e in graph.edges
-        if graph.events[e.first].activity == OPEN and graph.events[e.then].at is At.LEAVE
-    ]
+    found = [(e.then, e) for e in graph.edges if e.first.activity == OPEN and e.then.at is At.LEAVE]
     assert len(found) == 1
     gate, edge = found[0]
     assert gate.activity == TO_ITEM

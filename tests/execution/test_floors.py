@@ -9,7 +9,8 @@ from unified_planning.shortcuts import GE
 from tests.execution import floors
 from tests.execution.sites import Site
 from up_samp.execution.build import dependencies_of
-from up_samp.execution.simulate import Delays, simulate
+from up_samp.execution.floor import Delays
+from up_samp.execution.simulate import simulate
 from up_samp.io import plan_from_dict
 from up_samp.validation import validate_plan
 
@@ -64,12 +65,11 @@ def without(found, gone):
 
 def steps(found, edge):
     """An edge with the other steps of the same staircase."""
-    events = found.graph.events
-    pair = (events[edge.first].activity, events[edge.then].activity)
+    pair = (edge.first.activity, edge.then.activity)
     return {
         e
         for e in found.graph.edges
-        if e.kind == edge.kind and (events[e.first].activity, events[e.then].activity) == pair
+        if e.kind == edge.kind and (e.first.activity, e.then.activity) == pair
     }
 
 

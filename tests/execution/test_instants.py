@@ -158,7 +158,7 @@ def test_meeting_in_one_instant_is_no_cycle(turned):
         x["b"].add_condition(span, lamp)
 
     graph = dependencies_of(*two_tasks({"a": (0, 2), "b": (2, 5)}, state)).graph
-    ends = {(str(graph.events[e.first]), str(graph.events[e.then])) for e in graph.edges}
+    ends = {(str(e.first), str(e.then)) for e in graph.edges}
     assert ("end of a", "start of b") in ends
     assert ("start of b", "end of a") not in ends
 
@@ -184,9 +184,8 @@ def test_who_is_set_somewhere_drives_on_at_that_instant(yaml, tmp_path):
     verdict = validate_plan(site.problem, plan_from_dict(site.problem, site.data))
     assert [v for v in verdict.violations if v.kind == "collision"] == []
     found = dependencies_of(site.problem, site.data)
-    number = found.graph.number
     ends = {(e.first, e.then) for e in found.graph.edges}
-    assert (number[Event(At.END, "ride")], number[Event(At.START, "off")]) in ends
+    assert (Event(At.END, "ride"), Event(At.START, "off")) in ends
     for seed in range(3):
         run = simulate(found, site.data, Delays(slow=0.5, stops=3.0, late=1.0), seed)
         assert run.finished
@@ -244,9 +243,8 @@ def test_where_a_motion_leads_is_known_before_it_begins(yaml):
         task.add_effect(task.end, spot, site.problem.object(goal))
         site.timed(name, task, start, end)
     graph = dependencies_of(site.problem, site.data).graph
-    number = graph.number
     ends = {(e.first, e.then) for e in graph.edges}
-    go = number[Event(At.START, "go")]
-    assert (number[Event(At.END, "choose")], go) in ends
-    later = (number[Event(At.END, "again")], number[Event(At.START, "again")])
+    go = Event(At.START, "go")
+    assert (Event(At.END, "choose"), go) in ends
+    later = (Event(At.END, "again"), Event(At.START, "again"))
     assert any((go, then) in ends for then in later)

@@ -12,7 +12,7 @@ import pytest
 from tests.execution.test_localisation import PLANS
 from up_samp.execution import Delays, Executor, dependencies_of
 from up_samp.execution.reports import Go, Hold
-from up_samp.execution.simulate import floor_of
+from up_samp.execution.simulate import Floor
 
 SECONDS = 90.0
 """Watched of each run (a third of it where the slow tests are not run): who is held stays so, if
@@ -64,17 +64,17 @@ class Watch:
                     self.wrong.append(f"{other} is sent to {command.until}, {overrun}")
 
     def _in_order(self, state):
-        for edge in state.graph.edges:
-            then, first = state.when[edge.then], state.when[edge.first]
+        for (one, other), edge in zip(state.graph.pairs, state.graph.edges, strict=True):
+            then, first = state.when[other], state.when[one]
             if then is not None and (first is None or first + edge.lag > then + 1e-6):
-                self.wrong.append(f"{state.graph.events[edge.then]} at {then}, {edge.why}: {first}")
+                self.wrong.append(f"{edge.then} at {then}, {edge.why}: {first}")
 
 
 def watched(found, problem, plan, seed, seconds=SECONDS):
     """Return what was seen of a run, with orders decided again and executors restored meanwhile."""
     r = random.Random(seed)
     executor = Executor(plan, problem, dependencies=found)
-    floor, watch = floor_of(executor, delays_of(r), seed), Watch([])
+    floor, watch = Floor(executor, delays_of(r), seed), Watch([])
     ticks = 0
     while floor.goes_on and floor.now < seconds and not watch.wrong:
         floor.step()

@@ -10,7 +10,7 @@ import pytest
 from tests.execution import floors
 from up_samp.execution import Delays, Executor, dependencies_of, simulate
 from up_samp.execution.judge import contacts_of, record_of
-from up_samp.execution.simulate import floor_of, simulation_of
+from up_samp.execution.simulate import Floor, simulation_of
 from up_samp.io import plan_from_dict
 from up_samp.validation import validate_plan
 
@@ -100,10 +100,10 @@ def test_a_thousand_runs(yaml, family, seed):
 def shifted(floor, plan, offsets):
     """What was driven, with every robot aside of where it takes itself to be, always as much."""
     executor = floor.executive
-    for robot in floor.robots.values():
-        floor.keep(robot)
-    lives = floor.dependencies.lives
-    record = record_of(plan, lives, executor.times(), floor.drivings, (), floor.now)
+    floor.close()
+    lives = executor.dependencies.lives
+    drivings = {(d.activity, d.robot): d.trace for d in floor.drives}
+    record = record_of(plan, lives, executor.times(), drivings, (), floor.now)
     for motion in record["motions"]:
         dx, dy = offsets[motion["object"]]
         motion["samples"] = [[t, x + dx, y + dy, a] for t, x, y, a in motion["samples"]]
@@ -119,7 +119,7 @@ def test_robots_beside_their_paths_meet_nobody_where_there_is_room(yaml):
     plan = {**plan, "objects": [dict(o) for o in plan["objects"]]}
     executor = Executor(plan, problem)
     assert executor.narrow == ()
-    floor = floor_of(executor, Delays(slow=0.6, late=0.5), 3)
+    floor = Floor(executor, Delays(slow=0.6, late=0.5), 3)
     while floor.goes_on:
         floor.step()
     rng = np.random.default_rng(1)
@@ -146,7 +146,7 @@ def test_the_margin_that_a_plan_was_made_with_covers_the_error(yaml):
     robots = [o["name"] for o in plan["objects"]]
     rng = np.random.default_rng(2)
     for seed, pattern in enumerate((PATTERNS[1], PATTERNS[2])):
-        floor = floor_of(Executor(plan, problem), pattern, seed)
+        floor = Floor(Executor(plan, problem), pattern, seed)
         while floor.goes_on:
             floor.step()
         for _ in range(4):
@@ -175,7 +175,7 @@ def test_errors_larger_than_declared_are_held_and_said(yaml):
     """Noise of 40 cm, 5 cm declared: somebody is found where nobody led it, is held, and told."""
     problem, plan = floors.rounds(5, yaml, clearance=ROOM)
     executor = Executor(plan, problem)
-    floor = floor_of(executor, Delays(slow=0.3, noise=0.4), 0)
+    floor = Floor(executor, Delays(slow=0.3, noise=0.4), 0)
     said = held = 0
     while floor.goes_on and floor.now < 15.0 and said < 20:
         floor.step()

@@ -29,7 +29,7 @@ from tests.metamorphic.sites import store
 from tests.upio.hall import Hall
 from up_samp.benchmarks import instance
 from up_samp.execution import Delays, Executor, Surprise, dependencies_of, solve_remaining
-from up_samp.execution.simulate import Floor, draw, floor_of
+from up_samp.execution.simulate import Floor
 from up_samp.fleet import Fleet
 from up_samp.fleet.files import write_starter
 from up_samp.io import plan_to_dict, result_to_dict
@@ -54,8 +54,7 @@ def floor(made):
     problem, plan = made
     found = dependencies_of(problem, plan)
     executor = Executor(plan, problem, dependencies=found)
-    luck = draw(Delays(slow=0.4), found, 3)
-    floor = Floor(executor, found, *luck)
+    floor = Floor(executor, Delays(slow=0.4), 3)
     while floor.now < 0.4 * plan["makespan"]:
         floor.step()
     return floor
@@ -88,8 +87,7 @@ def test_the_rest_is_planned_anew_and_carried_out(floor):
     assert all(starts[n] == 0 for n in begun)
     again = dependencies_of(left.problem, plan)
     rest = Executor(plan, left.problem, dependencies=again)
-    luck = draw(Delays(slow=0.4), again, 3)
-    second = Floor(rest, again, *luck)
+    second = Floor(rest, Delays(slow=0.4), 3)
     while not rest.finished and second.now < 1000:
         second.step()
     assert rest.finished
@@ -162,7 +160,7 @@ def test_the_rest_of_the_starter_is_solved_when_one_of_its_robots_breaks_down(tm
     plan = fleet.solve(300, workers=1, reproducible=True, first_plan=True).data
     found = dependencies_of(fleet.problem, plan)
     executor = Executor(plan, fleet.problem, dependencies=found)
-    floor = floor_of(executor, Delays(), 3)
+    floor = Floor(executor, Delays(), 3)
     while floor.now < 12.0:
         floor.step()
     x, y, theta = executor.remaining_problem().poses["r1"]
@@ -296,7 +294,7 @@ def test_what_is_left_costs_what_the_whole_does(robots):
     site.add_order("o2", "b", "c", due=20, optional=True, penalty=500)
     site.add_task("t", "c", duration=3, due=30, after="o1")
     result = site.solve(60, optimal=True)
-    floor = floor_of(Executor(result.data, site.problem), Delays(), 1)
+    floor = Floor(Executor(result.data, site.problem), Delays(), 1)
     for until, slack in ((0.0, 0.0), (6.0, 40.0)):
         while floor.now < until:
             floor.step()

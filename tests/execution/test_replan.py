@@ -13,7 +13,7 @@ from up_samp.execution import (
     dependencies_of,
     solve_remaining,
 )
-from up_samp.execution.simulate import draw
+from up_samp.execution.floor import draw
 from up_samp.io import plan_from_dict, result_to_dict
 from up_samp.validation import validate_plan
 
@@ -105,7 +105,7 @@ def test_the_rest_waits_for_a_robot_that_is_held_up_for_long(open_hall):
     problem, plan = open_hall
     delays = Delays(long_stop=100)
     graph = dependencies_of(problem, plan)
-    luck, _ = draw(delays, graph, 2)
+    luck = draw(delays, graph, 2)
     ((since, seconds),) = [one.halt for one in luck.values() if one.halt]
     told = Incident(since + 1.0, Surprise(same_choices=True))
     journey = carried_out(problem, plan, delays, 2, incident=told)
@@ -118,7 +118,7 @@ def test_nobody_is_to_stop_sooner_than_it_can(open_hall):
     """One robot brakes for a stop, the other for the end of its way, on the last centimetres."""
     problem, plan = open_hall
     delays = Delays(long_stop=100)
-    luck, _ = draw(delays, dependencies_of(problem, plan), 0)
+    luck = draw(delays, dependencies_of(problem, plan), 0)
     (since,) = [one.halt[0] for one in luck.values() if one.halt]
     told = Incident(since + 0.3, Surprise(same_choices=True))
     journey = carried_out(problem, plan, delays, 0, incident=told)

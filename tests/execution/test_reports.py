@@ -30,7 +30,7 @@ from up_samp.execution import (
 )
 from up_samp.execution.graph import ORIGIN
 from up_samp.execution.reports import TAKEN
-from up_samp.execution.simulate import floor_of, simulation_of
+from up_samp.execution.simulate import Floor, simulation_of
 from up_samp.execution.state import told_places
 from up_samp.execution.travel import along
 from up_samp.model import ProblemError
@@ -203,7 +203,7 @@ def test_nonsense_of_all_kinds_ends_nothing(yaml):
         problem, plan, found = rounds(yaml, seed + 5)
         rng = random.Random(seed)
         executor = Executor(plan, problem, dependencies=found)
-        floor = floor_of(executor, Delays.of_share(0.5), seed)
+        floor = Floor(executor, Delays.of_share(0.5), seed)
         names = [*executor.state.phase, "nothing", None]
         while floor.goes_on:
             floor.step()
@@ -308,7 +308,7 @@ def half_done(yaml, seed, ticks, **wrong):
     """A run of a random plan under way, slow and late: (problem, plan, dependencies, floor)."""
     problem, plan, found = rounds(yaml, seed)
     executor = Executor(plan, problem, dependencies=found)
-    floor = floor_of(executor, Delays(slow=0.5, late=0.5, **wrong), seed)
+    floor = Floor(executor, Delays(slow=0.5, late=0.5, **wrong), seed)
     for _ in range(ticks):
         floor.step()
     return problem, plan, found, floor
@@ -398,7 +398,7 @@ def test_an_order_is_proposed_elsewhere_and_taken_over_if_it_still_can_be(yaml):
     for seed in (5, 6):
         problem, plan, found = rounds(yaml, seed)
         executor = Executor(plan, problem, dependencies=found)
-        floor = floor_of(executor, Delays(slow=0.7, long_stop=30.0), seed)
+        floor = Floor(executor, Delays(slow=0.7, long_stop=30.0), seed)
         for _ in range(12):
             for _ in range(20):
                 floor.step()
@@ -435,12 +435,12 @@ def two_that_wait_for_each_other(gap):
     events = [ORIGIN, *(Event(at, n) for n in tasks for at in (At.START, At.END))]
     for n in tasks:
         events += [Event(At.REACH, n, n, 5.0 - gap), Event(At.LEAVE, n, n, 5.0)]
-    number = {e: k for k, e in enumerate(events)}
     edges = tuple(
-        Edge(number[Event(At.REACH, a, a, 5.0 - gap)], number[Event(At.LEAVE, b, b, 5.0)], 0.0,
-             "meeting", "made up")
+        Edge(
+            Event(At.REACH, a, a, 5.0 - gap), Event(At.LEAVE, b, b, 5.0), 0.0, "meeting", "made up"
+        )
         for a, b in ("ab", "ba")
-    )  # fmt: skip
+    )
     lengths = {(n, n): 9.0 for n in tasks}
     return Graph(tasks, tuple(events), (0.0,) * len(events), edges, lengths=lengths)
 

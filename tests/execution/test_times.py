@@ -8,14 +8,15 @@ from ortools.sat.python import cp_model
 from tests.execution import floors
 from up_samp.execution.build import dependencies_of
 from up_samp.execution.executor import Executor, Go, Hold
+from up_samp.execution.floor import Delays
 from up_samp.execution.graph import At, Edge, Event, topological
 from up_samp.execution.reorder import NOW, SCALE, WORTH, _solve, open_decisions, tied
-from up_samp.execution.simulate import Delays, simulate
+from up_samp.execution.simulate import simulate
 from up_samp.execution.state import TaskPhase
 
 
-def last_end(times, ends, chosen):
-    """When all is over with these decisions (``None``: they make a cycle); the plain way."""
+def plainly(times, chosen=()):
+    """When each event happens with these decisions (``None``: they make a cycle)."""
     kept = [
         t for t in times.ties if t.only_if == 0 or chosen[abs(t.only_if) - 1] == (t.only_if > 0)
     ]
@@ -30,7 +31,7 @@ def last_end(times, ends, chosen):
     for k in order:
         for tie in into.get(k, ()):
             at[k] = max(at[k], tie.ticks + (0 if tie.first == NOW else at[tie.first]))
-    return max(at[k] for k in ends)
+    return at
 
 
 def test_no_combination_of_decisions_is_sooner(yaml):
@@ -44,17 +45,14 @@ def test_no_combination_of_decisions_is_sooner(yaml):
             return 0
         looked += 1
         times, ends = tied(executor, decisions)
-        found = {
-            chosen: last_end(times, ends, chosen)
-            for chosen in itertools.product((True, False), repeat=len(decisions))
-        }
-        least = min(v for v in found.values() if v is not None)
-        low = times.earliest()
-        assert max(low[k] for k in ends) <= least
+        every = itertools.product((True, False), repeat=len(decisions))
+        known = {chosen: at for chosen in every if (at := plainly(times, chosen)) is not None}
+        found = {chosen: max(at[k] for k in ends) for chosen, at in known.items()}
+        least = min(found.values())
         # the same times with variables left out
         model = cp_model.CpModel()
         literals = [model.new_bool_var("") for _ in decisions]
-        at = times.variables(model, low, 10**6, literals)
+        at = times.variables(model, 10**6, literals)
         last = model.new_int_var(0, 10**6, "")
         for k in ends:
             model.add(last >= at[k])
@@ -87,12 +85,12 @@ def test_nobody_is_forecast_beyond_a_gate_before_it_opens(crossed):
     graph = found.graph
     gates = [e for e in graph.events if e.at is At.LEAVE and e.activity == name]
     beyond = Event(At.REACH, name, "r1", max(e.progress for e in gates) + 0.1)
-    end = graph.number[Event(At.END, name)]
+    end = Event(At.END, name)
     watched = replace(
         graph,
         events=(*graph.events, beyond),
-        times=(*graph.times, graph.times[end]),
-        edges=(*graph.edges, Edge(len(graph.events), end, 0.0, "constraint", "watched")),
+        times=(*graph.times, graph.times[graph.number[end]]),
+        edges=(*graph.edges, Edge(beyond, end, 0.0, "constraint", "watched")),
     )
     executor = Executor(plan, problem, dependencies=replace(found, graph=watched))
     executor.commands(20.0)  # both have begun, and r0 has not moved
@@ -120,7 +118,7 @@ def test_who_has_told_nothing_for_a_while_is_forecast_to_have_gone_on(crossed):
         e: round(time, 6) for e, time in ahead.items()
     }
     times, _ = tied(executor, [])
-    low = times.earliest()
+    low = plainly(times)
     for event, number in times.number.items():
         if event in ahead and event.at is At.END:
             assert abs(low[number] / SCALE - (ahead[event] - executor.now)) < 0.05
@@ -143,5 +141,5 @@ def test_who_waits_and_tells_to_be_a_little_beyond_still_waits(crossed):
         executor.update("r1", progress=command.until + beyond, now=25.0)
         assert isinstance(executor.commands(25.0)["r1"], Hold)
         times, _ = tied(executor, [])
-        ends.append(times.earliest()[times.number[Event(At.END, command.motion)]] / SCALE)
+        ends.append(plainly(times)[times.number[Event(At.END, command.motion)]] / SCALE)
     assert max(ends) - min(ends) < 0.05

@@ -15,7 +15,7 @@ from tests.metamorphic.motions import ALIKE, OTHERS, MotionStyle, MotionWriter
 from tests.metamorphic.sites import store
 from up_samp.benchmarks import instance
 from up_samp.execution import Delays, Executor, dependencies_of, solve_remaining
-from up_samp.execution.simulate import floor_of
+from up_samp.execution.simulate import Floor
 from up_samp.io import plan_from_dict, result_to_dict
 from up_samp.upio.relaxing import told_by
 from up_samp.validation import validate_plan
@@ -66,7 +66,7 @@ def near(one, two):
 def moments(problem, plan, seed, every):
     """Yield what is left every so many seconds of a run, and what has begun of it."""
     found = dependencies_of(problem, plan)
-    floor = floor_of(Executor(plan, problem, dependencies=found), Delays(slow=0.4, stops=2), seed)
+    floor = Floor(Executor(plan, problem, dependencies=found), Delays(slow=0.4, stops=2), seed)
     next_ = 0.0
     while not floor.executive.finished and floor.now < 500:
         if floor.now >= next_:

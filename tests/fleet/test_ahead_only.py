@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from up_samp.execution import with_dependencies
+from up_samp.execution.floor import Drive
 from up_samp.execution.lives import lives_of
 from up_samp.export import export_plan
 from up_samp.fleet import Fleet, FleetError
 from up_samp.geometry.maps import write_map
 from up_samp.io.files import read_plan
 from up_samp.operate.judge import judge_day
-from up_samp.operate.simulated import Drive
 from up_samp.validation import validate_plan
 from up_samp.validation.collisions import pieces_of
 

@@ -17,7 +17,7 @@ from up_samp.execution import (
     simulate,
     solve_remaining,
 )
-from up_samp.execution.simulate import floor_of
+from up_samp.execution.simulate import Floor
 from up_samp.fleet import Fleet, FleetError
 from up_samp.fleet.files import write_problem_file
 from up_samp.io import plan_from_dict
@@ -133,7 +133,7 @@ def rests(seed, folder):
         return
     plan, problem = answer.result.data, answer.fleet.problem
     executor = Executor(plan, problem)
-    floor = floor_of(executor, Delays(slow=0.3, late=0.3), seed)
+    floor = Floor(executor, Delays(slow=0.3, late=0.3), seed)
     for share in (0.3, 0.6):
         until = share * plan["makespan"] * spec["unit"]
         while floor.goes_on and floor.now < until:

@@ -13,7 +13,8 @@ from unified_planning.shortcuts import OneshotPlanner, get_environment
 import up_samp  # noqa: F401
 from tests.fleet.floors import map_with
 from up_samp.execution import Executor, dependencies_of
-from up_samp.execution.simulate import Delays, Floor, draw
+from up_samp.execution.floor import Delays
+from up_samp.execution.simulate import Floor
 from up_samp.fleet import Fleet, FleetError
 from up_samp.fleet.picture import draw_fleet
 from up_samp.model import ProblemError, Trajectory, UnsupportedError
@@ -99,7 +100,7 @@ def test_the_rest_of_a_drive_to_a_dock_is_planned_from_anywhere(tmp_path, seed):
     found = dependencies_of(result.problem, plan)
     for share in rng.uniform(0.05, 0.9, 2):
         executor = Executor(plan, result.problem, dependencies=found)
-        floor = Floor(executor, found, *draw(Delays(slow=0.3), found, seed))
+        floor = Floor(executor, Delays(slow=0.3), seed)
         while floor.now < share * plan["makespan"]:
             floor.step()
         left = executor.remaining_problem()
@@ -162,7 +163,7 @@ def test_only_waypoints_that_lie_ahead_are_left_of_a_drive(tmp_path):
     found = dependencies_of(result.problem, plan)
     fronts = {True: 0, False: 0}
     executor = Executor(plan, result.problem, dependencies=found)
-    floor = Floor(executor, found, *draw(Delays(), found, 0))
+    floor = Floor(executor, Delays(), 0)
     while floor.now < plan["makespan"] - 1:
         floor.step()
         left = executor.remaining_problem()

@@ -15,7 +15,7 @@ from unified_planning.shortcuts import LE, OneshotPlanner
 from tests.search.test_several_maps import House, hall, lifted
 from up_samp.execution import Delays, Executor, dependencies_of, simulate, with_dependencies
 from up_samp.execution.judge import contacts_of
-from up_samp.execution.simulate import Floor, draw, simulation_of, solve_remaining
+from up_samp.execution.simulate import Floor, simulation_of, solve_remaining
 from up_samp.export import export_plan
 from up_samp.io import contradictions, plan_from_dict, read_plan, result_to_dict, write_plan
 from up_samp.io.files import check_plan
@@ -169,7 +169,7 @@ def test_floors_are_apart_in_execution(house, solved):
     graph = dependencies_of(house.problem, solved).graph
     for edge in graph.edges:
         if edge.kind == "meeting":
-            assert {graph.events[i].activity for i in (edge.first, edge.then)} <= {
+            assert {event.activity for event in (edge.first, edge.then)} <= {
                 "back", "aside", "clear", "ride"
             }  # fmt: skip
     run = simulate(dependencies_of(house.problem, solved), solved, Delays(slow=0.5), 1)
@@ -203,8 +203,7 @@ def test_exports_are_in_the_frame_of_the_map(tmp_path):
 def test_what_is_left_of_a_plan_on_floors(house, solved, moment):
     """Planned anew on either floor and in the lift: everybody goes on from where they stand."""
     executor = Executor(solved, house.problem)
-    found = executor.dependencies
-    floor = Floor(executor, found, *draw(Delays(slow=0.3), found, 4))
+    floor = Floor(executor, Delays(slow=0.3), 4)
     while executor.phase(moment).value == "waiting":
         floor.step()
     for _ in range(20):

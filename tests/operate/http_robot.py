@@ -7,8 +7,8 @@ from urllib.parse import quote, urlencode
 
 import numpy as np
 
+from up_samp.execution.floor import Drive, Handled
 from up_samp.operate.remote import RemoteRobots
-from up_samp.operate.simulated import Drive, Handled
 
 SPEED = 1.0
 

@@ -26,8 +26,12 @@ class Standing(Day):
     def stranded(self):
         return ["r0"] if self.stuck else []
 
+    def dropped(self):
+        return []
+
     def cut(self, opened=None):
-        return SimpleNamespace(carrying=self.carrying, poses=self.ends or self.poses)
+        poses = self.ends or self.poses
+        return SimpleNamespace(carrying=self.carrying, poses=poses, free={}, jobs=())
 
     def take(self, name, state=OrderState.WAITING, **options):
         record = job_record({"id": name, "pickup": "rack0", "delivery": "dock0", **options})

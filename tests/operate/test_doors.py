@@ -81,7 +81,7 @@ def test_a_door_is_opened_once_and_others_wait_before_it(tmp_path):
 
 def beyond(day):
     """Return whether anybody is in the second room, or in the doorway."""
-    return any(day.robots.pose(r)[0] > 9.5 for r in day.robots.poses)
+    return any(day.robots.pose(r)[0] > 9.5 for r in day.robots.robots)
 
 
 def passed(day, seconds):
@@ -183,7 +183,7 @@ def test_an_opening_is_not_begun_at_a_door_that_is_out_of_order(tmp_path):
         with pytest.raises(ProblemError, match="no door 'gone'"):
             day.operation.close_door("gone")
         day.order("o0", "rack0", "dock0")
-        day.until(lambda: day.operation.executor is not None)
+        day.until(lambda: day.operation.meanings)
         day.operation.close_door("gate")
         told = day.operation.executor.withdrawn
         assert list(told.values()) == ["door 'gate' is out of order"]

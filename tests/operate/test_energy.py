@@ -90,7 +90,7 @@ def test_levels_of_a_plan(tmp_path):
     assert low(site, {"r0": 0.36, "r1": 0.38}, 0.3) == ["r0"]
     task = charge_task(site, "r0", 0.4, "charge.r0.7", 12.0)
     assert (task.at, task.duration, task.robots, task.due) == (("charger",), 30.0, ("r0",), 12.0)
-    begins = start_levels(site, {"r0": 0.5, "r1": 0.02}, None, {}, ())
+    begins = start_levels(site, {"r0": 0.5, "r1": 0.02}, {}, {}, ())
     assert begins == {"r0": 50.0, "r1": pytest.approx(10.1)}
     told = with_levels(site, begins, ["r1"])
     assert (told.robots["r0"].level, told.robots["r1"].level) == (50.0, 100.0)

@@ -8,7 +8,7 @@ from shapely.geometry import box
 
 from tests.operate.days import Day, Here
 from tests.operate.sites import hall
-from up_samp.execution.reports import Hold
+from up_samp.execution.reports import Hold, Report
 from up_samp.model import ProblemError
 from up_samp.operate.choice import body_at
 from up_samp.operate.judge import where
@@ -79,10 +79,7 @@ def test_who_was_moved_by_hand_goes_on_from_where_it_stands(day):
     for _ in range(10):  # it still tells how far it is on its way
         day.operation.step()
     assert day.operation.pose(name) == here
-    robots.close()  # what it drove is on record
-    robots.robots[name].motion = None
-    robots._path_of.pop(name)
-    robots.poses[name] = here
+    robots.put(name, here)
     drives = len(robots.drives)
     day.operation.join(name, here)
     assert day.operation.pose(name) == here
@@ -92,6 +89,24 @@ def test_who_was_moved_by_hand_goes_on_from_where_it_stands(day):
     robots.close()
     later = [d.rows[0][1:] for d in robots.drives[drives:] if d.robot == name]
     assert math.dist(later[0], here) < 0.05 if later else day.operation.jobs["o0"].robot != name
+
+
+@pytest.mark.parametrize("day", [{"robots": 1}], indirect=True)
+def test_who_stands_elsewhere_as_the_day_begins_is_planned_from_there(day):
+    robots, here, said = day.robots, (6.0, 8.5, 1.0), day.robots.reports
+
+    def reports(now):
+        standing = robots.robots["r0"].motion is None
+        return [*said(now), *([Report("r0", now, pose=here)] if standing else ())]
+
+    robots.put("r0", here)
+    robots.reports = reports
+    day.until(lambda: day.clock.now() > 8.0)
+    assert day.operation.pose("r0") == here
+    day.order("o0", "rack0", "dock2")
+    day.run()
+    assert day.verdict().good, day.story()
+    assert robots.drives[1].rows[0][1:] == pytest.approx(here, abs=0.01)
 
 
 @pytest.mark.parametrize("day", [{"robots": 1}], indirect=True)

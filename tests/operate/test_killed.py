@@ -14,7 +14,7 @@ from tests.operate.sites import hall
 from up_samp.operate.judge import judge_day
 from up_samp.operate.loop import Operation
 from up_samp.operate.records import Settings
-from up_samp.operate.simulated import SimulatedRobots, routes_told
+from up_samp.operate.simulated import SimulatedRobots
 from up_samp.operate.store import Store
 
 SETTINGS = Settings(stretch=20.0, tick=0.4)
@@ -47,7 +47,7 @@ class Far:
         self._ask("tell", commands, now)
 
     def follow(self, executor):
-        self._ask("know", routes_told(executor))
+        self._ask("follow", executor)
 
     def orders(self):
         return self._ask("orders")
@@ -94,7 +94,7 @@ class Floor:
             for _ in range(4):
                 self.robots.step(self.time, given[0] / 4)
                 self.time = round(self.time + given[0] / 4, 6)
-        if what in ("reports", "tell", "know"):
+        if what in ("reports", "tell", "follow"):
             return getattr(self.robots, what)(*given)
         if what == "orders":
             wanted = [(0, "shelf0", "dock1"), (15, "rack2", "dock0"), (30, "shelf2", "dock2")]

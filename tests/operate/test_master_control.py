@@ -105,7 +105,7 @@ def test_an_order_that_was_never_acknowledged_is_cancelled_before_another(day):
     """It may be on its way: the robot would drive it, and refuse the next one."""
     day.order("o0", "rack0", "dock2")
     day.robots.wire.lose = lambda _name, kind, _message: kind == "order"
-    day.until(lambda: day.operation.executor is not None)
+    day.until(lambda: day.operation.meanings)
     for _ in range(20):
         day.operation.step()
     agv = day.robots.agvs["r0"]

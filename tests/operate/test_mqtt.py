@@ -23,12 +23,12 @@ from tests.operate.test_doors import two_rooms  # noqa: E402
 from tests.operate.wire import OverBroker as Agv  # noqa: E402
 from tests.operate.wire import unwound  # noqa: E402
 from tests.server.soak_server import free_port  # noqa: E402
+from up_samp.execution.floor import Drive, Handled  # noqa: E402
 from up_samp.model import ProblemError  # noqa: E402
 from up_samp.operate.clock import RealClock  # noqa: E402
 from up_samp.operate.judge import contacts, judge_day  # noqa: E402
 from up_samp.operate.loop import Operation  # noqa: E402
 from up_samp.operate.records import Settings  # noqa: E402
-from up_samp.operate.simulated import Drive, Handled  # noqa: E402
 from up_samp.operate.store import Store  # noqa: E402
 from up_samp.operate.vda5050 import MasterControl  # noqa: E402
 

@@ -8,7 +8,7 @@ import pytest
 
 from tests.operate.days import Day
 from tests.operate.sites import hall
-from up_samp.execution.simulate import Delays
+from up_samp.execution.floor import Delays
 from up_samp.fleet.faults import FleetError
 from up_samp.model import ProblemError
 from up_samp.operate import Operation, SimulatedClock, Store
@@ -92,7 +92,7 @@ def test_an_order_begins_no_earlier_than_it_is_released_and_recurs(tmp_path):
         day.order("bin", "shelf0", "dock0", release=40.0, repeat={"every": 60.0, "times": 2})
         assert [*day.operation.jobs] == ["bin", "bin_2"]
         day.until(lambda: day.clock.now() >= 15.0)
-        assert day.operation.executor is None  # nobody has it yet
+        assert not day.operation.meanings  # nobody has it yet
         day.run()
         begun = {h.what: h.start for h in day.robots.handled if h.kind == "pick"}
         assert 40.0 <= begun["bin"] <= 50.0

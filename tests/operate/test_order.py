@@ -10,8 +10,7 @@ import pytest
 from tests.execution import floors
 from up_samp.execution import Executor, dependencies_of
 from up_samp.execution.build import Dependencies, Draft, tasks_of
-from up_samp.execution.check import motion_faults
-from up_samp.execution.files import with_dependencies
+from up_samp.execution.files import motion_faults, with_dependencies
 from up_samp.execution.judge import contacts_of
 from up_samp.execution.lives import drives_of, lives_of
 from up_samp.execution.meetings import meetings_of
@@ -19,8 +18,7 @@ from up_samp.execution.reorder import Goal
 from up_samp.execution.state import TaskPhase
 from up_samp.fleet.statements import Kind, Meaning
 from up_samp.model import ProblemError
-from up_samp.operate.clock import SimulatedClock
-from up_samp.operate.horizon import Cut, Opened, cut_of
+from up_samp.operate.horizon import Cut, Cutter, Opened
 from up_samp.operate.loop import Operation
 from up_samp.operate.records import Settings, job_record
 from up_samp.operate.stitch import Kept, _after, follow_on, kept_of, ordered
@@ -83,8 +81,7 @@ def test_no_plan_is_taken_over_in_which_somebody_is_beyond_where_it_waits(crosse
     old.commands(1.0)
     old.update("r0", progress=driven, now=4.0)
     day = SimpleNamespace(
-        executor=old, origin=0.0, settings=Settings(), limits={}, clock=SimulatedClock(4.0),
-        _following={},
+        executor=old, origin=0.0, settings=Settings(), limits={}, _following={},
     )  # fmt: skip
     begun = {n: 3.0 for n, p in old.state.phase.items() if p is not TaskPhase.WAITING}
     ask = SimpleNamespace(cut=Cut(0.0, kept=(*names.values(),), begun=begun))
@@ -109,7 +106,7 @@ def test_a_motion_that_ends_early_does_not_end_behind_its_robot(crossed, seed, o
     driven = rng.uniform(0.0, 3.0)
     old.update("r0", progress=driven, now=8.0)
     limit = max(0.0, driven + rng.uniform(-0.6, 1.0))
-    cut = cut_of(old, rng.uniform(0.0, 4.0), limits={"move_r0_0": limit}, opened=opened)
+    cut = Cutter(old, limits={"move_r0_0": limit}, opened=opened).cut(rng.uniform(0.0, 4.0))
     stop, begun = cut.stops["move_r0_0"], cut.starts.get("move_r0_0", 0.0)
     assert stop >= driven
     kept = kept_of(old, cut)
@@ -136,7 +133,7 @@ def test_what_is_left_of_a_motion_has_the_cells_that_it_had(crossed, driven, ope
     old = Executor(plan, dependencies=told)
     old.commands(1.0)
     old.update("r0", progress=driven, now=8.0)
-    cut = cut_of(old, 0.1, opened=opened)
+    cut = Cutter(old, opened=opened).cut(0.1)
     gone = cut.starts[names["r0"]]
     assert driven - 0.4 < gone <= driven - old.state.errors["r0"]
     (left,) = (m for m in kept_of(old, cut).motions if m["object"] == "r0")
@@ -212,7 +209,7 @@ def test_who_begins_soon_and_cannot_come_to_its_end_is_kept_to_where_it_waits(cr
     )
     first, waits = sorted(names, key=ends(plan).get)
     pose = next(tuple(o["initial"]) for o in plan["objects"] if o["name"] == first)
-    cut = cut_of(old, 2.0, broken={first: pose})
+    cut = Cutter(old, broken={first: pose}).cut(2.0)
     old.commands(1.0)
     assert old.phase(names[waits]) is TaskPhase.RUNNING
     assert cut.kept == (names[waits],)

@@ -11,7 +11,7 @@ from tests.operate.http_robot import Client, HttpFloor
 from tests.operate.test_doors import two_rooms
 from tests.server.soak_server import free_port
 from tests.server.test_page import until
-from up_samp.execution.simulate import Delays
+from up_samp.execution.floor import Delays
 from up_samp.model import ProblemError
 from up_samp.operate.remote import RemoteRobots
 from up_samp.operate.simulated import Mishaps

@@ -13,10 +13,10 @@ from tests.fleet import driving
 from tests.operate.days import Day
 from tests.operate.sites import hall
 from tests.operate.wire import AgvFloor
-from up_samp.execution.simulate import Delays
+from up_samp.execution.floor import Delays, Drive
 from up_samp.operate.judge import record_of_day, unruly
 from up_samp.operate.records import Settings
-from up_samp.operate.simulated import Drive, Mishaps
+from up_samp.operate.simulated import Mishaps
 from up_samp.operate.zones import stretches_told
 
 ZONES = {
@@ -92,7 +92,7 @@ def test_robots_are_told_how_fast_they_may_drive_where(tmp_path):
     day = Day(tmp_path, fleet=ruled(tmp_path, zones, reverse="slow", reverse_v_max=0.3))
     try:
         day.order("o0", "rack1", "dock1", robots=["r0"])
-        day.until(lambda: day.operation.executor is not None)
+        day.until(lambda: day.operation.meanings)
         executor = day.operation.executor
         seen = set()
         for motion in executor.plan["motions"]:

@@ -4,7 +4,8 @@ import sqlite3
 
 import pytest
 
-from up_samp.operate.records import DayOrder, OrderState, Report, job_record
+from up_samp.execution.reports import Report
+from up_samp.operate.records import DayOrder, OrderState, job_record
 from up_samp.operate.store import MIGRATIONS, Store, StoreError
 
 ORDER = {"id": "o1", "pickup": "shelf", "delivery": "dock", "due": 30.0}

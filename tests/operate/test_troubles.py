@@ -13,7 +13,7 @@ from tests.operate.abroad import abroad
 from tests.operate.days import Day
 from tests.operate.sites import anywhere, hall
 from tests.operate.wire import AgvFloor
-from up_samp.execution.simulate import Delays
+from up_samp.execution.floor import Delays
 from up_samp.operate.records import OrderState, Settings
 from up_samp.operate.simulated import Mishaps
 

@@ -9,12 +9,12 @@ import pytest
 from tests.operate.days import Day
 from tests.operate.sites import hall
 from up_samp import Fleet
+from up_samp.execution.floor import Delays, Drive
 from up_samp.execution.graph import At, Event
-from up_samp.execution.simulate import Delays
 from up_samp.geometry.maps import write_map
 from up_samp.model import ProblemError
 from up_samp.operate.judge import crowded
-from up_samp.operate.simulated import Drive, Mishaps
+from up_samp.operate.simulated import Mishaps
 from up_samp.operate.zones import ZoneVisit, _in_rooms, _one_by_one, still_counted
 
 MIDDLE = [(7.0, 0.3), (17.5, 0.3), (17.5, 13.7), (7.0, 13.7)]
@@ -55,8 +55,8 @@ class Draft:
     def __init__(self):
         self.edges = []
 
-    def put(self, first, then, *_):
-        self.edges.append((first, then))
+    def put(self, edge):
+        self.edges.append((edge.first, edge.then))
 
 
 def test_where_one_fits_either_may_go_first_unless_it_is_there_already():
@@ -66,7 +66,7 @@ def test_where_one_fits_either_may_go_first_unless_it_is_there_already():
     choices = list(_one_by_one(draft, [there, one, two, again], "zone"))
     assert {e[0] for e in draft.edges} == {there.leaves}
     assert [v.enters for v in (one, two, again)] == [e[1] for e in draft.edges]
-    assert [tuple((w.first, w.then) for w in c.ways) for c in choices] == [
+    assert [tuple((w.first, w.then) for w in c) for c in choices] == [
         ((one.leaves, two.enters), (two.leaves, one.enters)),
         ((two.leaves, again.enters), (again.leaves, two.enters)),
     ]
@@ -136,9 +136,8 @@ def test_who_drives_through_a_zone_waits_before_it(tmp_path):
             return [e for e in graph.edges if e.kind == "zone"] if graph else []
 
         day.until(waits)
-        met = day.operation.executor.state.graph.events
         assert {e.why for e in waits()} == {"zone 'way' takes 1"}
-        assert all(met[e.first].at is At.REACH and met[e.then].at is At.LEAVE for e in waits())
+        assert all(e.first.at is At.REACH and e.then.at is At.LEAVE for e in waits())
         stop = day.clock.now() + 12.0
         day.until(lambda: day.clock.now() > stop)
         day.robots.close()

@@ -13,7 +13,7 @@ import paho.mqtt.client as mqtt
 from paho.mqtt.enums import CallbackAPIVersion
 
 from tests.operate.agv import Agv
-from up_samp.operate.simulated import Drive, Handled
+from up_samp.execution.floor import Drive, Handled
 from up_samp.operate.vda5050 import MasterControl
 
 EVERY = 0.2

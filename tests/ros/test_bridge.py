@@ -18,7 +18,7 @@ from tests.operate.test_doors import two_rooms
 from tests.ros.fake_ros import World, install, xyt
 from tests.server.soak_server import free_port
 from tests.server.test_page import until
-from up_samp.operate.simulated import Drive, Handled
+from up_samp.execution.floor import Drive, Handled
 from up_samp.server.floor import FloorPage
 
 ROOT = Path(__file__).parents[2]

@@ -28,7 +28,7 @@ from up_samp.cli.solving import (
     table,
 )
 from up_samp.execution import Surprise, dependency_faults, remaining_at
-from up_samp.execution.check import check_motions, refuse
+from up_samp.execution.files import check_motions, refuse
 from up_samp.export import FORMATS, export_plan
 from up_samp.io import contradictions, plan_from_dict, read_plan
 from up_samp.io.plan_dict import AREA

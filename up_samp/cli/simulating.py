@@ -57,7 +57,7 @@ def add_simulate(parser: argparse.ArgumentParser) -> None:
 
 def _simulate(args: argparse.Namespace) -> int:
     from up_samp.execution import Delays, dependencies_from_plan, simulate
-    from up_samp.execution.check import check_motions
+    from up_samp.execution.files import check_motions
     from up_samp.execution.simulate import Policy
 
     if args.runs < 1:

@@ -9,11 +9,11 @@ from up_samp.execution.files import (
     shown_with_dependencies,
     with_dependencies,
 )
+from up_samp.execution.floor import Delays
 from up_samp.execution.graph import At, Bound, Edge, Event, Graph, PlannedTask
 from up_samp.execution.remaining import Remaining, Surprise
 from up_samp.execution.reports import Command, Do, Go, Heard, Hold, Reply
 from up_samp.execution.simulate import (
-    Delays,
     Reorderer,
     Simulation,
     remaining_at,

@@ -14,7 +14,6 @@ from unified_planning.model.motion import MotionActivity
 from unified_planning.model.scheduling import Activity, SchedulingProblem
 
 from up_samp.execution.graph import (
-    MEETING,
     ORIGIN,
     At,
     Bound,
@@ -24,7 +23,6 @@ from up_samp.execution.graph import (
     Graph,
     Narrow,
     PlannedTask,
-    Precedence,
     reduced,
 )
 from up_samp.execution.lives import DriveCells, Life, drives_of, errors_of, lives_of
@@ -58,10 +56,9 @@ class Draft:
     def __init__(self, tasks: Mapping[str, PlannedTask], lives: Mapping[str, Life]):
         self.tasks = tasks
         self.drives = drives_of(lives)
-        self.edges: dict[tuple[Event, Event], tuple[float, str, str]] = {}
-        self.bounds: list[tuple[Event, Event, float, str]] = []
-        self.tight: list[tuple[Event, Event, float, str, str]] = []
-        self.free: set[tuple[Event, Event]] = set()
+        self.edges: dict[tuple[Event, Event], Edge] = {}
+        self.bounds: list[Bound] = []
+        self.tight: list[Edge] = []
         self.after: dict[Event, set[Event]] = {}
         """Which events wait for which, also as long as it is open how (``tight``)."""
         self.orders: list[tuple[OrderConstraint, float]] = []
@@ -94,11 +91,11 @@ class Draft:
                 )
             late = self.time(then) < self.time(first) - TOLERANCES.same_time
             if then == ORIGIN or at_once or late or _backward(need):
-                self.bounds.append((then, first, -need.lag * unit, order.why))
+                self.bounds.append(Bound(then, first, -need.lag * unit, order.why))
                 continue
-            self._edge(first, then, max(0.0, lag), order.kind, order.why)
+            self._add(Edge(first, then, max(0.0, lag), order.kind, order.why))
             if need.lag < 0:
-                self.bounds.append((then, first, -need.lag * unit, order.why))
+                self.bounds.append(Bound(then, first, -need.lag * unit, order.why))
 
     def _at_once(self, first: Event, then: Event) -> bool:
         """Return whether ``then`` has to wait for ``first``, and both happen at one instant."""
@@ -122,8 +119,10 @@ class Draft:
         after = self._after()
         found: dict[tuple[Event, ...], Choice] = {}
         for order, unit in self.orders:
-            one = self._precedence(order.difference, unit)
-            two = None if order.instead is None else self._precedence(order.instead, unit)
+            one, two = (
+                self._way(order, order.difference, unit),
+                self._way(order, order.instead, unit),
+            )
             if (
                 one is None
                 or two is None
@@ -138,26 +137,19 @@ class Draft:
             if known is not None:
                 one, two = (
                     replace(way, lag=max(way.lag, old.lag))
-                    for way, old in zip((one, two), known.ways, strict=True)
+                    for way, old in zip((one, two), known, strict=True)
                 )
-            found[key] = Choice((one, two), order.kind, order.why)
+            found[key] = (one, two)
         self.orders = []
-        for choice in found.values():
-            self.put_choice(choice)
+        for planned, _ in found.values():
+            self.put(planned)
         return tuple(found.values())
 
-    def put_choice(self, choice: Choice, way: int = 0) -> None:
-        """Add the edge of one way of a choice, unless it is asked for anyhow."""
-        p = choice.ways[way]
-        pair = (p.first, p.then)
-        open_ = pair not in self.edges or pair in self.free
-        self.put(*pair, p.lag, choice.kind, choice.why)
-        if open_:
-            self.free.add(pair)
-
-    def _precedence(self, need: Difference, unit: float) -> Precedence | None:
-        """Return a difference as a precedence, where one end has to wait for another activity."""
-        if need.lag < 0 or need.first[0] != "end" or need.then[0] not in ("start", "end"):
+    def _way(self, order: OrderConstraint, need: Difference | None, unit: float) -> Edge | None:
+        """Return a difference as a way of a choice, where an end waits for another activity."""
+        if need is None or need.lag < 0 or need.first[0] != "end":
+            return None
+        if need.then[0] not in ("start", "end"):
             return None
         if need.first[1] == need.then[1]:
             return None
@@ -167,7 +159,7 @@ class Draft:
             if self.tasks[need.then[1]].moves:
                 return None
             then, lag = self._begun_before(need.then[1], lag)
-        return Precedence(Event(At.END, need.first[1]), then, lag)
+        return Edge(Event(At.END, need.first[1]), then, lag, order.kind, order.why, free=True)
 
     def _begun_before(self, task: str, lag: float) -> tuple[Event, float]:
         """Return what is held back for an end that comes ``lag`` s after something, and for how
@@ -186,9 +178,10 @@ class Draft:
     def add_meeting(self, meeting: Meeting, sides: Sides = MappingProxyType({})) -> None:
         """Add the steps of a meeting, with other sides than planned for some components."""
         for step in steps_by(meeting, sides):
-            self._edge(step.first, step.then, 0.0, MEETING, step.why)
+            self._add(step)
 
-    def _edge(self, first: Event, then: Event, lag: float, kind: str, why: str) -> None:
+    def _add(self, edge: Edge) -> None:
+        first, then = edge.first, edge.then
         task = self.tasks.get(then.activity)
         if (
             then.at is At.END
@@ -196,23 +189,25 @@ class Draft:
             and not task.moves
             and first.activity != task.name
         ):
-            begun = self._begun_before(task.name, lag)
-            if self.time(first) >= self.time(begun[0]) - TOLERANCES.same_time:
-                self.after.setdefault(first, set()).add(then)
-                self.tight.append((first, then, lag, kind, why))
+            then, lag = self._begun_before(task.name, edge.lag)
+            if self.time(first) >= self.time(then) - TOLERANCES.same_time:
+                self.after.setdefault(first, set()).add(edge.then)
+                self.tight.append(edge)
                 return
-            then, lag = begun
-        self.put(first, then, lag, kind, why)
+            edge = replace(edge, then=then, lag=lag)
+        self.put(edge)
 
-    def put(self, first: Event, then: Event, lag: float, kind: str, why: str) -> None:
-        """Add an edge, unless there is a stronger one already."""
-        if first == ORIGIN and lag <= 0.0:
+    def put(self, edge: Edge) -> None:
+        """Add an edge, unless there is a stronger one already. What is asked for anyhow is not free
+        to be turned round.
+        """
+        pair = edge.first, edge.then
+        if edge.first == ORIGIN and edge.lag <= 0.0:
             return
-        known = self.edges.get((first, then))
-        self.after.setdefault(first, set()).add(then)
-        self.free.discard((first, then))
-        if known is None or known[0] < lag:
-            self.edges[first, then] = (lag, kind, why)
+        self.after.setdefault(edge.first, set()).add(edge.then)
+        known = self.edges.get(pair, edge)
+        stronger = edge if known.lag < edge.lag else known
+        self.edges[pair] = replace(stronger, free=known.free and edge.free)
 
     def let_begin_together(self, one: Event, other: Event) -> None:
         """Note that two starts are to happen at one instant."""
@@ -228,18 +223,16 @@ class Draft:
                 new = {other for one in new for other in self.together[one]} - group
                 group |= new
             done |= group
-            waits = [(pair, told) for pair, told in self.edges.items() if pair[1] in group]
-            for (first, _), told in waits:
-                for then in group if first not in group else ():
-                    self.put(first, then, *told)
+            for edge in [e for e in self.edges.values() if e.then in group]:
+                for then in group if edge.first not in group else ():
+                    self.put(replace(edge, then=then, free=False))
 
     def _settle(self) -> None:
         """Hold tasks back before they begin, not before they end, wherever that makes no cycle."""
-        for first, then, lag, kind, why in self.tight:
-            begun = self._begun_before(then.activity, lag)
-            if not _leads(self._after(), begun[0], first):
-                then, lag = begun
-            self.put(first, then, lag, kind, why)
+        for edge in self.tight:
+            then, lag = self._begun_before(edge.then.activity, edge.lag)
+            held_back = not _leads(self._after(), then, edge.first)
+            self.put(replace(edge, then=then, lag=lag) if held_back else edge)
         self.tight = []
         self._begin_together()
 
@@ -247,10 +240,10 @@ class Draft:
         """Return which events follow which directly, in whatever way it will be seen to."""
         graph = self.full(0.0)
         after: dict[Event, list[Event]] = {}
-        for a, b in [*graph.implied, *((e.first, e.then) for e in graph.edges)]:
+        for a, b in graph.implied:
             after.setdefault(graph.events[a], []).append(graph.events[b])
-        for first, then, *_ in self.tight:
-            after.setdefault(first, []).append(then)
+        for edge in (*graph.edges, *self.tight):
+            after.setdefault(edge.first, []).append(edge.then)
         return after
 
     def time(self, event: Event) -> float:
@@ -260,8 +253,7 @@ class Draft:
 
     def full(self, margin: float) -> Graph:
         """Return the graph so far, with all of its edges."""
-        edges = [(*pair, *told, pair in self.free) for pair, told in self.edges.items()]
-        waiting = [t[:2] for t in self.tight]
+        edges, waiting = self.edges.values(), self.tight
         return graph_of(self.tasks, self.drives, edges, self.bounds, margin, waiting)
 
     def graph(self, margin: float) -> Graph:
@@ -301,28 +293,24 @@ def planned_times(
 def graph_of(
     tasks: Mapping[str, PlannedTask],
     drives: Drives,
-    edges: Iterable[tuple[Event, Event, float, str, str, bool]],
-    bounds: Iterable[tuple[Event, Event, float, str]],
+    edges: Collection[Edge],
+    bounds: Collection[Bound],
     margin: float,
-    also: Iterable[tuple[Event, Event]] = (),
+    also: Iterable[Edge] = (),
 ) -> Graph:
-    """Return a graph of the edges and bounds between these events; those of ``also`` are in it,
-    too.
-    """
-    edges, bounds = list(edges), list(bounds)
+    """Return a graph of edges and bounds; the events of those of ``also`` are in it, too."""
     events: dict[Event, None] = {ORIGIN: None}
     for name in tasks:
         events[Event(At.START, name)] = None
         events[Event(At.END, name)] = None
-    pairs = [*((e[0], e[1]) for e in edges), *((b[0], b[1]) for b in bounds), *also]
-    events.update(dict.fromkeys(event for pair in pairs for event in pair))
-    number = {event: k for k, event in enumerate(events)}
+    some: Iterable[Edge | Bound] = (*edges, *bounds, *also)
+    events.update(dict.fromkeys(event for one in some for event in (one.first, one.then)))
     return Graph(
         tasks,
         tuple(events),
         tuple(planned_times(list(events), tasks, drives)),
-        tuple(Edge(number[e[0]], number[e[1]], *e[2:]) for e in edges),
-        tuple(Bound(number[b[0]], number[b[1]], *b[2:]) for b in bounds),
+        tuple(edges),
+        tuple(bounds),
         margin=margin,
         lengths={key: round(drive.path.length, 6) for key, drive in drives.items()},
     )
@@ -343,16 +331,14 @@ def _rank(order: OrderConstraint) -> tuple[bool, bool, Point, Point]:
 def _finished(full: Graph) -> Graph:
     """Return a graph reduced, with the events that are left, and seen to have no cycle."""
     edges = reduced(full)
-    needed = {k for e in edges for k in (e.first, e.then)}
+    needed = {event for e in edges for event in (e.first, e.then)}
     inner = (At.REACH, At.LEAVE)
-    kept = [k for k, e in enumerate(full.events) if k in needed or e.at not in inner]
-    number = {k: i for i, k in enumerate(kept)}
+    kept = [k for k, e in enumerate(full.events) if e in needed or e.at not in inner]
     graph = replace(
         full,
         events=tuple(full.events[k] for k in kept),
         times=tuple(full.times[k] for k in kept),
-        edges=tuple(replace(e, first=number[e.first], then=number[e.then]) for e in edges),
-        bounds=tuple(replace(b, first=number[b.first], then=number[b.then]) for b in full.bounds),
+        edges=tuple(edges),
         before_reduction=len(full.edges),
     )
     _ = graph.order  # a cycle is an error now, not on the floor
@@ -541,8 +527,14 @@ def with_avoid(plan: PlanDict, snapshot: Snapshot) -> PlanDict:
     return {**plan, "motions": motions}
 
 
-def tasks_of(plan: PlanDict, who: Mapping[str, tuple[str, ...]]) -> dict[str, PlannedTask]:
-    """Return the plan's activities; one that mentions nobody belongs to whom its name mentions."""
+def tasks_of(
+    plan: PlanDict,
+    who: Mapping[str, tuple[str, ...]],
+    expected: Mapping[str, float] = MappingProxyType({}),
+) -> dict[str, PlannedTask]:
+    """Return the plan's activities; one that mentions nobody belongs to whom its name mentions.
+    ``expected``: how long (s) they last undisturbed, where that is not as planned.
+    """
     unit = float(plan["seconds_per_unit"])
     movers = sorted({m["object"] for m in plan["motions"]})
     tasks = {}
@@ -553,7 +545,8 @@ def tasks_of(plan: PlanDict, who: Mapping[str, tuple[str, ...]]) -> dict[str, Pl
         )
         doers = who.get(name) or tuple(m for m in movers if word(m).search(name))
         start, end = entry["start"] * unit, entry["end"] * unit
-        tasks[name] = PlannedTask(name, (start, end), end - start, doers or moves, moves)
+        takes = expected.get(name, end - start)
+        tasks[name] = PlannedTask(name, (start, end), takes, doers or moves, moves)
     return tasks
 
 
@@ -574,15 +567,13 @@ def with_sides(dependencies: Dependencies, sides: Sides) -> Graph:
     draft = Draft(old.tasks, dependencies.lives)
     for edge in old.edges:
         if edge.fixed:
-            pair = (old.events[edge.first], old.events[edge.then])
-            draft.edges[pair] = (edge.lag, edge.kind, edge.why)
-    for k, choice in enumerate(dependencies.choices):
-        draft.put_choice(choice, int(not sides.get(k, True)))
+            draft.edges[edge.first, edge.then] = edge
+    for k, (planned, other) in enumerate(dependencies.choices):
+        draft.put(planned if sides.get(k, True) else other)
+    draft.bounds = [*old.bounds]
     for bound in old.bounds:
-        pair = (old.events[bound.first], old.events[bound.then])
-        draft.bounds.append((*pair, bound.most, bound.why))
-        if bound.most <= 0.0 and pair[0].at is pair[1].at is At.START:
-            draft.let_begin_together(*pair)
+        if bound.most <= 0.0 and bound.first.at is bound.then.at is At.START:
+            draft.let_begin_together(bound.first, bound.then)
     for meeting in dependencies.meetings:
         draft.add_meeting(meeting, sides)
     return draft.graph(old.margin)
@@ -597,15 +588,17 @@ def timed(dependencies: Dependencies) -> Dependencies:
     last: dict[str, Event] = {}
     for task in sorted(old.tasks.values(), key=lambda t: t.planned):
         begin = Event(At.START, task.name)
-        draft.put(ORIGIN, begin, task.planned[0], "constraint", "the timetable")
+        draft.put(Edge(ORIGIN, begin, task.planned[0], "constraint", "the timetable"))
         for who in task.who:
             if who in last:
-                draft.put(last[who], begin, 0.0, "constraint", f"{who} does one after the other")
+                why = f"{who} does one after the other"
+                draft.put(Edge(last[who], begin, 0.0, "constraint", why))
             last[who] = Event(At.END, task.name)
+    draft.bounds = [*old.bounds]
     return replace(dependencies, graph=draft.graph(old.margin))
 
 
-def steps_by(meeting: Meeting, sides: Sides, without: Collection[int] = ()) -> list[Precedence]:
+def steps_by(meeting: Meeting, sides: Sides, without: Collection[int] = ()) -> list[Edge]:
     """Return a meeting's steps, with other sides than planned for some components. Components
     ``without`` are left out.
     """

@@ -21,7 +21,6 @@ from up_samp.execution.astray import (
 )
 from up_samp.execution.build import Dependencies, dependencies_of, with_sides
 from up_samp.execution.files import dependencies_from_plan, event_from_list, event_to_list
-from up_samp.execution.forecast import routes_of
 from up_samp.execution.graph import At, Event, Graph, Narrow
 from up_samp.execution.lives import drives_of, errors_of
 from up_samp.execution.remaining import Remaining, Surprise, remaining_problem
@@ -39,7 +38,7 @@ from up_samp.execution.reports import (
     is_number,
     unreadable,
 )
-from up_samp.execution.state import FloorState, MotionUnderWay, RobotPace, TaskPhase
+from up_samp.execution.state import FloorState, MotionUnderWay, TaskPhase
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.execution.travel import Along, along, away, pose_at
 from up_samp.io.plan_dict import PlanDict, plan_to_dict
@@ -106,9 +105,7 @@ class Executor(Followed):
         self._late = {name: max(latency, life.latency) for name, life in lives.items()}
         errors = errors_of(lives, localisation)
         self.state = FloorState(graph, self.dependencies.travels, tolerance, errors, self._late)
-        self.routes = routes_of(graph, self.state.ways)
         self.latency, self.ahead, self.tuning = latency, ahead, tuning
-        self.pace = RobotPace()
         self.sides = {**self.dependencies.sides}
         self.drives = drives_of(self.dependencies.lives)
         """The robots' motions, by activity and robot."""
@@ -173,7 +170,7 @@ class Executor(Followed):
             "strayed": {r: [*s.pose, s.off, s.time] for r, s in self._strayed.items()},
             "sides": [[*k, side] for k, side in self.sides.items() if not isinstance(k, int)],
             "turned": [k for k, side in self.sides.items() if isinstance(k, int) and not side],
-            "pace": self.pace.saved(),
+            "pace": state.pace.saved(),
         }
 
     @classmethod
@@ -244,9 +241,8 @@ class Executor(Followed):
         self._held = dict(known["held"])
         strayed = known.get("strayed", {}).items()
         self._strayed = {r: Strayed((x, y, a), off, at) for r, (x, y, a, off, at) in strayed}
-        self.pace.load(known["pace"])
+        state.pace.load(known["pace"])
         state.load(state.graph if graph is None else graph)
-        self.routes = routes_of(state.graph, state.ways)
         self.bar()
 
     def _note_begun(self, running: Collection[str], done: Collection[str]) -> None:
@@ -334,7 +330,7 @@ class Executor(Followed):
             if event.at in (At.REACH, At.LEAVE) and event.activity in done:
                 state.fired[event] = state.fired[Event(At.END, event.activity)]
         for edge in graph.edges:
-            first, then = graph.events[edge.first], graph.events[edge.then]
+            first, then = edge.first, edge.then
             if then not in state.fired or first in state.fired or first.at is At.ORIGIN:
                 continue
             if first.at is At.REACH and first.activity not in done:
@@ -460,7 +456,7 @@ class Executor(Followed):
 
     def _take(self, way: MotionUnderWay, progress: float) -> Reply:
         self._found(way.object)
-        self.pace.told(way, progress, self.state.now, self.state.until(way))
+        self.state.pace.told(way, progress, self.state.now, self.state.until(way))
         self.state.move(way, progress)
         if self.state.astray(way) or self._astray:
             self.bar()
@@ -686,10 +682,10 @@ class Executor(Followed):
     def _awaited(self, number: int | None) -> Iterator[tuple[Event, str]]:
         """Yield the events that an event still waits for, and why."""
         state = self.state
-        for edge in () if number is None else state.into[number]:
-            since = state.when[edge.first]
+        for first, edge in () if number is None else state.into[number]:
+            since = state.when[first]
             if since is None or since + edge.lag > state.now + 1e-9:
-                yield state.graph.events[edge.first], edge.why
+                yield edge.first, edge.why
 
     def _missing(self, number: int | None) -> tuple[str, ...]:
         """Return what an event waits for, in words."""
@@ -758,7 +754,7 @@ class Executor(Followed):
         ahead = self.retime()
         found: dict[str, float] = {}
         for bound in self.state.graph.bounds:
-            over = ahead.times[bound.then] - ahead.times[bound.first] - bound.most
+            over = ahead.over(bound)
             if over > 1e-6:
                 found[bound.why] = max(over, found.get(bound.why, 0.0))
         return found

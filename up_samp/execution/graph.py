@@ -17,11 +17,8 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from graphlib import CycleError, TopologicalSorter
 
-import numpy as np
-
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.model import ProblemError
-from up_samp.model.arrays import Int32Array
 
 
 class At(enum.Enum):
@@ -64,48 +61,33 @@ ZONE = "zone"
 
 @dataclass(frozen=True)
 class Edge:
-    """Event number ``then`` may not happen before ``lag`` s after event number ``first``.
+    """Event ``then`` may not happen before ``lag`` s after event ``first``.
 
     ``kind`` is a stable word, ``why`` names who, where and which constraint.
     """
 
-    first: int
-    then: int
+    first: Event
+    then: Event
     lag: float
-    kind: str
-    why: str
+    kind: str = ""
+    why: str = ""
     free: bool = False
-    """Whether it comes from a :class:`Choice`."""
+    """Whether it is one way of a choice, and the other one would do as well."""
 
     @property
     def fixed(self) -> bool:
         """Whether it stays when meetings are re-ordered and choices are turned round."""
         return self.kind != MEETING and not self.free
 
-
-@dataclass(frozen=True)
-class Precedence:
-    """Event ``then`` may not happen before ``lag`` s after event ``first``."""
-
-    first: Event
-    then: Event
-    lag: float
-    why: str = ""
-
     def __str__(self) -> str:
         lag = f"{self.lag:g} s after " if self.lag > TOLERANCES.strict else ""
         return f"{self.then} does not wait for {lag}{self.first} ({self.why})"
 
 
-@dataclass(frozen=True)
-class Choice:
-    """Two precedences either of which does what the problem asks: which job a machine takes first,
-    who has a place or the only unit of a resource first. ``ways[0]`` is the plan's.
-    """
-
-    ways: tuple[Precedence, Precedence]
-    kind: str
-    why: str
+Choice = tuple[Edge, Edge]
+"""Two edges either of which does what the problem asks: which job a machine takes first, who has a
+place or the only unit of a resource first. The first one is the plan's.
+"""
 
 
 @dataclass(frozen=True)
@@ -114,8 +96,8 @@ class Bound:
     longest duration. No executive can enforce it; it is watched.
     """
 
-    first: int
-    then: int
+    first: Event
+    then: Event
     most: float
     why: str
 
@@ -177,18 +159,15 @@ class Graph:
     lengths: Mapping[tuple[str, str], float] = field(default_factory=dict)
     """Length (m) of each motion's path, by (activity, object)."""
 
-    def precedences(self, *, fixed: bool = False) -> list[Precedence]:
-        """Return what the edges say; ``fixed``: those that always stay."""
-        return [
-            Precedence(self.events[e.first], self.events[e.then], e.lag, e.why)
-            for e in self.edges
-            if e.fixed or not fixed
-        ]
-
     @cached_property
     def number(self) -> dict[Event, int]:
         """Each event's number."""
         return {event: k for k, event in enumerate(self.events)}
+
+    @cached_property
+    def pairs(self) -> list[tuple[int, int]]:
+        """The edges by their events' numbers."""
+        return [(self.number[e.first], self.number[e.then]) for e in self.edges]
 
     @property
     def planned(self) -> float:
@@ -203,13 +182,12 @@ class Graph:
             for k, event in enumerate(self.events)
             if event.at in (At.REACH, At.LEAVE)
         }
-        return tuple(chained(self.events, self.tasks, on_path))
+        return tuple(chained(self, on_path))
 
     @cached_property
     def order(self) -> tuple[int, ...]:
         """All events in an order in which they can happen; :class:`ProblemError` on a cycle."""
-        pairs = [(e.first, e.then) for e in self.edges]
-        pairs += self.implied
+        pairs = [*self.pairs, *self.implied]
         found = topological(len(self.events), pairs, self.times)
         if len(found) < len(self.events):
             names = ", ".join(str(self.events[k]) for k in _circle(pairs))
@@ -217,19 +195,17 @@ class Graph:
         return tuple(found)
 
 
-def chained(
-    events: Sequence[Event], tasks: Mapping[str, PlannedTask], places: Mapping[int, float]
-) -> list[tuple[int, int]]:
+def chained(graph: Graph, places: Mapping[int, float]) -> list[tuple[int, int]]:
     """Return pairs of events (first, then) that follow each other by themselves, where the points
     on paths come in the order of their ``places``.
     """
-    number = {event: k for k, event in enumerate(events)}
+    events, number = graph.events, graph.number
     pairs: list[tuple[int, int]] = []
     on_path: dict[tuple[str, str], list[int]] = {}
     for k in places:
         on_path.setdefault((events[k].activity, events[k].object), []).append(k)
     origin = number[ORIGIN]
-    for name in tasks:
+    for name in graph.tasks:
         start, end = number[Event(At.START, name)], number[Event(At.END, name)]
         pairs += [(origin, start), (start, end)]
     for (activity, _), inner in on_path.items():
@@ -284,13 +260,8 @@ def topological(count: int, pairs: Sequence[tuple[int, int]], times: Sequence[fl
 
 
 # ------------------ Transitive reduction: edges that follow from others are dropped
-# Events lie on chains (a motion's points, and its activity's start and end), so what happened
-# before an event is told by one position for each chain, as in vector clocks (Mattern 1989). An
-# edge is redundant where another edge into the same event tells as much.
-
-
-Clock = Int32Array
-"""The latest place on each chain that is known to come before (-1: none)."""
+# What happened before an event is told by the bits of a whole number. An edge is redundant where
+# another edge into the same event tells as much.
 
 
 def reduced(graph: Graph) -> list[Edge]:
@@ -310,49 +281,29 @@ def reduced(graph: Graph) -> list[Edge]:
 
 def _needed(graph: Graph, always: frozenset[Edge]) -> list[Edge]:
     """Return the edges ``always`` kept, and those others that do not follow."""
-    chain, place, count = _chains(graph)
-    nobody = np.full(count, -1, dtype=np.int32)
-    clocks: list[Clock] = [nobody] * len(graph.events)
-    strictly: list[Clock] = [nobody] * len(graph.events)
-    into: dict[int, list[Edge]] = defaultdict(list)
-    for edge in graph.edges:
-        into[edge.then].append(edge)
+    into: dict[int, list[tuple[int, Edge]]] = defaultdict(list)
+    for (first, then), edge in zip(graph.pairs, graph.edges, strict=True):
+        into[then].append((first, edge))
     before: dict[int, list[int]] = defaultdict(list)
     for first, then in graph.implied:
         before[then].append(first)
     rank = {event: k for k, event in enumerate(graph.order)}
-    found = []
+
+    def turn(item: tuple[int, Edge]) -> tuple[bool, int, float]:
+        first, edge = item  # latest first: what comes before it follows from it
+        return edge not in always, -rank[first], -edge.lag
+
+    by_then, strictly, found = [0] * len(graph.events), [0] * len(graph.events), []
     for event in graph.order:
-        clock, strict = nobody.copy(), nobody.copy()
+        known = strict = 0
         for first in before[event]:
-            np.maximum(clock, clocks[first], out=clock)
-            np.maximum(strict, strictly[first], out=strict)
-        # latest first: what comes before it follows from it
-        for edge in sorted(into[event], key=lambda e: (e not in always, -rank[e.first], -e.lag)):
-            known = clock if edge.lag <= 0.0 else strict
-            missing = known[chain[edge.first]] < place[edge.first]
-            if edge in always or edge.lag > TOLERANCES.strict or missing:
+            known |= by_then[first]
+            strict |= strictly[first]
+        for first, edge in sorted(into[event], key=turn):
+            follows = (known if edge.lag <= 0.0 else strict) >> first & 1
+            if edge in always or edge.lag > TOLERANCES.strict or not follows:
                 found.append(edge)
-                np.maximum(clock, clocks[edge.first], out=clock)
-                source = strictly if edge.lag <= 0.0 else clocks
-                np.maximum(strict, source[edge.first], out=strict)
-        clock[chain[event]] = place[event]
-        clocks[event], strictly[event] = clock, strict
+                known |= by_then[first]
+                strict |= (strictly if edge.lag <= 0.0 else by_then)[first]
+        by_then[event], strictly[event] = known | 1 << event, strict
     return found
-
-
-def _chains(graph: Graph) -> tuple[list[int], list[int], int]:
-    """Cover the events with chains along implied pairs: (chain, place in it) of each event."""
-    chain, place = [-1] * len(graph.events), [0] * len(graph.events)
-    after: dict[int, list[int]] = defaultdict(list)
-    for first, then in graph.implied:
-        after[first].append(then)
-    count = 0
-    for event in graph.order:
-        if chain[event] < 0:
-            chain[event], count = count, count + 1
-        for then in after[event]:
-            if chain[then] < 0:
-                chain[then], place[then] = chain[event], place[event] + 1
-                break
-    return chain, place, count

@@ -21,12 +21,13 @@ import numpy as np
 from unified_planning.model.scheduling import SchedulingProblem
 
 from up_samp.execution.build import Dependencies, planned_of
-from up_samp.execution.graph import At, Bound, Graph
+from up_samp.execution.graph import At, Bound
 from up_samp.execution.lives import DriveCells, Life, drives_of
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.io.floors import side_by_side
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import avoids
+from up_samp.model.arrays import FloatArray
 from up_samp.model.violation import Violation
 from up_samp.scheduling.partial_order.orders import constraint_texts
 from up_samp.upio.movers import named_as_planned
@@ -37,8 +38,8 @@ from up_samp.validation.scene import between, carried_along
 from up_samp.validation.schedule import objects_by_type
 from up_samp.validation.timeline import Decisions
 
-Drivings = dict[tuple[str, str], list[tuple[float, float]]]
-"""(time, progress) of each motion (activity, object)."""
+Drivings = Mapping[tuple[str, str], FloatArray]
+"""Rows (time, progress) of each motion (activity, object)."""
 
 Waits = Sequence[tuple[str, float, float, str]]
 """(robot, from, until, for whom)."""
@@ -112,7 +113,7 @@ def _activities(
     return sorted(found, key=lambda a: (a["start"], a["end"]))
 
 
-def _motion(drive: DriveCells, trace: list[tuple[float, float]]) -> dict[str, Any]:
+def _motion(drive: DriveCells, trace: FloatArray) -> dict[str, Any]:
     """Return what was driven, where the plan has it."""
     motion: dict[str, Any] = {
         "activity": drive.activity,
@@ -124,10 +125,9 @@ def _motion(drive: DriveCells, trace: list[tuple[float, float]]) -> dict[str, An
     return motion
 
 
-def _rows(drive: DriveCells, trace: list[tuple[float, float]]) -> list[list[float]]:
+def _rows(drive: DriveCells, trace: FloatArray) -> list[list[float]]:
     """Return samples [t, x, y, theta]; where the path's curvature changes there is one, too."""
-    times = np.array([t for t, _ in trace])
-    s = np.array([p for _, p in trace])
+    times, s = trace.T
     path = drive.path
     kinks = path.s[path.kink]
     kinks = kinks[(kinks > s[0] + 1e-6) & (kinks < s[-1] - 1e-6)]
@@ -241,15 +241,15 @@ def broken_rules(dependencies: Dependencies, record: dict[str, Any]) -> tuple[Te
     """
     if dependencies.problem is None:
         return (), ()
-    problem, graph = named_as_planned(dependencies.problem, record), dependencies.graph
+    problem, bounds = named_as_planned(dependencies.problem, record), dependencies.graph.bounds
     unit = float(record["seconds_per_unit"])
     ticks = max(1, math.ceil(unit / TOLERANCES.strict - 1e-9))
     times = {
         a["name"]: (_instant(a["start"], ticks), _instant(a["end"], ticks))
         for a in record["activities"]
     }
-    late = [b for b in graph.bounds if _over(graph, b, times, unit) > -2 * TOLERANCES.strict]
-    missed = [b.why for b in late if _over(graph, b, times, unit) > TOLERANCES.same_time]
+    late = [b for b in bounds if _over(b, times, unit) > -2 * TOLERANCES.strict]
+    missed = [b.why for b in late if _over(b, times, unit) > TOLERANCES.same_time]
     parameters = planned_of(problem, record).values
     objects = objects_by_type(problem)
     decisions = Decisions(times, parameters, objects, Fraction(1, ticks))
@@ -290,12 +290,10 @@ def _instant(units: float, ticks: int) -> Fraction:
     return Fraction(math.floor(units * ticks + 0.05), ticks)
 
 
-def _over(
-    graph: Graph, bound: Bound, times: Mapping[str, tuple[Fraction, Fraction]], unit: float
-) -> float:
+def _over(bound: Bound, times: Mapping[str, tuple[Fraction, Fraction]], unit: float) -> float:
     """Return by how much (s) a bound was missed (negative: it was kept)."""
     at = []
-    for event in (graph.events[bound.first], graph.events[bound.then]):
+    for event in (bound.first, bound.then):
         if event.at is not At.ORIGIN and event.activity not in times:
             return -math.inf
         end = event.at is At.END

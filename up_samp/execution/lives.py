@@ -32,8 +32,7 @@ from up_samp.model import (
 )
 from up_samp.model.arrays import FloatArray, IntArray
 from up_samp.model.frames import Frame
-from up_samp.motion.fleet.conflicts import Hull
-from up_samp.motion.fleet.paths import Path, hull_of, path_of, resting_path
+from up_samp.motion.fleet.paths import Path, path_of, resting_path
 from up_samp.upio.rides import laden_body
 
 
@@ -177,11 +176,6 @@ class Life:
     """How far (m) from where it tells to be it may be (None: as all that say nothing)."""
     latency: float = 0.0
     """By how many seconds what it tells, and obeys, may be late, where it says so."""
-
-    @cached_property
-    def hull(self) -> Hull:
-        """The body's convex parts."""
-        return hull_of(self.body)
 
     @cached_property
     def boxes(self) -> FloatArray:

@@ -17,13 +17,13 @@ from typing import cast
 
 import numpy as np
 
-from up_samp.execution.graph import At, Event, Narrow, Precedence
+from up_samp.execution.graph import MEETING, At, Edge, Event, Narrow
 from up_samp.execution.lives import DriveCells, Life, Piece, Stay, concerned, errors_of, pairs_of
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.model.arrays import BoolArray, FloatArray, IntArray
 from up_samp.motion.fleet.conflicts import Swept, conflicting_cells
-from up_samp.motion.fleet.paths import Path, through_zones
+from up_samp.motion.fleet.paths import Path, hull_of, through_zones
 
 Component = tuple[str, str, int]
 """A component of two objects' obstacle: (one, other, number)."""
@@ -307,7 +307,7 @@ def _on_lives(meetings: list[Meeting]) -> FloatArray:
 # "This robot may go beyond there once that one has come to here".
 
 
-def steps_of(meeting: Meeting, *, without: Container[int] = ()) -> list[Precedence]:
+def steps_of(meeting: Meeting, *, without: Container[int] = ()) -> list[Edge]:
     """Return the steps of a meeting on the side on which the plan passes it: leaving a point (or a
     change) waits for reaching one (or a change).
 
@@ -321,16 +321,16 @@ def steps_of(meeting: Meeting, *, without: Container[int] = ()) -> list[Preceden
         found = list(_side(meeting, meeting.one_first & wanted, True))
         found += _side(meeting, ~meeting.one_first & wanted, False)
         meeting.memo[key] = found
-    return list(cast("list[Precedence]", meeting.memo[key]))
+    return list(cast("list[Edge]", meeting.memo[key]))
 
 
-def switched(meeting: Meeting, component: int, one_first: bool) -> list[Precedence]:
+def switched(meeting: Meeting, component: int, one_first: bool) -> list[Edge]:
     """Return the steps of one component on the given side, whatever the plan does."""
     key = (component, one_first)
     if key not in meeting.memo:
         chosen = meeting.component == component
         meeting.memo[key] = list(_side(meeting, chosen, one_first, planned=False))
-    return list(cast("list[Precedence]", meeting.memo[key]))
+    return list(cast("list[Edge]", meeting.memo[key]))
 
 
 def _side(
@@ -339,7 +339,7 @@ def _side(
     one_first: bool,
     *,
     planned: bool = True,
-) -> Iterator[Precedence]:
+) -> Iterator[Edge]:
     rows = meeting.rows[chosen]
     if len(rows) == 0:
         return
@@ -355,7 +355,7 @@ def _side(
     steps = _corners(exits, entries)
     out_times = cell_times(leaver, p)[1]
     in_times = cell_times(enterer, q)[0]
-    reach = 0.5 * min(life.hull.radius, follower.hull.radius)
+    reach = 0.5 * min(hull_of(one.body).radius for one in (life, follower))
     allowed = in_times if planned else np.full(len(in_times), np.inf)
     pairs = []
     for gone, entered in _joined(steps, p, out_times, allowed, reach):
@@ -376,7 +376,7 @@ def _side(
                 f"{first}: no executive could hold it back"
             )
         who = f"{meeting.one.object} and {meeting.other.object}"
-        yield Precedence(first, then, 0.0, f"{who} would meet near ({x:.1f}, {y:.1f})")
+        yield Edge(first, then, 0.0, MEETING, f"{who} would meet near ({x:.1f}, {y:.1f})")
 
 
 def _corners(exits: IntArray, entries: IntArray) -> list[tuple[int, int]]:

@@ -14,11 +14,10 @@ from typing import NamedTuple
 from ortools.sat.python import cp_model
 
 from up_samp.execution.build import Dependencies, steps_by, with_sides
-from up_samp.execution.forecast import Forecast, Routes, forecast, routes_of
-from up_samp.execution.graph import At, Event, Graph, Precedence, topological
+from up_samp.execution.graph import At, Edge, Event, Graph, topological
 from up_samp.execution.lives import Stay
 from up_samp.execution.meetings import Component, Key, Meeting, switched
-from up_samp.execution.state import FloorState, RobotPace, TaskPhase
+from up_samp.execution.state import FloorState, Forecast, TaskPhase, forecast
 from up_samp.model import ProblemError
 from up_samp.tuning import Tuning
 
@@ -82,9 +81,7 @@ class Followed:
 
     dependencies: Dependencies
     state: FloorState
-    routes: Routes
     tuning: Tuning
-    pace: RobotPace
     sides: dict[Key, bool]
     """What was decided anew."""
     goals: Mapping[str, Goal] = MappingProxyType({})
@@ -106,10 +103,8 @@ class Followed:
         return planned_sides(self.dependencies)
 
     def retime(self) -> Forecast:
-        """Return when everything happens as soon as possible from now on: the longest path over
-        the graph, with the bodies' speed profiles and the paces seen so far.
-        """
-        return forecast(self.state, self.routes, self.pace)
+        """Return when everything happens as soon as possible from now on."""
+        return forecast(self.state)
 
 
 @dataclass(frozen=True)
@@ -119,7 +114,7 @@ class Decision:
     key: Key
     now: bool
     """How it is so far."""
-    needs: Mapping[bool, tuple[Precedence, ...]]
+    needs: Mapping[bool, tuple[Edge, ...]]
 
 
 def open_decisions(
@@ -153,7 +148,7 @@ def _components(executor: Followed) -> list[Decision]:
 
 def _choices(executor: Followed) -> list[Decision]:
     return [
-        Decision(k, executor.sides.get(k, True), {True: (c.ways[0],), False: (c.ways[1],)})
+        Decision(k, executor.sides.get(k, True), {True: c[:1], False: c[1:]})
         for k, c in enumerate(executor.dependencies.choices)
     ]
 
@@ -167,7 +162,7 @@ def _is_open(executor: Followed, ahead: Forecast, decision: Decision) -> bool:
     return all(can_wait(state, p) and not _too_soon(executor, ahead, p) for p in other)
 
 
-def _too_soon(executor: Followed, ahead: Forecast, need: Precedence) -> bool:
+def _too_soon(executor: Followed, ahead: Forecast, need: Edge) -> bool:
     """Return whether who is to wait is past where it would wait before it can be told."""
     event, state = need.then, executor.state
     at = ahead.span(event.activity)[event.at is At.END]
@@ -197,7 +192,7 @@ def happened(state: FloorState, event: Event) -> bool:
     return False
 
 
-def can_wait(state: FloorState, need: Precedence) -> bool:
+def can_wait(state: FloorState, need: Edge) -> bool:
     """Return whether a precedence can still be kept: its first has happened, or who waits can still
     stop.
     """
@@ -215,11 +210,12 @@ def can_wait(state: FloorState, need: Precedence) -> bool:
     return max(0.0, event.progress - way.error) >= state.committed(way) - 1e-9
 
 
-def settled(executor: Followed, open_: set[Key]) -> list[Precedence]:
+def settled(executor: Followed, open_: set[Key]) -> list[Edge]:
     """Return all precedences but those of the decisions ``open_``."""
-    found = executor.dependencies.graph.precedences(fixed=True)
-    choices = enumerate(executor.dependencies.choices)
-    found += [c.ways[int(not executor.sides.get(k, True))] for k, c in choices if k not in open_]
+    found = [e for e in executor.dependencies.graph.edges if e.fixed]
+    for k, (planned, other) in enumerate(executor.dependencies.choices):
+        if k not in open_:
+            found.append(planned if executor.sides.get(k, True) else other)
     for meeting in executor.dependencies.meetings:
         if _over(executor.state, meeting):
             continue
@@ -255,7 +251,7 @@ class Times:
     """Times of events to come, in ticks from now."""
 
     def __init__(self, executor: Followed):
-        self.state, self.pace = executor.state, executor.pace
+        self.state, self.pace = executor.state, executor.state.pace.shares
         self.number: dict[Event, int] = {}
         self.ties: list[Tie] = []
         self.on_way: dict[tuple[str, str], list[Event]] = {}
@@ -270,14 +266,14 @@ class Times:
 
     # ------------------------------------------------------------------ what is tied
 
-    def all_after(self, needs: Iterable[Precedence], only_if: int = 0) -> None:
+    def all_after(self, needs: Iterable[Edge], only_if: int = 0) -> None:
         """State precedences, where ``only_if`` holds, but those that say nothing new.
 
         Of a staircase these are the first step, the last, and the one that holds the second robot
         back for longest when nothing else stops the two. The times are a forecast: what is decided
         by them is looked at again with the whole graph.
         """
-        stairs: dict[tuple[str, str, str, str], list[Precedence]] = {}
+        stairs: dict[tuple[str, str, str, str], list[Edge]] = {}
         for need in needs:
             first, then = need.first, need.then
             if first.at is At.REACH and then.at is At.LEAVE:
@@ -290,7 +286,7 @@ class Times:
             for need in dict.fromkeys((steps[0], max(steps, key=self._push), steps[-1])):
                 self.after(need, only_if)
 
-    def _push(self, need: Precedence) -> float:
+    def _push(self, need: Edge) -> float:
         """Return by how much later (s) than the first robot the second has to begin."""
         return self._driving(need.first) - self._driving(need.then)
 
@@ -298,7 +294,7 @@ class Times:
         way = self.state.ways[event.activity, event.object]
         return way.travel.time_at(event.progress) / self.pace.get(way.object, 1.0)
 
-    def after(self, need: Precedence, only_if: int = 0) -> None:
+    def after(self, need: Edge, only_if: int = 0) -> None:
         """State a precedence, where ``only_if`` holds."""
         first, then, lag = need.first, need.then, need.lag
         if happened(self.state, then) or self._passed(then):
@@ -332,7 +328,7 @@ class Times:
             if not task.moves:
                 begun = state.fired.get(start)
                 if begun is None:
-                    self.after(Precedence(start, end, task.expected))
+                    self.after(Edge(start, end, task.expected))
                 else:
                     left = max(0.0, begun + task.expected - state.now)
                     self.ties.append(Tie(NOW, self.event(end), math.ceil(left * SCALE), 0))
@@ -354,54 +350,31 @@ class Times:
             self.ties.append(Tie(last, number, ticks, 0))
             last, here, gone = number, there, 0.0
 
-    # ------------------------------------------------------------------ what follows
-
-    def earliest(self) -> list[int]:
-        """Return the earliest time of each event, whatever is decided."""
-        always = [t for t in self.ties if t.only_if == 0 and t.first != NOW]
-        count = len(self.number)
-        order = topological(count, [(t.first, t.then) for t in always], [0.0] * count)
-        if len(order) < count:
-            raise ProblemError("the dependencies have a cycle: nobody could go first")
-        after: list[list[Tie]] = [[] for _ in range(count)]
-        low = [0] * count
-        for tie in always:
-            after[tie.first].append(tie)
-        for tie in self.ties:
-            if tie.only_if == 0 and tie.first == NOW:
-                low[tie.then] = max(low[tie.then], tie.ticks)
-        for k in order:
-            for tie in after[k]:
-                low[tie.then] = max(low[tie.then], low[k] + tie.ticks)
-        return low
-
     def variables(
-        self,
-        model: cp_model.CpModel,
-        low: list[int],
-        latest: int,
-        literals: list[cp_model.IntVar],
+        self, model: cp_model.CpModel, latest: int, literals: list[cp_model.IntVar]
     ) -> list[cp_model.LinearExprT]:
         """Return the events' times in a model with all ties; ``literals`` are the decisions.
 
-        What only follows one other event has that one's variable.
+        What only follows one other event, or now, has that one's variable.
         """
-        into: list[list[Tie]] = [[] for _ in low]
+        count = len(self.number)
+        into: list[list[Tie]] = [[] for _ in range(count)]
         for tie in self.ties:
-            if tie.only_if or tie.first != NOW:
-                into[tie.then].append(tie)
+            into[tie.then].append(tie)
         always = [(t.first, t.then) for t in self.ties if t.only_if == 0 and t.first != NOW]
-        found: list[cp_model.LinearExprT] = [0] * len(low)
-        for k in topological(len(low), always, [0.0] * len(low)):
+        order = topological(count, always, [0.0] * count)
+        if len(order) < count:
+            raise ProblemError("the dependencies have a cycle: nobody could go first")
+        found: list[cp_model.LinearExprT] = [0] * count + [0]  # the last one is now's
+        for k in order:
             only = into[k][0] if len(into[k]) == 1 else None
-            if only is not None and not only.only_if and low[k] == low[only.first] + only.ticks:
+            if only is not None and not only.only_if:
                 found[k] = found[only.first] + only.ticks
             else:
-                found[k] = model.new_int_var(min(low[k], latest), latest, "")
+                found[k] = model.new_int_var(0, latest, "")
         for k, ties in enumerate(into):
             for tie in ties if isinstance(found[k], cp_model.IntVar) else ():
-                first = 0 if tie.first == NOW else found[tie.first]
-                stated = model.add(found[k] >= first + tie.ticks)
+                stated = model.add(found[k] >= found[tie.first] + tie.ticks)
                 if tie.only_if:
                     literal = literals[abs(tie.only_if) - 1]
                     stated.only_enforce_if(literal if tie.only_if > 0 else literal.negated())
@@ -465,7 +438,7 @@ def settle(executor: Followed) -> None:
     some = (d for d in _components(executor) if d.key in open_)
     decisions = [d for d in some if _is_open(executor, ahead, d)]
     executor.sides |= _solve(executor, ahead, decisions)
-    _load(executor, with_sides(executor.dependencies, executor.sides))
+    executor.state.load(with_sides(executor.dependencies, executor.sides))
 
 
 def adopt(executor: Followed, proposal: Proposal) -> int:
@@ -475,22 +448,17 @@ def adopt(executor: Followed, proposal: Proposal) -> int:
     if proposal.base != executor.sides:
         return 0
     old, state = executor.state.graph, executor.state
-    known = {(p.first, p.then, p.lag) for p in old.precedences()}
-    for need in proposal.graph.precedences():
+    known = {(p.first, p.then, p.lag) for p in old.edges}
+    for need in proposal.graph.edges:
         if (need.first, need.then, need.lag) not in known and not can_wait(state, need):
             return 0
     before = executor.retime()
-    _load(executor, proposal.graph)
+    state.load(proposal.graph)
     if not _better(executor.goals, before, executor.retime()):
-        _load(executor, old)
+        state.load(old)
         return 0
     executor.sides = {**proposal.base, **proposal.flips}
     return len(proposal.flips)
-
-
-def _load(executor: Followed, graph: Graph) -> None:
-    executor.state.load(graph)
-    executor.routes = routes_of(graph, executor.state.ways)
 
 
 def cost(goals: Mapping[str, Goal], ahead: Forecast) -> float:
@@ -509,9 +477,7 @@ def _better(goals: Mapping[str, Goal], before: Forecast, after: Forecast) -> boo
 
 def _missed(ahead: Forecast) -> float:
     """Return by how much (s) deadlines, windows and longest durations will be missed, in all."""
-    return sum(
-        max(0.0, ahead.times[b.then] - ahead.times[b.first] - b.most) for b in ahead.graph.bounds
-    )
+    return sum(max(0.0, ahead.over(bound)) for bound in ahead.graph.bounds)
 
 
 def _value(
@@ -548,15 +514,12 @@ def _solve(executor: Followed, ahead: Forecast, decisions: list[Decision]) -> di
     """Return how each decision should be; empty where nothing better was found."""
     state = executor.state
     times, ends = tied(executor, decisions)
-    low = times.earliest()
     # where other ends count, the last one may come later
     more = ahead.makespan - state.now if executor.goals else -WORTH
     latest = math.ceil((ahead.makespan + more - state.now) * SCALE)
-    if max((low[k] for k in ends), default=0) > latest:
-        return {}  # not even without all that is open
     model = cp_model.CpModel()
     literals = [model.new_bool_var("") for _ in decisions]
-    found = times.variables(model, low, latest, literals)
+    found = times.variables(model, latest, literals)
     model.minimize(_value(executor, model, times, found, latest) + sum(found[k] for k in ends))
     for literal, decision in zip(literals, decisions, strict=True):
         model.add_hint(literal, decision.now)

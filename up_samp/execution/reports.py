@@ -46,6 +46,21 @@ Command = Go | Hold | Do
 # ------------------ What robots tell
 
 
+@dataclass(frozen=True)
+class Report:
+    """What a robot tells at ``time``: its ``progress`` (m) along a motion, or its ``pose``, or that
+    an activity is over (``done``). ``error``: how far (m) it says that it may be from there.
+    """
+
+    robot: str
+    time: float
+    activity: str = ""
+    progress: float | None = None
+    pose: tuple[float, float, float] | None = None
+    done: bool = False
+    error: float | None = None
+
+
 class Heard(enum.Enum):
     """What has become of a report."""
 

@@ -1,5 +1,5 @@
 """The state of a plan on the floor: which events have happened, where everybody is, which gates are
-open.
+open; and when the rest will happen.
 
 Reported progress is not believed progress. A robot that tells p is somewhere in [p - L, p + L],
 where L is the localisation error. So *reach* counts late: a robot has surely come to x once it
@@ -12,12 +12,23 @@ from __future__ import annotations
 import enum
 import heapq
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any
 
-from up_samp.execution.graph import ORIGIN, At, Edge, Event, Graph, Narrow, chained, entangled
+from up_samp.execution.graph import (
+    ORIGIN,
+    At,
+    Bound,
+    Edge,
+    Event,
+    Graph,
+    Narrow,
+    chained,
+    entangled,
+)
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.execution.travel import TravelProfile
 
@@ -27,7 +38,7 @@ _LEAST_PACE = 0.05
 """Share of its speed; no robot is taken for slower."""
 
 
-class RobotPace(Mapping[str, float]):
+class RobotPace:
     """Each robot's pace, from what it told while nothing held it up (1: as fast as allowed)."""
 
     def __init__(self) -> None:
@@ -69,16 +80,11 @@ class RobotPace(Mapping[str, float]):
         self._speed = dict(known["speed"])
         self._last = {n: (str(a), float(p), float(t)) for n, (a, p, t) in known["last"].items()}
 
-    def __getitem__(self, name: str) -> float:
-        if name not in self._driven:
-            raise KeyError(name)
-        return min(1.0, max(_LEAST_PACE, self._driven[name] / self._needed[name]))
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._driven)
-
-    def __len__(self) -> int:
-        return len(self._driven)
+    @property
+    def shares(self) -> dict[str, float]:
+        """Each robot's share of its speed, of those that have driven freely so far."""
+        ratios = {name: ideal / self._needed[name] for name, ideal in self._driven.items()}
+        return {name: min(1.0, max(_LEAST_PACE, ratio)) for name, ratio in ratios.items()}
 
 
 # ------------------ How far robots drive on
@@ -166,6 +172,7 @@ class FloorState:
         self.ways = {
             key: MotionUnderWay(*key, length, travels[key]) for key, length in graph.lengths.items()
         }
+        self.pace = RobotPace()
         self.of_object: dict[str, MotionUnderWay] = {}
         self.heard: dict[str, float] = {}
         """When each object last told something that was believed (s)."""
@@ -183,39 +190,40 @@ class FloorState:
     def load(self, graph: Graph) -> None:
         """Take a graph over the same activities; what has happened stays."""
         _ = graph.order  # no cycle
-        self.graph, self.number = graph, graph.number
+        self.graph, self.number, self.routes = graph, graph.number, routes_of(graph, self.ways)
         count = len(graph.events)
         self.missing = [0] * count
         self.when = [self.fired.get(event) for event in graph.events]
         """When each event happened (s; ``None``: not yet)."""
         self.after: list[list[tuple[int, float]]] = [[] for _ in range(count)]
         self.timers: list[tuple[float, int]] = []
-        self.into: list[list[Edge]] = [[] for _ in range(count)]
-        for edge in map(self._held, graph.edges):
-            self.into[edge.then].append(edge)
-            since = self.when[edge.first]
+        self.into: list[list[tuple[int, Edge]]] = [[] for _ in range(count)]
+        """The edges that hold each event back, with the number of what it waits for."""
+        for (first, then), edge in zip(graph.pairs, graph.edges, strict=True):
+            held, since = self._held(first, then), self.when[first]
+            self.into[held].append((first, edge))
             if since is None:
-                self.after[edge.first].append((edge.then, edge.lag))
+                self.after[first].append((held, edge.lag))
             elif since + edge.lag <= self.now:
                 continue
             else:
-                heapq.heappush(self.timers, (since + edge.lag, edge.then))
-            self.missing[edge.then] += 1
+                heapq.heappush(self.timers, (since + edge.lag, held))
+            self.missing[held] += 1
         self._place(graph)
         for way in self.ways.values():
             self._pass(way)
         self.start_number = {n: self.number[Event(At.START, n)] for n in graph.tasks}
         self.end_number = {n: self.number[Event(At.END, n)] for n in graph.tasks}
 
-    def _held(self, edge: Edge) -> Edge:
-        """Return an edge as it holds somebody back: what has begun before it may, by a graph that
+    def _held(self, first: int, then: int) -> int:
+        """Return which event an edge holds back: what has begun before it may, by a graph that
         held it back elsewhere, does not end before that.
         """
-        then = self.graph.events[edge.then]
-        begun = then.at is At.START and self.when[edge.then] is not None
-        if not begun or self.when[edge.first] is not None:
-            return edge
-        return replace(edge, then=self.number[Event(At.END, then.activity)])
+        event = self.graph.events[then]
+        begun = event.at is At.START and self.when[then] is not None
+        if not begun or self.when[first] is not None:
+            return then
+        return self.number[Event(At.END, event.activity)]
 
     def _place(self, graph: Graph) -> None:
         places, self.squeezed = told_places(graph, self.errors)
@@ -430,7 +438,7 @@ def told_places(
     turned = _turned(graph, places, errors)
     squeezed: list[Narrow] = []
     while turned:
-        pairs = [*chained(events, graph.tasks, places), *((e.first, e.then) for e in graph.edges)]
+        pairs = [*chained(graph, places), *graph.pairs]
         tangle = entangled(len(events), pairs)
         if not tangle:
             break
@@ -468,3 +476,162 @@ def _turned(
                 if graph.events[gate].at is At.LEAVE and places[gate] < places[mark]:
                     found.append((mark, gate))
     return found
+
+
+# ------------------ When all of it will happen, if nothing more goes wrong
+
+
+Routes = tuple[tuple[tuple[tuple[int, float, str], ...], ...], tuple[float, ...]]
+"""What each event of a graph follows by itself, with the times this takes without disturbance:
+(event, s, robot); and by how much (s) it is late if one must stop there.
+"""
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """``times[k]`` (s) for each event of ``graph``, as soon as possible from ``now`` on."""
+
+    graph: Graph
+    now: float
+    times: tuple[float, ...]
+    routes: Routes
+    pace: Mapping[str, float]
+
+    @cached_property
+    def latest(self) -> tuple[float, ...]:
+        """The latest time (s) of each event that delays neither the makespan nor a bound."""
+        graph, times, number = self.graph, self.times, self.graph.number
+        latest = [max(times, default=0.0)] * len(times)
+        for bound in graph.bounds:
+            then = number[bound.then]
+            latest[then] = min(latest[then], times[number[bound.first]] + bound.most)
+        outgoing: list[list[tuple[int, float]]] = [[] for _ in times]
+        for (first, then), edge in zip(graph.pairs, graph.edges, strict=True):
+            outgoing[first].append((then, edge.lag))
+        for k, before in enumerate(self.routes[0]):
+            for first, seconds, who in before:
+                outgoing[first].append((k, seconds / self.pace.get(who, 1.0)))
+        for k in reversed(graph.order):
+            for then, seconds in outgoing[k]:
+                # what the forecast adds for stopping and starting is no slack
+                latest[k] = min(latest[k], latest[then] - min(seconds, times[then] - times[k]))
+        return tuple(latest)
+
+    @cached_property
+    def makespan(self) -> float:
+        """When the last activity ends (s)."""
+        number = self.graph.number
+        ends = (self.times[number[Event(At.END, name)]] for name in self.graph.tasks)
+        return max(ends, default=self.now)
+
+    def span(self, name: str) -> tuple[float, float]:
+        """Return when an activity starts and ends (s)."""
+        number = self.graph.number
+        return (
+            self.times[number[Event(At.START, name)]],
+            self.times[number[Event(At.END, name)]],
+        )
+
+    def over(self, bound: Bound) -> float:
+        """Return by how much (s) a bound is missed (negative: it is kept)."""
+        number = self.graph.number
+        return self.times[number[bound.then]] - self.times[number[bound.first]] - bound.most
+
+    def slack(self, name: str) -> float:
+        """Return by how much an activity may end later without delaying anything that counts."""
+        end = self.graph.number[Event(At.END, name)]
+        return self.latest[end] - self.times[end]
+
+
+def routes_of(graph: Graph, ways: Mapping[tuple[str, str], MotionUnderWay]) -> Routes:
+    """Return travel times between neighbouring events."""
+    before: list[list[tuple[int, float, str]]] = [[] for _ in graph.events]
+    loss = [0.0] * len(graph.events)
+    at_time: dict[int, float] = {}
+    for k, event in enumerate(graph.events):
+        if event.at in (At.REACH, At.LEAVE):
+            travel = ways[event.activity, event.object].travel
+            at_time[k] = travel.time_at(event.progress)
+            if event.at is At.LEAVE:
+                loss[k] = travel.speed_at(event.progress) / (2 * travel.accel)
+    for first, then in graph.implied:
+        one, two = graph.events[first], graph.events[then]
+        seconds, who = 0.0, ""
+        if one.at is At.START and two.at is At.END:
+            task = graph.tasks[one.activity]
+            if task.moves:
+                seconds = max(
+                    (w.travel.whole for k, w in ways.items() if k[0] == task.name),
+                    default=0.0,
+                )
+                who = task.moves[0]
+            else:
+                seconds = task.expected
+        elif two.at is At.END:
+            whole = ways[one.activity, one.object].travel.whole
+            seconds, who = whole - at_time[first], one.object
+        elif one.at is not At.ORIGIN:
+            seconds = at_time[then] - at_time.get(first, 0.0)
+            who = two.object
+        before[then].append((first, seconds, who))
+    return tuple(map(tuple, before)), tuple(loss)
+
+
+def forecast(state: FloorState) -> Forecast:
+    """Return when everything happens as soon as possible from now on: the longest path over the
+    graph, with the bodies' speed profiles and the paces seen so far.
+    """
+    graph, now, paces = state.graph, state.now, state.pace.shares
+    times = [now] * len(graph.events)
+    moved = _since_now(state, paces)
+    when, (before, loss), into = state.when, state.routes, state.into
+    for k in graph.order:
+        past = when[k]
+        if past is not None:
+            times[k] = past
+            continue
+        came = now
+        for first, seconds, who in before[k]:
+            at = times[first] + seconds / paces.get(who, 1.0)
+            came = max(came, at)
+        came = moved.get(k, came)
+        allowed = now
+        for first, edge in into[k]:
+            at = times[first] + edge.lag
+            allowed = max(allowed, at)
+        if allowed > came:
+            # it stops at the gate and has to get going again
+            times[k] = allowed + min(loss[k], allowed - came)
+        else:
+            times[k] = came
+    return Forecast(graph, now, tuple(times), state.routes, paces)
+
+
+def _since_now(state: FloorState, pace: Mapping[str, float]) -> dict[int, float]:
+    """Return when motions under way come to their next events: they have gone on since they told
+    where they are.
+    """
+    found, graph = {}, state.graph
+    for way in state.ways.values():
+        if state.phase[way.activity] is not TaskPhase.RUNNING:
+            continue
+        speed = pace.get(way.object, 1.0)
+        here, silent = way.travel.time_at(way.progress), state.silent(way.object)
+        ahead = [m for m in (way.marks[way.mark :], way.gates[way.gate :]) if m]
+        # what comes after the first of them follows from it: it may have to wait there
+        for progress, k in sorted((p[0] for p in ahead), key=lambda p: _on_path(graph, p[1]))[:1]:
+            left = (way.travel.time_at(progress) - here) / speed - silent
+            found[k] = state.now + max(0.0, left)
+        end = state.end_number[way.activity]
+        left = (way.travel.whole - here) / speed - silent
+        found[end] = max(found.get(end, state.now), state.now + left)
+    # an end waits for the events on the way, too: only the first is taken from here
+    for way in state.ways.values():
+        if way.marks[way.mark :] or way.gates[way.gate :]:
+            found.pop(state.end_number[way.activity], None)
+    return found
+
+
+def _on_path(graph: Graph, number: int) -> tuple[float, bool]:
+    event = graph.events[number]
+    return event.progress, event.at is At.LEAVE

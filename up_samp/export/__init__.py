@@ -11,7 +11,7 @@ from collections.abc import Callable
 from os import PathLike
 from pathlib import Path
 
-from up_samp.execution.check import check_motions
+from up_samp.execution.files import check_motions
 from up_samp.io import PlanDict
 from up_samp.model import ProblemError
 

@@ -2,9 +2,10 @@
 and again while the rest is driven. See docs/operate.md; no function of it is safety-rated.
 """
 
+from up_samp.execution.reports import Report
 from up_samp.operate.clock import RealClock, SimulatedClock
 from up_samp.operate.loop import Operation
-from up_samp.operate.records import DayOrder, OrderState, Report, Settings
+from up_samp.operate.records import DayOrder, OrderState, Settings
 from up_samp.operate.store import Store, StoreError
 
 __all__ = [

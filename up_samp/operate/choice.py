@@ -24,7 +24,7 @@ from up_samp.fleet.records import FleetRecords, Order, Stop, Task, can_do, visit
 from up_samp.fleet.statements import Kind, Meaning
 from up_samp.model import ProblemError
 from up_samp.operate.clock import Clock
-from up_samp.operate.horizon import DELIVERS, Cut, Opened, cut_of, on_board
+from up_samp.operate.horizon import DELIVERS, Cut, Cutter, Opened, on_board
 from up_samp.operate.records import DayOrder, OrderState, Pose, Settings, Shape
 
 ASIDE = 30.0
@@ -45,7 +45,8 @@ class Day:
     settings: Settings
     clock: Clock
     site: FleetRecords
-    executor: Executor | None = None
+    executor: Executor
+    """Of the plan that is driven: at first of one in which everybody stands."""
     origin: float = 0.0
     """When the executor's clock began (s of the day)."""
     number: int = 0
@@ -103,7 +104,7 @@ class Day:
         return self.site.places[place].pose
 
     def _is_done(self, name: str) -> bool:
-        return self.executor is not None and self.executor.phase(name) is TaskPhase.DONE
+        return self.executor.phase(name) is TaskPhase.DONE
 
     def waiting(self) -> list[DayOrder]:
         """Return the orders that are in no plan."""
@@ -121,8 +122,8 @@ class Day:
         """Return robots that have nothing to do, and stand where they should not stay: not where
         they end, or with an order. Who cannot bring that to its end now waits.
         """
-        if self.executor is None:
-            return []
+        if not self.meanings:
+            return []  # nobody has been told to go anywhere
         cut = self.cut()
         busy = self.busy(cut)
         ends = {r: visited(self.jobs[o].record)[-1] for o, r in cut.carrying.items()}
@@ -147,7 +148,7 @@ class Day:
         found = {}
         reasons = {OrderState.CANCELLED: "is cancelled", OrderState.WAITING: "was changed"}
         for name, meaning in self.meanings.items():
-            if self.executor is None or self.executor.phase(name) is not TaskPhase.WAITING:
+            if self.executor.phase(name) is not TaskPhase.WAITING:
                 continue
             job = self.jobs.get(meaning.what)
             if job is not None and job.state in reasons:
@@ -168,47 +169,38 @@ class Day:
         """Return in how many seconds each robot will have done its last order, and where; without
         those that still have one then, as they cannot bring it to its end.
         """
-        found = {r: (0.0, self.poses[r]) for r in self.there()}
-        if self.executor is not None:
-            cut = self.cut(opened=dict.fromkeys(found, Opened.TAIL))
-            idle = found.keys() - set(cut.carrying.values())
-            found = {r: (cut.free.get(r, 0.0), cut.poses[r]) for r in found if r in idle}
-        return found
+        there = self.there()
+        cut = self.cut(opened=dict.fromkeys(there, Opened.TAIL))
+        loaded = {*cut.carrying.values()}
+        return {r: (cut.free.get(r, 0.0), cut.poses[r]) for r in there if r not in loaded}
 
     def cut(self, opened: Mapping[str, Opened] | None = None) -> Cut:
         """Return where the plan can be cut now, so that there is time to plan; ``opened``: the
         robots that are planned anew (None: nobody).
         """
         now = self.clock.now()
-        if self.executor is None:
-            free = dict.fromkeys(self.site.robots, 0.0)
-            return Cut(0.0, poses=self.poses, free=free, away=self.off_plan())
-        found = cut_of(
+        cutter = Cutter(
             self.executor,
-            self.settings.lead,
             broken={r: self.poses[r] for r in self.off_plan()},
-            limits=self._limits(self.executor),
+            limits=self._limits(),
             opened=opened or {},
             cramped=self.cramped,
         )
+        found = cutter.cut(self.settings.lead)
         closed = {n: self.site.doors[n].closed for n in self.shut}
         return replace(found, since=now - self.origin, poses={**found.poses, **closed})
 
     def on_board(self) -> dict[str, str]:
         """Return which orders are on board now, and of whom."""
-        if self.executor is None:
-            return {}
-        return on_board(
-            self.executor, self.meanings, {n for n in self.meanings if self._is_done(n)}
-        )
+        return on_board(self.executor, self.meanings, [*filter(self._is_done, self.meanings)])
 
-    def _limits(self, executor: Executor) -> Mapping[str, float]:
+    def _limits(self) -> Mapping[str, float]:
         """Return how far (m) motions may go: up to areas that are blocked, and to robots that stand
         where no plan has them.
         """
         found = dict(self.limits)
-        if executor.strayed.keys() & self.off_plan():
-            for (name, _), most in executor.state.bars.items():
+        if self.executor.strayed.keys() & self.off_plan():
+            for (name, _), most in self.executor.state.bars.items():
                 found[name] = min(most, found.get(name, most))
         return found
 
@@ -223,8 +215,6 @@ class Day:
         """Return orders that were in a plan, that nobody has on board and that nobody will do any
         more: their robots do nothing now, or did so for a while.
         """
-        if self.executor is None:
-            return []
         found = {m.what for m in self.meanings.values() if m.robot not in self.off_plan()}
         found |= self.on_board().keys()
         planned = (OrderState.PLANNED, OrderState.BEGUN)
@@ -432,8 +422,6 @@ def _there(day: Day, job: DayOrder, robot: str, when: float, pose: Pose) -> floa
 
 def theirs(day: Day, robots: Mapping[str, Opened]) -> Sequence[DayOrder]:
     """Return the orders of some robots that are in the plan and that nobody is on the way to."""
-    if day.executor is None:
-        return ()
     kept = set(day.cut(opened=robots).jobs)
     found = dict.fromkeys(
         m.what

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from up_samp.execution.simulate import Delays
+from up_samp.execution.floor import Delays, Handled
 from up_samp.fleet.fleet import Fleet
 from up_samp.fleet.records import Break, FleetRecords, Order, Task
 from up_samp.fleet.spelled_out import with_places
@@ -24,7 +24,6 @@ from up_samp.operate.judge import DayVerdict, judge_day, record_of_day
 from up_samp.operate.loop import Operation
 from up_samp.operate.records import DayOrder, OrderState, Settings
 from up_samp.operate.simulated import (
-    Handled,
     Mishaps,
     SimulatedRobots,
     SteppedClock,
@@ -165,7 +164,7 @@ def simulate_day(
         verdict = judge_day(site, day.jobs, robots.initial, robots.drives, robots.handled)
         seconds = time.monotonic() - begun
         figures = figures_of(plan, day, robots, steps, seconds)
-        waits = tuple((p[0], p[1], b - a) for w in robots.waits.values() for a, b, p in w)
+        waits = tuple((*p[:2], b - a) for w in robots.waits.values() for a, b, p, _ in w)
         map_file = str((fleet.folder / site.map).resolve())
         record = record_of_day(replace(site, map=map_file), robots.initial, robots.drives)
         done = tuple(robots.handled)
@@ -240,7 +239,7 @@ def figures_of(
         if len(rows) > 1:
             driven += driven_until(rows) - float(rows[0, 0])
             metres += float(np.hypot(*np.diff(rows[:, 1:3], axis=0).T).sum())
-    waited = sum(b - a for w in robots.waits.values() for a, b, _ in w)
+    waited = sum(b - a for w in robots.waits.values() for a, b, *_ in w)
     last = max((j.done for j in ended if j.done is not None), default=0.0)
     hours = max(plan.hours, last / 3600.0)
     return DayFigures(

@@ -21,10 +21,9 @@ from types import MappingProxyType
 import numpy as np
 
 from up_samp.execution.executor import Executor
-from up_samp.execution.forecast import Forecast
 from up_samp.execution.graph import At
 from up_samp.execution.meetings import moving
-from up_samp.execution.state import TaskPhase
+from up_samp.execution.state import Forecast, TaskPhase
 from up_samp.fleet.statements import Kind, Meaning
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model.arrays import FloatArray
@@ -81,33 +80,23 @@ def meanings_of(plan: PlanDict) -> dict[str, Meaning]:
     return {name: Meaning(Kind(k), what, who) for name, (k, what, who) in plan["meanings"].items()}
 
 
-def cut_of(
-    executor: Executor,
-    ahead: float,
-    *,
-    broken: Mapping[str, Pose] = MappingProxyType({}),
-    limits: Mapping[str, float] = MappingProxyType({}),
-    opened: Mapping[str, Opened] = MappingProxyType({}),
-    cramped: Collection[str] = (),
-) -> Cut:
-    """Return where a plan can be cut so that nothing that begins within ``ahead`` s is touched.
+class Cutter:
+    """Finds where a plan can be cut.
 
     ``broken``: robots that drive no more, and where they stand. ``limits``: how far (m) motions may
     go, where that is less than their whole length. ``opened``: the robots whose work is planned
     anew; what others do stays. ``cramped``: those of them that drive on until
     they stand in nobody's way; who comes to where another one stands waits until that has gone.
     """
-    return _Cutter(executor, broken, limits, opened, cramped).cut(ahead)
 
-
-class _Cutter:
     def __init__(
         self,
         executor: Executor,
-        broken: Mapping[str, Pose],
-        limits: Mapping[str, float],
-        opened: Mapping[str, Opened],
-        cramped: Collection[str],
+        *,
+        broken: Mapping[str, Pose] = MappingProxyType({}),
+        limits: Mapping[str, float] = MappingProxyType({}),
+        opened: Mapping[str, Opened] = MappingProxyType({}),
+        cramped: Collection[str] = (),
     ) -> None:
         self.executor, self.state, self.cramped = executor, executor.state, cramped
         self.broken, self.limits, self.opened = broken, limits, opened
@@ -128,7 +117,7 @@ class _Cutter:
 
     def _pairs(self) -> Iterable[tuple[int, int]]:
         graph = self.state.graph
-        yield from ((e.first, e.then) for e in graph.edges)
+        yield from graph.pairs
         yield from graph.implied
         for turn in self.turns.values():
             for one, two in itertools.pairwise(turn):
@@ -166,6 +155,7 @@ class _Cutter:
         return self.state.end_number[name] not in self.dead
 
     def cut(self, ahead: float) -> Cut:
+        """Return where nothing that begins within ``ahead`` s is touched."""
         now, forecast = self.state.now, self.executor.retime()
         running = [n for n, p in self.state.phase.items() if p is TaskPhase.RUNNING]
         stays = {n for robot, turn in self.turns.items() for n in self._staying(robot, turn)}

@@ -15,13 +15,13 @@ import numpy as np
 import shapely
 from unified_planning.shortcuts import MovableType
 
+from up_samp.execution.floor import Drive, Handled
 from up_samp.execution.judge import Contact, contacts_of
 from up_samp.fleet.fields import corners_of
 from up_samp.fleet.outlines import movable, rules_for
 from up_samp.fleet.records import FleetRecords, Order
 from up_samp.fleet.statements import Kind
-from up_samp.operate.records import DayOrder, OrderState, Pose
-from up_samp.operate.simulated import Drive, Handled
+from up_samp.operate.records import DayOrder, OrderState, Pose, nothing_planned
 from up_samp.validation.collisions import JudgedShape, placed
 from up_samp.validation.kinematics import limits_of, speeds_on_way
 from up_samp.validation.zones import zone_violations
@@ -162,16 +162,6 @@ def record_of_day(
     site: FleetRecords, initial: Mapping[str, Pose], drives: Sequence[Drive]
 ) -> dict[str, Any]:
     """Return a plan-like record of what was driven: it is drawn like a plan."""
-    objects = []
-    for name, robot in site.robots.items():
-        kind = site.robot_types[robot.type]
-        model = {"car": "REEDSSHEPP", "diff": "PIVOT", "omni": "SE2"}[kind.model]
-        objects.append({
-            "name": name, "type": robot.type, "footprint": corners_of(kind.footprint),
-            "model": model, "turning_radius": kind.turning_radius, "v_max": kind.v_max,
-            "a_max": kind.a_max, "omega_max": kind.omega_max, "initial": list(initial[name]),
-            "reverse": kind.reverse != "never",
-        })  # fmt: skip
     activities: list[dict[str, Any]] = []
     motions: list[dict[str, Any]] = []
     for k, drive in enumerate(d for d in drives if len(d.rows) > 1):
@@ -179,11 +169,9 @@ def record_of_day(
         since, until = drive.rows[[0, -1], 0].tolist()
         activities.append({"name": name, "start": since, "end": until})
         motions.append({"activity": name, "object": drive.robot, "samples": drive.rows.tolist()})
-    return {
-        "format": "up-samp-plan", "version": 1, "problem": site.name, "engine": "a day",
-        "status": "SOLVED_SATISFICING", "seconds_per_unit": 1.0, "lower_bound": None,
-        "makespan": max((a["end"] for a in activities), default=0.0), "map": {"yaml": site.map},
-        "objects": objects, "activities": activities, "motions": motions, "changes": [],
+    return nothing_planned(site, initial) | {
+        "engine": "a day", "activities": activities, "motions": motions,
+        "makespan": max((a["end"] for a in activities), default=0.0),
     }  # fmt: skip
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +20,7 @@ from shapely.geometry import Polygon
 from up_samp.execution.astray import place_of, pose_in
 from up_samp.execution.executor import Executor
 from up_samp.execution.reorder import cost
-from up_samp.execution.reports import Command, Go, Heard, Hold, Reply, words_of
+from up_samp.execution.reports import Command, Go, Heard, Hold, Reply, Report, words_of
 from up_samp.execution.state import TaskPhase
 from up_samp.fleet.fleet import Fleet
 from up_samp.fleet.records import Order, Task
@@ -44,14 +45,14 @@ from up_samp.operate.records import (
     DayOrder,
     OrderState,
     Pose,
-    Report,
     Robots,
     Settings,
     Shape,
+    nothing_planned,
     since_now,
 )
 from up_samp.operate.records import job_record as record_of
-from up_samp.operate.stitch import Kept, Question, follow_on, goals_of, kept_of
+from up_samp.operate.stitch import Question, follow_on, goals_of, kept_of
 from up_samp.operate.store import Store
 
 SNAPSHOT = 60.0
@@ -120,6 +121,8 @@ class Operation(Day):
             setattr(self, key, {**getattr(self, key), **(self.store.day(key) or {})})
         kept = self.store.snapshot()
         now = self.clock.now()
+        self._follow(Executor(nothing_planned(self.site, self.poses), **self._following))
+        self.executor.commands(now)
         if kept is not None:
             self._resume(*kept)
             with self.store:
@@ -157,8 +160,8 @@ class Operation(Day):
         self._limit()
 
     def _keep_snapshot(self) -> None:
-        if self.executor is not None:
-            self.store.put_snapshot(self.executor.plan["number"], self.executor.save())
+        if number := self.executor.plan["number"]:
+            self.store.put_snapshot(number, self.executor.save())
         self._snapshot_at = self.clock.now()
 
     # ------------------------------------------------------------------ what people say
@@ -221,8 +224,6 @@ class Operation(Day):
         """
         if order:
             self._changed.add(order)
-        if self.executor is None:
-            return
         gone = self.over()
         if gone.keys() - self.executor.withdrawn.keys():
             self.executor.withdrawn = gone
@@ -293,9 +294,8 @@ class Operation(Day):
     def _put(self, robot: str, pose: Pose) -> None:
         """Note that a robot stands where no plan has it: others keep away from there."""
         self.placed[robot] = PLACED
-        if self.executor is not None:
-            self.executor.update(robot, pose=pose, now=self.clock.now() - self.origin)
-            self._keep_snapshot()  # what is heard from now on is heard with that
+        self.executor.update(robot, pose=pose, now=self.clock.now() - self.origin)
+        self._keep_snapshot()  # what is heard from now on is heard with that
 
     def _keep_fleet(self) -> None:
         self.store.keep("away", self.away)
@@ -368,7 +368,7 @@ class Operation(Day):
         clear = self.site.margin + 2 * max(map(self.error, self.site.robots), default=0.0)
         leaves = [Polygon(leaf_at(d, d.closed)).buffer(clear) for d in doors.values()]
         shapes = [*map(Polygon, self.areas.values()), *leaves]
-        if self.executor is None or not shapes:
+        if not shapes:
             return
 
         def touches(pose: Pose, robot: str) -> bool:
@@ -411,11 +411,10 @@ class Operation(Day):
             for robot, words in self.robots.faults[self._faults :]:
                 self.store.note(now, "robot", robot, "fault", words)
             self._faults = len(self.robots.faults)
-            if self.executor is not None:
-                known = len(self.executor.state.fired)
-                self.executor.commands(now - self.origin)
-                if len(self.executor.state.fired) > known:
-                    self._snapshot_at = -math.inf  # no report tells what time lets begin
+            known = len(self.executor.state.fired)
+            self.executor.commands(now - self.origin)
+            if len(self.executor.state.fired) > known:
+                self._snapshot_at = -math.inf  # no report tells what time lets begin
             self._happened()
             self._plan(now)
             if now - self._snapshot_at >= SNAPSHOT:
@@ -432,7 +431,7 @@ class Operation(Day):
     def idle(self) -> bool:
         """Whether nothing is left to do."""
         none = not any(j.state.open for j in self.jobs.values())
-        return none and (self.executor is None or self.executor.finished)
+        return none and self.executor.finished
 
     def _sure(self, report: Report) -> bool:
         """Return whether what a robot tells is as exact as was planned with: else it is held, and
@@ -446,13 +445,13 @@ class Operation(Day):
             why = self.unsure.get(who, "")
             self.store.note(report.time, "report", who, "is held" if why else "is sure again", why)
             self.store.keep("unsure", self.unsure)
-        ways = {} if self.executor is None else self.executor.state.ways_of
+        ways = self.executor.state.ways_of
         # what it did at its place is done, wherever that is
         return who not in self.unsure or (report.done and not ways.get(report.activity, True))
 
     def _hear(self, report: Report) -> None:
         executor, name = self.executor, report.robot
-        if executor is None or (name in self.placed and report.pose is None):
+        if name in self.placed and report.pose is None:
             return  # of what was ended by hand
         at = report.time - self.origin
         if report.done:
@@ -492,7 +491,6 @@ class Operation(Day):
         """Let a robot wait for a plan from where it stands that says that it is at the end of its
         motion, and for a while tells to stand before that: it missed it, or was pushed.
         """
-        assert self.executor is not None
         state = self.executor.state
         way = state.of_object.get(report.robot)
         if way is None or way.activity != report.activity or state.closed(way) is not None:
@@ -524,10 +522,9 @@ class Operation(Day):
         return self.poses[thing] if thing in self.off_plan() else self._told_pose(thing)
 
     def _told_pose(self, thing: str) -> Pose:
-        lives = {} if self.executor is None else self.executor.dependencies.lives
-        if self.executor is None or thing not in lives:
-            door = self.site.doors.get(thing)
-            return self.poses[thing] if door is None else door.closed
+        lives = self.executor.dependencies.lives
+        if thing not in lives:
+            return self.site.doors[thing].closed
         here = place_of(self.executor.state, lives[thing])
         if here is None:  # between what it did and what it does
             return self.cut().poses[thing]
@@ -535,8 +532,6 @@ class Operation(Day):
 
     def _happened(self) -> None:
         """Note which orders have begun, and which are done."""
-        if self.executor is None:
-            return
         for name, meaning in self.meanings.items():
             job = self.jobs.get(meaning.what)
             phase = self.executor.phase(name)
@@ -558,8 +553,6 @@ class Operation(Day):
 
     def _command(self, now: float) -> None:
         """Tell everybody what to do; what is new is in the store first."""
-        if self.executor is None:
-            return
         # who is in no plan stays: what it was told in one before is over
         every = dict.fromkeys(self.site.robots, Hold()) | self.executor.commands(now - self.origin)
         found = {who: self._allowed(who, c) for who, c in every.items()}
@@ -583,7 +576,7 @@ class Operation(Day):
             return Hold((self.away.get(who) or self.placed[who],))
         if isinstance(command, Go):
             most = min(command.until, self.limits.get(command.motion, command.until))
-            if self.executor is not None and most < command.until:
+            if most < command.until:
                 self.executor.state.ways[command.motion, who].let = most
             return Go(command.motion, most + self.gone.get(command.motion, 0.0))
         return command
@@ -618,7 +611,7 @@ class Operation(Day):
         """Find out whether it is time to plan anew."""
         if self.waiting() or self.dropped():
             self.want("orders wait that are in no plan")
-        if self.executor is None or now < self._planned_at + RETRY:
+        if now < self._planned_at + RETRY:
             return
         if self.stranded():
             self.want("robots stand that have nothing to do there")
@@ -641,7 +634,6 @@ class Operation(Day):
         if why not in (EVERY, OVERDUE) and not self._needed(choice):
             why = EVERY
         cut, chosen = self.cut(choice.opened), choice.jobs
-        kept = Kept() if self.executor is None else kept_of(self.executor, cut)
         staying = [self.jobs[n] for n in cut.jobs if n in self.jobs]
         carried = [(r, self.jobs[w].record) for w, r in cut.carrying.items()]
         self.number += 1
@@ -650,7 +642,7 @@ class Operation(Day):
             site=upkeep.from_now(self.site, now),
             folder=self.folder,
             cut=cut,
-            kept=kept,
+            kept=kept_of(self.executor, cut),
             jobs=tuple(since_now(j.record, now, j.came) for j in chosen),
             robots=tuple(choice.opened),
             beside=choice.beside,
@@ -659,7 +651,7 @@ class Operation(Day):
             areas=self.areas,
             shut=frozenset(n for n, state in self.shut.items() if state == OUT),
             levels=upkeep.start_levels(
-                self.site, self.robots.levels, self.executor, self.meanings, cut.kept
+                self.site, self.robots.levels, self.executor.drives, self.meanings, cut.kept
             ),
             kept_jobs=tuple(since_now(j.record, now, j.came) for j in staying),
             settings=self.settings,
@@ -675,7 +667,7 @@ class Operation(Day):
         return choose(self)
 
     def _end(self) -> float:
-        return 0.0 if self.executor is None else self.executor.predicted_makespan() + self.origin
+        return self.executor.predicted_makespan() + self.origin
 
     def _needed(self, choice: OpenWork) -> bool:
         """Return whether something is planned that is in no plan."""
@@ -707,10 +699,10 @@ class Operation(Day):
         except SampError as error:
             self.cramped |= robots
             return False, " ".join(str(error).split())[:300]
-        old = self.executor
-        better = old is None or self._cost(executor, since) < self._cost(old, self.origin) - 1.0
-        if why in (EVERY, OVERDUE) and not better:
-            return False, "what is driven is no worse"
+        if why in (EVERY, OVERDUE):
+            before = self._cost(self.executor, self.origin)
+            if self._cost(executor, since) >= before - 1.0:
+                return False, "what is driven is no worse"
         self.origin = since
         self.placed.clear()
         self._keep_fleet()
@@ -733,11 +725,10 @@ class Operation(Day):
 
     def _twice(self, plan: PlanDict) -> str:
         """Return an order that would be done twice ("": there is none)."""
-        ends = [m.what for m in meanings_of(plan).values() if m.kind in DELIVERS]
-        over = [m for m in set(ends) if m in self.jobs and self.jobs[m].state is OrderState.DONE]
+        ends = Counter(m.what for m in meanings_of(plan).values() if m.kind in DELIVERS)
         kept = {m.what for n, m in self.meanings.items() if self._is_done(n) and m.kind in DELIVERS}
-        again = [m for m in over if m not in kept or ends.count(m) > 1]
-        return next(iter([*again, *(m for m in ends if ends.count(m) > 1)]), "")
+        over = {n for n, job in self.jobs.items() if job.state is OrderState.DONE} - kept
+        return next((what for what, times in ends.items() if times > 1 or what in over), "")
 
     def _joined(self, plan: PlanDict, question: Question, since: float) -> Executor:
         """Return an executor that goes on with a new plan.
@@ -745,10 +736,7 @@ class Operation(Day):
         :raises ProblemError: where something has begun meanwhile that the plan does not keep.
         """
         executor = Executor(plan, **self._following)
-        if self.executor is None:
-            executor.join(self.clock.now() - since)
-        else:
-            follow_on(executor, self.executor, question.cut, since - self.origin, self.limits)
+        follow_on(executor, self.executor, question.cut, since - self.origin, self.limits)
         return executor
 
     def _cost(self, executor: Executor, origin: float) -> float:

@@ -12,7 +12,7 @@ import pickle
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -154,21 +154,20 @@ def check_job(job: Order | Task) -> None:
 def check_fits(site: FleetRecords, record: Order | Task) -> None:
     """Raise :class:`FleetError` where an order speaks of what the site has not."""
     alone = replace(record, after=())
-    faults = [*job_faults(_with_job(site, alone), alone)]
+    faults = [*job_faults(_with_jobs(site, [alone]), alone)]
     if faults:
         raise FleetError(faults)
 
 
 def each_time(record: Order | Task) -> tuple[Order | Task, ...]:
     """Return the orders, or tasks, that a recurring one stands for, or the one that it is."""
-    return without_repeats(_with_job(FleetRecords(map=""), record)).jobs
+    return without_repeats(_with_jobs(FleetRecords(map=""), [record])).jobs
 
 
-def _with_job(site: FleetRecords, job: Order | Task) -> FleetRecords:
-    """Return a site with an order, or a task, instead of all others of its kind."""
-    if isinstance(job, Order):
-        return replace(site, orders=(job,))
-    return replace(site, tasks=(job,))
+def _with_jobs(site: FleetRecords, jobs: Collection[Order | Task]) -> FleetRecords:
+    """Return a site with some orders and tasks instead of its own."""
+    orders = tuple(job for job in jobs if isinstance(job, Order))
+    return replace(site, orders=orders, tasks=tuple(j for j in jobs if isinstance(j, Task)))
 
 
 # ------------------ The problem from the cut on
@@ -186,8 +185,7 @@ def problem_records(ask: Question) -> FleetRecords:
         robots[name] = replace(robot, start=spot, end=robot.end if there else None, shift=None)
     loaded = {name for name, _ in ask.held}
     idle = [r for r in ask.robots if r not in loaded]
-    orders: list[Order] = []
-    tasks: list[Task] = []
+    jobs: list[Order | Task] = []
     for job in ask.jobs:
         able = tuple(r for r in idle if can_do(site, r, job) and _time_left(ask, r) > 0.0)
         if not able:
@@ -196,16 +194,13 @@ def problem_records(ask: Question) -> FleetRecords:
             shift = site.robots[name].shift and (0.0, _time_left(ask, name))
             robots[name] = replace(robots[name], shift=shift)
         known = {j.id for j in ask.jobs}
-        mine = replace(job, robots=able, after=tuple(n for n in job.after if n in known))
-        if isinstance(mine, Order):
-            orders.append(mine)
-        else:
-            tasks.append(mine)
-    tasks += [_brought(order, name) for name, order in ask.held if name in ask.robots]
+        after = tuple(n for n in job.after if n in known)
+        jobs.append(replace(job, robots=able, after=after))
+    jobs += [_brought(order, name) for name, order in ask.held if name in ask.robots]
     for name in idle if len(ask.robots) > 1 else ():
         units = math.ceil(ask.cut.free.get(name, 0.0) / site.seconds_per_unit)
-        if units >= 1 and any(name in j.robots for j in (*orders, *tasks)):
-            tasks.append(_busy(name, robots[name].start, units * site.seconds_per_unit))
+        if units >= 1 and any(name in job.robots for job in jobs):
+            jobs.append(_busy(name, robots[name].start, units * site.seconds_per_unit))
     for name in ask.beside:
         _let_rest(ask, places, ask.cut.poses[name])
     zones = still_counted(site, ask.cut.poses, ask.robots)
@@ -215,11 +210,10 @@ def problem_records(ask: Question) -> FleetRecords:
     for name, leaf in _still_leaves(ask).items():
         zones[f"leaf.{name}"] = Zone(leaf, tuple(site.robot_types))
         del doors[name]
-    left = replace(
-        site, places=places, robots=robots, orders=tuple(orders), tasks=tuple(tasks), zones=zones,
-        doors=doors,
-    )  # fmt: skip
-    return with_levels(left, ask.levels, (r for t in tasks if is_charge(t.id) for r in t.robots))
+    left = replace(site, places=places, robots=robots, zones=zones, doors=doors)
+    left = _with_jobs(left, jobs)
+    charging = (r for task in left.tasks if is_charge(task.id) for r in task.robots)
+    return with_levels(left, ask.levels, charging)
 
 
 def _time_left(ask: Question, robot: str) -> float:
@@ -231,15 +225,16 @@ def _still_leaves(ask: Question) -> dict[str, Shape]:
     """Return the leaves that nobody moves: they are in the way where they stand."""
     found = {}
     for name, door in ask.site.doors.items():
-        pose = door.closed if name in ask.shut else ask.cut.poses.get(name)
-        if name in ask.shut or is_open(door, pose):
-            found[name] = leaf_at(door, pose or door.closed)
+        shut = name in ask.shut
+        pose = door.closed if shut else ask.cut.poses.get(name, door.closed)
+        if shut or is_open(door, pose):
+            found[name] = leaf_at(door, pose)
     return found
 
 
-def is_open(door: Door, pose: Pose | None) -> bool:
+def is_open(door: Door, pose: Pose) -> bool:
     """Return whether a door stands open."""
-    return pose is not None and math.dist(pose, door.open) <= TOLERANCES.place
+    return math.dist(pose, door.open) <= TOLERANCES.place
 
 
 def leaf_at(door: Door, pose: Pose) -> Shape:

@@ -9,10 +9,11 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any, Protocol
 
 from up_samp.execution.executor import Executor
-from up_samp.execution.reports import Command
-from up_samp.fleet.fields import Windows
+from up_samp.execution.reports import Command, Report
+from up_samp.fleet.fields import Windows, corners_of
 from up_samp.fleet.files import read_record
-from up_samp.fleet.records import Order, Task, Weights
+from up_samp.fleet.records import FleetRecords, Order, Task, Weights
+from up_samp.io.plan_dict import PlanDict
 from up_samp.model import ProblemError
 
 Pose = tuple[float, float, float]
@@ -99,21 +100,6 @@ def _windows(windows: Windows, by: float) -> Windows:
     return tuple([w for w in later if w[1] > 0.0] or later[-1:])
 
 
-@dataclass(frozen=True)
-class Report:
-    """What a robot tells at ``time``: its ``progress`` (m) along a motion, or its ``pose``, or that
-    an activity is over (``done``). ``error``: how far (m) it says that it may be from there.
-    """
-
-    robot: str
-    time: float
-    activity: str = ""
-    progress: float | None = None
-    pose: Pose | None = None
-    done: bool = False
-    error: float | None = None
-
-
 class Robots(Protocol):
     """The robots as the loop sees them: simulated ones, or those behind a broker."""
 
@@ -130,6 +116,28 @@ class Robots(Protocol):
 
     def follow(self, executor: Executor) -> None:
         """Take note that commands speak of the motions of another plan from now on."""
+
+
+def nothing_planned(site: FleetRecords, poses: Mapping[str, Pose]) -> PlanDict:
+    """Return a plan in which robots stand at their poses, and nobody does anything."""
+    objects = []
+    for name, pose in poses.items():
+        kind = site.robot_types[site.robots[name].type]
+        objects.append({
+            "name": name, "type": site.robots[name].type, "footprint": corners_of(kind.footprint),
+            "model": {"car": "REEDSSHEPP", "diff": "PIVOT", "omni": "SE2"}[kind.model],
+            "turning_radius": kind.turning_radius, "v_max": kind.v_max, "a_max": kind.a_max,
+            "omega_max": kind.omega_max, "initial": list(pose), "reverse": kind.reverse != "never",
+            **site.senses(name),
+        })  # fmt: skip
+    nothing = {"tasks": [], "edges": [], "bounds": [], "edges_before_reduction": 0}
+    return {
+        "format": "up-samp-plan", "version": 1, "problem": site.name, "engine": "", "number": 0,
+        "status": "SOLVED_SATISFICING", "seconds_per_unit": 1.0, "lower_bound": None,
+        "makespan": 0.0, "map": {"yaml": site.map}, "objects": objects, "activities": [],
+        "motions": [], "changes": [], "meanings": {},
+        "dependencies": {**nothing, "margin": site.margin},
+    }  # fmt: skip
 
 
 # ------------------ How a day is operated: budgets, thresholds, and how much is planned at a time

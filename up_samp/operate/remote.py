@@ -18,13 +18,12 @@ import numpy as np
 from annotated_types import Ge, Le
 
 from up_samp.execution.executor import Executor
-from up_samp.execution.reports import Command, Do, Go, Hold
+from up_samp.execution.reports import Command, Do, Go, Hold, Report
 from up_samp.fleet.fields import NUMBER, STRICT, Pose
 from up_samp.fleet.files import read_record
 from up_samp.fleet.records import FleetRecords
 from up_samp.model import ProblemError
 from up_samp.motion.fleet.paths import Path
-from up_samp.operate.records import Report
 from up_samp.operate.stitch import whole_motion
 from up_samp.operate.upkeep import action_of
 from up_samp.operate.zones import stretches_told
@@ -65,7 +64,7 @@ class RemoteRobots:
         self._commands: dict[str, Message] = dict.fromkeys(site.robots, nothing)
         self._inbox: queue.SimpleQueue[tuple[str, RobotTold]] = queue.SimpleQueue()
         self._heard: dict[str, float] = {}
-        self._executor: Executor | None = None
+        self._executor: Executor
 
     # ------------------------------------------------------------------ for the loop
 
@@ -88,7 +87,6 @@ class RemoteRobots:
             case Go(motion, until):
                 return {"kind": "go", "motion": motion, "until": round(until, 4)}
             case Do(name, may_end):
-                assert self._executor is not None
                 kind, what, _ = self._executor.plan["meanings"][name]
                 kind = action_of(kind, what)
                 told = {"activity": name, "action": kind, "order": what, "may_end": may_end}
@@ -136,9 +134,8 @@ class RemoteRobots:
         :raises ProblemError: where it is not to drive.
         """
         name, executor = self.command(robot).get("motion", ""), self._executor
-        motions = () if executor is None else executor.plan["motions"]
-        motion = next((m for m in motions if m["activity"] == name), None)
-        if executor is None or motion is None:
+        motion = next((m for m in executor.plan["motions"] if m["activity"] == name), None)
+        if motion is None:
             raise ProblemError(f"'{robot}' is not to drive anywhere now")
         begun = motion.get("from", 0.0) + max(0.0, executor.state.ways[name, robot].progress)
         pieces = pieces_told(motion, executor.drives[name, robot].path)

@@ -1,25 +1,29 @@
-"""Simulated robots for a day: noise, delays, lost and repeated messages, breakdowns.
-
-They drive as :class:`up_samp.execution.simulate.SimulatedRobot` does, know nothing of the plan but
-what they are told, and keep what they really drove, for whoever judges it.
-"""
+"""Simulated robots for a day: lost and repeated messages, breakdowns, batteries, moved by hand."""
 
 from __future__ import annotations
 
 import random
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from up_samp.execution.executor import Executor
-from up_samp.execution.reports import Command, Do, Go, Hold
-from up_samp.execution.simulate import Delays, Luck, SimulatedRobot
+from up_samp.execution.floor import (
+    Delays,
+    Drive,
+    Handled,
+    Luck,
+    SimulatedFloor,
+    SimulatedRobot,
+    luck_of,
+)
+from up_samp.execution.reports import Report
 from up_samp.fleet.batteries import first_level
 from up_samp.fleet.records import FleetRecords
 from up_samp.model.arrays import FloatArray
-from up_samp.operate.records import Pose, Report
+from up_samp.operate.records import Pose
 from up_samp.operate.upkeep import batteries_of, is_charge, seconds_to_fill
 
 NOWHERE = FleetRecords(map="")
@@ -41,54 +45,13 @@ class Mishaps:
     breakdowns: tuple[tuple[float, str, float], ...] = ()
 
 
-@dataclass
-class Drive:
-    """What a robot drove: rows (t, x, y, theta), at rest before and after, shape (n, 4)."""
-
-    robot: str
-    activity: str
-    rows: FloatArray = field(default_factory=lambda: np.empty((0, 4)))
-
-    def __post_init__(self) -> None:
-        self.rows = np.asarray(self.rows, dtype=np.float64)  # lists take six times the memory
-
-
 def driven_until(rows: FloatArray) -> float:
     """Return when a robot came to the pose at which a drive ends (s)."""
     before = np.flatnonzero(np.any(rows[:, 1:] != rows[-1, 1:], axis=1))
     return float(rows[np.max(before, initial=-1) + 1, 0])
 
 
-@dataclass(frozen=True)
-class Handled:
-    """What was done at a place: ``kind`` as in :class:`up_samp.fleet.statements.Kind` by its value,
-    of which order (``what``), by whom, from when to when (s).
-    """
-
-    kind: str
-    what: str
-    robot: str
-    start: float
-    end: float
-
-
-Told = tuple[Mapping[tuple[str, str], Any], Mapping[tuple[str, str], Any], Mapping[str, float], Any]
-"""What robots know of a plan: their paths and how fast these may be driven (by activity and robot),
-how long tasks last (s), and what activities stand for.
-"""
-
-
-def routes_told(executor: Executor) -> Told:
-    """Return what robots know of an executor's plan."""
-    return (
-        {key: drive.path for key, drive in executor.drives.items()},
-        dict(executor.dependencies.travels),
-        {n: t.expected for n, t in executor.state.graph.tasks.items()},
-        executor.plan["meanings"],
-    )
-
-
-class SimulatedRobots:
+class SimulatedRobots(SimulatedFloor):
     """All robots of a site on a simulated floor; times are those of the day."""
 
     def __init__(
@@ -98,115 +61,46 @@ class SimulatedRobots:
         seed: int = 0,
         site: FleetRecords = NOWHERE,
     ) -> None:
-        self.mishaps, self.seed = mishaps, seed
+        luck = {n: _luck(mishaps.delays, n, seed, site.senses(n)) for n in poses}
+        super().__init__(poses, luck, mishaps.delays, seed)
+        self.mishaps, self.initial = mishaps, dict(poses)
         self.faults: list[tuple[str, str]] = []
         self.site, self.batteries = site, batteries_of(site)
         self.levels = {n: first_level(site, n) / b.capacity for n, b in self.batteries.items()}
         """Shares of full batteries, by robot."""
-        self.poses: dict[str, Pose] = dict(poses)
-        self.initial = dict(poses)
-        self.robots = {n: SimulatedRobot(n, self._luck(n, site.senses(n))) for n in poses}
-        self.drives: list[Drive] = []
         self.handled: list[Handled] = []
-        self.waits: dict[str, list[tuple[float, float, Pose]]] = {n: [] for n in poses}
-        """(from, until, where) robots stood though they had a motion to drive, and were not broken
-        down.
-        """
         self.broken: dict[str, float] = {}
-        self._ends: dict[str, tuple[float, str, float]] = {}
-        self._paths: Mapping[tuple[str, str], Any] = {}
-        self._path_of: dict[str, Any] = {}
-        """The path of the motion that each robot drives, or drove last."""
-        self._travels: Mapping[tuple[str, str], Any] = {}
         self._told_at: dict[str, float] = {}
-        self._expected: Mapping[str, float] = {}
         self._meanings: dict[str, Any] = {}
-        self._may: dict[str, bool] = {}
-        self._now = 0.0
         self._random = random.Random(f"messages {seed}")
         self._later: list[Report] = []
-        self._finished: set[str] = set()
-
-    def _luck(self, name: str, senses: Mapping[str, float]) -> Luck:
-        """Return what goes wrong with a robot, which may be as wrong and as late as it says."""
-        d = self.mishaps.delays
-        rng = random.Random(f"robot {name} {self.seed}")
-        stops, at = [], 0.0
-        while d.stops > 0.0 and d.stop_seconds > 0.0 and at < 12 * 3600:
-            at += rng.expovariate(d.stops / 60.0)
-            stops.append((at, rng.expovariate(1.0 / d.stop_seconds)))
-        bias = rng.choice((-1.0, 1.0)) * d.bias * rng.random()
-        tracked = rng.random() < 0.5
-        noise, lag = senses.get("localisation", d.noise), senses.get("latency", d.lag)
-        return Luck(
-            1.0 - d.slow * rng.random(), tuple(stops), None, bias, noise, lag, tracked,
-            seed=f"{name} {self.seed}",
-        )  # fmt: skip
+        self._over: set[str] = set()
 
     def follow(self, executor: Executor) -> None:
-        """Know the paths of another plan."""
-        self.know(routes_told(executor))
-
-    def know(self, told: Told) -> None:
-        """Know the paths of another plan, without its executor."""
-        self._paths, self._travels, self._expected, meanings = told
-        self._meanings |= meanings
-
-    def tell(self, commands: Mapping[str, Command], now: float) -> None:
-        """Obey from now on."""
-        self._may = {}
-        for name, robot in self.robots.items():
-            command = commands.get(name)
-            if isinstance(command, Go):
-                if robot.motion != command.motion:
-                    self._begin(robot, command.motion, now)
-                robot.until = command.until
-            robot.hold = isinstance(command, Hold)
-        for who, command in commands.items():
-            if isinstance(command, Do):
-                self._may[command.activity] = command.may_end
-                if command.activity not in self._ends and command.activity not in self._finished:
-                    rng = random.Random(f"task {command.activity} {self.seed}")
-                    longer = 1.0 + self.mishaps.delays.late * rng.random()
-                    end = now + self._expected[command.activity] * longer
-                    self._ends[command.activity] = (end, who, now)
-
-    def _begin(self, robot: SimulatedRobot, motion: str, now: float) -> None:
-        self._keep(robot)
-        self._path_of[robot.name] = self._paths[motion, robot.name]
-        robot.begin(motion, self._travels[motion, robot.name], now)
-        self.drives.append(Drive(robot.name, motion))
-
-    def _keep(self, robot: SimulatedRobot) -> None:
-        """Put what a robot has driven on record."""
-        if robot.motion is None:
-            return
-        path = self._path_of[robot.name]
-        drive = next(d for d in reversed(self.drives) if d.robot == robot.name)
-        times, s = np.array(robot.trace).T
-        drive.rows = np.column_stack([times, path.poses_at(np.clip(s, 0.0, path.length))])
-        x, y, theta = (float(v) for v in drive.rows[-1, 1:])
-        self.poses[robot.name] = (x, y, theta)
+        """Know the motions and tasks of another plan."""
+        super().follow(executor)
+        self._meanings |= executor.plan["meanings"]
 
     def pose(self, name: str) -> Pose:
         """Return where a robot really is."""
-        path = self._path_of.get(name)
-        if path is None:
-            return self.poses[name]
-        s = min(self.robots[name].s, path.length)
-        x, y, theta = (float(v) for v in path.poses_at(np.array([s]))[0])
-        return x, y, theta
+        return self.robots[name].pose
 
     def put(self, name: str, pose: Pose) -> None:
         """Put a robot somewhere by hand: it does nothing, and forgets what it was told."""
         robot = self.robots[name]
-        self._ends = {a: end for a, end in self._ends.items() if end[1] != name}
+        self.work = {a: w for a, w in self.work.items() if w.robot != name or a in self._over}
+        self._may = {a: may_end for a, may_end in self._may.items() if a in self.work}
         self._keep(robot)
-        robot.motion = None
-        self._path_of.pop(name, None)
-        self.poses[name] = pose
-        rows = np.array([[self._now, *pose], [self._now + 1e-3, *pose]])
+        robot.motion, robot.place = None, pose
+        rows = np.array([[self.now, *pose], [self.now + 1e-3, *pose]])
         self.drives.append(Drive(name, "by hand", rows))
+
+    def _keep(self, robot: SimulatedRobot) -> None:
+        """Put what a robot has driven on record, as poses."""
+        if robot.motion is not None:
+            times, s = np.array(robot.trace).T
+            poses = robot.path.poses_at(np.clip(s, 0.0, robot.path.length))
+            robot.drive.rows = np.column_stack([times, poses])
 
     def step(self, now: float, seconds: float) -> None:
         """Drive for some seconds from ``now`` on."""
@@ -214,20 +108,21 @@ class SimulatedRobots:
             if when <= now < when + lasts and name not in self.broken:
                 self.broken[name] = when + lasts
         self.broken = {n: end for n, end in self.broken.items() if end > now}
-        self._now = round(now + seconds, 6)
-        for activity, (end, who, _) in self._ends.items():
-            if now < end and is_charge(self._meanings[activity][1]):
-                self.charge(who, seconds)
+        for name in self.broken:
+            self.robots[name].held_until = max(self.robots[name].held_until, now + seconds)
+        for name in self._may:
+            work = self.work[name]
+            if now < work.end and is_charge(self._meanings[name][1]):
+                self.charge(work.robot, seconds)
+        was = {name: robot.s for name, robot in self.robots.items()}
+        self.drive(now, seconds)
         for name, robot in self.robots.items():
-            if robot.motion is None:
-                continue
-            if name in self.broken:
-                robot.held_until = max(robot.held_until, now + seconds)
-            was = robot.s
-            robot.step(now, seconds)
-            self.discharge(name, robot.s - was, seconds)
-            if robot.s <= was and robot.s < robot.length - 0.01 and name not in self.broken:
-                self._wait(name, now, self._now)
+            self.discharge(name, robot.s - was[name], seconds)
+        for name in self.stood:
+            robot = self.robots[name]
+            on_way = robot.motion is not None and robot.s < robot.length - 0.01
+            if on_way and name not in self.broken:
+                self.waited(name, seconds)
 
     def discharge(self, robot: str, metres: float, seconds: float) -> None:
         """Take from a battery what a drive takes; who stands uses nothing."""
@@ -242,39 +137,23 @@ class SimulatedRobots:
         rate = battery.capacity / seconds_to_fill(self.site, battery, battery.capacity)
         self.levels[robot] = min(1.0, self.levels[robot] + rate * seconds / battery.capacity)
 
-    def _wait(self, name: str, since: float, until: float) -> None:
-        waits = self.waits[name]
-        if waits and abs(waits[-1][1] - since) < 1e-6:
-            waits[-1] = (waits[-1][0], until, waits[-1][2])
-        else:
-            waits.append((since, until, self.pose(name)))
-
     def reports(self, now: float) -> Iterable[Report]:
         """Return what robots tell: where they are, and what they have done."""
         found, self._later = self._later, []
         for name, robot in self.robots.items():
-            if robot.motion is None:
+            told = [*self.told_by(robot, now)]
+            if now >= self._told_at.get(name, 0.0) + (SELDOM if robot.v == 0.0 else OFTEN):
+                self._told_at[name] = now
+                found += (r for report in told for r in self._sent(report))
+        for name in self.done(now):
+            work = self.work[name]
+            if work.robot in self.broken:
                 continue
-            told = robot.told(now)
-            if now < self._told_at.get(name, 0.0) + (SELDOM if robot.v == 0.0 else OFTEN):
-                continue
-            self._told_at[name] = now
-            if told is not None:
-                told = min(max(told, 0.0), robot.length)
-                found += self._sent(Report(name, now, robot.motion, told))
-            if robot.arrived:
-                found += self._sent(Report(name, now, robot.motion, done=True))
-        for activity, (end, who, since) in list(self._ends.items()):
-            if end <= now and self._may.get(activity, False) and who not in self.broken:
-                report = Report(who, now, activity, done=True)
-                sent = self._sent(report)
-                found += sent
-                if activity not in self._finished:
-                    self._finished.add(activity)
-                    kind, what, _ = self._meanings[activity]
-                    self.handled.append(Handled(kind, what, who, since, now))
-            elif activity in self._finished and activity not in self._may:
-                del self._ends[activity]
+            found += self._sent(Report(work.robot, now, name, done=True))
+            if name not in self._over:
+                self._over.add(name)
+                kind, what, _ = self._meanings[name]
+                self.handled.append(replace(work, kind=kind, what=what, end=now))
         return found
 
     def _sent(self, report: Report) -> list[Report]:
@@ -285,10 +164,12 @@ class SimulatedRobots:
             self._later.append(report)
         return [report]
 
-    def close(self) -> None:
-        """Put what is driven last on record."""
-        for robot in self.robots.values():
-            self._keep(robot)
+
+def _luck(delays: Delays, robot: str, seed: int, senses: Mapping[str, float]) -> Luck:
+    """Return what goes wrong with a robot, which may be as wrong and as late as it says."""
+    found = luck_of(delays, robot, seed, 12 * 3600.0)
+    noise, lag = senses.get("localisation", found.noise), senses.get("latency", found.lag)
+    return replace(found, noise=noise, lag=lag, silent=False)
 
 
 class SteppedClock:

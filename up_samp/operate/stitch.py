@@ -20,13 +20,12 @@ import numpy as np
 
 from up_samp.execution.build import Dependencies, Draft, tasks_of
 from up_samp.execution.executor import Executor
-from up_samp.execution.files import event_from_list, graph_to_dict
-from up_samp.execution.forecast import Forecast
-from up_samp.execution.graph import MEETING, ORIGIN, ZONE, At, Event, PlannedTask
+from up_samp.execution.files import edge_from_dict, graph_to_dict
+from up_samp.execution.graph import MEETING, ORIGIN, ZONE, At, Edge, Event
 from up_samp.execution.lives import DriveCells, drives_of, errors_of, lives_of
 from up_samp.execution.meetings import Key, Meeting, meetings_of
 from up_samp.execution.reorder import Goal, propose, settle
-from up_samp.execution.state import MotionUnderWay, TaskPhase
+from up_samp.execution.state import Forecast, MotionUnderWay, TaskPhase
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.fleet.records import FleetRecords, Order, Task, visited
 from up_samp.fleet.statements import Meaning
@@ -45,14 +44,14 @@ BUSY = "busy."
 @dataclass(frozen=True)
 class Kept:
     """What stays of a plan, on the clock of the cut: activities, motions and changes as in plan
-    files, and edges (first, then, lag, kind, why).
+    files, and edges.
     """
 
     objects: tuple[dict[str, Any], ...] = ()
     activities: tuple[dict[str, Any], ...] = ()
     motions: tuple[dict[str, Any], ...] = ()
     changes: tuple[dict[str, Any], ...] = ()
-    edges: tuple[tuple[Event, Event, float, str, str], ...] = ()
+    edges: tuple[Edge, ...] = ()
     expected: Mapping[str, float] = field(default_factory=dict)
     initial: Mapping[str, Pose] = field(default_factory=dict)
     meanings: Mapping[str, Meaning] = field(default_factory=dict)
@@ -142,14 +141,29 @@ def _begun(motion: Mapping[str, Any], at: float | None) -> Mapping[str, Any]:
     """Return a motion from ``at`` m on; ``from`` is how much of it is left out."""
     if not at:
         return motion
-    rows, s = np.asarray(motion["samples"]), np.asarray(motion["progress"])
+    s = motion["progress"]
     k = min(int(np.searchsorted(s, at, side="right")), len(s) - 1)
-    share = (at - s[k - 1]) / (s[k] - s[k - 1]) if s[k] > s[k - 1] else 0.0
-    first = rows[k - 1] + share * (rows[k] - rows[k - 1])
-    samples = [[round(float(v), 9) for v in first], *motion["samples"][k:]]
+    samples = [_sample(motion, k, at), *motion["samples"][k:]]
     progress = [0.0, *(round(float(p - at), 6) for p in s[k:])]
     left = round(motion.get("from", 0.0) + at, 6)
     return {**motion, "samples": samples, "progress": progress, "from": left}
+
+
+def _ended(motion: Mapping[str, Any], at: float | None) -> Mapping[str, Any]:
+    """Return a motion up to ``at`` m."""
+    s = motion["progress"]
+    if at is None or at - TOLERANCES.arrived > s[-1]:
+        return motion
+    k = max(1, int(np.searchsorted(s, at - TOLERANCES.arrived)))
+    samples = [*motion["samples"][:k], _sample(motion, k, at)]
+    return {**motion, "samples": samples, "progress": [*s[:k], round(at, 6)]}
+
+
+def _sample(motion: Mapping[str, Any], k: int, at: float) -> list[float]:
+    """Return the sample of a motion at ``at`` m, between its samples ``k`` - 1 and ``k``."""
+    (one, two), (low, high) = motion["samples"][k - 1 : k + 1], motion["progress"][k - 1 : k + 1]
+    share = (at - low) / (high - low) if high > low else 0.0
+    return [round(float(a + share * (b - a)), 9) for a, b in zip(one, two, strict=True)]
 
 
 def whole_motion(motion: Mapping[str, Any]) -> dict[str, Any]:
@@ -158,38 +172,16 @@ def whole_motion(motion: Mapping[str, Any]) -> dict[str, Any]:
     return {**motion, "progress": [p + begun for p in motion["progress"]]}
 
 
-def _ended(motion: Mapping[str, Any], at: float | None) -> Mapping[str, Any]:
-    """Return a motion up to ``at`` m."""
-    if at is None:
-        return motion
-    rows, s = np.asarray(motion["samples"]), np.asarray(motion["progress"])
-    k = int(np.searchsorted(s, at - TOLERANCES.arrived))
-    if k >= len(s):
-        return dict(motion)
-    share = (at - s[k - 1]) / (s[k] - s[k - 1]) if k and s[k] > s[k - 1] else 1.0
-    last = rows[max(k - 1, 0)] + share * (rows[k] - rows[max(k - 1, 0)])
-    kept = [*motion["samples"][:k], [round(float(v), 9) for v in last]]
-    return {**motion, "samples": kept, "progress": [*motion["progress"][:k], round(at, 6)]}
-
-
-def _edges(executor: Executor, cut: Cut) -> Iterable[tuple[Event, Event, float, str, str]]:
+def _edges(executor: Executor, cut: Cut) -> Iterator[Edge]:
     """Yield what the old graph says of what is kept, beside who lets whom pass, or into a zone."""
-    graph, names = executor.state.graph, set(cut.kept)
-    for edge in graph.edges:
-        first, then = graph.events[edge.first], graph.events[edge.then]
-        if edge.kind in (MEETING, ZONE) or then.activity not in names:
-            continue
-        if any(_lost(e, cut) for e in (first, then)):
-            continue
-        if any(_passed(e, cut) for e in (first, then)):
-            continue
-        first, then = _moved(first, cut), _moved(then, cut)
-        if first.at is At.ORIGIN:
-            lag = edge.lag - cut.since
-            if lag > 0.0:
-                yield first, then, lag, edge.kind, edge.why
-        elif first.activity in names:
-            yield first, then, edge.lag, edge.kind, edge.why
+    names = {*cut.kept, ORIGIN.activity}
+    for edge in executor.state.graph.edges:
+        ends = edge.first, edge.then
+        stays = {e.activity for e in ends} <= names and edge.kind not in (MEETING, ZONE)
+        if stays and not any(_lost(e, cut) or _passed(e, cut) for e in ends):
+            first, then = (_moved(e, cut) for e in ends)
+            lag = edge.lag - cut.since if first == ORIGIN else edge.lag
+            yield Edge(first, then, lag, edge.kind, edge.why)
 
 
 def _passed(event: Event, cut: Cut) -> bool:
@@ -235,7 +227,7 @@ def stitched(ask: Question, new: PlanDict, meanings: Mapping[str, Meaning]) -> P
 
     Raises :class:`ProblemError` where nobody could follow it.
     """
-    kept = ask.kept
+    kept, said = ask.kept, new["dependencies"]
     names = {
         a["name"]: f"{a['name']}#{ask.number}"
         for a in new["activities"]
@@ -244,15 +236,21 @@ def stitched(ask: Question, new: PlanDict, meanings: Mapping[str, Meaning]) -> P
     plan = _behind(kept, new, names)
     known = {**kept.meanings, **{n: meanings[old] for old, n in names.items()}}
     plan["meanings"] = {n: [m.kind.value, m.what, m.robot] for n, m in known.items()}
+    tasks = (t for t in said["tasks"] if t["activity"] in names)
+    expected = {**kept.expected, **{names[t["activity"]]: float(t["expected"]) for t in tasks}}
+    needs = [*kept.edges, *_renamed(map(edge_from_dict, said["edges"]), names)]
+    for one, two in _after(ask, names.values(), known):
+        first, then, why = Event(At.END, one), Event(At.START, two), f"{one} was there before"
+        needs.append(Edge(first, then, TOLERANCES.strict, "object", why))
     goals = goals_of(known, (*ask.kept_jobs, *ask.to_do))
-    first = _dependencies(ask, plan, new, names, known, ask.settings.lead)
+    open_ = _dependencies(ask, plan, said, needs, expected, ask.settings.lead)
     told = ask.settings.lead, ask.settings.ahead, ask.cut.gone
-    plan = ordered(plan, first, goals, ask.cut.begun, *told)
-    last = _dependencies(ask, plan, new, names, known)
+    plan = ordered(plan, open_, goals, ask.cut.begun, *told)
+    last = _dependencies(ask, plan, said, needs, expected)
     plan["dependencies"] = {
         **graph_to_dict(last.graph),
         "localisation": last.localisation,
-        "narrow": new["dependencies"].get("narrow", []),
+        "narrow": said.get("narrow", []),
     }
     return with_minor(plan) | {"on_board": dict(ask.on_board)}
 
@@ -298,18 +296,31 @@ def _behind(kept: Kept, new: PlanDict, names: Mapping[str, str]) -> PlanDict:
     return plan
 
 
+def _renamed(edges: Iterable[Edge], names: Mapping[str, str]) -> Iterator[Edge]:
+    """Yield what edges say of activities that are called otherwise in the whole plan."""
+    for edge in edges:
+        ends = edge.first, edge.then
+        if edge.kind != MEETING and {e.activity for e in ends} <= {"", *names}:
+            first, then = (replace(e, activity=names.get(e.activity, "")) for e in ends)
+            yield replace(edge, first=first, then=then)
+
+
 def _dependencies(
     ask: Question,
     plan: PlanDict,
-    new: PlanDict,
-    names: Mapping[str, str],
-    known: Mapping[str, Meaning],
+    said: Mapping[str, Any],
+    needs: Iterable[Edge],
+    expected: Mapping[str, float],
     lead: float = 0.0,
 ) -> Dependencies:
-    """Return what depends on what; ``lead``: nothing new begins within so many seconds, and where
-    what is kept cannot go first everywhere, it is left open who does.
+    """Return what depends on what, beside what is needed anyhow. ``said``: the new plan's own
+    dependencies; ``expected``: how long (s) activities last; ``lead``: nothing new begins within so
+    many seconds, and where what is kept cannot go first everywhere, it is left open who does.
     """
-    said, lives, fresh = new["dependencies"], lives_of(plan), set(names.values())
+    lives = lives_of(plan)
+    fresh = [name for name in plan["meanings"] if name not in ask.kept.meanings]
+    who = {n: ((robot,) if robot else ()) for n, (_, _, robot) in plan["meanings"].items()}
+    tasks = tasks_of(plan, who, expected)
     margin, error = float(said["margin"]), float(said.get("localisation", 0.0))
     # once it has its times these say who goes first everywhere
     meetings = tuple(meetings_of(lives, margin, error, leaving=fresh if lead else ()))
@@ -318,10 +329,12 @@ def _dependencies(
         sides |= meeting.untimed
 
     def told(met: Iterable[Meeting]) -> Dependencies:
-        draft = Draft(_tasks(plan, ask.kept, said, names, known), lives)
-        _put_needs(draft, ask, said, names, known)
-        for name in names.values() if lead else ():
-            draft.put(ORIGIN, Event(At.START, name), lead, "constraint", "it is planned until then")
+        draft = Draft(tasks, lives)
+        for need in needs:
+            draft.put(need)
+        for name in fresh if lead else ():
+            begin, why = Event(At.START, name), "it is planned until then"
+            draft.put(Edge(ORIGIN, begin, lead, "constraint", why))
         for meeting in met:
             draft.add_meeting(meeting, sides)
         choices = keep_zones(draft, lives, ask.site, errors_of(lives, error))
@@ -333,47 +346,8 @@ def _dependencies(
     except ProblemError:
         if not lead:
             raise
-        crossed = {key for m in meetings if fresh & m.activities for key in m.keys}
+        crossed = {k for m in meetings if not m.activities.isdisjoint(fresh) for k in m.keys}
         return replace(told(()), undecided=frozenset(crossed - sides.keys()))
-
-
-def _tasks(
-    plan: PlanDict,
-    kept: Kept,
-    said: Mapping[str, Any],
-    names: Mapping[str, str],
-    known: Mapping[str, Meaning],
-) -> dict[str, PlannedTask]:
-    expected = dict(kept.expected)
-    expected |= {
-        names[t["activity"]]: float(t["expected"]) for t in said["tasks"] if t["activity"] in names
-    }
-    who = {n: ((m.robot,) if m.robot else ()) for n, m in known.items()}
-    return {n: replace(t, expected=expected[n]) for n, t in tasks_of(plan, who).items()}
-
-
-def _put_needs(
-    draft: Draft,
-    ask: Question,
-    said: Mapping[str, Any],
-    names: Mapping[str, str],
-    known: Mapping[str, Meaning],
-) -> None:
-    """Put what both plans say, and what of the new one comes after what of the old one."""
-    for edge in ask.kept.edges:
-        draft.put(*edge)
-    for entry in said["edges"]:
-        first, then = (event_from_list(entry[side]) for side in ("first", "then"))
-        if entry["kind"] != MEETING and {first.activity, then.activity} - {""} <= set(names):
-            pair = (_named(first, names), _named(then, names))
-            draft.put(*pair, float(entry["lag"]), entry["kind"], entry["why"])
-    for one, two in _after(ask, names.values(), known):
-        first, then = Event(At.END, one), Event(At.START, two)
-        draft.put(first, then, TOLERANCES.strict, "object", f"{one} was there before")
-
-
-def _named(event: Event, names: Mapping[str, str]) -> Event:
-    return replace(event, activity=names.get(event.activity, event.activity))
 
 
 def _after(
@@ -430,7 +404,7 @@ def follow_on(
             gone = cut.starts.get(name, 0.0)
             under_way[name] = {w.object: w.told - gone for w in old.state.ways_of[name]}
     executor.join(max(0.0, old.now - by), done=done, under_way=under_way, times=times)
-    executor.pace.load(old.pace.saved())
+    executor.state.pace.load(old.state.pace.saved())
     for robot, where in old.strayed.items():  # others still keep away from there
         executor.update(robot, pose=where.pose, now=max(0.0, old.now - by))
     least: dict[str, float] = {}
@@ -467,7 +441,7 @@ def _move_gates(
         at, number = gate
         events, when = state.graph.events, state.when
         there = _on_whole(events[number], cut)
-        waits = (events[e.first] for e in state.into[number] if when[e.first] is None)
+        waits = (edge.first for k, edge in state.into[number] if when[k] is None)
         firsts = [_on_whole(event, cut) for event in waits]
         if not firsts or not all(_lets_first(old, first, there) for first in firsts):
             return
@@ -484,14 +458,13 @@ def _lets_first(old: Executor, first: Event, then: Event) -> bool:
     ``first`` is on another one: as near as its body is large.
     """
     state, near = old.state, old.drives[then.activity, then.object].path.radius
-    events = state.graph.events
     return any(
-        abs(events[edge.first].progress - first.progress) <= near
+        abs(edge.first.progress - first.progress) <= near
         for at, number in state.of_object[then.object].gates
         if abs(at - then.progress) <= near
-        for edge in state.into[number]
+        for _, edge in state.into[number]
         if edge.kind == MEETING
-        if events[edge.first].activity == first.activity
+        if edge.first.activity == first.activity
     )
 
 

@@ -16,8 +16,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from up_samp.execution.reports import Report
 from up_samp.model import SampError
-from up_samp.operate.records import DayOrder, OrderState, Report, job_data, job_record
+from up_samp.operate.records import DayOrder, OrderState, job_data, job_record
 
 MIGRATIONS = (
     """

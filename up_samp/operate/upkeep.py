@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 
-from up_samp.execution.executor import Executor
+from up_samp.execution.lives import DriveCells
 from up_samp.fleet.records import Battery, Charger, FleetRecords, Robot, Task
 from up_samp.fleet.statements import Meaning
 from up_samp.model import ProblemError
@@ -98,7 +98,7 @@ def low(site: FleetRecords, levels: Mapping[str, float], share: float) -> list[s
 def start_levels(
     site: FleetRecords,
     levels: Mapping[str, float],
-    executor: Executor | None,
+    drives: Mapping[tuple[str, str], DriveCells],
     meanings: Mapping[str, Meaning],
     kept: Iterable[str],
 ) -> dict[str, float]:
@@ -106,7 +106,6 @@ def start_levels(
     ``kept``: what it told last less what its drives until then take; full where it charges.
     """
     names = set(kept)
-    drives = {} if executor is None else executor.drives
     ahead = [drive for (name, _), drive in drives.items() if name in names]
     charged = {m.robot for n, m in meanings.items() if n in names and is_charge(m.what)}
     found = {}

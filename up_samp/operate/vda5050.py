@@ -33,13 +33,13 @@ from paho.mqtt.enums import CallbackAPIVersion
 
 from up_samp.execution.executor import Executor
 from up_samp.execution.graph import PlannedTask
-from up_samp.execution.reports import Command, Go, Hold
+from up_samp.execution.reports import Command, Go, Hold, Report
 from up_samp.export.steps import PathPiece, pieces_of, wrapped
 from up_samp.export.vda5050 import LATER, earlier, edge_of, later, node_of
 from up_samp.fleet.fields import corners_of
 from up_samp.fleet.records import FleetRecords
 from up_samp.model import ProblemError
-from up_samp.operate.records import Pose, Report
+from up_samp.operate.records import Pose
 from up_samp.operate.stitch import whole_motion
 from up_samp.operate.upkeep import action_of
 from up_samp.operate.zones import stretches_told
@@ -330,26 +330,20 @@ class MasterControl:
     def _reported(self, agv: Agv, now: float) -> list[Report]:
         fresh, agv.new = agv.new, False
         pose, error = _pose_in(agv.position), agv.position.get("deviationRange")
-        if not agv.activity or not agv.shown:
-            return [Report(agv.name, now, pose=pose, error=error)] if fresh and pose else []
-        moves = agv.activity in self._motions
-        found = []
-        if fresh and moves:
-            found.append(self._where(agv, now))
-        elif fresh and pose:
-            found.append(Report(agv.name, now, pose=pose, error=error))
-        if self._finished(agv, moves, now) and (fresh or now >= agv.over + AGAIN):
+        activity = agv.activity if agv.shown else ""
+        moves, found = activity in self._motions, []
+        if fresh and pose is not None:
+            motion = activity if moves else ""
+            found.append(Report(agv.name, now, motion, pose=pose, error=error))
+        elif fresh and moves:
+            passed = agv.state.get("lastNodeSequenceId", 0)
+            progress = max((s for q, s in agv.nodes if q <= passed), default=0.0)
+            found.append(Report(agv.name, now, activity, progress))
+        over = activity and self._finished(agv, moves, now)
+        if over and (fresh or now >= agv.over + AGAIN):
             agv.over = now
-            found.append(Report(agv.name, now, agv.activity, done=True))
+            found.append(Report(agv.name, now, activity, done=True))
         return found
-
-    def _where(self, agv: Agv, now: float) -> Report:
-        pose, passed = _pose_in(agv.position), agv.state.get("lastNodeSequenceId", 0)
-        if pose is not None:
-            error = agv.position.get("deviationRange")
-            return Report(agv.name, now, agv.activity, pose=pose, error=error)
-        progress = max((s for q, s in agv.nodes if q <= passed), default=0.0)
-        return Report(agv.name, now, agv.activity, progress=progress)
 
     def _finished(self, agv: Agv, moves: bool, now: float) -> bool:
         """Return whether a robot has done its order."""

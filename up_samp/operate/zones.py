@@ -20,7 +20,7 @@ from shapely.geometry import Polygon
 from shapely.geometry.base import BaseGeometry
 
 from up_samp.execution.build import Draft
-from up_samp.execution.graph import ZONE, At, Choice, Event, Precedence
+from up_samp.execution.graph import ZONE, At, Choice, Edge, Event
 from up_samp.execution.lives import DriveCells, Life, Piece
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.export.steps import PathPiece, stretches_of
@@ -94,9 +94,9 @@ def keep_zones(
             found += _one_by_one(draft, visits, why)
         else:
             for first, then in _in_rooms(visits, zone.max_robots, why):
-                draft.put(first, then, 0.0, ZONE, why)
-    for choice in found:
-        draft.put_choice(choice)
+                draft.put(Edge(first, then, 0.0, ZONE, why))
+    for planned, _ in found:
+        draft.put(planned)
     return tuple(found)
 
 
@@ -152,12 +152,12 @@ def _one_by_one(draft: Draft, visits: Sequence[ZoneVisit], why: str) -> Iterator
             continue
         if one.leaves is None or one.until > two.since + 2 * TOLERANCES.late:
             raise ProblemError(f"'{two.robot}' and '{one.robot}' would be in one: {why}")
-        planned = Precedence(one.leaves, two.enters, 0.0, why)
+        planned = Edge(one.leaves, two.enters, 0.0, ZONE, why)
         if one.enters is None or two.leaves is None:
-            draft.put(planned.first, planned.then, 0.0, ZONE, why)
+            draft.put(planned)
         else:
-            other = Precedence(two.leaves, one.enters, 0.0, why)
-            yield Choice((planned, other), ZONE, why)
+            other = Edge(two.leaves, one.enters, 0.0, ZONE, why, free=True)
+            yield replace(planned, free=True), other
 
 
 def _in_rooms(visits: Iterable[ZoneVisit], most: int, why: str) -> Iterator[tuple[Event, Event]]:

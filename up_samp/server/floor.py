@@ -316,8 +316,6 @@ def _ahead(job: DayOrder, now: float) -> int | None:
 
 def _forecast(day: Operation) -> dict[str, tuple[str, float]]:
     """Return by order who does it, and when it will be done (s of the day)."""
-    if day.executor is None:
-        return {}
     ahead = day.executor.retime()
     return {
         m.what: (m.robot, ahead.span(n)[1] + day.origin)
@@ -329,9 +327,8 @@ def _forecast(day: Operation) -> dict[str, tuple[str, float]]:
 def _doors(day: Operation) -> dict[str, dict[str, Any]]:
     """Return where each door's leaf stands, whether that is open, and who waits for it."""
     openings = {a: m.what for a, m in day.meanings.items() if m.kind is Kind.OPEN}
-    waits = (lambda _: ()) if day.executor is None else day.executor.waits_for
     doing = {getattr(day.commands.get(r), "activity", ""): r for r in day.site.robots}
-    awaited = {(openings.get(w, w), r) for r in day.site.robots for w in waits(r)}
+    awaited = {(openings.get(w, w), r) for r in day.site.robots for w in day.executor.waits_for(r)}
     awaited -= {(door, doing.get(a, "")) for a, door in openings.items()}
     return {
         n: {
@@ -346,7 +343,7 @@ def _doors(day: Operation) -> dict[str, dict[str, Any]]:
 
 def _waits(day: Operation, name: str, command: Command | None) -> list[str]:
     """Return the robots, and the doors, that a robot waits for which stands, or soon will."""
-    if day.executor is None or isinstance(command, Do) or name in day.off_plan():
+    if isinstance(command, Do) or name in day.off_plan():
         return []
     under = day.executor.state.of_object.get(name)
     gone = 0.0 if under is None else under.progress + day.gone.get(under.activity, 0.0)
@@ -370,7 +367,7 @@ def _robot(day: Operation, name: str) -> dict[str, Any]:
     elif isinstance(command, Hold) and command.waiting_for:
         event, _, told = command.waiting_for[0].partition(" (")
         what, why = "stands", told.removesuffix(")") or event
-    if executor is not None and (under := executor.state.of_object.get(name)) is not None:
+    if (under := executor.state.of_object.get(name)) is not None:
         path = executor.drives[under.activity, name].path
         at = np.linspace(min(under.progress, path.length), path.length, 30)
         way = [[round(float(v), 2) for v in p[:2]] for p in path.poses_at(at)]

@@ -42,7 +42,7 @@ def test_fluents_hang_on_numbers_and_on_truth_values(cell, kind):
     assert validate_schedule(problem, plan).valid
     graph = dependencies_of(problem, plan_to_dict(problem, plan)).graph
     assert {e.lag for e in graph.edges if e.kind == "duration"} == {3.0}
-    handed = {(graph.events[e.first], graph.events[e.then]) for e in graph.edges}
+    handed = {(e.first, e.then) for e in graph.edges}
     assert (Event(At.END, "use0"), Event(At.START, "use1")) in handed
 
 
