@@ -92,7 +92,9 @@ def test_tours_decided_in_the_same_turns_are_the_same():
 
 def test_the_next_one_comes_when_the_former_has_left(toured):
     _, found, _, _ = toured
-    assert 0.0 < found[0].changeover(found[1]) < 15.0
+    gaps = found[0].changeovers(found[1])
+    assert 0.0 < gaps[0] <= gaps[-1] < 15.0
+    assert gaps == sorted(gaps)
     for robot in found[0].robots:
         pieces = found[0].pieces(robot)
         assert [name for piece in pieces for name in piece] == found[0]._chains[robot]

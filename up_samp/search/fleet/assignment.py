@@ -30,13 +30,10 @@ ROUNDS = 4
 """In which the drives of a share are planned and jobs dealt out anew, at most."""
 _AT_ONCE = 4_000
 """Changes after which is seen whether there is time left."""
-_WARM = 0.03
+_WARM = 0.1
 """Share of all cost by which a change may be worse at first."""
 NOISE = 0.06
 """Share of what a job costs, by which guesses differ from one share of the jobs to the next."""
-_WARM_AGAIN, _EXCHANGES_AGAIN = 0.1, 0.25
-"""Shares of the warmth and of the changes at first, when jobs are dealt out again with what was
-learned."""
 
 
 @dataclass
@@ -102,7 +99,8 @@ def mended(
     for _ in range(rounds):
         if not found.guess.ask(found.ways(), deadline):
             break
-        found = exchanged(found, rng, deadline, again=True)
+        # drives that turn out longer change little: it is not to be stirred up much
+        found = exchanged(found, rng, deadline, share=0.1)
     return found
 
 
@@ -115,15 +113,14 @@ def inserted(found: Assignment, job: int) -> dict[str, list[Step]]:
 
 
 def exchanged(
-    found: Assignment, rng: random.Random, deadline: Deadline, *, again: bool = False
+    found: Assignment, rng: random.Random, deadline: Deadline, *, share: float = 1.0
 ) -> Assignment:
     """Return the best share that annealing comes by: jobs moved, or exchanged by two robots.
 
-    :param again: it was annealed before, and is not to be stirred up much.
+    :param share: of the warmth and of the changes at first.
     """
     tuning, rehearsal = found.tuning, found.rehearsal
-    warm = tuning.cold + (_WARM - tuning.cold) * (_WARM_AGAIN if again else 1.0)
-    share = _EXCHANGES_AGAIN if again else 1.0
+    warm = tuning.cold + (_WARM - tuning.cold) * share
     tries = math.ceil(tuning.exchanges * len(found.jobs.options) * share)
     now, best = rehearsal.shares(found.tours), rehearsal.shares(found.tours)
     heats = np.zeros(tries)

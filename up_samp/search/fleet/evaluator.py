@@ -70,6 +70,16 @@ class AssignmentEvaluator:
             r: (float(end), float(late)) for r, (end, late) in self._by_name(found) if r in tours
         }
 
+    def length(self, tours: Mapping[str, Sequence[Step]]) -> float:
+        """Return how long (s) a share of all jobs takes, as annealing has it: hardly more than its
+        longest tour if they are ``steep``, and what is late counts more.
+        """
+        late, steep = self.rules.late, self.rules.steep
+        lengths = [end + late * much for end, much in self.ends(tours).values()]
+        longest = max(lengths, default=0.0)
+        powers = math.fsum((one / longest) ** steep for one in lengths if longest > 0.0)
+        return float(longest * powers ** (1.0 / steep))
+
     def shares(self, tours: Mapping[str, Sequence[Step]]) -> TourArrays:
         """Return tours as rows of numbers, with room for one job more than there are."""
         rows = np.full((len(self.robots), len(self.jobs.options) + 1), -1)

@@ -90,7 +90,10 @@ def ends_of(work: WorkTables, rules: CostWeights, shares: TourArrays, places: in
     Whoever comes first to one of ``places`` works there first; who ends where another one comes
     later goes home.
     """
-    robots = len(shares.counts)
+    # to take an array out of a record costs, and in the loop it would be done again and again
+    tours, counts = shares.tours, shares.counts
+    head, place_of, drive, stays, due = work.head, work.place, work.drive, work.stays, work.due
+    robots = len(counts)
     found = np.zeros((robots, 2))
     coming = np.full(robots, np.inf)
     at = np.zeros((robots, 2), dtype=np.int64)  # the number of the option, and of the stop
@@ -98,40 +101,40 @@ def ends_of(work: WorkTables, rules: CostWeights, shares: TourArrays, places: in
     last = np.full(places, -1)
     saved = np.zeros(robots)  # by the latest option's being done together with the one before
     for r in range(robots):
-        if shares.counts[r] > 0:
+        if counts[r] > 0:
             coming[r] = _reached(work, shares, r, 0, 0.0)
-            at[r, 1] = work.head[shares.tours[r, 0]]
+            at[r, 1] = head[tours[r, 0]]
     while True:
         r = int(np.argmin(coming))
         came = coming[r]
         if came == np.inf:
             break
-        option, stop = shares.tours[r, at[r, 0]], at[r, 1]
-        place, begin = work.place[stop], came
+        option, stop = tours[r, at[r, 0]], at[r, 1]
+        place, begin = place_of[stop], came
         if place >= 0 and last[place] != r:
             begin = max(came, free[place])
-        done = begin + work.stays[stop]
+        done = begin + stays[stop]
         if place >= 0:
             free[place] = done + rules.handover
             last[place] = r
         found[r, 0] = done
-        if stop + 1 < work.head[option + 1]:
+        if stop + 1 < head[option + 1]:
             at[r, 1] = stop + 1
-            coming[r] = done + work.drive[stop + 1]
+            coming[r] = done + drive[stop + 1]
             continue
-        if work.due[option] < np.inf:
-            found[r, 1] += max(0.0, rules.traffic * done - work.due[option])
+        if due[option] < np.inf:
+            found[r, 1] += max(0.0, rules.traffic * done - due[option])
         at[r, 0] += 1
-        if at[r, 0] < shares.counts[r]:
-            then = shares.tours[r, at[r, 0]]
-            at[r, 1] = work.head[then]
+        if at[r, 0] < counts[r]:
+            then = tours[r, at[r, 0]]
+            at[r, 1] = head[then]
             saved[r] = _together(work, r, option, then) if saved[r] == 0.0 else 0.0
             coming[r] = _reached(work, shares, r, at[r, 0], done) - saved[r]
         else:
             coming[r] = np.inf
     for r in range(robots):
         found[r, 0] += _way_home(work, shares, r, last)
-        found[r, 0] += beside(work, r, shares.tours[r], shares.counts[r])[0]
+        found[r, 0] += beside(work, r, tours[r], counts[r])[0]
     return found
 
 
@@ -154,16 +157,18 @@ def beside(work: WorkTables, r: int, tour: IntArray, count: int) -> tuple[float,
     counts as very long.
     """
     cells, kind, here = work.cells, work.kind[r], work.start[r]
+    entry, exit_, uses, taken, rides = work.entry, work.exit, cells.uses, cells.taken, work.rides
+    ways, goal = cells.detour, work.goal[r]
     seconds, charges, left, detour = work.rests[r], 0, cells.level[r], np.inf
-    for number in range(count + (work.goal[r] >= 0)):
-        there = work.goal[r] if number == count else work.entry[tour[number]]
-        left -= cells.taken[kind, here, there]
-        detour = min(detour, cells.detour[kind, here, there])
+    for number in range(count + (goal >= 0)):
+        there = goal if number == count else entry[tour[number]]
+        left -= taken[kind, here, there]
+        detour = min(detour, ways[kind, here, there])
         if number == count:
-            seconds += work.rides[kind, here, there]
+            seconds += rides[kind, here, there]
         else:
-            left -= cells.uses[tour[number]]
-            here = work.exit[tour[number]]
+            left -= uses[tour[number]]
+            here = exit_[tour[number]]
         if left + charges * cells.full[r] < 0.0:
             charges += 1
             seconds += detour
@@ -177,11 +182,11 @@ def _of_one_crew(work: WorkTables, tour: IntArray, count: int) -> float:
     """Return what counts as very long (1e4 s) for each two options of a tour that belong to one
     crew.
     """
-    seconds = 0.0
+    seconds, crews = 0.0, work.crew
     for number in range(count):
-        crew = work.crew[tour[number]]
+        crew = crews[tour[number]]
         for other in range(number if crew >= 0 else 0):
-            seconds += 1e4 * (work.crew[tour[other]] == crew)
+            seconds += 1e4 * (crews[tour[other]] == crew)
     return seconds
 
 
@@ -212,11 +217,20 @@ def _together(work: WorkTables, r: int, one: int, then: int) -> float:
 
 
 @inner
-def _weight(ends: FloatArray, rules: CostWeights) -> float:
-    """Return what a share of all jobs is worth: less is better."""
+def _longest(ends: FloatArray, rules: CostWeights) -> float:
+    """Return what the longest tour takes (s), with what is late (1: none takes any time)."""
+    longest: float = np.max(ends[:, 0] + rules.late * ends[:, 1])
+    return longest if longest > 0.0 else 1.0
+
+
+@inner
+def _weight(ends: FloatArray, rules: CostWeights, unit: float) -> float:
+    """Return what a share of all jobs costs, by tours of a ``unit`` (s): high powers of seconds
+    would be beyond all numbers.
+    """
     total = 0.0
     for r in range(len(ends)):
-        total += (ends[r, 0] + rules.late * ends[r, 1]) ** rules.steep
+        total += ((ends[r, 0] + rules.late * ends[r, 1]) / unit) ** rules.steep
     return total
 
 
@@ -340,14 +354,16 @@ def anneal(
     becomes the best that comes by.
     """
     places = int(np.max(work.place)) + 1 if len(work.place) else 0
-    total = _weight(ends_of(work, rules, now, places), rules)
-    least = _weight(ends_of(work, rules, best, places), rules)
+    ends = ends_of(work, rules, now, places)
+    unit = _longest(ends, rules)
+    total = _weight(ends, rules, unit)
+    least = _weight(ends_of(work, rules, best, places), rules, unit)
     old = TourArrays(np.copy(now.tours), np.copy(now.counts))
     for number in range(len(draws)):
         one, other = _change(work, now, draws[number])
         if one < 0:
             continue
-        then = _weight(ends_of(work, rules, now, places), rules)
+        then = _weight(ends_of(work, rules, now, places), rules, unit)
         heat = heats[number] * total
         worse = then > total
         if worse and (heat <= 0.0 or draws[number, 8] >= math.exp((total - then) / heat)):

@@ -14,6 +14,7 @@ from __future__ import annotations
 import itertools
 import math
 import random
+import statistics
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
@@ -56,8 +57,10 @@ _ORDERS = 12
 # better tours
 AGAIN_DEALT = 2
 """Shares of the jobs in a row that bring nothing, before the tours of the best are changed."""
-_STEEP = 12.0
-"""Power of a tour's end that counts in those."""
+_DRAWN = 3
+"""Shares of the jobs, of which the best one is tried."""
+_STEEP = 60.0
+"""Power of a tour's end that counts in those: hardly any but the last one does."""
 _TOGETHER = 5
 """Tours at most, that are decided anew with one of the last."""
 _CRITICAL = 0.5
@@ -66,10 +69,8 @@ _TURNS = (1, 1, 2, 3, 5)
 """Robots whose turns change at once: one of these."""
 _SOONER = 10.0
 """s at most, by which turns come sooner or later."""
-_LOOKING_AT_ONCE = 2
-"""Motions of a robot that look for other ways at once..."""
 DELAYED = 6.0
-"""...each taking longer than alone by so much (s)."""
+"""s by which a motion takes longer than alone that looks for another way."""
 
 
 def plan_tours(
@@ -361,14 +362,13 @@ def _turned(search: FleetLNS) -> tuple[list[list[str]], float]:
 
 
 def other_ways(search: FleetLNS, deadline: Deadline) -> FleetSolution | None:
-    """The same, and those motions of some of the last that take longest look for other ways, which
-    all know from then on.
+    """The same, and of some of the last the motion that is delayed most looks for another way,
+    which all know from then on.
     """
     looking = dict[str, int]()
     for robot in sorted({search.one_of_the_last() for _ in range(2)}):
         delays = search.delays(robot)
-        longest = sorted(delays, key=lambda name: (-delays[name], name))
-        for name in longest[:_LOOKING_AT_ONCE]:
+        for name in sorted(delays, key=lambda name: (-delays[name], name))[:1]:
             if delays[name] > DELAYED:
                 looking[name] = search.tours.looked(name) + 1
     kept, given = _turns_changed(search)
@@ -415,19 +415,16 @@ NEAR: tuple[Callable[[FleetLNS, str, Deadline], list[str]], ...] = (
 
 
 def deal_again(search: FleetLNS, deadline: Deadline) -> FleetSolution | None:
-    """All jobs dealt out anew with what is known now of drives and of changes at shared places, and
-    guesses that differ a little each time, for what suits the best share is found over and over;
+    """All jobs dealt out anew with what is known now of drives and of changes at shared places;
     all tours are decided in rounds, and gone on with, if they are kept.
     """
     dealt, rng = search.dealt, search.rng
-    usual, handover = dealt.rehearsal, search.tours.changeover(search.best)
-    known = usual.rules if handover is None else usual.rules._replace(handover=handover)
-    known = known._replace(steep=_STEEP)
-    bias = biased(dealt.jobs, NOISE * rng.random() ** 2, rng)
-    guessed = AssignmentEvaluator(usual.guess, dealt.jobs, known, bias)
-    found = mended(exchanged(replace(dealt, rehearsal=guessed), rng, deadline), rng, deadline)
-    ends = replace(usual, rules=known).ends(found.tours).values()
-    search.without_traffic = min(search.without_traffic, max(end for end, _ in ends))
+    usual = dealt.rehearsal
+    gaps = search.tours.changeovers(search.best) or [usual.rules.handover]
+    known = usual.rules._replace(steep=_STEEP, handover=statistics.median(gaps))
+    found = _promising(search, replace(usual, rules=known), deadline)
+    least = replace(usual, rules=known._replace(handover=gaps[0])).ends(found.tours).values()
+    search.without_traffic = min(search.without_traffic, max(end for end, _ in least))
     again = replace(found, rehearsal=usual)
     tours = None if again.tours == dealt.tours else search.open_tours(again, deadline)
     decided = None if tours is None else squeaky_wheel(tours, _FEW_ROUNDS, rng, deadline)
@@ -440,6 +437,19 @@ def deal_again(search: FleetLNS, deadline: Deadline) -> FleetSolution | None:
     if search.cost(trial.best) <= search.cost(search.best):
         search.tours, search.dealt = tours, again
     return trial.best
+
+
+def _promising(search: FleetLNS, expected: AssignmentEvaluator, deadline: Deadline) -> Assignment:
+    """Return the best by what is ``expected`` of some shares of the jobs, each by guesses that
+    differ a little: what suits one of them best is found over and over.
+    """
+    dealt, rng, shares = search.dealt, search.rng, []
+    for _ in range(_DRAWN):
+        bias = biased(dealt.jobs, NOISE * rng.random() ** 2, rng)
+        guessed = AssignmentEvaluator(expected.guess, dealt.jobs, expected.rules, bias)
+        shares.append(exchanged(replace(dealt, rehearsal=guessed), rng, deadline))
+    best = min(shares, key=lambda share: expected.length(share.tours))
+    return mended(best, rng, deadline)
 
 
 MOVES: Moves = (

@@ -223,11 +223,11 @@ class TourPlanner:
         """Return who makes a motion."""
         return self._motions[name].object
 
-    def changeover(self, decided: FleetSolution) -> float | None:
-        """Return the least time (s) from when one robot may leave a place that others need, too, to
-        when the next one came there; None where no two came to any.
+    def changeovers(self, decided: FleetSolution) -> list[float]:
+        """Return the times (s), ascending, from when one robot may leave a place that others need,
+        too, to when the next one came there that has waited for it.
         """
-        return min((gap for gap, _, _ in self._changes(decided)), default=None)
+        return sorted(gap for gap, _, _ in self._changes(decided) if gap <= _CLOSE)
 
     def critical(self, decided: FleetSolution) -> list[str]:
         """Return the motions that the last end hangs on, back from it: before each one that of who
