@@ -9,7 +9,7 @@ import pytest
 from tests.search.fleet.guesses import along_the_axes
 from up_samp.benchmarks.builders.warehouse import warehouse
 from up_samp.model import Deadline
-from up_samp.search.fleet.assignment import Assignment, assign, inserted
+from up_samp.search.fleet.assignment import Assignment, assign, exchanged, inserted
 from up_samp.search.fleet.evaluator import AssignmentEvaluator
 from up_samp.search.fleet.evaluator_kernel import CostWeights
 from up_samp.search.fleet.jobs import Jobs, find_jobs
@@ -70,6 +70,19 @@ def test_jobs_that_are_due_are_dealt_to_those_that_really_make_them(problem, sna
     assert judged(misled, jobs, snapshot, drives, rules) > 0.0, "and is not"
     assert judged(honest, jobs, snapshot, drives, rules) == 0.0
     assert len(honest.tours["robot1"]) < len(misled.tours["robot1"])
+
+
+def test_what_lasts_for_months_and_is_late_by_them_is_shared_out_too(problem, snapshot):
+    """Such ends to a high power are beyond all numbers."""
+    jobs = all_due(find_jobs(problem, snapshot), 1)
+    guess = TravelTimeModel(snapshot, lambda *drive: 1e6 * along_the_axes(*drive))
+    rehearsal = AssignmentEvaluator(guess, jobs, CostWeights(steep=60.0))
+    [one, *_] = rehearsal.robots
+    ways = ([o.robot for o in some] for some in jobs.options)
+    steps = [(j, robots.index(one)) for j, robots in enumerate(ways)]
+    alone = Assignment(rehearsal, {**dict.fromkeys(rehearsal.robots, ()), one: steps})
+    shared = exchanged(alone, random.Random(0), Deadline.never())
+    assert 1e7 < rehearsal.length(shared.tours) < 0.8 * rehearsal.length(alone.tours) < math.inf
 
 
 def test_bounds_that_tell_drives_well_are_believed(snapshot):
