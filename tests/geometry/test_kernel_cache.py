@@ -22,7 +22,7 @@ import pytest
 
 import up_samp.geometry
 import up_samp.motion
-from up_samp.geometry import kernel_cache
+from up_samp.geometry import kernel_cache, records
 from up_samp.model import Deadline
 from up_samp.system import child, files
 
@@ -115,6 +115,22 @@ def test_a_lock_whose_process_was_killed_holds_nobody_up(again, tmp_path):
     assert again()[:2] == (3.0, 0)
     assert time.monotonic() - began < kernel_cache._LONGEST_WAIT / 2
     assert not list((tmp_path / "cache" / "kernels").glob("*.lock"))
+
+
+def test_what_does_not_compile_holds_nobody_up(tmp_path, monkeypatch):
+    monkeypatch.setenv(files.VARIABLE, str(tmp_path))
+    (tmp_path / "kernels").mkdir(mode=0o700)
+
+    def never(value):
+        return value.such_a_thing_is_not()
+
+    kernel, began = records.kernel(never), time.monotonic()
+    for _ in range(2):
+        with pytest.raises(numba.TypingError):
+            kernel(1.0)
+        assert not list((tmp_path / "kernels").glob("*.lock"))
+    assert time.monotonic() - began < kernel_cache._LONGEST_WAIT / 2
+    assert kernel._cache._missed == []
 
 
 def test_a_kernel_heeds_the_order_of_a_record_s_fields(tmp_path):

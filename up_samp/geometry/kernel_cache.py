@@ -186,6 +186,19 @@ class KernelCache:
                 self._end_of_wait()
         return found
 
+    def watched(self, compiles: Callable[..., CompileResult]) -> Callable[..., CompileResult]:
+        """Return what compiles this kernel; where that fails, nobody waits for it any longer."""
+
+        def attempt(*types: Any) -> CompileResult:
+            try:
+                return compiles(*types)
+            except BaseException:  # numba asks to save no overload then
+                self._unlock()
+                self._end_of_wait()
+                raise
+
+        return attempt
+
     def _end_of_wait(self) -> None:
         """Take the time since this kernel was found missing out of all time limits (what kernels
         within it took has been taken out by them).

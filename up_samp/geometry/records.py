@@ -24,6 +24,7 @@ def kernel(function: F) -> F:
     compiled = numba.njit(error_model="numpy", no_cfunc_wrapper=True)(function)
     if hasattr(compiled, "_cache"):  # not where numba is switched off
         compiled._cache = KernelCache(function)
+        compiled._compiler.compile = compiled._cache.watched(compiled._compiler.compile)
     return cast(F, compiled)
 
 
