@@ -58,7 +58,7 @@ _LONGEST_WAIT = 60.0
 _PACKAGE = Path(__file__).parents[1]
 _CHECKSUM = hashlib.sha256().digest_size
 _IMPORT = re.compile(r"^from (up_samp[.\w]*) import (\([^)]*\)|[^\n]*)", re.MULTILINE)
-_COMPILED = re.compile(r"^\s*@(kernel|inner)\b|^class \w+\(NamedTuple\)", re.MULTILINE)
+_COMPILED = re.compile(r"^\s*@(lean_)?(kernel|inner)\b|^class \w+\(NamedTuple\)", re.MULTILINE)
 _CONSTANT = re.compile(r"\b_?[A-Z][A-Z0-9_]*\b")
 
 used: dict[str, int] = {}

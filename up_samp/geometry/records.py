@@ -21,7 +21,21 @@ def kernel(function: F) -> F:
 
     Divisions follow IEEE 754 (no ZeroDivisionError), which halves the code to compile.
     """
-    compiled = numba.njit(error_model="numpy", no_cfunc_wrapper=True)(function)
+    return _kept(function, True)
+
+
+def lean_kernel(function: F) -> F:
+    """Compile ``function`` like a :func:`kernel`, but count no uses of arrays.
+
+    Each array that it takes out of a record would be counted twice, which takes about as long as
+    all the rest of a collision check. For what neither makes arrays (numba refuses to compile that)
+    nor calls what returns some: nobody would give these back.
+    """
+    return _kept(function, False)
+
+
+def _kept(function: F, counts: bool) -> F:
+    compiled = numba.njit(error_model="numpy", no_cfunc_wrapper=True, _nrt=counts)(function)
     if hasattr(compiled, "_cache"):  # not where numba is switched off
         compiled._cache = KernelCache(function)
         compiled._compiler.compile = compiled._cache.watched(compiled._compiler.compile)
@@ -32,9 +46,19 @@ def inner(function: F) -> F:
     """Compile ``function`` for use inside kernels only: no Python face, nothing on disk of its
     own.
     """
-    compiled: F = numba.njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(
-        function
-    )
+    return _within(function, True)
+
+
+def lean_inner(function: F) -> F:
+    """Compile ``function`` for use inside kernels only, like a :func:`lean_kernel`."""
+    return _within(function, False)
+
+
+def _within(function: F, counts: bool) -> F:
+    # said of each: what is not said, a function takes over from the one that calls it first
+    compiled: F = numba.njit(
+        error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, _nrt=counts
+    )(function)
     return compiled
 
 
