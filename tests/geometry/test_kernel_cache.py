@@ -13,6 +13,7 @@ import subprocess
 import sys
 import time
 import types
+import typing
 from functools import partial
 from pathlib import Path
 
@@ -264,6 +265,32 @@ def test_a_kernel_s_key_covers_all_that_it_is_made_of(module):
             elif name in vars(module):
                 made_here = vars(module)[name]
                 assert is_plain(made_here) or made_here in (heapq, math, np, numba), (value, name)
+
+
+@pytest.mark.parametrize("module", list(modules()), ids=lambda m: m.__name__)
+def test_who_counts_no_uses_of_arrays_is_given_none_that_are_counted(module):
+    """Nobody would give back what one that counts returns to one that does not."""
+    for value in vars(module).values():
+        if not is_lean(value) or value.py_func.__module__ != module.__name__:
+            continue
+        for name in names_of(value.py_func.__code__):
+            called = vars(module).get(name)
+            if isinstance(called, numba.core.dispatcher.Dispatcher) and not is_lean(called):
+                returned = typing.get_type_hints(called.py_func)["return"]
+                assert holds_no_arrays(returned), (value, name)
+
+
+def is_lean(value):
+    options = getattr(value, "targetoptions", {})
+    return isinstance(value, numba.core.dispatcher.Dispatcher) and not options["_nrt"]
+
+
+def holds_no_arrays(kind):
+    if kind in (bool, float, int, type(None)):
+        return True
+    record = isinstance(kind, type) and issubclass(kind, tuple)
+    parts = typing.get_type_hints(kind).values() if record else typing.get_args(kind)
+    return len(parts) > 0 and all(map(holds_no_arrays, parts))
 
 
 def closure(path):

@@ -84,11 +84,11 @@ def along(frame: GridFrame, x: Coordinate, y: Coordinate) -> tuple[Coordinate, C
     return frame.cos * dx + frame.sin * dy, frame.cos * dy - frame.sin * dx
 
 
-grid_along = inner(along)
+grid_along = lean_inner(along)
 """The same within kernels."""
 
 
-@inner
+@lean_inner
 def grid_point(frame: GridFrame, gx: float, gy: float) -> tuple[float, float]:
     """Return the point so far (m) along a grid's columns and rows from its corner."""
     return (
