@@ -13,6 +13,7 @@ import subprocess
 import sys
 import time
 import types
+import typing
 from functools import partial
 from pathlib import Path
 
@@ -22,7 +23,7 @@ import pytest
 
 import up_samp.geometry
 import up_samp.motion
-from up_samp.geometry import kernel_cache
+from up_samp.geometry import kernel_cache, records
 from up_samp.model import Deadline
 from up_samp.system import child, files
 
@@ -115,6 +116,22 @@ def test_a_lock_whose_process_was_killed_holds_nobody_up(again, tmp_path):
     assert again()[:2] == (3.0, 0)
     assert time.monotonic() - began < kernel_cache._LONGEST_WAIT / 2
     assert not list((tmp_path / "cache" / "kernels").glob("*.lock"))
+
+
+def test_what_does_not_compile_holds_nobody_up(tmp_path, monkeypatch):
+    monkeypatch.setenv(files.VARIABLE, str(tmp_path))
+    (tmp_path / "kernels").mkdir(mode=0o700)
+
+    def never(value):
+        return value.such_a_thing_is_not()
+
+    kernel, began = records.kernel(never), time.monotonic()
+    for _ in range(2):
+        with pytest.raises(numba.TypingError):
+            kernel(1.0)
+        assert not list((tmp_path / "kernels").glob("*.lock"))
+    assert time.monotonic() - began < kernel_cache._LONGEST_WAIT / 2
+    assert kernel._cache._missed == []
 
 
 def test_a_kernel_heeds_the_order_of_a_record_s_fields(tmp_path):
@@ -248,6 +265,32 @@ def test_a_kernel_s_key_covers_all_that_it_is_made_of(module):
             elif name in vars(module):
                 made_here = vars(module)[name]
                 assert is_plain(made_here) or made_here in (heapq, math, np, numba), (value, name)
+
+
+@pytest.mark.parametrize("module", list(modules()), ids=lambda m: m.__name__)
+def test_who_counts_no_uses_of_arrays_is_given_none_that_are_counted(module):
+    """Nobody would give back what one that counts returns to one that does not."""
+    for value in vars(module).values():
+        if not is_lean(value) or value.py_func.__module__ != module.__name__:
+            continue
+        for name in names_of(value.py_func.__code__):
+            called = vars(module).get(name)
+            if isinstance(called, numba.core.dispatcher.Dispatcher) and not is_lean(called):
+                returned = typing.get_type_hints(called.py_func)["return"]
+                assert holds_no_arrays(returned), (value, name)
+
+
+def is_lean(value):
+    options = getattr(value, "targetoptions", {})
+    return isinstance(value, numba.core.dispatcher.Dispatcher) and not options["_nrt"]
+
+
+def holds_no_arrays(kind):
+    if kind in (bool, float, int, type(None)):
+        return True
+    record = isinstance(kind, type) and issubclass(kind, tuple)
+    parts = typing.get_type_hints(kind).values() if record else typing.get_args(kind)
+    return len(parts) > 0 and all(map(holds_no_arrays, parts))
 
 
 def closure(path):

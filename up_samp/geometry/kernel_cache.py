@@ -58,7 +58,7 @@ _LONGEST_WAIT = 60.0
 _PACKAGE = Path(__file__).parents[1]
 _CHECKSUM = hashlib.sha256().digest_size
 _IMPORT = re.compile(r"^from (up_samp[.\w]*) import (\([^)]*\)|[^\n]*)", re.MULTILINE)
-_COMPILED = re.compile(r"^\s*@(kernel|inner)\b|^class \w+\(NamedTuple\)", re.MULTILINE)
+_COMPILED = re.compile(r"^\s*@(lean_)?(kernel|inner)\b|^class \w+\(NamedTuple\)", re.MULTILINE)
 _CONSTANT = re.compile(r"\b_?[A-Z][A-Z0-9_]*\b")
 
 used: dict[str, int] = {}
@@ -185,6 +185,19 @@ class KernelCache:
                 self._unlock()
                 self._end_of_wait()
         return found
+
+    def watched(self, compiles: Callable[..., CompileResult]) -> Callable[..., CompileResult]:
+        """Return what compiles this kernel; where that fails, nobody waits for it any longer."""
+
+        def attempt(*types: Any) -> CompileResult:
+            try:
+                return compiles(*types)
+            except BaseException:  # numba asks to save no overload then
+                self._unlock()
+                self._end_of_wait()
+                raise
+
+        return attempt
 
     def _end_of_wait(self) -> None:
         """Take the time since this kernel was found missing out of all time limits (what kernels

@@ -20,8 +20,9 @@ from up_samp.geometry.records import (
     ShapeData,
     WorldData,
     grid_along,
-    inner,
     kernel,
+    lean_inner,
+    lean_kernel,
 )
 from up_samp.model.arrays import FloatArray
 
@@ -31,7 +32,7 @@ FAR = 1e9
 """Clearance (m) where there is nothing to collide with."""
 
 
-@kernel
+@lean_kernel
 def advance(x: float, y: float, th: float, kappa: float, s: float) -> tuple[float, float, float]:
     """Return the pose after driving ``s`` m (negative: backwards) along curvature ``kappa``."""
     turn = kappa * s
@@ -46,7 +47,7 @@ def advance(x: float, y: float, th: float, kappa: float, s: float) -> tuple[floa
     )
 
 
-@kernel
+@lean_kernel
 def point_clearance(grid: GridData, x: float, y: float) -> float:
     """Return a lower bound (m) on the distance from a point to what is blocked (0 outside)."""
     rows, cols = grid.clearance.shape
@@ -59,7 +60,7 @@ def point_clearance(grid: GridData, x: float, y: float) -> float:
     return float(grid.clearance[row, col])
 
 
-@inner
+@lean_inner
 def _disc_bound(grid: GridData, shape: ShapeData, x: float, y: float, c: float, s: float) -> float:
     """Return a lower bound on the bare footprint's clearance from the map (may be negative)."""
     bound = point_clearance(grid, x, y) - shape.radius
@@ -73,7 +74,7 @@ def _disc_bound(grid: GridData, shape: ShapeData, x: float, y: float, c: float, 
     return max(bound, low)
 
 
-@inner
+@lean_inner
 def _part_free(grid: GridData, verts: FloatArray, n: int, x: float, y: float, th: float) -> bool:
     """Return whether a convex polygon placed at a pose covers no blocked cell (exact)."""
     inv = 1.0 / grid.frame.size
@@ -81,13 +82,11 @@ def _part_free(grid: GridData, verts: FloatArray, n: int, x: float, y: float, th
     px, py = gx * inv, gy * inv
     turn = th - grid.frame.yaw
     c, s = math.cos(turn) * inv, math.sin(turn) * inv
-    p = np.empty((n, 2))
     low_x = low_y = 1e300
     high_x = high_y = -1e300
     for i in range(n):
         vx = px + c * verts[i, 0] - s * verts[i, 1]
         vy = py + s * verts[i, 0] + c * verts[i, 1]
-        p[i, 0], p[i, 1] = vx, vy
         low_x, high_x = min(low_x, vx), max(high_x, vx)
         low_y, high_y = min(low_y, vy), max(high_y, vy)
     rows, cols = grid.clearance.shape
@@ -103,24 +102,25 @@ def _part_free(grid: GridData, verts: FloatArray, n: int, x: float, y: float, th
         if sums[row + 1, c1] - sums[row, c1] - sums[row + 1, c0] + sums[row, c0] == 0:
             continue
         left, right = 1e300, -1e300
-        j = n - 1
+        ax = px + c * verts[n - 1, 0] - s * verts[n - 1, 1]
+        ay = py + s * verts[n - 1, 0] + c * verts[n - 1, 1]
         for i in range(n):
-            ay, by = p[j, 1], p[i, 1]
+            bx = px + c * verts[i, 0] - s * verts[i, 1]
+            by = py + s * verts[i, 0] + c * verts[i, 1]
             if not ((ay < row and by < row) or (ay > row + 1 and by > row + 1)):
-                ax, bx = p[j, 0], p[i, 0]
                 k = (bx - ax) / (by - ay) if ay != by else 0.0
                 xa = ax + (min(max(ay, row), row + 1) - ay) * k
                 xb = bx + (min(max(by, row), row + 1) - by) * k
                 left = min(left, min(xa, xb))
                 right = max(right, max(xa, xb))
-            j = i
+            ax, ay = bx, by
         a, b = max(0, math.floor(left + tiny)), min(cols, math.ceil(right - tiny))
         if b > a and sums[row + 1, b] - sums[row, b] - sums[row + 1, a] + sums[row, a] > 0:
             return False
     return True
 
 
-@kernel
+@lean_kernel
 def level_free(grid: GridData, shape: ShapeData, x: float, y: float, th: float, level: int) -> bool:
     """Return whether the footprint inflated to ``level`` covers no blocked cell (exact)."""
     for i in range(shape.verts.shape[1]):
@@ -129,7 +129,7 @@ def level_free(grid: GridData, shape: ShapeData, x: float, y: float, th: float, 
     return True
 
 
-@kernel
+@lean_kernel
 def map_clearance(grid: GridData, shape: ShapeData, x: float, y: float, th: float) -> float:
     """Return a lower bound (m) on the clearance from the map beyond the margin; -1 if there is
     less than the margin (as level 1 of the shape says).
@@ -145,7 +145,7 @@ def map_clearance(grid: GridData, shape: ShapeData, x: float, y: float, th: floa
     return -1.0
 
 
-@inner
+@lean_inner
 def _place(
     verts: FloatArray,
     n: int,
@@ -161,7 +161,7 @@ def _place(
         out[i, 1] = y + s * vx + c * vy
 
 
-@inner
+@lean_inner
 def _separation(a: FloatArray, n: int, b: FloatArray, m: int) -> float:
     """Return the largest gap between b and an edge's line of a (negative: none separates)."""
     best = -1e300
@@ -179,7 +179,7 @@ def _separation(a: FloatArray, n: int, b: FloatArray, m: int) -> float:
     return best
 
 
-@inner
+@lean_inner
 def _corner_distance(a: FloatArray, n: int, b: FloatArray, m: int) -> float:
     """Return the squared distance from b's corners to a's edges."""
     best = 1e300
@@ -196,7 +196,7 @@ def _corner_distance(a: FloatArray, n: int, b: FloatArray, m: int) -> float:
     return best
 
 
-@kernel
+@lean_kernel
 def convex_distance(a: FloatArray, n: int, b: FloatArray, m: int) -> float:
     """Return the distance (m) of two convex polygons with ``n`` and ``m`` corners, exact where they
     are apart; where they overlap, minus the depth along the best separating direction.
@@ -215,8 +215,16 @@ def poly_distance(
 
     Distances above ``enough`` need not be exact (a lower bound that is at least ``enough``).
     """
-    best = FAR
     placed = np.empty((shape.verts.shape[2], 2))
+    return _distance_placed(polys, shape, (x, y, th), enough, placed)
+
+
+@lean_inner
+def _distance_placed(
+    polys: PolyData, shape: ShapeData, pose: Pose, enough: float, placed: FloatArray
+) -> float:
+    """Return :func:`poly_distance`; ``placed`` (corners, 2) is for a part where the body is."""
+    (x, y, th), best = pose, FAR
     for k in range(polys.counts.shape[0]):
         dx, dy = x - polys.centres[k, 0], y - polys.centres[k, 1]
         far = math.sqrt(dx * dx + dy * dy) - polys.centres[k, 2] - shape.radius
@@ -232,7 +240,7 @@ def poly_distance(
     return best
 
 
-@kernel
+@lean_kernel
 def clearance(world: WorldData, x: float, y: float, th: float) -> float:
     """Return a lower bound (m) on the clearance beyond the margin from map and obstacles, or -1."""
     polys, shape = world.polys, world.shape
@@ -270,7 +278,7 @@ WIDER = 0.01
 """What zones are wider (m) than they are: arcs leave their chords by less than half of it."""
 
 
-@inner
+@lean_inner
 def _meets(verts: FloatArray, n: int, ax: float, ay: float, bx: float, by: float) -> bool:
     """Return whether a segment meets a convex counter-clockwise polygon (Cyrus and Beck)."""
     low, high = 0.0, 1.0
@@ -292,7 +300,7 @@ def _meets(verts: FloatArray, n: int, ax: float, ay: float, bx: float, by: float
     return True
 
 
-@inner
+@lean_inner
 def piece_obeys(
     rules: RuleData, ax: float, ay: float, bx: float, by: float, turn: float, bend: float
 ) -> bool:
@@ -321,7 +329,7 @@ def piece_obeys(
 # ------------------ Whole motions
 
 
-@kernel
+@lean_kernel
 def travel_ratio(shape: ShapeData, kappa: float) -> float:
     """Return how far the footprint's fastest point moves per metre of the reference point."""
     best = 1.0
@@ -332,7 +340,7 @@ def travel_ratio(shape: ShapeData, kappa: float) -> float:
     return math.sqrt(best)
 
 
-@kernel
+@lean_kernel
 def arc_free(world: WorldData, x: float, y: float, th: float, kappa: float, s: float) -> bool:
     """Return whether driving ``s`` m along curvature ``kappa`` keeps the margin *all the way*.
 
@@ -355,7 +363,7 @@ def arc_free(world: WorldData, x: float, y: float, th: float, kappa: float, s: f
             return True
 
 
-@inner
+@lean_inner
 def _arc_obeys(ways: RuleData, x: float, y: float, th: float, kappa: float, s: float) -> bool:
     """Return whether driving ``s`` m along curvature ``kappa`` keeps the rules of ways."""
     if ways.counts.shape[0] == 0:
@@ -371,7 +379,7 @@ def _arc_obeys(ways: RuleData, x: float, y: float, th: float, kappa: float, s: f
     return True
 
 
-@kernel
+@lean_kernel
 def path_free(world: WorldData, start: FloatArray, arcs: FloatArray) -> int:
     """Return the index of the first of the ``arcs`` (n, 2: curvature, signed length), driven one
     after the other from ``start``, that does not keep the margin; -1 if all do.
@@ -379,7 +387,7 @@ def path_free(world: WorldData, start: FloatArray, arcs: FloatArray) -> int:
     return first_blocked(world, (start[0], start[1], start[2]), arcs, arcs.shape[0])
 
 
-@inner
+@lean_inner
 def first_blocked(world: WorldData, start: Pose, arcs: FloatArray, n: int) -> int:
     """Return the index of the first of ``n`` arcs, driven from ``start``, that does not keep the
     margin; -1 if all do.
@@ -392,7 +400,7 @@ def first_blocked(world: WorldData, start: Pose, arcs: FloatArray, n: int) -> in
     return -1
 
 
-@kernel
+@lean_kernel
 def between(poses: FloatArray, i: int, share: float) -> tuple[float, float, float]:
     """Return the pose ``share`` of the way from sample ``i`` to the next under a constant twist."""
     turn = poses[i + 1, 2] - poses[i, 2]
@@ -406,7 +414,7 @@ def between(poses: FloatArray, i: int, share: float) -> tuple[float, float, floa
     return cx + c * rx - s * ry, cy + s * rx + c * ry, poses[i, 2] + share * turn
 
 
-@kernel
+@lean_kernel
 def sweep_travel(poses: FloatArray, i: int, radius: float) -> float:
     """Return a bound (m) on the travel of any point within ``radius`` from sample i to the next."""
     turn = abs(poses[i + 1, 2] - poses[i, 2])
@@ -417,7 +425,7 @@ def sweep_travel(poses: FloatArray, i: int, radius: float) -> float:
     return arc + turn * radius
 
 
-@kernel
+@lean_kernel
 def samples_free(world: WorldData, poses: FloatArray, least: float) -> int:
     """Return the index of the first sample after which the swept motion through ``poses`` (n, 3),
     with a constant twist between samples, does not keep the margin, or the rules of ways; -1 if it

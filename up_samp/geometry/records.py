@@ -21,9 +21,24 @@ def kernel(function: F) -> F:
 
     Divisions follow IEEE 754 (no ZeroDivisionError), which halves the code to compile.
     """
-    compiled = numba.njit(error_model="numpy", no_cfunc_wrapper=True)(function)
+    return _kept(function, True)
+
+
+def lean_kernel(function: F) -> F:
+    """Compile ``function`` like a :func:`kernel`, but count no uses of arrays.
+
+    Each array that it takes out of a record would be counted twice, which takes about as long as
+    all the rest of a collision check. For what neither makes arrays (numba refuses to compile that)
+    nor calls what returns some: nobody would give these back.
+    """
+    return _kept(function, False)
+
+
+def _kept(function: F, counts: bool) -> F:
+    compiled = numba.njit(error_model="numpy", no_cfunc_wrapper=True, _nrt=counts)(function)
     if hasattr(compiled, "_cache"):  # not where numba is switched off
         compiled._cache = KernelCache(function)
+        compiled._compiler.compile = compiled._cache.watched(compiled._compiler.compile)
     return cast(F, compiled)
 
 
@@ -31,9 +46,19 @@ def inner(function: F) -> F:
     """Compile ``function`` for use inside kernels only: no Python face, nothing on disk of its
     own.
     """
-    compiled: F = numba.njit(error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True)(
-        function
-    )
+    return _within(function, True)
+
+
+def lean_inner(function: F) -> F:
+    """Compile ``function`` for use inside kernels only, like a :func:`lean_kernel`."""
+    return _within(function, False)
+
+
+def _within(function: F, counts: bool) -> F:
+    # said of each: what is not said, a function takes over from the one that calls it first
+    compiled: F = numba.njit(
+        error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, _nrt=counts
+    )(function)
     return compiled
 
 
@@ -59,11 +84,11 @@ def along(frame: GridFrame, x: Coordinate, y: Coordinate) -> tuple[Coordinate, C
     return frame.cos * dx + frame.sin * dy, frame.cos * dy - frame.sin * dx
 
 
-grid_along = inner(along)
+grid_along = lean_inner(along)
 """The same within kernels."""
 
 
-@inner
+@lean_inner
 def grid_point(frame: GridFrame, gx: float, gy: float) -> tuple[float, float]:
     """Return the point so far (m) along a grid's columns and rows from its corner."""
     return (

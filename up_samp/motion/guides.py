@@ -24,8 +24,9 @@ from up_samp.geometry.records import (
     along,
     grid_along,
     grid_point,
-    inner,
     kernel,
+    lean_inner,
+    lean_kernel,
 )
 from up_samp.model import Body, Configuration, Placed, TrafficZone
 from up_samp.model.arrays import BoolArray, FloatArray, Int32Array, IntArray
@@ -110,7 +111,7 @@ def pose_space(
 # ------------------ A binary heap of row numbers over plain arrays
 
 
-@inner
+@lean_inner
 def push(heap: IntArray, rows: FloatArray, counters: IntArray, item: int) -> None:
     """Add a row number. The last column of ``rows`` is the order, ``counters[1]`` the size."""
     last = rows.shape[1] - 1
@@ -125,7 +126,7 @@ def push(heap: IntArray, rows: FloatArray, counters: IntArray, item: int) -> Non
     heap[i] = item
 
 
-@inner
+@lean_inner
 def pop(heap: IntArray, rows: FloatArray, counters: IntArray) -> int:
     """Remove and return the row number with the least value in the last column of ``rows``."""
     last = rows.shape[1] - 1
@@ -163,7 +164,7 @@ class Field(NamedTuple):
     frame: GridFrame
 
 
-@kernel
+@lean_kernel
 def field_value(field: Field, x: float, y: float) -> float:
     """Return the distance (m) of a point to the field's goal; inf outside, 0 without a field."""
     rows, cols = field.values.shape
@@ -187,7 +188,7 @@ def least_value(field: Field, points: FloatArray) -> float:
     return float(np.min(field.values[row[known], col[known]], initial=np.inf))
 
 
-@kernel
+@lean_kernel
 def point_to_convex(x: float, y: float, verts: FloatArray, n: int) -> float:
     """Return the distance (m) from a point to a convex counter-clockwise polygon (0 inside)."""
     inside = True
@@ -206,7 +207,7 @@ def point_to_convex(x: float, y: float, verts: FloatArray, n: int) -> float:
     return 0.0 if inside else math.sqrt(best)
 
 
-@kernel
+@lean_kernel
 def mark_near(
     cells: BoolArray,
     frame: GridFrame,
@@ -227,7 +228,7 @@ def mark_near(
                     cells[row, col] = True
 
 
-@inner
+@lean_inner
 def _settle(
     dist: npt.NDArray[np.float32],
     root: Int32Array,

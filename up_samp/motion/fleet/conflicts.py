@@ -10,7 +10,7 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from up_samp.geometry.records import inner, kernel
+from up_samp.geometry.records import inner, kernel, lean_inner, lean_kernel
 from up_samp.geometry.scene import Scene
 from up_samp.model import check_time
 from up_samp.model.arrays import BoolArray, FloatArray, IntArray
@@ -57,20 +57,20 @@ class SweptPiece(NamedTuple):
     jump: float
 
 
-@inner
+@lean_inner
 def piece(row: FloatArray) -> SweptPiece:
     """Return the piece in a row (9,) of a table."""
     return SweptPiece(row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8])
 
 
-@inner
+@lean_inner
 def standing(x: float, y: float, heading: float) -> SweptPiece:
     """Return the piece of a body that rests at a pose."""
     at = float(x), float(y)  # poses of whole numbers, too
     return SweptPiece(at[0], at[1], np.cos(heading), np.sin(heading), 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-@inner
+@lean_inner
 def reach_of(p: SweptPiece, radius: float) -> float:
     """Return how far (m) any point of a body can be from where it is in the middle of a piece."""
     return p.half * (1.0 + p.turn * (radius + 0.5 * p.half)) + p.jump
@@ -134,7 +134,7 @@ def _jump(s: FloatArray, poses: FloatArray, k: int) -> float:
     return np.hypot(ends[1, 0] - ends[0, 0], ends[1, 1] - ends[0, 1])
 
 
-@inner
+@lean_inner
 def _piece_at(s: FloatArray, poses: FloatArray, i: int, at: float) -> SweptPiece:
     """Return the pose and the direction of travel at parameter ``at`` of sample interval ``i``."""
     if len(s) == 1 or at <= s[0]:
@@ -184,12 +184,7 @@ RelativePose = tuple[float, float, float, float]
 """Where a body is in the frame of another one: x, y (m), cosine and sine of the heading."""
 
 
-@inner
-def _part(hull: Hull, i: int) -> Part:
-    return Part(hull.verts[i], hull.counts[i], hull.radius)
-
-
-@inner
+@lean_inner
 def _relative_pose(p: SweptPiece, q: SweptPiece) -> RelativePose:
     """Return where ``q`` is in the frame of ``p`` (in their middles)."""
     dx, dy = q.x - p.x, q.y - p.y
@@ -197,7 +192,7 @@ def _relative_pose(p: SweptPiece, q: SweptPiece) -> RelativePose:
     return x, y, p.cos * q.cos + p.sin * q.sin, p.cos * q.sin - p.sin * q.cos
 
 
-@inner
+@lean_inner
 def _edge_gap(mine: Part, i: int, other: Part, at: RelativePose) -> tuple[float, float, float]:
     """Return the gap (m) along the normal of an edge of ``mine`` to the ``other`` part, which is
     ``at`` a place in its frame, and the normal.
@@ -216,7 +211,7 @@ def _edge_gap(mine: Part, i: int, other: Part, at: RelativePose) -> tuple[float,
     return least + nx * (x - v[i, 0]) + ny * (y - v[i, 1]), nx, ny
 
 
-@inner
+@lean_inner
 def apart(a: SweptPiece, mine: Part, b: SweptPiece, other: Part, margin: float) -> int:
     """Return 2 if two convex parts stay apart in both pieces, 1 if they are apart in the middle
     only, 0 if they are not (all with ``margin``).
@@ -229,7 +224,7 @@ def apart(a: SweptPiece, mine: Part, b: SweptPiece, other: Part, margin: float) 
     return said if said == 2 else max(said, _told_apart(b, other, a, mine, margin, sway))
 
 
-@inner
+@lean_inner
 def _told_apart(
     p: SweptPiece, mine: Part, q: SweptPiece, other: Part, margin: float, sway: Sway
 ) -> int:
@@ -247,7 +242,7 @@ def _told_apart(
     return found
 
 
-@inner
+@lean_inner
 def verdict(a: SweptPiece, g: Hull, b: SweptPiece, h: Hull, margin: float) -> int:
     """Return the least verdict of :func:`apart` over all pairs of convex parts."""
     dx, dy = a.x - b.x, a.y - b.y
@@ -256,8 +251,9 @@ def verdict(a: SweptPiece, g: Hull, b: SweptPiece, h: Hull, margin: float) -> in
         return 2
     worst = 2
     for i in range(len(g.counts)):
+        mine = Part(g.verts[i], g.counts[i], g.radius)
         for j in range(len(h.counts)):
-            said = apart(a, _part(g, i), b, _part(h, j), margin)
+            said = apart(a, mine, b, Part(h.verts[j], h.counts[j], h.radius), margin)
             if said == 0:
                 return 0
             worst = min(worst, said)
@@ -294,15 +290,16 @@ def pieces_conflict(ta: FloatArray, g: Hull, tb: FloatArray, h: Hull, margin: fl
     return False
 
 
-@inner
+@lean_inner
 def _gap(a: SweptPiece, g: Hull, b: SweptPiece, h: Hull) -> float:
     """Return the largest gap (m) along an edge normal at the middles of two pieces, least over the
     pairs of convex parts: not more than the distance, or minus the depth of the overlap.
     """
     least = np.inf
-    for u in range(len(g.counts)):
-        for w in range(len(h.counts)):
-            mine, other = _part(g, u), _part(h, w)
+    for i in range(len(g.counts)):
+        mine = Part(g.verts[i], g.counts[i], g.radius)
+        for j in range(len(h.counts)):
+            other = Part(h.verts[j], h.counts[j], h.radius)
             best = max(
                 _widest(mine, other, _relative_pose(a, b)),
                 _widest(other, mine, _relative_pose(b, a)),
@@ -311,7 +308,7 @@ def _gap(a: SweptPiece, g: Hull, b: SweptPiece, h: Hull) -> float:
     return least
 
 
-@inner
+@lean_inner
 def _widest(mine: Part, other: Part, at: RelativePose) -> float:
     """Return the largest gap (m) along a normal of an edge of ``mine``."""
     best = -np.inf
@@ -341,7 +338,7 @@ def noted(rows: Rows, used: int, number: int, first: float, last: float) -> Rows
     return rows
 
 
-@inner
+@lean_inner
 def _strides(table: FloatArray, radius: float) -> tuple[float, float]:
     """Return how far (m) the middle, and any point, of a body moves at most from cell to cell."""
     step = stride = 1e-9
@@ -421,7 +418,7 @@ def conflicting_cells(one: Swept, other: Swept, margin: float, most: int = 5_000
     return np.concatenate(found)
 
 
-@kernel
+@lean_kernel
 def separation(p: FloatArray, g: Hull, q: FloatArray, h: Hull) -> float:
     """Return the largest gap (m) between two placed bodies along an edge normal (0: they touch or
     overlap).
@@ -476,7 +473,7 @@ def kept(wish: float, a: Iterable[FloatArray], g: Hull, b: Iterable[FloatArray],
 # several may turn in a ring that is full.
 
 
-@inner
+@lean_inner
 def _moved(p: SweptPiece, tx: float, ty: float) -> SweptPiece:
     """Return a piece with another direction of travel."""
     return SweptPiece(p.x, p.y, p.cos, p.sin, tx, ty, p.turn, p.half, p.jump)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from up_samp.geometry.records import inner, kernel
+from up_samp.geometry.records import inner, kernel, lean_inner
 from up_samp.model import (
     Placed,
     TimedMotion,
@@ -52,7 +52,7 @@ MOST = 64
 """Intervals kept for one (vertex, level); later ones are dropped (sound, maybe later arrivals)."""
 
 
-@inner
+@lean_inner
 def _crossing(v0: float, v1: float, a: float, ds: float) -> float:
     """Return the least time (s) over ``ds`` between two adjacent speed levels."""
     low, high = min(v0, v1), max(v0, v1)
@@ -60,7 +60,7 @@ def _crossing(v0: float, v1: float, a: float, ds: float) -> float:
     return (high - low) / a + max(0.0, ds - ramp) / high
 
 
-@inner
+@lean_inner
 def _merge(lo: FloatArray, hi: FloatArray, count: int) -> int:
     """Sort and merge the first ``count`` intervals in place; return how many remain."""
     for i in range(1, count):
@@ -104,7 +104,7 @@ class Cell(NamedTuple):
     held: bool
 
 
-@inner
+@lean_inner
 def _advance(
     begin: FloatArray, cell: Cell, tau: float, lo: FloatArray, hi: FloatArray, count: int
 ) -> int:
@@ -122,7 +122,7 @@ def _advance(
     return count
 
 
-@inner
+@lean_inner
 def _waits(came: FloatArray, free: FloatArray, lo: FloatArray, hi: FloatArray) -> int:
     """Extend arrivals to the end of the interval in which the cell behind is free."""
     count = 0
@@ -139,7 +139,7 @@ def _waits(came: FloatArray, free: FloatArray, lo: FloatArray, hi: FloatArray) -
     return count
 
 
-@inner
+@lean_inner
 def _arrivals(
     before: TimeSets, level: int, can: DriveLimits, cell: Cell, lo: FloatArray, hi: FloatArray
 ) -> int:
@@ -152,7 +152,8 @@ def _arrivals(
     for other in range(abs(level - 1), min(level + 1, width - 2) + 1):
         if cell.held and other != level:
             continue
-        begin = times_of(before, other if other > 0 else width - 1)
+        source = other if other > 0 else width - 1
+        begin = before.intervals[before.head[source] : before.head[source + 1]]
         if len(begin) > 0:
             tau = _crossing(speed_of(other, can, cell.ds), v1, can.a, cell.ds)
             count = _advance(begin, cell, tau, lo, hi, count)
@@ -282,7 +283,7 @@ def reachable(
     return TimeSets(index, sets[:used])
 
 
-@inner
+@lean_inner
 def _spans(intervals: FloatArray, begin: float, end: float) -> bool:
     """Return whether one interval contains [begin, end], but for rounding."""
     for r in range(len(intervals)):
@@ -291,7 +292,7 @@ def _spans(intervals: FloatArray, begin: float, end: float) -> bool:
     return False
 
 
-@inner
+@lean_inner
 def _came(came: FloatArray, free: FloatArray, t: float) -> float:
     """Return the latest arrival up to ``t`` from which one can wait until ``t`` (-inf: none)."""
     low = -np.inf

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from up_samp.geometry.kernels import advance, arc_free, first_blocked
-from up_samp.geometry.records import WorldData, inner, kernel
+from up_samp.geometry.records import WorldData, kernel, lean_inner
 from up_samp.model.arrays import FloatArray, IntArray
 from up_samp.motion.curves.reeds_shepp import DriveLimits, Pose, connect, driven_on, run_time
 from up_samp.motion.guides import Field, Space, field_value, pop, push
@@ -60,7 +60,7 @@ class PoseSearch(NamedTuple):
     steps: FloatArray
 
 
-@inner
+@lean_inner
 def slot_of(
     tree: Tree, space: Space, x: float, y: float, th: float, backwards: bool
 ) -> tuple[int, int]:
@@ -81,7 +81,7 @@ def slot_of(
     return slot, key
 
 
-@inner
+@lean_inner
 def _estimate(problem: PoseSearch, pose: Pose, closed: float, run: float, out: FloatArray) -> float:
     """Return the estimated total time of a path through a node."""
     goal, field, space, car = problem.goal, problem.field, problem.space, problem.limits
@@ -97,7 +97,7 @@ def _estimate(problem: PoseSearch, pose: Pose, closed: float, run: float, out: F
     return total
 
 
-@inner
+@lean_inner
 def add_node(
     tree: Tree, pose: Pose, link: tuple[int, int], times: tuple[float, float, float]
 ) -> int:
@@ -123,7 +123,7 @@ def plant(tree: Tree, start: FloatArray) -> None:
     tree.best[0] = math.inf
 
 
-@inner
+@lean_inner
 def _shoot(tree: Tree, problem: PoseSearch, node: int, out: FloatArray) -> None:
     """Try to reach the goal from a node by one Reeds-Shepp curve."""
     pose = tree.nodes[node, 0], tree.nodes[node, 1], tree.nodes[node, 2]
@@ -140,7 +140,7 @@ def _shoot(tree: Tree, problem: PoseSearch, node: int, out: FloatArray) -> None:
         tree.tail[i, 0], tree.tail[i, 1] = out[i, 0], out[i, 1]
 
 
-@inner
+@lean_inner
 def _grow(
     tree: Tree, problem: PoseSearch, node: int, kappa: float, s: float, out: FloatArray
 ) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from up_samp.geometry import Scene, Shape
 from up_samp.geometry.kernels import clearance, piece_obeys
-from up_samp.geometry.records import WorldData, inner, kernel
+from up_samp.geometry.records import WorldData, inner, kernel, lean_inner, lean_kernel
 from up_samp.model import Deadline, Kinematics, MotionModel, Trajectory
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.curves.blending import chain_time, glide, moved_corner, pieces
@@ -51,7 +51,7 @@ def planar_limits(kinematics: Kinematics) -> DriveLimits:
     return limits_of(kinematics)._replace(omega=float(kinematics.omega_max))
 
 
-@inner
+@lean_inner
 def _free_share(world: WorldData, pose: Pose, move: Move, least: float) -> float:
     """Return the share of a straight motion up to which it keeps the margin and ``least`` m (1: all
     the way). Conservative advancement.
@@ -69,7 +69,7 @@ def _free_share(world: WorldData, pose: Pose, move: Move, least: float) -> float
     return 1.0
 
 
-@kernel
+@lean_kernel
 def straight_free(world: WorldData, pose: Pose, move: Move) -> bool:
     """Return whether a straight move from a pose keeps the margin all the way.
 
@@ -82,14 +82,14 @@ def straight_free(world: WorldData, pose: Pose, move: Move) -> bool:
     return _free_share(world, pose, move, 0.1 * world.shape.slack[2]) >= 1.0
 
 
-@inner
+@lean_inner
 def _cost(move: Move, limits: DriveLimits) -> float:
     """Return the time (s) of a straight move at full speed."""
     dx, dy, turn = move
     return max(math.sqrt(dx * dx + dy * dy) / limits.v, abs(turn) / limits.omega)
 
 
-@inner
+@lean_inner
 def _to_go(problem: PoseSearch, x: float, y: float, th: float) -> float:
     field, goal, limits = problem.field, problem.goal, problem.limits
     dx, dy = goal[0] - x, goal[1] - y
@@ -97,7 +97,7 @@ def _to_go(problem: PoseSearch, x: float, y: float, th: float) -> float:
     return max(far / limits.v, abs(wrapped(goal[2] - th)) / limits.omega)
 
 
-@inner
+@lean_inner
 def _stepped(tree: Tree, problem: PoseSearch, node: int, move: Move) -> bool:
     """Add the pose a straight move away from ``node`` to the tree, where it is free and the
     soonest way there; return False where something is in the way of the move.
@@ -118,7 +118,7 @@ def _stepped(tree: Tree, problem: PoseSearch, node: int, move: Move) -> bool:
     return True
 
 
-@kernel
+@lean_kernel
 def expand_planar(tree: Tree, problem: PoseSearch, budget: int) -> int:
     """Expand up to ``budget`` nodes towards the goal.
 
@@ -154,7 +154,7 @@ def expand_planar(tree: Tree, problem: PoseSearch, budget: int) -> int:
     return 0
 
 
-@inner
+@lean_inner
 def _rest_time(move: Move, limits: DriveLimits) -> float:
     """Return the rest-to-rest time (s) of a straight move."""
     dx, dy, turn = move
@@ -165,13 +165,13 @@ def _rest_time(move: Move, limits: DriveLimits) -> float:
     return run_time(way, speed, limits.a)
 
 
-@inner
+@lean_inner
 def _to(a: FloatArray, b: FloatArray) -> Move:
     """Return the straight move between two poses."""
     return b[0] - a[0], b[1] - a[1], b[2] - a[2]
 
 
-@inner
+@lean_inner
 def _point(nodes: FloatArray, n: int, p: float) -> tuple[float, float, float]:
     i = min(int(p), n - 2)
     f = p - i
@@ -182,7 +182,7 @@ def _point(nodes: FloatArray, n: int, p: float) -> tuple[float, float, float]:
     )
 
 
-@inner
+@lean_inner
 def _added(out: FloatArray, m: int, pose: FloatArray) -> int:
     """Write a pose after the first ``m`` of a chain, unless it is where the last one is; return how
     many there are then.

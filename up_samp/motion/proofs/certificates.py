@@ -376,11 +376,13 @@ def mark_blocked(owners: IntArray, frame: GridFrame, polys: PolyData, radius: fl
         c0, c1 = max(0, math.floor(cx - span)), min(cols, math.ceil(cx + span))
         if r1 <= r0 or c1 <= c0:
             continue
+        # taken out of the record before the loop: there it would be counted as used each time
+        corners, many = polys.verts[p], polys.counts[p]
         near = np.empty((r1 - r0 + 1, c1 - c0 + 1), dtype=np.bool_)
         for row in range(r0, r1 + 1):
             for col in range(c0, c1 + 1):
                 x, y = grid_point(frame, col * size, row * size)
-                d = point_to_convex(x, y, polys.verts[p], polys.counts[p])
+                d = point_to_convex(x, y, corners, many)
                 near[row - r0, col - c0] = d < radius - 1e-9
         for i in range(r1 - r0):
             for j in range(c1 - c0):

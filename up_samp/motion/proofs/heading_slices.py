@@ -19,7 +19,7 @@ import numpy.typing as npt
 import shapely
 
 from up_samp.geometry import Scene
-from up_samp.geometry.records import GridData, PolyData, along, grid_point, inner, kernel
+from up_samp.geometry.records import GridData, PolyData, along, grid_point, lean_inner, lean_kernel
 from up_samp.geometry.shapes import shape_of
 from up_samp.model import Body, Configuration, Deadline, Placed
 from up_samp.model.arrays import FloatArray, Int32Array, IntArray
@@ -79,7 +79,7 @@ class Flood(NamedTuple):
     sense: float
 
 
-@inner
+@lean_inner
 def _leads(heading: float, half: float, dr: int, dc: int) -> bool:
     """Return whether a body that drives ahead at a heading (rad, or ``half`` more or less) may
     leave a square towards a neighbouring one: over a side it must not look away from that side,
@@ -89,7 +89,7 @@ def _leads(heading: float, half: float, dr: int, dc: int) -> bool:
     return dr == 0 == dc or off <= (0.5 - 0.25 * abs(dr * dc)) * math.pi + half + 1e-9
 
 
-@inner
+@lean_inner
 def _blocked(
     blocking: Blocking, centre: tuple[float, float], heading: float, half: tuple[float, float]
 ) -> bool:
@@ -133,7 +133,7 @@ def _blocked(
     return False
 
 
-@inner
+@lean_inner
 def _away(cols: int, bins: int, box: int, goal: int) -> int:
     """Return how many rows, columns and ranges of headings a box is away from the goal's."""
     turn, cell, end = abs(box % bins - goal % bins), box // bins, goal // bins
@@ -141,7 +141,7 @@ def _away(cols: int, bins: int, box: int, goal: int) -> int:
     return min(turn, bins - turn) + rows_away + cols_away
 
 
-@kernel
+@lean_kernel
 def spread(flood: Flood, blocking: Blocking, budget: int) -> int:
     """Go on flooding ``budget`` boxes. Returns 1 if the goal's box is reached, 2 if all that can be
     reached was seen, 0 if there is more to do.
