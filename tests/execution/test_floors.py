@@ -12,6 +12,7 @@ from up_samp.execution.build import dependencies_of
 from up_samp.execution.floor import Delays
 from up_samp.execution.simulate import simulate
 from up_samp.io import plan_from_dict
+from up_samp.model import ProblemError
 from up_samp.validation import validate_plan
 
 PATTERNS = (
@@ -95,6 +96,14 @@ def test_missing_edges_are_caught(yaml):
                     break
     assert caught["meeting"] >= 3, caught
     assert caught["other"] >= 3, caught
+
+
+@pytest.mark.parametrize(
+    "text", ["stops=inf", "late=nan", "slow=1", "slow=nan", "slow=-0.1", "lag=-1", "30", "fast=1"]
+)
+def test_delays_that_are_none_are_named(text):
+    with pytest.raises(ProblemError, match=text.split("=")[0]):
+        Delays.parse(text)
 
 
 @pytest.mark.parametrize("policy", ["timed", "staircase", "reorder"])

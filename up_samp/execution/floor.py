@@ -55,8 +55,8 @@ class Delays:
         if not 0.0 <= self.slow < 1.0:
             raise ProblemError(f"delays: 'slow' must be at least 0 and below 1, not {self.slow}")
         for name in ("stops", "stop_seconds", "long_stop", "late", "bias", "noise", "lag"):
-            if getattr(self, name) < 0.0:
-                raise ProblemError(f"delays: '{name}' must not be negative")
+            if not 0.0 <= getattr(self, name) < math.inf:
+                raise ProblemError(f"delays: '{name}' must be a number, and not negative")
 
     @staticmethod
     def of_share(share: float) -> Delays:
