@@ -99,8 +99,9 @@ def code_lines(nodes: list[ast.AST], source: str) -> list[str]:
     """Return the lines that are code: no blank lines, comments or docstrings."""
     said: set[int] = set()
     for node in nodes:
-        text = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
-        if text and isinstance(node.value.value, str):
+        if not isinstance(node, ast.Expr) or not isinstance(node.value, ast.Constant):
+            continue
+        if isinstance(node.value.value, str):
             said.update(range(node.lineno, (node.end_lineno or node.lineno) + 1))
     lines = enumerate(source.splitlines(), start=1)
     bare = [(n, line.strip()) for n, line in lines if n not in said]

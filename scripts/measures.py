@@ -393,7 +393,9 @@ def one_day(case: str, seed: int) -> Values:
     floor = days.nav2_warehouse if "Nav2" in rest else days.warehouse
     held: list[float] = []
 
-    class Watched(days.WAYS[way]):  # type: ignore[misc]
+    way_of: Any = days.WAYS[way]
+
+    class Watched(way_of):
         def step(self) -> None:
             super().step()
             if self.clock.now() >= 360.0 * len(held):

@@ -305,18 +305,18 @@ def _leave_out(part: str) -> None:
     """Leave a part out of all that this process solves."""
     from up_samp.engines import samp
     from up_samp.scheduling.cpsat.solve import strategy
+    from up_samp.search.params import split_parameters as split
 
     kind, _, name = part.partition(": ")
     if kind == "stage":
         strategy.STAGES = tuple(s for s in strategy.STAGES if s.name != name)
     else:
-        split = samp.split_parameters
 
         def without(given: Any) -> Any:
             found, rest = split(given)
             return dataclasses.replace(found, without=(*found.without, name)), rest
 
-        samp.split_parameters = without
+        vars(samp)["split_parameters"] = without
 
 
 def _child(case: str, tuning: Table, reads: bool, part: str, pipe: Any) -> None:
