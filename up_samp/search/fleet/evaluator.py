@@ -25,6 +25,7 @@ from up_samp.search.fleet.evaluator_kernel import (
     WorkTables,
     beside,
     ends_of,
+    length_of,
 )
 from up_samp.search.fleet.jobs import Jobs, WorkMode
 from up_samp.search.fleet.travel_times import TravelTimeModel
@@ -65,20 +66,15 @@ class AssignmentEvaluator:
 
     def ends(self, tours: Mapping[str, Sequence[Step]]) -> dict[str, tuple[float, float]]:
         """Return when (s) each robot has done its jobs, and by how much it is late in all."""
-        found = ends_of(self.work(), self.rules, self.shares(tours), len(self._shared))
-        return {
-            r: (float(end), float(late)) for r, (end, late) in self._by_name(found) if r in tours
-        }
+        found = zip(self.robots, self._ends(tours), strict=True)
+        return {r: (float(end), float(late)) for r, (end, late) in found if r in tours}
 
     def length(self, tours: Mapping[str, Sequence[Step]]) -> float:
-        """Return how long (s) a share of all jobs takes, as annealing has it: hardly more than its
-        longest tour if they are ``steep``, and what is late counts more.
-        """
-        late, steep = self.rules.late, self.rules.steep
-        lengths = [end + late * much for end, much in self.ends(tours).values()]
-        longest = max(lengths, default=0.0)
-        powers = math.fsum((one / longest) ** steep for one in lengths if longest > 0.0)
-        return float(longest * powers ** (1.0 / steep))
+        """Return how long (s) a share of all jobs takes (see :func:`length_of`)."""
+        return float(length_of(self._ends(tours), self.rules))
+
+    def _ends(self, tours: Mapping[str, Sequence[Step]]) -> FloatArray:
+        return ends_of(self.work(), self.rules, self.shares(tours), len(self._shared))
 
     def shares(self, tours: Mapping[str, Sequence[Step]]) -> TourArrays:
         """Return tours as rows of numbers, with room for one job more than there are."""
@@ -100,9 +96,6 @@ class AssignmentEvaluator:
         if self._known is None or self._known[0] != self.guess.rounds:
             self._known = self.guess.rounds, self._work()
         return self._known[1]
-
-    def _by_name(self, found: FloatArray) -> zip[tuple[str, FloatArray]]:
-        return zip(self.robots, found, strict=True)
 
     def _work(self) -> WorkTables:
         snapshot, ride = self.guess.snapshot, self.guess.ride

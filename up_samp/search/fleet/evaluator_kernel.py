@@ -335,6 +335,16 @@ def _change(work: WorkTables, shares: TourArrays, draws: FloatArray) -> tuple[in
     return one, other
 
 
+@kernel
+def length_of(ends: FloatArray, rules: CostWeights) -> float:
+    """Return how long (s) a share of all jobs takes, as it is annealed: hardly more than its
+    longest tour where ends are ``steep``, and what is late counts more.
+    """
+    unit = _longest(ends, rules)
+    length: float = unit * _weight(ends, rules, unit) ** (1.0 / rules.steep)
+    return length
+
+
 def drawn(chance: np.random.Generator, tries: int) -> FloatArray:
     """Return the random numbers in [0, 1) that some tries of annealing need (tries, 9)."""
     return chance.random((tries, 9))

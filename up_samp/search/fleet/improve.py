@@ -368,9 +368,9 @@ def other_ways(search: FleetLNS, deadline: Deadline) -> FleetSolution | None:
     looking = dict[str, int]()
     for robot in sorted({search.one_of_the_last() for _ in range(2)}):
         delays = search.delays(robot)
-        for name in sorted(delays, key=lambda name: (-delays[name], name))[:1]:
-            if delays[name] > DELAYED:
-                looking[name] = search.tours.looked(name) + 1
+        name = min(delays, key=lambda name: (-delays[name], name), default="")
+        if delays.get(name, 0.0) > DELAYED:
+            looking[name] = search.tours.looked(name) + 1
     kept, given = _turns_changed(search)
     if not looking:
         return None

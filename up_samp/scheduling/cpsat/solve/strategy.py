@@ -250,7 +250,7 @@ def _anneal_on(search: Solve, works: list[RoutedWork], longer: int, seed: int) -
     by_makespan = whole.minimizes_makespan
     enough, fixed = (whole.bound, 0) if by_makespan else (0, whole.model.objective.const)
     for number in range(_TIMES):
-        if whole.over() or deadline.expired():
+        if whole.over() or deadline.expired() or not works:
             return
         work, before = works[number % len(works)], whole.value
         known = len(work.tours)
@@ -259,7 +259,8 @@ def _anneal_on(search: Solve, works: list[RoutedWork], longer: int, seed: int) -
             whole.realize(tour.schedule, work.others)
             search.better |= whole.value < before
         if len(work.tours) == known:
-            return  # all sequences that there are have been tried
+            # no sequence came by that was not known: hardly any other will
+            works = [other for other in works if other is not work]
 
 
 def _is_paid_by_activity(search: Solve) -> bool:
