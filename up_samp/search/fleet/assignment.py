@@ -11,6 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 import random
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -20,7 +21,7 @@ from unified_planning.model.scheduling import Activity
 
 from up_samp.model import Configuration, Deadline
 from up_samp.model.snapshot import TermKind
-from up_samp.search.fleet.evaluator import AssignmentEvaluator, Step, Stop, stops_of
+from up_samp.search.fleet.evaluator import AssignmentEvaluator, Step, Stop
 from up_samp.search.fleet.evaluator_kernel import anneal, drawn, insert
 from up_samp.search.fleet.jobs import Jobs
 from up_samp.search.fleet.travel_times import OneDrive, TravelTimeModel
@@ -55,6 +56,20 @@ class Assignment:
     def jobs(self) -> Jobs:
         """All jobs, with the ways to do each."""
         return self.rehearsal.jobs
+
+    def asides(self) -> dict[str, str]:
+        """Return by robot the drive out of the way of others that have to be where its tour ends,
+        beside those that may come of its last job.
+        """
+        duties, options, found = self.guess.duties, self.jobs.options, dict[str, str]()
+        work = {r: [options[j][k] for j, k in tour] for r, tour in self.tours.items() if tour}
+        stops = Counter(p for some in work.values() for p in {p for o in some for p in o.stops})
+        for robot, some in work.items():
+            drive = duties.asides.get((robot, some[-1].exit))
+            elsewhere = robot in duties.ends or robot in duties.loads
+            if drive is not None and stops[some[-1].exit] > 1 and not elsewhere:
+                found[robot] = drive
+        return found
 
     def ways(self) -> list[OneDrive]:
         """Return all drives that are made, also those home."""
@@ -234,7 +249,7 @@ def _ways_between(
     if many == 1:
         return found, {last}
     start = assign.guess.snapshot.configurations[assign.guess.snapshot.initial[robot]]
-    stops = [{*stops_of(assign.jobs.options[j][k])} for j, k in assign.tours[robot]]
+    stops = [{*assign.jobs.options[j][k].stops} for j, k in assign.tours[robot]]
     for at, mine in enumerate(stops):
         near = set().union(*stops[at : at + many + 1])
         found |= {pair for a in mine for b in near - {a} for pair in ((a, b), (b, a))}
@@ -247,14 +262,14 @@ def state_order(problem: SchedulingMotionProblem, assign: Assignment) -> None:
     jobs that a robot may have under way at once, the scheduler finds the order.
     """
     manager = problem.environment.expression_manager
-    activities = {a.name: a for a in problem.activities}
+    activities, asides = {a.name: a for a in problem.activities}, assign.asides()
     for robot, tour in assign.tours.items():
         many, shares = assign.guess.duties.loads.get(robot, 1), list[list[Activity]]()
         for at, (j, k) in enumerate(tour):
             option = assign.jobs.options[j][k]
-            mine = [
-                activities[n] for n in sorted(option.members | option.extras) if n in activities
-            ]
+            names = sorted(option.members | option.extras)
+            names += [asides[robot]] if robot in asides and at == len(tour) - 1 else []
+            mine = [activities[n] for n in names if n in activities]
             before = [*itertools.chain(*shares[max(at - 2 * many + 1, 0) : max(at - many + 1, 0)])]
             for a in mine:
                 problem.add_constraint(a.present)

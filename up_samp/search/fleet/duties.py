@@ -50,8 +50,8 @@ Taken = Mapping[tuple[Body, float, Configuration, Configuration], float]
 @dataclass(frozen=True)
 class Duties:
     """By robot: where it has to be in the ``ends``, how long it ``rests`` (s), its battery, how
-    many jobs it may have under way at once (``loads``, where it is more than one); and what drives
-    take.
+    many jobs it may have under way at once (``loads``, where it is more than one); what drives
+    take; and, by robot and from where, the drive that brings it out of the way (``asides``).
     """
 
     ends: Mapping[str, Configuration] = field(default_factory=dict)
@@ -59,6 +59,7 @@ class Duties:
     batteries: Mapping[str, BatteryUse] = field(default_factory=dict)
     loads: Mapping[str, int] = field(default_factory=dict)
     taken: Taken = field(default_factory=dict)
+    asides: Mapping[tuple[str, Configuration], str] = field(default_factory=dict)
 
 
 def duties_of(problem: SchedulingMotionProblem, snapshot: Snapshot, jobs: Jobs) -> Duties:
@@ -75,7 +76,7 @@ def duties_of(problem: SchedulingMotionProblem, snapshot: Snapshot, jobs: Jobs) 
     batteries = dict(_batteries(problem, snapshot, drives, taken))
     ends = dict(_ends(problem, snapshot))
     rests, loads = dict(_rests(problem, snapshot, own, drives)), loads_of(problem, jobs)
-    return Duties(ends, rests, batteries, loads, taken)
+    return Duties(ends, rests, batteries, loads, taken, dict(_asides(snapshot, jobs)))
 
 
 def _ends(
@@ -87,6 +88,23 @@ def _ends(
         stands = [stand_told(c, whose) for c in conditions if span.lower.is_from_end()]
         for robot, place in filter(None, stands):
             yield robot, snapshot.configurations[place]
+
+
+def _asides(snapshot: Snapshot, jobs: Jobs) -> Iterator[tuple[tuple[str, Configuration], str]]:
+    """Yield the drives, by robot and from where, that bring it back to where it is at first, if no
+    job is done there: they are no part of a job, and whoever has done its last one may be in the
+    way where it is.
+    """
+    pose, initial = snapshot.configurations, snapshot.initial
+    every = [o for options in jobs.options for o in options]
+    told = {name for o in every for name in (*o.members, *o.extras)}
+    stops = {stop for o in every for stop in o.stops}
+    for task in sorted(snapshot.tasks, key=lambda task: task.activity, reverse=True):
+        fixed = all(term.kind is TermKind.CONSTANT for term in task.terms)
+        if fixed and task.activity not in told:
+            a, b = (pose[task.terms[i].name] for i in (0, -1))
+            if a != b and b == pose[initial[task.object]] and b not in stops:
+                yield (task.object, a), task.activity
 
 
 def _rests(

@@ -60,7 +60,7 @@ class AssignmentEvaluator:
         ]
         jobs = Counter[Configuration]()
         for options in self.jobs.options:
-            jobs.update({pose for option in options for pose in stops_of(option)})
+            jobs.update({pose for option in options for pose in option.stops})
         shared = sorted(pose for pose, many in jobs.items() if many > 1)
         self._shared = {pose: number for number, pose in enumerate(shared)}
 
@@ -101,7 +101,7 @@ class AssignmentEvaluator:
         snapshot, ride = self.guess.snapshot, self.guess.ride
         options = [option for some in self.jobs.options for option in some]
         starts = {r: snapshot.configurations[snapshot.initial[r]] for r in self.robots}
-        stops = [stops_of(option) for option in options]
+        stops = [option.stops for option in options]
         goals = self.guess.duties.ends
         poses = {p for o in options for p in (o.entry, o.exit)} | set(starts.values())
         poses |= set(goals.values())
@@ -228,8 +228,3 @@ class AssignmentEvaluator:
 def _columns(rows: Iterable[tuple[int, ...]]) -> IntArray:
     """Return the columns of rows, each as an array of its own."""
     return np.ascontiguousarray(np.array([*rows], dtype=np.int64).T)
-
-
-def stops_of(option: WorkMode) -> list[Configuration]:
-    """Return where the work of an option is done: where it is entered, and where its legs end."""
-    return [option.entry, *(b for _, b in option.legs)]

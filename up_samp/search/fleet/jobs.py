@@ -224,6 +224,11 @@ class WorkMode:
     extras: frozenset[str] = frozenset()
     """What may be present only if it is done: a way home, say."""
 
+    @property
+    def stops(self) -> list[Configuration]:
+        """Where its work is done: where it is entered, and where its legs end."""
+        return [self.entry, *(b for _, b in self.legs)]
+
 
 @dataclass(frozen=True)
 class Jobs:

@@ -190,7 +190,7 @@ def plan_of_deal(
     :param opened: the search on what was dealt out, and its candidate.
     """
     inner, itinerary = opened
-    found = plan_tours(inner, itinerary, deadline, homes=homes_of(large.jobs))
+    found = plan_tours(inner, itinerary, deadline, homes=homes_of(dealt))
     if found is None:
         return None
     rng, again = random.Random(search.seed), partial(open_tours, large)
@@ -211,10 +211,12 @@ def plan_of_tours(search: Search, decided: FleetSolution) -> Incumbent | None:
     return None if search.judged(plan.plan) else plan
 
 
-def homes_of(jobs: Jobs) -> frozenset[str]:
-    """Return what may come of a job and nobody needs."""
+def homes_of(dealt: Assignment) -> frozenset[str]:
+    """Return the drives out of the way of others, which nobody needs otherwise."""
+    jobs = dealt.jobs
     needed = frozenset[str]().union(*jobs.needs.values())
-    return frozenset(n for options in jobs.options for o in options for n in o.extras) - needed
+    extras = frozenset(n for options in jobs.options for o in options for n in o.extras)
+    return (extras | {*dealt.asides().values()}) - needed
 
 
 def candidate_of(
@@ -249,7 +251,7 @@ def _candidate(
 def open_tours(large: LargeProblem, dealt: Assignment, deadline: Deadline) -> TourPlanner | None:
     """Return the tours of what was dealt out, none of them decided."""
     opened = candidate_of(large, dealt, deadline)
-    tours = None if opened is None else undecided_tours(*opened, homes_of(large.jobs))
+    tours = None if opened is None else undecided_tours(*opened, homes_of(dealt))
     if tours is not None:
         tours.learn_ways_past(deadline)
     return tours

@@ -1,0 +1,123 @@
+"""Fleets on floors that others drew: what traffic costs there.
+
+``python benchmarks/scale/floors.py [MAP ROBOTSxORDERS SEED SECONDS]`` draws docks, shelves and
+stations at random on a map (ROS YAML, or Moving AI's ``.map`` with cells of 1.5 m), solves for so
+many seconds of computing, and prints a row: the makespan, the least one found where robots heed
+each other at shared places only, by how much the plan is longer, and the relative bound.
+``NAV2_MAPS`` and ``LORR_MAPS`` are the folders where Nav2's and the League of Robot Runners' maps
+lie.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import random
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt, label
+from unified_planning.shortcuts import AnytimePlanner, get_environment
+
+from up_samp import Fleet
+from up_samp.fleet.importers.grids import read_movingai_map
+from up_samp.geometry.maps import load_map, write_map
+from up_samp.model.deadline import computing_time
+
+CELL = 1.5
+"""m, of Moving AI's grids."""
+TYPES: dict[str, dict[str, Any]] = {
+    "car": {"model": "car", "turning_radius": 1.0},
+    "turner": {"model": "diff", "omega_max": 1.5},
+    "glider": {"model": "omni", "omega_max": 1.5},
+}
+"""A third of the fleet each."""
+CLEAR, APART = 1.2, 2.5
+"""m to walls, wherever a way leads from place to place (two robots pass each other there), and
+from place to place, at least."""
+SERVICE = (2, 3, 5)
+"""s that loading and unloading may take."""
+
+
+def drawn_places(file: Path, many: int, rng: random.Random) -> list[tuple[float, float]]:
+    """Return places at random on the largest free part of a map, apart from each other (m)."""
+    grid = load_map(file)
+    walls = np.pad(grid.blocked, 1, constant_values=True)
+    free = (distance_transform_edt(~walls) * grid.resolution > CLEAR)[1:-1, 1:-1]
+    parts, _ = label(free)
+    largest = int(np.argmax(np.bincount(parts[parts > 0])))
+    rows, columns = np.nonzero(parts == largest)
+    cells = list(zip(rows.tolist(), columns.tolist(), strict=True))
+    rng.shuffle(cells)
+    found: list[tuple[float, float]] = []
+    for i, j in cells:
+        x, y = grid.point_of(i, j)
+        if all(math.hypot(x - a, y - b) >= APART for a, b in found):
+            found.append((round(x, 2), round(y, 2)))
+        if len(found) == many:
+            return found
+    raise ValueError(f"{file} has no room for {many} places that are {APART} m apart")
+
+
+def fleet_on(file: Path, robots: int, orders: int, seed: int) -> Fleet:
+    """Return a fleet on a map: docks, shelves and half as many stations as robots."""
+    rng = random.Random(seed)
+    stations = max(2, robots // 2)
+    places = drawn_places(file, robots + stations + orders, rng)
+    fleet = Fleet(file, name=f"{file.stem}-r{robots}-o{orders}")
+    for name, kind in TYPES.items():
+        fleet.add_robot_type(name, footprint=(1.2, 0.8), v_max=1.5, a_max=1.0, **kind)
+    for n in range(robots):
+        fleet.add_place(f"dock{n}", *places.pop())
+        fleet.add_robot(f"r{n}", [*TYPES][n % len(TYPES)], start=f"dock{n}")
+    for n in range(stations):
+        fleet.add_place(f"station{n}", *places.pop())
+    for n in range(orders):
+        fleet.add_place(f"shelf{n}", *places.pop())
+        shelf = {"at": f"shelf{n}", "service": rng.choice(SERVICE)}
+        station = {"at": f"station{rng.randrange(stations)}", "service": rng.choice(SERVICE)}
+        fleet.add_order(f"order{n}", shelf, station)
+    return fleet
+
+
+def map_of(name: str, folder: Path) -> Path:
+    """Return a map's file: Nav2's by their name, the League's turned into ROS maps."""
+    nav2 = Path(os.environ.get("NAV2_MAPS", "/opt/ros/jazzy/share/nav2_bringup/maps"))
+    if (nav2 / f"{name}.yaml").exists():
+        return nav2 / f"{name}.yaml"
+    league = Path(os.environ.get("LORR_MAPS", "."))
+    blocked = read_movingai_map(league / f"{name}.map")
+    fine = np.kron(blocked[::-1], np.ones((6, 6), dtype=np.bool_))
+    return write_map(folder, name, fine, CELL / 6)
+
+
+def solved(fleet: Fleet, seconds: float) -> dict[str, str]:
+    """Return the metrics of the best plan that is found in so many seconds of computing."""
+    get_environment().credits_stream = None
+    metrics: dict[str, str] = {}
+    with computing_time(), AnytimePlanner(name="samp-refine[cpsat]", params={"seed": 0}) as engine:
+        for result in engine.get_solutions(fleet.problem, timeout=seconds):
+            metrics = result.metrics if result.plan is not None else metrics
+    return metrics
+
+
+def main(
+    name: str = "warehouse", size: str = "10x30", seed: str = "0", seconds: str = "100"
+) -> None:
+    """Print a row."""
+    robots, orders = map(int, size.split("x"))
+    with tempfile.TemporaryDirectory() as folder:
+        fleet = fleet_on(map_of(name, Path(folder)), robots, orders, int(seed))
+        told = solved(fleet, float(seconds))
+    makespan, alone = (float(told.get(key, "inf")) for key in ("makespan", "without_traffic"))
+    print("| map, fleet, seed | makespan | without traffic | ratio | bound |")
+    print("|---|---|---|---|---|")
+    ratio, bound = makespan / alone, told.get("lower_bound")
+    print(f"| {name}, {size}, {seed} | {makespan:.0f} | {alone:.0f} | {ratio:.2f} | {bound} |")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
