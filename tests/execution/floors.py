@@ -443,11 +443,13 @@ def _problem(rng, plan, yaml):
             limits["turning_radius"] = 1.0
         else:
             limits["omega_max"] = 2.0
+        if entry["model"] == "PIVOT":
+            limits["turning_radius"] = 0.0
         item = MovableObject(
             entry["name"],
             kinds[entry["type"]],
             footprint=[tuple(c) for c in entry["footprint"]],
-            motion_model=MotionModels[entry["model"]],
+            motion_model=MotionModels[entry["model"].replace("PIVOT", "REEDSSHEPP")],
             motion_parameters=limits,
         )
         items[entry["name"]] = item

@@ -120,7 +120,7 @@ def test_beyond_the_ends_of_its_path_a_robot_is_off_it(executor, beyond):
     assert (reply.heard, reply.why) == (Heard.HELD, "it is 0.400 m off its path")
     (overrun,) = executor.overruns
     assert (overrun.robot, overrun.off) == ("r0", pytest.approx(0.4))
-    assert executor._strayed["r0"].pose == pytest.approx((2.0 + beyond, 6.0, 0.0))
+    assert executor.state.strayed["r0"].pose == pytest.approx((2.0 + beyond, 6.0, 0.0))
     assert isinstance(executor.commands(now + 0.4)["r0"], Hold)
     assert executor.done(FIRST, now + 0.5).heard is Heard.AGAIN
     executor.commands(now + 20.0)

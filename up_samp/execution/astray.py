@@ -11,7 +11,7 @@ from up_samp.execution.build import Dependencies
 from up_samp.execution.graph import At, Event
 from up_samp.execution.lives import DriveCells, Life, Piece, Stay, concerned, kept_apart
 from up_samp.execution.meetings import moving
-from up_samp.execution.state import FloorState, TaskPhase
+from up_samp.execution.state import FloorState, Strayed, TaskPhase
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.execution.travel import pose_at
 from up_samp.model import Configuration
@@ -43,17 +43,6 @@ class Overrun:
         if self.by > 0:
             return f"'{self.robot}' is {self.by:.3f} m beyond a closed gate of '{self.motion}'"
         return f"'{self.robot}' is {-self.by:.3f} m behind where it was in '{self.motion}'"
-
-
-@dataclass(frozen=True)
-class Strayed:
-    """A robot told, at ``time`` (s), that it is at ``pose`` (x, y, theta; in the one plane of all
-    paths), ``off`` m from wherever it can have been led.
-    """
-
-    pose: Configuration
-    off: float
-    time: float
 
 
 def place_of(state: FloorState, life: Life) -> Piece | None:
@@ -100,7 +89,7 @@ def beside(life: Life, piece: Piece | None) -> list[DriveCells]:
 
 
 def kept_away(
-    state: FloorState, dependencies: Dependencies, robot: str, strayed: Strayed | None
+    state: FloorState, dependencies: Dependencies, robot: str
 ) -> tuple[Overrun | None, dict[tuple[str, str], float]]:
     """Return whether a robot is where nobody led it, and how far (m) others' motions may go then
     (by activity and object): as far as they keep clear of wherever it may be, and of its way back
@@ -108,7 +97,7 @@ def kept_away(
     robot itself.
     """
     way, life = state.of_object.get(robot), dependencies.lives[robot]
-    by = 0.0 if way is None else state.astray(way)
+    by, strayed = 0.0 if way is None else state.astray(way), state.strayed.get(robot)
     if not by and strayed is None:
         return None, {}
     error, margin = state.errors[robot], dependencies.graph.margin

@@ -29,6 +29,7 @@ from up_samp.execution.graph import At, Event
 from up_samp.execution.lives import DriveCells, Life
 from up_samp.execution.state import FloorState, TaskPhase
 from up_samp.execution.substitute import ValuesNow
+from up_samp.execution.tolerances import TOLERANCES
 from up_samp.execution.travel import is_same_place
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import Configuration, ProblemError, UnsupportedError
@@ -251,6 +252,8 @@ class Remaining:
     hint: Schedule | None
     notes: tuple[str, ...]
     params: Mapping[str, float] = field(default_factory=dict)
+    localisation: float = TOLERANCES.localisation
+    """How far (m) from where they tell to be robots may be, as the old plan is followed."""
 
 
 def check_names(surprise: Surprise, source: SchedulingMotionProblem, state: FloorState) -> None:
@@ -372,12 +375,11 @@ class _Builder:
                 continue
             if way.object in self.surprise.broken:
                 continue
-            speed = way.travel.speed_at(way.progress)
-            if speed > 0.0:
-                speed = max(speed, way.travel.speed_at(way.progress + 0.25))
-            brake = speed * speed / (2 * way.travel.accel)
-            at = min(way.progress + brake, self.state.until(way), way.length)
-            found[way.object] = (at, self.state.now + speed / way.travel.accel)
+            strayed = self.state.strayed.get(way.object)
+            if strayed is not None:
+                self.notes.append(f"'{way.object}' is off its path, and goes on from where it is")
+            here = self.state.here(way), self.state.now
+            found[way.object] = self.state.rest(way) if strayed is None else here
         return found
 
     def _gone(self) -> frozenset[str]:
@@ -640,6 +642,8 @@ class _Builder:
         pose = here.path.poses[0]
         if isinstance(here, DriveCells) and name in self.stops:
             pose = here.path.poses_at(np.array([self.stops[name][0]]))[0]
+        if name in self.state.strayed:
+            pose = self.state.strayed[name].pose
         pose = self.surprise.broken.get(name, here.frame.inverse.of(pose))
         return tuple(float(v) for v in pose), self.types[led_by(life, here), name]
 

@@ -405,7 +405,7 @@ def follow_on(
             under_way[name] = {w.object: w.told - gone for w in old.state.ways_of[name]}
     executor.join(max(0.0, old.now - by), done=done, under_way=under_way, times=times)
     executor.state.pace.load(old.state.pace.saved())
-    for robot, where in old.strayed.items():  # others still keep away from there
+    for robot, where in old.state.strayed.items():  # others still keep away from there
         executor.update(robot, pose=where.pose, now=max(0.0, old.now - by))
     least: dict[str, float] = {}
     for robot, way in executor.state.of_object.items():
