@@ -142,8 +142,8 @@ def _areas(
     along = [way.told - error, way.told + error]
     if gate is not None:
         along.append(state.nominal(gate))
-    if by < 0:
-        along.append(way.progress + error)
+    # it still comes to rest, or is led back to where it was
+    along.append(state.braking(way) + error if by > 0 else way.progress + error)
     edges, whole = here.path.edges, moving(here.path)
     hit = (edges[:-1] <= max(along)) & (edges[1:] >= min(along))
     yield Swept(np.ascontiguousarray(whole.table[hit]), whole.hull)

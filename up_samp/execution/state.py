@@ -123,7 +123,7 @@ class MotionUnderWay:
     told: float = 0.0
     """What was told last (m)."""
     since: float = 0.0
-    """When ``progress`` last grew (s)."""
+    """When ``progress`` last grew (s), or what was told beyond it."""
     let: float = 0.0
     """How far (m) its robot was let drive for good (0: what it is told can be taken back)."""
     at_end: bool = False
@@ -285,6 +285,8 @@ class FloorState:
         """Note what was told of a motion. It never goes back, and whatever is told, it is believed
         to be no farther than its closed gate allows.
         """
+        if told > max(way.told, way.progress) + self.tolerance:
+            way.since = self.now
         way.told = told
         self.follow(way)
 
