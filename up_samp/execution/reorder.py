@@ -14,7 +14,7 @@ from typing import NamedTuple
 from ortools.sat.python import cp_model
 
 from up_samp.execution.build import Dependencies, steps_by, with_sides
-from up_samp.execution.graph import At, Edge, Event, Graph, topological
+from up_samp.execution.graph import At, Edge, Event, Graph
 from up_samp.execution.lives import Stay
 from up_samp.execution.meetings import Component, Key, Meeting, switched
 from up_samp.execution.state import FloorState, Forecast, TaskPhase, forecast
@@ -353,31 +353,14 @@ class Times:
     def variables(
         self, model: cp_model.CpModel, latest: int, literals: list[cp_model.IntVar]
     ) -> list[cp_model.LinearExprT]:
-        """Return the events' times in a model with all ties; ``literals`` are the decisions.
-
-        What only follows one other event, or now, has that one's variable.
-        """
-        count = len(self.number)
-        into: list[list[Tie]] = [[] for _ in range(count)]
+        """Return the events' times in a model with all ties; ``literals`` are the decisions."""
+        found: list[cp_model.LinearExprT] = [model.new_int_var(0, latest, "") for _ in self.number]
+        found.append(0)  # now's
         for tie in self.ties:
-            into[tie.then].append(tie)
-        always = [(t.first, t.then) for t in self.ties if t.only_if == 0 and t.first != NOW]
-        order = topological(count, always, [0.0] * count)
-        if len(order) < count:
-            raise ProblemError("the dependencies have a cycle: nobody could go first")
-        found: list[cp_model.LinearExprT] = [0] * count + [0]  # the last one is now's
-        for k in order:
-            only = into[k][0] if len(into[k]) == 1 else None
-            if only is not None and not only.only_if:
-                found[k] = found[only.first] + only.ticks
-            else:
-                found[k] = model.new_int_var(0, latest, "")
-        for k, ties in enumerate(into):
-            for tie in ties if isinstance(found[k], cp_model.IntVar) else ():
-                stated = model.add(found[k] >= found[tie.first] + tie.ticks)
-                if tie.only_if:
-                    literal = literals[abs(tie.only_if) - 1]
-                    stated.only_enforce_if(literal if tie.only_if > 0 else literal.negated())
+            stated = model.add(found[tie.then] >= found[tie.first] + tie.ticks)
+            if tie.only_if:
+                literal = literals[abs(tie.only_if) - 1]
+                stated.only_enforce_if(literal if tie.only_if > 0 else literal.negated())
         return found
 
 
