@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, field
-from functools import partial
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -16,10 +16,9 @@ from unified_planning.model.motion import (
     ActivityWaypoints,
     ConfigurationObject,
     MotionActivity,
-    MovableObject,
     SchedulingMotionProblem,
 )
-from unified_planning.model.scheduling import Activity
+from unified_planning.model.scheduling import Activity, SchedulingProblem
 from unified_planning.model.timing import TimeInterval, Timing
 from unified_planning.plans import Schedule
 
@@ -28,116 +27,131 @@ from up_samp.execution.build import planned_of
 from up_samp.execution.graph import At, Event
 from up_samp.execution.lives import DriveCells, Life
 from up_samp.execution.state import FloorState, TaskPhase
-from up_samp.execution.substitute import ValuesNow
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.execution.travel import is_same_place
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import Configuration, ProblemError, UnsupportedError
 from up_samp.model.frames import Frame
 from up_samp.model.objective import MinimizeCosts
-from up_samp.scheduling.partial_order.differences import Planned
-from up_samp.upio.expressions import activities_in, walk
-from up_samp.upio.movers import brought, named_as_planned, whereabouts
+from up_samp.scheduling.compilers.plain import Expr, fluents_in, show
+from up_samp.scheduling.compilers.read import read_expression
+from up_samp.scheduling.partial_order.differences import Planned, constant, kept
+from up_samp.upio.expressions import activities_in
+from up_samp.upio.movers import Involved, brought, named_as_planned, whereabouts
 from up_samp.upio.relaxing import told_by
 from up_samp.upio.restrict import Decided
 from up_samp.upio.spans import conditions_of, own_end
 
+# ------------------ What has happened by now: effects, as initial values of what is left
 
-class Involved:
-    """Who needs whom in a problem. An activity needs an object if
 
-    - it moves it, or a condition or effect of it speaks of it;
-    - a condition or effect of it speaks of a fluent that tells where the object is;
-    - it takes at its start what every drive of the object takes, and no other object's drive;
-    - it is kept apart from every drive of the object, pair by pair, and so of no other object.
-
-    Names of activities say nothing. ``told`` are the fluents that tell where objects are.
+@dataclass(eq=False)
+class ValuesNow:
+    """What effects of ``source`` that have happened leave behind, ``since`` units (of ``unit`` s)
+    after the plan's start. Activities that are ``gone`` have given back what they took.
     """
 
-    def __init__(
-        self, problem: SchedulingMotionProblem, told: Mapping[FNode, str] | None = None
-    ) -> None:
-        self.told = whereabouts(problem) if told is None else told
-        self.moved = {a.name: frozenset(brought(a)) for a in problem.activities}
-        self._of = {
-            a.name: {*self.moved[a.name], *(who for n in _spoken(a) for who in self.about(n))}
-            for a in problem.activities
-        }
-        drives: dict[str, set[str]] = {}
-        for activity in problem.motion_activities:
-            for constraint in activity.motion_constraints:
-                for who in self.moved[activity.name] & _objects(constraint.movable):
-                    drives.setdefault(who, set()).add(activity.name)
-        driving = set().union(*drives.values())
-        for takers in _takers(problem).values():
-            whole = _whole(takers, drives)
-            others = [d for d in drives if d not in whole and drives[d] & takers]
-            for name in takers - driving if len(whole) == 1 and not others else ():
-                self._of[name] |= whole
-        for name, rivals in _rivals(problem).items():
-            whole = _whole(rivals, drives)
-            if name not in driving and len(whole) == 1:
-                self._of[name] |= whole
+    source: SchedulingProblem
+    planned: Planned
+    state: FloorState
+    unit: float
+    since: int
+    gone: frozenset[str]
 
-    def needs(self, activity: str, name: str) -> bool:
-        """Return whether an activity needs an object."""
-        return name in self._of.get(activity, ())
+    def holds(self, node: FNode) -> bool:
+        """Return whether a condition holds in the new initial state."""
+        return kept(self.now, read_expression(self.source, node)) == []
 
-    def moves(self, activity: str, name: str) -> bool:
-        """Return whether an activity drives an object or puts it elsewhere."""
-        return name in self.moved.get(activity, ())
+    @cached_property
+    def now(self) -> Planned:
+        """The plan, with fluents as they are now."""
+        changed = {key: constant(value) for key, value in self.changed.items()}
+        problem = self.planned.problem
+        initial = {**problem.initial, **changed}
+        return replace(self.planned, problem=replace(problem, initial=initial))
 
-    def about(self, node: FNode) -> frozenset[str]:
-        """Return the movable objects that an expression speaks of, or of whose whereabouts."""
-        return _objects(node) | {self.told[n] for n in walk(node) if n in self.told}
+    @cached_property
+    def changed(self) -> dict[Expr, Any]:
+        """The values of fluents that effects have changed."""
+        values: dict[Expr, Any] = {}
+        for _, _, key, kind, amount in self._happened:
+            old = values.get(key)
+            if old is None and kind != "assign":
+                old = self.planned.value(self.planned.problem.initial_value(key))
+            if kind == "assign":
+                values[key] = amount
+            else:
+                values[key] = old + (amount if kind == "increase" else -amount)
+        return values
 
+    def check_bounds(self) -> None:
+        """Raise :class:`ProblemError` where a fluent has a value that its type does not have."""
+        for key, value in self.changed.items():
+            kind, *bounds = self.planned.problem.fluents[key[1]].type
+            if kind != "int" or isinstance(value, bool):
+                continue
+            least, most = bounds
+            if (least is not None and value < least) or (most is not None and value > most):
+                by = [f"'{owner}'" for _, owner, other, *_ in self._happened if other == key]
+                raise ProblemError(
+                    f"what has happened is against the problem: '{show(key)}' is {value} now, and "
+                    f"may be {least} to {most}; it was changed by {', '.join(by)}"
+                )
 
-def _spoken(activity: Activity) -> Iterator[FNode]:
-    for nodes in activity.conditions.values():
-        yield from nodes
-    for effects in activity.effects.values():
-        yield from (e.fluent for e in effects)
+    @cached_property
+    def uses(self) -> frozenset[str]:
+        """Fluents that are only taken from and given back to: nothing reads their values."""
+        problem = self.planned.problem
+        told = {e[1] for whole in problem.read() for e in fluents_in(whole)}
+        told |= {e.fluent[1] for e in problem.effects if e.kind == "assign"}
+        return frozenset(problem.fluents.keys() - told)
 
+    def before(self, key: Expr) -> Any:
+        """Return the new initial value of a fluent: what is under way takes anew what it uses."""
+        value = self.changed[key]
+        for _, owner, other, kind, amount in self._happened if key[1] in self.uses else ():
+            if other == key and self.under_way(owner):
+                value += amount if kind == "decrease" else -amount
+        return value
 
-def _objects(node: FNode) -> frozenset[str]:
-    objects = (n.object() for n in walk(node) if n.is_object_exp())
-    return frozenset(o.name for o in objects if isinstance(o, MovableObject))
+    def under_way(self, name: str) -> bool:
+        """Return whether an activity has begun, goes on, and is not over."""
+        return name not in self.gone and self.state.phase.get(name) is TaskPhase.RUNNING
 
+    @cached_property
+    def _happened(self) -> list[tuple[float, str, Expr, str, Any]]:
+        """Effects that have happened, in their order: when (s), whose, on what, how."""
+        return sorted(self._effects(), key=lambda e: e[0])
 
-def _takers(problem: SchedulingMotionProblem) -> dict[FNode, set[str]]:
-    """Return which activities change a fluent as they start."""
-    found: dict[FNode, set[str]] = {}
-    for activity in problem.activities:
-        for timing, effects in activity.effects.items():
-            for effect in effects if timing.is_from_start() else ():
-                found.setdefault(effect.fluent, set()).add(activity.name)
-    return found
+    def _effects(self) -> Iterator[tuple[float, str, Expr, str, Any]]:
+        for effect in self.planned.problem.effects:
+            time = self._when(effect)
+            if time is None:
+                continue
+            key = self.planned.ground(effect.fluent)
+            if effect.condition != ("bool", True):
+                raise UnsupportedError(f"conditional effect on {show(effect.fluent)}, from now on")
+            amount = self.planned.value(effect.value)
+            if key is not None:
+                yield time, effect.owner or "the problem", key, effect.kind, amount
 
-
-def _rivals(problem: SchedulingMotionProblem) -> dict[str, set[str]]:
-    """Return by activity those that are kept apart from it, by a constraint on just the two that
-    speaks of the start and the end of both.
-    """
-    found: dict[str, set[str]] = {}
-    owners: list[tuple[str | None, Any]] = [(None, problem._base)]
-    owners += [(a.name, a) for a in problem.activities]
-    for owner, chronicle in owners:
-        for constraint, _ in chronicle._constraints:
-            pair = activities_in(constraint) | ({owner} if owner else set())
-            points = {
-                (n.timing().timepoint.container or owner, n.timing().is_from_start())
-                for n in walk(constraint)
-                if n.is_timing_exp()
-            }
-            if len(pair) == 2 and len(points) == 4:
-                for name in pair:
-                    found.setdefault(name, {name}).update(pair)
-    return found
-
-
-def _whole(members: set[str], drives: Mapping[str, set[str]]) -> set[str]:
-    """Return the objects of which every drive is among some activities."""
-    return {who for who, mine in drives.items() if mine <= members}
+    def _when(self, effect: Any) -> float | None:
+        """Return when an effect happened (s), ``None`` if it has not."""
+        _, anchor, owner, delay = effect.time
+        if anchor == "zero":
+            time = delay * self.unit
+            return time if time < self.since * self.unit else None
+        if owner is None or owner not in self.state.phase:
+            return None
+        at = At.START if anchor == "start" else At.END
+        fired = self.state.fired.get(Event(at, owner))
+        if fired is None:
+            return None
+        if owner in self.gone and at is At.START:
+            # what a robot that is out of order has taken, it gives back
+            return None
+        time = fired + delay * self.unit
+        return time if at is At.END or time <= (self.since + 1e-9) * self.unit else None
 
 
 # ------------------ What is left of an activity that has begun
