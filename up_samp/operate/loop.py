@@ -30,7 +30,7 @@ from up_samp.model import ProblemError, SampError
 from up_samp.operate import upkeep
 from up_samp.operate.choice import OUT, Day, OpenWork, body_at, check_stand, choose
 from up_samp.operate.clock import Clock
-from up_samp.operate.horizon import DELIVERS, first_inside, meanings_of, pose_of
+from up_samp.operate.horizon import DELIVERS, driven_before, first_inside, meanings_of, pose_of
 from up_samp.operate.planner import (
     Answer,
     Planner,
@@ -155,7 +155,7 @@ class Operation(Day):
 
     def _follow(self, executor: Executor) -> None:
         self.executor, self.meanings = executor, meanings_of(executor.plan)
-        self.gone = {m["activity"]: m.get("from", 0.0) for m in executor.plan["motions"]}
+        self.gone = {m["activity"]: driven_before(m) for m in executor.plan["motions"]}
         self.robots.follow(executor)
         self._limit()
 
