@@ -345,9 +345,8 @@ class Executor(Followed):
         """
         if self.problem is None:
             raise ProblemError("what is left can be told only where the problem is known")
-        left = remaining_problem(
-            self.problem, self.plan, self.state, self.dependencies.lives, surprise
-        )
+        told, lives = surprise or Surprise(), self.dependencies.lives
+        left = remaining_problem(self.problem, self.plan, self.state, lives, told)
         return replace(left, localisation=self.localisation)
 
     # ------------------------------------------------------------------ what is told

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
@@ -9,7 +10,6 @@ from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
-from unified_planning.environment import Environment
 from unified_planning.model import FNode, Parameter, TimepointKind
 from unified_planning.model.motion import (
     SE2,
@@ -157,23 +157,19 @@ class ValuesNow:
 # ------------------ What is left of an activity that has begun
 
 
-def begun(activity: Activity, values: ValuesNow, environment: Environment) -> Activity:
+def begun(activity: Activity, values: ValuesNow) -> Activity:
     """Return an activity that has begun: mandatory, and only what is left of it."""
     name, state, unit = activity.name, values.state, values.unit
-    drives = isinstance(activity, MotionActivity)
-    kind = MotionActivity if drives else Activity
-    copy = kind(name, 1, False, _env=environment)
-    activity._clone_to(copy)
+    copy = activity.clone()
+    copy._optional, copy._present = False, activity._environment.expression_manager.TRUE()
     start = state.fired[Event(At.START, name)]
     gone = values.since * unit - start
     if state.graph.tasks[name].moves:
         upper = activity.duration.upper
-        most = None
-        if upper.is_int_constant():
-            most = upper.int_constant_value() - math.floor(gone / unit)
-        whole = max(1, most if most is not None else 1)
+        most = upper.int_constant_value() if upper.is_int_constant() else 0
         longest = max(w.travel.whole for w in state.ways_of[name])
-        copy.set_duration_bounds(1, max(whole, 2 * math.ceil(longest / unit) + 10))
+        least = 2 * math.ceil(longest / unit) + 10
+        copy.set_duration_bounds(1, max(most - math.floor(gone / unit), least))
     else:
         copy.set_fixed_duration(units_left(name, values))
     copy._effects = {}
@@ -183,23 +179,17 @@ def begun(activity: Activity, values: ValuesNow, environment: Environment) -> Ac
             continue
         later = math.ceil(start / unit + timing.delay - values.since - 1e-9)
         # what it uses it takes anew, as schedulers know it
-        kept = (
-            effects if later > 0 else [e for e in effects if e.fluent.fluent().name in values.uses]
-        )
-        if kept:
-            copy._effects.setdefault(Timing(max(later, 0), timing.timepoint), []).extend(kept)
+        left = [e for e in effects if later > 0 or e.fluent.fluent().name in values.uses]
+        if left:
+            copy._effects.setdefault(Timing(max(later, 0), timing.timepoint), []).extend(left)
     # what was asked until now was so; it is kept where it still is, for schedulers that
     # find their way by it
     copy._conditions = {}
     for span, nodes in conditions_of(activity).items():
         rest = _rest_of(span, activity, values.since - start / unit)
-        kept = [n for n in nodes if rest is not None or values.holds(n)]
-        if kept:
-            copy._conditions.setdefault(span if rest is None else rest, []).extend(kept)
-    if drives:
-        copy._motion_constraints = list(activity._motion_constraints)
-        copy._motion_constraints_set = set(activity._motion_constraints_set)
-        copy._motion_effects = dict(activity._motion_effects)
+        holding = [n for n in nodes if rest is not None or values.holds(n)]
+        if holding:
+            copy._conditions.setdefault(span if rest is None else rest, []).extend(holding)
     return copy
 
 
@@ -331,7 +321,7 @@ def remaining_problem(
     plan: PlanDict,
     state: FloorState,
     lives: Mapping[str, Life],
-    surprise: Surprise | None = None,
+    surprise: Surprise,
 ) -> Remaining:
     """Return what is left to do from now on.
 
@@ -345,7 +335,7 @@ def remaining_problem(
         raise UnsupportedError("remaining problems are made of problems with motions only")
     named = named_as_planned(problem, plan)
     involved = Involved(named, whereabouts(problem))
-    return _Builder(named, plan, state, lives, surprise or Surprise(), involved).build()
+    return _Builder(named, plan, state, lives, surprise, involved).build()
 
 
 class _Builder:
@@ -451,11 +441,8 @@ class _Builder:
         for activity in self.source.activities:
             if activity.name in self.exact or activity.name in self.gone:
                 continue
-            copy = (
-                begun(activity, self.values, self.source.environment)
-                if activity.name in running
-                else activity.clone()
-            )
+            going = activity.name in running
+            copy = begun(activity, self.values) if going else activity.clone()
             copy._constraints = self._constraints(fix, activity)
             copy._conditions = {
                 span: [fix(c) if fix.tells(c) else c for c in nodes]
@@ -670,11 +657,9 @@ class _Builder:
                 continue
             if is_same_place(item.configuration, pose):
                 return item
-        base = f"now_{name}"
-        fresh, count = base, 0
-        while target.has_name(fresh):
-            count += 1
-            fresh = f"{base}_{count}"
+        numbers = itertools.chain([""], (f"_{k}" for k in itertools.count(1)))
+        names = (f"now_{name}{number}" for number in numbers)
+        fresh = next(free for free in names if not target.has_name(free))
         place = ConfigurationObject(fresh, type_, SE2(*pose))
         target.add_object(place)
         return place

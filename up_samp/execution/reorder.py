@@ -172,7 +172,7 @@ def _too_soon(executor: Followed, ahead: Forecast, need: Edge) -> bool:
         here = state.driven(way) if begun else 0.0
         brake = way.braked(way.travel.fastest)
         # who is under way may be at full speed from the point on where it counts
-        let = brake * begun + max(brake, way.reach(executor.ahead))
+        let = brake * begun + way.reach(executor.ahead)
         place = event.progress - way.error - let
         at = (state.now if begun else at) + way.travel.time_at(max(0.0, place)) - here
     return at < state.now + executor.lead
@@ -326,12 +326,7 @@ class Times:
                 continue
             start, end = Event(At.START, name), Event(At.END, name)
             if not task.moves:
-                begun = state.fired.get(start)
-                if begun is None:
-                    self.after(Edge(start, end, task.expected))
-                else:
-                    left = max(0.0, begun + task.expected - state.now)
-                    self.ties.append(Tie(NOW, self.event(end), math.ceil(left * SCALE), 0))
+                self.after(Edge(start, end, task.expected))
             for way in state.ways_of[name]:
                 self._drive((way.activity, way.object), start, end)
 

@@ -140,12 +140,11 @@ class MotionUnderWay:
         return speed * (self.reaction + speed / (2 * self.travel.accel))
 
     def reach(self, ahead: float | None) -> float:
-        """Return how far (m) from where it is its robot may be let drive for good that is let drive
-        ``ahead`` s farther than it can stand, and twice as far at a time (None: nothing is for
-        good).
+        """Return how far (m) from where it is its robot may come to stand that is let drive
+        ``ahead`` s farther than it can stand for good, and twice as far at a time (None: nothing is
+        for good).
         """
-        fastest = self.travel.fastest
-        return 0.0 if ahead is None else self.braked(fastest) + 2 * fastest * ahead
+        return self.braked(self.travel.fastest) + 2 * self.travel.fastest * (ahead or 0.0)
 
 
 @dataclass(frozen=True)

@@ -372,9 +372,7 @@ class Cutter:
             least = 0.0
         else:
             # at full speed, and what it told last is a moment old
-            speed = way.travel.fastest
-            least += speed * way.reaction + LEAST
-            least += max(way.braked(speed), way.reach(self.executor.ahead))
+            least += way.travel.fastest * way.reaction + LEAST + way.reach(self.executor.ahead)
         drives = self.executor.drives
         path = drives[name, way.object].path
         margin = self.state.graph.margin + way.error
