@@ -519,7 +519,10 @@ class Operation(Day):
 
     def pose(self, thing: str) -> Pose:
         """Return where a robot was last told to be, or where a door stands."""
-        return self.poses[thing] if thing in self.off_plan() else self._told_pose(thing)
+        if thing in self.off_plan():
+            return self.poses[thing]
+        strayed = self.executor.state.strayed.get(thing)
+        return self._told_pose(thing) if strayed is None else pose_of(strayed.pose)
 
     def _told_pose(self, thing: str) -> Pose:
         lives = self.executor.dependencies.lives
