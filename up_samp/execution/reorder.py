@@ -169,12 +169,11 @@ def _too_soon(executor: Followed, ahead: Forecast, need: Edge) -> bool:
     if event.at in (At.REACH, At.LEAVE):
         way = state.ways[event.activity, event.object]
         begun = state.phase[event.activity] is not TaskPhase.WAITING
-        here = state.driven(way) if begun else 0.0
-        brake = way.braked(way.travel.fastest)
         # who is under way may be at full speed from the point on where it counts
-        let = brake * begun + way.reach(executor.ahead)
-        place = event.progress - way.error - let
-        at = (state.now if begun else at) + way.travel.time_at(max(0.0, place)) - here
+        brake = way.braked(way.travel.fastest) if begun else 0.0
+        place = event.progress - way.error - brake - way.reach(executor.ahead)
+        left = way.travel.time_at(max(0.0, place)) - state.driven(way)
+        at = (state.now if begun else at) + left
     return at < state.now + executor.lead
 
 

@@ -382,12 +382,12 @@ class FloorState:
         told where it is (by an error more than that or less); but no farther than its next closed
         gate, nor than it was let drive for good.
         """
-        begun = self.phase[way.activity] is TaskPhase.RUNNING
-        here, seconds = self.here(way), way.reaction
-        seconds += self.silent(way.object) if begun else 0.0
+        here, seconds = self.here(way), way.reaction + self.silent(way.object)
         found = way.travel.stands_from(way.travel.time_at(here) + seconds) + way.error
         found = min(found, way.travel.length)
-        if begun and self.stands(way):
+        if self.stands(way):
+            # it may have set off so long ago that what it told since is within its error
+            seconds += math.sqrt(4 * way.error / way.travel.accel)
             starts = way.travel.accel * seconds**2 if self.until(way) > here else 0.0
             found = min(found, here + starts)
         if self.astray(way) > 0.0:
