@@ -51,7 +51,7 @@ def place_of(state: FloorState, life: Life) -> Piece | None:
     for piece in life.pieces:
         if way is None and isinstance(piece, Stay) and _stands(state, life, piece):
             return piece
-        if way is not None and isinstance(piece, DriveCells) and piece.activity == way.activity:
+        if way is not None and piece.activity == way.activity:
             return piece
     return None
 
@@ -64,12 +64,12 @@ def coming_to(state: FloorState, life: Life) -> list[Piece]:
 
 def led_by(life: Life, piece: Piece) -> str:
     """Return the activity that leads an object to where it is (``""``: it is there at first)."""
-    if isinstance(piece, DriveCells):
-        return piece.activity
     if piece.enter is not None:
         return piece.enter.activity
-    before = [p for p in life.pieces[: life.pieces.index(piece)] if isinstance(p, DriveCells)]
-    return before[-1].activity if before else ""
+    if piece.activity:
+        return piece.activity
+    before = life.pieces[: life.pieces.index(piece)]
+    return next((p.activity for p in reversed(before) if p.activity), "")
 
 
 def pose_in(state: FloorState, piece: Piece) -> Configuration:
@@ -199,7 +199,7 @@ def _over(state: FloorState, life: Life, piece: Piece) -> bool:
     """Return whether a motion is over, or an object does not rest where it does in a piece, and is
     not to be set there either.
     """
-    if isinstance(piece, DriveCells):
+    if piece.activity:
         return state.phase[piece.activity] is TaskPhase.DONE
     return not _stands(state, life, piece) and not _to_come(state, piece)
 
@@ -208,7 +208,7 @@ def _put(piece: Piece) -> str:
     """Return the activity that sets an object where it rests in a piece, without a motion of it or
     of who carries it (``""``: none does).
     """
-    enter = piece.enter if isinstance(piece, Stay) else None
+    enter = piece.enter
     return enter.activity if enter is not None and enter.at is At.END else ""
 
 
@@ -217,16 +217,12 @@ def _to_come(state: FloorState, piece: Piece) -> bool:
     return _put(piece) != "" and state.phase[_put(piece)] is not TaskPhase.DONE
 
 
-def _stands(state: FloorState, life: Life, stay: Stay) -> bool:
+def _stands(state: FloorState, life: Life, stay: Piece) -> bool:
     """Return whether an object may rest where it does in a piece of its life."""
     m = life.pieces.index(stay)
     before, after = life.pieces[:m], life.pieces[m + 1 :]
-    over = all(
-        state.phase[p.activity] is TaskPhase.DONE for p in before if isinstance(p, DriveCells)
-    )
-    later = all(
-        state.phase[p.activity] is TaskPhase.WAITING for p in after if isinstance(p, DriveCells)
-    )
+    over = all(state.phase[p.activity] is TaskPhase.DONE for p in before if p.activity)
+    later = all(state.phase[p.activity] is TaskPhase.WAITING for p in after if p.activity)
     put = stay.enter is None or _happened(state, stay.enter)
     return over and later and put and not (stay.leave is not None and _happened(state, stay.leave))
 

@@ -178,8 +178,8 @@ def _too_soon(executor: Followed, ahead: Forecast, need: Edge) -> bool:
 
 
 def _over(state: FloorState, meeting: Meeting) -> bool:
-    names = (getattr(piece, "activity", None) for piece in (meeting.a, meeting.b))
-    return all(name is not None and state.phase[name] is TaskPhase.DONE for name in names)
+    names = (meeting.a.activity, meeting.b.activity)
+    return all(name and state.phase[name] is TaskPhase.DONE for name in names)
 
 
 def happened(state: FloorState, event: Event) -> bool:
