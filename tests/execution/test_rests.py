@@ -15,7 +15,7 @@ from shapely.geometry import Polygon
 from unified_planning.shortcuts import get_environment
 
 from tests.execution import floors
-from up_samp.execution import Executor, Go, Surprise, dependencies_of, solve_remaining
+from up_samp.execution import Executor, Go, Heard, Surprise, dependencies_of, solve_remaining
 
 TICK = 0.05
 
@@ -109,16 +109,17 @@ def trouble(rng, executor, robots, now):
     some = [n for n, w in executor.state.of_object.items() if robots[n].motion == w.activity]
     for name in rng.sample(sorted(some), min(len(some), 1)):
         robot, way = robots[name], executor.state.of_object[name]
-        if rng.random() < 0.5 and executor.state.closed(way) is not None:
-            robot.s = min(robot.s + 1.0, way.length)
-            executor.update(name, progress=robot.s, now=now)
+        gate, before = executor.state.closed(way), (robot.s, robot.v)
+        if gate is not None:
+            robot.s = min(executor.state.nominal(gate) + way.error + 0.2, way.length)
+            robot.v = min(robot.v, way.travel.speed_at(robot.s))
+            if executor.update(name, progress=robot.s, now=now).heard is not Heard.HELD:
+                robot.s, robot.v = before  # it cannot have driven so far
+                executor.update(name, progress=robot.s, now=now)
         else:
             x, y, theta = robot.pose
-            off = rng.choice((-0.6, 0.6))
-            robot.pose, robot.motion = (
-                (x - off * math.sin(theta), y + off * math.cos(theta), theta),
-                "",
-            )
+            off, robot.motion = rng.choice((-0.6, 0.6)), ""
+            robot.pose = (x - off * math.sin(theta), y + off * math.cos(theta), theta)
             executor.update(name, pose=robot.pose, now=now)
 
 
