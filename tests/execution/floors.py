@@ -288,15 +288,19 @@ def rounds(seed, yaml, *, clearance=CLEAR, shared=False, drops=()):
     return finished(rng, plan, yaml, shared=shared)
 
 
-def crossing(yaml, wait=6):
-    """Two robots of which r0 crosses the way of r1 at (6, 6), and r1 that of r0 once it has."""
+def crossing(yaml, wait=6, further=()):
+    """Two robots of which r0 crosses the way of r1 at (6, 6), and r1 that of r0 once it has. So do
+    r2, ..., at (6, y) with ``further`` y.
+    """
     rng = random.Random(0)
     plan = Plan(rng, yaml)
-    plan.robots, plan.data["objects"] = ["r0", "r1"], []
+    plan.robots, plan.data["objects"] = [f"r{k}" for k in range(2 + len(further))], []
     plan.model = dict.fromkeys(plan.robots, "REEDSSHEPP")
     plan.speed = dict.fromkeys(plan.robots, 1.0)
     plan.pose = {"r0": (2.0, 6.0, 0.0), "r1": (6.0, 2.0, math.pi / 2)}
-    for robot, start in (("r0", 0), ("r1", wait)):
+    plan.pose |= {f"r{k}": (2.0, y, 0.0) for k, y in enumerate(further, 2)}
+    for robot in plan.robots:
+        start = wait if robot == "r1" else 0
         plan._object(robot, "robot", BOX, "REEDSSHEPP", plan.pose[robot], 1.0)
         entry, motion, _ = plan._timed(robot, [(8.0, 0.0)], start)
         plan.data["activities"].append(entry)
@@ -443,11 +447,13 @@ def _problem(rng, plan, yaml):
             limits["turning_radius"] = 1.0
         else:
             limits["omega_max"] = 2.0
+        if entry["model"] == "PIVOT":
+            limits["turning_radius"] = 0.0
         item = MovableObject(
             entry["name"],
             kinds[entry["type"]],
             footprint=[tuple(c) for c in entry["footprint"]],
-            motion_model=MotionModels[entry["model"]],
+            motion_model=MotionModels[entry["model"].replace("PIVOT", "REEDSSHEPP")],
             motion_parameters=limits,
         )
         items[entry["name"]] = item

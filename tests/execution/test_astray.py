@@ -120,7 +120,7 @@ def test_beyond_the_ends_of_its_path_a_robot_is_off_it(executor, beyond):
     assert (reply.heard, reply.why) == (Heard.HELD, "it is 0.400 m off its path")
     (overrun,) = executor.overruns
     assert (overrun.robot, overrun.off) == ("r0", pytest.approx(0.4))
-    assert executor._strayed["r0"].pose == pytest.approx((2.0 + beyond, 6.0, 0.0))
+    assert executor.state.strayed["r0"].pose == pytest.approx((2.0 + beyond, 6.0, 0.0))
     assert isinstance(executor.commands(now + 0.4)["r0"], Hold)
     assert executor.done(FIRST, now + 0.5).heard is Heard.AGAIN
     executor.commands(now + 20.0)
@@ -315,3 +315,19 @@ def test_nobody_drives_into_one_off_its_path_in_many_runs(yaml, seed):
     hits, many = judged(yaml, seed, 25)
     assert many
     assert hits == []
+
+
+def test_others_are_kept_away_from_where_an_overrun_comes_to_rest(yaml):
+    """r1 drives on past its gate, before which r0 is to cross its way; it brakes on that of r2."""
+    problem, plan = floors.crossing(yaml, further=(7.3,))
+    executor = Executor(plan, problem)
+    executor.commands(0.0)
+    gate, _ = executor.state.next_gate(executor.state.of_object["r1"])
+    now, _ = drive(executor, "r1", gate + 0.11, 0.0)
+    assert [(o.robot, o.held) for o in executor.overruns] == [("r1", ("r0", "r2"))]
+    assert executor.commands(now)["r2"].until < 4.0
+    for _ in range(20):
+        now += 0.1
+        executor.update("r1", progress=gate + 0.11, now=now)
+    assert [o.held for o in executor.overruns] == [("r0",)]  # it stands
+    assert executor.commands(now)["r2"] == Go("move_r2_0", 8.0)

@@ -8,7 +8,7 @@ from shapely.geometry import box
 
 from tests.operate.days import Day, Here
 from tests.operate.sites import hall
-from up_samp.execution.reports import Hold, Report
+from up_samp.execution.reports import Heard, Hold, Report
 from up_samp.model import ProblemError
 from up_samp.operate.choice import body_at
 from up_samp.operate.judge import where
@@ -141,6 +141,21 @@ def test_everybody_is_held_at_once_and_released_one_by_one(day):
         day.operation.release(robot)
     day.run()
     assert day.verdict().good
+
+
+@pytest.mark.parametrize("day", [{"robots": 1}], indirect=True)
+def test_who_leaves_off_its_path_stands_where_it_told_to_be(day):
+    """It was taken to stand on its path."""
+    day.order("o0", "rack0", "dock0")
+    day.until(lambda: under_way(day, "r0"))
+    operation = day.operation
+    x, y, theta = operation.pose("r0")
+    beside = (x, y + 1.0, theta)
+    now = operation.clock.now() - operation.origin
+    assert operation.executor.update("r0", pose=beside, now=now).heard is Heard.HELD
+    assert operation.pose("r0") == pytest.approx(beside)
+    operation.leave("r0")
+    assert operation.poses["r0"] == pytest.approx(beside)
 
 
 def test_nobody_enters_a_blocked_area(day):

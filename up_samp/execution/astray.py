@@ -11,7 +11,7 @@ from up_samp.execution.build import Dependencies
 from up_samp.execution.graph import At, Event
 from up_samp.execution.lives import DriveCells, Life, Piece, Stay, concerned, kept_apart
 from up_samp.execution.meetings import moving
-from up_samp.execution.state import FloorState, TaskPhase
+from up_samp.execution.state import FloorState, Strayed, TaskPhase
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.execution.travel import pose_at
 from up_samp.model import Configuration
@@ -45,24 +45,13 @@ class Overrun:
         return f"'{self.robot}' is {-self.by:.3f} m behind where it was in '{self.motion}'"
 
 
-@dataclass(frozen=True)
-class Strayed:
-    """A robot told, at ``time`` (s), that it is at ``pose`` (x, y, theta; in the one plane of all
-    paths), ``off`` m from wherever it can have been led.
-    """
-
-    pose: Configuration
-    off: float
-    time: float
-
-
 def place_of(state: FloorState, life: Life) -> Piece | None:
     """Return the motion in which an object is, or the rest (``None``: it is not known where)."""
     way = state.of_object.get(life.object)
     for piece in life.pieces:
         if way is None and isinstance(piece, Stay) and _stands(state, life, piece):
             return piece
-        if way is not None and isinstance(piece, DriveCells) and piece.activity == way.activity:
+        if way is not None and piece.activity == way.activity:
             return piece
     return None
 
@@ -75,12 +64,12 @@ def coming_to(state: FloorState, life: Life) -> list[Piece]:
 
 def led_by(life: Life, piece: Piece) -> str:
     """Return the activity that leads an object to where it is (``""``: it is there at first)."""
-    if isinstance(piece, DriveCells):
-        return piece.activity
     if piece.enter is not None:
         return piece.enter.activity
-    before = [p for p in life.pieces[: life.pieces.index(piece)] if isinstance(p, DriveCells)]
-    return before[-1].activity if before else ""
+    if piece.activity:
+        return piece.activity
+    before = life.pieces[: life.pieces.index(piece)]
+    return next((p.activity for p in reversed(before) if p.activity), "")
 
 
 def pose_in(state: FloorState, piece: Piece) -> Configuration:
@@ -100,7 +89,7 @@ def beside(life: Life, piece: Piece | None) -> list[DriveCells]:
 
 
 def kept_away(
-    state: FloorState, dependencies: Dependencies, robot: str, strayed: Strayed | None
+    state: FloorState, dependencies: Dependencies, robot: str
 ) -> tuple[Overrun | None, dict[tuple[str, str], float]]:
     """Return whether a robot is where nobody led it, and how far (m) others' motions may go then
     (by activity and object): as far as they keep clear of wherever it may be, and of its way back
@@ -108,7 +97,7 @@ def kept_away(
     robot itself.
     """
     way, life = state.of_object.get(robot), dependencies.lives[robot]
-    by = 0.0 if way is None else state.astray(way)
+    by, strayed = 0.0 if way is None else state.astray(way), state.strayed.get(robot)
     if not by and strayed is None:
         return None, {}
     error, margin = state.errors[robot], dependencies.graph.margin
@@ -153,8 +142,8 @@ def _areas(
     along = [way.told - error, way.told + error]
     if gate is not None:
         along.append(state.nominal(gate))
-    if by < 0:
-        along.append(way.progress + error)
+    # it still comes to rest, or is led back to where it was
+    along.append(state.braking(way) + error if by > 0 else way.progress + error)
     edges, whole = here.path.edges, moving(here.path)
     hit = (edges[:-1] <= max(along)) & (edges[1:] >= min(along))
     yield Swept(np.ascontiguousarray(whole.table[hit]), whole.hull)
@@ -210,7 +199,7 @@ def _over(state: FloorState, life: Life, piece: Piece) -> bool:
     """Return whether a motion is over, or an object does not rest where it does in a piece, and is
     not to be set there either.
     """
-    if isinstance(piece, DriveCells):
+    if piece.activity:
         return state.phase[piece.activity] is TaskPhase.DONE
     return not _stands(state, life, piece) and not _to_come(state, piece)
 
@@ -219,7 +208,7 @@ def _put(piece: Piece) -> str:
     """Return the activity that sets an object where it rests in a piece, without a motion of it or
     of who carries it (``""``: none does).
     """
-    enter = piece.enter if isinstance(piece, Stay) else None
+    enter = piece.enter
     return enter.activity if enter is not None and enter.at is At.END else ""
 
 
@@ -228,16 +217,12 @@ def _to_come(state: FloorState, piece: Piece) -> bool:
     return _put(piece) != "" and state.phase[_put(piece)] is not TaskPhase.DONE
 
 
-def _stands(state: FloorState, life: Life, stay: Stay) -> bool:
+def _stands(state: FloorState, life: Life, stay: Piece) -> bool:
     """Return whether an object may rest where it does in a piece of its life."""
     m = life.pieces.index(stay)
     before, after = life.pieces[:m], life.pieces[m + 1 :]
-    over = all(
-        state.phase[p.activity] is TaskPhase.DONE for p in before if isinstance(p, DriveCells)
-    )
-    later = all(
-        state.phase[p.activity] is TaskPhase.WAITING for p in after if isinstance(p, DriveCells)
-    )
+    over = all(state.phase[p.activity] is TaskPhase.DONE for p in before if p.activity)
+    later = all(state.phase[p.activity] is TaskPhase.WAITING for p in after if p.activity)
     put = stay.enter is None or _happened(state, stay.enter)
     return over and later and put and not (stay.leave is not None and _happened(state, stay.leave))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
 
@@ -12,7 +13,6 @@ from unified_planning.plans import Schedule
 
 from up_samp.execution.astray import (
     Overrun,
-    Strayed,
     beside,
     coming_to,
     kept_away,
@@ -38,7 +38,7 @@ from up_samp.execution.reports import (
     is_number,
     unreadable,
 )
-from up_samp.execution.state import FloorState, MotionUnderWay, TaskPhase
+from up_samp.execution.state import FloorState, MotionUnderWay, Strayed, TaskPhase
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.execution.travel import Along, along, away, pose_at
 from up_samp.io.plan_dict import PlanDict, plan_to_dict
@@ -114,7 +114,6 @@ class Executor(Followed):
         """Robots that have to hold until they tell where they are, and why."""
         self.withdrawn: dict[str, str] = {}
         """Activities that are not to begin any more, and why; what comes after them waits."""
-        self._strayed: dict[str, Strayed] = {}
         self._astray: dict[str, Overrun] = {}
         self._running: dict[str, None] = {}
         self._ready = dict.fromkeys(sorted(graph.tasks, key=lambda n: graph.tasks[n].planned))
@@ -167,7 +166,7 @@ class Executor(Followed):
             ],
             "heard": dict(state.heard),
             "held": dict(self._held),
-            "strayed": {r: [*s.pose, s.off, s.time] for r, s in self._strayed.items()},
+            "strayed": {r: [*s.pose, s.off, s.time] for r, s in self.state.strayed.items()},
             "sides": [[*k, side] for k, side in self.sides.items() if not isinstance(k, int)],
             "turned": [k for k, side in self.sides.items() if isinstance(k, int) and not side],
             "pace": state.pace.saved(),
@@ -240,7 +239,7 @@ class Executor(Followed):
         state.heard = {robot: float(time) for robot, time in known["heard"].items()}
         self._held = dict(known["held"])
         strayed = known.get("strayed", {}).items()
-        self._strayed = {r: Strayed((x, y, a), off, at) for r, (x, y, a, off, at) in strayed}
+        state.strayed = {r: Strayed((x, y, a), off, at) for r, (x, y, a, off, at) in strayed}
         state.pace.load(known["pace"])
         state.load(state.graph if graph is None else graph)
         self.bar()
@@ -346,9 +345,9 @@ class Executor(Followed):
         """
         if self.problem is None:
             raise ProblemError("what is left can be told only where the problem is known")
-        return remaining_problem(
-            self.problem, self.plan, self.state, self.dependencies.lives, surprise
-        )
+        told, lives = surprise or Surprise(), self.dependencies.lives
+        left = remaining_problem(self.problem, self.plan, self.state, lives, told)
+        return replace(left, localisation=self.localisation)
 
     # ------------------------------------------------------------------ what is told
 
@@ -369,7 +368,7 @@ class Executor(Followed):
         """
         if robot not in (self._drivers if pose is None else self.dependencies.lives):
             return Reply(Heard.IGNORED, f"the plan drives no '{robot}'")
-        astray = self._strayed.get(robot)
+        astray = self.state.strayed.get(robot)
         known = self.state.heard.get(robot, -math.inf)
         last = max(known, -math.inf if astray is None else astray.time)
         timed = self._time(now, last)
@@ -444,14 +443,14 @@ class Executor(Followed):
         """Let a robot hold that is where nobody led it, and keep others away from there."""
         self._held[robot] = why
         if where is not None:
-            self._strayed[robot] = where
+            self.state.strayed[robot] = where
             self.bar()
         return Reply(Heard.HELD, why)
 
     def _found(self, robot: str) -> None:
         """Note that a robot tells what can be."""
         self._held.pop(robot, None)
-        if self._strayed.pop(robot, None) is not None:
+        if self.state.strayed.pop(robot, None) is not None:
             self.bar()
 
     def _take(self, way: MotionUnderWay, progress: float) -> Reply:
@@ -574,11 +573,6 @@ class Executor(Followed):
     # ------------------------------------------------------------------ who is astray
 
     @property
-    def strayed(self) -> Mapping[str, Strayed]:
-        """Where robots told to be that are where they cannot have been led."""
-        return self._strayed
-
-    @property
     def overruns(self) -> tuple[Overrun, ...]:
         """The robots that are where their commands cannot have led them."""
         return tuple(self._astray.values())
@@ -586,10 +580,8 @@ class Executor(Followed):
     def bar(self) -> None:
         """Find out who is astray, and keep everybody else away from there."""
         self._astray, self.state.bars = {}, {}
-        for robot in dict.fromkeys([*self.state.of_object, *self._strayed]):
-            overrun, bars = kept_away(
-                self.state, self.dependencies, robot, self._strayed.get(robot)
-            )
+        for robot in dict.fromkeys([*self.state.of_object, *self.state.strayed]):
+            overrun, bars = kept_away(self.state, self.dependencies, robot)
             if overrun is not None:
                 self._astray[robot] = overrun
             for key, most in bars.items():

@@ -160,8 +160,8 @@ def _stops(delays: Delays, rng: random.Random, horizon: float) -> list[tuple[flo
 
 @dataclass
 class Drive:
-    """What a robot drove: rows (t, x, y, theta), at rest before and after, shape (n, 4), or its
-    ``trace`` along the path that it was told, rows (t, progress in m).
+    """What a robot drove: rows (t, x, y, theta), at rest before and after, shape (n, 4), and its
+    ``trace`` along the path that it was told, rows (t, progress in m; none: it was put elsewhere).
     """
 
     robot: str
@@ -170,7 +170,7 @@ class Drive:
     trace: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
 
     def __post_init__(self) -> None:
-        self.rows = np.asarray(self.rows, dtype=np.float64)  # lists take six times the memory
+        self.rows = np.asarray(self.rows, dtype=np.float64)
 
 
 class SimulatedRobot:
@@ -368,7 +368,9 @@ class SimulatedFloor:
     def _keep(self, robot: SimulatedRobot) -> None:
         """Put what a robot has driven on record."""
         if robot.motion is not None:
-            robot.drive.trace = np.array(robot.trace)
+            robot.drive.trace = trace = np.array(robot.trace)
+            poses = robot.path.poses_at(np.clip(trace[:, 1], 0.0, robot.path.length))
+            robot.drive.rows = np.column_stack([trace[:, 0], poses])
 
     def close(self) -> None:
         """Put what is driven last on record."""

@@ -12,7 +12,7 @@ import math
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -76,6 +76,8 @@ class DriveCells:
     avoid: frozenset[str] | None
     frame: Frame = field(default_factory=Frame)
     """Where the plan's poses on its map lie in the one plane of all paths."""
+    enter: ClassVar[Event | None] = None
+    leave: ClassVar[Event | None] = None
 
     @cached_property
     def planned(self) -> tuple[FloatArray, FloatArray]:
@@ -142,8 +144,9 @@ def _between(times: FloatArray, s: FloatArray, i: IntArray, at: FloatArray) -> F
 
 @dataclass(frozen=True, eq=False)
 class Stay:
-    """A rest at ``pose``. ``enter`` and ``leave`` are set where a change, not a motion, puts the
-    object there or takes it away; the times are those of the plan (s). ``frame`` as in a motion.
+    """A rest at ``pose``, in no activity. ``enter`` and ``leave`` are set where a change, not a
+    motion, puts the object there or takes it away; the times are those of the plan (s). ``frame``
+    as in a motion.
     """
 
     body: Body
@@ -153,11 +156,20 @@ class Stay:
     enter: Event | None = None
     leave: Event | None = None
     frame: Frame = field(default_factory=Frame)
+    activity: ClassVar[str] = ""
 
     @cached_property
     def path(self) -> Path:
         """A path that goes nowhere."""
         return resting_path(self.body, self.pose)
+
+    def cut(self, level: int) -> Path:
+        """Return its path: no cell of it can be halved."""
+        return self.path
+
+    def of_cells(self, path: Path) -> tuple[FloatArray, FloatArray]:
+        """Return when the plan enters and leaves its one cell (s)."""
+        return np.array([self.since]), np.array([self.until])
 
 
 Piece = DriveCells | Stay

@@ -93,7 +93,7 @@ class Meeting:
     @property
     def activities(self) -> frozenset[str]:
         """The activities in which its pieces are driven."""
-        return frozenset(p.activity for p in (self.a, self.b) if isinstance(p, DriveCells))
+        return frozenset({self.a.activity, self.b.activity} - {""})
 
     @property
     def untimed(self) -> dict[Key, bool]:
@@ -122,13 +122,11 @@ def narrow_places(meetings: Iterable[Meeting], margin: float) -> tuple[Narrow, .
         if meeting.margin >= meeting.wanted:
             continue
         movers = bool(meeting.one.drives) + bool(meeting.other.drives)
-        path_a, path_b = _cut(meeting.a, 0), _cut(meeting.b, 0)
+        path_a, path_b = meeting.a.path, meeting.b.path
         cell = _runs(path_a, path_b, meeting.wanted)[0, 0]
         x, y = path_a.poses_at(path_a.edges[cell : cell + 1])[0][:2]
-        pieces = (meeting.a, meeting.b)
-        doing = tuple(p.activity if isinstance(p, DriveCells) else "" for p in pieces)
         kept = max(0.0, meeting.margin - rounding) / movers
-        key = meeting.pair, (doing[0], doing[1])
+        key = meeting.pair, (meeting.a.activity, meeting.b.activity)
         if key not in found or kept < found[key].kept:
             found[key] = Narrow(*key, (float(x), float(y)), kept)
     return tuple(found.values())
@@ -182,8 +180,7 @@ def _pair(
 
 def _left_by(life: Life, k: int, leaving: Container[str]) -> bool:
     """Return whether a piece is a rest that ends when one of some activities begins."""
-    after = life.pieces[k + 1] if k + 1 < len(life.pieces) else None
-    drives = isinstance(after, DriveCells) and after.activity in leaving
+    drives = any(after.activity in leaving for after in life.pieces[k + 1 : k + 2])
     return drives and isinstance(life.pieces[k], Stay)
 
 
@@ -201,12 +198,12 @@ def _meeting(
         if grown and not margins[1]:
             continue
         margin = margins[0] * share + margins[1] * grown
-        path_a, path_b = _cut(a, level), _cut(b, level)
+        path_a, path_b = a.cut(level), b.cut(level)
         rows = _runs(path_a, path_b, margin)
         if len(rows) == 0 and margin >= wanted:
             return None
-        enter_a, leave_a = cell_times(a, path_a)
-        enter_b, leave_b = cell_times(b, path_b)
+        enter_a, leave_a = a.of_cells(path_a)
+        enter_b, leave_b = b.of_cells(path_b)
         first = leave_a[rows[:, 0]] <= enter_b[rows[:, 1]] + TOLERANCES.late
         last = leave_b[rows[:, 2]] <= enter_a[rows[:, 0]] + TOLERANCES.late
         met, came = ~(first | last), (enter_a[rows[:, 0]], enter_b[rows[:, 1]])
@@ -220,16 +217,8 @@ def _meeting(
     at = float(enter_a[rows[np.argmax(met), 0]])
     raise ProblemError(
         f"the plan lets '{one.object}' and '{other.object}' meet at about {at:.2f} s "
-        f"({_doing(a)}; {_doing(b)}): no order of them can be kept"
+        f"({a.activity or 'resting'}; {b.activity or 'resting'}): no order of them can be kept"
     )
-
-
-def _doing(piece: Piece) -> str:
-    return piece.activity if isinstance(piece, DriveCells) else "resting"
-
-
-def _cut(piece: Piece, level: int) -> Path:
-    return piece.cut(level) if isinstance(piece, DriveCells) else piece.path
 
 
 def _runs(path_a: Path, path_b: Path, margin: float) -> IntArray:
@@ -245,13 +234,6 @@ def moving(path: Path) -> Swept:
     """
     table = path.swept.table[1:-1] if path.cells else path.swept.table[:1]
     return Swept(np.ascontiguousarray(table), path.hull)
-
-
-def cell_times(piece: Piece, path: Path) -> tuple[FloatArray, FloatArray]:
-    """Return when the plan enters and leaves each cell of a piece (s)."""
-    if isinstance(piece, Stay):
-        return np.array([piece.since]), np.array([piece.until])
-    return piece.of_cells(path)
 
 
 def _numbered(meetings: list[Meeting]) -> list[Meeting]:
@@ -353,8 +335,8 @@ def _side(
         life, leaver, p = meeting.other, meeting.b, meeting.path_b
         follower, enterer, q = meeting.one, meeting.a, meeting.path_a
     steps = _corners(exits, entries)
-    out_times = cell_times(leaver, p)[1]
-    in_times = cell_times(enterer, q)[0]
+    out_times = leaver.of_cells(p)[1]
+    in_times = enterer.of_cells(q)[0]
     reach = 0.5 * min(hull_of(one.body).radius for one in (life, follower))
     allowed = in_times if planned else np.full(len(in_times), np.inf)
     pairs = []

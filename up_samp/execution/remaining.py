@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Container, Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, field
-from functools import partial
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
-from unified_planning.environment import Environment
 from unified_planning.model import FNode, Parameter, TimepointKind
 from unified_planning.model.motion import (
     SE2,
     ActivityWaypoints,
     ConfigurationObject,
     MotionActivity,
-    MovableObject,
     SchedulingMotionProblem,
 )
-from unified_planning.model.scheduling import Activity
+from unified_planning.model.scheduling import Activity, SchedulingProblem
 from unified_planning.model.timing import TimeInterval, Timing
 from unified_planning.plans import Schedule
 
@@ -28,137 +27,149 @@ from up_samp.execution.build import planned_of
 from up_samp.execution.graph import At, Event
 from up_samp.execution.lives import DriveCells, Life
 from up_samp.execution.state import FloorState, TaskPhase
-from up_samp.execution.substitute import ValuesNow
+from up_samp.execution.tolerances import TOLERANCES
 from up_samp.execution.travel import is_same_place
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model import Configuration, ProblemError, UnsupportedError
 from up_samp.model.frames import Frame
 from up_samp.model.objective import MinimizeCosts
-from up_samp.scheduling.partial_order.differences import Planned
-from up_samp.upio.expressions import activities_in, walk
-from up_samp.upio.movers import brought, named_as_planned, whereabouts
+from up_samp.scheduling.compilers.plain import Expr, fluents_in, show
+from up_samp.scheduling.compilers.read import read_expression
+from up_samp.scheduling.partial_order.differences import Planned, constant, kept
+from up_samp.upio.expressions import activities_in
+from up_samp.upio.movers import Involved, brought, named_as_planned, whereabouts
 from up_samp.upio.relaxing import told_by
 from up_samp.upio.restrict import Decided
 from up_samp.upio.spans import conditions_of, own_end
 
+# ------------------ What has happened by now: effects, as initial values of what is left
 
-class Involved:
-    """Who needs whom in a problem. An activity needs an object if
 
-    - it moves it, or a condition or effect of it speaks of it;
-    - a condition or effect of it speaks of a fluent that tells where the object is;
-    - it takes at its start what every drive of the object takes, and no other object's drive;
-    - it is kept apart from every drive of the object, pair by pair, and so of no other object.
-
-    Names of activities say nothing. ``told`` are the fluents that tell where objects are.
+@dataclass(eq=False)
+class ValuesNow:
+    """What effects of ``source`` that have happened leave behind, ``since`` units (of ``unit`` s)
+    after the plan's start. Activities that are ``gone`` have given back what they took.
     """
 
-    def __init__(
-        self, problem: SchedulingMotionProblem, told: Mapping[FNode, str] | None = None
-    ) -> None:
-        self.told = whereabouts(problem) if told is None else told
-        self.moved = {a.name: frozenset(brought(a)) for a in problem.activities}
-        self._of = {
-            a.name: {*self.moved[a.name], *(who for n in _spoken(a) for who in self.about(n))}
-            for a in problem.activities
-        }
-        drives: dict[str, set[str]] = {}
-        for activity in problem.motion_activities:
-            for constraint in activity.motion_constraints:
-                for who in self.moved[activity.name] & _objects(constraint.movable):
-                    drives.setdefault(who, set()).add(activity.name)
-        driving = set().union(*drives.values())
-        for takers in _takers(problem).values():
-            whole = _whole(takers, drives)
-            others = [d for d in drives if d not in whole and drives[d] & takers]
-            for name in takers - driving if len(whole) == 1 and not others else ():
-                self._of[name] |= whole
-        for name, rivals in _rivals(problem).items():
-            whole = _whole(rivals, drives)
-            if name not in driving and len(whole) == 1:
-                self._of[name] |= whole
+    source: SchedulingProblem
+    planned: Planned
+    state: FloorState
+    unit: float
+    since: int
+    gone: frozenset[str]
 
-    def needs(self, activity: str, name: str) -> bool:
-        """Return whether an activity needs an object."""
-        return name in self._of.get(activity, ())
+    def holds(self, node: FNode) -> bool:
+        """Return whether a condition holds in the new initial state."""
+        return kept(self.now, read_expression(self.source, node)) == []
 
-    def moves(self, activity: str, name: str) -> bool:
-        """Return whether an activity drives an object or puts it elsewhere."""
-        return name in self.moved.get(activity, ())
+    @cached_property
+    def now(self) -> Planned:
+        """The plan, with fluents as they are now."""
+        changed = {key: constant(value) for key, value in self.changed.items()}
+        problem = self.planned.problem
+        initial = {**problem.initial, **changed}
+        return replace(self.planned, problem=replace(problem, initial=initial))
 
-    def about(self, node: FNode) -> frozenset[str]:
-        """Return the movable objects that an expression speaks of, or of whose whereabouts."""
-        return _objects(node) | {self.told[n] for n in walk(node) if n in self.told}
+    @cached_property
+    def changed(self) -> dict[Expr, Any]:
+        """The values of fluents that effects have changed."""
+        values: dict[Expr, Any] = {}
+        for _, _, key, kind, amount in self._happened:
+            old = values.get(key)
+            if old is None and kind != "assign":
+                old = self.planned.value(self.planned.problem.initial_value(key))
+            if kind == "assign":
+                values[key] = amount
+            else:
+                values[key] = old + (amount if kind == "increase" else -amount)
+        return values
 
+    def check_bounds(self) -> None:
+        """Raise :class:`ProblemError` where a fluent has a value that its type does not have."""
+        for key, value in self.changed.items():
+            kind, *bounds = self.planned.problem.fluents[key[1]].type
+            if kind != "int" or isinstance(value, bool):
+                continue
+            least, most = bounds
+            if (least is not None and value < least) or (most is not None and value > most):
+                by = [f"'{owner}'" for _, owner, other, *_ in self._happened if other == key]
+                raise ProblemError(
+                    f"what has happened is against the problem: '{show(key)}' is {value} now, and "
+                    f"may be {least} to {most}; it was changed by {', '.join(by)}"
+                )
 
-def _spoken(activity: Activity) -> Iterator[FNode]:
-    for nodes in activity.conditions.values():
-        yield from nodes
-    for effects in activity.effects.values():
-        yield from (e.fluent for e in effects)
+    @cached_property
+    def uses(self) -> frozenset[str]:
+        """Fluents that are only taken from and given back to: nothing reads their values."""
+        problem = self.planned.problem
+        told = {e[1] for whole in problem.read() for e in fluents_in(whole)}
+        told |= {e.fluent[1] for e in problem.effects if e.kind == "assign"}
+        return frozenset(problem.fluents.keys() - told)
 
+    def before(self, key: Expr) -> Any:
+        """Return the new initial value of a fluent: what is under way takes anew what it uses."""
+        value = self.changed[key]
+        for _, owner, other, kind, amount in self._happened if key[1] in self.uses else ():
+            if other == key and self.under_way(owner):
+                value += amount if kind == "decrease" else -amount
+        return value
 
-def _objects(node: FNode) -> frozenset[str]:
-    objects = (n.object() for n in walk(node) if n.is_object_exp())
-    return frozenset(o.name for o in objects if isinstance(o, MovableObject))
+    def under_way(self, name: str) -> bool:
+        """Return whether an activity has begun, goes on, and is not over."""
+        return name not in self.gone and self.state.phase.get(name) is TaskPhase.RUNNING
 
+    @cached_property
+    def _happened(self) -> list[tuple[float, str, Expr, str, Any]]:
+        """Effects that have happened, in their order: when (s), whose, on what, how."""
+        return sorted(self._effects(), key=lambda e: e[0])
 
-def _takers(problem: SchedulingMotionProblem) -> dict[FNode, set[str]]:
-    """Return which activities change a fluent as they start."""
-    found: dict[FNode, set[str]] = {}
-    for activity in problem.activities:
-        for timing, effects in activity.effects.items():
-            for effect in effects if timing.is_from_start() else ():
-                found.setdefault(effect.fluent, set()).add(activity.name)
-    return found
+    def _effects(self) -> Iterator[tuple[float, str, Expr, str, Any]]:
+        for effect in self.planned.problem.effects:
+            time = self._when(effect)
+            if time is None:
+                continue
+            key = self.planned.ground(effect.fluent)
+            if effect.condition != ("bool", True):
+                raise UnsupportedError(f"conditional effect on {show(effect.fluent)}, from now on")
+            amount = self.planned.value(effect.value)
+            if key is not None:
+                yield time, effect.owner or "the problem", key, effect.kind, amount
 
-
-def _rivals(problem: SchedulingMotionProblem) -> dict[str, set[str]]:
-    """Return by activity those that are kept apart from it, by a constraint on just the two that
-    speaks of the start and the end of both.
-    """
-    found: dict[str, set[str]] = {}
-    owners: list[tuple[str | None, Any]] = [(None, problem._base)]
-    owners += [(a.name, a) for a in problem.activities]
-    for owner, chronicle in owners:
-        for constraint, _ in chronicle._constraints:
-            pair = activities_in(constraint) | ({owner} if owner else set())
-            points = {
-                (n.timing().timepoint.container or owner, n.timing().is_from_start())
-                for n in walk(constraint)
-                if n.is_timing_exp()
-            }
-            if len(pair) == 2 and len(points) == 4:
-                for name in pair:
-                    found.setdefault(name, {name}).update(pair)
-    return found
-
-
-def _whole(members: set[str], drives: Mapping[str, set[str]]) -> set[str]:
-    """Return the objects of which every drive is among some activities."""
-    return {who for who, mine in drives.items() if mine <= members}
+    def _when(self, effect: Any) -> float | None:
+        """Return when an effect happened (s), ``None`` if it has not."""
+        _, anchor, owner, delay = effect.time
+        if anchor == "zero":
+            time = delay * self.unit
+            return time if time < self.since * self.unit else None
+        if owner is None or owner not in self.state.phase:
+            return None
+        at = At.START if anchor == "start" else At.END
+        fired = self.state.fired.get(Event(at, owner))
+        if fired is None:
+            return None
+        if owner in self.gone and at is At.START:
+            # what a robot that is out of order has taken, it gives back
+            return None
+        time = fired + delay * self.unit
+        return time if at is At.END or time <= (self.since + 1e-9) * self.unit else None
 
 
 # ------------------ What is left of an activity that has begun
 
 
-def begun(activity: Activity, values: ValuesNow, environment: Environment) -> Activity:
+def begun(activity: Activity, values: ValuesNow) -> Activity:
     """Return an activity that has begun: mandatory, and only what is left of it."""
     name, state, unit = activity.name, values.state, values.unit
-    drives = isinstance(activity, MotionActivity)
-    kind = MotionActivity if drives else Activity
-    copy = kind(name, 1, False, _env=environment)
-    activity._clone_to(copy)
+    copy = activity.clone()
+    copy._optional, copy._present = False, activity._environment.expression_manager.TRUE()
     start = state.fired[Event(At.START, name)]
     gone = values.since * unit - start
     if state.graph.tasks[name].moves:
         upper = activity.duration.upper
-        most = None
-        if upper.is_int_constant():
-            most = upper.int_constant_value() - math.floor(gone / unit)
-        whole = max(1, most if most is not None else 1)
+        most = upper.int_constant_value() if upper.is_int_constant() else 0
         longest = max(w.travel.whole for w in state.ways_of[name])
-        copy.set_duration_bounds(1, max(whole, 2 * math.ceil(longest / unit) + 10))
+        least = 2 * math.ceil(longest / unit) + 10
+        copy.set_duration_bounds(1, max(most - math.floor(gone / unit), least))
     else:
         copy.set_fixed_duration(units_left(name, values))
     copy._effects = {}
@@ -168,23 +179,17 @@ def begun(activity: Activity, values: ValuesNow, environment: Environment) -> Ac
             continue
         later = math.ceil(start / unit + timing.delay - values.since - 1e-9)
         # what it uses it takes anew, as schedulers know it
-        kept = (
-            effects if later > 0 else [e for e in effects if e.fluent.fluent().name in values.uses]
-        )
-        if kept:
-            copy._effects.setdefault(Timing(max(later, 0), timing.timepoint), []).extend(kept)
+        left = [e for e in effects if later > 0 or e.fluent.fluent().name in values.uses]
+        if left:
+            copy._effects.setdefault(Timing(max(later, 0), timing.timepoint), []).extend(left)
     # what was asked until now was so; it is kept where it still is, for schedulers that
     # find their way by it
     copy._conditions = {}
     for span, nodes in conditions_of(activity).items():
         rest = _rest_of(span, activity, values.since - start / unit)
-        kept = [n for n in nodes if rest is not None or values.holds(n)]
-        if kept:
-            copy._conditions.setdefault(span if rest is None else rest, []).extend(kept)
-    if drives:
-        copy._motion_constraints = list(activity._motion_constraints)
-        copy._motion_constraints_set = set(activity._motion_constraints_set)
-        copy._motion_effects = dict(activity._motion_effects)
+        holding = [n for n in nodes if rest is not None or values.holds(n)]
+        if holding:
+            copy._conditions.setdefault(span if rest is None else rest, []).extend(holding)
     return copy
 
 
@@ -251,6 +256,8 @@ class Remaining:
     hint: Schedule | None
     notes: tuple[str, ...]
     params: Mapping[str, float] = field(default_factory=dict)
+    localisation: float = TOLERANCES.localisation
+    """How far (m) from where they tell to be robots may be, as the old plan is followed."""
 
 
 def check_names(surprise: Surprise, source: SchedulingMotionProblem, state: FloorState) -> None:
@@ -314,7 +321,7 @@ def remaining_problem(
     plan: PlanDict,
     state: FloorState,
     lives: Mapping[str, Life],
-    surprise: Surprise | None = None,
+    surprise: Surprise,
 ) -> Remaining:
     """Return what is left to do from now on.
 
@@ -328,7 +335,7 @@ def remaining_problem(
         raise UnsupportedError("remaining problems are made of problems with motions only")
     named = named_as_planned(problem, plan)
     involved = Involved(named, whereabouts(problem))
-    return _Builder(named, plan, state, lives, surprise or Surprise(), involved).build()
+    return _Builder(named, plan, state, lives, surprise, involved).build()
 
 
 class _Builder:
@@ -372,12 +379,11 @@ class _Builder:
                 continue
             if way.object in self.surprise.broken:
                 continue
-            speed = way.travel.speed_at(way.progress)
-            if speed > 0.0:
-                speed = max(speed, way.travel.speed_at(way.progress + 0.25))
-            brake = speed * speed / (2 * way.travel.accel)
-            at = min(way.progress + brake, self.state.until(way), way.length)
-            found[way.object] = (at, self.state.now + speed / way.travel.accel)
+            strayed = self.state.strayed.get(way.object)
+            if strayed is not None:
+                self.notes.append(f"'{way.object}' is off its path, and goes on from where it is")
+            here = self.state.here(way), self.state.now
+            found[way.object] = self.state.rest(way) if strayed is None else here
         return found
 
     def _gone(self) -> frozenset[str]:
@@ -435,11 +441,8 @@ class _Builder:
         for activity in self.source.activities:
             if activity.name in self.exact or activity.name in self.gone:
                 continue
-            copy = (
-                begun(activity, self.values, self.source.environment)
-                if activity.name in running
-                else activity.clone()
-            )
+            going = activity.name in running
+            copy = begun(activity, self.values) if going else activity.clone()
             copy._constraints = self._constraints(fix, activity)
             copy._conditions = {
                 span: [fix(c) if fix.tells(c) else c for c in nodes]
@@ -640,6 +643,8 @@ class _Builder:
         pose = here.path.poses[0]
         if isinstance(here, DriveCells) and name in self.stops:
             pose = here.path.poses_at(np.array([self.stops[name][0]]))[0]
+        if name in self.state.strayed:
+            pose = self.state.strayed[name].pose
         pose = self.surprise.broken.get(name, here.frame.inverse.of(pose))
         return tuple(float(v) for v in pose), self.types[led_by(life, here), name]
 
@@ -652,11 +657,9 @@ class _Builder:
                 continue
             if is_same_place(item.configuration, pose):
                 return item
-        base = f"now_{name}"
-        fresh, count = base, 0
-        while target.has_name(fresh):
-            count += 1
-            fresh = f"{base}_{count}"
+        numbers = itertools.chain([""], (f"_{k}" for k in itertools.count(1)))
+        names = (f"now_{name}{number}" for number in numbers)
+        fresh = next(free for free in names if not target.has_name(free))
         place = ConfigurationObject(fresh, type_, SE2(*pose))
         target.add_object(place)
         return place

@@ -14,7 +14,7 @@ from typing import NamedTuple
 from ortools.sat.python import cp_model
 
 from up_samp.execution.build import Dependencies, steps_by, with_sides
-from up_samp.execution.graph import At, Edge, Event, Graph, topological
+from up_samp.execution.graph import At, Edge, Event, Graph
 from up_samp.execution.lives import Stay
 from up_samp.execution.meetings import Component, Key, Meeting, switched
 from up_samp.execution.state import FloorState, Forecast, TaskPhase, forecast
@@ -169,18 +169,17 @@ def _too_soon(executor: Followed, ahead: Forecast, need: Edge) -> bool:
     if event.at in (At.REACH, At.LEAVE):
         way = state.ways[event.activity, event.object]
         begun = state.phase[event.activity] is not TaskPhase.WAITING
-        here = state.driven(way) if begun else 0.0
-        brake = way.braked(way.travel.fastest)
         # who is under way may be at full speed from the point on where it counts
-        let = brake * begun + max(brake, way.reach(executor.ahead))
-        place = event.progress - way.error - let
-        at = (state.now if begun else at) + way.travel.time_at(max(0.0, place)) - here
+        brake = way.braked(way.travel.fastest) if begun else 0.0
+        place = event.progress - way.error - brake - way.reach(executor.ahead)
+        left = way.travel.time_at(max(0.0, place)) - state.driven(way)
+        at = (state.now if begun else at) + left
     return at < state.now + executor.lead
 
 
 def _over(state: FloorState, meeting: Meeting) -> bool:
-    names = (getattr(piece, "activity", None) for piece in (meeting.a, meeting.b))
-    return all(name is not None and state.phase[name] is TaskPhase.DONE for name in names)
+    names = (meeting.a.activity, meeting.b.activity)
+    return all(name and state.phase[name] is TaskPhase.DONE for name in names)
 
 
 def happened(state: FloorState, event: Event) -> bool:
@@ -326,12 +325,7 @@ class Times:
                 continue
             start, end = Event(At.START, name), Event(At.END, name)
             if not task.moves:
-                begun = state.fired.get(start)
-                if begun is None:
-                    self.after(Edge(start, end, task.expected))
-                else:
-                    left = max(0.0, begun + task.expected - state.now)
-                    self.ties.append(Tie(NOW, self.event(end), math.ceil(left * SCALE), 0))
+                self.after(Edge(start, end, task.expected))
             for way in state.ways_of[name]:
                 self._drive((way.activity, way.object), start, end)
 
@@ -353,31 +347,14 @@ class Times:
     def variables(
         self, model: cp_model.CpModel, latest: int, literals: list[cp_model.IntVar]
     ) -> list[cp_model.LinearExprT]:
-        """Return the events' times in a model with all ties; ``literals`` are the decisions.
-
-        What only follows one other event, or now, has that one's variable.
-        """
-        count = len(self.number)
-        into: list[list[Tie]] = [[] for _ in range(count)]
+        """Return the events' times in a model with all ties; ``literals`` are the decisions."""
+        found: list[cp_model.LinearExprT] = [model.new_int_var(0, latest, "") for _ in self.number]
+        found.append(0)  # now's
         for tie in self.ties:
-            into[tie.then].append(tie)
-        always = [(t.first, t.then) for t in self.ties if t.only_if == 0 and t.first != NOW]
-        order = topological(count, always, [0.0] * count)
-        if len(order) < count:
-            raise ProblemError("the dependencies have a cycle: nobody could go first")
-        found: list[cp_model.LinearExprT] = [0] * count + [0]  # the last one is now's
-        for k in order:
-            only = into[k][0] if len(into[k]) == 1 else None
-            if only is not None and not only.only_if:
-                found[k] = found[only.first] + only.ticks
-            else:
-                found[k] = model.new_int_var(0, latest, "")
-        for k, ties in enumerate(into):
-            for tie in ties if isinstance(found[k], cp_model.IntVar) else ():
-                stated = model.add(found[k] >= found[tie.first] + tie.ticks)
-                if tie.only_if:
-                    literal = literals[abs(tie.only_if) - 1]
-                    stated.only_enforce_if(literal if tie.only_if > 0 else literal.negated())
+            stated = model.add(found[tie.then] >= found[tie.first] + tie.ticks)
+            if tie.only_if:
+                literal = literals[abs(tie.only_if) - 1]
+                stated.only_enforce_if(literal if tie.only_if > 0 else literal.negated())
         return found
 
 

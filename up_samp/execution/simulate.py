@@ -254,7 +254,8 @@ def solve_remaining(
     """
     with OneshotPlanner(name=engine, params=dict(left.params)) as planner:
         result = planner.solve(left.problem, timeout=seconds, warm_start_plan=left.hint)
-    return with_dependencies(left.problem, result_to_dict(left.problem, result))
+    plan = result_to_dict(left.problem, result)
+    return with_dependencies(left.problem, plan, localisation=left.localisation)
 
 
 def remaining_at(

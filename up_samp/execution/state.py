@@ -31,6 +31,7 @@ from up_samp.execution.graph import (
 )
 from up_samp.execution.tolerances import TOLERANCES
 from up_samp.execution.travel import TravelProfile
+from up_samp.model import Configuration
 
 _MEMORY = 20.0
 """s of free driving over which a robot's pace is averaged."""
@@ -122,7 +123,7 @@ class MotionUnderWay:
     told: float = 0.0
     """What was told last (m)."""
     since: float = 0.0
-    """When ``progress`` last grew (s)."""
+    """When ``progress`` last grew (s), or what was told beyond it."""
     let: float = 0.0
     """How far (m) its robot was let drive for good (0: what it is told can be taken back)."""
     at_end: bool = False
@@ -139,12 +140,22 @@ class MotionUnderWay:
         return speed * (self.reaction + speed / (2 * self.travel.accel))
 
     def reach(self, ahead: float | None) -> float:
-        """Return how far (m) from where it is its robot may be let drive for good that is let drive
-        ``ahead`` s farther than it can stand, and twice as far at a time (None: nothing is for
-        good).
+        """Return how far (m) from where it is its robot may come to stand that is let drive
+        ``ahead`` s farther than it can stand for good, and twice as far at a time (None: nothing is
+        for good).
         """
-        fastest = self.travel.fastest
-        return 0.0 if ahead is None else self.braked(fastest) + 2 * fastest * ahead
+        return self.braked(self.travel.fastest) + 2 * self.travel.fastest * (ahead or 0.0)
+
+
+@dataclass(frozen=True)
+class Strayed:
+    """A robot told, at ``time`` (s), that it is at ``pose`` (x, y, theta; in the one plane of all
+    paths), ``off`` m from wherever it can have been led.
+    """
+
+    pose: Configuration
+    off: float
+    time: float
 
 
 class FloorState:
@@ -176,6 +187,8 @@ class FloorState:
         self.of_object: dict[str, MotionUnderWay] = {}
         self.heard: dict[str, float] = {}
         """When each object last told something that was believed (s)."""
+        self.strayed: dict[str, Strayed] = {}
+        """Where robots told to be that are where they cannot have been led."""
         self.ways_of: dict[str, list[MotionUnderWay]] = {name: [] for name in graph.tasks}
         for way in self.ways.values():
             self.ways_of[way.activity].append(way)
@@ -271,6 +284,8 @@ class FloorState:
         """Note what was told of a motion. It never goes back, and whatever is told, it is believed
         to be no farther than its closed gate allows.
         """
+        if told > max(way.told, way.progress) + self.tolerance:
+            way.since = self.now
         way.told = told
         self.follow(way)
 
@@ -339,25 +354,63 @@ class FloorState:
                 return place, number
         return None
 
-    def until(self, way: MotionUnderWay) -> float:
+    def opened(self, way: MotionUnderWay) -> float:
         """Return how far a motion may go by what its robot tells: up to its next closed gate, less
-        the localisation error; and not where somebody is astray.
+        the localisation error.
         """
         gate = self.next_gate(way)
-        found = way.length if gate is None else gate[0]
+        return way.length if gate is None else gate[0]
+
+    def until(self, way: MotionUnderWay) -> float:
+        """Return how far a motion may go by what its robot tells, and not where somebody is
+        astray.
+        """
+        found = self.opened(way)
         return min(found, self.bars.get((way.activity, way.object), found))
 
-    def braking(self, way: MotionUnderWay) -> float:
-        """Return the progress (m) at which a robot under way can stand: no further than it may go
-        anyway, nor than it was let drive for good, as one that waits drives at no speed.
+    # ------------------------------------------------------------------ where robots come to rest
+
+    def here(self, way: MotionUnderWay) -> float:
+        """Return how far (m) a robot was on its motion when it last told so: a believed progress,
+        but where it is known not to be there.
         """
-        speed = max(way.travel.speed_at(way.progress), way.travel.speed_at(way.progress + 0.5))
-        most = min(self.until(way), way.let or math.inf)
-        return min(way.progress + way.braked(speed) + 0.05, most)
+        return way.told if self.astray(way) else way.progress
+
+    def braking(self, way: MotionUnderWay) -> float:
+        """Return the progress (m) at which a robot under way stands if it is told now to do so as
+        soon as it can. Until it obeys it drives on as fast as it may, and has done so since it last
+        told where it is (by an error more than that or less); but no farther than its next closed
+        gate, nor than it was let drive for good.
+        """
+        here, seconds = self.here(way), way.reaction + self.silent(way.object)
+        found = way.travel.stands_from(way.travel.time_at(here) + seconds) + way.error
+        found = min(found, way.travel.length)
+        if self.stands(way):
+            # it may have set off so long ago that what it told since is within its error
+            seconds += math.sqrt(4 * way.error / way.travel.accel)
+            starts = way.travel.accel * seconds**2 if self.until(way) > here else 0.0
+            found = min(found, here + starts)
+        if self.astray(way) > 0.0:
+            return found
+        return min(found, self.opened(way), way.let or math.inf)
+
+    def stands(self, way: MotionUnderWay) -> bool:
+        """Return whether a robot under way stood when it told last where it is."""
+        return self.heard.get(way.object, 0.0) >= way.since + TOLERANCES.settled
 
     def committed(self, way: MotionUnderWay) -> float:
         """Return the progress (m) that a robot under way comes to whatever it is told now."""
         return max(self.braking(way), min(way.let, self.until(way)))
+
+    def rest(self, way: MotionUnderWay) -> tuple[float, float]:
+        """Return the progress (m) at which a robot under way comes to rest that is told now to do
+        so as soon as it can, and by when (s), unless something holds it up.
+        """
+        at, here = self.committed(way), self.here(way)
+        if at <= here + self.tolerance:
+            return at, self.now
+        seconds = way.travel.within(here, at) / self.pace.shares.get(way.object, 1.0)
+        return at, self.now + way.reaction + seconds
 
     def reached(self, way: MotionUnderWay, progress: float) -> bool:
         """Return whether a motion has surely come to a point (m) of its path."""

@@ -43,6 +43,30 @@ class TravelProfile:
         """Return when it comes there (s from its start)."""
         return _between(self._plain[0], self._plain[1], progress)
 
+    def progress_at(self, time: float) -> float:
+        """Return where it is (m) so many seconds after its start."""
+        return _between(self._plain[1], self._plain[0], time)
+
+    def stands_from(self, time: float) -> float:
+        """Return where it stands (m) that begins to brake so many seconds after its start: none
+        that drives along the path, however fast, comes farther.
+        """
+        here = self.progress_at(time)
+        return here + self.speed_at(here) ** 2 / (2 * self.accel)
+
+    def within(self, here: float, there: float) -> float:
+        """Return in how many seconds one that may stand ``here`` (m) surely stands ``there``, if it
+        drives as fast as it may.
+        """
+        way = there - here
+        if way <= 0.0:
+            return 0.0
+        ramps = 1 + sum(here < s < there for s in self.stops)
+        inner = self.cap[(self.progress > here) & (self.progress < there)]
+        caps = self.cap_at(here), self.cap_at(there), float(inner.min(initial=math.inf))
+        speed = min(*caps, math.sqrt(way * self.accel / ramps))
+        return way / speed + ramps * speed / self.accel
+
     def speed_at(self, progress: float) -> float:
         """Return how fast it is there (m/s): between points it speeds up, or slows down, evenly."""
         return math.sqrt(_between(self._plain[0], self._plain[2], progress))

@@ -199,7 +199,7 @@ class Day:
         where no plan has them.
         """
         found = dict(self.limits)
-        if self.executor.strayed.keys() & self.off_plan():
+        if self.executor.state.strayed.keys() & self.off_plan():
             for (name, _), most in self.executor.state.bars.items():
                 found[name] = min(most, found.get(name, most))
         return found

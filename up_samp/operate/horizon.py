@@ -14,16 +14,18 @@ from __future__ import annotations
 import enum
 import itertools
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
 from up_samp.execution.executor import Executor
-from up_samp.execution.graph import At
+from up_samp.execution.graph import At, Event
 from up_samp.execution.meetings import moving
 from up_samp.execution.state import Forecast, TaskPhase
+from up_samp.execution.tolerances import TOLERANCES
 from up_samp.fleet.statements import Kind, Meaning
 from up_samp.io.plan_dict import PlanDict
 from up_samp.model.arrays import FloatArray
@@ -33,6 +35,13 @@ from up_samp.operate.records import Pose
 
 DELIVERS = (Kind.DELIVERY, Kind.TASK)
 """What ends an order or a task."""
+
+
+def driven_before(motion: Mapping[str, Any]) -> float:
+    """Return how much (m) a robot had driven of a motion of a plan when that began: its progress on
+    the plan's motion counts from there, and robots count all of it.
+    """
+    return float(motion.get("from", 0.0))
 
 
 @dataclass(frozen=True)
@@ -58,6 +67,44 @@ class Cut:
     """How far (m) robots told to be on what is left of motions under way."""
     away: frozenset[str] = frozenset()
     """Robots that did nothing then, and stand at their ``poses``."""
+
+    def part_of(self, motion: Mapping[str, Any]) -> dict[str, Any]:
+        """Return what is kept of a motion; progress on it counts from where it begins."""
+        name, rows, s = motion["activity"], [*motion["samples"]], [*motion["progress"]]
+        begin, end = self.starts.get(name, 0.0), self.stops.get(name, math.inf)
+        if end - TOLERANCES.arrived <= s[-1]:
+            k = max(1, int(np.searchsorted(s, end - TOLERANCES.arrived)))
+            s[k:], rows[k:] = [round(end, 6)], [_sample(rows, s, k, end)]
+        if not begin:
+            return {**motion, "samples": rows, "progress": s}
+        k = min(int(np.searchsorted(s, begin, side="right")), len(s) - 1)
+        rows = [_sample(rows, s, k, begin), *rows[k:]]
+        s = [0.0, *(round(float(p - begin), 6) for p in s[k:])]
+        before = round(driven_before(motion) + begin, 6)
+        return {**motion, "samples": rows, "progress": s, "from": before}
+
+    def on_part(self, event: Event) -> Event | None:
+        """Return an event by its progress on what is kept of its motion (None: that begins beyond
+        it, or does not come to it).
+        """
+        begin, end = self.starts.get(event.activity), self.stops.get(event.activity, math.inf)
+        if event.at not in (At.REACH, At.LEAVE):
+            return None if event.at is At.END and end < math.inf else event
+        if event.progress > end or (begin is not None and event.progress <= begin):
+            return None
+        return replace(event, progress=event.progress - (begin or 0.0))
+
+    def on_whole(self, event: Event) -> Event:
+        """Return an event of what is kept by its progress on the motion that was cut."""
+        return replace(event, progress=event.progress + self.starts.get(event.activity, 0.0))
+
+
+def _sample(rows: Sequence[Sequence[float]], s: Sequence[float], k: int, at: float) -> list[float]:
+    """Return the sample of a motion at ``at`` m, between its samples ``k`` - 1 and ``k``."""
+    low, high = s[k - 1 : k + 1]
+    share = (at - low) / (high - low) if high > low else 0.0
+    pairs = zip(rows[k - 1], rows[k], strict=True)
+    return [round(float(a + share * (b - a)), 9) for a, b in pairs]
 
 
 LEAST = 0.1
@@ -325,9 +372,7 @@ class Cutter:
             least = 0.0
         else:
             # at full speed, and what it told last is a moment old
-            speed = way.travel.fastest
-            least += speed * way.reaction + LEAST
-            least += max(way.braked(speed), way.reach(self.executor.ahead))
+            least += way.travel.fastest * way.reaction + LEAST + way.reach(self.executor.ahead)
         drives = self.executor.drives
         path = drives[name, way.object].path
         margin = self.state.graph.margin + way.error

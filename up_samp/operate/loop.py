@@ -30,7 +30,7 @@ from up_samp.model import ProblemError, SampError
 from up_samp.operate import upkeep
 from up_samp.operate.choice import OUT, Day, OpenWork, body_at, check_stand, choose
 from up_samp.operate.clock import Clock
-from up_samp.operate.horizon import DELIVERS, first_inside, meanings_of, pose_of
+from up_samp.operate.horizon import DELIVERS, driven_before, first_inside, meanings_of, pose_of
 from up_samp.operate.planner import (
     Answer,
     Planner,
@@ -155,7 +155,7 @@ class Operation(Day):
 
     def _follow(self, executor: Executor) -> None:
         self.executor, self.meanings = executor, meanings_of(executor.plan)
-        self.gone = {m["activity"]: m.get("from", 0.0) for m in executor.plan["motions"]}
+        self.gone = {m["activity"]: driven_before(m) for m in executor.plan["motions"]}
         self.robots.follow(executor)
         self._limit()
 
@@ -519,7 +519,10 @@ class Operation(Day):
 
     def pose(self, thing: str) -> Pose:
         """Return where a robot was last told to be, or where a door stands."""
-        return self.poses[thing] if thing in self.off_plan() else self._told_pose(thing)
+        if thing in self.off_plan():
+            return self.poses[thing]
+        strayed = self.executor.state.strayed.get(thing)
+        return self._told_pose(thing) if strayed is None else pose_of(strayed.pose)
 
     def _told_pose(self, thing: str) -> Pose:
         lives = self.executor.dependencies.lives

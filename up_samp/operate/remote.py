@@ -24,6 +24,7 @@ from up_samp.fleet.files import read_record
 from up_samp.fleet.records import FleetRecords
 from up_samp.model import ProblemError
 from up_samp.motion.fleet.paths import Path
+from up_samp.operate.horizon import driven_before
 from up_samp.operate.stitch import whole_motion
 from up_samp.operate.upkeep import action_of
 from up_samp.operate.zones import stretches_told
@@ -137,7 +138,7 @@ class RemoteRobots:
         motion = next((m for m in executor.plan["motions"] if m["activity"] == name), None)
         if motion is None:
             raise ProblemError(f"'{robot}' is not to drive anywhere now")
-        begun = motion.get("from", 0.0) + max(0.0, executor.state.ways[name, robot].progress)
+        begun = driven_before(motion) + max(0.0, executor.state.ways[name, robot].progress)
         pieces = pieces_told(motion, executor.drives[name, robot].path)
         return {"motion": name, "progress": round(begun, 4), "pieces": pieces}
 

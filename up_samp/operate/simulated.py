@@ -16,7 +16,6 @@ from up_samp.execution.floor import (
     Handled,
     Luck,
     SimulatedFloor,
-    SimulatedRobot,
     luck_of,
 )
 from up_samp.execution.reports import Report
@@ -94,13 +93,6 @@ class SimulatedRobots(SimulatedFloor):
         robot.motion, robot.place = None, pose
         rows = np.array([[self.now, *pose], [self.now + 1e-3, *pose]])
         self.drives.append(Drive(name, "by hand", rows))
-
-    def _keep(self, robot: SimulatedRobot) -> None:
-        """Put what a robot has driven on record, as poses."""
-        if robot.motion is not None:
-            times, s = np.array(robot.trace).T
-            poses = robot.path.poses_at(np.clip(s, 0.0, robot.path.length))
-            robot.drive.rows = np.column_stack([times, poses])
 
     def step(self, now: float, seconds: float) -> None:
         """Drive for some seconds from ``now`` on."""

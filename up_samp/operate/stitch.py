@@ -32,7 +32,7 @@ from up_samp.fleet.statements import Meaning
 from up_samp.io.plan_dict import PlanDict, with_minor
 from up_samp.model import ProblemError
 from up_samp.motion.fleet.paths import ROUNDED
-from up_samp.operate.horizon import DELIVERS, Cut, meanings_of
+from up_samp.operate.horizon import DELIVERS, Cut, driven_before, meanings_of
 from up_samp.operate.records import Pose, Settings, Shape
 from up_samp.operate.zones import keep_zones
 from up_samp.tuning import Tuning
@@ -111,11 +111,7 @@ def kept_of(executor: Executor, cut: Cut) -> Kept:
     first = min((a["start"] for a in entries), default=0)
     by = first * float(plan["seconds_per_unit"])
     activities = [{**a, "start": a["start"] - first, "end": a["end"] - first} for a in entries]
-    motions = [
-        _later(_begun(_ended(m, cut.stops.get(m["activity"])), cut.starts.get(m["activity"])), -by)
-        for m in plan["motions"]
-        if m["activity"] in names
-    ]
+    motions = [_later(cut.part_of(m), -by) for m in plan["motions"] if m["activity"] in names]
     changes = [
         {**c, "time": round(c["time"] - by, 6)}
         for c in plan["changes"]
@@ -137,39 +133,9 @@ def _later(motion: Mapping[str, Any], by: float) -> dict[str, Any]:
     return {**motion, "samples": [[round(r[0] + by, 9), *r[1:]] for r in motion["samples"]]}
 
 
-def _begun(motion: Mapping[str, Any], at: float | None) -> Mapping[str, Any]:
-    """Return a motion from ``at`` m on; ``from`` is how much of it is left out."""
-    if not at:
-        return motion
-    s = motion["progress"]
-    k = min(int(np.searchsorted(s, at, side="right")), len(s) - 1)
-    samples = [_sample(motion, k, at), *motion["samples"][k:]]
-    progress = [0.0, *(round(float(p - at), 6) for p in s[k:])]
-    left = round(motion.get("from", 0.0) + at, 6)
-    return {**motion, "samples": samples, "progress": progress, "from": left}
-
-
-def _ended(motion: Mapping[str, Any], at: float | None) -> Mapping[str, Any]:
-    """Return a motion up to ``at`` m."""
-    s = motion["progress"]
-    if at is None or at - TOLERANCES.arrived > s[-1]:
-        return motion
-    k = max(1, int(np.searchsorted(s, at - TOLERANCES.arrived)))
-    samples = [*motion["samples"][:k], _sample(motion, k, at)]
-    return {**motion, "samples": samples, "progress": [*s[:k], round(at, 6)]}
-
-
-def _sample(motion: Mapping[str, Any], k: int, at: float) -> list[float]:
-    """Return the sample of a motion at ``at`` m, between its samples ``k`` - 1 and ``k``."""
-    (one, two), (low, high) = motion["samples"][k - 1 : k + 1], motion["progress"][k - 1 : k + 1]
-    share = (at - low) / (high - low) if high > low else 0.0
-    return [round(float(a + share * (b - a)), 9) for a, b in zip(one, two, strict=True)]
-
-
 def whole_motion(motion: Mapping[str, Any]) -> dict[str, Any]:
     """Return a motion of a plan with progress from where its robot began it."""
-    begun = motion.get("from", 0.0)
-    return {**motion, "progress": [p + begun for p in motion["progress"]]}
+    return {**motion, "progress": [p + driven_before(motion) for p in motion["progress"]]}
 
 
 def _edges(executor: Executor, cut: Cut) -> Iterator[Edge]:
@@ -177,32 +143,12 @@ def _edges(executor: Executor, cut: Cut) -> Iterator[Edge]:
     names = {*cut.kept, ORIGIN.activity}
     for edge in executor.state.graph.edges:
         ends = edge.first, edge.then
-        stays = {e.activity for e in ends} <= names and edge.kind not in (MEETING, ZONE)
-        if stays and not any(_lost(e, cut) or _passed(e, cut) for e in ends):
-            first, then = (_moved(e, cut) for e in ends)
+        if edge.kind in (MEETING, ZONE) or not {e.activity for e in ends} <= names:
+            continue
+        first, then = map(cut.on_part, ends)
+        if first is not None and then is not None:
             lag = edge.lag - cut.since if first == ORIGIN else edge.lag
             yield Edge(first, then, lag, edge.kind, edge.why)
-
-
-def _passed(event: Event, cut: Cut) -> bool:
-    """Return whether an event is on a part of a motion that is driven."""
-    inner = event.at in (At.REACH, At.LEAVE)
-    return inner and event.progress <= cut.starts.get(event.activity, -1.0)
-
-
-def _moved(event: Event, cut: Cut) -> Event:
-    """Return an event by the progress from where on its motion counts."""
-    if event.at not in (At.REACH, At.LEAVE) or event.activity not in cut.starts:
-        return event
-    return replace(event, progress=event.progress - cut.starts[event.activity])
-
-
-def _lost(event: Event, cut: Cut) -> bool:
-    """Return whether an event is one that a motion that ends early does not come to."""
-    stop = cut.stops.get(event.activity)
-    if stop is None:
-        return False
-    return event.at is At.END or (event.at is not At.START and event.progress > stop)
 
 
 def _initial(executor: Executor, cut: Cut, motions: list[dict[str, Any]]) -> dict[str, Pose]:
@@ -405,7 +351,7 @@ def follow_on(
             under_way[name] = {w.object: w.told - gone for w in old.state.ways_of[name]}
     executor.join(max(0.0, old.now - by), done=done, under_way=under_way, times=times)
     executor.state.pace.load(old.state.pace.saved())
-    for robot, where in old.strayed.items():  # others still keep away from there
+    for robot, where in old.state.strayed.items():  # others still keep away from there
         executor.update(robot, pose=where.pose, now=max(0.0, old.now - by))
     least: dict[str, float] = {}
     for robot, way in executor.state.of_object.items():
@@ -440,17 +386,11 @@ def _move_gates(
     while (gate := state.next_gate(way)) is not None and gate[0] < least:
         at, number = gate
         events, when = state.graph.events, state.when
-        there = _on_whole(events[number], cut)
-        waits = (edge.first for k, edge in state.into[number] if when[k] is None)
-        firsts = [_on_whole(event, cut) for event in waits]
+        there = cut.on_whole(events[number])
+        firsts = [cut.on_whole(edge.first) for k, edge in state.into[number] if when[k] is None]
         if not firsts or not all(_lets_first(old, first, there) for first in firsts):
             return
         state.move_gate(number, least - at)
-
-
-def _on_whole(event: Event, cut: Cut) -> Event:
-    """Return an event by the progress on its whole motion, as the plan that is cut has it."""
-    return replace(event, progress=event.progress + cut.starts.get(event.activity, 0.0))
 
 
 def _lets_first(old: Executor, first: Event, then: Event) -> bool:

@@ -31,6 +31,7 @@ from up_samp.model.frames import Frame
 from up_samp.motion.curves.slowing import ruled_speeds
 from up_samp.motion.fleet.paths import Path
 from up_samp.operate.choice import body_at
+from up_samp.operate.horizon import driven_before
 from up_samp.operate.records import Pose
 
 STEP = 0.05
@@ -182,7 +183,7 @@ def stretches_told(
     fast (m/s) they may be driven.
     """
     most = ruled_speeds(path.poses, path.body)
-    s = path.s + motion.get("from", 0.0)
+    s = path.s + driven_before(motion)
     cuts = s[1:-1][most[1:] != most[:-1]].tolist()
     for piece, low, high in stretches_of(motion, {*points, *cuts}):
         first = int(np.searchsorted(s, low + TOLERANCES.arrived, side="right")) - 1

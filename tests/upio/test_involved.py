@@ -8,8 +8,7 @@ from tests.metamorphic.motions import ALIKE, OTHERS, MotionWriter
 from tests.metamorphic.sites import FAMILIES
 from up_samp.benchmarks import instance
 from up_samp.benchmarks.instances import ENCODINGS
-from up_samp.execution.remaining import Involved
-from up_samp.upio.movers import whereabouts
+from up_samp.upio.movers import Involved, whereabouts
 
 
 def sites():
@@ -25,7 +24,7 @@ def sites():
 def test_every_style_says_who_does_what_and_where_robots_are(number, style, tmp_path):
     family = list(FAMILIES)[number % len(FAMILIES)]
     writer = MotionWriter(FAMILIES[family](number), style, tmp_path)
-    involved = Involved(writer.problem)
+    involved = Involved(writer.problem, whereabouts(writer.problem))
     truth = {a.name: writer.bodies[r].name for r, a in writer._doings()}
     for activity in writer.problem.activities:
         mine = {b.name for b in writer.bodies if involved.needs(activity.name, b.name)}
@@ -55,7 +54,7 @@ def test_published_forms(name, encoding):
     """Each activity is one robot's; places called after another robot do not make it that one's."""
     problem = instance(name).build(encoding, True)
     robots = {m.object().name for m, _ in problem.initial_configuration if m.type.name == "robot"}
-    involved = Involved(problem)
+    involved = Involved(problem, whereabouts(problem))
     for activity in problem.activities:
         mine = {r for r in robots if involved.needs(activity.name, r)}
         said = next((w for w in activity.name.split("_")[:2] if w in robots), None)
