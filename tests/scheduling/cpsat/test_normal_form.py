@@ -104,7 +104,7 @@ def test_variables_that_decide_presences_make_alternatives(problem):
     problem.add_constraint(Not(And(builds["1"], builds["2"])))
     form = normal_form(Watcher(problem).look())
     assert form.presences["builds1"] == form.presences["load1y"] != form.presences["load2y"]
-    assert find_groups(form.parts, form.presences) == [
+    assert find_groups(form) == [
         ("load1x", "load2x"),
         ("load1y", "load2y"),
     ]
@@ -133,7 +133,7 @@ def test_alternatives_are_of_one_kind_in_whatever_order_they_are_written(problem
         problem.add_constraint(Or(*who))
     problem.add_constraint(Not(And(*who)))
     form = normal_form(Watcher(problem).look())
-    found = {frozenset(g) for g in find_groups(form.parts, form.presences)}
+    found = {frozenset(g) for g in find_groups(form)}
     assert found == {frozenset({"do0x", "do1x"}), frozenset({"do0y", "do1y"})}
 
 

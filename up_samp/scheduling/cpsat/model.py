@@ -105,7 +105,7 @@ class ScheduleModel:
     def _build(self) -> None:
         problem = self.problem
         parts = Watcher(problem).look()
-        form = NormalForm(parts, {}) if self.plain else normal_form(parts)
+        form = NormalForm(parts) if self.plain else normal_form(parts)
         for code, obj in enumerate(problem.all_objects):
             self.world.objects[obj.name] = code
             self.world.object_types.append(obj.type)
@@ -113,7 +113,7 @@ class ScheduleModel:
         self.horizon.timepoint(self.world.makespan)
         self.world.scales = scales_of(problem)
         self.states = States(self.world, problem, constant(0))
-        groups = [] if self.plain else find_groups(form.parts, form.presences)
+        groups = [] if self.plain else find_groups(form)
         self.variables = Variables(self.world, self.states, self.horizon, form.presences, groups)
         for activity in self._in_time(form.parts.activities):
             self.variables.add_activity(activity)

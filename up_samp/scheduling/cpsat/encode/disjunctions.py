@@ -29,7 +29,7 @@ from up_samp.scheduling.cpsat.encode.numbers import INFINITE, constant_bounds
 from up_samp.scheduling.cpsat.encode.recognition import Unary
 from up_samp.scheduling.cpsat.encode.store import ModelStore
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars
-from up_samp.scheduling.cpsat.normal import Additions, Presences, decided, decisions, told_together
+from up_samp.scheduling.cpsat.normal import Additions, Decisions, NormalForm, decided, told_together
 from up_samp.upio.expressions import end_before_start, walk
 
 Alternatives = tuple[str, ...]
@@ -37,27 +37,24 @@ Alternatives = tuple[str, ...]
 there is a group of one)."""
 
 
-def find_groups(parts: Additions, presences: Presences | None = None) -> list[Alternatives]:
+def find_groups(form: NormalForm) -> list[Alternatives]:
     """Return disjoint groups of alternatives among the parts of a normal form.
 
     Assumes: all pairs of a group exclude each other, all last one fixed time, and that one is there
     is said without a condition.
-
-    :param presences: who is there together (nobody, if not given).
     """
-    members = _Members(parts, presences or {})
-    lengths = {a.name: _length(a) for a in parts.activities if a.optional}
+    members = _Members(form)
+    lengths = {a.name: _length(a) for a in form.parts.activities if a.optional}
     exclusive: set[frozenset[str]] = set()
     named: dict[tuple[str, ...], None] = {}
     wanted: dict[tuple[str, ...], None] = {}
-    for constraint, scope, _ in parts.constraints:
-        for clause in decisions(constraint, scope):
-            names, signs = tuple(name for name, _ in clause), {sign for _, sign in clause}
-            if signs == {True}:
-                named.update(dict.fromkeys(members.named(names)))
-                wanted.update(dict.fromkeys(members.in_parallel(names)))
-            elif signs == {False} and len(names) == 2:
-                exclusive |= members.products(names)
+    for clause in form.clauses:
+        names, signs = tuple(name for name, _ in clause), {sign for _, sign in clause}
+        if signs == {True}:
+            named.update(dict.fromkeys(members.named(names)))
+            wanted.update(dict.fromkeys(members.in_parallel(names)))
+        elif signs == {False} and len(names) == 2:
+            exclusive |= members.products(names)
     groups, taken = [], set[str]()
     for names in named | wanted:
         apart = all(
@@ -75,7 +72,8 @@ def find_groups(parts: Additions, presences: Presences | None = None) -> list[Al
 class _Members:
     """Which activities are decided about together, by any of their names."""
 
-    def __init__(self, parts: Additions, presences: Presences) -> None:
+    def __init__(self, form: NormalForm) -> None:
+        parts, presences = form.parts, form.presences
         optional = {a.name for a in parts.activities if a.optional}
         self._presences = presences
         self._of: dict[str, list[str]] = {leader: [] for leader in presences.values()}
@@ -86,7 +84,7 @@ class _Members:
         for name, variable, value in _asked_values(parts):
             self._asked.setdefault(presences.get(name, name), {})[variable] = value
         self._kinds = _kinds(parts, together)
-        self._own = _own_decisions(parts, optional)
+        self._own = _own_decisions(form.clauses, optional)
 
     def of(self, name: str) -> list[str]:
         """Return the activities that are there exactly when ``name`` is."""
@@ -173,10 +171,10 @@ def _kinds(parts: Additions, names: set[str]) -> dict[str, tuple[int | None, fro
     return {name: (lengths[name], frozenset(some)) for name, some in constants.items()}
 
 
-def _own_decisions(parts: Additions, optional: set[str]) -> dict[str, str]:
+def _own_decisions(clauses: list[Decisions], optional: set[str]) -> dict[str, str]:
     """Return activity or bool variable -> the one activity that it decides about, as written."""
     found = {name: {name} for name in optional}
-    for names in told_together(parts.constraints):
+    for names in told_together(clauses):
         for one, other in (names, names[::-1]):
             if other in optional and one not in optional:
                 found.setdefault(one, set()).add(other)
