@@ -35,11 +35,10 @@ from up_samp.model import Configuration, ProblemError, UnsupportedError
 from up_samp.model.frames import Frame
 from up_samp.model.objective import MinimizeCosts
 from up_samp.scheduling.partial_order.differences import Planned
-from up_samp.upio.expressions import activities_in, walk
+from up_samp.upio.expressions import activities_in, conditions_of, own_end, walk
 from up_samp.upio.movers import brought, named_as_planned, whereabouts
 from up_samp.upio.relaxing import told_by
 from up_samp.upio.restrict import Decided
-from up_samp.upio.spans import conditions_of, own_end
 
 
 class Involved:

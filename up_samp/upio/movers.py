@@ -34,10 +34,10 @@ from unified_planning.model.motion import (
 from unified_planning.model.scheduling import Activity, SchedulingProblem
 
 from up_samp.model import ProblemError, UnsupportedError
+from up_samp.upio.expressions import conditions_of, rewritten
 from up_samp.upio.objective import check_copied
 from up_samp.upio.plan import SampSchedule
 from up_samp.upio.read_maps import LIMITS
-from up_samp.upio.spans import conditions_of, rewritten
 
 
 @dataclass(frozen=True)

@@ -31,9 +31,7 @@ from unified_planning.model.timing import (
 
 from up_samp.model import ProblemError, UnsupportedError, check_time
 from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
-from up_samp.upio.objective import objective_of, only_makespan
-from up_samp.upio.relaxation import Relaxation, Rewriter, choose, named_fluent, told_fluents
-from up_samp.upio.spans import (
+from up_samp.upio.expressions import (
     closed,
     conditions_of,
     inner,
@@ -42,6 +40,8 @@ from up_samp.upio.spans import (
     rewritten,
     whole,
 )
+from up_samp.upio.objective import objective_of, only_makespan
+from up_samp.upio.relaxation import Relaxation, Rewriter, choose, named_fluent, told_fluents
 
 
 def copy_state(

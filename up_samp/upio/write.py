@@ -23,8 +23,8 @@ from up_samp.model.refinement import (
     Requires,
     TimeRef,
 )
+from up_samp.upio.expressions import inner, whole
 from up_samp.upio.relaxation import Relaxation
-from up_samp.upio.spans import inner, whole
 
 
 def write_refinement(relaxation: Relaxation, refinement: Refinement) -> None:

@@ -28,8 +28,7 @@ from up_samp.scheduling.compilers.plain import (
     later,
 )
 from up_samp.scheduling.compilers.write import EFFECT_KINDS, OPERATORS, POINTS
-from up_samp.upio.expressions import QuantifierRemover, constraints_of
-from up_samp.upio.spans import with_timings
+from up_samp.upio.expressions import QuantifierRemover, constraints_of, with_timings
 
 _OPERATORS = {kind: name for name, kind in OPERATORS.items()}
 _ANCHORS = {kind: anchor for anchor, kind in POINTS.items()}

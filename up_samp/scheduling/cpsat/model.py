@@ -19,6 +19,7 @@ from up_samp.scheduling.cpsat.encode.forms import (
     Form,
     Lin,
     Literal,
+    ModelStore,
     clauses_of,
     compare,
     constant,
@@ -34,7 +35,6 @@ from up_samp.scheduling.cpsat.encode.numbers import (
 from up_samp.scheduling.cpsat.encode.objective import Encoding, ends_in_time, lasts
 from up_samp.scheduling.cpsat.encode.recognition import find_histories, find_milestones, find_unary
 from up_samp.scheduling.cpsat.encode.states import Key, Read, States, StateVar
-from up_samp.scheduling.cpsat.encode.store import ModelStore
 from up_samp.scheduling.cpsat.encode.terms import Terms, World, countable
 from up_samp.scheduling.cpsat.encode.timeline import NumericTimeline, Timeline
 from up_samp.scheduling.cpsat.encode.variables import Horizon, Variables, domains
@@ -45,9 +45,8 @@ from up_samp.scheduling.cpsat.normal import (
     Watcher,
     normal_form,
 )
-from up_samp.upio.expressions import walk
+from up_samp.upio.expressions import walk, with_timings
 from up_samp.upio.objective import objective_of, only_makespan
-from up_samp.upio.spans import with_timings
 
 T = TypeVar("T")
 

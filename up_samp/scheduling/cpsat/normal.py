@@ -19,8 +19,13 @@ from unified_planning.model.timing import TimepointKind
 
 from up_samp.model import check_time
 from up_samp.scheduling.cpsat.encode.numbers import constant_bounds
-from up_samp.upio.expressions import QuantifierRemover, conjuncts, end_before_start, present_told
-from up_samp.upio.spans import with_timings
+from up_samp.upio.expressions import (
+    QuantifierRemover,
+    conjuncts,
+    end_before_start,
+    present_told,
+    with_timings,
+)
 
 
 @dataclass

@@ -29,11 +29,11 @@ from up_samp.upio.expressions import (
     constraints_of,
     end_before_start,
     fluent_told,
+    own_end,
     start_before_start,
     statements,
 )
 from up_samp.upio.movers import whereabouts
-from up_samp.upio.spans import own_end
 
 Gaps = Mapping[tuple[str, str], int]
 """(a, b) -> units that are between the end of a and the start of b at least, if both are there."""

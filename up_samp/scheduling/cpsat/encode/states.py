@@ -18,11 +18,11 @@ from up_samp.scheduling.cpsat.encode.forms import (
     Form,
     Lin,
     Literal,
+    ModelStore,
     compare,
     constant,
     parts_of,
 )
-from up_samp.scheduling.cpsat.encode.store import ModelStore
 from up_samp.scheduling.cpsat.encode.terms import (
     ActivityVars,
     Terms,
@@ -32,8 +32,7 @@ from up_samp.scheduling.cpsat.encode.terms import (
     number_bounds,
     unless_decided,
 )
-from up_samp.upio.expressions import conjuncts, fluent_told
-from up_samp.upio.spans import with_timings
+from up_samp.upio.expressions import conjuncts, fluent_told, with_timings
 
 Key = tuple[Any, ...]
 

@@ -1,4 +1,4 @@
-"""From UP expressions to linear expressions and forms (see :mod:`.store`)."""
+"""From UP expressions to linear expressions and forms (see :mod:`.forms`)."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from up_samp.scheduling.cpsat.encode.forms import (
     Form,
     Lin,
     Literal,
+    ModelStore,
     compare,
     conjunction,
     constant,
@@ -28,7 +29,6 @@ from up_samp.scheduling.cpsat.encode.forms import (
     join,
 )
 from up_samp.scheduling.cpsat.encode.numbers import LARGEST, MAGNITUDE
-from up_samp.scheduling.cpsat.encode.store import ModelStore
 from up_samp.upio.expressions import walk
 
 

@@ -19,6 +19,7 @@ from up_samp.scheduling.cpsat.encode.forms import (
     Form,
     Lin,
     Literal,
+    ModelStore,
     compare,
     comparisons,
     constant,
@@ -32,7 +33,6 @@ from up_samp.scheduling.cpsat.encode.numbers import (
     constant_bounds,
 )
 from up_samp.scheduling.cpsat.encode.states import States
-from up_samp.scheduling.cpsat.encode.store import ModelStore
 from up_samp.scheduling.cpsat.encode.terms import ActivityVars, Terms, World, int_bounds
 from up_samp.scheduling.cpsat.normal import Additions, Precondition, Presences
 

@@ -322,7 +322,7 @@ class Decoder:
         found = robot.route.way(robot.here, places, robot.used | self._barred(doing))
         if found is None:
             raise DeadEnd
-        for move in found[1]:
+        for move in found:
             if self._let_through(number, move, depth):
                 return self._drive(number, places, depth + 1, doing)
             self._move(number, move, depth)
