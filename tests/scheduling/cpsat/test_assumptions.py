@@ -534,8 +534,9 @@ BROKEN = {
     "precedence_closure": [in_any_order_but_one],
     "find_work": [something_beside_the_routes],
     "find_tasks": [one_alternative_needs_no_place, fleet(*LINE), fleet(*LINE, seed=3)],
-    "lanes": [fleet(*LINE, alone="uses"), lambda: pair()[0].done()],
     "bound_by_work": [
+        fleet(*LINE, alone="uses"),
+        lambda: pair()[0].done(),
         one_alternative_needs_no_place,
         none_need_be_made,
         fleet(*LINE, extra=2),
