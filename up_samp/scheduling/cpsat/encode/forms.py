@@ -120,15 +120,6 @@ def variables_in(form: Form) -> frozenset[int]:
     return frozenset(var for cmp in comparisons(form) for var, _ in cmp.terms)
 
 
-def spoken_of(form: Form) -> frozenset[int]:
-    """Return the variables that ``form`` speaks of: compared ones, and those of literals."""
-    if form.__class__ is int:
-        return frozenset((form if form >= 0 else ~form,))
-    if form.__class__ is Cmp:
-        return frozenset(var for var, _ in form.terms).union(*map(spoken_of, form.needs))
-    return frozenset[int]().union(*map(spoken_of, form[1:]))
-
-
 def value_told(form: Form, op: str) -> tuple[int, int] | None:
     """Return (variable, value) if a form says that the variable is (``==``), or is not (``!=``),
     that value.
@@ -448,20 +439,6 @@ class ModelStore:
             for x in some:
                 self.clause([x, ~found])
         return found
-
-    def value_known(self, var: int, value: int) -> Literal | None:
-        """Return the literal of ``var == value`` if something has asked for it before."""
-        low, high = self.bounds[var]
-        if low == high or (low, high) == (0, 1):
-            return self.is_value(var, value)
-        return self._is_value.get((var, value))
-
-    def conjunction_known(self, literals: Iterable[Literal]) -> Literal | None:
-        """Return the literal of a conjunction if something has asked for it before."""
-        some = tuple(sorted({x for x in literals if x != TRUE}))
-        if len(some) <= 1:
-            return some[0] if some else TRUE
-        return self._literals.get(("all", some))
 
     def any_of(self, literals: Iterable[Literal]) -> Literal:
         """Return a literal equivalent to the disjunction of ``literals``."""

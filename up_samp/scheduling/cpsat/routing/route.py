@@ -218,16 +218,14 @@ Changes = dict[str, list[tuple[Key, int]]]
 Events = list[tuple[Key, int]]
 
 
-def expand(
-    routes: list[Route], schedule: CandidateSchedule, changes: Changes | None = None
-) -> CandidateSchedule:
+def expand(routes: list[Route], schedule: CandidateSchedule, changes: Changes) -> CandidateSchedule:
     """Return ``schedule`` with moves put in, as early as they may happen, each made once if that is
     possible.
     """
     times = dict(schedule.times)
     events = [
         (key, schedule.times[name][1] + delay)
-        for name, some in (changes or {}).items()
+        for name, some in changes.items()
         if name in schedule.times
         for key, delay in some
     ]
