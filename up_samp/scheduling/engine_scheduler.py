@@ -22,7 +22,6 @@ from up_samp.model import (
 )
 from up_samp.scheduling.compilers.constraints import (
     compile_differences,
-    compile_negations,
     compile_products,
     compile_resources,
     compile_rules,
@@ -74,7 +73,6 @@ _PASSES: tuple[tuple[Compiler, str], ...] = (
     (refuse_numbers, "intervals_of_numbers"),
     (compile_resources, "resources_with_variable_durations"),
     (compile_intervals, "empty_intervals"),
-    (compile_negations, ""),
     (compile_differences, ""),
     (compile_products, "products"),
     (compile_optional, "optional"),
