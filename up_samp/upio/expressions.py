@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator
+from fractions import Fraction
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -209,6 +211,18 @@ def rewritten(lasts: DurationInterval, rewrite: Callable[[FNode], FNode]) -> Dur
     """Return the bounds of a duration with each expression rewritten."""
     bounds = map(rewrite, (lasts.lower, lasts.upper))
     return DurationInterval(*bounds, lasts.is_left_open(), lasts.is_right_open())
+
+
+def whole_bounds(lasts: DurationInterval) -> tuple[int | None, int | None]:
+    """Return the least and the greatest whole duration (``None``: that bound is no constant)."""
+    least = most = None
+    if lasts.lower.is_constant():
+        value = Fraction(lasts.lower.constant_value())
+        least = math.floor(value) + 1 if lasts.is_left_open() else math.ceil(value)
+    if lasts.upper.is_constant():
+        value = Fraction(lasts.upper.constant_value())
+        most = math.ceil(value) - 1 if lasts.is_right_open() else math.floor(value)
+    return least, most
 
 
 def closed(activity: Activity) -> TimeInterval:

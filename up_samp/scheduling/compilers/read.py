@@ -28,7 +28,7 @@ from up_samp.scheduling.compilers.plain import (
     later,
 )
 from up_samp.scheduling.compilers.write import EFFECT_KINDS, OPERATORS, POINTS
-from up_samp.upio.expressions import QuantifierRemover, constraints_of, with_timings
+from up_samp.upio.expressions import QuantifierRemover, constraints_of, whole_bounds, with_timings
 
 _OPERATORS = {kind: name for name, kind in OPERATORS.items()}
 _ANCHORS = {kind: anchor for anchor, kind in POINTS.items()}
@@ -127,7 +127,15 @@ class _ProblemReader:
         )
 
     def _activity(self, activity: UpActivity) -> Activity:
-        lower, upper = (self._bound(activity, up) for up in (False, True))
+        lasts = activity.duration
+        bounds = (
+            (lasts.lower, 1 if lasts.is_left_open() else 0),
+            (lasts.upper, -1 if lasts.is_right_open() else 0),
+        )
+        lower, upper = (
+            _shift(self.expression(node), step) if number is None else ("int", number)
+            for number, (node, step) in zip(whole_bounds(lasts), bounds, strict=True)
+        )
         if lower[0] == upper[0] == "int" and lower[1] > upper[1]:
             raise UnsupportedError(
                 f"the duration of activity '{activity.name}', {activity.duration}, holds no whole "
@@ -135,18 +143,6 @@ class _ProblemReader:
             )
         parameters = tuple((p.name, read_type(p.type)) for p in activity.parameters)
         return Activity(activity.name, activity.optional, lower, upper, parameters)
-
-    def _bound(self, activity: UpActivity, upper: bool) -> Expr:
-        """Return the least or the greatest whole duration."""
-        duration = activity.duration
-        node = duration.upper if upper else duration.lower
-        is_open = duration.is_right_open() if upper else duration.is_left_open()
-        step = (-1 if upper else 1) if is_open else 0
-        if not node.is_constant():
-            return _shift(self.expression(node), step) if step else self.expression(node)
-        value = Fraction(node.constant_value())
-        rounded = math.floor(value) if upper else math.ceil(value)
-        return ("int", rounded + step if rounded == value else rounded)
 
     def _scoped(self, constraint: FNode, scope: Any) -> Expr:
         guard = conjunction(self.expression(s) for s in scope)
@@ -257,6 +253,8 @@ class _ProblemReader:
 
 
 def _shift(expression: Expr, by: int) -> Expr:
+    if by == 0:
+        return expression
     if expression[0] == "int":
         return ("int", expression[1] + by)
     return ("plus", expression, ("int", by))

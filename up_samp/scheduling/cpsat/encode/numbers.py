@@ -12,6 +12,7 @@ from unified_planning.model.scheduling import Activity
 from unified_planning.model.timing import DurationInterval
 
 from up_samp.model import UnsupportedError
+from up_samp.upio.expressions import whole_bounds
 
 MAGNITUDE = 10**9
 """Largest magnitude of an integer variable that the problem does not bound."""
@@ -25,20 +26,11 @@ INFINITE = 10**12
 
 def constant_bounds(duration: DurationInterval) -> tuple[int | None, int | None]:
     """Return the least and greatest integer duration, ``None`` where it is not constant."""
-    lower = upper = None
-    if duration.lower.is_constant():
-        value = Fraction(duration.lower.constant_value())
-        lower = -(-value.numerator // value.denominator)
-        if duration.is_left_open() and lower == value:
-            lower += 1
-        lower = max(0, lower)
-    if duration.upper.is_constant():
-        value = Fraction(duration.upper.constant_value())
-        upper = value.numerator // value.denominator
-        if duration.is_right_open() and upper == value:
-            upper -= 1
-        upper = min(upper, LARGEST)
-    return lower, upper
+    lower, upper = whole_bounds(duration)
+    return (
+        None if lower is None else max(0, lower),
+        None if upper is None else min(upper, LARGEST),
+    )
 
 
 def check_duration(activity: Activity) -> None:
