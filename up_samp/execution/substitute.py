@@ -14,7 +14,7 @@ from up_samp.execution.graph import At, Event
 from up_samp.execution.state import FloorState, TaskPhase
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.scheduling.compilers.plain import Expr, fluents_in, show
-from up_samp.scheduling.compilers.read import read_expression
+from up_samp.scheduling.compilers.translate import read_expression
 from up_samp.scheduling.partial_order.differences import Planned, constant, kept
 
 

@@ -30,6 +30,7 @@ from up_samp.scheduling.compilers.fluents import (
     compile_flat_types,
     compile_ground,
     compile_instances,
+    compile_precedences,
     compile_unused,
 )
 from up_samp.scheduling.compilers.intervals import (
@@ -45,8 +46,7 @@ from up_samp.scheduling.compilers.optional import (
     compile_optional,
 )
 from up_samp.scheduling.compilers.plain import Compiled, PlainProblem, some_value
-from up_samp.scheduling.compilers.precedences import compile_precedences
-from up_samp.scheduling.compilers.read import read_problem
+from up_samp.scheduling.compilers.translate import read_problem
 from up_samp.scheduling.process import OverrunError, WorkerProcess
 from up_samp.scheduling.quirks import Quirks, quirks_of
 from up_samp.scheduling.worker import WorkerAnswer, WorkerTask

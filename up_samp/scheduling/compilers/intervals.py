@@ -5,7 +5,6 @@ time is dense, empty ones, those that only keep others away, and those that need
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from up_samp.model import UnsupportedError
@@ -25,6 +24,7 @@ from up_samp.scheduling.compilers.plain import (
     Expr,
     PlainProblem,
     conjunction,
+    conjuncts,
     disjunction,
     end,
     evaluate,
@@ -72,14 +72,6 @@ def compile_support(problem: PlainProblem) -> Compiled:
     every = (*problem.constraints, *(c for c in constraints if c != TRUE))
     found = replace(problem, conditions=tuple(dict.fromkeys(conditions)), constraints=every)
     return Compiled(found, exact=exact)
-
-
-def conjuncts(conditions: Iterable[Condition]) -> Iterator[Condition]:
-    """Yield each part of a conjunction as a condition by itself."""
-    for condition in conditions:
-        whole = condition.expression
-        for part in whole[1:] if whole[0] == "and" else (whole,):
-            yield replace(condition, expression=part)
 
 
 def _effect_by_effect(

@@ -213,6 +213,14 @@ class Condition:
         return None in (self.owner, effect.owner) or self.owner == effect.owner
 
 
+def conjuncts(conditions: Iterable[Condition]) -> Iterator[Condition]:
+    """Yield each part of a conjunction as a condition by itself."""
+    for condition in conditions:
+        whole = condition.expression
+        for part in whole[1:] if whole[0] == "and" else (whole,):
+            yield replace(condition, expression=part)
+
+
 @dataclass(frozen=True)
 class Effect:
     """At ``time``: ``fluent`` is set to, increased or decreased by ``value`` (``kind`` is

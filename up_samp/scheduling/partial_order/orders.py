@@ -14,7 +14,7 @@ from up_samp.model import ProblemError, UnsupportedError
 from up_samp.model.snapshot import Snapshot
 from up_samp.scheduling.compilers.constraints import amounts_taken
 from up_samp.scheduling.compilers.plain import Effect, Expr, show, subexpressions
-from up_samp.scheduling.compilers.read import read_constraints
+from up_samp.scheduling.compilers.translate import read_constraints
 from up_samp.scheduling.partial_order.differences import (
     HORIZON,
     MISSING,
