@@ -326,7 +326,9 @@ def _tie(
             for pair in zip(copy.parameters, rest, strict=True)
         ]
         for mine, its in same:
-            problem.add_constraint(manager.Equals(mine, its), scope=[copy.present])
+            one, other = manager.auto_promote(mine, its)
+            alike = manager.Iff if one.type.is_bool_type() else manager.Equals
+            problem.add_constraint(alike(one, other), scope=[copy.present])
         presences.append(present)
     # said once more, as it is recognised best
     problem.add_constraint(manager.Or(*presences, *(manager.Not(h) for h in here)))
