@@ -43,9 +43,9 @@ def compile_instances(problem: PlainProblem) -> Compiled:
     conditions: list[Condition] = []
     for condition in problem.conditions:
         for guard, put in _choices(problem, [condition.expression]):
-            chosen = evaluate(rewrite(condition.expression, put.get))
-            expression = disjunction([negation(guard), chosen])
-            conditions.append(replace(condition, expression=expression))
+            # who chooses one fluent leaves the others alone: they are not even read
+            expression = evaluate(rewrite(condition.expression, put.get))
+            conditions.append(replace(condition, expression=expression, chosen=guard))
     effects: list[Effect] = []
     for effect in problem.effects:
         parts = [effect.fluent, effect.value, effect.condition]
@@ -148,7 +148,8 @@ def _grounded(
         left = fluents_in(condition.expression)
         # what decides nothing still keeps others' effects away
         idle = (f for f in fluents_in(rewrite(given.expression, replaced.get)) if f not in left)
-        conditions += [replace(condition, expression=("eq", f, f)) for f in idle]
+        same = ((("iff" if fluents[f[1]].type[0] == "bool" else "eq"), f, f) for f in idle)
+        conditions += [replace(condition, expression=e) for e in same]
         if left:
             conditions.append(condition)
         else:
