@@ -45,6 +45,7 @@ class Lamps:
             "chosen": lit(lamp),
             "dark": Not(lit(lamp)),
             "idle": Or(day, lit(lamp)),
+            "itself": Or(Equals(lamp, self.lamps[0]), lit(lamp)),
             "either": Or(Equals(lamp, self.lamps[1]), lit(self.lamps[0])),
             "fixed": Or(day, lit(self.lamps[0])),
             "alike": Or(Equals(lamp, self.lamps[1]), Iff(*map(lit, self.lamps))),
@@ -55,7 +56,7 @@ class Lamps:
         self.problem.add_quality_metric(MinimizeMakespan())
 
 
-SAID = ("chosen", "dark", "idle", "either", "fixed", "alike")
+SAID = ("chosen", "dark", "idle", "itself", "either", "fixed", "alike")
 
 
 @pytest.mark.parametrize("engine", [e for e in ENGINES if e != "aries"])

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import itertools
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -44,8 +44,9 @@ def compile_instances(problem: PlainProblem) -> Compiled:
     for condition in problem.conditions:
         for guard, put in _choices(problem, [condition.expression]):
             # who chooses one fluent leaves the others alone: they are not even read
-            expression = evaluate(rewrite(condition.expression, put.get))
-            conditions.append(replace(condition, expression=expression, chosen=guard))
+            given = rewrite(condition.expression, put.get)
+            one = replace(condition, expression=evaluate(given), chosen=guard)
+            conditions += [*_still(one, given, problem.fluents), one]
     effects: list[Effect] = []
     for effect in problem.effects:
         parts = [effect.fluent, effect.value, effect.condition]
@@ -145,12 +146,8 @@ def _grounded(
     found = problem.mapped(lambda e: evaluate(rewrite(e, replaced.get)))
     constraints = list(found.constraints)
     for given, condition in zip(problem.conditions, found.conditions, strict=True):
-        left = fluents_in(condition.expression)
-        # what decides nothing still keeps others' effects away
-        idle = (f for f in fluents_in(rewrite(given.expression, replaced.get)) if f not in left)
-        same = ((("iff" if fluents[f[1]].type[0] == "bool" else "eq"), f, f) for f in idle)
-        conditions += [replace(condition, expression=e) for e in same]
-        if left:
+        conditions += _still(condition, rewrite(given.expression, replaced.get), fluents)
+        if fluents_in(condition.expression):
             conditions.append(condition)
         else:
             ways = asks_nothing(problem, condition)
@@ -163,6 +160,15 @@ def _grounded(
         fluents=fluents,
         initial={k: v for k, v in problem.initial.items() if k[1] in kept},
     )
+
+
+def _still(condition: Condition, given: Expr, fluents: Mapping[str, Fluent]) -> list[Condition]:
+    """Return what keeps others' effects away from what a condition reads, as it was ``given``, and
+    what decides nothing in it any more.
+    """
+    idle = (f for f in fluents_in(given) if f not in fluents_in(condition.expression))
+    same = (("iff" if fluents[f[1]].type[0] == "bool" else "eq", f, f) for f in idle)
+    return [replace(condition, expression=e) for e in same]
 
 
 def asks_nothing(problem: PlainProblem, condition: Condition) -> list[Expr]:
