@@ -9,6 +9,7 @@ import random
 import pytest
 from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.shortcuts import (
+    And,
     BoolType,
     ClosedTimeInterval,
     Equals,
@@ -17,6 +18,7 @@ from unified_planning.shortcuts import (
     MinimizeMakespan,
     Not,
     Or,
+    TimePointInterval,
     Timing,
     UserType,
 )
@@ -59,11 +61,67 @@ class Lamps:
 SAID = ("chosen", "dark", "idle", "itself", "either", "fixed", "alike")
 
 
+class _Drawn:
+    """Two who ask of lamps, and where they hang, and change that: of certain ones, or of those that
+    a parameter of theirs or a variable names.
+    """
+
+    def __init__(self, seed):
+        self.r = r = random.Random(seed)
+        self.problem = SchedulingProblem(f"drawn {seed}")
+        kind = UserType("lamp")
+        self.lamps = [self.problem.add_object(f"lamp{i}", kind) for i in range(2)]
+        self.lit, self.at = Fluent("lit", BoolType(), lamp=kind), Fluent("at", kind, lamp=kind)
+        self.problem.add_fluent(self.lit, default_initial_value=False)
+        self.problem.add_fluent(self.at, default_initial_value=r.choice(self.lamps))
+        for lamp in self.lamps:
+            if r.random() < 0.5:
+                self.problem.set_initial_value(self.lit(lamp), True)
+        self.known = [self.problem.add_variable("which", kind)] if r.random() < 0.4 else []
+        for name in ("a", "b"):
+            activity = self.problem.add_activity(name, r.choice((1, 2, 3)), r.random() < 0.25)
+            own = [activity.add_parameter("own", kind)] if r.random() < 0.7 else []
+            if activity.optional and r.random() < 0.7:
+                self.problem.add_constraint(activity.present)
+            self.ask(activity, own)
+            self.change(activity, own)
+        self.problem.add_quality_metric(MinimizeMakespan())
+
+    def lamp(self, own):
+        return self.r.choice([*self.lamps, *own, *own, *self.known])
+
+    def ask(self, a, own):
+        r = self.r
+        for _ in range(r.choice((0, 1, 1, 2))):
+            ends = Timing(r.choice((0, 0, 1)), a.start), Timing(-r.choice((0, 0, 1)), a.end)
+            instant = TimePointInterval(r.choice(ends))
+            one, other = self.lit(self.lamp(own)), Equals(self.at(self.lamp(own)), self.lamps[0])
+            said = [one, Not(one), other, Not(other), Or(one, other), And(one, Not(other))]
+            said += [Or(Equals(p, r.choice(self.lamps)), r.choice((one, other))) for p in own]
+            span = r.choice(INTERVALS)(*ends) if r.random() < 0.7 else instant
+            a.add_condition(span, r.choice(said))
+
+    def change(self, a, own):
+        r = self.r
+        time = r.choice((Timing(r.choice((0, 1)), a.start), Timing(-r.choice((0, 1)), a.end)))
+        if r.random() < 0.5:
+            chosen = [Equals(p, r.choice(self.lamps)) for p in own if r.random() < 0.3]
+            a.add_effect(time, self.lit(self.lamp(own)), r.random() < 0.7, *chosen)
+        elif r.random() < 0.6:
+            a.add_effect(time, self.at(self.lamp(own)), self.lamp(own))
+
+
+def drawn(seed):
+    return _Drawn(seed).problem
+
+
 @pytest.mark.parametrize("engine", [e for e in ENGINES if e != "aries"])
 def test_who_chooses_one_fluent_leaves_others_alone(engine):
-    wrong, solved = compare(engine, [Lamps(said).problem for said in SAID])
+    wrong, solved = compare(
+        engine, [*(Lamps(s).problem for s in SAID), *map(drawn, (115, *range(20)))]
+    )
     assert wrong == {}
-    assert all(solved)
+    assert all(solved[: len(SAID)])
 
 
 @pytest.mark.long
@@ -76,5 +134,5 @@ def test_who_chooses_one_fluent_leaves_others_alone_in_many(engine):
         for k in range(2)
         for lit in (True, False)
     ]
-    wrong, _ = compare(engine, some)
+    wrong, _ = compare(engine, [*some, *map(drawn, range(1000, 1300))])
     assert wrong == {}

@@ -242,6 +242,16 @@ def reaches_end(problem: PlainProblem, delay: int, time: Expr) -> Expr:
     return conjunction(late)
 
 
+def outside(problem: PlainProblem, condition: Condition, effect: Effect) -> Expr:
+    """State that the effect does not happen within the interval (always, if that is empty)."""
+    ways = [negation(problem.presence(owner)) for owner in (condition.owner, effect.owner)]
+    if not fluents_in(effect.condition):
+        ways.append(negation(effect.condition))
+    before = comes_before(problem, effect.time, condition.low)
+    after = comes_after(problem, effect.time, condition.high)
+    return disjunction([*ways, before, after])
+
+
 # ------------------ User types below others away
 
 
@@ -354,9 +364,9 @@ class _PrecedenceCompiler:
             for a, b in itertools.combinations(changes, 2):
                 self._apart(a, b)
         for condition in conjuncts(self.problem.conditions):
-            holds = self._holds(condition, condition.expression)
             ways = asks_nothing(self.problem, condition)
-            self.constraints.append(disjunction([*ways, holds]))
+            for part in (self._holds(condition, condition.expression), *self._still(condition)):
+                self.constraints.append(disjunction([*ways, part]))
         counted = {f[1] for f in self.counted}
         compiled = replace(
             self.problem,
@@ -423,6 +433,15 @@ class _PrecedenceCompiler:
         if condition.low == condition.high:
             return self._by_value(condition, fluents[0], expression)
         return self._change_by_change(condition, fluents, expression)
+
+    def _still(self, condition: Condition) -> Iterator[Expr]:
+        """State that others change nothing that is read beside one fluent, whether or not it is
+        that by which the condition holds.
+        """
+        fluents = fluents_in(condition.expression)
+        for change in (c for f in fluents if len(fluents) > 1 for c in self.changes[f]):
+            if not condition.lets(change):
+                yield outside(self.problem, condition, change)
 
     def _by_value(self, condition: Condition, fluent: Expr, expression: Expr) -> Expr:
         """State that a relation of fluents holds at an instant, for each value of one of them."""

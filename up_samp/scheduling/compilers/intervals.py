@@ -14,6 +14,7 @@ from up_samp.scheduling.compilers.fluents import (
     empty,
     least,
     never_empty,
+    outside,
 )
 from up_samp.scheduling.compilers.plain import (
     TRUE,
@@ -248,16 +249,6 @@ def _still(condition: Condition) -> Expr | None:
     else:
         return None
     return fluent if fluent[0] == "flu" and len(fluent) == 2 else None
-
-
-def outside(problem: PlainProblem, condition: Condition, effect: Effect) -> Expr:
-    """State that the effect does not happen within the interval (always, if that is empty)."""
-    ways = [negation(problem.presence(owner)) for owner in (condition.owner, effect.owner)]
-    if not fluents_in(effect.condition):
-        ways.append(negation(effect.condition))
-    before = comes_before(problem, effect.time, condition.low)
-    after = comes_after(problem, effect.time, condition.high)
-    return disjunction([*ways, before, after])
 
 
 def _without_implied(conditions: list[Condition]) -> list[Condition]:
