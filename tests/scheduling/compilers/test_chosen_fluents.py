@@ -4,6 +4,7 @@ one of them leaves the others alone.
 
 from __future__ import annotations
 
+import itertools
 import random
 
 import pytest
@@ -23,7 +24,12 @@ from unified_planning.shortcuts import (
     UserType,
 )
 
-from tests.scheduling.compilers.test_own_effects import ENGINES, INTERVALS, compare
+from tests.oracles.brute_force_schedule import solve as brute_force
+from tests.scheduling.compilers.test_own_effects import ENGINES, HORIZON, INTERVALS, compare
+from up_samp.model import Deadline
+from up_samp.scheduling.cpsat import CpsatSession
+from up_samp.upio.plan import build_schedule
+from up_samp.validation import validate_schedule
 
 
 class Lamps:
@@ -136,3 +142,26 @@ def test_who_chooses_one_fluent_leaves_others_alone_in_many(engine):
     ]
     wrong, _ = compare(engine, [*some, *map(drawn, range(1000, 1300))])
     assert wrong == {}
+
+
+def disagreements(seeds):
+    """Return by seed where our own scheduler and brute force differ."""
+    wrong = {}
+    for seed, plain in itertools.product(seeds, (False, True)):
+        problem = drawn(seed)
+        best = brute_force(problem, HORIZON)
+        found = CpsatSession(problem, workers=1, plain=plain).solve(Deadline.after(20)).schedule
+        if (found and found.makespan) != (best and best.makespan):
+            wrong[seed, plain] = f"{found}, but {best}"
+        elif found and validate_schedule(problem, build_schedule(problem, found)).violations:
+            wrong[seed, plain] = f"{found} is wrong"
+    return wrong
+
+
+def test_our_own_scheduler_leaves_others_alone():
+    assert disagreements((96, *range(20))) == {}
+
+
+@pytest.mark.long
+def test_our_own_scheduler_leaves_others_alone_in_many():
+    assert disagreements(range(1000, 1400)) == {}
