@@ -530,8 +530,7 @@ BROKEN = {
         a_door_that_somebody_shuts,
     ],
     "find_levels": [a_battery_that_is_filled_by_others],
-    "precedence_closure": [in_any_order_but_one],
-    "find_work": [something_beside_the_routes],
+    "find_work": [something_beside_the_routes, in_any_order_but_one],
     "find_tasks": [one_alternative_needs_no_place, fleet(*LINE), fleet(*LINE, seed=3)],
     "bound_by_work": [
         fleet(*LINE, alone="uses"),

@@ -25,17 +25,19 @@ from up_samp.scheduling.cpsat.encode.forms import (
     constant,
     disjunction,
 )
-from up_samp.scheduling.cpsat.encode.numbers import (
-    PLACEHOLDER,
-    constant_bounds,
-    constants,
-    least,
-    scales_of,
-)
 from up_samp.scheduling.cpsat.encode.objective import Encoding, ends_in_time, lasts
 from up_samp.scheduling.cpsat.encode.recognition import find_histories, find_milestones, find_unary
 from up_samp.scheduling.cpsat.encode.states import Key, Read, States, StateVar
-from up_samp.scheduling.cpsat.encode.terms import Terms, World, countable
+from up_samp.scheduling.cpsat.encode.terms import (
+    PLACEHOLDER,
+    Terms,
+    World,
+    constant_bounds,
+    constants,
+    countable,
+    least,
+    scales_of,
+)
 from up_samp.scheduling.cpsat.encode.timeline import NumericTimeline, Timeline
 from up_samp.scheduling.cpsat.encode.variables import Horizon, Variables, domains
 from up_samp.scheduling.cpsat.normal import (

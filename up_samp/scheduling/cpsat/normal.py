@@ -18,7 +18,7 @@ from unified_planning.model.scheduling import Activity, SchedulingProblem
 from unified_planning.model.timing import TimepointKind
 
 from up_samp.model import check_time
-from up_samp.scheduling.cpsat.encode.numbers import constant_bounds
+from up_samp.scheduling.cpsat.encode.terms import constant_bounds
 from up_samp.upio.expressions import (
     QuantifierRemover,
     conjuncts,

@@ -23,7 +23,7 @@ from unified_planning.model.scheduling import Activity
 from up_samp.model import Configuration
 from up_samp.model.graphs import reached
 from up_samp.model.snapshot import MotionTask, Snapshot, TermKind
-from up_samp.scheduling.cpsat.encode.numbers import least
+from up_samp.scheduling.cpsat.encode.terms import least
 from up_samp.scheduling.cpsat.normal import decisions
 from up_samp.upio.expressions import (
     constraints_of,

@@ -24,9 +24,8 @@ from up_samp.scheduling.cpsat.encode.forms import (
     indicator_sum,
     parts_of,
 )
-from up_samp.scheduling.cpsat.encode.numbers import INFINITE, constant_bounds
 from up_samp.scheduling.cpsat.encode.recognition import Unary
-from up_samp.scheduling.cpsat.encode.terms import ActivityVars
+from up_samp.scheduling.cpsat.encode.terms import INFINITE, ActivityVars, constant_bounds
 from up_samp.scheduling.cpsat.normal import Additions, Decisions, NormalForm, decided, told_together
 from up_samp.upio.expressions import end_before_start, walk
 

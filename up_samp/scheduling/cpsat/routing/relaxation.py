@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import copy
 import itertools
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import replace
-from functools import cache
 from typing import Any
 
 from up_samp.model import CandidateSchedule
-from up_samp.model.graphs import reached
 from up_samp.scheduling.cpsat.encode.disjunctions import merge_forms
 from up_samp.scheduling.cpsat.encode.forms import (
     TRUE,
@@ -18,13 +16,11 @@ from up_samp.scheduling.cpsat.encode.forms import (
     Lin,
     Literal,
     constant,
-    difference_told,
     disjunction,
     indicator_sum,
 )
-from up_samp.scheduling.cpsat.encode.numbers import INFINITE
 from up_samp.scheduling.cpsat.encode.states import Write
-from up_samp.scheduling.cpsat.encode.terms import ActivityVars
+from up_samp.scheduling.cpsat.encode.terms import INFINITE, ActivityVars
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.route import (
     Entrance,
@@ -34,29 +30,6 @@ from up_samp.scheduling.cpsat.routing.route import (
     way_back,
 )
 from up_samp.scheduling.cpsat.routing.rules import cost
-
-
-def precedence_closure(forms: Iterable[Form]) -> Callable[[int, int], bool]:
-    """Return what tells of two variables whether the first is less than the other in every
-    schedule, as far as that follows from unconditional differences between times.
-
-    Assumes: what is stated without condition holds in every schedule, of the times of what is
-    absent, too.
-
-    :param forms: all that is stated; only ``u + k <= v`` (k > 0), said without condition, counts.
-    """
-    after: dict[int, set[int]] = {}
-    for form in forms:
-        told = difference_told(form)
-        if told is not None and not form.needs and told[2] > 0:
-            after.setdefault(told[0], set()).add(told[1])
-
-    @cache
-    def later(first: int) -> set[int]:
-        return reached(after.get(first, ()), lambda var: after.get(var, ()))
-
-    return lambda first, then: then in later(first)
-
 
 # ------------------ The problem with its moves taken out
 # A relaxation that gives bounds, and a hint for the rest. Moves are replaced by the time that they
@@ -92,7 +65,6 @@ class RoutingRelaxation:
                 kept[name] = ActivityVars(name, -1, TRUE, at, at, 0, 0, constant(0))
         self.model.world = replace(full.world, store=store, activities=kept)
         self._forms: list[Form] = []
-        self._surely_before = precedence_closure(full.stated)
         for route in self.routes:
             self._circuit(route)
         for form in merge_forms(self._forms, full.exact):
@@ -140,19 +112,13 @@ class RoutingRelaxation:
         before += [
             (i, other.end, origins)
             for i, (other, origins) in enumerate(stops, 1)
-            if i != j and not self._never_after(other, stop)
+            if i != j and self.model.disjunctions.gap(other.index, stop.index) < INFINITE
         ]
         for i, since, origins in before:
             pairs = itertools.product(origins, places)
             least = min(cost(route, a, b, stop.name, first=not i) for a, b in pairs)
             if least < INFINITE:
                 yield i, since, least
-
-    def _never_after(self, one: ActivityVars, other: ActivityVars) -> bool:
-        """Return whether ``other`` cannot come after ``one``: it is an alternative, or earlier."""
-        if self.model.disjunctions.gap(one.index, other.index) >= INFINITE:
-            return True
-        return self._surely_before(other.start.terms[0][0], one.start.terms[0][0])
 
     # -- what moves need -----------------------------------------------------------------------
     def _enter(self, route: Route, stop: ActivityVars, places: frozenset[int]) -> None:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from up_samp.model import Deadline
-from up_samp.scheduling.cpsat.encode.numbers import INFINITE
+from up_samp.scheduling.cpsat.encode.terms import INFINITE
 from up_samp.scheduling.cpsat.routing.dispatch import RoutedTask, RoutedWork
 from up_samp.scheduling.cpsat.routing.needs import OwnState, Way
 from up_samp.scheduling.cpsat.routing.route import Route, way_back

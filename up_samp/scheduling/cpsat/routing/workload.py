@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from ortools.sat.python import cp_model
 
 from up_samp.model import Deadline
-from up_samp.scheduling.cpsat.encode.numbers import INFINITE
+from up_samp.scheduling.cpsat.encode.terms import INFINITE
 from up_samp.scheduling.cpsat.routing.dispatch import RoutedWork
 from up_samp.scheduling.cpsat.routing.route import way_back
 from up_samp.scheduling.cpsat.routing.rules import Programme, SequenceRules, cost
