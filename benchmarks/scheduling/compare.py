@@ -19,8 +19,7 @@ from unified_planning.shortcuts import OneshotPlanner
 
 import up_samp  # noqa: F401  (registers the engines)
 from up_samp.model import CandidateSchedule, UnsupportedError
-from up_samp.scheduling.compilers.read import read_problem
-from up_samp.scheduling.compilers.write import ProblemWriter
+from up_samp.scheduling.compilers.translate import ProblemWriter, read_problem
 from up_samp.scheduling.engine_scheduler import chain, compilers_for, restored
 from up_samp.scheduling.quirks import quirks_of
 from up_samp.scheduling.worker import slim_down

@@ -64,7 +64,7 @@ def bounds(problem: Any) -> dict[str, Any]:
     work = find_work(model, find_routes(model))
     assert work is not None, "the problem has no routes"
     began = time.process_time()
-    found = bound_by_work(model, work)
+    found = bound_by_work(work)
     cpu, some = time.process_time() - began, found.sequences
     start = steps_of(work, some, some.found[0]) if some is not None and some.found else []
     effort = 60 * len(work.tasks)

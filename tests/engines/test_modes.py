@@ -29,7 +29,7 @@ from tests.scheduling.cpsat.random_problems import random_problem
 from up_samp.engines.factory import engine_named
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.scheduling import known_engines, open_scheduler
-from up_samp.scheduling.compilers.read import read_problem
+from up_samp.scheduling.compilers.translate import read_problem
 from up_samp.scheduling.engine_scheduler import chain, compilers_for
 from up_samp.scheduling.quirks import quirks_of
 from up_samp.validation import validate_plan

@@ -28,7 +28,7 @@ from up_samp.model import (
 )
 from up_samp.scheduling import is_compatible, open_scheduler
 from up_samp.scheduling.compilers.constraints import compile_differences
-from up_samp.scheduling.compilers.read import read_problem
+from up_samp.scheduling.compilers.translate import read_problem
 from up_samp.scheduling.engine_scheduler import chain, compilers_for
 from up_samp.scheduling.process import OverrunError, WorkerProcess
 from up_samp.scheduling.quirks import Quirks

@@ -11,8 +11,10 @@ from unified_planning.model import Fluent
 from unified_planning.model.motion import ActivityWaypoints
 from unified_planning.plans import SequentialPlan
 from unified_planning.shortcuts import (
+    BoolType,
     Equals,
     GlobalEndTiming,
+    Iff,
     IntType,
     Not,
     Object,
@@ -94,6 +96,21 @@ def test_it_is_the_same_problem_as_one_activity_for_each(tmp_path):
     assert whoever.status is each.status is Status.SOLVED_OPTIMALLY
     assert makespan(whoever.plan) == makespan(each.plan)
     assert whoever.metrics["lower_bound"] == each.metrics["lower_bound"]
+
+
+def test_whoever_goes_may_have_a_truth_value_beside(tmp_path):
+    """Its copies for each robot have one, too: the same one."""
+    site = Site(tmp_path, ("near",))
+    visit = site.visit("see", "near")
+    bright = visit.add_parameter("bright", BoolType())
+    site.problem.add_constraint(
+        Iff(bright, Equals(visit.get_parameter("who"), site.hall.robots[1]))
+    )
+    site.problem.add_constraint(bright)
+    plan = solve(site.problem).plan
+    assert chosen(plan) == {"see": "r1"}
+    assert plan.get(bright).is_true()
+    assert validate_plan(site.problem, plan).valid
 
 
 @pytest.mark.parametrize("engine", ["samp-refine[cpsat]", "samp-refine[aries]"])

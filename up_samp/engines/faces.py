@@ -89,7 +89,7 @@ class DirectFace:
 
     def _takes(self, problem: Any) -> bool:
         """Return whether to solve without the kind; also where UP could not compute it."""
-        from up_samp.upio.spans import has_bare_ends
+        from up_samp.upio.expressions import has_bare_ends
 
         if self._is_direct(problem):
             return True

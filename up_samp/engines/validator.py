@@ -78,7 +78,7 @@ class SampValidator(Engine, PlanValidatorMixin):
 
     def validate(self, problem: Any, plan: Any) -> ValidationResult:
         """Judge a plan as every UP validator does, also where UP cannot compute the kind."""
-        from up_samp.upio.spans import has_bare_ends
+        from up_samp.upio.expressions import has_bare_ends
 
         if isinstance(problem, SchedulingProblem) and has_bare_ends(problem):
             return self._validate(problem, plan)

@@ -40,8 +40,8 @@ from up_samp.io.plan_dict import PlanDict, snapshot_of, word
 from up_samp.model import ProblemError, UnsupportedError
 from up_samp.model.snapshot import Snapshot
 from up_samp.scheduling.compilers.plain import Condition, Expr
-from up_samp.scheduling.compilers.read import read_expression
-from up_samp.scheduling.compilers.read import read_problem as read_plain
+from up_samp.scheduling.compilers.translate import read_expression
+from up_samp.scheduling.compilers.translate import read_problem as read_plain
 from up_samp.scheduling.partial_order.differences import Difference, Planned, Point
 from up_samp.scheduling.partial_order.orders import OrderConstraint, orders_of, performers
 from up_samp.upio.movers import named_as_planned

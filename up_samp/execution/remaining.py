@@ -34,13 +34,12 @@ from up_samp.model import Configuration, ProblemError, UnsupportedError
 from up_samp.model.frames import Frame
 from up_samp.model.objective import MinimizeCosts
 from up_samp.scheduling.compilers.plain import Expr, fluents_in, show
-from up_samp.scheduling.compilers.read import read_expression
+from up_samp.scheduling.compilers.translate import read_expression
 from up_samp.scheduling.partial_order.differences import Planned, constant, kept
-from up_samp.upio.expressions import activities_in
+from up_samp.upio.expressions import activities_in, conditions_of, own_end
 from up_samp.upio.movers import Involved, brought, named_as_planned, whereabouts
 from up_samp.upio.relaxing import told_by
 from up_samp.upio.restrict import Decided
-from up_samp.upio.spans import conditions_of, own_end
 
 # ------------------ What has happened by now: effects, as initial values of what is left
 

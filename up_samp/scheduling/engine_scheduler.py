@@ -22,7 +22,6 @@ from up_samp.model import (
 )
 from up_samp.scheduling.compilers.constraints import (
     compile_differences,
-    compile_negations,
     compile_products,
     compile_resources,
     compile_rules,
@@ -31,6 +30,7 @@ from up_samp.scheduling.compilers.fluents import (
     compile_flat_types,
     compile_ground,
     compile_instances,
+    compile_precedences,
     compile_unused,
 )
 from up_samp.scheduling.compilers.intervals import (
@@ -46,8 +46,7 @@ from up_samp.scheduling.compilers.optional import (
     compile_optional,
 )
 from up_samp.scheduling.compilers.plain import Compiled, PlainProblem, some_value
-from up_samp.scheduling.compilers.precedences import compile_precedences
-from up_samp.scheduling.compilers.read import read_problem
+from up_samp.scheduling.compilers.translate import read_problem
 from up_samp.scheduling.process import OverrunError, WorkerProcess
 from up_samp.scheduling.quirks import Quirks, quirks_of
 from up_samp.scheduling.worker import WorkerAnswer, WorkerTask
@@ -61,29 +60,31 @@ if TYPE_CHECKING:
 Compiler = Callable[[PlainProblem], Compiled]
 
 
+_PASSES: tuple[tuple[Compiler, str], ...] = (
+    (compile_rules, ""),
+    (compile_ground, ""),
+    (refuse_times, "times_of_others"),
+    (compile_dense, ""),
+    (compile_stillness, ""),
+    (compile_support, ""),
+    (compile_flat_types, "hierarchical_types"),
+    (compile_instances, "assignments"),
+    (compile_precedences, "assignments"),
+    (refuse_numbers, "intervals_of_numbers"),
+    (compile_resources, "resources_with_variable_durations"),
+    (compile_intervals, "empty_intervals"),
+    (compile_differences, ""),
+    (compile_products, "products"),
+    (compile_optional, "optional"),
+    (compile_anchor, ""),
+    (compile_unused, ""),
+)
+"""All passes, in order, each with what of ``Quirks`` makes it needless."""
+
+
 def compilers_for(quirks: Quirks) -> list[Compiler]:
     """Return the passes, in order, that make a problem fit an engine."""
-    passes: list[Compiler] = [compile_rules, compile_ground]
-    if not quirks.times_of_others:
-        passes.append(refuse_times)
-    passes += [compile_dense, compile_stillness, compile_support]
-    if not quirks.hierarchical_types:
-        passes.append(compile_flat_types)
-    if not quirks.assignments:
-        passes += [compile_instances, compile_precedences]
-    if not quirks.intervals_of_numbers:
-        passes.append(refuse_numbers)
-    if not quirks.resources_with_variable_durations:
-        passes.append(compile_resources)
-    if not quirks.empty_intervals:
-        passes.append(compile_intervals)
-    passes += [compile_negations, compile_differences]
-    if not quirks.products:
-        passes.append(compile_products)
-    if not quirks.optional:
-        passes.append(compile_optional)
-    passes += [compile_anchor, compile_unused]
-    return passes
+    return [run for run, able in _PASSES if not (able and getattr(quirks, able))]
 
 
 def chain(problem: PlainProblem, passes: Sequence[Compiler]) -> Compiled:
@@ -149,7 +150,6 @@ class EngineScheduler:
         params: Mapping[str, Any],
         check: Check | None,
     ):
-
         self._engine = engine
         self._problem = problem
         self._params = dict(params)
@@ -207,7 +207,6 @@ class EngineScheduler:
         return report
 
     def _task(self, runner: Any, problem: PlainProblem, deadline: Deadline) -> WorkerTask:
-
         quirks = quirks_of(runner)
         return WorkerTask(
             runner.__module__,
@@ -220,7 +219,6 @@ class EngineScheduler:
         )
 
     def _ready_worker(self) -> WorkerProcess:
-
         if self._worker is None or not self._worker.alive:
             if self._worker is not None:
                 self._worker.close()

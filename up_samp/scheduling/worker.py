@@ -123,7 +123,7 @@ def engine_of(task: WorkerTask, known: dict[tuple[str, str, str], Any]) -> Any:
 
 def run(task: WorkerTask, engines: dict[tuple[str, str, str], Any]) -> WorkerAnswer:
     """Solve one task; every failure of the engine becomes an answer."""
-    from up_samp.scheduling.compilers.write import ProblemWriter
+    from up_samp.scheduling.compilers.translate import ProblemWriter
     from up_samp.upio.plan import to_candidate
 
     try:

@@ -34,11 +34,10 @@ from unified_planning.model.motion import (
 from unified_planning.model.scheduling import Activity, SchedulingProblem
 
 from up_samp.model import ProblemError, UnsupportedError
-from up_samp.upio.expressions import activities_in, walk
+from up_samp.upio.expressions import activities_in, conditions_of, rewritten, walk
 from up_samp.upio.objective import check_copied
 from up_samp.upio.plan import SampSchedule
 from up_samp.upio.read_maps import LIMITS
-from up_samp.upio.spans import conditions_of, rewritten
 
 
 @dataclass(frozen=True)
@@ -327,7 +326,9 @@ def _tie(
             for pair in zip(copy.parameters, rest, strict=True)
         ]
         for mine, its in same:
-            problem.add_constraint(manager.Equals(mine, its), scope=[copy.present])
+            one, other = manager.auto_promote(mine, its)
+            alike = manager.Iff if one.type.is_bool_type() else manager.Equals
+            problem.add_constraint(alike(one, other), scope=[copy.present])
         presences.append(present)
     # said once more, as it is recognised best
     problem.add_constraint(manager.Or(*presences, *(manager.Not(h) for h in here)))

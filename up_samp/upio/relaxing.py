@@ -31,9 +31,7 @@ from unified_planning.model.timing import (
 
 from up_samp.model import ProblemError, UnsupportedError, check_time
 from up_samp.model.snapshot import ChangeTask, MotionTask, Snapshot, Term, TermKind
-from up_samp.upio.objective import objective_of, only_makespan
-from up_samp.upio.relaxation import Relaxation, Rewriter, choose, named_fluent, told_fluents
-from up_samp.upio.spans import (
+from up_samp.upio.expressions import (
     closed,
     conditions_of,
     inner,
@@ -42,6 +40,8 @@ from up_samp.upio.spans import (
     rewritten,
     whole,
 )
+from up_samp.upio.objective import objective_of, only_makespan
+from up_samp.upio.relaxation import Relaxation, Rewriter, choose, named_fluent, told_fluents
 
 
 def copy_state(
@@ -315,32 +315,21 @@ def _tracking_fluent(
     # a fluent tells the names that the problem has, not the one that stands for several here
     values = {} if name in relaxation.snapshot.renamed else relaxation.given_values
     begun = [e for e, v in values.items() if v.is_object_exp() and v.object() == initial]
+    set_by, loose = relaxation.given_changes
     for units, expression in itertools.product(dict.fromkeys((early, 0)), begun):
-        if _assigned_by(relaxation, expression, units) == goals:
+        told = [
+            (a.name, _term(effect) if timing == Timing(-units, a.end) else None)
+            for a, timing, effect in set_by.get(expression, ())
+        ]
+        known = expression.fluent() not in loose and len(told) == len(goals)
+        if known and dict(told) == goals:
             return expression, units
     return None, early
 
 
-def _assigned_by(relaxation: Relaxation, expression: FNode, early: int) -> dict[str, Term] | None:
-    """Return activity -> value for a ground fluent assigned only ``early`` before activities' ends.
-
-    ``None`` where it may be assigned in any other way.
-    """
-    changes, loose = relaxation.given_changes
-    if expression.fluent() in loose:
-        return None
-    found: dict[str, Term] = {}
-    for activity, timing, effect in changes.get(expression, ()):
-        term = _term(effect)
-        at_end = timing == Timing(-early, activity.end)
-        if term is None or not at_end or effect.is_conditional():
-            return None
-        found[activity.name] = term
-    return found
-
-
 def _term(effect: Effect) -> Term | None:
-    if not effect.is_assignment():
+    """Return what an effect surely sets a fluent to, if that is a name."""
+    if not effect.is_assignment() or effect.is_conditional():
         return None
     if effect.value.is_object_exp():
         return Term(TermKind.CONSTANT, effect.value.object().name)

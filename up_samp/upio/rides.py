@@ -18,7 +18,6 @@ from up_samp.model import (
     Configuration,
     Kinematics,
     Movable,
-    ProblemError,
     UnsupportedError,
 )
 from up_samp.model.frames import Frame
@@ -201,11 +200,6 @@ def _offsets(
 def _names(term: Term, floor: RideFloor) -> list[str]:
     if term.kind is not TermKind.CONSTANT:
         return [n for n, pose in floor.configurations.items() if len(pose) == 3]
-    if term.name not in floor.configurations:
-        raise ProblemError(
-            f"the configuration '{term.name}' is not in the problem (add it with "
-            "problem.add_object)"
-        )
     return [term.name] if len(floor.configurations[term.name]) == 3 else []
 
 

@@ -23,8 +23,8 @@ from up_samp.model.refinement import (
     Requires,
     TimeRef,
 )
+from up_samp.upio.expressions import inner, whole, whole_bounds
 from up_samp.upio.relaxation import Relaxation
-from up_samp.upio.spans import inner, whole
 
 
 def write_refinement(relaxation: Relaxation, refinement: Refinement) -> None:
@@ -44,15 +44,14 @@ def _write_clause(relaxation: Relaxation, clause: Clause) -> None:
 
 def _write_lasts(relaxation: Relaxation, lasts: Lasts) -> None:
     activity, manager = relaxation.activities[lasts.activity], relaxation.manager
-    bounds, least = activity.duration, lasts.at_least
-    if not (bounds.lower.is_int_constant() and bounds.upper.is_int_constant()):
+    (low, high), least = whole_bounds(activity.duration), lasts.at_least
+    if low is None or high is None:
         longer = manager.LE(manager.Plus(activity.start, least), activity.end)
         activity.add_constraint(longer)
         return
-    high = bounds.upper.constant_value() - bounds.is_right_open()
     if least > high:
         relaxation.problem.add_constraint(_absent(relaxation, Absent(activity.name)))
-    elif least > bounds.lower.constant_value():
+    elif least > low:
         activity.set_duration_bounds(least, high)
 
 

@@ -23,7 +23,11 @@ from tests.scheduling import problems
 from up_samp.model import CandidateSchedule, Deadline, UnsupportedError
 from up_samp.scheduling.adapters import _engine_class
 from up_samp.scheduling.compilers.constraints import compile_differences, compile_resources
-from up_samp.scheduling.compilers.fluents import compile_flat_types, compile_ground
+from up_samp.scheduling.compilers.fluents import (
+    compile_flat_types,
+    compile_ground,
+    compile_precedences,
+)
 from up_samp.scheduling.compilers.intervals import (
     compile_dense,
     compile_stillness,
@@ -44,9 +48,7 @@ from up_samp.scheduling.compilers.plain import (
     start,
     subexpressions,
 )
-from up_samp.scheduling.compilers.precedences import compile_precedences
-from up_samp.scheduling.compilers.read import read_problem
-from up_samp.scheduling.compilers.write import ProblemWriter
+from up_samp.scheduling.compilers.translate import ProblemWriter, read_problem
 from up_samp.scheduling.engine_scheduler import EngineScheduler, restored
 from up_samp.validation import validate_schedule
 

@@ -1,6 +1,7 @@
 """The steps of the normal form, each alone."""
 
 import itertools
+import random
 
 import pytest
 from unified_planning.model import (
@@ -93,6 +94,46 @@ def test_overlap_that_is_denied_is_a_disjunction(problem):
 
 
 # -- presences -------------------------------------------------------------------------------------
+TOGETHER = {
+    "iff": lambda a, b: [Iff(a, b)],
+    "both ways": lambda a, b: [Implies(a, b), Implies(b, a)],
+    "clauses": lambda a, b: [Or(Not(a), b), Not(And(b, Not(a)))],
+    "at once": lambda a, b: [And(Implies(Not(b), Not(a)), Or(a, Not(b)))],
+    "denied": lambda a, b: [Not(Iff(a, Not(b)))],
+}
+"""How authors say that two are there together."""
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_who_is_there_together_is_read_alike_however_each_pair_is_said(seed):
+    """Two robots, each with a variable and two parts; every pair is said in a way of its own, in
+    any order.
+    """
+    rng = random.Random(seed)
+    problem = SchedulingProblem("p")
+    builds = {r: problem.add_variable(f"builds{r}", BoolType()) for r in "12"}
+    said = [Or(builds["1"], builds["2"]), Not(And(builds["1"], builds["2"]))]
+    for r, k in rng.sample(list(itertools.product("12", "xy")), 4):
+        length = {"x": 3, "y": 4}[k]
+        load = problem.add_activity(f"load{r}{k}", length, optional=True)
+        ways = TOGETHER[rng.choice(sorted(TOGETHER))]
+        said += ways(*rng.sample([builds[r], load.present], 2))
+    for constraint in rng.sample(said, len(said)):
+        problem.add_constraint(constraint)
+    form = normal_form(Watcher(problem).look())
+    together = {}
+    for name, leader in form.presences.items():
+        together.setdefault(leader, set()).add(name)
+    assert sorted(map(sorted, together.values())) == [
+        ["builds1", "load1x", "load1y"],
+        ["builds2", "load2x", "load2y"],
+    ]
+    assert {frozenset(g) for g in find_groups(form)} == {
+        frozenset(("load1x", "load2x")),
+        frozenset(("load1y", "load2y")),
+    }
+
+
 def test_variables_that_decide_presences_make_alternatives(problem):
     """One robot builds all parts of a kit: a bool variable for each robot (Iff with each part)."""
     parts = {r: [problem.add_activity(f"load{r}{k}", 3, optional=True) for k in "xy"] for r in "12"}
@@ -104,7 +145,7 @@ def test_variables_that_decide_presences_make_alternatives(problem):
     problem.add_constraint(Not(And(builds["1"], builds["2"])))
     form = normal_form(Watcher(problem).look())
     assert form.presences["builds1"] == form.presences["load1y"] != form.presences["load2y"]
-    assert find_groups(form.parts, form.presences) == [
+    assert find_groups(form) == [
         ("load1x", "load2x"),
         ("load1y", "load2y"),
     ]
@@ -133,7 +174,7 @@ def test_alternatives_are_of_one_kind_in_whatever_order_they_are_written(problem
         problem.add_constraint(Or(*who))
     problem.add_constraint(Not(And(*who)))
     form = normal_form(Watcher(problem).look())
-    found = {frozenset(g) for g in find_groups(form.parts, form.presences)}
+    found = {frozenset(g) for g in find_groups(form)}
     assert found == {frozenset({"do0x", "do1x"}), frozenset({"do0y", "do1y"})}
 
 

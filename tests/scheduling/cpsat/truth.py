@@ -49,9 +49,7 @@ def bound_without_search(problem):
     full = ScheduleModel(problem)
     routes = find_routes(full)
     work = find_work(full, routes) if routes else None
-    return (
-        None if work is None else max(bound_by_work(full, work).value, bound_by_assignment(work, 0))
-    )
+    return None if work is None else max(bound_by_work(work).value, bound_by_assignment(work, 0))
 
 
 def collapsed_optimum(problem):

@@ -92,28 +92,23 @@ def compile_rules(problem: PlainProblem) -> Compiled:
 
 
 def compile_differences(problem: PlainProblem) -> Compiled:
-    """Rewrite every constraint; conditions and effects stay as they are."""
+    """Rewrite every constraint, and every condition so that only atoms are negated in it (aries
+    knows no negated conjunction there); effects stay as they are.
+    """
     normal = DifferenceForm(problem)
     constraints: dict[Expr, None] = {}
     for constraint in problem.constraints:
         check_time()
         constraints.update(dict.fromkeys(p for p in _parts(normal(constraint)) if p != TRUE))
-    return Compiled(replace(problem, constraints=tuple(constraints)))
-
-
-def compile_negations(problem: PlainProblem) -> Compiled:
-    """Rewrite every condition so that only atoms are negated: aries knows no negated conjunction
-    in conditions.
-    """
-
-    def atom(expression: Expr, positive: bool) -> Expr:
-        return expression if positive else negation(expression)
-
     conditions = (
-        replace(c, expression=folded(c.expression, atom, conjunction, disjunction))
+        replace(c, expression=folded(c.expression, _atom, conjunction, disjunction))
         for c in problem.conditions
     )
-    return Compiled(replace(problem, conditions=tuple(conditions)))
+    return Compiled(replace(problem, constraints=tuple(constraints), conditions=tuple(conditions)))
+
+
+def _atom(expression: Expr, positive: bool) -> Expr:
+    return expression if positive else negation(expression)
 
 
 def _parts(constraint: Expr) -> list[Expr]:

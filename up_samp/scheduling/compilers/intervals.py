@@ -5,7 +5,6 @@ time is dense, empty ones, those that only keep others away, and those that need
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from up_samp.model import UnsupportedError
@@ -15,6 +14,7 @@ from up_samp.scheduling.compilers.fluents import (
     empty,
     least,
     never_empty,
+    outside,
 )
 from up_samp.scheduling.compilers.plain import (
     TRUE,
@@ -25,6 +25,7 @@ from up_samp.scheduling.compilers.plain import (
     Expr,
     PlainProblem,
     conjunction,
+    conjuncts,
     disjunction,
     end,
     evaluate,
@@ -72,14 +73,6 @@ def compile_support(problem: PlainProblem) -> Compiled:
     every = (*problem.constraints, *(c for c in constraints if c != TRUE))
     found = replace(problem, conditions=tuple(dict.fromkeys(conditions)), constraints=every)
     return Compiled(found, exact=exact)
-
-
-def conjuncts(conditions: Iterable[Condition]) -> Iterator[Condition]:
-    """Yield each part of a conjunction as a condition by itself."""
-    for condition in conditions:
-        whole = condition.expression
-        for part in whole[1:] if whole[0] == "and" else (whole,):
-            yield replace(condition, expression=part)
 
 
 def _effect_by_effect(
@@ -256,16 +249,6 @@ def _still(condition: Condition) -> Expr | None:
     else:
         return None
     return fluent if fluent[0] == "flu" and len(fluent) == 2 else None
-
-
-def outside(problem: PlainProblem, condition: Condition, effect: Effect) -> Expr:
-    """State that the effect does not happen within the interval (always, if that is empty)."""
-    ways = [negation(problem.presence(owner)) for owner in (condition.owner, effect.owner)]
-    if not fluents_in(effect.condition):
-        ways.append(negation(effect.condition))
-    before = comes_before(problem, effect.time, condition.low)
-    after = comes_after(problem, effect.time, condition.high)
-    return disjunction([*ways, before, after])
 
 
 def _without_implied(conditions: list[Condition]) -> list[Condition]:

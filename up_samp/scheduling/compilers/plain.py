@@ -196,8 +196,8 @@ class Activity:
 @dataclass(frozen=True)
 class Condition:
     """``expression`` holds at every instant of the closed interval ``[low, high]`` (two ``time``
-    expressions; nothing is demanded where it is empty), if its ``owner`` is present. ``dense``:
-    and until right before ``high + 1``.
+    expressions; nothing is demanded where it is empty), if its ``owner`` is present, and parameters
+    are as ``chosen``. ``dense``: and until right before ``high + 1``.
     """
 
     low: Expr
@@ -205,12 +205,21 @@ class Condition:
     expression: Expr
     owner: str | None = None
     dense: bool = False
+    chosen: Expr = TRUE
 
     def lets(self, effect: Effect) -> bool:
         """Return whether an effect may come within the interval at all: it is of the same activity,
         or one of the two is the problem's own.
         """
         return None in (self.owner, effect.owner) or self.owner == effect.owner
+
+
+def conjuncts(conditions: Iterable[Condition]) -> Iterator[Condition]:
+    """Yield each part of a conjunction as a condition by itself."""
+    for condition in conditions:
+        whole = condition.expression
+        for part in whole[1:] if whole[0] == "and" else (whole,):
+            yield replace(condition, expression=part)
 
 
 @dataclass(frozen=True)
@@ -270,10 +279,10 @@ class PlainProblem:
 
     def missing(self, condition: Condition) -> list[Expr]:
         """Return the ways in which a condition asks nothing: whose it is, or whose times it names,
-        is not there.
+        is not there, or something else is chosen.
         """
         whose = dict.fromkeys((condition.owner, condition.low[2], condition.high[2]))
-        return [negation(self.presence(name)) for name in whose]
+        return [*(negation(self.presence(name)) for name in whose), negation(condition.chosen)]
 
     def happens(self, effect: Effect) -> Expr:
         """Return that an effect happens: its owner is there, and its condition holds."""

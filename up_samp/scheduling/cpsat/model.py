@@ -19,23 +19,25 @@ from up_samp.scheduling.cpsat.encode.forms import (
     Form,
     Lin,
     Literal,
+    ModelStore,
     clauses_of,
     compare,
     constant,
     disjunction,
 )
-from up_samp.scheduling.cpsat.encode.numbers import (
-    PLACEHOLDER,
-    constant_bounds,
-    constants,
-    least,
-    scales_of,
-)
 from up_samp.scheduling.cpsat.encode.objective import Encoding, ends_in_time, lasts
 from up_samp.scheduling.cpsat.encode.recognition import find_histories, find_milestones, find_unary
 from up_samp.scheduling.cpsat.encode.states import Key, Read, States, StateVar
-from up_samp.scheduling.cpsat.encode.store import ModelStore
-from up_samp.scheduling.cpsat.encode.terms import Terms, World, countable
+from up_samp.scheduling.cpsat.encode.terms import (
+    PLACEHOLDER,
+    Terms,
+    World,
+    constant_bounds,
+    constants,
+    countable,
+    least,
+    scales_of,
+)
 from up_samp.scheduling.cpsat.encode.timeline import NumericTimeline, Timeline
 from up_samp.scheduling.cpsat.encode.variables import Horizon, Variables, domains
 from up_samp.scheduling.cpsat.normal import (
@@ -45,9 +47,8 @@ from up_samp.scheduling.cpsat.normal import (
     Watcher,
     normal_form,
 )
-from up_samp.upio.expressions import walk
+from up_samp.upio.expressions import walk, with_timings
 from up_samp.upio.objective import objective_of, only_makespan
-from up_samp.upio.spans import with_timings
 
 T = TypeVar("T")
 
@@ -105,7 +106,7 @@ class ScheduleModel:
     def _build(self) -> None:
         problem = self.problem
         parts = Watcher(problem).look()
-        form = NormalForm(parts, {}) if self.plain else normal_form(parts)
+        form = NormalForm(parts) if self.plain else normal_form(parts)
         for code, obj in enumerate(problem.all_objects):
             self.world.objects[obj.name] = code
             self.world.object_types.append(obj.type)
@@ -113,7 +114,7 @@ class ScheduleModel:
         self.horizon.timepoint(self.world.makespan)
         self.world.scales = scales_of(problem)
         self.states = States(self.world, problem, constant(0))
-        groups = [] if self.plain else find_groups(form.parts, form.presences)
+        groups = [] if self.plain else find_groups(form)
         self.variables = Variables(self.world, self.states, self.horizon, form.presences, groups)
         for activity in self._in_time(form.parts.activities):
             self.variables.add_activity(activity)

@@ -18,9 +18,14 @@ from unified_planning.model.scheduling import Activity, SchedulingProblem
 from unified_planning.model.timing import TimepointKind
 
 from up_samp.model import check_time
-from up_samp.scheduling.cpsat.encode.numbers import constant_bounds
-from up_samp.upio.expressions import QuantifierRemover, conjuncts, end_before_start, present_told
-from up_samp.upio.spans import with_timings
+from up_samp.scheduling.cpsat.encode.terms import constant_bounds
+from up_samp.upio.expressions import (
+    QuantifierRemover,
+    conjuncts,
+    end_before_start,
+    present_told,
+    with_timings,
+)
 
 
 @dataclass
@@ -303,6 +308,10 @@ def _clauses(node: FNode, positive: bool = True) -> list[Decisions]:
         return [((name, positive),)]
     if kind is Op.NOT:
         return _clauses(node.arg(0), not positive)
+    if kind in (Op.IFF, Op.EQUALS):
+        one, other = node.args
+        halves = (((one, sign), (other, sign is not positive)) for sign in (True, False))
+        return [clause for half in halves for clause in _either(half)]
     parts = [(arg, positive) for arg in node.args]
     if kind is Op.IMPLIES:
         parts[0] = (node.arg(0), not positive)
@@ -326,43 +335,31 @@ def _either(parts: Iterable[tuple[FNode, bool]]) -> list[Decisions]:
     return [clause for clause in found if len({name for name, _ in clause}) == len(clause)]
 
 
-def told_together(constraints: Iterable[Constraint]) -> Iterator[tuple[str, str]]:
-    """Yield the two of each unconditional ``Iff(a, b)`` between presences and bool variables."""
-    for constraint, scope, _ in constraints:
-        for node in conjuncts(constraint) if all(s.is_true() for s in scope) else ():
-            if node.node_type in (Op.IFF, Op.EQUALS):
-                one, other = map(decided, node.args)
-                if one is not None and other is not None:
-                    yield one, other
-
-
-def _told_by_halves(constraints: Iterable[Constraint]) -> list[tuple[str, str]]:
-    """Return the two of each pair of clauses ``not a or b`` and ``not b or a``."""
-    halves: dict[tuple[str, str], None] = {}
-    for constraint, scope, _ in constraints:
-        for clause in decisions(constraint, scope):
-            pair = {sign: name for name, sign in clause}
-            if len(pair) == len(clause) == 2:
-                halves[pair[False], pair[True]] = None
+def told_together(clauses: Iterable[Decisions]) -> list[tuple[str, str]]:
+    """Return the two of each pair of clauses ``not a or b`` and ``not b or a``, of which they are
+    the two halves of ``a iff b``.
+    """
+    pairs = ({sign: name for name, sign in clause} for clause in clauses if len(clause) == 2)
+    halves = {(pair[False], pair[True]): None for pair in pairs if len(pair) == 2}
     return [pair for pair in halves if pair[::-1] in halves]
 
 
 def find_presences(
-    constraints: Iterable[Constraint], optional: list[str], variables: list[str]
+    clauses: Iterable[Decisions], optional: list[str], variables: list[str]
 ) -> Presences:
-    """Return what unconditional ``Iff(a, b)`` between presences and bool variables decide together,
-    or ``Implies(a, b)`` with ``Implies(b, a)``, however these are written.
+    """Return what ``a iff b`` between presences and bool variables decides together, however it is
+    written.
 
-    Assumes: they are said without a condition, of presences and bool variables of the problem
-    itself.
+    Assumes: it is said without a condition, of presences and bool variables of the problem itself.
 
+    :param clauses: what constraints say.
     :param optional: names of the optional activities, in order.
     :param variables: names of the problem's own bool variables.
     """
     rank = {name: i for i, name in enumerate([*optional, *variables])}
     together: dict[str, set[str]] = {}
-    for one, other in (*told_together(constraints), *_told_by_halves(constraints)):
-        if one in rank and other in rank and one != other:
+    for one, other in told_together(clauses):
+        if one in rank and other in rank:
             names = together.get(one, {one}) | together.get(other, {other})
             together.update(dict.fromkeys(names, names))
     return {name: min(names, key=rank.__getitem__) for name, names in together.items()}
@@ -373,13 +370,15 @@ def find_presences(
 
 @dataclass(frozen=True)
 class NormalForm:
-    """A problem's parts in one style, who is there together, and what is said with precedences.
+    """A problem's parts in one style, the ``clauses`` over presences and bool variables among them,
+    who is there together, and what is said with precedences.
 
     ``preconditions`` are not among the constraints of ``parts`` any more.
     """
 
     parts: Additions
-    presences: Presences
+    clauses: list[Decisions] = field(default_factory=list)
+    presences: Presences = field(default_factory=dict)
     preconditions: list[Precondition] = field(default_factory=list)
 
 
@@ -387,9 +386,10 @@ def normal_form(parts: Additions) -> NormalForm:
     """Return the normal form of all parts of a problem (not of what is appended later)."""
     preconditions, others = read_precedences(parts.constraints)
     parts = replace(parts, constraints=others, effects=anchor(parts.effects))
+    clauses = [c for constraint, scope, _ in others for c in decisions(constraint, scope)]
     presences = find_presences(
-        parts.constraints,
+        clauses,
         [a.name for a in parts.activities if a.optional],
         [v.name for v in parts.variables if v.type.is_bool_type()],
     )
-    return NormalForm(parts, presences, preconditions)
+    return NormalForm(parts, clauses, presences, preconditions)

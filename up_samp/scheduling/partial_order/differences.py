@@ -253,13 +253,10 @@ many, or they are no differences of two activities' times."""
 
 
 def _ways_of_leaf(planned: Planned, e: Expr, positive: bool) -> Ways:
-    if e[0] not in ("le", "lt"):
-        return [[]] if _may_be(planned, e, positive) else []
-    form, strict = _compared(planned, e, positive)
-    if form is None:
-        return [[]]
-    if not form.coefficients:
-        return [[]] if form.constant < 0 or (form.constant == 0 and not strict) else []
+    form, strict = _compared(planned, e, positive) if e[0] in ("le", "lt") else (None, False)
+    if form is None or not form.coefficients:
+        here = _kept_leaf(planned, e, positive)
+        return [] if here is None else [here]
     need = _difference(form, strict)
     return None if need is None or ZERO in (need.first, need.then) else [[need]]
 

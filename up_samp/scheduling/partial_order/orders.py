@@ -14,7 +14,7 @@ from up_samp.model import ProblemError, UnsupportedError
 from up_samp.model.snapshot import Snapshot
 from up_samp.scheduling.compilers.constraints import amounts_taken
 from up_samp.scheduling.compilers.plain import Effect, Expr, show, subexpressions
-from up_samp.scheduling.compilers.read import read_constraints
+from up_samp.scheduling.compilers.translate import read_constraints
 from up_samp.scheduling.partial_order.differences import (
     HORIZON,
     MISSING,
@@ -157,7 +157,8 @@ def _durations(planned: Planned) -> Iterator[OrderConstraint]:
         if activity.name not in planned.times:
             continue
         start, end = ("start", activity.name), ("end", activity.name)
-        for bound, sign in ((activity.lower, 1), (activity.upper, -1)):
+        told = ((activity.lower, start, end, 1), (activity.upper, end, start, -1))
+        for bound, first, then, sign in told:
             if any(e[0] == "flu" for e in subexpressions(bound)):
                 # read at the start, where the order of effects keeps it as planned
                 value: Any = planned.time(end) - planned.time(start)
@@ -166,11 +167,8 @@ def _durations(planned: Planned) -> Iterator[OrderConstraint]:
                 if form is None or form.coefficients:
                     continue
                 value = form.constant
-            why = f"duration of {activity.name}"
-            if sign > 0:
-                yield OrderConstraint(Difference(start, end, value), "duration", why)
-            else:
-                yield OrderConstraint(Difference(end, start, -value), "duration", why)
+            need = Difference(first, then, sign * value)
+            yield OrderConstraint(need, "duration", f"duration of {activity.name}")
 
 
 # ------------------------------------------------------------------ fluents

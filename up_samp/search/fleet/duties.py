@@ -21,10 +21,10 @@ from unified_planning.model.scheduling import Activity
 
 from up_samp.model import Body, Configuration
 from up_samp.model.snapshot import Snapshot, TermKind
-from up_samp.scheduling.cpsat.encode.numbers import least
+from up_samp.scheduling.cpsat.encode.terms import least
 from up_samp.search.fleet.jobs import Jobs, activity_locations, held_by, stand_told
+from up_samp.upio.expressions import conditions_of
 from up_samp.upio.movers import whereabouts
-from up_samp.upio.spans import conditions_of
 
 
 @dataclass(frozen=True)

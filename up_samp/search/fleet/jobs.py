@@ -23,17 +23,17 @@ from unified_planning.model.scheduling import Activity
 from up_samp.model import Configuration
 from up_samp.model.graphs import reached
 from up_samp.model.snapshot import MotionTask, Snapshot, TermKind
-from up_samp.scheduling.cpsat.encode.numbers import least
+from up_samp.scheduling.cpsat.encode.terms import least
 from up_samp.scheduling.cpsat.normal import decisions
 from up_samp.upio.expressions import (
     constraints_of,
     end_before_start,
     fluent_told,
+    own_end,
     start_before_start,
     statements,
 )
 from up_samp.upio.movers import whereabouts
-from up_samp.upio.spans import own_end
 
 Gaps = Mapping[tuple[str, str], int]
 """(a, b) -> units that are between the end of a and the start of b at least, if both are there."""

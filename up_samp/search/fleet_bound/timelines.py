@@ -13,10 +13,10 @@ from unified_planning.model.motion import SchedulingMotionProblem
 from unified_planning.model.scheduling import Activity
 
 from up_samp.model.snapshot import Snapshot, TermKind
-from up_samp.scheduling.cpsat.encode.numbers import least
+from up_samp.scheduling.cpsat.encode.terms import least
 from up_samp.search.fleet.jobs import Gaps, closed, idle_between, stand_told
+from up_samp.upio.expressions import asks_at_start, own_end
 from up_samp.upio.movers import changes_of, whereabouts
-from up_samp.upio.spans import asks_at_start, own_end
 
 # ------------------ Where robots surely are when activities start
 # ``search/fleet/jobs.py`` takes each fluent that tells where a robot is. Here it is made sure that

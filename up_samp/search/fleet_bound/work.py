@@ -18,7 +18,7 @@ from up_samp.model import Body
 from up_samp.model.deadline import check_time
 from up_samp.model.snapshot import MotionTask, Snapshot, TermKind
 from up_samp.motion import MotionService
-from up_samp.scheduling.cpsat.encode.numbers import least
+from up_samp.scheduling.cpsat.encode.terms import least
 from up_samp.search.facts import Facts
 from up_samp.search.fleet.jobs import Jobs, WorkMode, closed, held_by, stated_gaps
 from up_samp.search.fleet_bound.timelines import (

@@ -21,7 +21,7 @@ from up_samp.model import Deadline, ScheduleStatus
 from up_samp.scheduling.cpsat import CpsatSession, model
 from up_samp.scheduling.cpsat.encode.disjunctions import find_groups, merge_forms
 from up_samp.scheduling.cpsat.encode.forms import Cmp
-from up_samp.scheduling.cpsat.normal import Watcher
+from up_samp.scheduling.cpsat.normal import Watcher, normal_form
 from up_samp.upio.plan import build_schedule
 from up_samp.validation import validate_schedule
 
@@ -110,7 +110,7 @@ def test_sharing_times_changes_no_optimum(block, monkeypatch):
 
 def test_groups_are_found_where_they_are_written():
     problem = random_shop(5)
-    found = find_groups(Watcher(problem).look())
+    found = find_groups(normal_form(Watcher(problem).look()))
     tasks = {a.name.split("_")[0] for a in problem.activities}
     many = len(problem.activities) > len(tasks)
     assert {g[0].split("_")[0] for g in found} == (tasks if many else set())
@@ -128,7 +128,7 @@ def test_a_switch_that_may_be_set_back_is_no_group():
     door = problem.fluent("door")
     close = problem.add_activity("close", duration=1, optional=True)
     close.add_effect(close.end, door, closed)
-    assert find_groups(Watcher(problem).look()) == []
+    assert find_groups(normal_form(Watcher(problem).look())) == []
 
 
 def test_forms_of_whole_products_are_said_once():

@@ -46,7 +46,7 @@ def test_the_starter_is_bounded_and_drawn_without_search(tmp_path):
     assert work is not None
     assert len(work.own) == 2
     tour = improve(work, 300, 0, Deadline.never())
-    bound = bound_by_work(model, work).value
+    bound = bound_by_work(work).value
     assert bound <= tour.schedule.makespan <= 1.5 * bound
     times = tour.schedule.times
     picks = {name: times[name] for name in times if name.startswith("pick")}

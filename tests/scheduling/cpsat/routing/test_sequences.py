@@ -114,7 +114,7 @@ def gates(seeds):
     return ((seed, Still(*gated(seed)).problem) for seed in seeds)
 
 
-def no_bound(_model, _work, known, *_, **__):
+def no_bound(_work, known, *_, **__):
     return WorkBound(known)
 
 
@@ -179,9 +179,7 @@ def test_what_needs_too_much_effort_is_not_proven():
     problem = Still(shop(2, 2, 2, seed=3), Style(), 0).problem
     model = ScheduleModel(problem)
     work = find_work(model, find_routes(model))
-    none, few, many = (
-        bound_by_work(model, work, tuning=Tuning(labels=n)).value for n in (0, 10, 10**6)
-    )
+    none, few, many = (bound_by_work(work, tuning=Tuning(labels=n)).value for n in (0, 10, 10**6))
     assert none < few < many
 
 
@@ -190,7 +188,7 @@ def test_what_a_bound_is_met_by_is_tried_as_a_schedule():
     problem = Still(shop(1, 3, 3, seed=1), Style(), 0).problem
     model = ScheduleModel(problem)
     work = find_work(model, find_routes(model))
-    found = bound_by_work(model, work)
+    found = bound_by_work(work)
     path = found.sequences.found[0]
     assert decode(work, steps_of(work, found.sequences, path)).schedule.makespan == found.value
     assert times_of(model, work, found.sequences, path).makespan == found.value
@@ -204,7 +202,7 @@ def test_sequences_among_few_beginnings_become_schedules():
         problem = Still(shop(2, 2, 2, seed=seed), Style(), 0, narrow=True).problem
         model = ScheduleModel(problem)
         work = find_work(model, find_routes(model))
-        bound = bound_by_work(model, work)
+        bound = bound_by_work(work)
         some = Sequences(bound.sequences.rules, 10**6)
         assert not some.sought(bound.value - 1, 100, Deadline.never())
         assert some.sought(bound.value + 3, 100, Deadline.never())
@@ -217,17 +215,17 @@ def test_a_known_schedule_ends_the_search_for_a_bound():
     problem = Still(shop(2, 2, 2, seed=3), Style(), 0).problem
     model = ScheduleModel(problem)
     work = find_work(model, find_routes(model))
-    best = bound_by_work(model, work).value
-    found = bound_by_work(model, work, value=best)
+    best = bound_by_work(work).value
+    found = bound_by_work(work, value=best)
     assert found.value == best
     assert not found.sequences.found
-    assert bound_by_work(model, work, value=best - 3).value == best - 3
+    assert bound_by_work(work, value=best - 3).value == best - 3
 
 
 def test_what_is_found_can_be_travelled():
     problem = Still(shop(3, 2, 2, seed=2), Style(), 0, narrow=True).problem
     model = ScheduleModel(problem)
-    found = bound_by_work(model, find_work(model, find_routes(model)))
+    found = bound_by_work(find_work(model, find_routes(model)))
     some = Sequences(found.sequences.rules, 10**6)
     assert some.refuted(found.value - 1, Deadline.never())
     assert not some.refuted(found.value + 2, Deadline.never())
@@ -254,7 +252,7 @@ def test_leaps_end_where_steps_of_one_do():
     sites = [Still(*gated(seed)) for seed in range(2000, 2008)]
     for still in (*sites, Still(shop(2, 2, 2, seed=1), Style(), 0, narrow=True)):
         model = ScheduleModel(still.problem)
-        rules = bound_by_work(model, find_work(model, find_routes(model))).sequences.rules
+        rules = bound_by_work(find_work(model, find_routes(model))).sequences.rules
         found = raised(Sequences(rules, 10**6), 0, Deadline.never())
         one_by_one = Sequences(rules, 10**6)
         assert one_by_one.refuted(found - 1, Deadline.never())

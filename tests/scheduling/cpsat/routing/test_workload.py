@@ -119,11 +119,11 @@ def test_a_bound_whose_time_is_over_ends_soon_and_claims_no_more(site):
     model = ScheduleModel(write(site, Style()))
     work = find_work(model, find_routes(model))
     whole = Looks(10**9)
-    best = bound_by_work(model, work, 0, whole).value
+    best = bound_by_work(work, 0, whole).value
     last = 0
     for most in (*range(0, whole.done, max(1, whole.done // 12)), whole.done):
         looks = Looks(most)
-        bound = bound_by_work(model, work, 0, looks).value
+        bound = bound_by_work(work, 0, looks).value
         assert last <= bound <= best
         assert looks.done <= most + 6  # each stage looks once more
         last = bound

@@ -7,7 +7,6 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
 
 from unified_planning.model import FNode
 from unified_planning.model.operators import OperatorKind as Op
@@ -15,21 +14,19 @@ from unified_planning.model.scheduling import Activity
 
 from up_samp.model import check_time
 from up_samp.scheduling.cpsat.encode.forms import (
-    TRUE,
     Cmp,
     Form,
     Lin,
     Literal,
+    ModelStore,
     difference_told,
     disjunction,
     indicator_sum,
     parts_of,
 )
-from up_samp.scheduling.cpsat.encode.numbers import INFINITE, constant_bounds
 from up_samp.scheduling.cpsat.encode.recognition import Unary
-from up_samp.scheduling.cpsat.encode.store import ModelStore
-from up_samp.scheduling.cpsat.encode.terms import ActivityVars
-from up_samp.scheduling.cpsat.normal import Additions, Presences, decided, decisions, told_together
+from up_samp.scheduling.cpsat.encode.terms import INFINITE, ActivityVars, constant_bounds
+from up_samp.scheduling.cpsat.normal import Additions, Decisions, NormalForm, decided, told_together
 from up_samp.upio.expressions import end_before_start, walk
 
 Alternatives = tuple[str, ...]
@@ -37,36 +34,31 @@ Alternatives = tuple[str, ...]
 there is a group of one)."""
 
 
-def find_groups(parts: Additions, presences: Presences | None = None) -> list[Alternatives]:
+def find_groups(form: NormalForm) -> list[Alternatives]:
     """Return disjoint groups of alternatives among the parts of a normal form.
 
     Assumes: all pairs of a group exclude each other, all last one fixed time, and that one is there
     is said without a condition.
-
-    :param presences: who is there together (nobody, if not given).
     """
-    members = _Members(parts, presences or {})
-    lengths = {a.name: _length(a) for a in parts.activities if a.optional}
+    members = _Members(form)
     exclusive: set[frozenset[str]] = set()
     named: dict[tuple[str, ...], None] = {}
     wanted: dict[tuple[str, ...], None] = {}
-    for constraint, scope, _ in parts.constraints:
-        for clause in decisions(constraint, scope):
-            names, signs = tuple(name for name, _ in clause), {sign for _, sign in clause}
-            if signs == {True}:
-                named.update(dict.fromkeys(members.named(names)))
-                wanted.update(dict.fromkeys(members.in_parallel(names)))
-            elif signs == {False} and len(names) == 2:
-                exclusive |= members.products(names)
+    for clause in form.clauses:
+        names, signs = tuple(name for name, _ in clause), {sign for _, sign in clause}
+        if signs == {True}:
+            named.update(dict.fromkeys(members.named(names)))
+            wanted.update(dict.fromkeys(members.in_parallel(names)))
+        elif signs == {False} and len(names) == 2:
+            exclusive |= members.products(names)
     groups, taken = [], set[str]()
     for names in named | wanted:
         apart = all(
             frozenset(pair) in exclusive or members.differ(*pair)
             for pair in itertools.combinations(names, 2)
         )
-        same = {lengths.get(n) for n in names}
-        alike = len(same) == 1 and None not in same
-        if apart and alike and not taken.intersection(names):
+        same = set(map(members.length, names))
+        if apart and len(same) == 1 and None not in same and not taken.intersection(names):
             taken.update(names)
             groups.append(names)
     return groups
@@ -75,7 +67,8 @@ def find_groups(parts: Additions, presences: Presences | None = None) -> list[Al
 class _Members:
     """Which activities are decided about together, by any of their names."""
 
-    def __init__(self, parts: Additions, presences: Presences) -> None:
+    def __init__(self, form: NormalForm) -> None:
+        parts, presences = form.parts, form.presences
         optional = {a.name for a in parts.activities if a.optional}
         self._presences = presences
         self._of: dict[str, list[str]] = {leader: [] for leader in presences.values()}
@@ -85,8 +78,9 @@ class _Members:
         self._asked: dict[str, dict[FNode, FNode]] = {}
         for name, variable, value in _asked_values(parts):
             self._asked.setdefault(presences.get(name, name), {})[variable] = value
-        self._kinds = _kinds(parts, together)
-        self._own = _own_decisions(parts, optional)
+        self._lengths = {a.name: _length(a) for a in parts.activities if a.optional}
+        self._constants = _constants(parts, together)
+        self._own = _own_decisions(form.clauses, optional)
 
     def of(self, name: str) -> list[str]:
         """Return the activities that are there exactly when ``name`` is."""
@@ -109,31 +103,31 @@ class _Members:
         the only ones of one length.
         """
         lists = [self.of(name) for name in names]
-        spoken = [frozenset().union(*map(self._constants, some)) for some in lists]
+        told = self._constants
+        spoken = [frozenset().union(*(told.get(n, ()) for n in some)) for some in lists]
         # who does it is no part of what it is like
         shared = frozenset.intersection(*spoken)
-        kinds = [[(self._length(n), self._constants(n) & shared) for n in some] for some in lists]
+
+        def kind(name: str) -> tuple[int | None, frozenset[str]]:
+            return self.length(name), shared.intersection(told.get(name, ()))
+
         found: list[tuple[str, ...]] = []
-        for kind in dict.fromkeys(kinds[0]):
-            alike = [
-                [n for n, its in zip(some, theirs, strict=True) if its == kind]
-                for some, theirs in zip(lists, kinds, strict=True)
-            ]
+        for like in dict.fromkeys(map(kind, lists[0])):
+            alike = ([n for n in some if kind(n) == like] for some in lists)
             found += zip(*alike, strict=False)
-        lengths = dict.fromkeys(map(self._length, lists[0]))
+        lengths = dict.fromkeys(map(self.length, lists[0]))
         done = {name for some in found for name in some}
         for length in lengths.keys() - {None}:
-            alike = [[n for n in some if n not in done and self._length(n) == length]
-                     for some in lists]  # fmt: skip
-            if all(len(some) == 1 for some in alike):
-                found.append(tuple(name for (name,) in alike))
+            left = [
+                [n for n in some if n not in done and self.length(n) == length] for some in lists
+            ]
+            if all(len(some) == 1 for some in left):
+                found.append(tuple(name for (name,) in left))
         return found
 
-    def _length(self, name: str) -> int | None:
-        return self._kinds.get(name, (None, None))[0]
-
-    def _constants(self, name: str) -> frozenset[str]:
-        return self._kinds.get(name, (None, frozenset[str]()))[1]
+    def length(self, name: str) -> int | None:
+        """Return the one duration of an activity (``None``: it has others, or has to be there)."""
+        return self._lengths.get(name)
 
     def products(self, pair: tuple[str, ...]) -> set[frozenset[str]]:
         """Return the pairs of activities that exclude each other because ``pair`` does."""
@@ -158,25 +152,24 @@ def _asked_values(parts: Additions) -> Iterator[tuple[str, FNode, FNode]]:
                     yield names[0], variable, value
 
 
-def _kinds(parts: Additions, names: set[str]) -> dict[str, tuple[int | None, frozenset[str]]]:
-    """Return activity -> what it is like, whoever does it: how long it takes, and all constants
-    that its conditions, effects and own constraints speak of.
+def _constants(parts: Additions, names: set[str]) -> dict[str, set[str]]:
+    """Return activity -> all constants that its conditions, effects and own constraints speak of:
+    what it is like, whoever does it.
     """
-    lengths = {a.name: _length(a) for a in parts.activities if a.name in names}
-    constants: dict[str, set[str]] = {name: set() for name in names}
+    found: dict[str, set[str]] = {name: set() for name in names}
     nodes = [(c, owner) for _, c, owner in parts.conditions]
     nodes += [(e.value, owner) for _, e, owner in parts.effects]
     nodes += [(c, owner) for c, _, owner in parts.constraints]
     for node, owner in nodes:
         if owner is not None and owner.name in names:
-            constants[owner.name].update(str(x) for x in walk(node) if x.is_constant())
-    return {name: (lengths[name], frozenset(some)) for name, some in constants.items()}
+            found[owner.name].update(str(x) for x in walk(node) if x.is_constant())
+    return found
 
 
-def _own_decisions(parts: Additions, optional: set[str]) -> dict[str, str]:
+def _own_decisions(clauses: list[Decisions], optional: set[str]) -> dict[str, str]:
     """Return activity or bool variable -> the one activity that it decides about, as written."""
     found = {name: {name} for name in optional}
-    for names in told_together(parts.constraints):
+    for names in told_together(clauses):
         for one, other in (names, names[::-1]):
             if other in optional and one not in optional:
                 found.setdefault(one, set()).add(other)
@@ -383,44 +376,17 @@ class Disjunctions:
                 store.enforce(load.le(makespan))
 
     def emit(self, store: ModelStore) -> None:
-        """State every pair: cliques of three and more as NoOverlap, the others one by one.
-
-        Alternatives that are all kept apart from others are one interval.
-        """
+        """State every pair: cliques of three and more as NoOverlap, the others one by one."""
         by_gap: dict[int, list[tuple[int, int]]] = {}
         for pair, gap in self.gaps.items():
             by_gap.setdefault(gap, []).append(pair)
         for gap, pairs in sorted(by_gap.items()):
             wider = [pair for pair, other in self.gaps.items() if other > gap]
-            done = self._emit_groups(store, gap, {*pairs, *wider})
-            for clique in clique_cover(graph_of([*pairs, *wider]), done, wider):
+            for clique in clique_cover(graph_of([*pairs, *wider]), wider):
                 members = [self._activities[i] for i in clique]
                 self.cliques.append((gap, members))
                 self.members.append(frozenset(clique))
                 store.model.add_no_overlap([_interval(store, a, gap) for a in members])
-
-    def _emit_groups(
-        self, store: ModelStore, gap: int, pairs: set[tuple[int, int]]
-    ) -> list[set[int]]:
-        """State what holds between whole groups (and what is present anyway); return the sets of
-        activities that are kept apart by that.
-        """
-        single = [[a] for a in self._activities if a.present == TRUE]
-        groups = [*self.groups, *single] if self.groups else []
-        edges = [
-            (i, j)
-            for (i, some), (j, others) in itertools.combinations(enumerate(groups), 2)
-            if (some[0].present != TRUE or others[0].present != TRUE)
-            and all(_ordered(a.index, b.index) in pairs for a in some for b in others)
-        ]
-        done = []
-        for clique in clique_cover(graph_of(edges)):
-            members = [a for i in clique for a in groups[i]]
-            self.cliques.append((gap, members))
-            done.append({a.index for a in members})
-            heads = [replace(groups[i][0], present=TRUE) for i in clique]
-            store.model.add_no_overlap([_interval(store, a, gap) for a in heads])
-        return done
 
 
 def _ordered(a: int, b: int) -> tuple[int, int]:
@@ -492,22 +458,14 @@ def graph_of(edges: Iterable[tuple[int, int]]) -> Graph:
     return graph
 
 
-def clique_cover(
-    graph: Graph,
-    covered: Iterable[Iterable[int]] = (),
-    spare: Iterable[tuple[int, int]] = (),
-) -> list[list[int]]:
+def clique_cover(graph: Graph, spare: Iterable[tuple[int, int]] = ()) -> list[list[int]]:
     """Return cliques that together contain every edge (greedy, deterministic).
 
-    Edges in ``spare`` and inside the sets in ``covered`` need not be in any. Each clique is grown
-    from an edge that is not covered yet, first by vertices that cover many uncovered edges; that
-    finds the intended sets of unary resources at once.
+    Edges in ``spare`` need not be in any. Each clique is grown from an edge that is not covered
+    yet, first by vertices that cover many uncovered edges; that finds the intended sets of unary
+    resources at once.
     """
     uncovered = {v: set(others) for v, others in graph.items()}
-    for done in covered:
-        members = set(done)
-        for a in members & uncovered.keys():
-            uncovered[a] -= members
     for a, b in spare:
         uncovered[a].discard(b)
         uncovered[b].discard(a)

@@ -18,11 +18,11 @@ from up_samp.scheduling.cpsat.encode.forms import (
     Form,
     Lin,
     Literal,
+    ModelStore,
     compare,
     constant,
     parts_of,
 )
-from up_samp.scheduling.cpsat.encode.store import ModelStore
 from up_samp.scheduling.cpsat.encode.terms import (
     ActivityVars,
     Terms,
@@ -32,8 +32,7 @@ from up_samp.scheduling.cpsat.encode.terms import (
     number_bounds,
     unless_decided,
 )
-from up_samp.upio.expressions import conjuncts, fluent_told
-from up_samp.upio.spans import with_timings
+from up_samp.upio.expressions import conjuncts, fluent_told, with_timings
 
 Key = tuple[Any, ...]
 
@@ -252,14 +251,22 @@ class States:
         decided, rest = unless_decided(node)
         if decided is not None and not loose:
             # whatever is decided, nobody may change meanwhile what is read
-            for _, state in self.all_grounds(rest, owner):
-                self._read(state, replace(pattern, guard_only=True))
+            self._guard(rest, owner, pattern)
             said = Terms(self.world, no_fluents, owner)
             other = self._literals(said.form(decided, False), said.form(decided))
             self._hold(rest, owner, self.store.all_of([active, *other]), lo, hi)
             return
         terms = Terms(self.world, self.reader(owner, active, lo, hi, loose), owner)
         self.store.enforce(terms.form(node), (active,))
+
+    def _guard(self, node: FNode, owner: ActivityVars | None, pattern: Read) -> None:
+        """Keep others' effects off what an expression reads: of what a parameter chooses, only off
+        that which is chosen.
+        """
+        for literal, state in self.all_grounds(node, owner):
+            when = self.store.all_of([pattern.active, literal])
+            if when != FALSE:
+                self._read(state, replace(pattern, active=when, guard_only=True))
 
     def _read_alone(self, node: FNode, state: StateVar, pattern: Read) -> Read | None:
         """Return what is asked of a state by what speaks of it alone, or compares it with an
@@ -567,15 +574,13 @@ class States:
     ) -> None:
         """Require ``node`` over the instants lo..hi, and at ``until`` if that is another one."""
         lo, hi, until = span
-        number = None if owner is None else owner.index
         inside = self._own_writes_inside(node, owner, lo, until)
         if not inside:
             self._hold(node, owner, active, lo, hi)
             return
         # own and base effects inside the interval are allowed: look again after each of them
         if owner is not None:
-            for _, state in self.all_grounds(node, owner):
-                state.reads.append(Read(number, active, lo, hi, guard_only=True))
+            self._guard(node, owner, Read(owner.index, active, lo, hi))
         self._hold(node, owner, active, lo, lo)
         for write in inside:
             again, after = self.right_after(write, active, lo, until)

@@ -4,7 +4,6 @@ that are borrowed, levels that rise and fall).
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -15,13 +14,13 @@ from up_samp.scheduling.cpsat.encode.forms import (
     TRUE,
     Lin,
     Literal,
+    ModelStore,
     compare,
     conjunction,
     constant,
     indicator_sum,
 )
 from up_samp.scheduling.cpsat.encode.states import Read, States, StateVar, Write
-from up_samp.scheduling.cpsat.encode.store import ModelStore
 
 
 def guard(states: States, state: StateVar, read: Read) -> None:
@@ -278,9 +277,6 @@ class Timeline:
     until: list[Lin] = field(default_factory=list)
     linked: dict[int, Read] = field(default_factory=dict)
     """Write that can only follow some values -> its activity's own read, which allows these."""
-    chained: dict[int, int] = field(default_factory=dict)
-    """Write -> the one of the same activity right before it."""
-    _separate: bool | None = None
 
     @property
     def store(self) -> ModelStore:
@@ -297,7 +293,6 @@ class Timeline:
             self._circuit()
         else:
             self.linked = {}
-            self.chained = {}
             self._reigns()
         links = {read.owner: i for i, read in self.linked.items()}
         for read in self.state.reads:
@@ -323,47 +318,20 @@ class Timeline:
         return self.store.interval(start, Lin(((size, 1),)), until, active)
 
     def _find_links(self) -> None:
-        """Find the writes whose activity reads the variable right before, so that the supporter
-        of that read is the previous write; and those that follow another one of their own
-        activity, so that nothing of others comes between.
+        """Find the writes whose activity, which has no other one, reads the variable right before,
+        so that the supporter of that read is the previous write.
         """
-        by_owner: dict[int, list[int]] = {}
-        for i, write in enumerate(self.state.writes):
-            if write.owner is not None:
-                by_owner.setdefault(write.owner, []).append(i)
-        reads: dict[int, list[Read]] = {}
+        numbers = {id(write): i for i, write in enumerate(self.state.writes)}
+        own = self.state.by_owner()
         for read in self.state.reads:
-            if read.owner is not None and read.allowed is not None:
-                reads.setdefault(read.owner, []).append(read)
-        for owner, numbers in by_owner.items():
-            order = self._one_by_one(numbers)
-            if order is None:
+            mine = own.get(read.owner, ())
+            if read.owner is None or read.allowed is None or len(mine) != 1:
                 continue
-            self.chained.update((then, first) for first, then in itertools.pairwise(order))
-            i, write = order[0], self.state.writes[order[0]]
-            for read in reads.get(owner, ()):
-                if read.active == write.active and self._adjacent(write, read):
-                    old = self.linked.get(i)
-                    if old is None or self._earlier(read, old):
-                        self.linked[i] = read
-
-    def _one_by_one(self, numbers: list[int]) -> list[int] | None:
-        """Return the order of an activity's writes, if nothing of others comes between them."""
-        if len(numbers) == 1:
-            return numbers
-        writes = self.state.writes
-        if len({writes[i].active for i in numbers}) > 1 or not self._never_overlap():
-            return None
-        order = sorted(
-            numbers,
-            key=lambda i: sum(
-                self.states.difference(writes[i].time, writes[j].time)[0] > 0 for j in numbers
-            ),
-        )
-        times = [writes[i].time for i in order]
-        if any(self.states.difference(b, a)[0] < 1 for a, b in itertools.pairwise(times)):
-            return None
-        return order
+            (write,) = mine
+            if read.active == write.active and self._adjacent(write, read):
+                old = self.linked.get(numbers[id(write)])
+                if old is None or self._earlier(read, old):
+                    self.linked[numbers[id(write)]] = read
 
     def _adjacent(self, write: Write, read: Read) -> bool:
         """Return whether no other write can lie between ``read`` and its own ``write``."""
@@ -396,31 +364,22 @@ class Timeline:
         owner = write.owner
         if owner is None or not self.states.surely_during(owner, read.lo, read.lo):
             return False
-        return self._never_overlap()
+        return self._never_overlap
 
+    @cached_property
     def _never_overlap(self) -> bool:
-        if self._separate is None:
-            self._separate = self._writers_never_overlap()
-        return self._separate
-
-    def _writers_never_overlap(self) -> bool:
         owners = {w.owner for w in self.state.writes}
         if None in owners or not self.apart(frozenset(o for o in owners if o is not None)):
             return False
         during = self.states.surely_during
         return all(during(w.owner or 0, w.time, w.time) for w in self.state.writes)
 
-    def _allowed(self, i: int) -> frozenset[int] | None:
-        link = self.linked.get(i)
-        return None if link is None else link.allowed
-
     def _possible(self, before: int, after: int) -> bool:
         """Return whether write ``after`` may directly follow ``before`` (-1: the initial value)."""
-        if after in self.chained or before in self._followed:
-            return self.chained.get(after, -1) == before >= 0
-        allowed = self._allowed(after)
-        if allowed is None:
+        link = self.linked.get(after)
+        if link is None or link.allowed is None:
             return True
+        allowed = link.allowed
         if before < 0:
             return self.state.initial is not None and self.state.initial in allowed
         value = self.state.writes[before].value
@@ -429,7 +388,7 @@ class Timeline:
 
     def _wants_circuit(self) -> bool:
         writes = self.state.writes
-        if 3 * len(self.linked) < len(writes) - len(self.chained) or len(writes) < 2:
+        if 3 * len(self.linked) < len(writes) or len(writes) < 2:
             return False
         if any(w.owner is None for w in writes):
             return False
@@ -456,23 +415,12 @@ class Timeline:
             arcs.append((j + 1, j + 1, store.raw(~write.active)))
             arcs.append((j + 1, 0, store.raw(last[j])))
             for i in range(-1, n):
-                if i != j and self._possible(i, j) and self._orderable(i, j):
+                if i != j and self._possible(i, j):
                     literal = store.boolean()
                     arcs.append((i + 1, j + 1, store.raw(literal)))
                     self._follow(i, j, literal)
         arcs.append((0, 0, store.raw(last[n])))
         store.model.add_circuit(arcs)
-
-    @cached_property
-    def _followed(self) -> frozenset[int]:
-        """Writes that are followed by another one of the same activity."""
-        return frozenset(self.chained.values())
-
-    def _orderable(self, i: int, j: int) -> bool:
-        if i < 0:
-            return True
-        a, b = self.state.writes[i], self.state.writes[j]
-        return a.owner != b.owner or self.states.difference(b.time, a.time)[1] > 0
 
     def _follow(self, i: int, j: int, literal: Literal) -> None:
         """State what follows when write ``j`` comes right after ``i`` (-1: the initial value)."""

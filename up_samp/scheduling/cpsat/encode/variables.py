@@ -19,21 +19,24 @@ from up_samp.scheduling.cpsat.encode.forms import (
     Form,
     Lin,
     Literal,
+    ModelStore,
     compare,
     comparisons,
     constant,
     variables_in,
 )
-from up_samp.scheduling.cpsat.encode.numbers import (
+from up_samp.scheduling.cpsat.encode.states import States
+from up_samp.scheduling.cpsat.encode.terms import (
     INFINITE,
     MAGNITUDE,
     PLACEHOLDER,
+    ActivityVars,
+    Terms,
+    World,
     check_duration,
     constant_bounds,
+    int_bounds,
 )
-from up_samp.scheduling.cpsat.encode.states import States
-from up_samp.scheduling.cpsat.encode.store import ModelStore
-from up_samp.scheduling.cpsat.encode.terms import ActivityVars, Terms, World, int_bounds
 from up_samp.scheduling.cpsat.normal import Additions, Precondition, Presences
 
 

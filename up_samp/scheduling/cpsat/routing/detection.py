@@ -22,9 +22,8 @@ from up_samp.scheduling.cpsat.encode.forms import (
     value_told,
     variables_in,
 )
-from up_samp.scheduling.cpsat.encode.numbers import INFINITE
 from up_samp.scheduling.cpsat.encode.states import Key, Read, StateVar, Write
-from up_samp.scheduling.cpsat.encode.terms import ActivityVars
+from up_samp.scheduling.cpsat.encode.terms import INFINITE, ActivityVars
 from up_samp.scheduling.cpsat.encode.timeline import Timeline
 from up_samp.scheduling.cpsat.encode.variables import Values, implied_length
 from up_samp.scheduling.cpsat.model import ScheduleModel

@@ -136,9 +136,8 @@ def _places(
         elif len(places) == 1:
             # who goes from one place to another is told by one variable where it comes from, and
             # by another one where it goes to
-            tells = (model.store.value_known(*item) for item in move.values if item[1] in places)
-            both = ([activity.present, told] for told in tells if told is not None)
-            if any(model.store.conjunction_known(some) == active for some in both):
+            tells = (model.store.is_value(*item) for item in move.values if item[1] in places)
+            if any(model.store.all_of([activity.present, told]) == active for told in tells):
                 found |= places
     return frozenset(found)
 

@@ -25,6 +25,7 @@ from up_samp.scheduling.cpsat.routing.route import (
     changes_by_name,
     expand,
 )
+from up_samp.scheduling.cpsat.routing.rules import tails_of
 from up_samp.scheduling.cpsat.routing.sequences import Found, Sequences
 
 Step = tuple[int, int]
@@ -322,7 +323,7 @@ class Decoder:
         found = robot.route.way(robot.here, places, robot.used | self._barred(doing))
         if found is None:
             raise DeadEnd
-        for move in found[1]:
+        for move in found:
             if self._let_through(number, move, depth):
                 return self._drive(number, places, depth + 1, doing)
             self._move(number, move, depth)
@@ -560,7 +561,8 @@ def _greedy(work: RoutedWork, rng: random.Random, attempts: int) -> Tour | None:
     wanted = [i for i, task in enumerate(work.tasks) if task.wanted]
     if not wanted:
         return None
-    tails = _tails(work)
+    arcs = [(before, i, gap) for i, task in enumerate(work.tasks) for before, gap in task.after]
+    tails = tails_of(work.tasks, arcs)
     found = []
     for attempt in range(attempts):
         noise = {i: rng.random() * attempt for i in wanted}
@@ -569,16 +571,6 @@ def _greedy(work: RoutedWork, rng: random.Random, attempts: int) -> Tour | None:
         if tour is not None:
             found.append(tour)
     return min(found, key=lambda tour: tour.cost, default=None)
-
-
-def _tails(work: RoutedWork) -> list[int]:
-    """Return the length of the longest chain from each task's start on."""
-    tails = [task.length for task in work.tasks]
-    for _ in work.tasks:
-        for i, task in enumerate(work.tasks):
-            for before, gap in task.after:
-                tails[before] = max(tails[before], gap + tails[i])
-    return tails
 
 
 def _neighbour(work: RoutedWork, sequence: list[Step], rng: random.Random) -> list[Step]:

@@ -16,9 +16,8 @@ from up_samp.scheduling.cpsat.encode.forms import (
     difference_told,
     parts_of,
 )
-from up_samp.scheduling.cpsat.encode.numbers import INFINITE
 from up_samp.scheduling.cpsat.encode.states import Key, Read, StateVar
-from up_samp.scheduling.cpsat.encode.terms import ActivityVars
+from up_samp.scheduling.cpsat.encode.terms import INFINITE, ActivityVars
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.route import Route, shorten
 

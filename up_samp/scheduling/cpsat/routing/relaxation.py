@@ -4,32 +4,24 @@ from __future__ import annotations
 
 import copy
 import itertools
-from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Collection, Iterator
 from dataclasses import replace
-from functools import cache
 from typing import Any
 
 from up_samp.model import CandidateSchedule
-from up_samp.model.graphs import reached
 from up_samp.scheduling.cpsat.encode.disjunctions import merge_forms
 from up_samp.scheduling.cpsat.encode.forms import (
     TRUE,
-    Cmp,
     Form,
     Lin,
     Literal,
     constant,
-    difference_told,
     disjunction,
     indicator_sum,
-    spoken_of,
 )
-from up_samp.scheduling.cpsat.encode.numbers import INFINITE
-from up_samp.scheduling.cpsat.encode.states import Key, Write
-from up_samp.scheduling.cpsat.encode.terms import ActivityVars
+from up_samp.scheduling.cpsat.encode.states import Write
+from up_samp.scheduling.cpsat.encode.terms import INFINITE, ActivityVars
 from up_samp.scheduling.cpsat.model import ScheduleModel
-from up_samp.scheduling.cpsat.routing.dispatch import RoutedTask, find_tasks
 from up_samp.scheduling.cpsat.routing.route import (
     Entrance,
     Route,
@@ -39,122 +31,10 @@ from up_samp.scheduling.cpsat.routing.route import (
 )
 from up_samp.scheduling.cpsat.routing.rules import cost
 
-
-def precedence_closure(forms: Iterable[Form]) -> Callable[[int, int], bool]:
-    """Return what tells of two variables whether the first is less than the other in every
-    schedule, as far as that follows from unconditional differences between times.
-
-    Assumes: what is stated without condition holds in every schedule, of the times of what is
-    absent, too.
-
-    :param forms: all that is stated; only ``u + k <= v`` (k > 0), said without condition, counts.
-    """
-    after: dict[int, set[int]] = {}
-    for form in forms:
-        told = difference_told(form)
-        if told is not None and not form.needs and told[2] > 0:
-            after.setdefault(told[0], set()).add(told[1])
-
-    @cache
-    def later(first: int) -> set[int]:
-        return reached(after.get(first, ()), lambda var: after.get(var, ()))
-
-    return lambda first, then: then in later(first)
-
-
-# ------------------ Doors that the routing relaxation may open once
-# A constraint that loses none of its optima. What opens a door again, where nothing shuts it,
-# changes nothing. Take it out of a schedule: its traveller goes on from the stop before to the stop
-# after, which takes no longer (travel times obey the triangle inequality, and whoever may not go
-# directly is charged for a detour that the way by the button was, too); what reads the door reads
-# what the first opening set. Only something else that an opening is good for could be missing, so
-# there must be nothing of that kind.
-
-
-def opened_once(
-    model: ScheduleModel, tasks: Iterable[RoutedTask], moved: Set[int]
-) -> Iterator[Form]:
-    """Yield forms over the presences of what opens doors; of each one, where that is needed,
-    exactly one is there, else at most one.
-
-    Assumes: an opening is good for nothing but its one door.
-
-    :param moved: variables of moves: what speaks of them is not in the relaxation.
-    """
-    doors = [task for task in tasks if task.opens is not None]
-    activities = model.world.activities
-    good = {name: activities[name] for task in doors for _, name, _ in task.ways}
-    more = _good_for_more(model, good, moved)
-    for task in doors:
-        mine = [name for _, name, _ in task.ways]
-        if more.isdisjoint(mine):
-            presences = [good[name].present for name in mine]
-            if task.needed:
-                yield disjunction(presences)
-            for a, b in itertools.combinations(presences, 2):
-                yield disjunction([~a, ~b])
-
-
-def _good_for_more(
-    model: ScheduleModel, some: Mapping[str, ActivityVars], moved: Set[int]
-) -> set[str]:
-    """Return which of some activities do more than change a fluent, or are wanted by a form."""
-    decided = Counter(a.present for a in model.world.activities.values())
-    decided.update(var for var, _, _ in model.parameters.values())
-    owners = {owner for _, _, owner in model.parameters.values()}
-    asked = {
-        literal
-        for form in (*model.stated, *model.appended)
-        if moved.isdisjoint(spoken_of(form))
-        for literal in _asked_for(form)
-    }
-    changes: dict[int, list[tuple[Key, Write]]] = {}
-    for key, state in model.states.vars.items():
-        for write in state.writes:
-            changes.setdefault(-1 if write.owner is None else write.owner, []).append((key, write))
-    return {
-        name
-        for name, made in some.items()
-        if made.present == TRUE
-        or made.present in asked
-        or decided[made.present] > 1
-        or name in owners
-        or not _changes_one(model, made, changes.get(made.index, []))
-    }
-
-
-def _asked_for(form: Form) -> Iterator[Literal]:
-    """Yield the literals whose truth might make a form true."""
-    if form.__class__ is int:
-        yield form
-    elif form.__class__ is Cmp:
-        yield from (var for var, _ in form.terms)
-    else:
-        for part in form[1:]:
-            yield from _asked_for(part)
-
-
-def _changes_one(
-    model: ScheduleModel, made: ActivityVars, changes: Sequence[tuple[Key, Write]]
-) -> bool:
-    """Return whether an activity sets one thing, and what else it takes at its start it gives back
-    in the end.
-    """
-    balance: Counter[Key] = Counter()
-    for key, write in changes:
-        if write.add:
-            start = write.value.const < 0
-            at = model.states.difference(write.time, made.start if start else made.end)
-            if write.value.terms or write.active != made.present or at != (0, 0):
-                return False
-            balance[key] += write.value.const
-    return not any(balance.values()) and sum(not write.add for _, write in changes) == 1
-
-
 # ------------------ The problem with its moves taken out
 # A relaxation that gives bounds, and a hint for the rest. Moves are replaced by the time that they
-# take at least between what happens at places, in a circuit per traveller. A door is opened once
-# (:func:`opened_once`), and before anybody passes.
+# take at least between what happens at places, in a circuit per traveller. A door is opened before
+# anybody passes.
 # Constraints that speak of moves are dropped, so every schedule of the problem is one of the
 # collapsed problem: its optimum is a lower bound, and if it has no schedule, the problem has none.
 # A relaxed schedule, with shortest paths of moves put back in, is a hint for the full model, which
@@ -184,8 +64,7 @@ class RoutingRelaxation:
                 at = Lin(((store.integer(0, full.limit), 1),))
                 kept[name] = ActivityVars(name, -1, TRUE, at, at, 0, 0, constant(0))
         self.model.world = replace(full.world, store=store, activities=kept)
-        self._forms = list(opened_once(full, find_tasks(full, routes), moved))
-        self._surely_before = precedence_closure(full.stated)
+        self._forms: list[Form] = []
         for route in self.routes:
             self._circuit(route)
         for form in merge_forms(self._forms, full.exact):
@@ -233,19 +112,13 @@ class RoutingRelaxation:
         before += [
             (i, other.end, origins)
             for i, (other, origins) in enumerate(stops, 1)
-            if i != j and not self._never_after(other, stop)
+            if i != j and self.model.disjunctions.gap(other.index, stop.index) < INFINITE
         ]
         for i, since, origins in before:
             pairs = itertools.product(origins, places)
             least = min(cost(route, a, b, stop.name, first=not i) for a, b in pairs)
             if least < INFINITE:
                 yield i, since, least
-
-    def _never_after(self, one: ActivityVars, other: ActivityVars) -> bool:
-        """Return whether ``other`` cannot come after ``one``: it is an alternative, or earlier."""
-        if self.model.disjunctions.gap(one.index, other.index) >= INFINITE:
-            return True
-        return self._surely_before(other.start.terms[0][0], one.start.terms[0][0])
 
     # -- what moves need -----------------------------------------------------------------------
     def _enter(self, route: Route, stop: ActivityVars, places: frozenset[int]) -> None:

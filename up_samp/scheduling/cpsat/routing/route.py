@@ -11,8 +11,8 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 from up_samp.model import CandidateSchedule
-from up_samp.scheduling.cpsat.encode.numbers import INFINITE
 from up_samp.scheduling.cpsat.encode.states import Key
+from up_samp.scheduling.cpsat.encode.terms import INFINITE
 from up_samp.scheduling.cpsat.model import ScheduleModel
 
 Pair = tuple[int, int]
@@ -104,9 +104,7 @@ class Route:
     travel: dict[tuple[int, int], int] = field(default_factory=dict)
     leaving: dict[int, list[tuple[int, list[Move]]]] = field(default_factory=dict)
     """Place -> (where one can go from there, with which moves, the quickest first)."""
-    _ways: dict[tuple[int, frozenset[int]], tuple[int, list[Move]] | None] = field(
-        default_factory=dict
-    )
+    _ways: dict[tuple[int, frozenset[int]], Timed | None] = field(default_factory=dict)
 
     @property
     def step(self) -> int:
@@ -157,28 +155,17 @@ class Route:
             (self.travel.get((a, b), INFINITE) for a in some for b in others), default=INFINITE
         )
 
-    def way(
-        self, here: int, targets: frozenset[int], banned: Collection[str] = ()
-    ) -> tuple[int, list[Move]] | None:
-        """Return the shortest travel time and moves to one of ``targets``, without the moves
-        named in ``banned`` (Dijkstra); ``None`` if there is no way.
+    def way(self, here: int, targets: frozenset[int], banned: Collection[str]) -> list[Move] | None:
+        """Return the moves of the shortest way to one of ``targets``, without those named in
+        ``banned``; ``None`` if there is no way.
         """
         key = (here, targets)
         if key not in self._ways:
-            self._ways[key] = self._shortest(here, targets, ())
+            self._ways[key] = self.soonest(here, targets, ())
         found = self._ways[key]
-        if found is None or not any(move.name in banned for move in found[1]):
-            return found
-        return self._shortest(here, targets, banned)
-
-    def _shortest(
-        self, here: int, targets: frozenset[int], banned: Collection[str]
-    ) -> tuple[int, list[Move]] | None:
-        timed = self.soonest(here, targets, banned)
-        if timed is None:
-            return None
-        end = timed[-1][0] + timed[-1][1].least + self.step if timed else 0
-        return end, [move for _, move in timed]
+        if any(move.name in banned for _, move in found or ()):
+            found = self.soonest(here, targets, banned)
+        return None if found is None else [move for _, move in found]
 
     def soonest(
         self,
@@ -231,16 +218,14 @@ Changes = dict[str, list[tuple[Key, int]]]
 Events = list[tuple[Key, int]]
 
 
-def expand(
-    routes: list[Route], schedule: CandidateSchedule, changes: Changes | None = None
-) -> CandidateSchedule:
+def expand(routes: list[Route], schedule: CandidateSchedule, changes: Changes) -> CandidateSchedule:
     """Return ``schedule`` with moves put in, as early as they may happen, each made once if that is
     possible.
     """
     times = dict(schedule.times)
     events = [
         (key, schedule.times[name][1] + delay)
-        for name, some in (changes or {}).items()
+        for name, some in changes.items()
         if name in schedule.times
         for key, delay in some
     ]

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from up_samp.model import Deadline
-from up_samp.scheduling.cpsat.encode.numbers import INFINITE
+from up_samp.scheduling.cpsat.encode.terms import INFINITE
 from up_samp.scheduling.cpsat.routing.dispatch import RoutedTask, RoutedWork
 from up_samp.scheduling.cpsat.routing.needs import OwnState, Way
 from up_samp.scheduling.cpsat.routing.route import Route, way_back
@@ -236,14 +236,14 @@ def waits_of(work: RoutedWork, programme: Programme) -> tuple[Any, Any]:
     return ordered, np.maximum(ordered, apart)
 
 
-def tails_of(programme: Programme, ordered: Any) -> list[int]:
-    """Return the least time from each task's start to the end of what has to start after it."""
-    tails = [task.length for task in programme.tasks]
-    for _ in tails:
-        for task, needs in enumerate(programme.before):
-            for earlier in range(len(tails)):
-                if needs >> earlier & 1:
-                    tails[earlier] = max(tails[earlier], int(ordered[earlier, task]) + tails[task])
+def tails_of(tasks: list[RoutedTask], arcs: list[tuple[int, int, int]]) -> list[int]:
+    """Return the least time from each task's start to the end of what has to start after it:
+    ``arcs`` are (task, later one, least time from start to start).
+    """
+    tails = [task.length for task in tasks]
+    for _ in tasks:
+        for earlier, later, gap in arcs:
+            tails[earlier] = max(tails[earlier], gap + tails[later])
     return tails
 
 
@@ -344,6 +344,7 @@ class SequenceRules:
         ways = [TravelTables.of(route, size) for route in programme.routes]
         choices = choices_of(programme, ways)
         ordered, waits = waits_of(work, programme)
+        arcs = [(a, b, int(ordered[a, b])) for a, b in np.argwhere(ordered > 0).tolist()]
         sets = np.array(sorted(tables), dtype=np.int64)
         changes = [change_of(programme, ways, number) for number in range(len(programme.tasks))]
         numbers = {id(task): number for number, task in enumerate(work.tasks)}
@@ -355,7 +356,7 @@ class SequenceRules:
             choices,
             changes,
             waits,
-            tails_of(programme, ordered),
+            tails_of(programme.tasks, arcs),
             sets,
             np.stack([tables[int(done)].ravel() for done in sets]),
             tables[0].shape,

@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from up_samp.model import Deadline
-from up_samp.scheduling.cpsat.encode.numbers import INFINITE
+from up_samp.scheduling.cpsat.encode.terms import INFINITE
 from up_samp.scheduling.cpsat.routing.rules import NEVER, SequenceChoice, SequenceRules, StateChange
 
 # ------------------ Labels

@@ -9,10 +9,9 @@ from dataclasses import dataclass
 from ortools.sat.python import cp_model
 
 from up_samp.model import Deadline
-from up_samp.scheduling.cpsat.encode.numbers import INFINITE
-from up_samp.scheduling.cpsat.model import ScheduleModel
+from up_samp.scheduling.cpsat.encode.terms import INFINITE
 from up_samp.scheduling.cpsat.routing.dispatch import RoutedWork
-from up_samp.scheduling.cpsat.routing.route import Route, way_back
+from up_samp.scheduling.cpsat.routing.route import way_back
 from up_samp.scheduling.cpsat.routing.rules import Programme, SequenceRules, cost
 from up_samp.scheduling.cpsat.routing.sequences import Sequences, raised
 from up_samp.scheduling.cpsat.solve.runner import run
@@ -127,34 +126,7 @@ def bound_by_assignment(work: RoutedWork, known: int, deadline: Deadline = Deadl
 # starts; whoever does the next one comes from where it did its last one. The least total over all
 # orders that the precedences allow is found by dynamic programming over (tasks done, where
 # everybody is), after Held and Karp (1962). Everybody's share ends by the makespan, so the total
-# by the number of travellers is a bound; travellers that take turns count as one. Sequences of
-# tasks then prove more (``sequences``).
-
-
-def lanes(model: ScheduleModel, routes: list[Route]) -> list[list[int]]:
-    """Return the routes (by number) in groups that take turns: all they do is one at a time.
-
-    Time in which a traveller only waits until its arrival is seen is not shared out, so these do
-    not count.
-
-    Assumes: of travellers that take turns, all moves and stops are done one at a time.
-    """
-    index = model.world.activities
-    wholes = [
-        {index[n].index for n in (*(m.name for m in r.moves), *(s for s, _ in r.stops))}
-        for r in routes
-    ]
-    left = list(range(len(routes)))
-    groups = []
-    while left:
-        sets = [
-            [r for r in left if wholes[r] <= clique and routes[r].step == routes[r].gap <= gap]
-            for gap, clique in model.disjunctions.sets()
-        ]
-        group = max(sets, key=len, default=[]) or left[:1]
-        groups.append(group)
-        left = [r for r in left if r not in group]
-    return groups
+# by the number of travellers is a bound. Sequences of tasks then prove more (``sequences``).
 
 
 @dataclass(frozen=True)
@@ -168,7 +140,6 @@ class WorkBound:
 
 
 def bound_by_work(
-    model: ScheduleModel,
     work: RoutedWork,
     known: int = 0,
     deadline: Deadline = Deadline.never(),
@@ -192,7 +163,7 @@ def bound_by_work(
     if tables is None or programme.start(tables) >= INFINITE:
         return WorkBound(known)
     total = programme.start(tables)
-    known = max(known, -(-total // len(lanes(model, work.routes))))
+    known = max(known, -(-total // len(work.routes)))
     rules = SequenceRules.of(work, programme, tables)
     if rules is None:
         return WorkBound(known)

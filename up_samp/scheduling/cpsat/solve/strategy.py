@@ -154,9 +154,7 @@ def _bound_by_work(search: Solve) -> None:
     most = tuning.labels if search.optimal else _LABELS_ASIDE
     labels = min(_LABELS_AGAIN if search.again else tuning.labels, most)
     tuning = replace(tuning, labels=labels)
-    found = bound_by_work(
-        whole.model, _work(search), whole.bound, deadline, value=whole.value, tuning=tuning
-    )
+    found = bound_by_work(_work(search), whole.bound, deadline, value=whole.value, tuning=tuning)
     whole.bound, some = found.value, found.sequences
     search.sequences = some
     if search.optimal and some is not None:
