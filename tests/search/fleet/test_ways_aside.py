@@ -1,0 +1,90 @@
+"""Fleets whose robots may end anywhere, with fewer stations than robots: whoever has done its last
+job gets out of the way of who comes there later.
+"""
+
+import random
+
+import pytest
+from unified_planning.shortcuts import OneshotPlanner
+
+from tests.search.fleet.guesses import along_the_axes
+from up_samp import Fleet
+from up_samp.io.plan_dict import plan_to_dict
+from up_samp.search.fleet.assignment import Assignment
+from up_samp.search.fleet.duties import duties_of
+from up_samp.search.fleet.evaluator import AssignmentEvaluator
+from up_samp.search.fleet.jobs import find_jobs
+from up_samp.search.fleet.travel_times import TravelTimeModel
+from up_samp.upio import read_problem
+from up_samp.validation import validate_plan
+
+STARTS = {"r0": (3.0, 3.0), "r1": (3.0, 8.0), "r2": (11.0, 3.0)}
+ONLY = (11.0, 8.0, 0.0)
+"""The one station."""
+
+
+def site(seed, jobs=6, **robot):
+    """Return the problem of a fleet that brings everything to one station, listed in any order."""
+    rng = random.Random(seed)
+    fleet = Fleet("examples/maps/two_rooms.yaml")
+    fleet.add_robot_type("amr", (0.8, 0.6), model="omni")
+    spots = [(x, y) for x in (2.0, 6.0, 8.0, 12.0) for y in (11.0, 13.0)]
+    places = {f"p{i}": spot for i, spot in enumerate(rng.sample(spots, jobs))}
+    places |= {"station": ONLY[:2], **{f"at_{r}": pose for r, pose in STARTS.items()}}
+    for name in rng.sample(sorted(places), len(places)):
+        fleet.add_place(name, *places[name])
+    for name in rng.sample(sorted(STARTS), len(STARTS)):
+        ends = {"end": f"at_{name}"} if robot.get("ends") else {}
+        fleet.add_robot(name, "amr", start=f"at_{name}", **ends)
+    for i in rng.sample(range(jobs), jobs):
+        fleet.add_order(f"o{i}", f"p{i}", "station")
+    problem = fleet.problem
+    rng.shuffle(problem.activities)
+    return problem
+
+
+def dealt(problem, owners):
+    """Return an assignment in which job by job somebody (by number) does it."""
+    snapshot = read_problem(problem)
+    jobs = find_jobs(problem, snapshot)
+    duties = duties_of(problem, snapshot, jobs)
+    guess = TravelTimeModel(snapshot, along_the_axes, duties=duties)
+    tours = {robot: [] for robot in STARTS}
+    for j, (options, number) in enumerate(zip(jobs.options, owners, strict=True)):
+        robot = sorted(STARTS)[number]
+        k = next(k for k, option in enumerate(options) if option.robot == robot)
+        tours[robot].append((j, k))
+    return Assignment(AssignmentEvaluator(guess, jobs), tours)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_whoever_ends_where_others_come_has_a_drive_back(seed):
+    share = dealt(site(seed), (0, 0, 0, 0, 2, 2))
+    assert share.asides() == {
+        "r0": "move_r0_station_to_at_r0",
+        "r2": "move_r2_station_to_at_r2",
+    }
+    homes = {o.robot: share.guess.home(o) for options in share.jobs.options for o in options}
+    assert homes == {robot: (*pose, 0.0) for robot, pose in STARTS.items()}
+
+
+def test_nobody_drives_back_who_is_alone_at_a_station_or_has_an_end():
+    assert dealt(site(0), (1,) * 6).asides() == {}
+    assert dealt(site(0, ends=True), (0, 0, 1, 1, 2, 2)).asides() == {}
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_such_a_fleet_is_dealt_out(seed):
+    problem = site(seed)
+    params = {"seed": 0, "first_plan": True}
+    with OneshotPlanner(name="samp-refine[cpsat]", params=params) as planner:
+        result = planner.solve(problem, timeout=60)
+    assert validate_plan(problem, result.plan).valid
+    # no round of the usual search, which may be as quick here
+    assert result.metrics["rounds"] == "0"
+    told = plan_to_dict(problem, result.plan)
+    start = {activity["name"]: activity["start"] for activity in told["activities"]}
+    drives = sorted(told["motions"], key=lambda motion: start[motion["activity"]])
+    ends = {drive["object"]: tuple(drive["samples"][-1][1:3]) for drive in drives}
+    assert len(set(ends.values())) == len(STARTS)
+    assert sum(end == pytest.approx(ONLY[:2]) for end in ends.values()) == 1
