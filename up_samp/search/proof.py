@@ -120,7 +120,7 @@ def _mentioned(expression: FNode) -> set[str]:
 
 SHOWN = 5
 """So many facts are listed in a message."""
-_EXPLAIN_SHARE, _EXPLAIN_SECONDS = 0.2, 5.0
+_EXPLAIN_SHARE, _EXPLAIN_SECONDS = 0.2, 15.0
 """Of the time that is left, and s at most, for a shorter reason."""
 _LIMITS = 40
 """Constraints of the problem that are looked at to tell what the facts run into."""
@@ -183,7 +183,9 @@ class Prover:
         def fails(some: Sequence[Refinement]) -> bool:
             return self._infeasible([*given, *some], (), deadline)
 
-        return _fewest(ordered, fails)
+        # of thousands of facts, it is one place that nobody can reach most often
+        alone = [r for r in ordered if r.layer is Layer.GEOMETRIC]
+        return _fewest(alone if len(alone) < len(ordered) and fails(alone) else ordered, fails)
 
     def because(self, facts: Sequence[Refinement]) -> str:
         """Return few of the proven ``facts`` that leave no schedule, with what they run into, as
@@ -260,8 +262,15 @@ class Prover:
 
 
 def listed(facts: Sequence[Refinement]) -> str:
-    """Return refinements as text: what is stated, and why."""
-    lines = sorted({f"{r.statement} ({r.why})" for r in facts})
+    """Return refinements as text: what is stated, and why (once for all of which it is said)."""
+    stated: dict[str, set[str]] = {}
+    for fact in facts:
+        stated.setdefault(fact.why, set()).add(str(fact.statement))
+    lines = []
+    for why, some in stated.items():
+        others = f", as {len(some) - 1} more" if len(some) > 1 else ""
+        lines.append(f"{min(some)} ({why}{others})")
+    lines.sort()
     more = f" (and {len(lines) - SHOWN} more)" if len(lines) > SHOWN else ""
     return "; ".join(lines[:SHOWN]) + more
 

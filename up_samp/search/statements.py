@@ -137,10 +137,12 @@ of all, and where they are."""
 
 
 def unreachable(motions: Motions) -> list[Refinement]:
-    """Return proofs of what is unreachable while a door-like object is where it may be."""
-    found: list[Refinement] = []
+    """Return proofs of what is unreachable, at all or while a door-like object is where it may
+    be.
+    """
     known = motions.facts.by_signature.items()
     by_signature = [(signature, cases) for signature, cases in known if not signature[0].flies]
+    found = [statement for known in by_signature for statement in _never_possible(motions, *known)]
     states = _instant_states(motions.facts)
     for standing, (signature, cases) in itertools.product(states, by_signature):
         by_heeded: dict[tuple[Placed, ...], list[MotionCase]] = {}
@@ -151,6 +153,20 @@ def unreachable(motions: Motions) -> list[Refinement]:
         for placed, heeding in by_heeded.items():
             found += _certify(motions, signature, heeding, placed, standing)
     return found
+
+
+def _never_possible(
+    motions: Motions, signature: Signature, cases: Sequence[MotionCase]
+) -> Iterable[Refinement]:
+    """Yield proofs that a motion cannot be made, whatever moves where: by the map and by what
+    nobody moves.
+    """
+    facts = motions.facts
+    fixed = [o for o in facts.fixed if all(avoids(c.task.avoid, o.name) for c in cases)]
+    report = motions.service.certificate(*signature, fixed)
+    for case in cases if report is not None else ():
+        assert report is not None
+        yield rules.only_given(rules.impossible(case.activity, case.why_not(report)), case.given)
 
 
 def _certify(

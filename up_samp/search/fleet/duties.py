@@ -92,16 +92,18 @@ def _ends(
 
 def _asides(snapshot: Snapshot, jobs: Jobs) -> Iterator[tuple[tuple[str, Configuration], str]]:
     """Yield the drives, by robot and from where, that bring it back to where it is at first, if no
-    job is done there: they are no part of a job, and whoever has done its last one may be in the
-    way where it is.
+    job is done there: they hang on no job, and whoever has done its last one may be in the way
+    where it is.
     """
     pose, initial = snapshot.configurations, snapshot.initial
     every = [o for options in jobs.options for o in options]
-    told = {name for o in every for name in (*o.members, *o.extras)}
+    hang = {name for o in every for name in o.members} | {
+        n for n, some in jobs.needs.items() if some
+    }
     stops = {stop for o in every for stop in o.stops}
     for task in sorted(snapshot.tasks, key=lambda task: task.activity, reverse=True):
         fixed = all(term.kind is TermKind.CONSTANT for term in task.terms)
-        if fixed and task.activity not in told:
+        if fixed and task.activity not in hang:
             a, b = (pose[task.terms[i].name] for i in (0, -1))
             if a != b and b == pose[initial[task.object]] and b not in stops:
                 yield (task.object, a), task.activity

@@ -13,9 +13,10 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Callable, Generator, Iterator
+from collections import defaultdict
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cache, cached_property, partial
 
 from unified_planning.model.motion import SchedulingMotionProblem
 
@@ -23,6 +24,7 @@ from up_samp.model import Body, Configuration, Deadline, PathQuery
 from up_samp.model.snapshot import Snapshot
 from up_samp.search.conclusion import SearchResult, conclude, conclude_stopped
 from up_samp.search.events import Phase
+from up_samp.search.facts import Signature
 from up_samp.search.fleet.assignment import (
     NOISE,
     Assignment,
@@ -36,7 +38,7 @@ from up_samp.search.fleet.duties import duties_of
 from up_samp.search.fleet.evaluator import AssignmentEvaluator, Stop
 from up_samp.search.fleet.evaluator_kernel import CostWeights
 from up_samp.search.fleet.improve import FleetLNS, plan_tours, undecided_tours
-from up_samp.search.fleet.jobs import Jobs, earlier_jobs, stands_of
+from up_samp.search.fleet.jobs import Jobs, WorkMode, earlier_jobs, stands_of
 from up_samp.search.fleet.sequential import FleetSolution
 from up_samp.search.fleet.tours import TourPlanner
 from up_samp.search.fleet.travel_times import TravelTimeModel, pauses_of
@@ -106,6 +108,8 @@ def solve_large(
     """Solve a large problem: plans by dealing out jobs, better and better ones if that is asked
     for, then the search as for any other problem, from the best one on.
     """
+    if not all(map(can_be_done(search), large.jobs.options)):
+        return (yield from solve(search, optimal=optimal))  # it tells why there is no plan
     first = search.budget.share(large.nearly_all(_SHARE), float("inf"))
     search.tell.stage(Phase.PREPARE, "who does which job", len(large.jobs.options))
     found: Found | None = None
@@ -135,6 +139,34 @@ def solve_large(
     if search.stopped:
         return conclude_stopped(search)
     return (yield from solve(search, optimal=optimal))
+
+
+def can_be_done(search: Search) -> Callable[[Sequence[WorkMode]], bool]:
+    """Return what tells whether somebody may do a job by what is proven of its stops: not where
+    nobody can come to one of them, whatever moves where.
+    """
+    facts, service = search.facts, search.motions.service
+    pose, objects = facts.snapshot.configurations, facts.snapshot.objects
+    coming = defaultdict[tuple[Body, Configuration], list[Signature]](list)
+    for body, poses in facts.by_signature:
+        coming[body, poses[-1]].append((body, poses))
+
+    @cache
+    def reached(body: Body, stop: Configuration) -> bool:
+        ways = coming[body, stop]
+        return not ways or any(service.certificate(*w, facts.fixed) is None for w in ways)
+
+    def some(options: Sequence[WorkMode]) -> bool:
+        return any(
+            all(
+                stop == pose[facts.snapshot.initial[o.robot]]
+                or reached(objects[o.robot].body, stop)
+                for stop in o.stops
+            )
+            for o in options
+        )
+
+    return some
 
 
 def deals_of(search: Search, large: LargeProblem, deadline: Deadline) -> Iterator[Assignment]:
