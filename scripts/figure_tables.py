@@ -230,6 +230,12 @@ TABLES: dict[str, tuple[str, Callable[[Rows], str]]] = {
     )),
     "growth": ("scale", growth),
     "better-plans": ("better-plans", better_plans),
+    "others-floors": ("others-floors", plain(
+        "map, robots x orders, seed", Column("makespan", "makespan", "g"),
+        Column("without traffic", "without_traffic", "g"),
+        Column("traffic", lambda r: r["makespan"] / r["without_traffic"] - 1, ".0%"),
+        Column("bound", "bound", "g"),
+    )),
     "sites": ("sites", plain(
         "site", Column("plan, s", "makespan", "g"), Column("lower bound, s", "bound", "g"),
         Column("over it", lambda r: r["makespan"] / r["bound"] - 1, ".0%"),

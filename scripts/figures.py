@@ -153,6 +153,15 @@ DAYS = (
 nine tenths of that by each of several ways to plan, of thirty robots, whole ones, and a short one.
 On Nav2's map only where ``NAV2_MAPS`` says in which folder it is.
 """
+OTHERS = tuple(
+    f"{name}, 10x30, seed {seed}"
+    for name, folder in (("warehouse", "NAV2_MAPS"), ("random-64-64-10", "LORR_MAPS"))
+    if folder in os.environ
+    for seed in range(2)
+)
+"""Fleets on maps of Nav2 and the League of Robot Runners, where these variables say in which
+folders the maps are.
+"""
 PLACES = ("hospital", "factory", *["nav2_warehouse"] * ("NAV2_MAPS" in os.environ))
 """Examples whose plans are looked at beside those of a routing solver."""
 IDEAS = (
@@ -221,6 +230,10 @@ FIGURES = (
     Figure("sites", "site", PLACES, PLACES[:1], 900, (
         Value("makespan", "s", tolerance=0.05), Value("bound", "s", "higher"),
         Value("without_traffic", "s", "", 0.0),
+    )),
+    Figure("others-floors", "others_floor", OTHERS, (), 900, (
+        Value("makespan", "units", tolerance=0.03), Value("without_traffic", "units"),
+        Value("bound", "units", "higher"),
     )),
     Figure("tight-places", "tight_place", tuple(
         f"{case}, {body}" for case, bodies in TIGHT.items() for body in bodies

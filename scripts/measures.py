@@ -349,6 +349,12 @@ def site(case: str) -> Values:
     return found
 
 
+def others_floor(case: str) -> Values:
+    """The best plan within 100 s of computing of a fleet on a map that others drew."""
+    found: Values = helper("benchmarks/scale", "floors").measured(case, 100.0)
+    return found
+
+
 # --- days
 
 
@@ -633,7 +639,7 @@ MEASURES: dict[str, Callable[[str], Values]] = {
     function.__name__: function
     for function in (
         *(warm_up, first_plan, aries_plan, drawn_anew, proof, preset),
-        *(warehouse_plan, better_plans, site),
+        *(warehouse_plan, better_plans, site, others_floor),
         *(tight_place, errands, drives, floor, day, clairvoyant, replan),
         *(executor_time, start_up, memory, house, scheduler, relaxation, resolving),
     )

@@ -94,29 +94,31 @@ def map_of(name: str, folder: Path) -> Path:
     return write_map(folder, name, fine, CELL / 6)
 
 
-def solved(fleet: Fleet, seconds: float) -> dict[str, str]:
-    """Return the metrics of the best plan that is found in so many seconds of computing."""
+def measured(case: str, seconds: float) -> dict[str, float | None]:
+    """Return what comes of a case ("warehouse, 10x30, seed 0") in so many seconds of computing."""
+    name, size, seed = case.split(", ")
+    robots, orders = map(int, size.split("x"))
     get_environment().credits_stream = None
-    metrics: dict[str, str] = {}
-    with computing_time(), AnytimePlanner(name="samp-refine[cpsat]", params={"seed": 0}) as engine:
-        for result in engine.get_solutions(fleet.problem, timeout=seconds):
-            metrics = result.metrics if result.plan is not None else metrics
-    return metrics
+    told: dict[str, Any] = {}
+    with tempfile.TemporaryDirectory() as folder, computing_time():
+        fleet = fleet_on(map_of(name, Path(folder)), robots, orders, int(seed.split()[1]))
+        with AnytimePlanner(name="samp-refine[cpsat]", params={"seed": 0}) as engine:
+            for result in engine.get_solutions(fleet.problem, timeout=seconds):
+                told = dict(result.metrics or {}) if result.plan is not None else told
+    keys = ("makespan", "without_traffic", "lower_bound")
+    makespan, alone, bound = (float(told[key]) if key in told else None for key in keys)
+    return {"makespan": makespan, "without_traffic": alone, "bound": bound}
 
 
 def main(
     name: str = "warehouse", size: str = "10x30", seed: str = "0", seconds: str = "100"
 ) -> None:
     """Print a row."""
-    robots, orders = map(int, size.split("x"))
-    with tempfile.TemporaryDirectory() as folder:
-        fleet = fleet_on(map_of(name, Path(folder)), robots, orders, int(seed))
-        told = solved(fleet, float(seconds))
-    makespan, alone = (float(told.get(key, "inf")) for key in ("makespan", "without_traffic"))
-    print("| map, fleet, seed | makespan | without traffic | ratio | bound |")
-    print("|---|---|---|---|---|")
-    ratio, bound = makespan / alone, told.get("lower_bound")
-    print(f"| {name}, {size}, {seed} | {makespan:.0f} | {alone:.0f} | {ratio:.2f} | {bound} |")
+    told = measured(f"{name}, {size}, seed {seed}", float(seconds))
+    print("| map, fleet, seed | makespan | without traffic | bound |")
+    print("|---|---|---|---|")
+    values = " | ".join(f"{value:g}" if value else "-" for value in told.values())
+    print(f"| {name}, {size}, {seed} | {values} |")
 
 
 if __name__ == "__main__":
