@@ -3,7 +3,7 @@
 ``python benchmarks/scale/floors.py [MAP ROBOTSxORDERS SEED SECONDS]`` draws docks, shelves and
 stations at random on a map (ROS YAML, or Moving AI's ``.map`` with cells of 1.5 m), solves for so
 many seconds of computing, and prints a row: the makespan, the least one found where robots heed
-each other at shared places only, by how much the plan is longer, and the relative bound.
+each other at shared places only, and the relative bound.
 ``NAV2_MAPS`` and ``LORR_MAPS`` are the folders where Nav2's and the League of Robot Runners' maps
 lie.
 """
