@@ -23,8 +23,9 @@ from scipy.ndimage import distance_transform_edt, label
 from unified_planning.shortcuts import AnytimePlanner, get_environment
 
 from up_samp import Fleet
-from up_samp.fleet.importers.grids import read_movingai_map
-from up_samp.geometry.maps import load_map, write_map
+from up_samp.fleet.importers.common import Options
+from up_samp.fleet.importers.grids import import_movingai
+from up_samp.geometry.maps import load_map
 from up_samp.model.deadline import computing_time
 
 CELL = 1.5
@@ -89,9 +90,8 @@ def map_of(name: str, folder: Path) -> Path:
     if (nav2 / f"{name}.yaml").exists():
         return nav2 / f"{name}.yaml"
     league = Path(os.environ.get("LORR_MAPS", "."))
-    blocked = read_movingai_map(league / f"{name}.map")
-    fine = np.kron(blocked[::-1], np.ones((6, 6), dtype=np.bool_))
-    return write_map(folder, name, fine, CELL / 6)
+    import_movingai(league / f"{name}.map", folder, Options(cell=CELL))
+    return folder / "map.yaml"
 
 
 def measured(case: str, seconds: float) -> dict[str, float | None]:

@@ -145,7 +145,7 @@ def test_everybody_is_held_at_once_and_released_one_by_one(day):
 
 @pytest.mark.parametrize("day", [{"robots": 1}], indirect=True)
 def test_who_leaves_off_its_path_stands_where_it_told_to_be(day):
-    """It was taken to stand on its path."""
+    """Not on its path."""
     day.order("o0", "rack0", "dock0")
     day.until(lambda: under_way(day, "r0"))
     operation = day.operation

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -183,6 +183,10 @@ class Facts:
         return tuple(
             self.placed(n, initial[n]) for n in sorted(set(initial) - self.snapshot.moved())
         )
+
+    def fixed_for(self, cases: Sequence[MotionCase]) -> tuple[Placed, ...]:
+        """Those of them that all ``cases`` heed: what is said of all may count on no others."""
+        return tuple(o for o in self.fixed if all(avoids(c.task.avoid, o.name) for c in cases))
 
     def returns_to(self, obstacle: str, configuration: str) -> bool:
         """Return whether some activity may bring ``obstacle`` to ``configuration``."""

@@ -17,6 +17,7 @@ from up_samp.model import (
     Deadline,
     Outcome,
     PathQuery,
+    PathReport,
     Placed,
     avoids,
     check_time,
@@ -105,14 +106,10 @@ def duration_of(
     signature = facts.signature(cases[0])
     if signature in knowledge.durations:
         return []
-    # what is said of all equivalent motions may count on what all of them heed only
-    fixed = tuple(o for o in facts.fixed if all(avoids(c.task.avoid, o.name) for c in cases))
-    report, strength = motions.fastest(PathQuery(*signature, fixed), deadline)
+    query = PathQuery(*signature, facts.fixed_for(cases))
+    report, strength = motions.fastest(query, deadline)
     if report.outcome is Outcome.IMPOSSIBLE:
-        return [
-            rules.only_given(rules.impossible(c.activity, c.why_not(report)), c.given)
-            for c in cases
-        ]
+        return [_ruled_out(case, report) for case in cases]
     if report.trajectory is None:
         knowledge.history.missed.append(str(cases[0]) + touching(report.reason))
         return []
@@ -142,7 +139,7 @@ def unreachable(motions: Motions) -> list[Refinement]:
     """
     known = motions.facts.by_signature.items()
     by_signature = [(signature, cases) for signature, cases in known if not signature[0].flies]
-    found = [statement for known in by_signature for statement in _never_possible(motions, *known)]
+    found = [stated for _, cases in by_signature for stated in _never_possible(motions, cases)]
     states = _instant_states(motions.facts)
     for standing, (signature, cases) in itertools.product(states, by_signature):
         by_heeded: dict[tuple[Placed, ...], list[MotionCase]] = {}
@@ -155,18 +152,14 @@ def unreachable(motions: Motions) -> list[Refinement]:
     return found
 
 
-def _never_possible(
-    motions: Motions, signature: Signature, cases: Sequence[MotionCase]
-) -> Iterable[Refinement]:
-    """Yield proofs that a motion cannot be made, whatever moves where: by the map and by what
-    nobody moves.
-    """
-    facts = motions.facts
-    fixed = [o for o in facts.fixed if all(avoids(c.task.avoid, o.name) for c in cases)]
-    report = motions.service.certificate(*signature, fixed)
-    for case in cases if report is not None else ():
-        assert report is not None
-        yield rules.only_given(rules.impossible(case.activity, case.why_not(report)), case.given)
+def _never_possible(motions: Motions, cases: Sequence[MotionCase]) -> list[Refinement]:
+    """Return proofs that ``cases``, all of one motion, cannot be made, whatever moves where."""
+    report = motions.never_possible(cases)
+    return [] if report is None else [_ruled_out(case, report) for case in cases]
+
+
+def _ruled_out(case: MotionCase, report: PathReport) -> Refinement:
+    return rules.only_given(rules.impossible(case.activity, case.why_not(report)), case.given)
 
 
 def _certify(

@@ -413,6 +413,14 @@ class Motions:
         report = self.service.plan(query, deadline)
         return report, Strength.RELATIVE if report.complete else Strength.HEURISTIC
 
+    def never_possible(self, cases: Sequence[MotionCase]) -> PathReport | None:
+        """Return a proof that ``cases``, all of one motion, cannot be made, whatever moves where
+        (None: there is none): by the map and by what nobody moves.
+        """
+        return self.service.certificate(
+            *self.facts.signature(cases[0]), self.facts.fixed_for(cases)
+        )
+
     @cached_property
     def there(self) -> Where:
         """What surely rests where whenever somebody leaves a place."""

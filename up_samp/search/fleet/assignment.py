@@ -57,7 +57,7 @@ class Assignment:
         """All jobs, with the ways to do each."""
         return self.rehearsal.jobs
 
-    def asides(self) -> dict[str, str]:
+    def drives_home(self) -> dict[str, str]:
         """Return by robot the drive out of the way of others that have to be where its tour ends,
         beside those that may come of its last job.
         """
@@ -65,7 +65,7 @@ class Assignment:
         work = {r: [options[j][k] for j, k in tour] for r, tour in self.tours.items() if tour}
         stops = Counter(p for some in work.values() for p in {p for o in some for p in o.stops})
         for robot, some in work.items():
-            drive = duties.asides.get((robot, some[-1].exit))
+            drive = duties.drives_home.get((robot, some[-1].exit))
             elsewhere = robot in duties.ends or robot in duties.loads
             if drive is not None and stops[some[-1].exit] > 1 and not elsewhere:
                 found[robot] = drive
@@ -262,13 +262,13 @@ def state_order(problem: SchedulingMotionProblem, assign: Assignment) -> None:
     jobs that a robot may have under way at once, the scheduler finds the order.
     """
     manager = problem.environment.expression_manager
-    activities, asides = {a.name: a for a in problem.activities}, assign.asides()
+    activities, home = {a.name: a for a in problem.activities}, assign.drives_home()
     for robot, tour in assign.tours.items():
         many, shares = assign.guess.duties.loads.get(robot, 1), list[list[Activity]]()
         for at, (j, k) in enumerate(tour):
             option = assign.jobs.options[j][k]
             names = sorted(option.members | option.extras)
-            names += [asides[robot]] if robot in asides and at == len(tour) - 1 else []
+            names += [home[robot]] if robot in home and at == len(tour) - 1 else []
             mine = [activities[n] for n in names if n in activities]
             before = [*itertools.chain(*shares[max(at - 2 * many + 1, 0) : max(at - many + 1, 0)])]
             for a in mine:

@@ -24,7 +24,7 @@ from up_samp.model import Body, Configuration, Deadline, PathQuery
 from up_samp.model.snapshot import Snapshot
 from up_samp.search.conclusion import SearchResult, conclude, conclude_stopped
 from up_samp.search.events import Phase
-from up_samp.search.facts import Signature
+from up_samp.search.facts import MotionCase
 from up_samp.search.fleet.assignment import (
     NOISE,
     Assignment,
@@ -63,6 +63,8 @@ jobs are not dealt out.
 """
 _SLOWER = 0.2
 """By which traffic is expected to take longer from share to share."""
+Arrival = tuple[Body, Configuration]
+"""A body, and where it comes to."""
 OpenThin = Callable[[SchedulingMotionProblem, Deadline], Search]
 """Opens a search on a thinned problem that asks the same motion service."""
 
@@ -145,28 +147,21 @@ def can_be_done(search: Search) -> Callable[[Sequence[WorkMode]], bool]:
     """Return what tells whether somebody may do a job by what is proven of its stops: not where
     nobody can come to one of them, whatever moves where.
     """
-    facts, service = search.facts, search.motions.service
-    pose, objects = facts.snapshot.configurations, facts.snapshot.objects
-    coming = defaultdict[tuple[Body, Configuration], list[Signature]](list)
-    for body, poses in facts.by_signature:
-        coming[body, poses[-1]].append((body, poses))
+    snapshot, coming = search.facts.snapshot, defaultdict[Arrival, list[list[MotionCase]]](list)
+    for (body, poses), cases in search.facts.by_signature.items():
+        coming[body, poses[-1]].append(cases)
 
     @cache
-    def reached(body: Body, stop: Configuration) -> bool:
-        ways = coming[body, stop]
-        return not ways or any(service.certificate(*w, facts.fixed) is None for w in ways)
+    def reached(arrival: Arrival) -> bool:
+        ways = coming.get(arrival, ())
+        return not ways or None in map(search.motions.never_possible, ways)
 
-    def some(options: Sequence[WorkMode]) -> bool:
-        return any(
-            all(
-                stop == pose[facts.snapshot.initial[o.robot]]
-                or reached(objects[o.robot].body, stop)
-                for stop in o.stops
-            )
-            for o in options
-        )
+    def may_do(option: WorkMode) -> bool:
+        start = snapshot.configurations[snapshot.initial[option.robot]]
+        body = snapshot.objects[option.robot].body
+        return all(stop == start or reached((body, stop)) for stop in option.stops)
 
-    return some
+    return lambda options: any(map(may_do, options))
 
 
 def deals_of(search: Search, large: LargeProblem, deadline: Deadline) -> Iterator[Assignment]:
@@ -248,7 +243,7 @@ def homes_of(dealt: Assignment) -> frozenset[str]:
     jobs = dealt.jobs
     needed = frozenset[str]().union(*jobs.needs.values())
     extras = frozenset(n for options in jobs.options for o in options for n in o.extras)
-    return (extras | {*dealt.asides().values()}) - needed
+    return (extras | {*dealt.drives_home().values()}) - needed
 
 
 def candidate_of(

@@ -120,7 +120,10 @@ class TravelTimeModel:
         """Return where a robot has to be when all is done, or may go when it has done a job and
         others need its place.
         """
-        names = [*sorted(option.extras), self.duties.asides.get((option.robot, option.exit), "")]
+        names = [
+            *sorted(option.extras),
+            self.duties.drives_home.get((option.robot, option.exit), ""),
+        ]
         ways = [self._ways_on[n] for n in names if n in self._ways_on]
         aside = next((b for a, b in ways if a == option.exit and b != a), None)
         return self.duties.ends.get(option.robot, aside)

@@ -23,21 +23,26 @@ ONLY = (11.0, 8.0, 0.0)
 """The one station."""
 
 
-def site(seed, jobs=6, **robot):
-    """Return the problem of a fleet that brings everything to one station, listed in any order."""
+def site(seed, jobs=6, *, ends=False, odd=None):
+    """Return the problem of a fleet that brings everything to one station, listed in any order.
+
+    :param ends: everybody has to be back where it starts; ``odd``: where a load waits, too.
+    """
     rng = random.Random(seed)
     fleet = Fleet("examples/maps/two_rooms.yaml")
     fleet.add_robot_type("amr", (0.8, 0.6), model="omni")
     spots = [(x, y) for x in (2.0, 6.0, 8.0, 12.0) for y in (11.0, 13.0)]
     places = {f"p{i}": spot for i, spot in enumerate(rng.sample(spots, jobs))}
+    loads = [*places, *(["odd"] if odd else [])]
+    places |= {"odd": odd} if odd else {}
     places |= {"station": ONLY[:2], **{f"at_{r}": pose for r, pose in STARTS.items()}}
     for name in rng.sample(sorted(places), len(places)):
         fleet.add_place(name, *places[name])
     for name in rng.sample(sorted(STARTS), len(STARTS)):
-        ends = {"end": f"at_{name}"} if robot.get("ends") else {}
-        fleet.add_robot(name, "amr", start=f"at_{name}", **ends)
-    for i in rng.sample(range(jobs), jobs):
-        fleet.add_order(f"o{i}", f"p{i}", "station")
+        end = {"end": f"at_{name}"} if ends else {}
+        fleet.add_robot(name, "amr", start=f"at_{name}", **end)
+    for name in rng.sample(loads, len(loads)):
+        fleet.add_order(f"from_{name}", name, "station")
     problem = fleet.problem
     rng.shuffle(problem.activities)
     return problem
@@ -60,7 +65,7 @@ def dealt(problem, owners):
 @pytest.mark.parametrize("seed", range(3))
 def test_whoever_ends_where_others_come_has_a_drive_back(seed):
     share = dealt(site(seed), (0, 0, 0, 0, 2, 2))
-    assert share.asides() == {
+    assert share.drives_home() == {
         "r0": "move_r0_station_to_at_r0",
         "r2": "move_r2_station_to_at_r2",
     }
@@ -69,8 +74,8 @@ def test_whoever_ends_where_others_come_has_a_drive_back(seed):
 
 
 def test_nobody_drives_back_who_is_alone_at_a_station_or_has_an_end():
-    assert dealt(site(0), (1,) * 6).asides() == {}
-    assert dealt(site(0, ends=True), (0, 0, 1, 1, 2, 2)).asides() == {}
+    assert dealt(site(0), (1,) * 6).drives_home() == {}
+    assert dealt(site(0, ends=True), (0, 0, 1, 1, 2, 2)).drives_home() == {}
 
 
 @pytest.mark.parametrize("seed", range(2))
