@@ -20,7 +20,6 @@ from up_samp.search.fleet.assignment import decided_by, state_order
 from up_samp.search.fleet.improve import plan_tours, undecided_tours
 from up_samp.search.fleet.jobs import find_jobs
 from up_samp.search.fleet.solve import homes_of
-from up_samp.search.fleet.tours import Priorities
 from up_samp.search.loop import get_schedule, state_what_is_known
 from up_samp.search.params import Parameters
 from up_samp.search.search import Problem, Wrapped
@@ -148,29 +147,18 @@ def test_whole_tours_are_decided_where_no_round_brings_any(seed, monkeypatch):
     assert validate_plan(problem, whole).violations == ()
 
 
-def test_who_goes_first_is_done_sooner_and_what_is_kept_stays():
+def test_who_goes_first_is_done_sooner():
     problem = warehouse(4, 6, encoding="compact")
     search, itinerary, _, _ = opened(problem, 0)
     tours = undecided_tours(search, itinerary, frozenset())
-    everybody = tuple(tours.ranked())
-    assert tours.decide_in_turns(Priorities(everybody), Deadline.after(60)) is None
+    everybody = tours.ranked()
+    assert tours.decide_in_turns(Deadline.after(60), everybody) is None
     done = tours.decided()
     last = max(done.ends(), key=done.ends().get)
     tours.reset()
     first = (last, *(robot for robot in everybody if robot != last))
-    assert tours.decide_in_turns(Priorities(first), Deadline.after(60)) is None
-    again = tours.decided()
-    assert again.ends()[last] <= done.ends()[last]
-    # the same tours as a start, and one of them anew with nobody else moved
-    assert tours.adopt(again, {last: 0})
-    assert tours.decide_in_turns(Priorities((last,)), Deadline.after(60)) is None
-    kept = tours.decided()
-    others = [name for name, run in again.runs.items() if run.object != last]
-    assert others
-    assert all(kept.runs[n].timing is again.runs[n].timing for n in others)
-    # nobody ends later than the limit
-    assert tours.adopt(again, {last: 0})
-    assert tours.decide_in_turns(Priorities((last,), limit=5), Deadline.after(60)) == last
+    assert tours.decide_in_turns(Deadline.after(60), first) is None
+    assert tours.decided().ends()[last] <= done.ends()[last]
 
 
 def test_needless_ways_home_are_left_out_of_plans():

@@ -434,6 +434,73 @@ def runs_in(cells: BoolArray) -> IntArray:
     return np.ascontiguousarray(np.column_stack([begins, ends[:, 1] - 1]))
 
 
+# ------------------ On which sides two robots may pass each other
+
+
+@inner
+def _joined(rows: IntArray) -> tuple[IntArray, int]:
+    """Return to which obstacle each row (i, j first, j last) of conflicting cells belongs, and how
+    many there are: cells that touch, by a corner at least, belong together. Rows ascend by i.
+    """
+    n = len(rows)
+    part = np.arange(n)
+    for r in range(n):
+        for q in range(r - 1, -1, -1):
+            if rows[q, 0] < rows[r, 0] - 1:
+                break
+            if rows[q, 1] <= rows[r, 2] + 1 and rows[r, 1] <= rows[q, 2] + 1:
+                low, high = min(part[q], part[r]), max(part[q], part[r])
+                if low < high:
+                    for k in range(r + 1):
+                        if part[k] == high:
+                            part[k] = low
+    # each obstacle has the number of its first row: count them
+    number, many = np.empty(n, dtype=np.int64), 0
+    for r in range(n):
+        if part[r] == r:
+            number[r] = many
+            many += 1
+        else:
+            number[r] = number[part[r]]
+    return number, many
+
+
+@kernel
+def passing_gaps(
+    rows: IntArray, first_held: FloatArray, other_held: FloatArray, flags: int
+) -> FloatArray:
+    """Return for each obstacle of two paths' coordination diagram (O'Donnell and Lozano-Pérez 1989)
+    what it takes that one body passes it before the other one: seconds, shape (k, 2, 2, 2).
+
+    ``rows`` are conflicting cells (i, j first, j last) that ascend by i, ``held`` is when each cell
+    is entered if a path is driven from 0 s on without a stop, ``flags`` tell who heeds whom. The
+    indices: which obstacle; who passes first; whether that one has to have left its goal, else to
+    be on its way; whether the other one has not come to its start yet, else is on its way. The
+    value is by how much, at least, the second event (its start, or its coming to where it starts)
+    comes after the first one (its start, or its leaving the goal); -inf where nothing is asked.
+    """
+    part, many = _joined(rows)
+    found = np.full((many, 2, 2, 2), -np.inf)
+    end, last = len(first_held) - 2, len(other_held) - 2
+    for r in range(len(rows)):
+        i, low, high = rows[r, 0], rows[r, 1], rows[r, 2]
+        if i == 0 or i == end or not flags & 1:
+            # one that rests, or heeds nobody, is only in the way of one that moves and heeds it
+            low, high = max(low, 1), min(high, last - 1)
+            if low > high or not flags & 2:
+                continue
+        k = part[r]
+        leaves, comes = i == end, low == 0
+        since = (0.0 if leaves else first_held[i + 1]) - (0.0 if comes else other_held[low])
+        a, b = int(leaves), int(comes)
+        found[k, 0, a, b] = max(found[k, 0, a, b], since)
+        leaves, comes = high == last, i == 0
+        since = (0.0 if leaves else other_held[high + 1]) - (0.0 if comes else first_held[i])
+        a, b = int(leaves), int(comes)
+        found[k, 1, a, b] = max(found[k, 1, a, b], since)
+    return found
+
+
 # ------------------ How much clearance two bodies keep from each other
 
 

@@ -10,15 +10,15 @@ step.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
 
 from up_samp.model import Body, Configuration, Deadline, Placed, Rest, TimedMotion, avoids
+from up_samp.model.arrays import FloatArray
 from up_samp.motion.fleet.one_robot import (
     Attempt,
     Stand,
     is_good,
-    met_at_full_speed,
     plan_one,
     ways_past,
 )
@@ -70,6 +70,35 @@ class ReservationTable:
         """Return the paths for a motion that were of use, for whoever it was."""
         return self._workspace.ways(motion.body, motion.poses)
 
+    def known_ways(self, motion: TimedMotion, moving: Collection[str]) -> list[Path]:
+        """Return the paths that were of use for a motion and meet nobody who stays where it is at
+        first: all but those who are ``moving``, and what is placed.
+        """
+        still = [rest for name, rest in self._first.items() if name not in moving]
+        return [
+            path
+            for path in self.ways(motion).quickest_first()
+            if not len(
+                self._workspace.forbidden(
+                    path, motion.object, motion.avoid, [*still, *self._placed]
+                )
+            )
+        ]
+
+    def passing(self, one: TimedMotion, path: Path, other: TimedMotion, there: Path) -> FloatArray:
+        """Return what it takes that one of two motions passes before the other, on given paths."""
+        flags = pair_flags(one.object, one.avoid, other.object, other.avoid)
+        return self._workspace.passing(path, there, flags)
+
+    def sooner(self, motion: TimedMotion, run: TimedPath, others: Sequence[TimedPath]) -> TimedPath:
+        """Return the earliest run of a motion on the path of a run that is known, among ``others``
+        and who never moves.
+        """
+        objects = {other.object for other in others}
+        still = [r for n, r in self._first.items() if n not in objects | {motion.object}]
+        found = fit(self._workspace, motion, run.path, [*others, *still, *self._placed], run)
+        return run if found is None else found
+
     def by_known_ways(self, motion: TimedMotion) -> TimedPath | None:
         """Return the earliest run of a motion on a path that was of use for it before, if any."""
         asked = self._after_last(motion)
@@ -108,15 +137,6 @@ class ReservationTable:
         asked = motion.poses, best, stands, deadline
         for path in ways_past(self._workspace, *asked, tries=tries):
             ways.paths.setdefault(path.number, path)
-
-    def in_the_way(self, motion: TimedMotion, deadline: Deadline) -> set[str]:
-        """Return who is met if a motion drives its best path as soon as it may."""
-        path = self._workspace.path(motion.body, motion.poses, (), deadline)
-        if not isinstance(path, Path):
-            return set()
-        others = self._others({motion.object}, motion.release)
-        met = met_at_full_speed(self._workspace, self._after_last(motion), path, others)
-        return {run.object for run, _, _ in met}
 
     def past_all_ends(self, motion: TimedMotion, deadline: Deadline) -> TimedPath | None:
         """Return the earliest run of a motion on its best path past the places where all others

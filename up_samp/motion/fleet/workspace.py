@@ -36,6 +36,7 @@ from up_samp.motion.fleet.conflicts import (
     conflicting_cells,
     eased,
     kept,
+    passing_gaps,
     separation,
     wished,
 )
@@ -93,6 +94,8 @@ are known, that are remembered.
 
 NOTHING = np.empty((0, 3), dtype=np.int64)
 """No conflicting cells."""
+NO_GAPS = np.empty((0, 2, 2, 2))
+"""Nothing that two bodies have to pass one before the other."""
 
 
 class PathPlanner(Protocol):
@@ -134,6 +137,7 @@ class Workspace:
         self._rests: Memory[Path] = Memory(PATHS)
         self._ways: Memory[KnownPaths] = Memory(PATHS)
         self._conflicts: Memory[IntArray] = Memory(DIAGRAMS)
+        self._passing: Memory[FloatArray] = Memory(DIAGRAMS)
 
     @property
     def service(self) -> PathPlanner:
@@ -319,6 +323,20 @@ class Workspace:
         margin = kept(margin, a.poses[[0, -1]], a.hull, b.poses[[0, -1]], b.hull)
         rows = conflicting_cells(a.swept, b.swept, margin)
         return through_zones(rows, a.entries, b.entries)
+
+    def passing(self, a: Path, b: Path, flags: int) -> FloatArray:
+        """Return what it takes that one of two bodies passes before the other where their paths
+        meet (see :func:`~up_samp.motion.fleet.conflicts.passing_gaps`), if none stops on its way.
+        """
+        rows = self.conflicts(a, b)
+        if len(rows) == 0 or flags == 0:
+            return NO_GAPS
+
+        def gaps() -> FloatArray:
+            ordered = np.ascontiguousarray(rows[np.lexsort((rows[:, 1], rows[:, 0]))])
+            return passing_gaps(ordered, a.natural_held, b.natural_held, flags)
+
+        return self._passing.get_or((a.number, b.number, flags), gaps)
 
     def forbidden(
         self, path: Path, name: str, avoid: frozenset[str] | None, others: Iterable[TimedPath]

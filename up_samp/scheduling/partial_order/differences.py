@@ -314,6 +314,14 @@ class Earliest:
         """Return the points that may not come before a point."""
         return [then for then, lag in self._after[point] if lag >= 0]
 
+    def differences(self) -> list[Difference]:
+        """Return what is asked of two points each."""
+        return [
+            Difference(first, then, lag)
+            for first, some in self._after.items()
+            for then, lag in some
+        ]
+
     def latest(self) -> dict[Point, float]:
         """Return when each point may be at the latest, with all others free (inf: any time)."""
         before: dict[Point, list[tuple[Point, int]]] = {point: [] for point in self._after}

@@ -11,13 +11,11 @@ it, or its tours do on the whole.
 
 from __future__ import annotations
 
-import itertools
 import math
 import random
 import statistics
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeVar
 
 from up_samp.model import CandidateSchedule, Deadline
 from up_samp.search.check import Check
@@ -25,15 +23,13 @@ from up_samp.search.events import Phase
 from up_samp.search.fleet.assignment import NOISE, Assignment, biased, exchanged, mended
 from up_samp.search.fleet.evaluator import AssignmentEvaluator
 from up_samp.search.fleet.sequential import FleetSolution, alone, can_decide, times_of
-from up_samp.search.fleet.tours import Priorities, TourPlanner
+from up_samp.search.fleet.tours import TourPlanner
 from up_samp.search.knowledge import Incumbent
 from up_samp.search.resolve import STEP_EFFORT, Subproblem
 from up_samp.search.search import Search
 from up_samp.search.world import groups_of
 from up_samp.upio import Itinerary, read_itinerary
 from up_samp.upio.restrict import restrict
-
-Answer = TypeVar("Answer")
 
 # candidates of the usual search
 MANY, _SHARE = 14, 0.6
@@ -55,22 +51,14 @@ _STUCK_SOONER = 20.0
 _ORDERS = 12
 """Of the robots, for whole tours; who finds no tour goes first in the next one."""
 # better tours
-AGAIN_DEALT = 2
-"""Shares of the jobs in a row that bring nothing, before the tours of the best are changed."""
 _DRAWN = 3
 """Shares of the jobs, of which the best one is tried."""
 _STEEP = 60.0
 """Power of a tour's end that counts in those: hardly any but the last one does."""
-_TOGETHER = 5
-"""Tours at most, that are decided anew with one of the last."""
-_CRITICAL = 0.5
-"""Share of choices that fall on what the last end hangs on."""
-_TURNS = (1, 1, 2, 3, 5)
-"""Robots whose turns change at once: one of these."""
-_SOONER = 10.0
-"""s at most, by which turns come sooner or later."""
-DELAYED = 6.0
-"""s by which a motion takes longer than alone that looks for another way."""
+_LOOKING = 8
+"""Motions that look for other ways at once, those that are delayed most..."""
+DELAYED = 2.0
+"""...by more than so many s."""
 
 
 def plan_tours(
@@ -167,7 +155,7 @@ def squeaky_wheel(
         noise = _NOISE if ahead else 0.0
         turns = {r: ahead.get(r, 0.0) + rng.uniform(0, noise) for r in tours.robots}
         tours.reset()
-        stuck = tours.decide_in_turns(Priorities(tuple(first), ahead=turns), deadline)
+        stuck = tours.decide_in_turns(deadline, first, turns)
         if stuck is not None:
             if best is None and stuck in late:
                 first = _sooner(stuck, first)
@@ -192,7 +180,7 @@ def _whole(tours: TourPlanner, deadline: Deadline) -> bool:
     first = tours.ranked()
     for _ in range(_ORDERS):
         tours.reset()
-        stuck = tours.decide_in_turns(Priorities(tuple(first), looks=1), deadline)
+        stuck = tours.decide_in_turns(deadline, first, looks=1)
         if stuck is None:
             return True
         if deadline.expired() or first[:1] == [stuck]:
@@ -227,15 +215,14 @@ class FleetLNS:
     rng: random.Random
     without_traffic: float = math.inf
     """When (s) all jobs are done at the soonest, as far as shared places tell."""
-    _asked: dict[Hashable, Any] = field(default_factory=dict)
-    """What was asked of the best tours, with the answers."""
+    looked: set[str] = field(default_factory=set)
+    """Motions of the best tours for which other ways were looked for."""
 
     def improved(self, over: Callable[[], bool], deadline: Deadline) -> Iterator[FleetSolution]:
         """Yield tours that are over sooner than all before, until it is ``over`` or many changes in
         a row bring nothing.
         """
-        # another share of the jobs pays while the best tours are hardly better than first ones
-        yield from self.changed(over, deadline, ((deal_again, 1.0),), AGAIN_DEALT)
+        yield from self.changed(over, deadline, ((right_of_way, 1.0),), 1)
         yield from self.changed(over, deadline, MOVES, self.dealt.tuning.stale)
 
     def changed(
@@ -254,7 +241,7 @@ class FleetLNS:
                 continue
             # as good ones, too: they lead elsewhere
             self.best = found
-            self._asked.clear()
+            self.looked.clear()
             if self.cost(found) < before:
                 left = stale
             if self.cost(found)[0] < before[0]:
@@ -264,159 +251,37 @@ class FleetLNS:
         """Return the makespan of tours, and what they are worth on the whole."""
         return decided.cost(self.dealt.rehearsal.rules.steep)
 
-    def last_first(self) -> list[str]:
-        """Return the robots, those that end last first."""
-        ends = self.best.ends()
-        return sorted(self.tours.robots, key=lambda r: (-ends.get(r, 0.0), r))
-
-    def _once(self, question: Hashable, answer: Callable[[], Answer]) -> Answer:
-        """Return what is answered to a question on the best tours, asked once as long as they are
-        the best.
-        """
-        if question not in self._asked:
-            self._asked[question] = answer()
-        found: Answer = self._asked[question]
-        return found
-
-    def critical(self) -> list[str]:
-        """Return the motions that the last end hangs on."""
-        return self._once("critical", lambda: self.tours.critical(self.best))
-
-    def one_of_the_last(self) -> str:
-        """Return a robot at random that the last end hangs on, or one that ends last more likely
-        than others.
-        """
-        if self.rng.random() < _CRITICAL:
-            return self.tours.robot_of(self.rng.choice(self.critical()))
-        ranked = self.last_first()
-        return ranked[min(int(self.rng.expovariate(0.7)), len(ranked) - 1)]
-
-    def delaying(self, robot: str, deadline: Deadline) -> list[str]:
-        """Return who delays a robot in the best tours."""
-        return self._once(
-            ("delaying", robot), lambda: sorted(self.tours.delaying(self.best, robot, deadline))
-        )
-
-    def delays(self, robot: str) -> dict[str, float]:
-        """Return by how much (s) a robot's motions end later than if nobody was in their way."""
-        return self._once(("delays", robot), lambda: self.tours.delays(self.best, robot))
-
-    def since(self, robots: Iterable[str], moment: float) -> dict[str, int]:
-        """Return how many motions of robots were decided before a moment (s)."""
-        found = {}
-        for robot in robots:
-            before = itertools.takewhile(
-                lambda piece: self.best.turns[piece[0]] < moment, self.tours.pieces(robot)
-            )
-            found[robot] = sum(map(len, before))
-        return found
-
-    def anew(
-        self, kept: Mapping[str, int], given: Priorities, deadline: Deadline
-    ) -> FleetSolution | None:
-        """Return what comes of it if of some robots only so many motions as are ``kept`` stay as
-        they are and all others are decided anew in turns; None where somebody is stuck or too late.
-        """
-        if not self.tours.adopt(self.best, kept):
-            return None
-        # of each drive other ways are looked for so often, over all changes: then they are known
-        stuck = self.tours.decide_in_turns(replace(given, looks=2), deadline)
-        return self.tours.decided() if stuck is None else None
+    @property
+    def makespan(self) -> int:
+        """When the best tours are over (units)."""
+        return self.best.lean().makespan
 
 
-# ------------------ Moves: what is withdrawn, and whose turn comes first then
+# ------------------ Moves
 
 
-def other_turns(search: FleetLNS, deadline: Deadline) -> FleetSolution | None:
-    """Everybody anew from some moment on; some pieces of tours have their turns sooner or later,
-    those of the last robots most often, or sooner, those that the last end hangs on.
-    """
-    return search.anew(*_turns_changed(search), deadline)
-
-
-def _turns_changed(search: FleetLNS) -> tuple[dict[str, int], Priorities]:
-    """Return how many motions of each robot come before the first turn that changes, and all turns
-    then.
-    """
-    rng, turns, moment = search.rng, dict(search.best.turns), math.inf
-    for _ in range(rng.choice(_TURNS)):
-        some, sooner = _turned(search)
-        for piece in some:
-            turns[piece[0]] -= sooner
-            moment = min(moment, turns[piece[0]], search.best.turns[piece[0]])
-    kept = search.since(search.tours.robots, moment)
-    return kept, Priorities(turns=turns, latest=search.best.lean().makespan)
-
-
-def _turned(search: FleetLNS) -> tuple[list[list[str]], float]:
-    """Return pieces of a tour whose turns change, and how much sooner (s) they come."""
-    rng, tours = search.rng, search.tours
-    if rng.random() < _CRITICAL:
-        name = rng.choice(search.critical())
-        mine = tours.pieces(tours.robot_of(name))
-        return [piece for piece in mine if name in piece], rng.uniform(0.0, _SOONER)
-    robot = search.one_of_the_last() if rng.random() < 0.7 else rng.choice(tours.robots)
-    pieces = tours.pieces(robot)
-    sooner = rng.uniform(-_SOONER, _SOONER)
-    return pieces if rng.random() < 0.3 else [rng.choice(pieces)], sooner
+def right_of_way(search: FleetLNS, deadline: Deadline) -> FleetSolution | None:
+    """Who goes first, and on which of the known ways, decided anew for all at once."""
+    return search.tours.coordinated(search.best, search.makespan, deadline)
 
 
 def other_ways(search: FleetLNS, deadline: Deadline) -> FleetSolution | None:
-    """The same, and of some of the last the motion that is delayed most looks for another way,
-    which all know from then on.
+    """The same, after some of the motions that are delayed most have looked for other ways among
+    all others.
     """
-    looking = dict[str, int]()
-    for robot in sorted({search.one_of_the_last() for _ in range(2)}):
-        delays = search.delays(robot)
-        name = min(delays, key=lambda name: (-delays[name], name), default="")
-        if delays.get(name, 0.0) > DELAYED:
-            looking[name] = search.tours.looked(name) + 1
-    kept, given = _turns_changed(search)
-    if not looking:
+    tours, best = search.tours, search.best
+    delays = {n: d for robot in tours.robots for n, d in tours.delays(best, robot).items()}
+    late = [n for n in sorted(delays, key=lambda n: (-delays[n], n)) if n not in search.looked]
+    some = [name for name in late[:_LOOKING] if delays[name] > DELAYED]
+    search.looked.update(some)
+    if not any([tours.look_for_another_way(best, name) for name in some]):
         return None
-    some = {r: search.tours.pieces(r) for r in search.tours.robots}
-    heads = [p[0] for ps in some.values() for p in ps if looking.keys() & set(p)]
-    moment = min(search.best.turns[head] for head in heads)
-    earlier = search.since(search.tours.robots, moment)
-    kept = {robot: min(many, earlier[robot]) for robot, many in kept.items()}
-    return search.anew(kept, replace(given, looking=looking), deadline)
-
-
-def some_of_the_last(search: FleetLNS, deadline: Deadline) -> FleetSolution | None:
-    """One of the last tours anew from some moment on, with those of some that delay it, or work
-    where it does, or any others: one after the other, as they had their turns before, or as they
-    come.
-    """
-    rng = search.rng
-    last = search.one_of_the_last()
-    others = [r for r in search.tours.robots if r != last]
-    many = min(len(others), rng.randint(1, _TOGETHER))
-    near = rng.choice(NEAR)(search, last, deadline)
-    some = rng.sample(near, min(len(near), many))
-    some += rng.sample([r for r in others if r not in some], many - len(some))
-    some.insert(rng.randrange(len(some) + 1) if rng.random() < 0.5 else 0, last)
-    moment = -math.inf
-    if rng.random() < 0.5:
-        moment = search.best.turns[rng.choice(search.tours.pieces(some[0]))[0]]
-    order = rng.choice(("one after the other", "as before", "as they come"))
-    first = tuple(some) if order == "one after the other" else ()
-    turns = search.best.turns if order == "as before" else {}
-    limit = search.best.lean().makespan
-    given = Priorities(first, turns=turns, limit=limit)
-    return search.anew(search.since(some, moment), given, deadline)
-
-
-NEAR: tuple[Callable[[FleetLNS, str, Deadline], list[str]], ...] = (
-    lambda search, robot, deadline: search.delaying(robot, deadline),
-    lambda search, robot, _: sorted(search.tours.sharing(robot)),
-    lambda *_: [],
-)
-"""Whose tours may be decided anew with a robot's before any others."""
+    return right_of_way(search, deadline)
 
 
 def deal_again(search: FleetLNS, deadline: Deadline) -> FleetSolution | None:
     """All jobs dealt out anew with what is known now of drives and of changes at shared places;
-    all tours are decided in rounds, and gone on with, if they are kept.
+    all tours are decided in rounds, then all at once.
     """
     dealt, rng = search.dealt, search.rng
     usual = dealt.rehearsal
@@ -430,13 +295,10 @@ def deal_again(search: FleetLNS, deadline: Deadline) -> FleetSolution | None:
     decided = None if tours is None else squeaky_wheel(tours, _FEW_ROUNDS, rng, deadline)
     if tours is None or decided is None:
         return None
-    trial = FleetLNS(again, tours, decided, search.open_tours, rng)
-    tries = len(tours.robots)
-    for _ in trial.changed(deadline.expired, deadline, ((other_turns, 1.0),), tries):
-        pass
-    if search.cost(trial.best) <= search.cost(search.best):
+    decided = tours.coordinated(decided, search.makespan, deadline) or decided
+    if search.cost(decided) <= search.cost(search.best):
         search.tours, search.dealt = tours, again
-    return trial.best
+    return decided
 
 
 def _promising(search: FleetLNS, expected: AssignmentEvaluator, deadline: Deadline) -> Assignment:
@@ -452,9 +314,4 @@ def _promising(search: FleetLNS, expected: AssignmentEvaluator, deadline: Deadli
     return mended(best, rng, deadline)
 
 
-MOVES: Moves = (
-    (other_turns, 0.72),
-    (other_ways, 0.1),
-    (some_of_the_last, 0.15),
-    (deal_again, 0.03),
-)
+MOVES: Moves = ((other_ways, 0.5), (deal_again, 0.5))

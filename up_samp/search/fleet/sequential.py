@@ -26,6 +26,7 @@ from up_samp.motion.fleet.timed_path import TimedPath
 from up_samp.scheduling.compilers.translate import read_problem as read_plain
 from up_samp.scheduling.partial_order import Difference, Earliest, Planned, orders_of
 from up_samp.scheduling.partial_order.differences import HORIZON, ZERO
+from up_samp.search.fleet.right_of_way import Driven
 from up_samp.search.search import Search
 from up_samp.upio import Itinerary
 from up_samp.upio.restrict import restrict
@@ -106,8 +107,8 @@ def ancestors(motions: Collection[str], times: Earliest) -> dict[str, set[str]]:
 
 @dataclass(frozen=True)
 class FleetSolution:
-    """All tours of a candidate: its ``schedule`` and, by activity, ``runs``, when they are (start,
-    end; units), and whose turn was when (s). ``needless`` are last motions that nobody needs: their
+    """All tours of a candidate: its ``schedule`` and, by activity, ``runs`` and when they are
+    (start, end; units). ``needless`` are last motions that nobody needs: their
     robots are in nobody's way where they stand before.
     """
 
@@ -116,8 +117,15 @@ class FleetSolution:
     pins: Mapping[str, tuple[int, int]]
     keys: Mapping[str, str]
     """What their trajectories are called in a plan."""
-    turns: Mapping[str, float]
     needless: frozenset[str] = frozenset()
+
+    def driven(self) -> Driven:
+        """Return the way of each motion that is needed, and when it starts (s)."""
+        return {
+            name: (run.path, run.timing.trajectory.start)
+            for name, run in self.runs.items()
+            if name not in self.needless
+        }
 
     def ends(self) -> dict[str, float]:
         """Return when each robot's last motion that is needed ends (s)."""

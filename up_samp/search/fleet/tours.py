@@ -21,12 +21,16 @@ import itertools
 import math
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
+from types import MappingProxyType
 
 from up_samp.model import CandidateSchedule, Configuration, Deadline, Rest, TimedMotion
+from up_samp.model.arrays import FloatArray
+from up_samp.motion.fleet.paths import Path
 from up_samp.motion.fleet.reservations import ReservationTable
-from up_samp.motion.fleet.timed_path import TimedPath
+from up_samp.motion.fleet.timed_path import TimedPath, natural_timing, run_of
 from up_samp.scheduling.partial_order import Earliest
+from up_samp.search.fleet.right_of_way import Crossings, Driven
 from up_samp.search.fleet.sequential import FleetSolution, ancestors
 from up_samp.search.search import Search
 from up_samp.search.world import contested, motion_key, others_first
@@ -44,6 +48,8 @@ _CLOSE = 8.0
 """Seconds after one robot may leave a place, within which the next one has waited for it."""
 _PRESSED = 0.8
 """Of the longest tour's time alone: who has less to spare is decided before others."""
+NOT_AHEAD: Mapping[str, float] = MappingProxyType({})
+"""Everybody's turn comes when it comes to the next place."""
 
 
 class TourEnd(enum.Enum):
@@ -53,28 +59,6 @@ class TourEnd(enum.Enum):
     STUCK = enum.auto()
     LATE = enum.auto()
     """Something would be too late, whatever is tried from here on."""
-
-
-@dataclass(frozen=True)
-class Priorities:
-    """Who goes before whom when tours are decided, and how hard ways are looked for."""
-
-    first: tuple[str, ...] = ()
-    """Robots whose whole tours are decided before all others, in this order."""
-    ahead: Mapping[str, float] = field(default_factory=dict)
-    """By how much (s) a robot's turn comes sooner than it does to the next place."""
-    turns: Mapping[str, float] = field(default_factory=dict)
-    """When it is the turn (s) of the motions that begin with one, by that; else it is theirs when
-    they come to the next place.
-    """
-    looks: int = 0
-    """How often other ways from pose to pose are looked for, if one is known."""
-    looking: Mapping[str, int] = field(default_factory=dict)
-    """The same for some motions, by activity."""
-    limit: float = math.inf
-    """When all tours have to be over (units): who would be later looks for another way."""
-    latest: float = math.inf
-    """Everything is given up once somebody cannot be done by then (units), in turns."""
 
 
 class TourPlanner:
@@ -110,13 +94,12 @@ class TourPlanner:
         """Stays (motion, until) of the present tour from which there is no way on."""
         self._tries = 0
         self._contested = contested(search.facts, search.motions.service, itinerary)
-        self._given = Priorities()
+        self._ahead: Mapping[str, float] = {}
+        self._looks = 0
         self._hard = True
         """Whether new ways are looked for where others stand in all that are known: not as long as
         somebody can go on without, for they are about to go on, too.
         """
-        self._turns: dict[str, float] = {}
-        """Whose turn was when (s), ascending: of those motions that were decided in turns."""
 
     def schedule(self) -> CandidateSchedule:
         """Return the candidate with the times that its motions need."""
@@ -201,24 +184,6 @@ class TourPlanner:
                 return
             self._floor.learn_ways_past(self._timed_as(name, 0.0), stands, deadline, _PAST)
 
-    def pieces(self, robot: str) -> list[list[str]]:
-        """Return a robot's motions, cut where they end where no other one has to be."""
-        found: list[list[str]] = [[]]
-        for name in self._chains[robot]:
-            found[-1].append(name)
-            if name not in self._contested:
-                found.append([])
-        return [piece for piece in found if piece]
-
-    def sharing(self, robot: str) -> set[str]:
-        """Return who else has to be where a robot has to be, too, at some time."""
-        places = {self._motions[n].poses[-1] for n in self._chains[robot] if n in self._contested}
-        return {
-            self._motions[name].object
-            for name in self._contested
-            if self._motions[name].poses[-1] in places
-        } - {robot}
-
     def robot_of(self, name: str) -> str:
         """Return who makes a motion."""
         return self._motions[name].object
@@ -228,21 +193,6 @@ class TourPlanner:
         too, to when the next one came there that has waited for it.
         """
         return sorted(gap for gap, _, _ in self._changes(decided) if gap <= _CLOSE)
-
-    def critical(self, decided: FleetSolution) -> list[str]:
-        """Return the motions that the last end hangs on, back from it: before each one that of who
-        was just before at the place where it ends, or else its robot's last one.
-        """
-        before = {n: p for c in self._chains.values() for p, n in itertools.pairwise(c)}
-        before |= {n: p for gap, p, n in self._changes(decided) if gap <= _CLOSE}
-        ends = decided.ends()
-        last = self._chains[max(ends, key=lambda robot: (ends[robot], robot))]
-        name = next((n for n in reversed(last) if n not in decided.needless), None)
-        found = []
-        while name is not None:
-            found.append(name)
-            name = before.get(name)
-        return found
 
     def _changes(self, decided: FleetSolution) -> Iterator[tuple[float, str, str]]:
         """Yield how long (s) after one robot may leave a place that others need, too, the next one
@@ -264,88 +214,39 @@ class TourPlanner:
 
     def reset(self) -> None:
         """Let nothing be decided."""
-        self._turns.clear()
         self._times.restore(self._begun)
         self._waiting = dict(self._motions)
         self._floor = ReservationTable(self._service, self._rests())
 
-    def adopt(self, decided: FleetSolution, kept: Mapping[str, int]) -> bool:
-        """Let everything be decided that was (perhaps for another candidate), but of some robots
-        only so many motions as are ``kept``; return whether that keeps what is asked.
-        """
-        self.reset()
-        self._turns |= decided.turns
-        return all(
-            self._adopted(r, decided.runs, decided.pins, kept.get(r, len(self._chains[r])))
-            for r in self.robots
-        )
-
-    def delaying(self, decided: FleetSolution, robot: str, deadline: Deadline) -> set[str]:
-        """Return who is in the way of a robot's motions that take longer than they would alone."""
-        found = set[str]()
-        for motion, delay in self._delayed(decided, robot):
-            if delay > GRACE:
-                found |= self._floor.in_the_way(motion, deadline)
-        return found & self._chains.keys() - {robot}
-
     def delays(self, decided: FleetSolution, robot: str) -> dict[str, float]:
         """Return by how much (s) a robot's motions end later than if nobody was in their way."""
-        return {motion.name: delay for motion, delay in self._delayed(decided, robot)}
-
-    def looked(self, name: str) -> int:
-        """Return how often other ways were looked for from where to where a motion goes."""
-        return self._floor.ways(self._timed_as(name, 0.0)).looks
-
-    def _delayed(self, decided: FleetSolution, robot: str) -> Iterator[tuple[TimedMotion, float]]:
-        """Yield a robot's motions, each while all before it is decided, with what (s) they take
-        longer than alone.
-        """
-        if not self.adopt(decided, {robot: 0}):
-            return
-        for name in self._chains[robot]:
-            motion, run = self._timed(name), decided.runs[name]
-            yield motion, run.arrival - motion.release - self._least(name)
-            if not self._take(name, replace(run, until=math.inf)):
-                return
-
-    def _adopted(
-        self,
-        robot: str,
-        runs: Mapping[str, TimedPath],
-        pins: Mapping[str, tuple[int, int]],
-        kept: int | None = None,
-    ) -> bool:
-        """Decide a robot's tour as it was before, or ``kept`` motions of it; return whether that
-        keeps what is asked, else nothing is decided.
-        """
-        before = self._times.state()
-        for number, name in enumerate(self._chains[robot][:kept]):
-            start, end = pins.get(name, (-1, -1))
-            wanted = {("start", name): start, ("end", name): end}
-            if name not in runs or not self._times.raised(wanted, pin=True):
-                for undone in reversed(self._chains[robot][:number]):
-                    self._floor.withdraw(robot)
-                    self._waiting[undone] = self._motions[undone]
-                self._times.restore(before)
-                return False
-            self._floor.add(replace(runs[name], until=math.inf))
-            del self._waiting[name]
-        return True
+        times = self._begun[0]
+        return {
+            name: decided.runs[name].arrival
+            - self._facts.seconds(self._ready(decided, name))
+            - self._facts.seconds(times["end", name] - times["start", name])
+            for name in self._chains[robot]
+            if name in decided.pins and name not in decided.needless
+        }
 
     def decided(self) -> FleetSolution:
         """Return what is decided, when all is."""
         runs = self._floor.trajectories()
         pins = {name: (self._start(name), self._end(name)) for name in runs}
         keys = {name: motion_key(motion) for name, motion in self._motions.items()}
-        turns = {name: self._turns.get(name, run.arrival) for name, run in runs.items()}
-        return FleetSolution(self.schedule(), runs, pins, keys, turns, self._needless())
+        return FleetSolution(self.schedule(), runs, pins, keys, self._needless())
 
     def _needless(self) -> frozenset[str]:
         """Return the last motions, of those that may be left out, that nobody needs; the latest are
         left out first. They are not decided any more then.
         """
-        runs, found = self._floor.trajectories(), set[str]()
-        last = [(chain[-2:], runs[chain[-1]].arrival) for chain in self._chains.values()]
+        runs = self._floor.trajectories()
+        found = {name for name in self._waiting if name in self._homes}
+        last = [
+            (chain[-2:], runs[chain[-1]].arrival)
+            for chain in self._chains.values()
+            if chain[-1] in runs
+        ]
         for (*before, name), _ in sorted(last, key=lambda item: (-item[1], item[0])):
             if name not in self._homes or not before:
                 continue
@@ -356,29 +257,131 @@ class TourPlanner:
                 found.add(name)
         return frozenset(found)
 
-    def decide_in_turns(self, priorities: Priorities, deadline: Deadline) -> str | None:
-        """Decide all tours that are not decided piece by piece in the order of time, those of
-        ``priorities.first`` whole before; return None, or the robot that should have gone sooner.
+    def crossings(self, limit: int) -> Crossings:
+        """Return what is to be decided so that all motions are over by ``limit`` (units), on the
+        ways that are known.
         """
-        self._given, self._hard = priorities, True
-        for robot in priorities.first:
+        self.reset()
+        motions = {name: self._timed_as(name, 0.0) for name in self._motions}
+        ways = {}
+        for name, motion in motions.items():
+            self._place_changed(name)
+            ways[name] = self._floor.known_ways(motion, self._chains.keys())
+        times, _ = self._begun
+
+        def passing(one: str, path: Path, other: str, there: Path) -> FloatArray:
+            return self._floor.passing(motions[one], path, motions[other], there)
+
+        optional = frozenset(c[-1] for c in self._chains.values() if len(c) > 1) & self._homes
+        chains, differences = dict(self._chains), self._times.differences()
+        unit = self._facts.seconds(1)
+        return Crossings(chains, ways, optional, differences, times, unit, passing, limit)
+
+    def coordinated(
+        self, decided: FleetSolution, limit: int, deadline: Deadline
+    ) -> FleetSolution | None:
+        """Return all tours decided at once, on the ways that are known, so that they are over by
+        ``limit`` (units) at the latest; None where nothing was found.
+
+        :param decided: tours that are known; the search begins with them.
+        """
+        driven = self.crossings(limit).decide(decided.driven(), deadline)
+        return None if driven is None else self.follow(driven)
+
+    def follow(self, driven: Driven) -> FleetSolution | None:
+        """Return what comes of it if motions are made on such ways at such times, each as soon as
+        it can be then; None where that does not keep what is asked.
+        """
+        self.reset()
+        runs = {robot: self._planned(robot, driven) for robot in self.robots}
+        numbers = {run.name: k for some in runs.values() for k, run in enumerate(some)}
+        for name in sorted(driven, key=lambda name: (driven[name][1], name)):
+            self._place_changed(name)
+            mine, k, motion = runs[self.robot_of(name)], numbers[name], self._timed(name)
+            then = mine[k + 1].timing.trajectory.start if k + 1 < len(mine) else math.inf
+            since = mine[k - 1].arrival if k else -math.inf
+            others = [run for r, some in runs.items() if r != motion.object for run in some]
+            asked = replace(motion, present_from=since, present_until=then)
+            run = self._floor.sooner(asked, mine[k], others)
+            if run.timing.trajectory.start < motion.release - 1e-6:
+                return None
+            run = replace(run, since=since, until=math.inf)
+            if not self._take(name, run):
+                return None
+            mine[k] = run
+            if k + 1 < len(mine):
+                mine[k] = replace(run, until=run.arrival)
+                mine[k + 1] = replace(mine[k + 1], since=run.arrival)
+        return self.decided() if all(map(self._floor.clear, runs.values())) else None
+
+    def _planned(self, robot: str, driven: Driven) -> list[TimedPath]:
+        """Return a robot's runs on such ways at such times."""
+        found: list[TimedPath] = []
+        for name in self._chains[robot]:
+            if name not in driven:
+                continue
+            path, start = driven[name]
+            since = found[-1].arrival if found else -math.inf
+            motion = replace(self._timed_as(name, start), present_from=since)
+            if found:
+                found[-1] = replace(found[-1], until=since)
+            found.append(run_of(motion, path, natural_timing(path, start)))
+        return found
+
+    def look_for_another_way(self, decided: FleetSolution, name: str) -> bool:
+        """Look for another way of a motion among all others as they were decided, on which it may
+        be over sooner; return whether there is a new one, which all know from then on.
+        """
+        self.reset()
+        robot = self.robot_of(name)
+        for other, chain in self._chains.items():
+            mine = itertools.takewhile(lambda n: n != name, chain)
+            for each in mine if other == robot else chain:
+                if each in decided.runs and each not in decided.needless:
+                    self._floor.add(replace(decided.runs[each], until=math.inf))
+        self._place_changed(name)
+        motion = self._timed_as(name, self._facts.seconds(self._ready(decided, name)))
+        known = len(self._floor.ways(motion).paths)
+        self._floor.by_proposed_way(motion, decided.runs[name])
+        return len(self._floor.ways(motion).paths) > known
+
+    def _ready(self, decided: FleetSolution, name: str) -> int:
+        """Return when (units) a motion could begin if it heeded nobody: as long after its robot's
+        last one as it takes at least.
+        """
+        times, chain = self._begun[0], self._chains[self.robot_of(name)]
+        k = chain.index(name)
+        if k == 0:
+            return times["start", name]
+        last = chain[k - 1]
+        return decided.pins[last][1] + times["start", name] - times["end", last]
+
+    def decide_in_turns(
+        self,
+        deadline: Deadline,
+        first: Sequence[str] = (),
+        ahead: Mapping[str, float] = NOT_AHEAD,
+        looks: int = 0,
+    ) -> str | None:
+        """Decide all tours piece by piece in the order of time; return None, or the robot that
+        should have gone sooner.
+
+        :param first: robots whose whole tours are decided before all others, in this order.
+        :param ahead: by how much (s) a robot's turn comes sooner than it does to the next place.
+        :param looks: how often other ways from pose to pose are looked for, if one is known.
+        """
+        self._ahead, self._looks, self._hard = ahead, looks, True
+        for robot in first:
             if self._decide(self._stretch(robot), deadline) is TourEnd.LATE or deadline.expired():
                 return robot
         asleep = set[str]()  # they found no way among what is decided
-        now = -math.inf
         self._hard = False
         while self._waiting:
             pieces = {r: self._piece(r) for r in self.robots if r not in asleep}
             ready = [(self._rank(r, piece), r) for r, piece in pieces.items() if piece]
-            rank, turn = min(ready) if ready else (math.inf, None)
+            _, turn = min(ready) if ready else (math.inf, None)
             end = TourEnd.STUCK if turn is None else self._decide(pieces[turn], deadline)
             if end is TourEnd.DECIDED:
-                if turn is not None:
-                    # no two at once, so that their order is known
-                    now = max(rank, math.nextafter(now, math.inf))
-                    self._turns[pieces[turn][0]] = now
-                    if self._done(self._chains[turn]) > priorities.latest:
-                        return turn
                 self._hard = False
                 asleep.clear()
             elif not self._hard and (turn is None or end is TourEnd.LATE):
@@ -394,11 +397,8 @@ class TourPlanner:
         return None
 
     def _rank(self, robot: str, piece: Sequence[str]) -> float:
-        """Return when a robot's turn comes (s): as given, or when it comes to the next place, or
-        sooner.
-        """
-        natural = self._facts.seconds(self._end(piece[0])) - self._given.ahead.get(robot, 0.0)
-        return self._given.turns.get(piece[0], natural)
+        """Return when a robot's turn comes (s): when it comes to the next place, or sooner."""
+        return self._facts.seconds(self._end(piece[0])) - self._ahead.get(robot, 0.0)
 
     def _piece(self, robot: str) -> list[str]:
         """Return the next motions of a robot, up to the first that ends where no other one has to
@@ -473,9 +473,7 @@ class TourPlanner:
         if not self._take(name, run):
             return TourEnd.LATE
         end = TourEnd.STUCK
-        if self._done(stretch) > self._given.limit:
-            end = TourEnd.LATE
-        elif not rest or self._facts.seconds(self._start(rest[0])) <= until:
+        if not rest or self._facts.seconds(self._start(rest[0])) <= until:
             end = self._drive(rest, deadline)
         if end is not TourEnd.DECIDED:
             # whoever comes there later can leave no sooner
@@ -496,7 +494,7 @@ class TourPlanner:
         if best is None and self._hard:
             best = self._floor.past_all_ends(asked, deadline)
         hard = best is None and until == math.inf and self._hard
-        most = self._given.looking.get(name, self._given.looks) + hard
+        most = self._looks + hard
         if ways.looks < most and (best is None or best.arrival > due):
             ways.looks += 1
             best = self._floor.by_proposed_way(asked, best)
@@ -505,13 +503,6 @@ class TourPlanner:
             return None
         ways.paths.setdefault(best.path.number, best.path)
         return best
-
-    def _done(self, stretch: Sequence[str]) -> int:
-        """Return when (units) motions are over at the soonest, without a last one that may turn out
-        to be needless: then, when it can begin.
-        """
-        last = stretch[-1]
-        return self._start(last) if last in self._homes else self._end(last)
 
     def _stay(self, stretch: Sequence[str]) -> float:
         """Return how long (s) a robot stays at least where its first of some motions ends."""
