@@ -11,7 +11,15 @@ from unified_planning.model.metrics import MinimizeExpressionOnFinalState, Minim
 from unified_planning.model.motion import MotionModels, MovableObject
 from unified_planning.model.scheduling import SchedulingProblem
 from unified_planning.model.timing import Timing
-from unified_planning.shortcuts import LE, Int, OneshotPlanner, Or, PlanValidator, get_environment
+from unified_planning.shortcuts import (
+    LE,
+    LT,
+    Int,
+    OneshotPlanner,
+    Or,
+    PlanValidator,
+    get_environment,
+)
 
 from tests.search.test_components import crossing
 from tests.upio.hall import ROBOT, Hall
@@ -103,6 +111,29 @@ def test_a_rule_of_the_validator(tmp_path):
         if late.plan is not None:
             assert not list(not_before_noon(hall.problem, late.plan))
     assert validate_plan(hall.problem, early.plan).valid
+
+
+def test_a_rule_that_names_no_activity(tmp_path):
+    """What is refused is the schedule as it is timed, whatever of it the scheduler made up: that a
+    door is open meanwhile, which may be shut again.
+    """
+    hall = Hall(tmp_path, door=True)
+    opening, go = hall.open_door(), hall.move("go", 0, "left0", "right0")
+    shut = hall.problem.add_motion_activity("close", 1, optional=True)
+    shut.add_motion_effect(hall.door, hall.poses["shut"])
+    hall.problem.add_constraint(LT(opening.end, go.start))
+
+    def once(problem, plan):
+        """The first plan of all is refused."""
+        seen.append(plan)
+        if len(seen) == 1:
+            yield Violation("unlucky", "the first plan is no good")
+
+    seen = []
+    with extended("rules", "once", once):
+        result = solve(hall.problem, first_plan=True)
+    assert result.metrics["refused"] == "1"
+    assert result.plan is not None
 
 
 # ------------------------------------------------------- side constraints of the CP-SAT model

@@ -279,7 +279,9 @@ def learn_from_refusal(search: Search, found: Incumbent | None) -> list[Refineme
         return []
     cuts = []
     if search.components.learns:
-        itinerary = read_itinerary(search.knowledge.relaxation, found.schedule)
+        relaxation, times = search.knowledge.relaxation, found.schedule.times
+        own = {name: times[name] for name in times if name in relaxation.activities}
+        itinerary = read_itinerary(relaxation, replace(found.schedule, times=own))
         cuts = cuts_from(search.facts, itinerary, refusals)
     texts = [f"{r.kind}: {r.what}" for r in refusals]
     search.tell("refusal", refusals)

@@ -198,7 +198,7 @@ def _eased(motion: Trajectory, body: Body, most: FloatArray) -> Trajectory:
     tops = np.where(spot, kin.omega_max, tops)
     pushes = np.where(spot, math.inf, kin.a_max)
     times, at, shares = sampled_rolls(Rolls(sizes, turns, kinds, tops, pushes), held)
-    poses = between_bends(rows, s, ways_at(rows, s), at, shares)
+    poses = between_bends(rows, s, ways_at(rows, s, rests), at, shares)
     poses[0], poses[-1] = rows[0], rows[-1]
     return Trajectory(times, poses)
 
@@ -541,7 +541,8 @@ def bends_of(
     speeds (m/s) between samples, none above ``most`` (n - 1,), whether it keeps to one speed there,
     and where it has to rest.
 
-    What was driven keeps to the limits, so a bend may be driven at one speed that is not more.
+    What was driven keeps to the limits, so a bend may be driven at one speed that is not more, nor
+    than what the cubics allow (:func:`between_bends`) where they bend most: at the ends of one.
     """
     kin = body.kinematics
     fast = np.minimum(kin.v_max, most)
@@ -564,14 +565,18 @@ def bends_of(
     for side in (slice(None, -1), slice(1, None)):
         steady[side] |= bend
         tops[side] = np.where(bend, np.minimum(tops[side], speed), tops[side])
+    at_rest = np.concatenate([[True], rests, [True]])
+    p, q = _leanings(poses, s, ways_at(poses, s, at_rest))
+    pull = 2 * np.maximum(np.hypot(*(2 * p - q).T), np.hypot(*(2 * q - p).T))
+    most = np.minimum(most, step * np.sqrt(kin.a_max / np.maximum(pull, SHORT**2)))
     tops = np.where(spot, tops, np.minimum(tops, most))
-    return tops, steady, np.concatenate([[True], rests, [True]])
+    return tops, steady, at_rest
 
 
-def ways_at(poses: FloatArray, s: FloatArray) -> tuple[FloatArray, FloatArray]:
+def ways_at(poses: FloatArray, s: FloatArray, rests: BoolArray) -> tuple[FloatArray, FloatArray]:
     """Return the direction per metre (n, 2) in which an omnidirectional body comes to each sample
-    of its way, and that in which it leaves: where it does not rest, that of a straight piece
-    beside it, else the mean of both sides.
+    of its way, and that in which it leaves: where it ``rests`` (n,), those of the pieces, else that
+    of a straight piece beside it, else the mean of both sides.
     """
     unit = np.diff(poses[:, :2], axis=0) / np.diff(s)[:, None]
     change = np.concatenate([[0.0], np.hypot(*np.diff(unit, axis=0).T), [0.0]])
@@ -582,8 +587,7 @@ def ways_at(poses: FloatArray, s: FloatArray) -> tuple[FloatArray, FloatArray]:
     mean = 0.5 * (before + after)
     way = np.where((begins & ~ends)[:, None], before, mean)
     way = np.where((ends & ~begins)[:, None], after, way)
-    sharp = (change > SHARP)[:, None]
-    return np.where(sharp, before, way), np.where(sharp, after, way)
+    return np.where(rests[:, None], before, way), np.where(rests[:, None], after, way)
 
 
 def between_bends(
@@ -597,11 +601,19 @@ def between_bends(
     omnidirectional body's way to the next ones, along cubics (Hermite) that keep its direction
     (``ways``, see :func:`ways_at`) from jumping.
     """
-    u, step = share[:, None], (s[i + 1] - s[i])[:, None]
-    a, b = poses[i], poses[i + 1]
-    out = a + u * (b - a)
-    d = b[:, :2] - a[:, :2]
-    comes, leaves = ways
-    p, q = leaves[i] * step - d, d - comes[i + 1] * step
+    u = share[:, None]
+    out = poses[i] + u * (poses[i + 1] - poses[i])
+    p, q = (some[i] for some in _leanings(poses, s, ways))
     out[:, :2] += u * (1 - u) * ((1 - u) * p + u * q)
     return np.asarray(out)
+
+
+def _leanings(
+    poses: FloatArray, s: FloatArray, ways: tuple[FloatArray, FloatArray]
+) -> tuple[FloatArray, FloatArray]:
+    """Return by how much (m) cubics between samples lean off their chords where they begin, and
+    where they end, shapes (n - 1, 2).
+    """
+    step, chord = np.diff(s)[:, None], np.diff(poses[:, :2], axis=0)
+    comes, leaves = ways
+    return leaves[:-1] * step - chord, chord - comes[1:] * step

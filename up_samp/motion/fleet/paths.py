@@ -526,7 +526,7 @@ class Path:
 
     @cached_property
     def _ways(self) -> tuple[FloatArray, FloatArray]:
-        return ways_at(self.poses, self.s)
+        return ways_at(self.poses, self.s, self.stop)
 
     @cached_property
     def ends(self) -> tuple[Configuration, Configuration]:

@@ -171,7 +171,10 @@ class JobWork:
             return 0, ()
         starts = {self._facts.snapshot.initial[robot] for robot in robots}
         coming = min(self._bound((way.body, start, way.goal)) for start in starts)
-        return coming + way.units(None, self.units), way.legs
+        later = tuple(leg for leg in way.legs if leg[-1] in way.after)
+        # what it drives for the job before, over several places or not, may be how it comes
+        told = way.after.issuperset(way.ends) or len(way.legs) + 1 == len(way.ends)
+        return coming + way.busy * told + sum(map(self.units, later)), later
 
     def body(self, robot: str) -> Body:
         """Return the body of a robot without loads."""

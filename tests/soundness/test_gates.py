@@ -1,0 +1,93 @@
+"""Plans that are found with nothing stated keep all that is proven where everything is."""
+
+import pytest
+from unified_planning.engines import PlanGenerationResultStatus as Status
+from unified_planning.shortcuts import OneshotPlanner, get_environment
+
+from tests.soundness.gates import gates
+from tests.soundness.worlds import SECONDS
+from up_samp.model import Deadline, ScheduleStatus
+from up_samp.model.refinement import Strength
+from up_samp.scheduling.cpsat import CpsatSession
+from up_samp.upio import read_problem, relax, write_refinement
+
+BLIND = ("bounds_first", "certificates", "profiles", "small_cuts")
+SEEDS = (8, 13, 16)
+
+get_environment().credits_stream = None
+
+
+def solve(problem, timeout, **params):
+    params = {"seconds_per_unit": SECONDS, "query_seconds": 1.0, **params}
+    with OneshotPlanner(name="samp-refine[cpsat]", params=params) as planner:
+        return planner.solve(problem, timeout=timeout)
+
+
+def ends_of(plan):
+    """Return when the activities of a plan start and end, and the objects that it chooses."""
+    times = {
+        a.name: tuple(plan.get(t).constant_value() for t in (a.start, a.end))
+        for a in plan.activities
+    }
+    chosen = [(p.name, v.object().name) for p, v in plan.assignment.items() if v.is_object_exp()]
+    return times, dict(chosen)
+
+
+def admits(problem, plan, refinements):
+    """Return whether a relaxation with some refinements has the schedule of a plan."""
+    relaxation = relax(problem, read_problem(problem, SECONDS))
+    for refinement in refinements:
+        write_refinement(relaxation, refinement)
+    times, chosen = ends_of(plan)
+    manager, own = relaxation.manager, relaxation.problem
+    for name, activity in relaxation.activities.items():
+        if name not in times:
+            own.add_constraint(manager.Not(activity.present))
+            continue
+        if activity.optional:
+            own.add_constraint(activity.present)
+        for told, time in zip((activity.start, activity.end), times[name], strict=True):
+            own.add_constraint(manager.And(manager.LE(told, time), manager.LE(time, told)))
+        for parameter in activity.parameters:
+            if parameter.name in chosen:
+                value = own.object(chosen[parameter.name])
+                activity.add_constraint(manager.Equals(parameter, value))
+    session = CpsatSession(own, workers=1, plain=True)
+    return session.solve(Deadline.after(20.0), optimal=False).status is not (
+        ScheduleStatus.INFEASIBLE
+    )
+
+
+def wrong(seed, folder, timeout=5.0):
+    """Return what is wrong with what is proven of a world, and against how many plans."""
+    problem = gates(seed, folder)
+    told = solve(problem, timeout, optimal=True)
+    blind = solve(problem, timeout, without=BLIND, optimal=seed % 2 == 0, seed=seed + 1)
+    proven = [r for r in told.history.refinements if r.strength is Strength.PROVEN]
+    plans = [result.plan for result in (told, blind) if result.plan is not None]
+    found = [f"{r.log_messages}" for r in (told, blind) if r.status is Status.INTERNAL_ERROR]
+    if plans and Status.UNSOLVABLE_PROVEN in (told.status, blind.status):
+        found.append("unsolvable, and a plan")
+    least = min((max((e for _, e in ends_of(p)[0].values()), default=0) for p in plans), default=0)
+    for result in (told, blind):
+        bound = (result.metrics or {}).get("absolute_bound", 0)
+        if plans and float(bound) > least:
+            found.append(f"at least {bound}, and {least}")
+    for plan in plans:
+        if not admits(problem, plan, proven):
+            broken = [str(r) for r in proven if not admits(problem, plan, [r])]
+            found.append(f"{ends_of(plan)[0]} breaks {broken}")
+    return found, len(plans)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_what_is_proven_of_gates_holds_for_all_plans(seed, tmp_path):
+    assert wrong(seed, tmp_path) == ([], 2)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("first", range(1000, 1200, 20))
+def test_what_is_proven_of_many_gates_holds_for_all_plans(first, tmp_path):
+    found = {seed: wrong(seed, tmp_path) for seed in range(first, first + 20)}
+    assert {seed: row for seed, (row, _) in found.items() if row} == {}
+    assert sum(plans for _, plans in found.values()) > 20
