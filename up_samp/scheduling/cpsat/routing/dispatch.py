@@ -29,6 +29,8 @@ from up_samp.scheduling.cpsat.routing.needs import (
     find_needs,
     find_own_states,
     find_set_back,
+    gaps_told,
+    later_than,
     ways_with,
 )
 from up_samp.scheduling.cpsat.routing.route import Move, Route
@@ -152,8 +154,9 @@ def _places(
 class RoutedTask:
     """Done once at most, in one of ``ways``: (route, stop's name, places). One that is ``wanted``
     is done in one of them in every schedule. ``after`` are (task, time from its start), ``apart``
-    are (task, gap). ``changes`` are (state, value, time from the start), of the states that ways
-    need or that moves keep as they are.
+    are (task, gap); ``tail`` is the least time from its start to the end of what is done on no
+    route. ``changes`` are (state, value, time from the start), of the states that ways need or that
+    moves keep as they are.
     A ``visit`` is done by nothing but arriving.
     """
 
@@ -165,6 +168,7 @@ class RoutedTask:
     changes: list[tuple[Key, int, int]] = field(default_factory=list)
     stirs: list[tuple[Key, int]] = field(default_factory=list)
     """(state, time from the start) of what surely changes, whoever does it."""
+    tail: int = 0
     visit: bool = False
     needed: bool = False
     """Nobody wants it by itself, but something that is wanted cannot be done before it."""
@@ -433,6 +437,8 @@ def find_tasks(model: ScheduleModel, routes: list[Route]) -> list[RoutedTask]:
         if least is not None:
             tasks[i].apart.append((j, least))
             tasks[j].apart.append((i, least))
+    routed = {n for r in routes for n in (*r.movers, *dict(r.stops))}
+    _find_beside(model, tasks, numbers, routed)
     # what else it sets (that it is busy) tells no two ways to do a task apart
     asked = {e.state for route in routes for some in route.entries.values() for e in some}
     asked.update(key for route in routes for key in route.still)
@@ -450,6 +456,51 @@ def _gap_between(model: ScheduleModel, one: RoutedTask, other: RoutedTask) -> in
     both = (sorted((index[a].index, index[b].index)) for (_, a, _), (_, b, _) in pairs)
     least = min(gaps.get((first, second), -1) for first, second in both)
     return None if least < 0 else least
+
+
+def _find_beside(
+    model: ScheduleModel, tasks: list[RoutedTask], numbers: dict[int, int], routed: set[str]
+) -> None:
+    """Find what tasks ask of each other by way of what is surely done on no route (a machine
+    prepares, then somebody comes): the time between them, to the end of all else, and between those
+    that hang on two such things that do not overlap.
+
+    Assumes: what is stated without a condition of the start of a task holds whoever does it.
+    """
+    others = {
+        a.index: a
+        for a in model.world.activities.values()
+        if a.present == TRUE and a.name not in routed
+    }
+    gaps = gaps_told(model).get(frozenset(), {}) if others else {}
+    starts = {start: n for start, n in numbers.items() if tasks[n].wanted}
+    until: dict[int, dict[int, int]] = {index: {} for index in others}
+    for start, number in starts.items():
+        later = later_than(gaps, start)
+        for var in later.keys() & starts.keys():
+            if later[var] > 0:
+                tasks[starts[var]].after.append((number, later[var]))
+        for index, other in others.items():
+            (var, _), *_ = other.end.terms
+            if var in later:
+                until[index][number] = later[var] + other.end.const
+                tasks[number].tail = max(tasks[number].tail, until[index][number])
+    since = {
+        index: {
+            starts[var]: gap
+            for var, gap in later_than(gaps, other.start.terms[0][0]).items()
+            if var in starts
+        }
+        for index, other in others.items()
+    }
+    for (a, b), gap in model.disjunctions.gaps.items():
+        for i, j in itertools.product(until.get(a, ()), until.get(b, ())):
+            if i != j and i in since[a] and j in since[b]:
+                then = until[a][i] + gap + since[b][j]
+                back = until[b][j] + gap + since[a][i]
+                if min(then, back) > 0:
+                    tasks[j].apart.append((i, then - tasks[i].length))
+                    tasks[i].apart.append((j, back - tasks[j].length))
 
 
 def _find_changes(

@@ -254,9 +254,9 @@ def find_needs(
     starting: dict[int, list[Way]] = {}
     for name, way in names.items():
         starting.setdefault(activities[name].start.terms[0][0], []).append(way)
-    for asked, gaps in _gaps_told(model).items():
+    for asked, gaps in gaps_told(model).items():
         for first in gaps.keys() & starting.keys():
-            for last, gap in (_later(gaps, first) if asked else gaps[first]).items():
+            for last, gap in (later_than(gaps, first) if asked else gaps[first]).items():
                 pairs = itertools.product(starting[first], starting.get(last, ()))
                 for before, then in pairs:
                     if gap >= 0 and asked <= {present[before], present[then]}:
@@ -268,7 +268,7 @@ Gaps = dict[int, dict[int, int]]
 """(time, time) -> how much later than the first the other is, at least."""
 
 
-def _gaps_told(model: ScheduleModel) -> dict[frozenset[int], Gaps]:
+def gaps_told(model: ScheduleModel) -> dict[frozenset[int], Gaps]:
     """Return the gaps between times that are stated, by the presences that they hang on."""
     found: dict[frozenset[int], Gaps] = {}
     for activity in model.world.activities.values():
@@ -289,14 +289,16 @@ def _gaps_told(model: ScheduleModel) -> dict[frozenset[int], Gaps]:
     return found
 
 
-def _later(gaps: Gaps, first: int) -> dict[int, int]:
+def later_than(gaps: Gaps, first: int) -> dict[int, int]:
     """Return how much later other times are than one, by all gaps between some."""
-    later = {first: 0}
+    later, changed = {first: 0}, {first}
     for _ in gaps:
-        for one, then in gaps.items():
-            for other, gap in then.items() if one in later else ():
-                least = later[one] + gap
-                later[other] = max(least, later.get(other, least))
+        since, changed = changed, set()
+        for one in since:
+            for other, gap in gaps.get(one, {}).items():
+                if later[one] + gap > later.get(other, -INFINITE):
+                    later[other] = later[one] + gap
+                    changed.add(other)
     del later[first]
     return later
 

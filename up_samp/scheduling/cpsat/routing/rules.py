@@ -240,7 +240,7 @@ def tails_of(tasks: list[RoutedTask], arcs: list[tuple[int, int, int]]) -> list[
     """Return the least time from each task's start to the end of what has to start after it:
     ``arcs`` are (task, later one, least time from start to start).
     """
-    tails = [task.length for task in tasks]
+    tails = [max(task.length, task.tail) for task in tasks]
     for _ in tasks:
         for earlier, later, gap in arcs:
             tails[earlier] = max(tails[earlier], gap + tails[later])

@@ -395,11 +395,12 @@ class Sequences:
         """Return when the first sequence ends that was ``found``: the soonest of all, where none
         were left out.
         """
-        last: dict[int, int] = {}
+        rules, last, rest = self.rules, dict[int, int](), 0
         for number, start in self.found[0]:
-            choice = self.rules.choices[number]
-            last[choice.traveller] = start + int(self.rules.lengths[number]) + choice.back
-        return max(last.values(), default=0)
+            choice = rules.choices[number]
+            last[choice.traveller] = start + int(rules.lengths[number]) + choice.back
+            rest = max(rest, start + rules.tails[choice.task])
+        return max([rest, *last.values()])
 
     def _path(self, layers: list[LabelTable], row: int) -> Found:
         """Return how one of the last labels was come to."""
