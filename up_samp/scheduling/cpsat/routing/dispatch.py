@@ -22,10 +22,8 @@ from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.needs import (
     Held,
     OwnState,
-    RouteLevel,
     Way,
     WayNeeds,
-    find_levels,
     find_needs,
     find_own_states,
     find_set_back,
@@ -294,13 +292,12 @@ def entrances_of(routes: list[Route], task: RoutedTask) -> dict[Need, int]:
 
 @dataclass
 class RoutedWork:
-    """All tasks, with the routes they are on, and the ``levels`` of each route."""
+    """All tasks, with the routes they are on."""
 
     routes: list[Route]
     tasks: list[RoutedTask]
     units: list[UnitPlace]
     initial: dict[Key, int | None]
-    levels: list[list[RouteLevel]] = field(default_factory=list)
     needs: dict[Way, WayNeeds] = field(default_factory=dict)
     own: list[OwnState] = field(default_factory=list)
     made_for: dict[str, frozenset[Way]] = field(default_factory=dict)
@@ -333,19 +330,16 @@ class RoutedWork:
         return frozenset(key for key, *_ in itertools.chain(*self.held.values()))
 
     @cached_property
-    def refills(self) -> list[list[dict[Way, frozenset[int]]]]:
-        """What fills each level of each route up, and where."""
+    def refills(self) -> list[dict[Way, frozenset[int]]]:
+        """What fills each own state up, and where."""
         return [
-            [
-                {
-                    (task, way): places
-                    for task, known in enumerate(self.tasks)
-                    for way, (route, name, places) in enumerate(known.ways)
-                    if route == number and level.refilled_by(name)
-                }
-                for level in levels
-            ]
-            for number, levels in enumerate(self.levels)
+            {
+                (task, way): places
+                for task, known in enumerate(self.tasks)
+                for way, (route, _, places) in enumerate(known.ways)
+                if route == state.route and state.refilled_by((task, way))
+            }
+            for state in self.own
         ]
 
 
@@ -362,7 +356,6 @@ def find_work(model: ScheduleModel, routes: list[Route]) -> RoutedWork:
     }
     initial = {key: state.initial for key, state in model.states.vars.items()}
     tasks, units = find_tasks(model, routes), find_unit_places(model, routes)
-    levels = [find_levels(model, route) for route in routes]
     names = {
         name: (number, way)
         for number, task in enumerate(tasks)
@@ -384,7 +377,7 @@ def find_work(model: ScheduleModel, routes: list[Route]) -> RoutedWork:
         for move in route.moves
         if (some := coming.get(activities[move.name].present))
     }
-    return RoutedWork(routes, tasks, units, initial, levels, needs, own, made_for, held, others)
+    return RoutedWork(routes, tasks, units, initial, needs, own, made_for, held, others)
 
 
 def _before_whoever_does_it(some: list[WayNeeds]) -> list[tuple[int, int]]:

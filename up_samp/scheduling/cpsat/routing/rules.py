@@ -447,7 +447,8 @@ def own_states_after(
     columns, tables = [], []
     for axis in range(len(work.routes)):
         mine = {column: way for column, (who, way) in enumerate(choices) if who == axis}
-        states = [s for s in work.own if s.route == axis and {t for t, _ in s.changes} <= some]
+        mine_alone = (s for s in work.own if s.route == axis and not s.takings)
+        states = [s for s in mine_alone if {t for t, _ in (*s.gains, *s.settings)} <= some]
         columns.append(list(mine))
         tables.append(_table(states, partners, list(mine.values()), most))
     after = np.full((max(map(len, tables)), len(choices)), -1, dtype=np.int64)
