@@ -304,17 +304,12 @@ class RoutedWork:
     """Moves that are made only where some ways to do tasks are taken."""
     held: dict[str, list[Held]] = field(default_factory=dict)
     """What moves and stops need of states that are set back."""
-    others: dict[str, bool] = field(default_factory=dict)
-    """Activities on no route, and whether it is one of those of which some must be done."""
+    others: frozenset[str] = frozenset()
+    """Activities on no route."""
     worth: Callable[[CandidateSchedule], float] = attrgetter("makespan")
     """What a schedule costs."""
     tours: dict[tuple[tuple[int, int], ...], Any] = field(default_factory=dict, init=False)
     """Of sequences that were tried (see :mod:`.list_scheduling`)."""
-
-    @property
-    def is_all(self) -> bool:
-        """Whether nothing else must be done."""
-        return not any(self.others.values())
 
     def providers(self, state: Key, allowed: frozenset[int]) -> list[int]:
         """Return the tasks that bring a state variable to one of ``allowed``."""
@@ -349,11 +344,11 @@ def find_work(model: ScheduleModel, routes: list[Route]) -> RoutedWork:
     Assumes: schedules of them alone are made whole by who also decides about what is on no route.
     """
     routed = {n for r in routes for n in (*r.movers, *dict(r.stops))}
-    others = {
-        a.name: a.present == TRUE or a.present in model.exact
+    others = frozenset(
+        a.name
         for a in model.world.activities.values()
         if a.name not in routed and not model.store.never(a.present)
-    }
+    )
     initial = {key: state.initial for key, state in model.states.vars.items()}
     tasks, units = find_tasks(model, routes), find_unit_places(model, routes)
     names = {
