@@ -72,7 +72,10 @@ def test_visits_of_machines_in_turn_are_apart():
     # a visit begins 8 after its preparation at least, and 18 at most; the next is 30 later
     assert {gap for _, gap in one.apart + other.apart} == {30 + 10 - 18 - 2}
     assert one.tail == other.tail == 30 - 18
+    assert (one.queues, other.queues) == ([(30 - 18, {1: 30})], [(30 - 18, {0: 30})])
     assert answer(writer.problem) == answer(writer.problem, plain=True)
+    # the first visit begins when somebody has come: 9 - 3 + 1, and two preparations end after it
+    assert bound_without_search(writer.problem) == 7 + 12 + 30
 
 
 def test_what_comes_between_two_visits_keeps_them_apart():

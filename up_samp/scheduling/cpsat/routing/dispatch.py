@@ -167,6 +167,10 @@ class RoutedTask:
     stirs: list[tuple[Key, int]] = field(default_factory=list)
     """(state, time from the start) of what surely changes, whoever does it."""
     tail: int = 0
+    queues: list[tuple[int, dict[int, int]]] = field(default_factory=list)
+    """Of things on no route that are done one at a time: the least time from its start to the end
+    of that on which it hangs, and of each task that starts later how long that lasts on which it
+    hangs."""
     visit: bool = False
     needed: bool = False
     """Nobody wants it by itself, but something that is wanted cannot be done before it."""
@@ -249,6 +253,7 @@ def _merged(
         one.ways = [way for task in some for way in task.ways]
         one.stirs = [s for s in one.stirs if all(s in task.stirs for task in some)]
         one.after, one.apart = of_each(i, one.after), of_each(i, one.apart)
+        one.queues = [(end, {number[t]: n for t, n in some.items()}) for end, some in one.queues]
         found.append(one)
     return found, number
 
@@ -481,6 +486,20 @@ def _find_beside(
         }
         for index, other in others.items()
     }
+    _find_queues(model, tasks, until, since)
+
+
+def _find_queues(
+    model: ScheduleModel,
+    tasks: list[RoutedTask],
+    until: dict[int, dict[int, int]],
+    since: dict[int, dict[int, int]],
+) -> None:
+    """Find what tasks ask of each other that hang on things which do not overlap: ``until`` says
+    how long after the start of a task each of these ends at least, ``since`` how long after its
+    start that task begins.
+    """
+    queues: dict[tuple[int, int], dict[int, int]] = {}
     for (a, b), gap in model.disjunctions.gaps.items():
         for i, j in itertools.product(until.get(a, ()), until.get(b, ())):
             if i != j and i in since[a] and j in since[b]:
@@ -489,6 +508,13 @@ def _find_beside(
                 if min(then, back) > 0:
                     tasks[j].apart.append((i, then - tasks[i].length))
                     tasks[i].apart.append((j, back - tasks[j].length))
+                    queues.setdefault((i, a), {})[j] = b
+                    queues.setdefault((j, b), {})[i] = a
+    for (number, index), queue in queues.items():
+        some = frozenset(queue.values())
+        if len(some) == len(queue) and model.disjunctions.apart(some):
+            lasting = {task: model.states.activity(b).least for task, b in queue.items()}
+            tasks[number].queues.append((until[index][number], lasting))
 
 
 def _find_changes(

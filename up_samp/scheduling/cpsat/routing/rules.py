@@ -324,6 +324,8 @@ class SequenceRules:
     """From the start of each task to that of each later one, at least."""
     tails: list[int]
     """From the start of each task to the end of all that has to come after it, at least."""
+    queues: list[list[tuple[int, dict[int, int]]]]
+    """Of each task (see :class:`.RoutedTask`), by the bits of others."""
     sets: Any
     """All sets of tasks that may be done (bits), in order."""
     rests: Any
@@ -357,6 +359,10 @@ class SequenceRules:
             changes,
             waits,
             tails_of(programme.tasks, arcs),
+            [
+                [(end, {1 << wanted.index(t): n for t, n in q.items()}) for end, q in task.queues]
+                for task in programme.tasks
+            ],
             sets,
             np.stack([tables[int(done)].ravel() for done in sets]),
             tables[0].shape,
