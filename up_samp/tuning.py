@@ -107,13 +107,6 @@ class Tuning:
         _CPSAT,
         least=0,
     )
-    relaxed_content: float = tunable(
-        0.4,
-        "CP-SAT's deterministic time",
-        "for the routing relaxation, where no optimum is asked for",
-        _CPSAT,
-        least=0,
-    )
     tour_rounds: int = tunable(
         60, "rounds a task", "of annealing over tours before CP-SAT is asked", _CPSAT, least=0
     )

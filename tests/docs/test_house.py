@@ -103,10 +103,10 @@ LIMITS = {
     "wide_functions": 16,
     "long_files": 0,
     "said_twice": 7,
-    "tunables": 18,
+    "tunables": 17,
 }
-NUMBERS = 248
-CLASSES = 529
+NUMBERS = 245
+CLASSES = 527
 COUNTS = {"shared_names": 0, "type_circles": 0, "big_rooms": 0}
 """What the figures may be at most: lower them when they fall, never raise them for convenience."""
 

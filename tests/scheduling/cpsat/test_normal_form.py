@@ -32,7 +32,7 @@ from up_samp.scheduling.cpsat.encode.disjunctions import find_groups
 from up_samp.scheduling.cpsat.encode.forms import Cmp
 from up_samp.scheduling.cpsat.encode.recognition import find_unary
 from up_samp.scheduling.cpsat.model import ScheduleModel
-from up_samp.scheduling.cpsat.normal import Watcher, anchor, normal_form
+from up_samp.scheduling.cpsat.normal import Watcher, normal_form
 
 
 @pytest.fixture
@@ -176,16 +176,6 @@ def test_alternatives_are_of_one_kind_in_whatever_order_they_are_written(problem
     form = normal_form(Watcher(problem).look())
     found = {frozenset(g) for g in find_groups(form)}
     assert found == {frozenset({"do0x", "do1x"}), frozenset({"do0y", "do1y"})}
-
-
-# -- timings ---------------------------------------------------------------------------------------
-def test_effects_late_in_a_fixed_length_are_told_from_the_end(problem):
-    flag = problem.add_fluent("flag", BoolType(), default_initial_value=False)
-    a = problem.add_activity("a", 6)
-    for delay in (1, 5, 6):
-        a.add_effect(Timing(delay, a.start), flag(), delay > 1)
-    times = [t for t, _, _ in anchor(Watcher(problem).look().effects)]
-    assert times == [Timing(1, a.start), Timing(-1, a.end), Timing(0, a.end)]
 
 
 # -- precedences -----------------------------------------------------------------------------------

@@ -75,8 +75,6 @@ class ScheduleModel:
         self.world = World(self.store)
         self.horizon = Horizon(self.store)
         self.timelines: dict[Any, Timeline | NumericTimeline] = {}
-        self.orders: dict[Any, range] = {}
-        """The variables that timelines are made of beside those of activities."""
         self.unread: list[Precondition] = []
         """What is said with precedences and is no state variable."""
         self.read_counts: dict[Any, int] = {}
@@ -381,9 +379,7 @@ class ScheduleModel:
                     else Timeline(self.states, state, apart, circuits=not self.plain)
                 )
                 self.timelines[key] = timeline
-                before = len(self.store.bounds)
                 timeline.build()
-                self.orders[key] = range(before, len(self.store.bounds))
             else:
                 for read in state.reads[self.read_counts[key] :]:
                     timeline.add_read(read)

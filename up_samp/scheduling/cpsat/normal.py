@@ -15,10 +15,8 @@ from typing import Any
 from unified_planning.model import Effect, FNode, TimeInterval, Timing
 from unified_planning.model.operators import OperatorKind as Op
 from unified_planning.model.scheduling import Activity, SchedulingProblem
-from unified_planning.model.timing import TimepointKind
 
 from up_samp.model import check_time
-from up_samp.scheduling.cpsat.encode.terms import constant_bounds
 from up_samp.upio.expressions import (
     QuantifierRemover,
     conjuncts,
@@ -250,27 +248,6 @@ def _order(part: FNode, before: BeforeOf) -> tuple[str | None, list[Before]] | N
     return (next(iter(absent), None), order) if len(absent) <= 1 else None
 
 
-# ------------------ Effects at the nearer end
-
-
-TimedEffect = tuple[Timing, Effect, "Activity | None"]
-
-
-def anchor(effects: Iterable[TimedEffect]) -> list[TimedEffect]:
-    """Return ``effects`` with ``start + k`` told as ``end - (length - k)`` where that is nearer."""
-    return [(_anchored(timing, owner), effect, owner) for timing, effect, owner in effects]
-
-
-def _anchored(timing: Timing, owner: Activity | None) -> Timing:
-    point = timing.timepoint
-    if owner is None or point.container != owner.name or point.kind is not TimepointKind.START:
-        return timing
-    lower, upper = constant_bounds(owner.duration)
-    if lower is None or lower != upper or 2 * timing.delay <= lower:
-        return timing
-    return Timing(timing.delay - lower, owner.end)
-
-
 # ------------------ Who is there together
 
 
@@ -385,7 +362,7 @@ class NormalForm:
 def normal_form(parts: Additions) -> NormalForm:
     """Return the normal form of all parts of a problem (not of what is appended later)."""
     preconditions, others = read_precedences(parts.constraints)
-    parts = replace(parts, constraints=others, effects=anchor(parts.effects))
+    parts = replace(parts, constraints=others)
     clauses = [c for constraint, scope, _ in others for c in decisions(constraint, scope)]
     presences = find_presences(
         clauses,

@@ -11,7 +11,7 @@ from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.detection import find_routes
 from up_samp.scheduling.cpsat.routing.dispatch import find_work
 from up_samp.scheduling.cpsat.routing.list_scheduling import improve
-from up_samp.scheduling.cpsat.routing.needs import _later
+from up_samp.scheduling.cpsat.routing.needs import later_than
 from up_samp.scheduling.cpsat.routing.workload import bound_by_work
 from up_samp.upio import read_problem, relax
 
@@ -33,8 +33,8 @@ def test_bounds_of_carriers_with_odd_forks():
 
 def test_gaps_add_up_also_where_some_are_less_than_nothing():
     gaps = {1: {2: -5, 4: 1}, 2: {3: 7}, 4: {3: 3}, 3: {1: -20}}
-    assert _later(gaps, 1) == {2: -5, 4: 1, 3: 4}
-    assert _later({1: {2: -5}, 2: {3: 7}}, 1) == {2: -5, 3: 2}
+    assert later_than(gaps, 1) == {2: -5, 4: 1, 3: 4}
+    assert later_than({1: {2: -5}, 2: {3: 7}}, 1) == {2: -5, 3: 2}
 
 
 def test_the_starter_is_bounded_and_drawn_without_search(tmp_path):

@@ -47,10 +47,10 @@ def test_stages_run_in_their_order_and_only_where_they_apply():
     assert again.whole.value == first.whole.value
 
 
-def test_a_problem_without_routes_is_not_relaxed():
+def test_a_problem_without_routes_has_no_tours():
     found = solved(random_problem(3))
     assert not found.routes
-    assert not {"bound by work", "anneal tours", "solve the routing relaxation"} & {*found.done}
+    assert not {"bound by work", "anneal tours"} & {*found.done}
 
 
 def test_tuning_changes_the_way_and_not_the_answer():

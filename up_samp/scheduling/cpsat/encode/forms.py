@@ -10,7 +10,7 @@ literal implies its form), which is all that constraints in positive position ne
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence, Set
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 from ortools.sat.python import cp_model
@@ -316,34 +316,6 @@ class ModelStore:
             high += max(coef * a, coef * b)
         return low, high
 
-    def without(self, some: Iterable[int]) -> ModelStore:
-        """Return a copy in which nothing constrains some variables any more, so that they are put
-        to any value: whatever keeps this model keeps the copy, too. Of intervals that do not
-        overlap, or share something, those with such variables are left out, else a constraint is
-        dropped as a whole.
-        """
-        copy = ModelStore()
-        copy.model, copy.bounds, copy._sure = self.model.clone(), [*self.bounds], {*self._sure}
-        copy._made = {
-            var: copy.model.get_int_var_from_proto_index(made.index)
-            for var, made in self._made.items()
-        }
-        gone = {self._made[var].index for var in some if var in self._made}
-        intervals = set[int]()
-        for number, constraint in enumerate(copy.model.proto.constraints):
-            if constraint.has_no_overlap() or constraint.has_cumulative():
-                _leave_out(constraint, intervals)
-            elif any((v if v >= 0 else ~v) in gone for v in _variables_of(constraint)):
-                if constraint.has_interval():
-                    intervals.add(number)
-                constraint.copy_from(type(constraint)())  # it always holds
-        for number in gone:
-            domain = copy.model.proto.variables[number].domain
-            any_value = domain[0]
-            domain.clear()
-            domain.extend([any_value, any_value])
-        return copy
-
     # -- constraints -------------------------------------------------------------------------
     def clause(self, literals: Iterable[Literal]) -> None:
         """At least one of ``literals`` is true."""
@@ -459,45 +431,3 @@ class ModelStore:
             self.enforce(Cmp(((var, 1),), -value, "=="), (found,))
             self.enforce(Cmp(((var, 1),), -value, "!="), (~found,))
         return found
-
-
-_EXPRESSIONS: dict[str, Callable[[Any], list[Any]]] = {
-    "interval": lambda c: [c.start, c.size, c.end],
-    "reservoir": lambda c: [*c.time_exprs, *c.level_changes],
-    "int_prod": lambda c: [c.target, *c.exprs],
-}
-"""The linear expressions of a kind of constraint."""
-
-
-def _variables_of(constraint: Any) -> Iterator[int]:
-    """Yield the variables (by CP-SAT's indices) of a constraint that is on no intervals, and its
-    literals.
-    """
-    yield from constraint.enforcement_literal
-    if constraint.has_linear():
-        yield from constraint.linear.vars
-    for kind in ("bool_or", "at_most_one", "exactly_one", "circuit"):
-        if getattr(constraint, f"has_{kind}")():
-            yield from getattr(constraint, kind).literals
-    for kind, expressions in _EXPRESSIONS.items():
-        if getattr(constraint, f"has_{kind}")():
-            for expression in expressions(getattr(constraint, kind)):
-                yield from expression.vars
-    if constraint.has_reservoir():
-        yield from constraint.reservoir.active_literals
-
-
-def _leave_out(constraint: Any, gone: Set[int]) -> None:
-    """Leave intervals (by their numbers) out of what they must not overlap with, or share."""
-    some = constraint.no_overlap if constraint.has_no_overlap() else constraint.cumulative
-    kept = [n for n, interval in enumerate(some.intervals) if interval not in gone]
-    if len(kept) == len(some.intervals):
-        return
-    intervals = [some.intervals[n] for n in kept]
-    if constraint.has_cumulative():
-        demands = [some.demands[n].offset for n in kept]
-        some.demands.clear()
-        for demand in demands:
-            some.demands.add().offset = demand
-    some.intervals.clear()
-    some.intervals.extend(intervals)

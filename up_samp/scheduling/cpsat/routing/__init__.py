@@ -1,1 +1,1 @@
-"""Routes inside a scheduling problem: detection, relaxation, quick schedules."""
+"""Routes inside a scheduling problem: detection, bounds, quick schedules."""

@@ -22,13 +22,13 @@ from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.needs import (
     Held,
     OwnState,
-    RouteLevel,
     Way,
     WayNeeds,
-    find_levels,
     find_needs,
     find_own_states,
     find_set_back,
+    gaps_told,
+    later_than,
     ways_with,
 )
 from up_samp.scheduling.cpsat.routing.route import Move, Route
@@ -152,8 +152,9 @@ def _places(
 class RoutedTask:
     """Done once at most, in one of ``ways``: (route, stop's name, places). One that is ``wanted``
     is done in one of them in every schedule. ``after`` are (task, time from its start), ``apart``
-    are (task, gap). ``changes`` are (state, value, time from the start), of the states that ways
-    need or that moves keep as they are.
+    are (task, gap); ``tail`` is the least time from its start to the end of what is done on no
+    route. ``changes`` are (state, value, time from the start), of the states that ways need or that
+    moves keep as they are.
     A ``visit`` is done by nothing but arriving.
     """
 
@@ -165,6 +166,11 @@ class RoutedTask:
     changes: list[tuple[Key, int, int]] = field(default_factory=list)
     stirs: list[tuple[Key, int]] = field(default_factory=list)
     """(state, time from the start) of what surely changes, whoever does it."""
+    tail: int = 0
+    queues: list[tuple[int, dict[int, int]]] = field(default_factory=list)
+    """Of things on no route that are done one at a time: the least time from its start to the end
+    of that on which it hangs, and of each task that starts later how long that lasts on which it
+    hangs."""
     visit: bool = False
     needed: bool = False
     """Nobody wants it by itself, but something that is wanted cannot be done before it."""
@@ -247,6 +253,7 @@ def _merged(
         one.ways = [way for task in some for way in task.ways]
         one.stirs = [s for s in one.stirs if all(s in task.stirs for task in some)]
         one.after, one.apart = of_each(i, one.after), of_each(i, one.apart)
+        one.queues = [(end, {number[t]: n for t, n in some.items()}) for end, some in one.queues]
         found.append(one)
     return found, number
 
@@ -290,30 +297,24 @@ def entrances_of(routes: list[Route], task: RoutedTask) -> dict[Need, int]:
 
 @dataclass
 class RoutedWork:
-    """All tasks, with the routes they are on, and the ``levels`` of each route."""
+    """All tasks, with the routes they are on."""
 
     routes: list[Route]
     tasks: list[RoutedTask]
     units: list[UnitPlace]
     initial: dict[Key, int | None]
-    levels: list[list[RouteLevel]] = field(default_factory=list)
     needs: dict[Way, WayNeeds] = field(default_factory=dict)
     own: list[OwnState] = field(default_factory=list)
     made_for: dict[str, frozenset[Way]] = field(default_factory=dict)
     """Moves that are made only where some ways to do tasks are taken."""
     held: dict[str, list[Held]] = field(default_factory=dict)
     """What moves and stops need of states that are set back."""
-    others: dict[str, bool] = field(default_factory=dict)
-    """Activities on no route, and whether it is one of those of which some must be done."""
+    others: frozenset[str] = frozenset()
+    """Activities on no route."""
     worth: Callable[[CandidateSchedule], float] = attrgetter("makespan")
     """What a schedule costs."""
     tours: dict[tuple[tuple[int, int], ...], Any] = field(default_factory=dict, init=False)
     """Of sequences that were tried (see :mod:`.list_scheduling`)."""
-
-    @property
-    def is_all(self) -> bool:
-        """Whether nothing else must be done."""
-        return not any(self.others.values())
 
     def providers(self, state: Key, allowed: frozenset[int]) -> list[int]:
         """Return the tasks that bring a state variable to one of ``allowed``."""
@@ -329,19 +330,16 @@ class RoutedWork:
         return frozenset(key for key, *_ in itertools.chain(*self.held.values()))
 
     @cached_property
-    def refills(self) -> list[list[dict[Way, frozenset[int]]]]:
-        """What fills each level of each route up, and where."""
+    def refills(self) -> list[dict[Way, frozenset[int]]]:
+        """What fills each own state up, and where."""
         return [
-            [
-                {
-                    (task, way): places
-                    for task, known in enumerate(self.tasks)
-                    for way, (route, name, places) in enumerate(known.ways)
-                    if route == number and level.refilled_by(name)
-                }
-                for level in levels
-            ]
-            for number, levels in enumerate(self.levels)
+            {
+                (task, way): places
+                for task, known in enumerate(self.tasks)
+                for way, (route, _, places) in enumerate(known.ways)
+                if route == state.route and state.refilled_by((task, way))
+            }
+            for state in self.own
         ]
 
 
@@ -351,14 +349,13 @@ def find_work(model: ScheduleModel, routes: list[Route]) -> RoutedWork:
     Assumes: schedules of them alone are made whole by who also decides about what is on no route.
     """
     routed = {n for r in routes for n in (*r.movers, *dict(r.stops))}
-    others = {
-        a.name: a.present == TRUE or a.present in model.exact
+    others = frozenset(
+        a.name
         for a in model.world.activities.values()
         if a.name not in routed and not model.store.never(a.present)
-    }
+    )
     initial = {key: state.initial for key, state in model.states.vars.items()}
     tasks, units = find_tasks(model, routes), find_unit_places(model, routes)
-    levels = [find_levels(model, route) for route in routes]
     names = {
         name: (number, way)
         for number, task in enumerate(tasks)
@@ -380,7 +377,7 @@ def find_work(model: ScheduleModel, routes: list[Route]) -> RoutedWork:
         for move in route.moves
         if (some := coming.get(activities[move.name].present))
     }
-    return RoutedWork(routes, tasks, units, initial, levels, needs, own, made_for, held, others)
+    return RoutedWork(routes, tasks, units, initial, needs, own, made_for, held, others)
 
 
 def _before_whoever_does_it(some: list[WayNeeds]) -> list[tuple[int, int]]:
@@ -433,6 +430,8 @@ def find_tasks(model: ScheduleModel, routes: list[Route]) -> list[RoutedTask]:
         if least is not None:
             tasks[i].apart.append((j, least))
             tasks[j].apart.append((i, least))
+    routed = {n for r in routes for n in (*r.movers, *dict(r.stops))}
+    _find_beside(model, tasks, numbers, routed)
     # what else it sets (that it is busy) tells no two ways to do a task apart
     asked = {e.state for route in routes for some in route.entries.values() for e in some}
     asked.update(key for route in routes for key in route.still)
@@ -450,6 +449,72 @@ def _gap_between(model: ScheduleModel, one: RoutedTask, other: RoutedTask) -> in
     both = (sorted((index[a].index, index[b].index)) for (_, a, _), (_, b, _) in pairs)
     least = min(gaps.get((first, second), -1) for first, second in both)
     return None if least < 0 else least
+
+
+def _find_beside(
+    model: ScheduleModel, tasks: list[RoutedTask], numbers: dict[int, int], routed: set[str]
+) -> None:
+    """Find what tasks ask of each other by way of what is surely done on no route (a machine
+    prepares, then somebody comes): the time between them, to the end of all else, and between those
+    that hang on two such things that do not overlap.
+
+    Assumes: what is stated without a condition of the start of a task holds whoever does it.
+    """
+    others = {
+        a.index: a
+        for a in model.world.activities.values()
+        if a.present == TRUE and a.name not in routed
+    }
+    gaps = gaps_told(model).get(frozenset(), {}) if others else {}
+    starts = {start: n for start, n in numbers.items() if tasks[n].wanted}
+    until: dict[int, dict[int, int]] = {index: {} for index in others}
+    for start, number in starts.items():
+        later = later_than(gaps, start)
+        for var in later.keys() & starts.keys():
+            if later[var] > 0:
+                tasks[starts[var]].after.append((number, later[var]))
+        for index, other in others.items():
+            (var, _), *_ = other.end.terms
+            if var in later:
+                until[index][number] = later[var] + other.end.const
+                tasks[number].tail = max(tasks[number].tail, until[index][number])
+    since = {
+        index: {
+            starts[var]: gap
+            for var, gap in later_than(gaps, other.start.terms[0][0]).items()
+            if var in starts
+        }
+        for index, other in others.items()
+    }
+    _find_queues(model, tasks, until, since)
+
+
+def _find_queues(
+    model: ScheduleModel,
+    tasks: list[RoutedTask],
+    until: dict[int, dict[int, int]],
+    since: dict[int, dict[int, int]],
+) -> None:
+    """Find what tasks ask of each other that hang on things which do not overlap: ``until`` says
+    how long after the start of a task each of these ends at least, ``since`` how long after its
+    start that task begins.
+    """
+    queues: dict[tuple[int, int], dict[int, int]] = {}
+    for (a, b), gap in model.disjunctions.gaps.items():
+        for i, j in itertools.product(until.get(a, ()), until.get(b, ())):
+            if i != j and i in since[a] and j in since[b]:
+                then = until[a][i] + gap + since[b][j]
+                back = until[b][j] + gap + since[a][i]
+                if min(then, back) > 0:
+                    tasks[j].apart.append((i, then - tasks[i].length))
+                    tasks[i].apart.append((j, back - tasks[j].length))
+                    queues.setdefault((i, a), {})[j] = b
+                    queues.setdefault((j, b), {})[i] = a
+    for (number, index), queue in queues.items():
+        some = frozenset(queue.values())
+        if len(some) == len(queue) and model.disjunctions.apart(some):
+            lasting = {task: model.states.activity(b).least for task, b in queue.items()}
+            tasks[number].queues.append((until[index][number], lasting))
 
 
 def _find_changes(

@@ -47,8 +47,6 @@ class Traveller:
     here: int
     free: int = 0
     used: set[str] = field(default_factory=set)
-    left: list[int] = field(default_factory=list)
-    """Of each level of its route."""
 
 
 class Decoder:
@@ -58,10 +56,7 @@ class Decoder:
 
     def __init__(self, work: RoutedWork, *, full: bool = False) -> None:
         self.work, self.full = work, full
-        self.robots = [
-            Traveller(route, route.initial, left=[level.initial for level in levels])
-            for route, levels in zip(work.routes, work.levels, strict=True)
-        ]
+        self.robots = [Traveller(route, route.initial) for route in work.routes]
         self.done: dict[int, tuple[int, int]] = {}
         self.ways: dict[int, int] = {}
         self.order: list[int] = []
@@ -111,10 +106,6 @@ class Decoder:
         return [way for way in ways if self._is_open(number, way)]
 
     def _is_open(self, number: int, way: int) -> bool:
-        robot, name, _ = self.work.tasks[number].ways[way]
-        levels = zip(self.robots[robot].left, self.work.levels[robot], strict=True)
-        if not all(v.low <= v.after(left, name) <= v.high for left, v in levels):
-            return False
         own = zip(self.work.own, self.own, strict=True)
         needs = self.work.needs.get((number, way), WayNeeds())
         fits = all(state.after(value, (number, way)) is not None for state, value in own)
@@ -145,8 +136,6 @@ class Decoder:
         robot = self.robots[robot_number]
         if robot.here not in places:
             self._go(robot_number, places, depth, (number, way))
-        for i, level in enumerate(self.work.levels[robot_number]):
-            robot.left[i] = level.after(robot.left[i], name)
         start = max(robot.free, self._earliest(task))
         for (other, _), gap in needs.first:
             start = max(start, self.done[other][0] + gap if other in self.done else 0)
@@ -303,7 +292,7 @@ class Decoder:
 
     # -- moves ---------------------------------------------------------------------------------
     def _go(self, number: int, places: frozenset[int], depth: int, doing: Way | None) -> None:
-        """Drive a robot to one of ``places``, with the doors opened and levels filled up before.
+        """Drive a robot to one of ``places``, with doors opened and what it has filled up before.
         ``doing``: what it does there (None: nothing, and it goes nowhere from there).
         """
         if depth > _DEEP:
@@ -314,8 +303,8 @@ class Decoder:
                 self._provided(number, entry, depth + 1)
         if robot.here in places:
             return
-        for level in range(len(robot.left)):
-            self._fill(number, level, places, depth, last=doing is None)
+        for state in self._draining(number):
+            self._fill(number, state, places, depth, last=doing is None)
         self._drive(number, places, depth, doing)
 
     def _drive(self, number: int, places: frozenset[int], depth: int, doing: Way | None) -> None:
@@ -345,23 +334,28 @@ class Decoder:
             or robot.route.way(robot.here, places, robot.used | self._barred(doing)) is not None
         )
 
+    def _draining(self, number: int) -> list[int]:
+        """Return the own states of a robot that its moves take from."""
+        states = enumerate(self.work.own)
+        return [i for i, s in states if s.route == number and s.takings]
+
     def _fill(
-        self, number: int, level: int, places: frozenset[int], depth: int, *, last: bool
+        self, number: int, state: int, places: frozenset[int], depth: int, *, last: bool
     ) -> None:
-        """Fill a level up, at the nearest place, unless it lasts until ``places``, and from there
-        to where there is more (not if that is the ``last`` drive).
+        """Fill a state up that moves take from, at the nearest place, unless it lasts until
+        ``places``, and from there to where there is more (not if that is the ``last`` drive).
         """
-        robot, known = self.robots[number], self.work.levels[number][level]
+        robot, known = self.robots[number], self.work.own[state]
 
         def left() -> dict[Way, frozenset[int]]:
-            refills = self.work.refills[number][level]
+            refills = self.work.refills[state]
             return {way: at for way, at in refills.items() if way[0] not in self.done}
 
         def lasts() -> bool:
             further = (known.taken(places, at) for at in left().values())
             onward = 0 if last else min(further, default=0)
             needed = known.taken((robot.here,), places) + onward
-            return robot.left[level] - needed >= known.low
+            return self.own[state] - needed >= known.least
 
         if lasts():
             return
@@ -402,9 +396,9 @@ class Decoder:
         for unit in arriving:
             self.inside[unit] = number
         robot.used.add(move.name)
-        for i, level in enumerate(self.work.levels[number]):
-            robot.left[i] -= level.taken((robot.here,), (move.to,))
-            if robot.left[i] < level.low:
+        for state in self._draining(number):
+            self.own[state] -= self.work.own[state].taken((robot.here,), (move.to,))
+            if self.own[state] < self.work.own[state].least:
                 raise DeadEnd
         robot.here = move.to
         robot.free = start + move.least + robot.route.step

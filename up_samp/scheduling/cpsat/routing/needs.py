@@ -1,5 +1,5 @@
-"""What travellers have, carry and need beside the places where they are: levels (batteries, tanks),
-states of their own, and states that are set back (doors that close by themselves).
+"""What travellers have, carry and need beside the places where they are: states of their own
+(forks, batteries), and states that are set back (doors that close by themselves).
 """
 
 from __future__ import annotations
@@ -20,91 +20,6 @@ from up_samp.scheduling.cpsat.encode.states import Key, Read, StateVar
 from up_samp.scheduling.cpsat.encode.terms import INFINITE, ActivityVars
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.route import Route, shorten
-
-# ------------------ What travellers have left on their way
-# A level is taken from by moves alone, and changed by stops, of one traveller. (What stops alone
-# change is its own state.)
-
-
-Ways = dict[tuple[int, int], int]
-"""(place, place) -> what is taken on the way at least."""
-
-
-@dataclass(frozen=True)
-class RouteLevel:
-    """A level within ``low`` and ``high``: ``gains`` are what stops add to it, ``settings`` what
-    stops set it to (a swapped battery is full), ``ways`` what ways take from it at least.
-    """
-
-    initial: int
-    low: int
-    high: int
-    gains: Mapping[str, int]
-    settings: Mapping[str, int]
-    ways: Ways
-
-    def after(self, left: int, stop: str) -> int:
-        """Return what is left after a stop, of what was left before."""
-        return self.settings.get(stop, left + self.gains.get(stop, 0))
-
-    def refilled_by(self, stop: str) -> bool:
-        """Return whether who has little left has more after a stop."""
-        return self.after(self.low, stop) > self.low
-
-    def taken(self, some: Iterable[int], others: Iterable[int]) -> int:
-        """Return what is taken at least from one of some places to one of others."""
-        targets = list(others)
-        least = min((self.ways.get((a, b), INFINITE) for a in some for b in targets), default=0)
-        return 0 if least >= INFINITE else least
-
-
-def find_levels(model: ScheduleModel, route: Route) -> list[RouteLevel]:
-    """Return the levels of a route: numbers that nobody but its moves and stops changes. (Who may
-    be put somewhere else gets there for nothing.)
-
-    Assumes: nobody but a traveller's moves and stops changes a level, and its moves only take from
-    it.
-    """
-    if route.free:
-        return []
-    found = (_level(model, route, state) for state in model.states.vars.values() if state.numeric)
-    return [level for level in found if level is not None]
-
-
-def _level(model: ScheduleModel, route: Route, state: StateVar) -> RouteLevel | None:
-    stops = dict(route.stops)
-    taken: dict[str, int] = {}
-    gains: dict[str, int] = {}
-    settings: dict[str, int] = {}
-    for change in model.states.sure_changes(state):
-        name, value = change.owner.name, change.value
-        if change.since[0] < 0 or change.late[1] > 0:
-            return None
-        if change.adds and name in route.movers and value <= 0:
-            taken[name] = taken.get(name, 0) - value
-        elif name not in stops or change.since[0] < 1:
-            return None  # at its start it is seen together with the end of what was before
-        elif change.adds:
-            gains[name] = gains.get(name, 0) + value
-        else:
-            settings[name] = value
-    both = gains.keys() & settings.keys()  # what is left then hangs on which of them comes first
-    if not taken or both or state.initial is None:
-        return None
-    return RouteLevel(state.initial, *state.bounds, gains, settings, _ways(route, taken))
-
-
-def _ways(route: Route, taken: Mapping[str, int]) -> Ways:
-    """Return what ways take at least."""
-    ways: Ways = {}
-    places = {route.initial}
-    for (a, b), moves in route.hops.items():
-        ways[a, b] = min(taken.get(m.name, 0) for m in moves)
-        places |= {a, b}
-    ways |= {(p, p): 0 for p in places}
-    shorten(ways, places)
-    return ways
-
 
 # ------------------ States that travellers need and that are set back again
 # What opens a door for good is done once (:mod:`.dispatch`). A door that closes again has to be
@@ -254,9 +169,9 @@ def find_needs(
     starting: dict[int, list[Way]] = {}
     for name, way in names.items():
         starting.setdefault(activities[name].start.terms[0][0], []).append(way)
-    for asked, gaps in _gaps_told(model).items():
+    for asked, gaps in gaps_told(model).items():
         for first in gaps.keys() & starting.keys():
-            for last, gap in (_later(gaps, first) if asked else gaps[first]).items():
+            for last, gap in (later_than(gaps, first) if asked else gaps[first]).items():
                 pairs = itertools.product(starting[first], starting.get(last, ()))
                 for before, then in pairs:
                     if gap >= 0 and asked <= {present[before], present[then]}:
@@ -268,7 +183,7 @@ Gaps = dict[int, dict[int, int]]
 """(time, time) -> how much later than the first the other is, at least."""
 
 
-def _gaps_told(model: ScheduleModel) -> dict[frozenset[int], Gaps]:
+def gaps_told(model: ScheduleModel) -> dict[frozenset[int], Gaps]:
     """Return the gaps between times that are stated, by the presences that they hang on."""
     found: dict[frozenset[int], Gaps] = {}
     for activity in model.world.activities.values():
@@ -289,99 +204,141 @@ def _gaps_told(model: ScheduleModel) -> dict[frozenset[int], Gaps]:
     return found
 
 
-def _later(gaps: Gaps, first: int) -> dict[int, int]:
+def later_than(gaps: Gaps, first: int) -> dict[int, int]:
     """Return how much later other times are than one, by all gaps between some."""
-    later = {first: 0}
+    later, changed = {first: 0}, {first}
     for _ in gaps:
-        for one, then in gaps.items():
-            for other, gap in then.items() if one in later else ():
-                least = later[one] + gap
-                later[other] = max(least, later.get(other, least))
+        since, changed = changed, set()
+        for one in since:
+            for other, gap in gaps.get(one, {}).items():
+                if later[one] + gap > later.get(other, -INFINITE):
+                    later[other] = later[one] + gap
+                    changed.add(other)
     del later[first]
     return later
 
 
 # ------------------ States that one traveller alone changes
+# By its stops (a fork that is taken, a battery that is charged), and by its moves, which take from
+# it (the battery).
+
+
+Takings = dict[tuple[int, int], int]
+"""(place, place) -> what is taken on the way at least."""
 
 
 @dataclass(frozen=True)
 class OwnState:
-    """A state that the stops of one ``route`` (its number) alone change, each between its start and
-    the next thing that its traveller does: to a value, or (``adds``) by it. ``reads``: the values
-    that ways to do tasks ask for, as they begin.
+    """A state that the traveller of one ``route`` (its number) alone changes, within ``least`` and
+    ``most``: each stop between its start and the next thing that it does, to a value (``settings``)
+    or by it (``gains``), and moves, which take from it (``takings``; none: they do not). ``reads``:
+    the values that ways to do tasks ask for as they begin.
     """
 
     route: int
     initial: int
     least: int
     most: int
-    adds: bool
-    changes: dict[Way, int]
+    gains: dict[Way, int]
+    settings: dict[Way, int]
+    takings: Takings
     reads: dict[Way, frozenset[int]]
 
     def after(self, value: int, way: Way) -> int | None:
         """Return its value after a task is done in one way; ``None`` if it cannot be done."""
-        kept = self.adds * value
-        new = kept + self.changes.get(way, value - kept)
+        new = self.settings.get(way, value + self.gains.get(way, 0))
         fits = value in self.reads.get(way, (value,)) and self.least <= new <= self.most
         return new if fits else None
+
+    def refilled_by(self, way: Way) -> bool:
+        """Return whether who has little left has more after a task is done in one way."""
+        return self.settings.get(way, self.least + self.gains.get(way, 0)) > self.least
+
+    def taken(self, some: Iterable[int], others: Iterable[int]) -> int:
+        """Return what is taken at least from one of some places to one of others."""
+        targets = list(others)
+        least = min((self.takings.get((a, b), INFINITE) for a in some for b in targets), default=0)
+        return 0 if least >= INFINITE else least
 
 
 def find_own_states(
     model: ScheduleModel, routes: list[Route], names: Mapping[str, Way]
 ) -> list[OwnState]:
-    """Return the states that one traveller's stops alone change, and who sets and asks for what.
+    """Return the states that one traveller alone changes, and who sets and asks for what.
 
-    Assumes: what a stop sets is seen before its traveller does anything else; who asks for it
-    excludes that it is set at that time.
+    Assumes: what a stop sets is seen before its traveller does anything else, and its moves only
+    take; who asks for a state excludes that it is set at that time.
     """
-    found = []
-    for number, route in enumerate(routes):
-        mine = {model.world.activities[name].index: names[name] for name, _ in route.stops}
-        for state in model.states.vars.values():
-            changes, reads = _settled(model, state, mine, route.gap), _asked(model, state, mine)
-            if changes and state.initial is not None:
-                least, most = state.bounds
-                # what is given back and taken at one instant may be more meanwhile
-                most -= state.numeric * sum(min(0, change) for change in changes.values())
-                own = OwnState(number, state.initial, least, most, state.numeric, changes, reads)
-                found.append(own)
-    return found
+    found = (
+        _own_state(model, number, route, state, names)
+        for number, route in enumerate(routes)
+        for state in model.states.vars.values()
+    )
+    return [own for own in found if own is not None]
 
 
-def _settled(
-    model: ScheduleModel, state: StateVar, mine: Mapping[int, Way], gap: int
-) -> dict[Way, int]:
-    """Return how stops change a state, if whatever changes it is one of ``mine`` (by activity's
-    index), does so once whenever it is there, and the next one sees that; else nothing.
-    """
-    changes: dict[Way, int] = {}
+def _own_state(
+    model: ScheduleModel, number: int, route: Route, state: StateVar, names: Mapping[str, Way]
+) -> OwnState | None:
+    mine = {name: names[name] for name, _ in route.stops}
+    taken, gains, settings = dict[str, int](), dict[Way, int](), dict[Way, int]()
+    first, last = 1, 0
     for change in model.states.sure_changes(state):
-        way, late = mine.get(change.owner.index), change.late[1]
+        name, value, late = change.owner.name, change.value, change.late[1]
+        if change.since[0] < 0:
+            return None
+        if name in route.movers and change.adds and value <= 0:
+            taken[name], last = taken.get(name, 0) - value, max(last, late)
+            continue
+        way = mine.get(name)
         # what is taken is not taken at the instant at which the next one gives something back
-        soon = late < gap if change.adds and change.value < 0 else late <= gap
-        once = way not in changes and change.adds == state.numeric
-        if way is None or not once or change.since[0] < 0 or not soon:
-            return {}
-        changes[way] = change.value
-    return changes
+        soon = late < route.gap if change.adds and value < 0 else late <= route.gap
+        if way is None or not soon or way in settings or (way in gains and not change.adds):
+            return None
+        if change.adds:
+            gains[way] = gains.get(way, 0) + value
+        else:
+            settings[way] = value
+        first, last = min(first, change.since[0]), max(last, late)
+    if state.initial is None or not (taken or gains or settings):
+        return None
+    least, most = state.bounds
+    if not taken:
+        # what is given back and taken at one instant may be more meanwhile
+        most -= sum(min(0, gain) for gain in gains.values())
+        reads = _asked(model, state, mine)
+        return OwnState(number, state.initial, least, most, gains, settings, {}, reads)
+    # at its start a change is seen together with the end of what was before; who may be put
+    # somewhere else gets there for nothing
+    if first < 1 or last > 0 or route.free:
+        return None
+    return OwnState(number, state.initial, least, most, gains, settings, _takings(route, taken), {})
+
+
+def _takings(route: Route, taken: Mapping[str, int]) -> Takings:
+    """Return what is taken on the ways at least."""
+    least = {hop: min(taken.get(m.name, 0) for m in moves) for hop, moves in route.hops.items()}
+    places = {route.initial}.union(*least)
+    least |= {(p, p): 0 for p in places}
+    shorten(least, places)
+    return least
 
 
 def _asked(
-    model: ScheduleModel, state: StateVar, mine: Mapping[int, Way]
+    model: ScheduleModel, state: StateVar, mine: Mapping[str, Way]
 ) -> dict[Way, frozenset[int]]:
     """Return the values of which each stop, whenever it is there, finds a state to have one."""
     found: dict[Way, frozenset[int]] = {}
     for read in state.reads:
-        if read.owner is None or read.owner not in mine or read.allowed is None:
+        owner = None if read.owner is None else model.states.activity(read.owner)
+        if owner is None or owner.name not in mine or read.allowed is None:
             continue
-        owner = model.states.activity(read.owner)
         since = model.states.difference(read.lo, owner.start)[0]
         lasts = model.states.difference(read.hi, read.lo)[0]
         own = state.by_owner().get(read.owner, ())
         before = all(model.states.difference(w.time, read.lo)[0] >= 0 for w in own)
         # at its last instant a loose one does not exclude that others set it
         if read.active == owner.present and since >= 0 and lasts >= read.loose and before:
-            way = mine[read.owner]
+            way = mine[owner.name]
             found[way] = found.get(way, read.allowed) & read.allowed
     return found

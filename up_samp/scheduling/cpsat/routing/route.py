@@ -7,7 +7,7 @@ from __future__ import annotations
 import heapq
 import itertools
 from collections.abc import Callable, Collection, Iterable, Set
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 
 from up_samp.model import CandidateSchedule
@@ -90,7 +90,7 @@ class Route:
     still: Still = field(default_factory=dict)
     visits: list[tuple[str, frozenset[int]]] = field(default_factory=list)
     """Places where the traveller has to arrive some time, with a name for each: nothing happens
-    there. As stops they last no time, and begin when a move ends (see :meth:`with_visits`)."""
+    there. As stops they last no time, and begin when a move ends."""
     odd: dict[str, str] = field(default_factory=dict)
     """What changes the place and is no plain move -> why: they are not taken out."""
     free: frozenset[int] = frozenset()
@@ -115,10 +115,6 @@ class Route:
     def movers(self) -> frozenset[str]:
         """All plain moves, be it that they are stated never to happen."""
         return self.never | {move.name for move in self.moves} - self.odd.keys()
-
-    def with_visits(self) -> Route:
-        """Return the same route with its visits among its stops."""
-        return replace(self, stops=[*self.stops, *self.visits])
 
     def entries_to(self, place: int) -> list[Entrance]:
         """Return what must be open for the traveller to come to a place (to its first: nothing)."""
@@ -210,7 +206,7 @@ def way_back(route: Route, places: Set[int], final: Set[int] | None) -> int:
     return 0 if distance >= INFINITE else max(0, route.gap + distance - route.step)
 
 
-# ------------------ From a schedule of the routing relaxation to one with moves
+# ------------------ From a schedule of what happens at places to one with moves
 
 
 Changes = dict[str, list[tuple[Key, int]]]

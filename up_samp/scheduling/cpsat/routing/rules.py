@@ -240,7 +240,7 @@ def tails_of(tasks: list[RoutedTask], arcs: list[tuple[int, int, int]]) -> list[
     """Return the least time from each task's start to the end of what has to start after it:
     ``arcs`` are (task, later one, least time from start to start).
     """
-    tails = [task.length for task in tasks]
+    tails = [max(task.length, task.tail) for task in tasks]
     for _ in tasks:
         for earlier, later, gap in arcs:
             tails[earlier] = max(tails[earlier], gap + tails[later])
@@ -324,6 +324,8 @@ class SequenceRules:
     """From the start of each task to that of each later one, at least."""
     tails: list[int]
     """From the start of each task to the end of all that has to come after it, at least."""
+    queues: list[list[tuple[int, dict[int, int]]]]
+    """Of each task (see :class:`.RoutedTask`), by the bits of others."""
     sets: Any
     """All sets of tasks that may be done (bits), in order."""
     rests: Any
@@ -357,6 +359,10 @@ class SequenceRules:
             changes,
             waits,
             tails_of(programme.tasks, arcs),
+            [
+                [(end, {1 << wanted.index(t): n for t, n in q.items()}) for end, q in task.queues]
+                for task in programme.tasks
+            ],
             sets,
             np.stack([tables[int(done)].ravel() for done in sets]),
             tables[0].shape,
@@ -447,7 +453,8 @@ def own_states_after(
     columns, tables = [], []
     for axis in range(len(work.routes)):
         mine = {column: way for column, (who, way) in enumerate(choices) if who == axis}
-        states = [s for s in work.own if s.route == axis and {t for t, _ in s.changes} <= some]
+        mine_alone = (s for s in work.own if s.route == axis and not s.takings)
+        states = [s for s in mine_alone if {t for t, _ in (*s.gains, *s.settings)} <= some]
         columns.append(list(mine))
         tables.append(_table(states, partners, list(mine.values()), most))
     after = np.full((max(map(len, tables)), len(choices)), -1, dtype=np.int64)

@@ -159,6 +159,9 @@ class Steps:
         shared[:, choice.traveller] = length
         shared = shared.sum(1) + self.rules.rest(labels.done | 1 << choice.task, last)
         own = self.end - max(tail, length + choice.back)
+        for until, queue in self.rules.queues[choice.task]:
+            left = sum(lasts * ((labels.done & bit) == 0) for bit, lasts in queue.items())
+            own = np.minimum(own, self.end - until - left)
         return np.minimum(own, labels.last.shape[1] * self.end - shared)
 
     def _arrival(self, labels: LabelTable, choice: SequenceChoice) -> Any:
@@ -395,11 +398,15 @@ class Sequences:
         """Return when the first sequence ends that was ``found``: the soonest of all, where none
         were left out.
         """
-        last: dict[int, int] = {}
+        rules, last, done, rest = self.rules, dict[int, int](), 0, [0]
         for number, start in self.found[0]:
-            choice = self.rules.choices[number]
-            last[choice.traveller] = start + int(self.rules.lengths[number]) + choice.back
-        return max(last.values(), default=0)
+            choice = rules.choices[number]
+            last[choice.traveller] = start + int(rules.lengths[number]) + choice.back
+            rest.append(start + rules.tails[choice.task])
+            for until, queue in rules.queues[choice.task]:
+                rest.append(start + until + sum(n for bit, n in queue.items() if not bit & done))
+            done |= 1 << choice.task
+        return max([*rest, *last.values()])
 
     def _path(self, layers: list[LabelTable], row: int) -> Found:
         """Return how one of the last labels was come to."""

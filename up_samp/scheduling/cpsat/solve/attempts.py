@@ -108,8 +108,7 @@ class Attempts:
     of the model) and ``best`` grow. Efforts are in CP-SAT's deterministic time, so that with one
     worker the same seed gives the same schedule.
 
-    ``left``: effort that is left for all attempts together (``None``: no limit). ``relaxed``: it is
-    the model of a routing relaxation, which leaves the way home out of its activities.
+    ``left``: effort that is left for all attempts together (``None``: no limit).
     """
 
     model: ScheduleModel
@@ -118,12 +117,9 @@ class Attempts:
     start: int | None
     """A proven bound to begin with."""
     left: float | None = None
-    relaxed: bool = False
     best: CandidateSchedule | None = None
     value: int = 0
-    """What ``best`` costs: its makespan, with the way home where moves were taken out, or its
-    ``objective``.
-    """
+    """What ``best`` costs: its makespan, or its ``objective``."""
     known: dict[int, int] = field(default_factory=dict)
     """Values of variables in a schedule to start from: hints."""
     bound: int = 0
@@ -365,9 +361,7 @@ class Attempts:
         store = self.model.store
         schedule = schedule_of(self.model, lambda var: values[store.position(var)])
         value = schedule.makespan
-        if self.relaxed:
-            value = values[store.position(self.model.world.makespan)]
-        elif not self.minimizes_makespan:
+        if not self.minimizes_makespan:
             cost = self.model.objective
             value = cost.const + sum(c * values[store.position(v)] for v, c in cost.terms)
         if self.best is None or value < self.value:

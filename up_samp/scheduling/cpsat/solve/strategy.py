@@ -1,8 +1,8 @@
 """How a model is solved: stages in a fixed order, as data.
 
 Each stage is named, says when it applies, and adds to what is known; the solve ends as soon as
-nothing is left to be known, or no time. The first ones build on a schedule in hand and on the
-routing relaxation, the last ones are CP-SAT's own search.
+nothing is left to be known, or no time. The first ones build on a schedule in hand and on routes,
+the last ones are CP-SAT's own search.
 """
 
 from __future__ import annotations
@@ -23,16 +23,14 @@ from up_samp.scheduling.cpsat.routing.list_scheduling import (
     steps_of,
     times_of,
 )
-from up_samp.scheduling.cpsat.routing.relaxation import RoutingRelaxation
 from up_samp.scheduling.cpsat.routing.route import Route
 from up_samp.scheduling.cpsat.routing.sequences import Sequences
 from up_samp.scheduling.cpsat.routing.workload import bound_by_work
-from up_samp.scheduling.cpsat.solve import runner
 from up_samp.scheduling.cpsat.solve.attempts import Attempts, hint_values
 
 _SHARE = 0.35
-"""Of the time that is left: for tours, for the routing relaxation, and for bounds without search
-where the optimum is not asked for."""
+"""Of the time that is left: for tours, and for bounds without search where the optimum is not asked
+for."""
 _BOUNDING = 0.7
 """For bounds without search, where it is: most of what is proven of routed problems they prove."""
 _LABELS_AGAIN = 180_000
@@ -46,13 +44,8 @@ _AGAIN, _LONGER, _TIMES = 0.5, 5, 30
 """Of annealing for better schedules: share of the time, how much longer it takes, how often."""
 _FEW_TASKS = 8
 """Up to so many, a greedy tour will do: the proof finds the best one."""
-_RELAXED_PROOF = 20.0
-"""CP-SAT's deterministic time for the routing relaxation, where the optimum is asked for."""
 _CONTENT = 1.0
-"""The same for the whole problem, where it is not."""
-_LARGE = 50_000
-"""Constraints of the whole, from which on its relaxation is not solved only for a better schedule
-than the one at hand."""
+"""CP-SAT's deterministic time for the whole problem, where the optimum is not asked for."""
 
 
 @dataclass
@@ -285,65 +278,9 @@ def _anneal_costs(search: Solve) -> None:
     _anneal_on(search, by_turns, 1, whole.orders.seed)
 
 
-def _is_worth_relaxing(search: Solve) -> bool:
-    """Whether the routing relaxation may tell more. Where all tasks are on the routes, sequences of
-    them bound better (they may be too many for a proof); where some schedule is at hand and no
-    optimum is asked for, to write that of a large model takes longer than it is searched for.
-    """
-    content = not search.optimal and search.whole.best is not None
-    large = search.whole.size > _LARGE
-    work = search.work
-    told = work is not None and work.is_all and not (search.optimal and search.sequences is None)
-    return bool(search.routes) and not told and not (content and large)
-
-
-def _solve_relaxation(search: Solve) -> None:
-    """Solve the routing relaxation and make what is found a schedule of the whole, the first one
-    at once and the best one in the end.
-
-    A schedule of the whole in hand is one of the relaxation, for its search to start from; where
-    there is no better one, it is an optimal one.
-    """
-    whole = search.whole
-    assert search.routes is not None
-    relaxation = RoutingRelaxation(whole.model, search.routes)
-    tuning = whole.orders.tuning
-    inner = Attempts(
-        relaxation.model,
-        replace(whole.orders, progress=None),
-        search.share(),
-        whole.bound,
-        left=whole.left,
-        relaxed=True,
-        known=dict(whole.known),
-    )
-    effort = _RELAXED_PROOF if search.optimal else tuning.relaxed_content
-    if whole.best is not None:
-        inner.without_presolve(whole.value)
-        if not inner.over():
-            profile = runner.CP_SATS_OWN if search.optimal else runner.LINEARIZATION
-            inner.improve(whole.value, profile, effort)
-    else:
-        inner.first(0)
-        if inner.best is not None:
-            whole.realize(relaxation.expanded(inner.best))
-            inner.deadline = search.share()
-        if not inner.over():
-            inner.finish(effort)
-        whole.infeasible = inner.infeasible
-    whole.bound = max(whole.bound, inner.bound)
-    whole.left = inner.left
-    if inner.best is None:
-        search.expected = max(search.expected, whole.value)
-        return
-    search.expected = max(search.expected, inner.value)
-    if not whole.met():
-        whole.realize(relaxation.expanded(inner.best))
-
-
 def _goes_on(search: Solve) -> bool:
     """Whether the whole problem is searched for schedules better than the one in hand: without a
-    proof to make, there is none soon where tours or the routing relaxation have none.
+    proof to make, there is none soon where tours have none.
     """
     return search.optimal or not search.routes or FIRST in search.done
 
@@ -375,7 +312,6 @@ STAGES = (
         lambda s: s.sequences is not None and s.whole.best is not None,
         _seek_sequences,
     ),
-    Stage("solve the routing relaxation", _is_worth_relaxing, _solve_relaxation),
     Stage(
         "anneal tours by their costs",
         _is_paid_by_activity,
