@@ -329,7 +329,7 @@ class Workspace:
         meet (see :func:`~up_samp.motion.fleet.conflicts.passing_gaps`), if none stops on its way.
         """
         rows = self.conflicts(a, b)
-        if len(rows) == 0 or flags == 0:
+        if len(rows) == 0:
             return NO_GAPS
 
         def gaps() -> FloatArray:

@@ -298,29 +298,20 @@ class Earliest:
 
     def __init__(self, names: Iterable[str], differences: Iterable[Difference]) -> None:
         self.times: dict[Point, int] = {ZERO: 0, HORIZON: 0}
-        self._after: dict[Point, list[tuple[Point, int]]] = {ZERO: [], HORIZON: []}
-        self._pinned: set[Point] = {ZERO}
+        self.differences = [d for d in differences if d.then != HORIZON]
         for name in names:
             start, end = ("start", name), ("end", name)
             self.times[start] = self.times[end] = 0
-            self._after[start] = [(end, 0)]
-            self._after[end] = [(HORIZON, 0)]
-        for d in differences:
-            if d.then != HORIZON:
-                self._after[d.first].append((d.then, d.lag + d.strict))
+            self.differences += (Difference(start, end, 0), Difference(end, HORIZON, 0))
+        self._after: dict[Point, list[tuple[Point, int]]] = {point: [] for point in self.times}
+        self._pinned: set[Point] = {ZERO}
+        for d in self.differences:
+            self._after[d.first].append((d.then, d.lag + d.strict))
         self.feasible = self._push(list(self.times)) is not None
 
     def after(self, point: Point) -> list[Point]:
         """Return the points that may not come before a point."""
         return [then for then, lag in self._after[point] if lag >= 0]
-
-    def differences(self) -> list[Difference]:
-        """Return what is asked of two points each."""
-        return [
-            Difference(first, then, lag)
-            for first, some in self._after.items()
-            for then, lag in some
-        ]
 
     def latest(self) -> dict[Point, float]:
         """Return when each point may be at the latest, with all others free (inf: any time)."""

@@ -152,7 +152,7 @@ def squeaky_wheel(
     for number in range(rounds):
         if deadline.expired() or (best is None and number >= _HOPELESS):
             break
-        noise = _NOISE if ahead else 0.0
+        noise = _NOISE * bool(ahead)
         turns = {r: ahead.get(r, 0.0) + rng.uniform(0, noise) for r in tours.robots}
         tours.reset()
         stuck = tours.decide_in_turns(deadline, first, turns)
@@ -270,7 +270,7 @@ def other_ways(search: FleetLNS, deadline: Deadline) -> FleetSolution | None:
     all others.
     """
     tours, best = search.tours, search.best
-    delays = {n: d for robot in tours.robots for n, d in tours.delays(best, robot).items()}
+    delays = tours.delays(best)
     late = [n for n in sorted(delays, key=lambda n: (-delays[n], n)) if n not in search.looked]
     some = [name for name in late[:_LOOKING] if delays[name] > DELAYED]
     search.looked.update(some)

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections import defaultdict, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -28,7 +29,7 @@ from up_samp.model import Deadline
 from up_samp.model.arrays import FloatArray
 from up_samp.motion.fleet.paths import Path
 from up_samp.scheduling.cpsat.solve.runner import run
-from up_samp.scheduling.partial_order.differences import ZERO, Difference, Point
+from up_samp.scheduling.partial_order.differences import HORIZON, ZERO, Difference, Point
 
 _TICKS = 50
 """Of the program, a second."""
@@ -70,25 +71,37 @@ class Crossings:
         self.model = model = cp_model.CpModel()
         longest = math.ceil(_LONGER * self.limit)
         self._tick = round(self.unit * _TICKS)
+        self._latest = self._latest_times(longest)
         self._points = {
-            point: model.new_int_var(min(soonest, longest), longest, "")
+            point: model.new_int_var(min(soonest, self._latest[point]), self._latest[point], "")
             for point, soonest in self.earliest.items()
         }
-        model.add(self._points[ZERO] == 0)
         for d in self.differences:
             model.add(self._points[d.then] - self._points[d.first] >= d.lag + d.strict)
         latest, names = longest * self._tick, list(self.ways)
-        self._starts = {name: model.new_int_var(0, latest, "") for name in names}
+        self._starts = {name: model.new_int_var(0, 2 * latest, "") for name in names}
         self._arrivals = {name: model.new_int_var(0, latest, "") for name in names}
         self._made = {name: model.new_bool_var("") for name in names}
         self._takes = {name: [model.new_bool_var("") for _ in self.ways[name]] for name in names}
         pairs = (pair for chain in self.chains.values() for pair in itertools.pairwise(chain))
         self._next = dict(pairs)
         self._before = {b: a for a, b in self._next.items()}
+        # who stays somewhere leaves it when all is over, and was always where it is at first
+        self._over = 2 * latest
+        self._gone = {
+            n: (self._starts[n], self._starts.get(self._next.get(n, ""), self._over)) for n in names
+        }
+        self._comes = {
+            n: (self._starts[n], self._arrivals.get(self._before.get(n, ""), -self._over))
+            for n in names
+        }
         self._state_motions()
+        windows = self._windows()
         for one, other in itertools.combinations(self.chains.values(), 2):
             for a, b in itertools.product(one, other):
-                self._state_passing(a, b)
+                # else one of them is over in any case when the other one begins
+                if windows[a][0] < windows[b][1] and windows[b][0] < windows[a][1]:
+                    self._state_passing(a, b)
         last = model.new_int_var(0, self.limit, "")
         for (anchor, name), end in self._points.items():
             if anchor == "end":
@@ -96,6 +109,48 @@ class Crossings:
                 if name in self.optional:
                     stated.only_enforce_if(self._made[name])
         model.minimize(last)
+
+    def _latest_times(self, longest: int) -> dict[Point, int]:
+        """Return when points may be at the latest (units) so that all that is not optional is done
+        by the limit, and what is by ``longest``.
+        """
+        found = dict.fromkeys(self.earliest, longest)
+        found |= {point: self.limit for point in found if point[1] not in self.optional}
+        found |= {ZERO: 0, HORIZON: longest}
+        todo = deque(found)
+        before = defaultdict[Point, list[Difference]](list)
+        for d in self.differences:
+            before[d.then].append(d)
+        while todo:
+            then = todo.popleft()
+            for d in before[then]:
+                latest = max(0, found[then] - d.lag - d.strict)
+                if latest < found[d.first]:
+                    found[d.first] = latest
+                    todo.append(d.first)
+        return found
+
+    def _windows(self) -> dict[str, tuple[float, float]]:
+        """Return from when to when (s), at the soonest and at the latest, each motion's object is
+        on its way or rests at one of its ends.
+        """
+        comes = {n: self.unit * self.earliest["start", n] + self._least(n) for n in self.ways}
+        # who may leave a last drive out stays where it is
+        leaves = {
+            n: self.unit * self._latest["end", n] - self._least(n)
+            for n in self.ways.keys() - self.optional
+        }
+        return {
+            n: (
+                comes.get(self._before.get(n, ""), -math.inf),
+                leaves.get(self._next.get(n, ""), math.inf),
+            )
+            for n in self.ways
+        }
+
+    def _least(self, name: str) -> float:
+        """Return how long (s) a motion takes at least."""
+        return min((path.natural.duration for path in self.ways[name]), default=0.0)
 
     def decide(self, known: Driven, deadline: Deadline) -> Driven | None:
         """Return what is driven when, so that all is done as soon as it was found to be; None where
@@ -128,10 +183,10 @@ class Crossings:
             for takes, path in zip(self._takes[name], ways, strict=True):
                 lasts = math.ceil(path.natural.duration * _TICKS)
                 model.add(arrival == start + lasts).only_enforce_if(takes)
+            model.add(start == self._over).only_enforce_if(made.negated())
             model.add(start >= self._tick * points["start", name])
             model.add(arrival <= self._tick * points["end", name])
-            if name in self._before:
-                model.add(start >= self._arrivals[self._before[name]])
+            model.add(start >= self._comes[name][1])
 
     def _state_passing(self, one: str, other: str) -> None:
         """State that wherever two motions meet one of them passes first, on all their ways."""
@@ -151,21 +206,11 @@ class Crossings:
     ) -> None:
         """State that one motion passes before another one ``where`` literals hold."""
         for (leaves, comes), gap in np.ndenumerate(gaps):
-            if gap == -math.inf:
-                continue
-            # who leaves a place makes its next motion, who comes to one makes the one before
-            gone = self._next.get(one) if leaves else one
-            here = self._before.get(other) if comes else other
-            if gone is None or here is None:
-                self.model.add_bool_or([literal.negated() for literal in where])
-                return
-            since = self._starts[gone]
-            then = self._arrivals[here] if comes else self._starts[here]
-            # a tick more than it has to be: timings are sampled
-            ticks = math.ceil(gap * _TICKS) + 1
-            self.model.add(then - since >= ticks).only_enforce_if(*where)
-            if leaves and gone in self.optional:
-                self.model.add_bool_or(self._made[gone], *(literal.negated() for literal in where))
+            if gap > -math.inf:
+                since, then = self._gone[one][leaves], self._comes[other][comes]
+                # a tick more than it has to be: timings are sampled
+                ticks = math.ceil(gap * _TICKS) + 1
+                self.model.add(then - since >= ticks).only_enforce_if(*where)
 
     def _hint(self, known: Driven) -> None:
         """Tell the solver what is known."""

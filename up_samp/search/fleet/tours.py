@@ -218,15 +218,13 @@ class TourPlanner:
         self._waiting = dict(self._motions)
         self._floor = ReservationTable(self._service, self._rests())
 
-    def delays(self, decided: FleetSolution, robot: str) -> dict[str, float]:
-        """Return by how much (s) a robot's motions end later than if nobody was in their way."""
-        times = self._begun[0]
+    def delays(self, decided: FleetSolution) -> dict[str, float]:
+        """Return by how much (s) motions end later than if nobody was in their way."""
+        seconds, times = self._facts.seconds, self._begun[0]
         return {
             name: decided.runs[name].arrival
-            - self._facts.seconds(self._ready(decided, name))
-            - self._facts.seconds(times["end", name] - times["start", name])
-            for name in self._chains[robot]
-            if name in decided.pins and name not in decided.needless
+            - seconds(self._ready(decided, name) + times["end", name] - times["start", name])
+            for name in decided.driven()
         }
 
     def decided(self) -> FleetSolution:
@@ -242,16 +240,11 @@ class TourPlanner:
         """
         runs = self._floor.trajectories()
         found = {name for name in self._waiting if name in self._homes}
-        last = [
-            (chain[-2:], runs[chain[-1]].arrival)
-            for chain in self._chains.values()
-            if chain[-1] in runs
-        ]
-        for (*before, name), _ in sorted(last, key=lambda item: (-item[1], item[0])):
-            if name not in self._homes or not before:
-                continue
-            arrival = runs[before[0]].arrival
-            here = self._timed_as(before[0], arrival)
+        driven = self._homes & runs.keys()
+        last = [c[-2:] for c in self._chains.values() if len(c) > 1 and c[-1] in driven]
+        for before, name in sorted(last, key=lambda two: (-runs[two[1]].arrival, two)):
+            arrival = runs[before].arrival
+            here = self._timed_as(before, arrival)
             if any(a <= arrival and b == math.inf for a, b in self._floor.stays(here)):
                 self._floor.withdraw(runs[name].object)
                 found.add(name)
@@ -273,7 +266,7 @@ class TourPlanner:
             return self._floor.passing(motions[one], path, motions[other], there)
 
         optional = frozenset(c[-1] for c in self._chains.values() if len(c) > 1) & self._homes
-        chains, differences = dict(self._chains), self._times.differences()
+        chains, differences = dict(self._chains), self._times.differences
         unit = self._facts.seconds(1)
         return Crossings(chains, ways, optional, differences, times, unit, passing, limit)
 
@@ -298,47 +291,35 @@ class TourPlanner:
         for name in sorted(driven, key=lambda name: (driven[name][1], name)):
             self._place_changed(name)
             mine, k, motion = runs[self.robot_of(name)], numbers[name], self._timed(name)
-            then = mine[k + 1].timing.trajectory.start if k + 1 < len(mine) else math.inf
-            since = mine[k - 1].arrival if k else -math.inf
             others = [run for r, some in runs.items() if r != motion.object for run in some]
-            asked = replace(motion, present_from=since, present_until=then)
+            later = mine[k + 1 :]
+            then = min((run.timing.trajectory.start for run in later), default=math.inf)
+            asked = replace(motion, present_from=mine[k].since, present_until=then)
             run = self._floor.sooner(asked, mine[k], others)
-            if run.timing.trajectory.start < motion.release - 1e-6:
+            if run.timing.trajectory.start < motion.release - 1e-6 or not self._take(name, run):
                 return None
-            run = replace(run, since=since, until=math.inf)
-            if not self._take(name, run):
-                return None
-            mine[k] = run
-            if k + 1 < len(mine):
-                mine[k] = replace(run, until=run.arrival)
-                mine[k + 1] = replace(mine[k + 1], since=run.arrival)
+            mine[k : k + 2] = _one_after_the_other([run, *later[:1]])
         return self.decided() if all(map(self._floor.clear, runs.values())) else None
 
     def _planned(self, robot: str, driven: Driven) -> list[TimedPath]:
         """Return a robot's runs on such ways at such times."""
-        found: list[TimedPath] = []
-        for name in self._chains[robot]:
-            if name not in driven:
-                continue
+        runs = []
+        for name in filter(driven.__contains__, self._chains[robot]):
             path, start = driven[name]
-            since = found[-1].arrival if found else -math.inf
-            motion = replace(self._timed_as(name, start), present_from=since)
-            if found:
-                found[-1] = replace(found[-1], until=since)
-            found.append(run_of(motion, path, natural_timing(path, start)))
-        return found
+            motion = self._timed_as(name, start)
+            runs.append(run_of(motion, path, natural_timing(path, start)))
+        return _one_after_the_other(runs)
 
     def look_for_another_way(self, decided: FleetSolution, name: str) -> bool:
         """Look for another way of a motion among all others as they were decided, on which it may
         be over sooner; return whether there is a new one, which all know from then on.
         """
         self.reset()
-        robot = self.robot_of(name)
-        for other, chain in self._chains.items():
-            mine = itertools.takewhile(lambda n: n != name, chain)
-            for each in mine if other == robot else chain:
-                if each in decided.runs and each not in decided.needless:
-                    self._floor.add(replace(decided.runs[each], until=math.inf))
+        chain = self._chains[self.robot_of(name)]
+        left = {*chain[chain.index(name) :], *decided.needless}
+        for run in decided.runs.values():
+            if run.name not in left:
+                self._floor.add(replace(run, until=math.inf))
         self._place_changed(name)
         motion = self._timed_as(name, self._facts.seconds(self._ready(decided, name)))
         known = len(self._floor.ways(motion).paths)
@@ -379,7 +360,7 @@ class TourPlanner:
         while self._waiting:
             pieces = {r: self._piece(r) for r in self.robots if r not in asleep}
             ready = [(self._rank(r, piece), r) for r, piece in pieces.items() if piece]
-            _, turn = min(ready) if ready else (math.inf, None)
+            turn = min(ready, default=(math.inf, None))[1]
             end = TourEnd.STUCK if turn is None else self._decide(pieces[turn], deadline)
             if end is TourEnd.DECIDED:
                 self._hard = False
@@ -513,3 +494,15 @@ class TourPlanner:
     def _least(self, name: str) -> float:
         """Return the least time (s) that a motion takes."""
         return self._facts.seconds(self._end(name) - self._start(name))
+
+
+def _one_after_the_other(runs: Sequence[TimedPath]) -> list[TimedPath]:
+    """Return the runs of one object, of which each is there from when the last one ended."""
+    if not runs:
+        return []
+    ends = [runs[0].since, *(run.arrival for run in runs)]
+    ends[-1] = runs[-1].until
+    return [
+        replace(run, since=since, until=until)
+        for run, (since, until) in zip(runs, itertools.pairwise(ends), strict=True)
+    ]
