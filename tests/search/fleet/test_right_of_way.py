@@ -5,6 +5,7 @@ decided, against all that could be; what is driven then, judged.
 import itertools
 import math
 import random
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,7 +16,7 @@ from hypothesis import strategies as st
 from tests.search.fleet.test_better_rounds import first_tours
 from up_samp.model import Deadline
 from up_samp.motion.fleet.conflicts import passing_gaps, runs_in
-from up_samp.scheduling.partial_order.differences import ZERO, Difference, Earliest
+from up_samp.scheduling.partial_order.differences import Difference, Earliest
 from up_samp.search.fleet.right_of_way import Crossings
 from up_samp.validation import validate_plan
 
@@ -188,7 +189,10 @@ def test_what_is_decided_is_the_best_of_all():
         # passings are a little further apart than they have to be, for each of them in a row
         assert least <= math.ceil(max(ends.values()) - 1e-6) <= least + 1
         assert asked.optional | driven.keys() == asked.ways.keys()
-        assert ZERO in asked.earliest
+        # with as little time as there may be, most of them cannot meet any more
+        tight = replace(asked, limit=int(least) + 1).decide({}, Deadline.never())
+        assert tight is not None
+        assert replace(asked, limit=int(least) - 1).decide({}, Deadline.never()) is None
 
 
 @pytest.mark.parametrize("seed", [0, 1])

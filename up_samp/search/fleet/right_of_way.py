@@ -35,8 +35,6 @@ _TICKS = 50
 """Of the program, a second."""
 _EFFORT = 0.01
 """Deterministic seconds of CP-SAT for each decision."""
-_LONGER = 1.3
-"""Of all time, up to when what is left out in the end may happen in the program."""
 
 Driven = Mapping[str, tuple[Path, float]]
 """The way of each motion that is made, and when it starts (s)."""
@@ -69,7 +67,8 @@ class Crossings:
 
     def __post_init__(self) -> None:
         self.model = model = cp_model.CpModel()
-        longest = math.ceil(_LONGER * self.limit)
+        # what is left out in the end has its times, too: as long after all else as it takes at most
+        longest = self.limit + max(self.earliest.values())
         self._tick = round(self.unit * _TICKS)
         self._latest = self._latest_times(longest)
         self._points = {
