@@ -33,7 +33,7 @@ from up_samp.scheduling.partial_order.differences import HORIZON, ZERO, Differen
 
 _TICKS = 50
 """Of the program, a second."""
-_EFFORT = 1e-3
+_EFFORT = 5e-4
 """Deterministic seconds of CP-SAT for each decision."""
 
 Driven = Mapping[str, tuple[Path, float]]
