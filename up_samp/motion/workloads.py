@@ -103,6 +103,7 @@ def compile_groups() -> None:
     way around one that rests.
     """
     from up_samp.motion.fleet import coordinate
+    from up_samp.motion.fleet.paths import path_of
     from up_samp.motion.fleet.space_time import Proposer
     from up_samp.motion.fleet.workspace import Workspace, rest_run
 
@@ -111,7 +112,10 @@ def compile_groups() -> None:
     third = Rest("third", _BODY, (1.0, 7.5, 0.0), -math.inf, math.inf)
     straight = _Straight()
     coordinate(straight, GroupQuery((east, north), (third,)), Deadline.never())
-    fourth = rest_run(Workspace(straight), Rest("fourth", _BODY, (4.0, 4.0, 0.0)))
+    workspace = Workspace(straight)
+    one, other = (path_of(_drive(*m.poses), _BODY, m.poses) for m in (east, north))
+    workspace.passing(one, other, 3)
+    fourth = rest_run(workspace, Rest("fourth", _BODY, (4.0, 4.0, 0.0)))
     Proposer(Scene(_hall(), 0.01)).propose(east, [fourth])
 
 
