@@ -83,10 +83,10 @@ def drawn(rng):
     """Return crossings of two or three robots that make two motions each, drawn at random."""
     chains = {f"r{k}": [f"r{k}m{i}" for i in range(2)] for k in range(rng.randint(2, 3))}
     names = [name for chain in chains.values() for name in chain]
-    numbers = itertools.count()
+    numbers, unit = itertools.count(), rng.choice((1.0, 0.4, 1 / 3, 0.01))  # s
     ways = {
         name: [
-            SimpleNamespace(number=next(numbers), natural=SimpleNamespace(duration=float(d)))
+            SimpleNamespace(number=next(numbers), natural=SimpleNamespace(duration=d * unit))
             for d in rng.choices(range(2, 7), k=rng.choice((1, 1, 2)))
         ]
         for name in names
@@ -96,7 +96,7 @@ def drawn(rng):
         for one, other in chains.values()
     ]
     for name in names:
-        least = int(min(way.natural.duration for way in ways[name]))
+        least = round(min(way.natural.duration for way in ways[name]) / unit)
         differences.append(Difference(("start", name), ("end", name), least))
     known = {}
 
@@ -108,7 +108,7 @@ def drawn(rng):
                 gaps[0, 0, 0], gaps[1, 0, 0] = rng.randint(-4, 6), rng.randint(-4, 6)
                 if rng.random() < 0.3:  # one of them rests where the other one comes by
                     gaps[1, 1, 0] = rng.randint(-4, 0)
-            known[key] = some
+            known[key] = some * unit
         return known[key]
 
     rng.shuffle(differences)
@@ -116,14 +116,14 @@ def drawn(rng):
     chains = {robot: chains[robot] for robot in listed}
     earliest = Earliest(rng.sample(names, len(names)), differences)
     optional = frozenset(c[-1] for c in chains.values() if rng.random() < 0.3)
-    return Crossings(chains, ways, optional, differences, earliest.times, 1.0, passing, 60)
+    return Crossings(chains, ways, optional, differences, earliest.times, unit, passing, 60)
 
 
 def soonest(asked, made, chosen, sides):
     """Return when all is over by longest ways, None where that has no end."""
     arcs = [(d.first, d.then, d.lag) for d in asked.differences]
     for name, way in chosen.items():
-        arcs.append((("start", name), ("end", name), way.natural.duration))
+        arcs.append((("start", name), ("end", name), way.natural.duration / asked.unit))
     then = {a: b for chain in asked.chains.values() for a, b in itertools.pairwise(chain)}
     for (one, other), gaps in sides:
         for (leaves, comes), gap in np.ndenumerate(gaps):
@@ -132,8 +132,8 @@ def soonest(asked, made, chosen, sides):
             gone = then.get(one) if leaves else one
             if gone is None or gone not in made or comes:
                 return None
-            # starts are whole units here, as gaps and ways are
-            arcs.append((("start", gone), ("start", other), gap + 0.001))
+            # ways and gaps last whole units here
+            arcs.append((("start", gone), ("start", other), gap / asked.unit + 0.001))
     at = dict.fromkeys(asked.earliest, 0.0)
     for _ in range(len(at) + 2):
         before = dict(at)
@@ -185,9 +185,9 @@ def test_what_is_decided_is_the_best_of_all():
         if driven is None:
             assert least == INF
             continue
-        ends = {n: start + way.natural.duration for n, (way, start) in driven.items()}
+        last = max(start + way.natural.duration for way, start in driven.values()) / asked.unit
         # passings are a little further apart than they have to be, for each of them in a row
-        assert least <= math.ceil(max(ends.values()) - 1e-6) <= least + 1
+        assert least <= math.ceil(last - 1e-3) <= least + 1
         assert asked.optional | driven.keys() == asked.ways.keys()
         # with as little time as there may be, most of them cannot meet any more
         tight = replace(asked, limit=int(least) + 1).decide({}, Deadline.never())

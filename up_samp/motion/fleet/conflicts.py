@@ -436,6 +436,11 @@ def runs_in(cells: BoolArray) -> IntArray:
 
 # ------------------ On which sides two robots may pass each other
 
+A_AVOIDS = 1
+"""Bit of a pair's flags: the first body, moving, must keep clear of the second."""
+B_AVOIDS = 2
+"""Bit of a pair's flags: the second body, moving, must keep clear of the first."""
+
 
 @inner
 def _joined(rows: IntArray) -> tuple[IntArray, int]:
@@ -484,10 +489,10 @@ def passing_gaps(
     end, last = len(first_held) - 2, len(other_held) - 2
     for r in range(len(rows)):
         i, low, high = rows[r, 0], rows[r, 1], rows[r, 2]
-        if i == 0 or i == end or not flags & 1:
+        if i == 0 or i == end or not flags & A_AVOIDS:
             # one that rests, or heeds nobody, is only in the way of one that moves and heeds it
             low, high = max(low, 1), min(high, last - 1)
-            if low > high or not flags & 2:
+            if low > high or not flags & B_AVOIDS:
                 continue
         k = part[r]
         leaves, comes = i == end, low == 0

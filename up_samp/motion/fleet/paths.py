@@ -34,7 +34,14 @@ from up_samp.motion.curves.slowing import (
     ways_at,
 )
 from up_samp.motion.curves.trajectories import partway, rotations, travels, twists
-from up_samp.motion.fleet.conflicts import Hull, Swept, runs_in, sweep_table
+from up_samp.motion.fleet.conflicts import (
+    A_AVOIDS,
+    B_AVOIDS,
+    Hull,
+    Swept,
+    runs_in,
+    sweep_table,
+)
 from up_samp.motion.fleet.flyers import ROUND, SweptSolid
 
 # ------------------ Compiled bookkeeping in time
@@ -49,10 +56,6 @@ ROUNDED = 1e-7
 """Rounding (s) that adds up over the cells of a path."""
 ON_TIME = 1e-6
 """Lateness (s) that does not count."""
-A_AVOIDS = 1
-"""Bit of a pair's flags: the first body, moving, must keep clear of the second."""
-B_AVOIDS = 2
-"""Bit of a pair's flags: the second body, moving, must keep clear of the first."""
 
 
 class TimeSets(NamedTuple):

@@ -11,7 +11,8 @@ from up_samp.geometry.records import inner, kernel
 from up_samp.model import Configuration, TimedMotion, Trajectory, avoids
 from up_samp.model.arrays import FloatArray, IntArray
 from up_samp.motion.curves.reeds_shepp import DriveLimits
-from up_samp.motion.fleet.paths import A_AVOIDS, B_AVOIDS, SAME_TIME, Path, occupancy
+from up_samp.motion.fleet.conflicts import A_AVOIDS, B_AVOIDS
+from up_samp.motion.fleet.paths import SAME_TIME, Path, occupancy
 
 CLOSE = 1e-4
 """Samples nearer than this (s) to a stop, and shorter waits, are left out."""

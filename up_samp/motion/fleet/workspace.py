@@ -336,6 +336,7 @@ class Workspace:
             ordered = np.ascontiguousarray(rows[np.lexsort((rows[:, 1], rows[:, 0]))])
             return passing_gaps(ordered, a.natural_held, b.natural_held, flags)
 
+        # paths that are found to clear rests later have fewer conflicts: what is known stays enough
         return self._passing.get_or((a.number, b.number, flags), gaps)
 
     def forbidden(

@@ -293,7 +293,8 @@ def _unions(parts: Iterable[Ways]) -> Ways:
 class Earliest:
     """Earliest integer times of the starts and ends of ``names`` under ``differences``.
 
-    ``feasible`` is false where no times keep them all.
+    ``feasible`` is false where no times keep them all. Its own ``differences`` are these, but the
+    plan's end, and that nothing ends before it starts, nor after the plan.
     """
 
     def __init__(self, names: Iterable[str], differences: Iterable[Difference]) -> None:

@@ -2,11 +2,10 @@
 
 *First tours*: all tours are decided in the order of time, again and again; those that ended late
 have their turns sooner in the next round (squeaky wheel optimisation; Joslin and Clements 1999).
-*Better tours*: some are withdrawn and decided anew among the others, whose motions and times stay
-as they are (Shaw 1998; for paths of many robots: Li et al., "Anytime Multi-Agent Path Finding via
-Large Neighborhood Search", IJCAI 2021). What is withdrawn, and who goes first then, is the choice
-of a *move*: one of the functions in :data:`MOVES`. A change is kept unless the plan gets longer by
-it, or its tours do on the whole.
+*Better tours*: it is decided for all at once who goes first, and on which ways
+(:mod:`up_samp.search.fleet.right_of_way`). What is changed before that, again and again, is the
+choice of a *move*: one of the functions in :data:`MOVES` (large-neighbourhood search; Shaw 1998). A
+change is kept unless the plan gets longer by it, or its tours do on the whole.
 """
 
 from __future__ import annotations

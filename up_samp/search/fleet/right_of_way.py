@@ -31,8 +31,8 @@ from up_samp.motion.fleet.paths import Path
 from up_samp.scheduling.cpsat.solve.runner import NO_LINEARIZATION, run
 from up_samp.scheduling.partial_order.differences import HORIZON, ZERO, Difference, Point
 
-_TICKS = 50
-"""Of the program, a second."""
+_TICK, _FINE = 0.02, 10
+"""Of the program: a tick is about so long (s), and a unit has so many of them at least."""
 _EFFORT = 5e-4
 """Deterministic seconds of CP-SAT for each decision."""
 
@@ -69,7 +69,7 @@ class Crossings:
         self.model = model = cp_model.CpModel()
         # what is left out in the end has its times, too: as long after all else as it takes at most
         longest = self.limit + max(self.earliest.values())
-        self._tick = round(self.unit * _TICKS)
+        self._ticks = max(_FINE, round(self.unit / _TICK))
         self._latest = self._latest_times(longest)
         self._points = {
             point: model.new_int_var(min(soonest, self._latest[point]), self._latest[point], "")
@@ -77,7 +77,7 @@ class Crossings:
         }
         for d in self.differences:
             model.add(self._points[d.then] - self._points[d.first] >= d.lag + d.strict)
-        latest, names = longest * self._tick, list(self.ways)
+        latest, names = longest * self._ticks, list(self.ways)
         self._starts = {name: model.new_int_var(0, 2 * latest, "") for name in names}
         self._arrivals = {name: model.new_int_var(0, latest, "") for name in names}
         self._made = {name: model.new_bool_var("") for name in names}
@@ -163,7 +163,7 @@ class Crossings:
         def improved(values: list[int], _: float) -> None:
             found[:] = values
 
-        # from below: the bound is nearly met from the start, and found ten times as fast
+        # from below: the first bound is nearly met, and what meets it is found much sooner so
         options = {
             **NO_LINEARIZATION,
             "use_objective_lb_search": True,
@@ -183,11 +183,11 @@ class Crossings:
                 model.add(made == 1)
             model.add(sum(self._takes[name]) == made)
             for takes, path in zip(self._takes[name], ways, strict=True):
-                lasts = math.ceil(path.natural.duration * _TICKS)
+                lasts = self._enough(path.natural.duration)
                 model.add(arrival == start + lasts).only_enforce_if(takes)
             model.add(start == self._over).only_enforce_if(made.negated())
-            model.add(start >= self._tick * points["start", name])
-            model.add(arrival <= self._tick * points["end", name])
+            model.add(start >= self._ticks * points["start", name])
+            model.add(arrival <= self._ticks * points["end", name])
             model.add(start >= self._comes[name][1])
 
     def _state_passing(self, one: str, other: str) -> None:
@@ -211,8 +211,12 @@ class Crossings:
             if gap > -math.inf:
                 since, then = self._gone[one][leaves], self._comes[other][comes]
                 # a tick more than it has to be: timings are sampled
-                ticks = math.ceil(gap * _TICKS) + 1
+                ticks = self._enough(gap) + 1
                 self.model.add(then - since >= ticks).only_enforce_if(*where)
+
+    def _enough(self, seconds: float) -> int:
+        """Return so many ticks that they are no less than some seconds."""
+        return math.ceil(seconds / self.unit * self._ticks - 1e-6)
 
     def _hint(self, known: Driven) -> None:
         """Tell the solver what is known."""
@@ -222,15 +226,16 @@ class Crossings:
             for takes, way in zip(self._takes[name], ways, strict=True):
                 self.model.add_hint(takes, way is path)
             if path is not None:
-                self.model.add_hint(self._starts[name], round(start * _TICKS))
+                self.model.add_hint(self._starts[name], self._enough(start))
 
     def _driven(self, values: Sequence[int]) -> Driven:
         """Return what a solution of the program drives."""
+        tick = self.unit / self._ticks
 
         def ways() -> Iterator[tuple[str, tuple[Path, float]]]:
             for name, some in self._takes.items():
                 for takes, path in zip(some, self.ways[name], strict=True):
                     if values[takes.index]:
-                        yield name, (path, values[self._starts[name].index] / _TICKS)
+                        yield name, (path, values[self._starts[name].index] * tick)
 
         return dict(ways())
