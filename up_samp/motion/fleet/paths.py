@@ -54,8 +54,6 @@ SAME_TIME = 1e-9
 """Times (s) that are closer are equal."""
 ROUNDED = 1e-7
 """Rounding (s) that adds up over the cells of a path."""
-ON_TIME = 1e-6
-"""Lateness (s) that does not count."""
 
 
 class TimeSets(NamedTuple):
