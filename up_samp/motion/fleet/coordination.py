@@ -21,11 +21,11 @@ from up_samp.model import (
     avoids,
 )
 from up_samp.model.arrays import IntArray
-from up_samp.motion.fleet.neighbourhoods import ON_TIME, MovingGroup, Runs, first_runs, improve
+from up_samp.motion.fleet.neighbourhoods import MovingGroup, Runs, first_runs, improve
 from up_samp.motion.fleet.one_robot import Attempt, nothing, plan_one, virtual_obstacles
 from up_samp.motion.fleet.paths import SAME_TIME, Path
 from up_samp.motion.fleet.speed import parked_all_the_time
-from up_samp.motion.fleet.timed_path import TimedPath
+from up_samp.motion.fleet.timed_path import ON_TIME, TimedPath
 from up_samp.motion.fleet.together import couple
 from up_samp.motion.fleet.workspace import PathPlanner, Workspace, rest_run, workspace_of
 from up_samp.motion.protocol import WorkBudget

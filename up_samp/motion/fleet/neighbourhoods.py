@@ -19,15 +19,12 @@ from up_samp.model import Deadline, Rest, TimedMotion
 from up_samp.motion.fleet.paths import Path
 from up_samp.motion.fleet.space_time import proposer_of
 from up_samp.motion.fleet.speed import fit
-from up_samp.motion.fleet.timed_path import TimedPath, natural_timing, run_of
+from up_samp.motion.fleet.timed_path import ON_TIME, TimedPath, natural_timing, run_of
 from up_samp.motion.fleet.workspace import Workspace, rest_run
 from up_samp.motion.protocol import WorkBudget
 
 Runs = Mapping[str, TimedPath]
 """Runs by the names of their motions."""
-
-ON_TIME = 1e-6
-"""Lateness (s) that does not count."""
 
 SOON = 0.2
 """A motion that is so much later (s) than alone is given other ways."""

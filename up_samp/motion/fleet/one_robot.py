@@ -42,14 +42,13 @@ from up_samp.motion.fleet.conflicts import ROOM
 from up_samp.motion.fleet.lanes import curves_through, lane_offsets
 from up_samp.motion.fleet.paths import (
     LEVELS,
-    ON_TIME,
     Path,
     path_of,
     safe_intervals,
     shared_stretch,
 )
 from up_samp.motion.fleet.speed import fit, parked_all_the_time, tune
-from up_samp.motion.fleet.timed_path import TimedPath, Timing, natural_timing, run_of
+from up_samp.motion.fleet.timed_path import ON_TIME, TimedPath, Timing, natural_timing, run_of
 from up_samp.motion.fleet.workspace import PathPlanner, Workspace, workspace_of
 from up_samp.motion.guides import widest_shape
 from up_samp.motion.legs import before_docking, dock_of, docking_leg, strung

@@ -17,6 +17,9 @@ from up_samp.motion.fleet.paths import SAME_TIME, Path, occupancy
 CLOSE = 1e-4
 """Samples nearer than this (s) to a stop, and shorter waits, are left out."""
 
+ON_TIME = 1e-6
+"""Lateness (s) that does not count."""
+
 
 @inner
 def speed_of(level: int, can: DriveLimits, ds: float) -> float:
