@@ -200,6 +200,18 @@ def test_old_results_are_forgotten():
     assert known == [False, False, True, True]
 
 
+def test_no_more_are_listed_than_are_kept_whenever_they_end():
+    with jobs(kept=1, running=1) as server:
+        found = [server.submit(*ask("60")) for _ in range(3)]
+        for job in found:
+            job.ended(JobState.STOPPED)  # as it is for a moment before its thread tells the queue
+        assert server.all("plan") == found[-1:]
+        for job in found:
+            job.work.cancel()
+            if job.group is not None:
+                job.group.end()
+
+
 def test_no_folder_is_left_behind(tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     with jobs() as server:

@@ -228,6 +228,7 @@ class JobQueue:
     def all(self, kind: str) -> list[Job]:
         """Return all jobs of a kind that are known, the oldest first."""
         with self._lock:
+            self._forget()  # a job has ended a moment before its thread lets go of older ones
             return [j for j in self._jobs.values() if j.kind == kind]
 
     def stop(self, job: Job) -> None:
