@@ -20,6 +20,7 @@ import itertools
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 from unified_planning.model import Fluent, FNode, GlobalEndTiming, TimePointInterval, Timing
@@ -45,18 +46,14 @@ from up_samp.benchmarks.places import (
 )
 
 
-@dataclass(frozen=True)
-class Bicycle:
-    """``qdot = f(q, u)`` of a car ``length`` m long: q = (x, y, theta), u = (speed, steering)."""
-
-    length: float
-
-    def __call__(self, q: Sequence[float], u: Sequence[float], qdot: Any) -> None:
-        """Fill ``qdot`` (m/s, m/s, rad/s)."""
-        speed, steering = u
-        qdot[0] = speed * math.cos(q[2])
-        qdot[1] = speed * math.sin(q[2])
-        qdot[2] = speed * math.tan(steering) / self.length
+def bicycle(length: float, q: Sequence[float], u: Sequence[float], qdot: Any) -> None:
+    """Fill ``qdot`` (m/s, m/s, rad/s) of a car ``length`` m long: q = (x, y, theta), u = (speed,
+    steering).
+    """
+    speed, steering = u
+    qdot[0] = speed * math.cos(q[2])
+    qdot[1] = speed * math.sin(q[2])
+    qdot[2] = speed * math.tan(steering) / length
 
 
 # ------------------ What a problem in a published form is made of
@@ -201,7 +198,7 @@ class Form(ProblemOnMap):
             start,
             self.manner.model,
             motion_parameters={"turning_radius": self.manner.turning_radius},
-            control_model=Bicycle(max(xs) - min(xs)),
+            control_model=partial(bicycle, max(xs) - min(xs)),
             control_parameters=dict(CONTROLS),
         )
         robot = PublishedRobot(body, start, self._at(name, start), self._token(name))

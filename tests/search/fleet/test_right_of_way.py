@@ -200,7 +200,7 @@ def test_what_is_decided_at_once_is_a_plan(seed):
     problem, (tours, first), build, _ = first_tours((4, 8), seed)
     # nobody waits on its way, so it may take longer than the first tours
     limit = math.ceil(1.2 * first.lean().makespan)
-    found = tours.coordinated(first, limit, Deadline.never())
+    found = tours.coordinated(first.driven(), limit, Deadline.never())
     assert found is not None
     assert found.lean().makespan <= limit
     whole = build(found.lean(), found.trajectories())
@@ -209,9 +209,9 @@ def test_what_is_decided_at_once_is_a_plan(seed):
     again = tours.follow(found.driven())
     assert again is not None
     assert again.lean().makespan <= found.lean().makespan
-    assert tours.coordinated(first, limit, Deadline.never()).ends() == found.ends()
+    assert tours.coordinated(first.driven(), limit, Deadline.never()).ends() == found.ends()
 
 
 def test_nothing_is_found_where_there_is_no_time():
     _, (tours, first), _, _ = first_tours((3, 6))
-    assert tours.coordinated(first, first.lean().makespan // 2, Deadline.never()) is None
+    assert tours.coordinated(first.driven(), first.lean().makespan // 2, Deadline.never()) is None

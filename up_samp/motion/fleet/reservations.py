@@ -9,9 +9,12 @@ step.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from up_samp.model import Body, Configuration, Deadline, Placed, Rest, TimedMotion, avoids
 from up_samp.model.arrays import FloatArray
@@ -89,6 +92,23 @@ class ReservationTable:
         """Return what it takes that one of two motions passes before the other, on given paths."""
         flags = pair_flags(one.object, one.avoid, other.object, other.avoid)
         return self._workspace.passing(path, there, flags)
+
+    def handover(self, leaver: TimedMotion, comer: TimedMotion) -> float:
+        """Return how long (s) after one motion begins another one may end where it began, on ways
+        that are known and that they take without a stop (inf: none is known). What these take
+        longer than the quickest ones is counted, too.
+        """
+        some, others = (self.ways(motion).quickest_first() for motion in (leaver, comer))
+        best = math.inf
+        for path, there in itertools.product(some, others):
+            longer = path.natural.duration - some[0].natural.duration
+            longer += there.natural.duration - others[0].natural.duration
+            gaps = self.passing(leaver, path, comer, there)
+            # of obstacles with the place itself: who comes there first has to leave it again
+            shared = gaps[np.any(gaps[:, 1, 1] > -math.inf, axis=1), 0, 0, 0]
+            wait = max(0.0, np.max(shared, initial=-math.inf) + there.natural.duration)
+            best = min(best, longer + wait)
+        return best
 
     def sooner(self, motion: TimedMotion, run: TimedPath, others: Sequence[TimedPath]) -> TimedPath:
         """Return the earliest run of a motion on the path of a run that is known, among ``others``

@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 import random
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -33,8 +33,6 @@ _AT_ONCE = 4_000
 """Changes after which is seen whether there is time left."""
 _WARM = 0.1
 """Share of all cost by which a change may be worse at first."""
-NOISE = 0.06
-"""Share of what a job costs, by which guesses differ from one share of the jobs to the next."""
 
 
 @dataclass
@@ -71,6 +69,28 @@ class Assignment:
                 found[robot] = drive
         return found
 
+    def handovers(self) -> list[tuple[OneDrive, OneDrive]]:
+        """Return the drives by which robots leave places, with those by which others come there."""
+        snapshot, leaving, coming = self.guess.snapshot, *(defaultdict(list) for _ in range(2))
+        for robot, tour in sorted(self.tours.items()):
+            some = [self.jobs.options[j][k] for j, k in tour]
+            stops = [place for option in some for place in option.stops]
+            home = self.guess.home(some[-1]) if some else None
+            if home is not None:
+                leaving[stops[-1]].append((robot, stops[-1], home))
+            start = snapshot.configurations[snapshot.initial[robot]]
+            for a, b in itertools.pairwise(
+                place for place, _ in itertools.groupby([start, *stops])
+            ):
+                leaving[a].append((robot, a, b))
+                coming[b].append((robot, a, b))
+        return [
+            (one, other)
+            for place in sorted(leaving)
+            for one, other in itertools.product(leaving[place], coming[place])
+            if one[0] != other[0]
+        ]
+
     def ways(self) -> list[OneDrive]:
         """Return all drives that are made, also those home."""
         return [(robot, a, b) for robot in sorted(self.tours) for a, b in _all_ways(self, robot)]
@@ -98,21 +118,15 @@ def assign(
     return mended(exchanged(found, rng, deadline), rng, deadline, rounds)
 
 
-def biased(jobs: Jobs, noise: float, rng: random.Random) -> dict[Step, float]:
-    """Return shares, at most ``noise``, by which what jobs take is guessed otherwise."""
-    return {
-        (j, k): rng.uniform(-noise, noise)
-        for j, options in enumerate(jobs.options)
-        for k in range(len(options))
-    }
-
-
 def mended(
     found: Assignment, rng: random.Random, deadline: Deadline, rounds: int = ROUNDS
 ) -> Assignment:
     """Return a share of all jobs that is as good as one can tell by what its drives really take."""
     for _ in range(rounds):
-        if not found.guess.ask(found.ways(), deadline):
+        new = found.guess.ask(found.ways(), deadline)
+        if found.rehearsal.exact:
+            new += found.guess.ask_handovers(found.handovers(), deadline)
+        if not new:
             break
         # drives that turn out longer change little: it is not to be stirred up much
         found = exchanged(found, rng, deadline, share=0.1)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -21,6 +21,7 @@ from up_samp.search.fleet.duties import BatteryUse
 from up_samp.search.fleet.evaluator_kernel import (
     BatteryTables,
     CostWeights,
+    HandoverTables,
     TourArrays,
     WorkTables,
     beside,
@@ -38,15 +39,13 @@ Stop = tuple[str, Configuration]
 
 @dataclass
 class AssignmentEvaluator:
-    """Days of robots that have jobs to do.
-
-    :param bias: what a step is taken to cost more or less than guessed (share).
-    """
+    """Days of robots that have jobs to do."""
 
     guess: TravelTimeModel
     jobs: Jobs
     rules: CostWeights = field(default_factory=CostWeights)
-    bias: Mapping[Step, float] = field(default_factory=dict)
+    exact: bool = False
+    """Whether handovers at shared places take what is known of each, else all of them the same."""
     _known: tuple[int, WorkTables] | None = None
     """What options ask for, and how much was learned of drives when that was written down."""
 
@@ -102,17 +101,15 @@ class AssignmentEvaluator:
         options = [option for some in self.jobs.options for option in some]
         starts = {r: snapshot.configurations[snapshot.initial[r]] for r in self.robots}
         stops = [option.stops for option in options]
-        goals = self.guess.duties.ends
-        poses = {p for o in options for p in (o.entry, o.exit)} | set(starts.values())
-        poses |= set(goals.values())
+        goals, homes = self.guess.duties.ends, [self.guess.home(option) for option in options]
+        poses = {*starts.values(), *goals.values(), *(option.exit for option in options)}
+        poses |= {*filter(None, homes), *itertools.chain(*stops)}
         number = {pose: n for n, pose in enumerate(sorted(poses))}
         drives, stays = [], []
-        for step, option, places in zip(self._steps, options, stops, strict=True):
-            legs = [ride(option.robot, a, b) for a, b in option.legs]
-            more = self.bias.get(step, 0.0) * (option.work + math.fsum(legs))
-            each = (option.work + self.guess.pause(option) + more) / len(places)
-            drives += [0.0, *legs]
-            stays += [each] * len(places)
+        for option in options:
+            drives += [0.0, *(ride(option.robot, a, b) for a, b in option.legs)]
+            many = len(option.stops)
+            stays += [(option.work + self.guess.pause(option)) / many] * many
         kinds, rides = self._rides(options, starts, number)
         rests, loads, crews = self.guess.duties.rests, self.guess.duties.loads, self.jobs.crews
         of, robot, entry, exit_, crew = _columns(
@@ -143,7 +140,37 @@ class AssignmentEvaluator:
             rests=np.array([rests.get(r, 0.0) for r in self.robots]),
             loads=aboard,
             cells=self._cells(options, kinds, number, rides),
+            handovers=self._handovers(kinds, number, [*itertools.chain(*stops)], homes),
         )
+
+    def _handovers(
+        self,
+        kinds: Sequence[int],
+        number: Mapping[Configuration, int],
+        stops: Sequence[Configuration],
+        homes: Sequence[Configuration | None],
+    ) -> HandoverTables:
+        """Return what is known of handovers at shared places, with where all stops are, and where
+        options lead home.
+        """
+        known = self.guess.handovers if self.exact else {}
+        mine = defaultdict[Body, set[int]](set)
+        for robot, kind in zip(self.robots, kinds, strict=True):
+            mine[self.guess.snapshot.objects[robot].body].add(kind)
+        rows = np.full((2, max(kinds) + 1, len(number) + 1, len(number) + 1), -1)
+        drives = [
+            {drive: n for n, drive in enumerate(dict.fromkeys(some))}
+            for some in zip(*known, strict=True)
+        ]
+        for table, some in zip(rows, drives, strict=False):
+            for (body, a, b), row in some.items():
+                table[sorted(mine[body]), number[a], number[b]] = row
+        seconds = np.full([len(some) + 1 for some in drives] or (1, 1), -1.0)
+        for (one, other), least in known.items():
+            seconds[drives[0][one], drives[1][other]] = least
+        at = np.array([number[pose] for pose in stops])
+        home = np.array([-1 if pose is None else number[pose] for pose in homes])
+        return HandoverTables(at, home, rows[0], rows[1], seconds)
 
     def _way_home(self, option: WorkMode) -> float:
         """Return how long (s) it takes from where an option ends to where its robot is in nobody's

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from up_samp.geometry.records import inner, kernel
+from up_samp.geometry.records import inner, kernel, lean_inner
 from up_samp.model.arrays import FloatArray, IntArray
 
 
@@ -26,6 +26,21 @@ class BatteryTables(NamedTuple):
     uses: FloatArray
     taken: FloatArray
     detour: FloatArray
+
+
+class HandoverTables(NamedTuple):
+    """How long (s) after a robot begins a drive from a shared place another one may end its drive
+    there: ``seconds`` by row and column (negative: unknown), which drives (kind, from, to) have
+    (``leaves``, ``comes``). ``at`` is where each stop is, ``home`` where a robot goes after an
+    option that is its last one. -1 is no row, no column, nowhere: all tables end with what is
+    unknown then.
+    """
+
+    at: IntArray
+    home: IntArray
+    leaves: IntArray
+    comes: IntArray
+    seconds: FloatArray
 
 
 class WorkTables(NamedTuple):
@@ -61,6 +76,7 @@ class WorkTables(NamedTuple):
     rests: FloatArray
     loads: IntArray
     cells: BatteryTables
+    handovers: HandoverTables
 
 
 class CostWeights(NamedTuple):
@@ -99,6 +115,9 @@ def ends_of(work: WorkTables, rules: CostWeights, shares: TourArrays, places: in
     at = np.zeros((robots, 2), dtype=np.int64)  # the number of the option, and of the stop
     free = np.full(places, -np.inf)
     last = np.full(places, -1)
+    stop_at, home, goes, comes, seconds = work.handovers
+    leaves = np.full(places, -1)  # how the last one drives on: a row of known handovers
+    here, kind = work.start.copy(), work.kind
     saved = np.zeros(robots)  # by the latest option's being done together with the one before
     for r in range(robots):
         if counts[r] > 0:
@@ -112,11 +131,15 @@ def ends_of(work: WorkTables, rules: CostWeights, shares: TourArrays, places: in
         option, stop = tours[r, at[r, 0]], at[r, 1]
         place, begin = place_of[stop], came
         if place >= 0 and last[place] != r:
-            begin = max(came, free[place])
+            gap = seconds[leaves[place], comes[kind[r], here[r], stop_at[stop]]]
+            begin = max(came, free[place] + (gap if gap >= 0.0 else rules.handover))
         done = begin + stays[stop]
+        here[r] = stop_at[stop]
         if place >= 0:
-            free[place] = done + rules.handover
+            free[place] = done
             last[place] = r
+            there = _then(stop_at, home, head, tours[r, : counts[r]], at[r])
+            leaves[place] = goes[kind[r], stop_at[stop], there]
         found[r, 0] = done
         if stop + 1 < head[option + 1]:
             at[r, 1] = stop + 1
@@ -136,6 +159,19 @@ def ends_of(work: WorkTables, rules: CostWeights, shares: TourArrays, places: in
         found[r, 0] += _way_home(work, shares, r, last)
         found[r, 0] += beside(work, r, tours[r], counts[r])[0]
     return found
+
+
+@lean_inner
+def _then(stop_at: IntArray, home: IntArray, head: IntArray, tour: IntArray, at: IntArray) -> int:
+    """Return where a robot drives from a stop of its tour, ``at`` (number of the option, stop)."""
+    option = tour[at[0]]
+    if at[1] + 1 < head[option + 1]:
+        there: int = stop_at[at[1] + 1]
+    elif at[0] + 1 < len(tour):
+        there = stop_at[head[tour[at[0] + 1]]]
+    else:
+        there = home[option]
+    return there
 
 
 @inner

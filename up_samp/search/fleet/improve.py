@@ -13,14 +13,14 @@ from __future__ import annotations
 import math
 import random
 import statistics
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from up_samp.model import CandidateSchedule, Deadline
 from up_samp.search.check import Check
 from up_samp.search.events import Phase
-from up_samp.search.fleet.assignment import NOISE, Assignment, biased, exchanged, mended
-from up_samp.search.fleet.evaluator import AssignmentEvaluator
+from up_samp.search.fleet.assignment import Assignment, exchanged, mended
+from up_samp.search.fleet.evaluator import AssignmentEvaluator, Step
 from up_samp.search.fleet.sequential import FleetSolution, alone, can_decide, times_of
 from up_samp.search.fleet.tours import TourPlanner
 from up_samp.search.knowledge import Incumbent
@@ -35,7 +35,7 @@ MANY, _SHARE = 14, 0.6
 """Motions that may meet, from which on a candidate's motions are not first tried as scheduled; and
 the share of the remaining time that they get."""
 _FEW_ROUNDS = 4
-"""In which all their tours are decided, and those of another share of the jobs."""
+"""In which all their tours are decided."""
 # first tours
 _HOPELESS = 6
 """Rounds without tours, after which they are decided whole."""
@@ -52,6 +52,10 @@ _ORDERS = 12
 # better tours
 _DRAWN = 3
 """Shares of the jobs, of which the best one is tried."""
+_CAREFUL, _LEARNT = 3.0, 20
+"""How much more is changed in these than in the first one, and rounds in which is learned what they
+take.
+"""
 _STEEP = 60.0
 """Power of a tour's end that counts in those: hardly any but the last one does."""
 _LOOKING = 8
@@ -216,6 +220,11 @@ class FleetLNS:
     """When (s) all jobs are done at the soonest, as far as shared places tell."""
     looked: set[str] = field(default_factory=set)
     """Motions of the best tours for which other ways were looked for."""
+    tried: list[Mapping[str, Sequence[Step]]] = field(default_factory=list)
+    """Shares of the jobs whose tours were decided."""
+
+    def __post_init__(self) -> None:
+        self.tried.append(self.dealt.tours)
 
     def improved(self, over: Callable[[], bool], deadline: Deadline) -> Iterator[FleetSolution]:
         """Yield tours that are over sooner than all before, until it is ``over`` or many changes in
@@ -261,7 +270,7 @@ class FleetLNS:
 
 def right_of_way(search: FleetLNS, deadline: Deadline) -> FleetSolution | None:
     """Who goes first, and on which of the known ways, decided anew for all at once."""
-    return search.tours.coordinated(search.best, search.makespan, deadline)
+    return search.tours.coordinated(search.best.driven(), search.makespan, deadline)
 
 
 def other_ways(search: FleetLNS, deadline: Deadline) -> FleetSolution | None:
@@ -279,38 +288,40 @@ def other_ways(search: FleetLNS, deadline: Deadline) -> FleetSolution | None:
 
 
 def deal_again(search: FleetLNS, deadline: Deadline) -> FleetSolution | None:
-    """All jobs dealt out anew with what is known now of drives and of changes at shared places;
-    all tours are decided in rounds, then all at once.
+    """All jobs dealt out anew with what is known now of drives and of handovers at shared places;
+    all tours are decided at once.
     """
-    dealt, rng = search.dealt, search.rng
-    usual = dealt.rehearsal
+    usual = search.dealt.rehearsal
     gaps = search.tours.changeovers(search.best) or [usual.rules.handover]
     known = usual.rules._replace(steep=_STEEP, handover=statistics.median(gaps))
-    found = _promising(search, replace(usual, rules=known), deadline)
+    found = _promising(search, replace(usual, rules=known, exact=True), deadline)
+    if found is None:
+        return None
+    search.tried.append(found.tours)
     least = replace(usual, rules=known._replace(handover=gaps[0])).ends(found.tours).values()
     search.without_traffic = min(search.without_traffic, max(end for end, _ in least))
     again = replace(found, rehearsal=usual)
-    tours = None if again.tours == dealt.tours else search.open_tours(again, deadline)
-    decided = None if tours is None else squeaky_wheel(tours, _FEW_ROUNDS, rng, deadline)
-    if tours is None or decided is None:
+    tours = search.open_tours(again, deadline)
+    decided = None if tours is None else tours.coordinated({}, search.makespan, deadline)
+    if tours is None or decided is None or search.cost(decided) > search.cost(search.best):
         return None
-    decided = tours.coordinated(decided, search.makespan, deadline) or decided
-    if search.cost(decided) <= search.cost(search.best):
-        search.tours, search.dealt = tours, again
+    search.tours, search.dealt = tours, again
     return decided
 
 
-def _promising(search: FleetLNS, expected: AssignmentEvaluator, deadline: Deadline) -> Assignment:
-    """Return the best by what is ``expected`` of some shares of the jobs, each by guesses that
-    differ a little: what suits one of them best is found over and over.
+def _promising(
+    search: FleetLNS, expected: AssignmentEvaluator, deadline: Deadline
+) -> Assignment | None:
+    """Return the best by what is ``expected`` of some shares of the jobs that were not tried yet,
+    if any.
     """
-    dealt, rng, shares = search.dealt, search.rng, []
+    start, rng, found = replace(search.dealt, rehearsal=expected), search.rng, []
     for _ in range(_DRAWN):
-        bias = biased(dealt.jobs, NOISE * rng.random() ** 2, rng)
-        guessed = AssignmentEvaluator(expected.guess, dealt.jobs, expected.rules, bias)
-        shares.append(exchanged(replace(dealt, rehearsal=guessed), rng, deadline))
-    best = min(shares, key=lambda share: expected.length(share.tours))
-    return mended(best, rng, deadline)
+        share = exchanged(start, rng, deadline, share=_CAREFUL)
+        share = mended(share, rng, deadline, _LEARNT)
+        if share.tours not in search.tried:
+            found.append(share)
+    return min(found, key=lambda share: expected.length(share.tours), default=None)
 
 
 MOVES: Moves = ((other_ways, 0.5), (deal_again, 0.5))

@@ -17,19 +17,19 @@ from collections import defaultdict
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
+from operator import attrgetter
 
 from unified_planning.model.motion import SchedulingMotionProblem
 
-from up_samp.model import Body, Configuration, Deadline, PathQuery
-from up_samp.model.snapshot import Snapshot
+from up_samp.model import Body, Configuration, Deadline, PathQuery, TimedMotion
+from up_samp.model.snapshot import Snapshot, grouped
+from up_samp.motion.fleet.reservations import ReservationTable
 from up_samp.search.conclusion import SearchResult, conclude, conclude_stopped
 from up_samp.search.events import Phase
 from up_samp.search.facts import MotionCase
 from up_samp.search.fleet.assignment import (
-    NOISE,
     Assignment,
     assign,
-    biased,
     decided_by,
     in_stated_order,
     state_order,
@@ -41,7 +41,7 @@ from up_samp.search.fleet.improve import FleetLNS, plan_tours, undecided_tours
 from up_samp.search.fleet.jobs import Jobs, WorkMode, earlier_jobs, stands_of
 from up_samp.search.fleet.sequential import FleetSolution
 from up_samp.search.fleet.tours import TourPlanner
-from up_samp.search.fleet.travel_times import TravelTimeModel, pauses_of
+from up_samp.search.fleet.travel_times import Handover, OneDrive, TravelTimeModel, pauses_of
 from up_samp.search.fleet_bound.bound import state_bounds
 from up_samp.search.knowledge import BUILDING, STATING, Incumbent
 from up_samp.search.loop import get_schedule, keep_if_better, solve, state_what_is_known
@@ -165,8 +165,8 @@ def can_be_done(search: Search) -> Callable[[Sequence[WorkMode]], bool]:
 
 
 def deals_of(search: Search, large: LargeProblem, deadline: Deadline) -> Iterator[Assignment]:
-    """Yield shares of the jobs: the best one found, then others, by guesses that are more and more
-    different, and more and more careful about what is due.
+    """Yield shares of the jobs: the best one found, then others, more and more careful about
+    what is due.
     """
     guess, rules = guess_of(search, large), CostWeights()
     earlier = earlier_jobs(large.problem, large.jobs)
@@ -174,10 +174,8 @@ def deals_of(search: Search, large: LargeProblem, deadline: Deadline) -> Iterato
         # who was late was guessed to be too quick
         careful = rules._replace(traffic=rules.traffic * (1.0 + _SLOWER * number))
         rng = random.Random(search.seed + number)
-        # from the fifth share of the jobs on they differ no more
-        bias = biased(large.jobs, NOISE * min(number, 5), rng)
         soon = deadline.within(_DEALING * deadline.remaining())
-        rehearsal = AssignmentEvaluator(guess, large.jobs, careful, bias)
+        rehearsal = AssignmentEvaluator(guess, large.jobs, careful)
         share = assign(rehearsal, soon, rng, large.tuning)
         yield in_stated_order(share, earlier, large.jobs.crews)
 
@@ -198,7 +196,32 @@ def guess_of(search: Search, large: LargeProblem) -> TravelTimeModel:
 
     pauses = pauses_of(large.problem, large.jobs)
     duties = duties_of(large.problem, large.snapshot, large.jobs)
-    return TravelTimeModel(large.snapshot, lasts, drives, pauses, duties)
+    return TravelTimeModel(
+        large.snapshot, lasts, drives, pauses, duties, handover_of(search, large)
+    )
+
+
+def handover_of(search: Search, large: LargeProblem) -> Handover:
+    """Return what tells how long handovers at shared places take, by ways that are known."""
+    floor, objects = ReservationTable(search.motions.service, ()), large.snapshot.objects
+    tasks = grouped(large.snapshot.tasks, attrgetter("object"))
+    heeded = {name: {task.avoid for task in some} for name, some in tasks.items()}
+
+    def motion_of(robot: str, a: Configuration, b: Configuration) -> TimedMotion:
+        some = heeded.get(robot, {None})
+        avoid = next(iter(some)) if len(some) == 1 else None
+        return TimedMotion("", robot, objects[robot].body, (a, b), 0.0, math.inf, avoid=avoid)
+
+    def hands_over(one: OneDrive, other: OneDrive, deadline: Deadline) -> float | None:
+        motions = motion_of(*one), motion_of(*other)
+        with search.budget.motion_time():
+            for motion in motions:
+                if not floor.ways(motion).paths:
+                    floor.alone(motion.body, motion.poses, deadline)
+            seconds = floor.handover(*motions)
+        return seconds if seconds < math.inf else None
+
+    return hands_over
 
 
 Found = tuple[Incumbent, FleetLNS]

@@ -270,15 +270,13 @@ class TourPlanner:
         unit = self._facts.seconds(1)
         return Crossings(chains, ways, optional, differences, times, unit, passing, limit)
 
-    def coordinated(
-        self, decided: FleetSolution, limit: int, deadline: Deadline
-    ) -> FleetSolution | None:
+    def coordinated(self, known: Driven, limit: int, deadline: Deadline) -> FleetSolution | None:
         """Return all tours decided at once, on the ways that are known, so that they are over by
         ``limit`` (units) at the latest; None where nothing was found.
 
-        :param decided: tours that are known; the search begins with them.
+        :param known: where the search begins.
         """
-        driven = self.crossings(limit).decide(decided.driven(), deadline)
+        driven = self.crossings(limit).decide(known, deadline)
         return None if driven is None else self.follow(driven)
 
     def follow(self, driven: Driven) -> FleetSolution | None:

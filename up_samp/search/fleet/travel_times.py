@@ -33,6 +33,12 @@ Drives = Callable[[Body, Configuration, Configuration, Deadline], float | None]
 """How long a body takes alone on the floor from one pose to another (s), None if it is unknown."""
 OneDrive = tuple[str, Configuration, Configuration]
 """A robot that drives, from where to where."""
+Handover = Callable[[OneDrive, OneDrive, Deadline], float | None]
+"""How long after one robot begins to leave a place another one may be there (s), None if it is
+unknown.
+"""
+Drive = tuple[Body, Configuration, Configuration]
+"""How a body drives, from where to where."""
 
 
 class TravelTimeModel:
@@ -49,12 +55,16 @@ class TravelTimeModel:
         drives: Drives | None = None,
         pauses: Mapping[str, int] | None = None,
         duties: Duties = _NONE,
+        hands_over: Handover | None = None,
     ) -> None:
         self.snapshot, self.duties = snapshot, duties
         self._lasts, self._drives = lasts, drives
         self._pauses = pauses or {}
-        self._known: dict[tuple[Body, Configuration, Configuration], float] = {}
-        self._real: dict[tuple[Body, Configuration, Configuration], float] = {}
+        self._hands_over = hands_over
+        self._known: dict[Drive, float] = {}
+        self._real: dict[Drive, float] = {}
+        self.handovers: dict[tuple[Drive, Drive], float] = {}
+        """How long after one drive begins another one may end where it began (s)."""
         self._told: dict[Body, list[tuple[float, float]]] = defaultdict(list)
         """What was learned of a body's drives: (bound, really)."""
         self._ratios: dict[Body, float] = {}
@@ -67,8 +77,12 @@ class TravelTimeModel:
         real = self._real.get(key)
         if real is None:
             real = self._least(key) * self._ratios.get(key[0], 1.0)
+        return self._whole(real)
+
+    def _whole(self, seconds: float) -> float:
+        """Return seconds in whole units."""
         unit = self.snapshot.seconds_per_unit
-        return unit * math.ceil(real / unit - 1e-6)
+        return unit * math.ceil(seconds / unit - 1e-6)
 
     def pause(self, option: WorkMode) -> float:
         """Return how long (s) a robot waits at least between the activities of an option."""
@@ -93,6 +107,20 @@ class TravelTimeModel:
                 self._told[key[0]].append((bound, self._real[key]))
         for body, told in self._told.items():
             self._ratios[body] = sum(real for _, real in told) / sum(bound for bound, _ in told)
+        self.rounds += new > 0
+        return new
+
+    def ask_handovers(self, pairs: Iterable[tuple[OneDrive, OneDrive]], deadline: Deadline) -> int:
+        """Learn how long handovers take, and return how many of them were not known."""
+        new = 0
+        for pair in pairs:
+            one, other = ((self.snapshot.objects[r].body, a, b) for r, a, b in pair)
+            if self._hands_over is None or (one, other) in self.handovers or deadline.expired():
+                continue
+            seconds = self._hands_over(*pair, deadline)
+            if seconds is not None:
+                new += 1
+                self.handovers[one, other] = self._whole(seconds)
         self.rounds += new > 0
         return new
 
