@@ -22,7 +22,7 @@ from unified_planning.model.scheduling import Activity
 from up_samp.model import Configuration, Deadline
 from up_samp.model.snapshot import TermKind
 from up_samp.search.fleet.evaluator import AssignmentEvaluator, Step, Stop
-from up_samp.search.fleet.evaluator_kernel import anneal, drawn, insert
+from up_samp.search.fleet.evaluator_kernel import CostWeights, anneal, drawn, insert
 from up_samp.search.fleet.jobs import Jobs
 from up_samp.search.fleet.travel_times import OneDrive, TravelTimeModel
 from up_samp.tuning import Tuning
@@ -149,7 +149,8 @@ def exchanged(
     :param share: of the warmth and of the changes at first.
     """
     tuning, rehearsal = found.tuning, found.rehearsal
-    warm = tuning.cold + (_WARM - tuning.cold) * share
+    hot = _WARM * rehearsal.rules.steep / CostWeights().steep
+    warm = tuning.cold + (hot - tuning.cold) * share
     tries = math.ceil(tuning.exchanges * len(found.jobs.options) * share)
     now, best = rehearsal.shares(found.tours), rehearsal.shares(found.tours)
     heats = np.zeros(tries)

@@ -52,10 +52,6 @@ _ORDERS = 12
 # better tours
 _DRAWN = 3
 """Shares of the jobs, of which the best one is tried."""
-_CAREFUL, _LEARNT = 3.0, 20
-"""How much more is changed in these than in the first one, and rounds in which is learned what they
-take.
-"""
 _STEEP = 60.0
 """Power of a tour's end that counts in those: hardly any but the last one does."""
 _LOOKING = 8
@@ -317,8 +313,7 @@ def _promising(
     """
     start, rng, found = replace(search.dealt, rehearsal=expected), search.rng, []
     for _ in range(_DRAWN):
-        share = exchanged(start, rng, deadline, share=_CAREFUL)
-        share = mended(share, rng, deadline, _LEARNT)
+        share = mended(exchanged(start, rng, deadline), rng, deadline)
         if share.tours not in search.tried:
             found.append(share)
     return min(found, key=lambda share: expected.length(share.tours), default=None)
