@@ -20,11 +20,11 @@ from functools import cache, cached_property, partial
 
 from unified_planning.model.motion import SchedulingMotionProblem
 
-from up_samp.model import Body, Configuration, Deadline, PathQuery
+from up_samp.model import Body, CandidateSchedule, Configuration, Deadline, PathQuery
 from up_samp.model.snapshot import Snapshot
 from up_samp.search.conclusion import SearchResult, conclude, conclude_stopped
 from up_samp.search.events import Phase
-from up_samp.search.facts import MotionCase
+from up_samp.search.facts import Choices, MotionCase
 from up_samp.search.fleet.assignment import (
     NOISE,
     Assignment,
@@ -78,6 +78,7 @@ class LargeProblem:
     jobs: Jobs
     open_thin: OpenThin
     tuning: Tuning
+    choices: Choices
 
     @cached_property
     def beside(self) -> frozenset[Stop]:
@@ -272,7 +273,14 @@ def _candidate(
         inner.scheduler.close()
     if report.schedule is None:
         return None
-    return inner, read_itinerary(inner.knowledge.relaxation, report.schedule)
+    # where less may happen less is left to choice, of which the whole problem asks, too
+    told, surely = report.schedule.parameters, dict[str, str]()
+    for key, choice in inner.facts.choices.items():
+        name = large.choices[key].variable
+        if choice.variable is None and name is not None:
+            surely[name] = choice.values[0]
+    schedule = CandidateSchedule(report.schedule.times, {**surely, **told})
+    return inner, read_itinerary(inner.knowledge.relaxation, schedule)
 
 
 def open_tours(large: LargeProblem, dealt: Assignment, deadline: Deadline) -> TourPlanner | None:
