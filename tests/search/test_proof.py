@@ -12,7 +12,7 @@ from tests.upio.hall import Hall
 from up_samp.model import Deadline
 from up_samp.scheduling.quirks import known_engines
 from up_samp.search.budget import Budget, Restarts
-from up_samp.search.proof import _fewest
+from up_samp.search.proof import Prover, _fewest
 
 
 @pytest.mark.parametrize("seed", range(30))
@@ -39,6 +39,32 @@ def test_answers_that_time_cut_short_make_it_larger_and_not_wrong(seed):
     core = {2, 5}
     kept = _fewest(range(8), lambda some: core <= set(some) and rng.random() < 0.5)
     assert core <= set(kept)
+
+
+class Incomparable:
+    """A demand that takes so long to be compared that nobody may do it."""
+
+    def __init__(self, number):
+        self.text = f"demand {number}"
+
+    def __eq__(self, other):
+        raise AssertionError("compared")
+
+    __hash__ = None
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_facts_run_into_is_found_without_comparing_demands(seed, monkeypatch):
+    rng = random.Random(seed)
+    asked = [Incomparable(number) for number in range(rng.randint(20, 200))]
+    core = {one.text for one in rng.sample(asked, 3)}
+
+    def infeasible(self, facts, lifted, deadline):
+        return core.isdisjoint(demand.text for demand in lifted)
+
+    monkeypatch.setattr(Prover, "_infeasible", infeasible)
+    prover = Prover(lambda: None, Budget(Deadline.never(), 10.0), 0)
+    assert set(prover._met((), asked, len(asked))) == core
 
 
 def may_restart(*, restarts=0, stale=0, seconds=60.0, limit=None, planned=True):

@@ -56,6 +56,8 @@ def are_apart(one: MotionCase, other: MotionCase) -> bool:
     return avoids(a.avoid, b.object) and avoids(b.avoid, a.object)
 
 
+Choices = Mapping[tuple[str, Term, bool], ConfigurationChoice]
+"""What configurations hang on that are no constants (see ``Relaxation.choices``)."""
 Signature = tuple[Body, tuple[Configuration, ...]]
 """What a motion is to the motion planner: motions of equal signatures are equivalent."""
 
@@ -67,12 +69,11 @@ LATE = 9e-7
 class Facts:
     """The problem as it was read, and what follows from it at once.
 
-    ``choices``: what configurations hang on that are no constants (see ``Relaxation.choices``).
     Motions with more than ``most_cases`` are looked at when they are scheduled.
     """
 
     snapshot: Snapshot
-    choices: Mapping[tuple[str, Term, bool], ConfigurationChoice]
+    choices: Choices
     most_cases: int = 128
 
     # ------------------------------------------------------------------ units

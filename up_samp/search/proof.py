@@ -208,12 +208,14 @@ class Prover:
         if not asked or len(asked) > most:
             return []
         deadline = self.budget.share(_EXPLAIN_SHARE, _EXPLAIN_SECONDS)
+        places = range(len(asked))
 
-        def fails(kept: Sequence[Demand]) -> bool:
-            return self._infeasible(facts, [x for x in asked if x not in kept], deadline)
+        def fails(kept: Sequence[int]) -> bool:  # to compare demands takes longer than all else
+            lifted = [asked[place] for place in sorted({*places} - {*kept})]
+            return self._infeasible(facts, lifted, deadline)
 
-        met = _fewest(asked, fails)
-        return [] if deadline.expired() else [demand.text for demand in met]
+        met = _fewest(places, fails)
+        return [] if deadline.expired() else [asked[place].text for place in met]
 
     def _infeasible(
         self, facts: Sequence[Refinement], lifted: Sequence[Demand], deadline: Deadline

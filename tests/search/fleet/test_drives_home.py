@@ -2,19 +2,25 @@
 job gets out of the way of who comes there later.
 """
 
+import logging
 import random
 
 import pytest
-from unified_planning.shortcuts import OneshotPlanner
+from unified_planning.shortcuts import Equals, GlobalEndTiming, OneshotPlanner, get_environment
 
 from tests.search.fleet.guesses import along_the_axes
+from tests.shuffled import shuffled
 from up_samp import Fleet
+from up_samp.benchmarks.builders.warehouse import WAREHOUSE_ENCODINGS, warehouse
 from up_samp.io.plan_dict import plan_to_dict
-from up_samp.search.fleet.assignment import Assignment
+from up_samp.model import Deadline
+from up_samp.search.fleet.assignment import Assignment, assign
 from up_samp.search.fleet.duties import duties_of
 from up_samp.search.fleet.evaluator import AssignmentEvaluator
 from up_samp.search.fleet.jobs import find_jobs
+from up_samp.search.fleet.solve import homes_of
 from up_samp.search.fleet.travel_times import TravelTimeModel
+from up_samp.tuning import Tuning
 from up_samp.upio import read_problem
 from up_samp.validation import validate_plan
 
@@ -93,3 +99,43 @@ def test_such_a_fleet_is_dealt_out(seed):
     ends = {drive["object"]: tuple(drive["samples"][-1][1:3]) for drive in drives}
     assert len(set(ends.values())) == len(STARTS)
     assert sum(end == pytest.approx(ONLY[:2]) for end in ends.values()) == 1
+
+
+def homely(seed):
+    """Return a warehouse of which some robots have to be at their docks in the end, which these
+    are, and how it is dealt out; listed anyhow.
+    """
+    rng = random.Random(f"homely {seed}")
+    robots, encoding = rng.choice([2, 3]), rng.choice(WAREHOUSE_ENCODINGS)
+    problem = warehouse(robots, rng.choice([3, 4, 5]), seed=seed, encoding=encoding)
+    ends = [f"robot{k}" for k in range(robots) if rng.random() < 0.6]
+    for name in ends:
+        there = problem.fluent("robot_at")(problem.object(name))
+        dock = problem.object(name.replace("robot", "dock"))
+        problem.add_condition(GlobalEndTiming(), Equals(there, dock))
+    return shuffled(problem, seed, rename=False).problem, ends
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_who_has_to_be_home_in_the_end_drives_there(seed):
+    problem, ends = homely(seed)
+    snapshot = read_problem(problem)
+    jobs = find_jobs(problem, snapshot)
+    guess = TravelTimeModel(snapshot, along_the_axes, duties=duties_of(problem, snapshot, jobs))
+    rehearsal = AssignmentEvaluator(guess, jobs)
+    dealt = assign(rehearsal, Deadline.never(), random.Random(seed), Tuning(exchanges=9), rounds=0)
+    homes = homes_of(problem, dealt)
+    assert {task.object for n in homes for task in snapshot.by_activity[n]}.isdisjoint(ends)
+    assert bool(homes) == (len(ends) < len(rehearsal.robots))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(12))
+def test_plans_of_who_has_to_be_home_get_better(seed, caplog):
+    get_environment().credits_stream = None
+    problem, _ = homely(seed)
+    params = {"tuning": {"large": 1, "stale": 15}, "seconds_per_unit": 0.5}
+    with OneshotPlanner(name="samp-refine[cpsat]", params=params) as planner:
+        result = planner.solve(problem, timeout=60)
+    assert validate_plan(problem, result.plan, seconds_per_unit=0.5).valid
+    assert not [r for r in caplog.records if r.levelno >= logging.ERROR]

@@ -164,7 +164,7 @@ def test_who_goes_first_is_done_sooner():
 def test_needless_ways_home_are_left_out_of_plans():
     problem = warehouse(3, 5, encoding="compact")
     search, itinerary, build, dealt = opened(problem, 0)
-    done = plan_tours(search, itinerary, Deadline.after(100), homes=homes_of(dealt))[1]
+    done = plan_tours(search, itinerary, Deadline.after(100), homes=homes_of(problem, dealt))[1]
     assert done.needless
     assert all(name.startswith("leave_") for name in done.needless)
     assert done.lean().makespan < done.schedule.makespan

@@ -7,8 +7,9 @@ from __future__ import annotations
 import itertools
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from up_samp.model import (
     GroupQuery,
     GroupReport,
     Outcome,
+    Placed,
     TimedMotion,
     avoids,
 )
@@ -441,7 +443,31 @@ def _report(group: MovingGroup, conflict: frozenset[str]) -> GroupReport:
 
 
 def _resting(group: MovingGroup) -> frozenset[str]:
-    """Return the resting objects that were met."""
-    return frozenset(
-        o.object for o in group.world if o.path.cells == 0 and o.object in group.passed
-    )
+    """Return the resting objects without which somebody might not be late: those that were met, and
+    those that best ways go around, past the former or not.
+    """
+    rests = {o.object: Placed(o.object, o.path.body, o.path.ends[0]) for o in group.world}
+    met = {name: rests[name] for name in sorted(rests.keys() & group.passed)}
+    asked = itertools.product(group.motions.values(), ({}, met))
+    return frozenset(met).union(*itertools.starmap(partial(_gone_around, group), asked))
+
+
+def _gone_around(
+    group: MovingGroup, motion: TimedMotion, past: Mapping[str, Placed]
+) -> frozenset[str]:
+    """Return those ``past`` whom a way of a motion leads, and who rests all the time and has the
+    best one go elsewhere: where that meets nobody any more, others that rest make no difference.
+    """
+    parked = {p.name: p for p in parked_all_the_time(motion, group.world)}
+    around, forbidden = dict(past), group.workspace.forbidden
+    while True:
+        asked = motion.body, motion.poses, tuple(around.values())
+        path = group.workspace.path(*asked, group.deadline)
+        if not isinstance(path, Path):
+            return frozenset(around)
+        me = path, motion.object, motion.avoid
+        met = {o.object for o in group.world if len(forbidden(*me, [o]))}
+        left = met & (parked.keys() - around.keys())
+        if not left:
+            return frozenset(around)
+        around |= {name: parked[name] for name in sorted(left)}

@@ -220,7 +220,7 @@ class WorkMode:
     exit: Configuration
     legs: tuple[tuple[Configuration, Configuration], ...] = ()
     due: float = math.inf
-    """When it has to be done at the latest (s)."""
+    """When it has to be done at the latest (units)."""
     extras: frozenset[str] = frozenset()
     """What may be present only if it is done: a way home, say."""
 

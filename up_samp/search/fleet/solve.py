@@ -21,12 +21,19 @@ from operator import attrgetter
 
 from unified_planning.model.motion import SchedulingMotionProblem
 
-from up_samp.model import Body, Configuration, Deadline, PathQuery, TimedMotion
+from up_samp.model import (
+    Body,
+    CandidateSchedule,
+    Configuration,
+    Deadline,
+    PathQuery,
+    TimedMotion,
+)
 from up_samp.model.snapshot import Snapshot, grouped
 from up_samp.motion.fleet.reservations import ReservationTable
 from up_samp.search.conclusion import SearchResult, conclude, conclude_stopped
 from up_samp.search.events import Phase
-from up_samp.search.facts import MotionCase
+from up_samp.search.facts import Choices, MotionCase
 from up_samp.search.fleet.assignment import (
     Assignment,
     assign,
@@ -78,6 +85,7 @@ class LargeProblem:
     jobs: Jobs
     open_thin: OpenThin
     tuning: Tuning
+    choices: Choices
 
     @cached_property
     def beside(self) -> frozenset[Stop]:
@@ -240,7 +248,7 @@ def plan_of_deal(
     :param opened: the search on what was dealt out, and its candidate.
     """
     inner, itinerary = opened
-    found = plan_tours(inner, itinerary, deadline, homes=homes_of(dealt))
+    found = plan_tours(inner, itinerary, deadline, homes=homes_of(large.problem, dealt))
     if found is None:
         return None
     rng, again = random.Random(search.seed), partial(open_tours, large)
@@ -257,14 +265,20 @@ def plan_of_tours(search: Search, decided: FleetSolution) -> Incumbent | None:
     if not search.judged(plan.plan):
         return plan
     whole = replace(decided, needless=frozenset())
+    if not decided.needless <= decided.runs.keys():
+        return None  # nobody knows how to drive it all
     plan = search.plan_of(whole.schedule, whole.trajectories())
     return None if search.judged(plan.plan) else plan
 
 
-def homes_of(dealt: Assignment) -> frozenset[str]:
-    """Return the drives out of the way of others, which nobody needs otherwise."""
-    jobs = dealt.jobs
-    needed = frozenset[str]().union(*jobs.needs.values())
+def homes_of(problem: SchedulingMotionProblem, dealt: Assignment) -> frozenset[str]:
+    """Return the drives out of the way of others, which nobody needs otherwise: no job does, they
+    need not happen, nor has whoever makes them to be anywhere in the end.
+    """
+    jobs, snapshot = dealt.jobs, dealt.guess.snapshot
+    needed = {a.name for a in problem.activities if not a.optional}.union(*jobs.needs.values())
+    drives = map(snapshot.by_object.get, dealt.guess.duties.ends)
+    needed |= {task.activity for some in filter(None, drives) for task in some}
     extras = frozenset(n for options in jobs.options for o in options for n in o.extras)
     return (extras | {*dealt.drives_home().values()}) - needed
 
@@ -295,13 +309,20 @@ def _candidate(
         inner.scheduler.close()
     if report.schedule is None:
         return None
-    return inner, read_itinerary(inner.knowledge.relaxation, report.schedule)
+    # where less may happen less is left to choice, of which the whole problem asks, too
+    told, surely = report.schedule.parameters, dict[str, str]()
+    for key, choice in inner.facts.choices.items():
+        name = large.choices[key].variable
+        if choice.variable is None and name is not None:
+            surely[name] = choice.values[0]
+    schedule = CandidateSchedule(report.schedule.times, {**surely, **told})
+    return inner, read_itinerary(inner.knowledge.relaxation, schedule)
 
 
 def open_tours(large: LargeProblem, dealt: Assignment, deadline: Deadline) -> TourPlanner | None:
     """Return the tours of what was dealt out, none of them decided."""
     opened = candidate_of(large, dealt, deadline)
-    tours = None if opened is None else undecided_tours(*opened, homes_of(dealt))
+    tours = None if opened is None else undecided_tours(*opened, homes_of(large.problem, dealt))
     if tours is not None:
         tours.learn_ways_past(deadline)
     return tours
