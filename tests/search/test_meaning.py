@@ -147,7 +147,7 @@ def test_a_refusal_is_learned_from(tmp_path):
     other = hall.move("other", 1, "left1", "right1")
     other.add_condition(other.start, Equals(at, left))
     assert right is not None
-    result = solve(problem, first_plan=True, query_seconds=0.3)
+    result = solve(problem, first_plan=True, query_seconds=0.15)
     assert result.status in SOLVED
     assert span(result, "go")[0] > 3
     assert int(result.metrics["refused"]) >= 1
