@@ -46,21 +46,7 @@ STYLE = (
     [tool("ruff"), "format", "--check", "."],
     [tool("lint-imports")],
 )
-UNASKED = (
-    "arg-type", "assignment", "dict-item", "index", "list-item", "misc", "no-any-return",
-    "no-untyped-call", "no-untyped-def", "operator", "type-arg", "union-attr", "var-annotated",
-)  # fmt: skip
-"""Errors that scripts and benchmarks may have: whatever they call has to be there, no more."""
-TYPES = (
-    [tool("mypy"), "-p", "up_samp", "-p", "up_samp_ros"],
-    [
-        tool("mypy"),
-        "--follow-imports=silent",
-        *(f"--disable-error-code={code}" for code in UNASKED),
-        "benchmarks",
-        "scripts",
-    ],
-)
+TYPES = [tool("mypy")]
 WAITING = ("tests/operate/test_mqtt.py", "tests/operate/test_page.py", "tests/server/test_page.py")
 """Tests that mostly wait, for robots in real time and for browsers: others run meanwhile."""
 
@@ -77,7 +63,7 @@ def commands(arguments: list[str]) -> list[list[str]]:
     """Return what is to be run, in this order."""
     what, *rest = arguments or [""]
     if what == "lint":
-        return [*STYLE, *TYPES]
+        return [*STYLE, TYPES]
     if what == "fast":
         return [*STYLE, pytest(*map(room, FAST), *rest)]
     if what == "room":
@@ -94,7 +80,7 @@ def are_all(arguments: list[str]) -> bool:
 def beside(arguments: list[str]) -> list[list[str]]:
     """Return what is run beside all of it, by one more process, in this order."""
     tests = [sys.executable, "-m", "pytest", "-q", *WAITING, *arguments]
-    return [*TYPES, tests] if are_all(arguments) else [*TYPES]
+    return [TYPES, tests] if are_all(arguments) else [TYPES]
 
 
 def run(command: list[str]) -> int:

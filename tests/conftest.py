@@ -1,13 +1,17 @@
 import gc
 
 import pytest
+from unified_planning.engines.factory import Factory
 
-from up_samp.search import budget
+from up_samp.model import deadline
+from up_samp.search import budget, proof
 
 
 def pytest_configure(config):
     # looking for garbage so seldom takes 6 % off the time of all tests
     gc.set_threshold(20_000, 25, 25)
+    # nobody reads them; for whom they are is looked up in the whole stack for each planner
+    Factory._print_credits = lambda *_: None
 
 
 def pytest_addoption(parser):
@@ -33,6 +37,29 @@ def nothing_is_refuted(caplog):
     yield
     told = [r.getMessage() for r in caplog.get_records("call")]
     assert not [message for message in told if message.startswith("refuted:")]
+
+
+@pytest.fixture(autouse=True, scope="session")
+def nobody_else_is_counted():
+    """Let deadlines count what is computed: solves get as far however busy the machine is."""
+    with deadline.computing_time():
+        yield
+
+
+@pytest.fixture
+def on_the_clock(monkeypatch):
+    """Let deadlines go by the machine's clock, as they do for users."""
+    monkeypatch.setattr(deadline, "_computing", [False])
+
+
+@pytest.fixture
+def unexplained(monkeypatch):
+    """Spare most of the time in which fewer facts that leave no schedule, and what these run into,
+    are looked for: it is mostly used up.
+    """
+    monkeypatch.setattr(proof, "_EXPLAIN_SECONDS", 3.0)
+    for most in ("_DEMANDS", "_LIMITS"):
+        monkeypatch.setattr(proof, most, 0)
 
 
 @pytest.fixture(autouse=True)

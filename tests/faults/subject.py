@@ -25,10 +25,10 @@ from unified_planning.shortcuts import AnytimePlanner, OneshotPlanner, get_envir
 
 import up_samp  # noqa: F401  (registers the engines)
 from tests.faults import engines, sabotage
-from tests.faults.watch import Watch
 from tests.fuzz.cases import Case, Robot, Style
 from tests.fuzz.floors import Floor, block, walled
 from tests.fuzz.problems import SECONDS, build
+from tests.oracles.clocks import Watch
 from up_samp.model import SampError
 
 

@@ -3,7 +3,6 @@
 import signal
 import subprocess
 import threading
-import time
 
 import pytest
 from unified_planning.shortcuts import OneshotPlanner
@@ -72,7 +71,7 @@ def test_ctrl_c_before_the_thread_begins_means_that_it_does_nothing(monkeypatch)
         with pytest.raises(KeyboardInterrupt):
             _interruptible(solver.work, solver, threading.Event())
     threading.Thread.start(begun[0])
-    time.sleep(0.05)
+    begun[0].join(60.0)
     assert not begun[0].is_alive()
     assert solver.working == 0
 

@@ -63,7 +63,7 @@ def gone_back(data):
 
 def test_two_robots_work_ahead_only_and_every_file_says_so(tmp_path):
     fleet = two_at_work(tmp_path, reverse="never")
-    result = fleet.solve(timeout=60, first_plan=True, query_seconds=0.3)
+    result = fleet.solve(timeout=60, first_plan=True, query_seconds=0.15)
     assert result.status.startswith("SOLVED"), result.explain()
     assert validate_plan(fleet.problem, result.plan).valid
     assert all(way < 1e-6 for way in gone_back(result.data).values())
@@ -78,7 +78,7 @@ def test_two_robots_work_ahead_only_and_every_file_says_so(tmp_path):
 
     # what is allowed to back off has no larger bound, and does so
     free = two_at_work(tmp_path)
-    other = free.solve(timeout=60, first_plan=True, query_seconds=0.3)
+    other = free.solve(timeout=60, first_plan=True, query_seconds=0.15)
     assert other.data["lower_bound"] <= result.data["lower_bound"]
     assert any(way > 1.0 for way in gone_back(other.data).values())
     assert not validate_plan(fleet.problem, other.plan).valid

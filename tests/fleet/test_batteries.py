@@ -50,6 +50,7 @@ def test_a_robot_charges_where_it_has_to():
     assert course[-1][1] == pytest.approx(60 - driven + 20 * len(charges), abs=0.5)
 
 
+@pytest.mark.usefixtures("unexplained")
 def test_a_full_battery_is_not_charged_as_one_drives_off():
     """Both drives together take more than a battery holds, and there is no way back between."""
     fleet = Fleet(MAPS / "two_rooms.yaml")
@@ -73,11 +74,13 @@ def test_with_a_large_battery_nobody_charges():
     assert result.makespan <= 70
 
 
+@pytest.mark.usefixtures("unexplained")
 def test_without_a_charger_there_is_no_plan():
     assert floor(60, charger=False).solve().status == "UNSOLVABLE_PROVEN"
 
 
 @pytest.mark.long
+@pytest.mark.usefixtures("unexplained")
 def test_seconds_count_as_well_as_metres():
     assert floor(100, charger=False, per_second=2.0).solve().status == "UNSOLVABLE_PROVEN"
 

@@ -117,7 +117,7 @@ def test_messages_say_the_other_leaf():
     fleet.add_door("gate", LEAF, *UPPER, opened_from="button", second=slides)
     fleet.add_task("look", at="there", duration=2, robots="r")
     told = []
-    result = fleet.solve(timeout=5, progress=lambda event: told.append(event.message))
+    result = fleet.solve(timeout=2, progress=lambda event: told.append(event.message))
     texts = [result.explain(), *told]
     assert any("the other leaf of gate" in text for text in texts)
     assert not any("@" in text for text in texts)

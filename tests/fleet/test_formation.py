@@ -118,7 +118,7 @@ def test_whatever_is_listed_first(seed, first, tmp_path):
     robots = len(carriers) + 1 + (2 if other else 1)
     fleet = hall(tmp_path, robots, carriers=carriers, shuffled=rng, **other)
     presets = "default", "sequential"
-    found = [fleet.solve(40, seed=seed, preset=p, first_plan=first) for p in presets]
+    found = [fleet.solve(200, seed=seed, preset=p, first_plan=first) for p in presets]
     for result in found:
         if result.plan is not None:
             judged(fleet, result, carriers)

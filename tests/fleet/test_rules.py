@@ -106,7 +106,7 @@ def test_skills_and_names_choose_the_robot():
     fleet.add_robot("r9", "agv", "home9", skills="lift")
     fleet.add_task("heavy", "c", duration=3, skills="lift")
     fleet.add_task("light", "c", duration=3, robots="r1")
-    result = fleet.solve(first_plan=True, query_seconds=0.3)
+    result = fleet.solve(first_plan=True, query_seconds=0.15)
     assert {"heavy_r9", "light_r1"} <= {a["name"] for a in result.data["activities"]}
 
 

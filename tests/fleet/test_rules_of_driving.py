@@ -56,7 +56,7 @@ def stands(data, name, low, high):
 def test_robots_wait_before_a_zone_without_stops_also_when_they_are_late(tmp_path):
     fleet = hall(tmp_path)
     fleet.add_zone("gap", MIDDLE, stopping="never")
-    result = fleet.solve(timeout=300, first_plan=True, query_seconds=0.3)
+    result = fleet.solve(timeout=300, first_plan=True, query_seconds=0.15)
     assert result.status.startswith("SOLVED"), result.explain()
     assert validate_plan(fleet.problem, result.plan).valid
     assert all(stands(result.data, robot, 4.4, 9.6) == 0.0 for robot in "tc")
@@ -88,7 +88,7 @@ def test_a_type_that_does_not_turn_on_the_spot_drives_curves(tmp_path):
     fleet.add_robot("p", "roll", [6, 2.0, 0])
     fleet.add_place("south", 6, 5.5, 3.14)
     fleet.add_task("back", at="south", duration=1, robots="p")
-    result = fleet.solve(timeout=300, first_plan=True, query_seconds=0.3)
+    result = fleet.solve(timeout=300, first_plan=True, query_seconds=0.15)
     assert result.status.startswith("SOLVED"), result.explain()
     rows = np.concatenate([m["samples"] for m in result.data["motions"] if m["object"] == "p"])
     moves = np.abs(np.diff(rows[:, 1:], axis=0))
@@ -116,7 +116,7 @@ def test_robots_are_slow_where_a_zone_says_so_and_every_file_says_it(tmp_path):
     fleet = hall(tmp_path)
     fleet.add_zone("crossing", SLOW, v_max=0.5)
     fleet.add_zone("ramp", [(8, 0), (9, 0), (9, 9), (8, 9)], v_max=0.3, robot_types="cart")
-    result = fleet.solve(timeout=300, first_plan=True, query_seconds=0.3)
+    result = fleet.solve(timeout=300, first_plan=True, query_seconds=0.15)
     assert result.status.startswith("SOLVED"), result.explain()
     assert validate_plan(fleet.problem, result.plan).valid
     for robot, ramp in (("t", 1.0), ("c", 0.3)):
@@ -136,7 +136,7 @@ def test_robots_are_slow_where_a_zone_says_so_and_every_file_says_it(tmp_path):
 
     # the same without zones is quicker, and no plan of the problem with them
     free = hall(tmp_path)
-    other = free.solve(timeout=300, first_plan=True, query_seconds=0.3)
+    other = free.solve(timeout=300, first_plan=True, query_seconds=0.15)
     assert other.data["lower_bound"] <= result.data["lower_bound"] + 1e-9
     broken = validate_plan(fleet.problem, other.plan).violations
     assert {v.kind for v in broken} >= {"zone-speed"}
@@ -152,7 +152,7 @@ def test_where_a_zone_lies_is_no_place_to_be_named(tmp_path):
 def test_who_is_late_is_slow_in_zones_all_the_same(tmp_path):
     fleet = hall(tmp_path)
     fleet.add_zone("crossing", SLOW, v_max=0.5)
-    result = fleet.solve(timeout=300, first_plan=True, query_seconds=0.3)
+    result = fleet.solve(timeout=300, first_plan=True, query_seconds=0.15)
     # the judge of what was driven sees who is not
     assert any("zone-speed" in text for text in hurried(fleet, result.data, 3, 0.5))
 
@@ -162,7 +162,7 @@ def test_reverse_slow(tmp_path, order):
     fleet = hall(tmp_path, reverse="slow", reverse_v_max=0.3)
     for name, corners in [("a", SLOW), ("b", SLOW)][::order]:
         fleet.add_zone(name, corners, v_max=0.5 if name == "a" else 0.6)
-    result = fleet.solve(timeout=300, first_plan=True, query_seconds=0.3)
+    result = fleet.solve(timeout=300, first_plan=True, query_seconds=0.15)
     assert validate_plan(fleet.problem, result.plan).valid
     truck = next(o for o in result.data["objects"] if o["name"] == "t")
     assert truck["reverse_v_max"] == 0.3
@@ -201,7 +201,7 @@ def test_a_lane_is_driven_both_ways_by_whom_it_is_for(tmp_path):
         [[1.5, 7.0], [1.5, 8.0], [10.5, 7.0], [10.5, 8.0]],
         [[9.5, 2.5], [9.5, 8.0], [10.5, 2.5], [10.5, 8.0]],
     ]
-    result = fleet.solve(timeout=300, first_plan=True, query_seconds=0.3)
+    result = fleet.solve(timeout=300, first_plan=True, query_seconds=0.15)
     assert result.status.startswith("SOLVED"), result.explain()
     assert validate_plan(fleet.problem, result.plan).valid
     result.save(tmp_path / "out")
@@ -253,7 +253,7 @@ def test_what_a_second_backwards_counts_goes_with_plans(tmp_path):
     fleet = hall(tmp_path, reverse_cost=2.5)
     fleet.save(tmp_path / "problem.yaml")
     assert read_problem_file(tmp_path / "problem.yaml").robot_types["truck"].reverse_cost == 2.5
-    result = fleet.solve(timeout=300, first_plan=True, query_seconds=0.3)
+    result = fleet.solve(timeout=300, first_plan=True, query_seconds=0.15)
     assert validate_plan(fleet.problem, result.plan).valid
     result.save(tmp_path / "out")
     read = lives_of(read_plan(tmp_path / "out" / "plan.json"))

@@ -39,7 +39,7 @@ def hall(folder, walls=(), order=1, **options):
 
 
 def solved(fleet):
-    result = fleet.solve(timeout=300, first_plan=True, query_seconds=0.3)
+    result = fleet.solve(timeout=300, first_plan=True, query_seconds=0.15)
     assert result.status.startswith("SOLVED"), result.explain()
     assert result.data["engine"].startswith("samp-refine")
     verdict = validate_plan(fleet.problem, result.plan)

@@ -18,9 +18,9 @@ from unified_planning.engines import PlanGenerationResultStatus as Status
 from unified_planning.engines.mixins.oneshot_planner import OptimalityGuarantee
 from unified_planning.shortcuts import OneshotPlanner, get_environment
 
-from tests.faults.watch import Watch
 from tests.fuzz.cases import Case, Style, limited
 from tests.fuzz.problems import SECONDS, build
+from tests.oracles.clocks import Watch
 from up_samp.cli import commands, main
 from up_samp.io import result_to_dict, write_plan
 from up_samp.model import SampError
@@ -207,7 +207,7 @@ def _state() -> tuple[set[int], set[str]]:
 
 def _leftovers(before, found: Findings) -> None:
     processes, files = _state()
-    gone = time.monotonic() + 3.0
+    gone = time.monotonic() + 60.0
     while processes - before[0] and time.monotonic() < gone:
         time.sleep(0.05)
         processes, files = _state()

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from tests.faults.watch import Watch
 from tests.fuzz.attack import ATTACKERS, Attacker, Findings, attack
 from tests.fuzz.cases import Case, random_case
 from tests.fuzz.small import small_case
 from tests.fuzz.wide import wide_case
+from tests.oracles.clocks import Watch
 from tests.soundness import decisions, judge, worlds
 from tests.soundness.test_decisions import judge as judge_decisions
 from up_samp.search.params import ABLATIONS

@@ -22,6 +22,9 @@ from tests.fuzz.wide import MESHES, wide_case
 from up_samp.model.snapshot import MotionTask
 from up_samp.upio import read_problem
 
+# another engine computes in a process of its own, and who is late is judged by the clock
+pytestmark = pytest.mark.usefixtures("on_the_clock")
+
 WIDE = (1, *(pytest.param(k, marks=pytest.mark.long) for k in (2, 3)))
 
 

@@ -52,7 +52,7 @@ def test_two_flyers_exchange_places_in_the_air(world):
     b = world.flyer("b", (17, 6, 2, *UPRIGHT))
     world.move("go_a", a, a.home, world.place(17, 6, 2, *UPRIGHT))
     world.move("go_b", b, b.home, world.place(3, 6, 2, *UPRIGHT))
-    plan = solved(world, first_plan=True, query_seconds=0.3).plan
+    plan = solved(world, first_plan=True, query_seconds=0.15).plan
     spans = [(t.start, t.end) for t in plan.trajectories.values()]
     assert max(s for s, _ in spans) < min(e for _, e in spans)  # they are in the air together
 

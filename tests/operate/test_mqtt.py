@@ -1,8 +1,10 @@
 """Orders over a real broker (Debian's mosquitto) to simulated AGVs of VDA 5050."""
 
+import contextlib
 import json
 import os
 import shutil
+import socket
 import subprocess
 import time
 from datetime import datetime
@@ -22,7 +24,6 @@ from tests.operate.sites import hall  # noqa: E402
 from tests.operate.test_doors import two_rooms  # noqa: E402
 from tests.operate.wire import OverBroker as Agv  # noqa: E402
 from tests.operate.wire import unwound  # noqa: E402
-from tests.server.soak_server import free_port  # noqa: E402
 from up_samp.execution.floor import Drive, Handled  # noqa: E402
 from up_samp.model import ProblemError  # noqa: E402
 from up_samp.operate.clock import RealClock  # noqa: E402
@@ -33,12 +34,28 @@ from up_samp.operate.store import Store  # noqa: E402
 from up_samp.operate.vda5050 import MasterControl  # noqa: E402
 
 
+def free_port():
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return free.getsockname()[1]
+
+
+def begun(file, *ports):
+    """Return a broker that answers already."""
+    process = subprocess.Popen([BROKER, "-c", str(file)], stderr=subprocess.DEVNULL)
+    for port in ports:
+        for _ in range(600):
+            with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port)):
+                break
+            assert process.poll() is None, "another process has its port"
+            time.sleep(0.1)
+    return process
+
+
 def broker_at(port, folder):
     file = Path(folder) / "broker.conf"
     file.write_text(f"listener {port} 127.0.0.1\nallow_anonymous true\n")
-    process = subprocess.Popen([BROKER, "-c", str(file)], stderr=subprocess.DEVNULL)
-    time.sleep(0.5)
-    return process
+    return begun(file, port)
 
 
 @pytest.fixture
@@ -217,14 +234,13 @@ def guarded(tmp_path):
     for above in (folder, *folder.parents):
         if os.access(above, os.W_OK) and above != Path("/tmp"):
             above.chmod(above.stat().st_mode | 0o011)
-    process = subprocess.Popen([BROKER, "-c", str(file)], stderr=subprocess.DEVNULL)
-    time.sleep(0.5)
+    process = begun(file, plain, safe)
     yield plain, safe, str(authority)
     process.terminate()
     process.wait()
 
 
-def heard(control, good, seconds=20):
+def heard(control, good, seconds=60):
     stop = time.monotonic() + seconds
     while not good():
         assert time.monotonic() < stop
@@ -248,7 +264,7 @@ def test_a_broker_is_spoken_to_over_tls_with_a_password(tmp_path, guarded):
     try:
         heard(control, lambda: control.agvs["r0"].state)
         assert control.agvs["r0"].online
-        until, asked = time.monotonic() + 10, {"factsheetRequest", "stateRequest"}
+        until, asked = time.monotonic() + 60, {"factsheetRequest", "stateRequest"}
         while not asked <= {*agv.told} and time.monotonic() < until:
             time.sleep(0.05)
         assert asked <= {*agv.told}

@@ -14,7 +14,6 @@ pytest.importorskip("selenium", reason="needs selenium")
 from selenium.webdriver.common.action_chains import ActionChains
 
 from tests.operate.days import Day
-from tests.server.soak_server import free_port
 from tests.server.test_page import browser, until  # noqa: F401
 from up_samp.server.floor import FloorPage
 
@@ -23,7 +22,7 @@ from up_samp.server.floor import FloorPage
 def floor(tmp_path):
     """A floor whose loop runs in this thread by ``floor.run``."""
     day = Day(tmp_path, robots=2)
-    page = FloorPage(day.operation, "127.0.0.1", free_port())
+    page = FloorPage(day.operation, "127.0.0.1", 0)
     yield day, page
     page.close()
     day.operation.close()
@@ -61,7 +60,6 @@ class Asking:
 def test_who_may_look_may_not_operate(floor):
     day, page = floor
     told = Asking(page)
-    until(lambda: page._server.started, "the server")
     assert told("GET", "/v1/floor", "wrong")[0] == 401
     assert told("POST", "/v1/hold", page.read)[0] == 403
     assert day.operation.held == {}
@@ -93,7 +91,6 @@ def test_who_may_look_may_not_operate(floor):
 
 def test_an_operator_sees_robots_and_holds_them(floor, browser):  # noqa: F811
     day, page = floor
-    until(lambda: page._server.started, "the server")
     day.order("o0", "rack0", "dock1", due=100.0)
     day.order("o1", "shelf2", "dock0", due=40.0)
     day.order("later", "rack1", "dock0", release=1000.0)

@@ -9,8 +9,6 @@ pytest.importorskip("fastapi")
 from tests.operate.days import NONE, Day
 from tests.operate.http_robot import Client, HttpFloor
 from tests.operate.test_doors import two_rooms
-from tests.server.soak_server import free_port
-from tests.server.test_page import until
 from up_samp.execution.floor import Delays
 from up_samp.model import ProblemError
 from up_samp.operate.remote import RemoteRobots
@@ -25,8 +23,7 @@ def served(tmp_path):
     def serve(**options):
         day = Day(tmp_path, floor=HttpFloor, **options)
         day.clock.step = day.settings.tick
-        page = FloorPage(day.operation, "127.0.0.1", free_port())
-        until(lambda: page._server.started, "the server")
+        page = FloorPage(day.operation, "127.0.0.1", 0)
         day.robots.client = client(page, page.drive)
         opened.extend((page, day.operation))
         return day, page
@@ -63,6 +60,13 @@ def test_a_robot_that_opens_a_door_is_told_so(served, tmp_path):
     day.run()
     assert day.verdict().good, day.story()
     assert [h.kind for h in day.robots.handled] == ["open", "pick", "deliver"]
+
+
+def test_a_port_that_another_program_has_is_told(served):
+    day, page = served(robots=1)
+    port = page._door.getsockname()[1]
+    with pytest.raises(ProblemError, match=f"cannot be at 127.0.0.1, port {port}: .*in use"):
+        FloorPage(day.operation, "127.0.0.1", port)
 
 
 def test_who_is_silent_is_noted_and_goes_on(served):
@@ -136,8 +140,7 @@ def test_a_day_goes_on_over_http_after_a_restart(served, tmp_path):
     day.robots.robots = floor.robots
     day.clock.robots = day.robots
     day.restart()
-    again = FloorPage(day.operation, "127.0.0.1", free_port())
-    until(lambda: again._server.started, "the server")
+    again = FloorPage(day.operation, "127.0.0.1", 0)
     try:
         assert again.drive == page.drive
         day.robots.client = client(again, again.drive)

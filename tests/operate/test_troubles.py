@@ -180,7 +180,7 @@ def good(folder, seed, minutes, robots, site=anywhere, floor=None):
 
 
 def test_a_short_day_of_troubles(tmp_path):
-    good(tmp_path, 0, 2, 2)
+    good(tmp_path, 0, 1, 2)
 
 
 @pytest.mark.long
@@ -218,7 +218,7 @@ def hall_drawn(folder, rng, robots):
 
 @pytest.mark.skipif(not MAPS.is_dir(), reason="the maps of others are not there")
 @pytest.mark.parametrize(
-    ("seed", "minutes"), [(1, 2), *(pytest.param(n, 6, marks=pytest.mark.long) for n in range(40))]
+    ("seed", "minutes"), [(1, 1), *(pytest.param(n, 6, marks=pytest.mark.long) for n in range(40))]
 )
 def test_days_of_troubles_on_floors_of_others(tmp_path, seed, minutes):
     good(tmp_path, seed, minutes, 2 + seed % 4, abroad(MAPS))

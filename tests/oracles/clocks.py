@@ -1,7 +1,11 @@
 """Clocks of machines that others use as well."""
 
+import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from random import Random
+
+_STATES = Path("/proc/self/schedstat")
 
 
 class JumpingClock:
@@ -26,3 +30,39 @@ class JumpingClock:
         if self.rng.random() < 1.0 / self.every:
             self.ahead += self.rng.choice(self.jumps)
         return self.base() + self.ahead
+
+
+class Watch:
+    """How long something takes, and how much of that the machine was busy with others; started when
+    it is made.
+    """
+
+    def __init__(self) -> None:
+        self._began, self._before = time.monotonic(), _waited()
+        self._worked = time.process_time()
+
+    @property
+    def seconds(self) -> float:
+        """Seconds of the clock since the start."""
+        return time.monotonic() - self._began
+
+    @property
+    def waited(self) -> float:
+        """Seconds in which the main thread could have run, but no processor was free (Linux)."""
+        return _waited() - self._before
+
+    @property
+    def own(self) -> float:
+        """Seconds that it would have taken had the main thread never waited for a processor."""
+        return self.seconds - self.waited
+
+    def late(self, limit: float) -> float:
+        """Return by how many seconds of this process's work a limit was missed, at least."""
+        return min(self.own - limit, time.process_time() - self._worked)
+
+
+def _waited() -> float:
+    try:
+        return int(_STATES.read_text().split()[1]) / 1e9
+    except (OSError, IndexError):
+        return 0.0

@@ -16,8 +16,6 @@ from tests.operate.http_robot import HttpFloor
 from tests.operate.sites import hall
 from tests.operate.test_doors import two_rooms
 from tests.ros.fake_ros import World, install, xyt
-from tests.server.soak_server import free_port
-from tests.server.test_page import until
 from up_samp.execution.floor import Drive, Handled
 from up_samp.server.floor import FloorPage
 
@@ -73,9 +71,8 @@ def bridged(tmp_path, monkeypatch):
     def begin(fleet, **given):
         day = Day(tmp_path, fleet=fleet, floor=RosFloor)
         day.clock.step = day.settings.tick
-        page = FloorPage(day.operation, "127.0.0.1", free_port())
+        page = FloorPage(day.operation, "127.0.0.1", 0)
         opened.extend((page, day.operation))
-        until(lambda: page._server.started, "the server")
         url = page.told[0].partition(": ")[2].partition("/?")[0]
         world = day.robots.world
         world.given = {"url": url, "token": page.drive, "work": "topic", **given}

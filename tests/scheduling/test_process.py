@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import subprocess
 import sys
 import time
 from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -26,7 +28,7 @@ from up_samp.model import (
     UnsupportedError,
     in_force,
 )
-from up_samp.scheduling import is_compatible, open_scheduler
+from up_samp.scheduling import engine_scheduler, is_compatible, open_scheduler, process
 from up_samp.scheduling.compilers.constraints import compile_differences
 from up_samp.scheduling.compilers.translate import read_problem
 from up_samp.scheduling.engine_scheduler import chain, compilers_for
@@ -35,12 +37,14 @@ from up_samp.scheduling.quirks import Quirks
 from up_samp.search import Parameters
 from up_samp.validation import validate_schedule
 
+pytestmark = pytest.mark.usefixtures("on_the_clock")
+
 
 def check(problem, schedule):
     return [str(v) for v in validate_schedule(problem, schedule).violations]
 
 
-def gone(pids, seconds=5.0):
+def gone(pids, seconds=60.0):
     until = time.monotonic() + seconds
     while time.monotonic() < until:
         if not any(is_alive(p) for p in pids):
@@ -49,24 +53,38 @@ def gone(pids, seconds=5.0):
     return False
 
 
-def read_note(path, seconds=30.0):
+def is_written(path):
+    return path.exists() and len(path.read_text().split()) == 3
+
+
+def read_note(path, seconds=120.0):
     until = time.monotonic() + seconds
     while time.monotonic() < until:
-        if path.exists() and len(path.read_text().split()) == 3:
+        if is_written(path):
             worker, child, folder = path.read_text().split()
             return [int(worker), int(child)], folder
         time.sleep(0.05)
     raise AssertionError("the engine never started")
 
 
-def test_an_engine_that_overruns_is_ended_with_all_its_processes(tmp_path):
+@dataclass(frozen=True)
+class OnceWritten(Deadline):
+    """Ends when a note is there."""
+
+    note: Path = Path()
+
+    @property
+    def moment(self):
+        return 0.0 if is_written(self.note) else math.inf
+
+
+def test_an_engine_that_overruns_is_ended_with_all_its_processes(tmp_path, monkeypatch):
+    monkeypatch.setattr(process, "ONE_WAIT", 0.1)
     note = tmp_path / "note"
     with open_scheduler(
         doubles.Sleeper, two_after_each_other(), params={"note": str(note)}
     ) as scheduler:
-        started = time.monotonic()
-        report = scheduler.solve(Deadline.after(4.0))
-        assert time.monotonic() - started < 6.0
+        report = scheduler.solve(OnceWritten(note=note))
         assert report.status is ScheduleStatus.OUT_OF_TIME
         assert "Sleeper did not stop" in report.message
         pids, folder = read_note(note)
@@ -97,7 +115,7 @@ def test_nothing_is_left_when_the_caller_is_killed(tmp_path, how):
     )
     pids, folder = read_note(note)
     caller.send_signal(how)
-    _, errors = caller.communicate(timeout=20)
+    _, errors = caller.communicate(timeout=120)
     if how == signal.SIGINT:
         assert b"KeyboardInterrupt" in errors
     assert gone(pids)
@@ -107,7 +125,7 @@ def test_nothing_is_left_when_the_caller_is_killed(tmp_path, how):
 def test_a_dying_engine_is_an_error_and_the_next_call_starts_afresh():
     with open_scheduler(doubles.Dying, two_after_each_other()) as scheduler:
         for _ in range(2):
-            report = scheduler.solve(Deadline.after(20.0))
+            report = scheduler.solve(Deadline.after(120.0))
             assert report.status is ScheduleStatus.ERROR
             assert "exit code 7" in report.message
             assert "out of luck" in report.message
@@ -135,7 +153,7 @@ def test_nobody_is_signalled_by_the_number_of_a_worker_that_has_ended(monkeypatc
 )
 def test_a_wrong_answer_never_becomes_a_schedule(engine, text):
     with open_scheduler(engine, two_after_each_other(), check=check) as scheduler:
-        report = scheduler.solve(Deadline.after(20.0))
+        report = scheduler.solve(Deadline.after(120.0))
     assert report.status is ScheduleStatus.ERROR
     assert report.schedule is None
     assert text in report.message
@@ -164,7 +182,7 @@ def test_features_that_remain_after_compilation_are_named():
         open_scheduler(doubles.Wrong, problem) as scheduler,
         pytest.raises(UnsupportedError, match=r"Wrong: .*INT_ACTION_PARAMETERS"),
     ):
-        scheduler.solve(Deadline.after(20.0))
+        scheduler.solve(Deadline.after(120.0))
 
 
 def test_a_message_that_aries_would_refuse_is_refused_by_its_size(monkeypatch):
@@ -174,7 +192,7 @@ def test_a_message_that_aries_would_refuse_is_refused_by_its_size(monkeypatch):
         open_scheduler("aries", fetch_and_return()) as scheduler,
         pytest.raises(UnsupportedError, match="at most 500 bytes"),
     ):
-        scheduler.solve(Deadline.after(20.0))
+        scheduler.solve(Deadline.after(120.0))
 
 
 def test_a_task_that_the_worker_does_not_take_is_given_up_in_time():
@@ -211,7 +229,11 @@ def test_an_expired_deadline_starts_nothing():
         (doubles.Optimist, PlanGenerationResultStatus.TIMEOUT),
     ],
 )
-def test_the_best_plan_at_the_deadline_is_a_timeout_where_optima_are_promised(engine, status):
+def test_the_best_plan_at_the_deadline_is_a_timeout_where_optima_are_promised(
+    engine, status, monkeypatch
+):
+    # however long it takes to begin, it is to stop at once
+    monkeypatch.setattr(engine_scheduler, "_engine_stops", lambda _: time.monotonic())
     wrapping = SimpleNamespace(
         _engine_class=engine,
         engine_params={},
@@ -219,6 +241,6 @@ def test_the_best_plan_at_the_deadline_is_a_timeout_where_optima_are_promised(en
         name="wrapping",
         satisfies=engine.satisfies,
     )
-    result = schedule_plainly(wrapping, two_after_each_other(), Deadline.after(4.0), True)
+    result = schedule_plainly(wrapping, two_after_each_other(), Deadline.after(120.0), True)
     assert result.status is status
     assert result.metrics["makespan"] == "7"

@@ -17,6 +17,8 @@ from tests.oracles.clocks import JumpingClock
 from up_samp.model import deadline
 from up_samp.motion import MotionCache
 
+pytestmark = pytest.mark.usefixtures("on_the_clock")
+
 JUMPS = (0.1, 0.5, 1.0, 2.0)
 
 

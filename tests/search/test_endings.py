@@ -196,9 +196,9 @@ def test_an_engine_is_not_believed_against_a_shorter_schedule(tmp_path):
 def test_a_search_that_has_nothing_left_to_try_says_so_before_its_time_is_over():
     fleet = runpy.run_path(str(Path(__file__).parents[2] / "examples" / "factory.py"))["fleet"]
     fleet._hold(replace(fleet.records, objective="makespan"))
-    result = fleet.solve(timeout=90, patience=math.inf)
+    result = fleet.solve(timeout=900, patience=math.inf)
     assert result.status == "SOLVED_SATISFICING", result.explain()
-    assert float(result.outcome.metrics["seconds_total"]) < 80
+    assert float(result.outcome.metrics["seconds_total"]) < 800
     assert "nothing was left to try after" in result.explain()
-    first = fleet.solve(timeout=90, first_plan=True)
+    first = fleet.solve(timeout=900, first_plan=True)
     assert "left to try" not in first.explain()

@@ -103,7 +103,11 @@ def test_engines_are_not_told_of_places_and_plans_heed_them(tmp_path):
     assert not part.quality_metrics
 
 
-SMALL = ["jobshop-r2-j1-m4", "logistics-do-oc-r2-i3"]
+SMALL = [
+    pytest.param("jobshop-r2-j1-m4", marks=pytest.mark.long),
+    "jobshop-r2-j1-m2",
+    "logistics-do-oc-r2-i3",
+]
 
 
 @pytest.mark.skipif("aries" not in INSTALLED, reason="no aries")
@@ -112,10 +116,10 @@ def test_aries_schedules_what_it_cannot_even_read_whole(name):
     """A job shop with four machines is a message of 5 MB. The bound is ours, of the whole."""
     problem = instance(name).build("fluents", True)
     random.Random(name).shuffle(problem._activities)
-    found = solve(problem, "aries", optimal=False, timeout=100, first_plan=False)
+    found = solve(problem, "aries", optimal=False, timeout=300, first_plan=False)
     assert validate_plan(problem, found.plan).valid
     assert "what our own scheduler drew" in found.metrics["handed_over"]
-    own = solve(problem, "cpsat", optimal=True, timeout=100)
+    own = solve(problem, "cpsat", optimal=True, timeout=300)
     assert found.status is own.status is Status.SOLVED_OPTIMALLY
     assert found.metrics["lower_bound"] == own.metrics["lower_bound"]
     assert any("was handed over" in m.message for m in found.log_messages)

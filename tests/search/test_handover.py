@@ -80,7 +80,7 @@ def solve(problem, timeout=60.0, **params):
 
 
 def test_a_shared_station_is_handed_over(tmp_path):
-    result = solve(flow_shop(2, 1), first_plan=True, query_seconds=0.3)
+    result = solve(flow_shop(2, 1), first_plan=True, query_seconds=0.15)
     assert result.status is Status.SOLVED_SATISFICING
     gaps = [r for r in result.history.refinements if "arrives where" in r.why]
     proven = [r for r in gaps if r.strength is Strength.PROVEN]

@@ -27,7 +27,7 @@ def with_a_visitor(folder):
 
 def test_what_may_be_left_out_is_left_out_first(tmp_path):
     problem = with_a_visitor(tmp_path)
-    params = {"first_plan": True, "without": ("certificates",), "query_seconds": 0.2}
+    params = {"first_plan": True, "without": ("certificates",), "query_seconds": 0.1}
     with OneshotPlanner(name="samp-refine[cpsat]", params=params) as planner:
         result = planner.solve(problem, timeout=60)
     assert result.status is Status.SOLVED_SATISFICING

@@ -1,6 +1,5 @@
 """Problems that are dear to work on end in time, whatever stage they are dear in."""
 
-import time
 from contextlib import nullcontext
 from dataclasses import replace
 from itertools import count
@@ -10,11 +9,14 @@ import pytest
 from unified_planning.engines import PlanGenerationResultStatus as Status
 from unified_planning.shortcuts import OneshotPlanner
 
+from tests.oracles.clocks import Watch
 from tests.search.expensive import KINDS, Floor
 from up_samp.model import Deadline, MotionModel, OutOfTimeError, in_force
 from up_samp.search import check as checks
 from up_samp.upio.plan import up_path
 from up_samp.validation import validate_plan
+
+pytestmark = pytest.mark.usefixtures("on_the_clock")
 
 LATE = 2.0
 """Seconds that a solve may end after its limit."""
@@ -22,35 +24,18 @@ LATE = 2.0
 ENDINGS = (Status.TIMEOUT, Status.SOLVED_SATISFICING, Status.SOLVED_OPTIMALLY)
 
 
-class Watch:
-    """Measures how long a block takes as on a machine of its own: seconds on the wall, but only
-    those in which this process could work (a busy machine is no fault of ours).
-    """
-
-    def __enter__(self):
-        self.began, self.worked = time.monotonic(), time.process_time()
-        return self
-
-    def __exit__(self, *_):
-        self.wall = time.monotonic() - self.began
-        self.cpu = time.process_time() - self.worked
-
-    def late(self, limit):
-        """Return by how many seconds of work the limit was missed, at least."""
-        return min(self.wall - limit, self.cpu) if self.wall > limit else 0.0
-
-
 def solve(problem, engine, limit):
-    with Watch() as watch, OneshotPlanner(name=f"samp-refine[{engine}]") as planner:
+    with OneshotPlanner(name=f"samp-refine[{engine}]") as planner:
+        watch = Watch()
         result = planner.solve(problem, timeout=limit)
+        late = watch.late(limit)
     assert result.status in ENDINGS, result.log_messages
-    return watch
+    return late
 
 
 @pytest.mark.parametrize("kind", sorted(KINDS))
 def test_a_solve_ends_in_time(tmp_path, kind):
-    watch = solve(KINDS[kind](tmp_path, 0.15), "cpsat", 0.5)
-    assert watch.late(0.5) < LATE
+    assert solve(KINDS[kind](tmp_path, 0.15), "cpsat", 0.5) < LATE
 
 
 @pytest.mark.long
@@ -58,8 +43,7 @@ def test_a_solve_ends_in_time(tmp_path, kind):
 @pytest.mark.parametrize("engine", ["cpsat", "aries", "aries-opt"])
 @pytest.mark.parametrize("kind", sorted(KINDS))
 def test_large_ones_end_in_time(tmp_path, kind, engine, limit):
-    watch = solve(KINDS[kind](tmp_path, 1.0), engine, limit)
-    assert watch.late(limit) < LATE
+    assert solve(KINDS[kind](tmp_path, 1.0), engine, limit) < LATE
 
 
 def test_plans_are_written_and_judged_in_time_only(tmp_path):

@@ -34,7 +34,7 @@ def wrong(floor, seed, folder):
 
 
 @pytest.mark.parametrize("floor", FLOORS)
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2, pytest.param(3, marks=pytest.mark.long)])
 def test_a_row_is_unsolvable_where_its_order_changes(floor, seed, tmp_path):
     assert wrong(floor, seed, tmp_path) is None
 
@@ -64,7 +64,7 @@ def test_two_pass_each_other_in_a_pocket_that_holds_one(tmp_path):
     assert solve(problem_of(row, tmp_path)).plan is not None
 
 
-@pytest.mark.parametrize("seeds", [range(8), pytest.param(range(8, 40), marks=pytest.mark.long)])
+@pytest.mark.parametrize("seeds", [range(3), pytest.param(range(3, 40), marks=pytest.mark.long)])
 def test_what_a_known_plan_does_is_never_called_impossible(seeds, tmp_path):
     for seed in seeds:
         try:

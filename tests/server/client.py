@@ -1,8 +1,8 @@
 """A server on a free port of this machine, and a client that speaks HTTP to it."""
 
 import json
+import socket
 import threading
-import time
 import urllib.error
 import urllib.request
 from contextlib import contextmanager
@@ -10,7 +10,6 @@ from http.client import HTTPConnection
 
 import uvicorn
 
-from tests.server.soak_server import free_port
 from up_samp.server.app import create_app
 
 
@@ -52,7 +51,7 @@ class Client:
 
     def announce(self, path, **headers):
         """Send the head of a POST and no body; return the status."""
-        line = HTTPConnection("127.0.0.1", self.port, timeout=30)
+        line = HTTPConnection("127.0.0.1", self.port, timeout=120)
         line.putrequest("POST", path)
         for name, value in headers.items():
             line.putheader(name.replace("_", "-"), value)
@@ -69,16 +68,13 @@ def dumped(value):
 @contextmanager
 def serving(jobs, hosts=()):
     """Serve jobs for as long as the context lasts."""
-    port = free_port()
-    server = uvicorn.Server(
-        uvicorn.Config(create_app(jobs, hosts), host="127.0.0.1", port=port, log_level="error")
-    )
-    thread = threading.Thread(target=server.run, daemon=True)
+    server = uvicorn.Server(uvicorn.Config(create_app(jobs, hosts), log_level="error"))
+    door = socket.create_server(("127.0.0.1", 0))
+    thread = threading.Thread(target=server.run, args=([door],), daemon=True)
     thread.start()
-    while not server.started:
-        time.sleep(0.02)
     try:
-        yield Client(port)
+        yield Client(door.getsockname()[1])
     finally:
         server.should_exit = True
-        thread.join(timeout=20)
+        thread.join(timeout=60)
+        door.close()

@@ -1,4 +1,6 @@
-"""A server in a process of its own, whose jobs are played: for tests that measure it."""
+"""A server in a process of its own, at a socket that it is given, whose jobs are played: for tests
+that measure it.
+"""
 
 import socket
 import sys
@@ -12,16 +14,11 @@ from up_samp.server.jobs import JobLimits, JobQueue
 FAKE = (sys.executable, str(Path(__file__).with_name("fake_worker.py")))
 
 
-def free_port():
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        return free.getsockname()[1]
-
-
 def main():
     limits = JobLimits(running=2, waiting=4, kept=20)
+    door = socket.socket(fileno=int(sys.argv[1]))
     with JobQueue(limits, FAKE) as jobs:
-        uvicorn.run(create_app(jobs), port=int(sys.argv[1]), log_level="error")
+        uvicorn.Server(uvicorn.Config(create_app(jobs), log_level="error")).run([door])
 
 
 if __name__ == "__main__":

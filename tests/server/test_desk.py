@@ -24,7 +24,7 @@ def ask(desk):
 def test_one_process_answers_all_questions_also_of_a_parent_that_holds_much():
     """What a process is told of its peak counts what its parent held when it was started."""
     held = bytearray(b"x") * (700 * 2**20)
-    with Desk(JobLimits()) as desk:
+    with Desk(JobLimits(look_seconds=120.0)) as desk:
         pids = {ask(desk) for _ in range(3)}
     assert len(held)
     assert len(pids) == 1
@@ -33,10 +33,10 @@ def test_one_process_answers_all_questions_also_of_a_parent_that_holds_much():
 
 @pytest.mark.skipif(not hasattr(os, "waitid"), reason="the system does not tell who has ended")
 def test_one_that_was_ended_between_two_questions_is_followed_by_another():
-    with Desk(JobLimits()) as desk:
+    with Desk(JobLimits(look_seconds=120.0)) as desk:
         first = ask(desk)
         os.kill(first, signal.SIGKILL)
-        until = time.monotonic() + 10.0
+        until = time.monotonic() + 60.0
         while not desk._group.ended() and time.monotonic() < until:
             time.sleep(0.01)
         assert ask(desk) != first
@@ -45,7 +45,7 @@ def test_one_that_was_ended_between_two_questions_is_followed_by_another():
 def test_one_that_has_grown_large_says_so_and_the_next_question_is_answered(monkeypatch, tmp_path):
     grown = "import up_samp.server.worker as w; w._LARGE = 0.0; raise SystemExit(w.main())"
     monkeypatch.setattr("up_samp.server.jobs.WORKER", (sys.executable, "-c", grown))
-    with Desk(JobLimits()) as desk:
+    with Desk(JobLimits(look_seconds=120.0)) as desk:
         assert [ask(desk) for _ in range(2)] == [None] * 2
 
 

@@ -3,6 +3,7 @@
 import json
 import os
 import random
+import socket
 import subprocess
 import sys
 import time
@@ -19,7 +20,6 @@ import yaml  # noqa: E402
 
 from tests.server.client import Client, dumped  # noqa: E402
 from tests.server.requests import starter_request  # noqa: E402
-from tests.server.soak_server import free_port  # noqa: E402
 
 MEGABYTE = 2**20
 NAMES = 200
@@ -91,28 +91,22 @@ class Soak:
 @pytest.fixture
 def server(tmp_path):
     """A process that serves, its clients, and the folder of its temporary files."""
-    port = free_port()
+    door = socket.create_server(("127.0.0.1", 0))
     folder = tmp_path / "tmp"
     folder.mkdir()
     root = Path(__file__).parents[2]
     process = subprocess.Popen(
-        [sys.executable, "-m", "tests.server.soak_server", str(port)],
+        [sys.executable, "-m", "tests.server.soak_server", str(door.fileno())],
         cwd=root,
         env={**os.environ, "TMPDIR": str(folder)},
+        pass_fds=[door.fileno()],
     )
-    client = Client(port)
-    until = time.monotonic() + 120
-    while True:
-        try:
-            client.get("/v1/plans")
-            break
-        except OSError:
-            assert process.poll() is None
-            assert time.monotonic() < until
-            time.sleep(0.2)
+    client = Client(door.getsockname()[1])
+    door.close()  # the server's own stays open, and is asked from the beginning
+    assert client.get("/v1/plans").status_code == 200
     yield psutil.Process(process.pid), client, folder
     process.terminate()
-    process.wait(timeout=30)
+    process.wait(timeout=60)
 
 
 def state(process, folder):

@@ -58,7 +58,7 @@ def admits(problem, plan, refinements):
     )
 
 
-def wrong(seed, folder, timeout=5.0):
+def wrong(seed, folder, timeout=15.0):
     """Return what is wrong with what is proven of a world, and against how many plans."""
     problem = gates(seed, folder)
     told = solve(problem, timeout, optimal=True)

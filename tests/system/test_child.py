@@ -95,14 +95,14 @@ def test_a_child_ends_with_its_parent(tmp_path):
     )
     parent = subprocess.Popen(child.command(middle), env=child.environment())
     try:
-        until = time.monotonic() + 30
+        until = time.monotonic() + 120
         while not (note.exists() and note.read_text()) and time.monotonic() < until:
             time.sleep(0.05)
         pid = int(note.read_text())
     finally:
         parent.terminate()
         parent.wait()
-    until = time.monotonic() + 10
+    until = time.monotonic() + 60
     while is_alive(pid) and time.monotonic() < until:
         time.sleep(0.05)
     assert not is_alive(pid)

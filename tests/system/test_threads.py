@@ -13,7 +13,7 @@ SEEDS = ((101, 103, 104), (106, 107, 108))
 
 
 def solve(problem):
-    params = {"seconds_per_unit": SECONDS, "workers": 1}
+    params = {"seconds_per_unit": SECONDS, "reproducible": True}
     with OneshotPlanner(name="samp-refine[cpsat]", params=params) as planner:
         return planner.solve(problem, timeout=60)
 

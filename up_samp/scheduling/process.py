@@ -111,13 +111,10 @@ def _wait(answers: Connection, deadline: Deadline) -> None:
         OverrunError: there is not until shortly after the deadline.
     """
     while True:
-        left = deadline.remaining() + GRACE if deadline.at != float("inf") else None
-        if deadline.expired():
-            left = max(0.0, deadline.moment + GRACE - time.monotonic())
-        once = None if left is None else min(left, ONE_WAIT)
-        if answers.poll(once):
+        left = deadline.moment + GRACE - time.monotonic()
+        if answers.poll(max(0.0, min(left, ONE_WAIT))):
             return
-        if once == left:
+        if left <= ONE_WAIT:
             raise OverrunError("no answer by the deadline")
 
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 
 from up_samp.model import Deadline
+from up_samp.model.deadline import clock
 from up_samp.model.refinement import Refinement
 from up_samp.search.knowledge import History
 
@@ -117,11 +117,11 @@ class Budget:
         if self._asking:
             yield
             return
-        started, self._asking = time.monotonic(), True
+        started, self._asking = clock(), True
         try:
             yield
         finally:
-            self.history.seconds_motion += time.monotonic() - started
+            self.history.seconds_motion += clock() - started
             self._asking = False
 
 

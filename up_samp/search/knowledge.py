@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from up_samp.model import CandidateSchedule, Trajectory
+from up_samp.model.deadline import clock
 from up_samp.model.refinement import Layer, Refinement, Strength
 from up_samp.search.facts import Signature
 from up_samp.system.child import peak_memory
@@ -38,9 +39,9 @@ TOLD = {
 
 @dataclass
 class Stages:
-    """By stage, in all its turns together: ``seconds`` of wall clock, ``cpu`` seconds of this
-    process (all its threads), and ``peak``: the most memory (MiB) that the process had held by the
-    end of its last turn (empty where the system does not tell).
+    """By stage, in all its turns together: ``seconds`` as time limits count them, ``cpu`` seconds
+    of this process (all its threads), and ``peak``: the most memory (MiB) that the process had held
+    by the end of its last turn (empty where the system does not tell).
     """
 
     seconds: dict[str, float] = field(default_factory=dict)
@@ -50,11 +51,11 @@ class Stages:
     @contextmanager
     def of(self, stage: str) -> Iterator[None]:
         """Count what is done meanwhile for a stage."""
-        began, worked = time.monotonic(), time.process_time()
+        began, worked = clock(), time.process_time()
         try:
             yield
         finally:
-            self.seconds[stage] = self.seconds.get(stage, 0.0) + time.monotonic() - began
+            self.seconds[stage] = self.seconds.get(stage, 0.0) + clock() - began
             self.cpu[stage] = self.cpu.get(stage, 0.0) + time.process_time() - worked
             held = peak_memory()
             if held is not None:

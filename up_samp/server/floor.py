@@ -14,6 +14,7 @@ import json
 import math
 import queue
 import secrets
+import socket
 import threading
 import time
 from collections.abc import AsyncIterator, Callable, Collection, Mapping
@@ -55,7 +56,13 @@ SHOWN = 60
 
 
 class FloorPage:
-    """A server in a thread of its own, and what waits for the loop."""
+    """A server in a thread of its own, and what waits for the loop.
+
+    It can be asked from the beginning: the port is taken (any free one for 0) before the thread
+    starts.
+
+    :raises ProblemError: where another program has the port.
+    """
 
     def __init__(self, day: Operation, host: str, port: int) -> None:
         self.day = day
@@ -68,11 +75,11 @@ class FloorPage:
         self.shown = b"{}"
         self.version = 0
         app = create_floor_app(self, {host})
-        config = uvicorn.Config(app, host=host, port=port, log_level="warning")
-        self._server = uvicorn.Server(config)
-        self._thread = threading.Thread(target=self._server.run, daemon=True)
+        self._server = uvicorn.Server(uvicorn.Config(app, log_level="warning"))
+        self._door = _taken(host, port)
+        self._thread = threading.Thread(target=self._server.run, args=([self._door],), daemon=True)
         self._thread.start()
-        base = f"http://{host}:{port}/?token="
+        base = f"http://{host}:{self._door.getsockname()[1]}/?token="
         self.told = [f"to look: {base}{self.read}", f"to operate: {base}{self.write}"]
         if isinstance(day.robots, RemoteRobots):
             self.told.append(f"to drive robots: {base}{self.drive}")
@@ -105,6 +112,16 @@ class FloorPage:
         """End the server."""
         self._server.should_exit = True
         self._thread.join(5.0)
+        self._door.close()
+
+
+def _taken(host: str, port: int) -> socket.socket:
+    """Return a socket at which somebody may ask already."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    try:
+        return socket.create_server((host, port), family=family)
+    except OSError as error:
+        raise ProblemError(f"the floor's page cannot be at {host}, port {port}: {error}") from error
 
 
 def create_floor_app(page: FloorPage, hosts: Collection[str]) -> FastAPI:

@@ -105,7 +105,7 @@ def test_a_driver_waits_until_a_drone_has_taken_off(world):
     world.move("drive", cart, cart.home, world.place(13, 6, 0))
     wait = world.problem.add_activity("wait", 3)
     world.problem.add_constraint(LT(wait.end, up.start))
-    plan = solved(world, first_plan=True, query_seconds=0.3).plan
+    plan = solved(world, first_plan=True, query_seconds=0.15).plan
     drive = plan.trajectories["drive"]
     assert drive.times[drive.poses[:, 0] > 10][0] > 3.0
 

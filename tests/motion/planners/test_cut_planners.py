@@ -25,6 +25,8 @@ from up_samp.model import (
 from up_samp.motion import MotionService
 from up_samp.motion.protocol import MotionCache
 
+pytestmark = pytest.mark.usefixtures("on_the_clock")
+
 BOX = ((-0.5, -0.3), (0.5, -0.3), (0.5, 0.3), (-0.5, 0.3))
 CRATE = ((-0.6, -0.6), (0.6, -0.6), (0.6, 0.6), (-0.6, 0.6))
 MODELS = (MotionModel.REEDSSHEPP, MotionModel.PIVOT, MotionModel.SE2)

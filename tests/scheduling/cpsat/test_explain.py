@@ -11,7 +11,7 @@ from up_samp.scheduling.cpsat import CpsatSession
 
 
 def explained(problem):
-    report = CpsatSession(problem, workers=1).solve(Deadline.after(30))
+    report = CpsatSession(problem, workers=1).solve(Deadline.after(300))
     return report.recognised, report.left_over
 
 

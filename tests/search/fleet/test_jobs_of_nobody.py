@@ -10,9 +10,10 @@ from tests.search.fleet.test_drives_home import site
 def solved(problem):
     assert sum(a.optional for a in problem.activities) >= 100, "it is large"
     with OneshotPlanner(name="samp-refine[cpsat]", params={"seed": 0}) as planner:
-        return planner.solve(problem, timeout=60)
+        return planner.solve(problem, timeout=120)
 
 
+@pytest.mark.usefixtures("unexplained")
 @pytest.mark.parametrize("seed", range(2))
 def test_a_place_in_a_wall_is_named(seed):
     result = solved(site(seed, odd=(0.1, 8.0)))

@@ -95,13 +95,13 @@ def test_a_fleets_problem_file_is_dealt_out_too():
 
 def test_plans_of_large_fleets_get_better(monkeypatch):
     get_environment().credits_stream = None
-    problem = warehouse(3, 6, encoding="compact")
+    problem = warehouse(2, 5, encoding="compact")
     # a first plan that leaves something to be done better: a poor share, whole tours, best ways
     monkeypatch.setattr(tours, "_PAST", 0)
     tuning = {"large": 1, "stale": 30, "exchanges": 0, "rounds": 0}
     with AnytimePlanner(name="samp-refine[cpsat]", params={"tuning": tuning}) as planner:
         found = []
-        for result in planner.get_solutions(problem, timeout=60):
+        for result in planner.get_solutions(problem, timeout=300):
             if result.plan is None:
                 break
             found.append(int(result.metrics["makespan"]))

@@ -12,6 +12,8 @@ from up_samp.benchmarks.builders.warehouse import warehouse
 from up_samp.io import dump_plan, result_to_dict
 from up_samp.model import deadline
 
+pytestmark = pytest.mark.usefixtures("on_the_clock")
+
 JUMPS = (0.05, 0.6, 3.0)
 LARGE = {"tuning": {"large": 1}}
 

@@ -17,7 +17,7 @@ from up_samp.validation.schedule import judge_schedule
 PROVEN = (ScheduleStatus.OPTIMAL, ScheduleStatus.INFEASIBLE)
 
 
-def scheduled(problem, seconds=4.0):
+def scheduled(problem, seconds=1.5):
     """Return what the scheduler says of errands whose drives last as long as their bounds say, with
     nothing recognised and with all that is.
     """

@@ -20,7 +20,7 @@ from tests.scheduling.cpsat.truth import disagreement
 from up_samp.scheduling.cpsat.model import ScheduleModel
 from up_samp.scheduling.cpsat.routing.detection import find_routes
 
-FEW = 8
+FEW = 4
 
 
 def rooms(seed):

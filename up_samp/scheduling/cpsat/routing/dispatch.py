@@ -343,16 +343,19 @@ class RoutedWork:
         ]
 
 
+def _on_no_route(model: ScheduleModel, routes: list[Route]) -> list[ActivityVars]:
+    """Return what no traveller does, neither as a move nor at a stop."""
+    routed = {n for r in routes for n in (*r.movers, *dict(r.stops))}
+    return [a for a in model.world.activities.values() if a.name not in routed]
+
+
 def find_work(model: ScheduleModel, routes: list[Route]) -> RoutedWork:
     """Return the tasks of ``routes``.
 
     Assumes: schedules of them alone are made whole by who also decides about what is on no route.
     """
-    routed = {n for r in routes for n in (*r.movers, *dict(r.stops))}
     others = frozenset(
-        a.name
-        for a in model.world.activities.values()
-        if a.name not in routed and not model.store.never(a.present)
+        a.name for a in _on_no_route(model, routes) if not model.store.never(a.present)
     )
     initial = {key: state.initial for key, state in model.states.vars.items()}
     tasks, units = find_tasks(model, routes), find_unit_places(model, routes)
@@ -430,8 +433,7 @@ def find_tasks(model: ScheduleModel, routes: list[Route]) -> list[RoutedTask]:
         if least is not None:
             tasks[i].apart.append((j, least))
             tasks[j].apart.append((i, least))
-    routed = {n for r in routes for n in (*r.movers, *dict(r.stops))}
-    _find_beside(model, tasks, numbers, routed)
+    _find_beside(model, tasks, numbers, routes)
     # what else it sets (that it is busy) tells no two ways to do a task apart
     asked = {e.state for route in routes for some in route.entries.values() for e in some}
     asked.update(key for route in routes for key in route.still)
@@ -452,7 +454,7 @@ def _gap_between(model: ScheduleModel, one: RoutedTask, other: RoutedTask) -> in
 
 
 def _find_beside(
-    model: ScheduleModel, tasks: list[RoutedTask], numbers: dict[int, int], routed: set[str]
+    model: ScheduleModel, tasks: list[RoutedTask], numbers: dict[int, int], routes: list[Route]
 ) -> None:
     """Find what tasks ask of each other by way of what is surely done on no route (a machine
     prepares, then somebody comes): the time between them, to the end of all else, and between those
@@ -460,11 +462,7 @@ def _find_beside(
 
     Assumes: what is stated without a condition of the start of a task holds whoever does it.
     """
-    others = {
-        a.index: a
-        for a in model.world.activities.values()
-        if a.present == TRUE and a.name not in routed
-    }
+    others = {a.index: a for a in _on_no_route(model, routes) if a.present == TRUE}
     gaps = gaps_told(model).get(frozenset(), {}) if others else {}
     starts = {start: n for start, n in numbers.items() if tasks[n].wanted}
     until: dict[int, dict[int, int]] = {index: {} for index in others}

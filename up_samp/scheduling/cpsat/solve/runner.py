@@ -7,7 +7,6 @@ How long each stage may take stands beside its use: :mod:`.attempts`, :mod:`.str
 from __future__ import annotations
 
 import contextlib
-import math
 import threading
 import time
 from collections.abc import Callable
@@ -126,14 +125,13 @@ def run(
             getattr(parameters, name).extend(value)
         else:
             setattr(parameters, name, value)
-    remaining = deadline.remaining()
-    if math.isfinite(remaining) and deadline.work is None:
-        parameters.max_time_in_seconds = max(0.0, remaining)
     if deadline.work is not None:
         # counted like all other work; the clock only ends it
-        parameters.max_deterministic_time = min(parameters.max_deterministic_time, remaining)
-        left = deadline.moment - time.monotonic()
-        parameters.max_time_in_seconds = max(0.0, min(left, parameters.max_time_in_seconds))
+        parameters.max_deterministic_time = min(
+            parameters.max_deterministic_time, deadline.remaining()
+        )
+    left = deadline.moment - time.monotonic()
+    parameters.max_time_in_seconds = max(0.0, min(left, parameters.max_time_in_seconds))
     watch = _Watch(improved)
     outcome: dict[str, Any] = {}
 
@@ -143,7 +141,7 @@ def run(
         except BaseException as error:  # handed to the calling thread
             outcome["error"] = error
 
-    _interruptible(work, solver, interrupted or threading.Event())
+    _interruptible(work, solver, interrupted or threading.Event(), deadline)
     error = outcome.get("error") or watch.error
     if error is not None:
         raise error
@@ -163,8 +161,10 @@ def _interruptible(
     work: Callable[[], None],
     solver: Any,
     interrupted: threading.Event,
+    deadline: Deadline = Deadline.never(),
 ) -> None:
-    """Run ``work`` in a thread, so that signals reach this one at once.
+    """Run ``work`` in a thread, so that signals reach this one at once; stop the solver when it is
+    interrupted, or its time is over by a clock that it does not know.
 
     The thread is over when this returns or raises: one that goes on when Python ends aborts the
     process. Ctrl-C may come at any instant, also while the thread starts.
@@ -180,7 +180,7 @@ def _interruptible(
         thread.start()
         while thread.is_alive():
             thread.join(0.1)
-            if interrupted.is_set():
+            if interrupted.is_set() or deadline.over():
                 solver.stop_search()
     except BaseException:
         cancelled.set()
