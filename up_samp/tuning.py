@@ -66,9 +66,6 @@ class Tuning:
         least=0,
         most=1,
     )
-    rounds: int = tunable(
-        16, "rounds", "in which all tours are decided in the order of time", _FLEET, least=0
-    )
     stale: int = tunable(
         1_000, "changes", "of tours in a row that may bring nothing", _FLEET, least=1
     )

@@ -98,7 +98,7 @@ def test_plans_of_large_fleets_get_better(monkeypatch):
     problem = warehouse(2, 5, encoding="compact")
     # a first plan that leaves something to be done better: a poor share, whole tours, best ways
     monkeypatch.setattr(tours, "_PAST", 0)
-    tuning = {"large": 1, "stale": 30, "exchanges": 0, "rounds": 0}
+    tuning = {"large": 1, "stale": 30, "exchanges": 0}
     with AnytimePlanner(name="samp-refine[cpsat]", params={"tuning": tuning}) as planner:
         found = []
         for result in planner.get_solutions(problem, timeout=300):

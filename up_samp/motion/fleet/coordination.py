@@ -464,7 +464,8 @@ def _gone_around(
         asked = motion.body, motion.poses, tuple(around.values())
         path = group.workspace.path(*asked, group.deadline)
         if not isinstance(path, Path):
-            return frozenset(around)
+            # nobody drives past these, or there was no time to find out
+            return frozenset(parked if group.deadline.expired() else around)
         me = path, motion.object, motion.avoid
         met = {o.object for o in group.world if len(forbidden(*me, [o]))}
         left = met & (parked.keys() - around.keys())

@@ -34,11 +34,9 @@ from up_samp.upio.restrict import restrict
 MANY, _SHARE = 14, 0.6
 """Motions that may meet, from which on a candidate's motions are not first tried as scheduled; and
 the share of the remaining time that they get."""
-_FEW_ROUNDS = 4
-"""In which all their tours are decided."""
 # first tours
-_HOPELESS = 6
-"""Rounds without tours, after which they are decided whole."""
+_ROUNDS = 6
+"""In which all tours are decided."""
 _NOISE = 3.0
 """s at most, by which turns are changed at random."""
 _HEARD = 0.3
@@ -78,7 +76,7 @@ def plan_tours(
         if tours is None:
             return None
         tours.learn_ways_past(deadline)
-        found = squeaky_wheel(tours, search.tuning.rounds, random.Random(search.seed), deadline)
+        found = squeaky_wheel(tours, random.Random(search.seed), deadline)
         if found is None and _whole(tours, deadline):
             found = tours.decided()
     return None if found is None else (tours, found)
@@ -117,7 +115,7 @@ def _in_few_rounds(search: Search, itinerary: Itinerary, deadline: Deadline) -> 
     with search.budget.motion_time():
         tours = undecided_tours(search, itinerary, frozenset())
         rng = random.Random(search.seed)
-        found = None if tours is None else squeaky_wheel(tours, _FEW_ROUNDS, rng, deadline)
+        found = None if tours is None else squeaky_wheel(tours, rng, deadline)
     if found is None:
         return None
     return search.plan_of(found.schedule, found.trajectories())
@@ -136,7 +134,7 @@ def undecided_tours(
 
 
 def squeaky_wheel(
-    tours: TourPlanner, rounds: int, rng: random.Random, deadline: Deadline
+    tours: TourPlanner, rng: random.Random, deadline: Deadline
 ) -> FleetSolution | None:
     """Return the tours of the best of some rounds, if any brings some. In each all are decided in
     the order of time; who is stuck, or ends late, has its turns sooner in the next one.
@@ -148,8 +146,8 @@ def squeaky_wheel(
     """The same, in the best round so far."""
     first: list[str] = []  # whose whole tours go before all others
     late = set[str]()  # who was stuck before there was any good round
-    for number in range(rounds):
-        if deadline.expired() or (best is None and number >= _HOPELESS):
+    for _ in range(_ROUNDS):
+        if deadline.expired():
             break
         noise = _NOISE * bool(ahead)
         turns = {r: ahead.get(r, 0.0) + rng.uniform(0, noise) for r in tours.robots}
@@ -222,12 +220,17 @@ class FleetLNS:
     def __post_init__(self) -> None:
         self.tried.append(self.dealt.tours)
 
-    def improved(self, over: Callable[[], bool], deadline: Deadline) -> Iterator[FleetSolution]:
+    def improved(
+        self, over: Callable[[], bool], deadline: Deadline, *, once: bool = False
+    ) -> Iterator[FleetSolution]:
         """Yield tours that are over sooner than all before, until it is ``over`` or many changes in
         a row bring nothing.
+
+        :param once: decide only who goes first, all at once.
         """
         yield from self.changed(over, deadline, ((right_of_way, 1.0),), 1)
-        yield from self.changed(over, deadline, MOVES, self.dealt.tuning.stale)
+        stale = 0 if once else self.dealt.tuning.stale
+        yield from self.changed(over, deadline, MOVES, stale)
 
     def changed(
         self, over: Callable[[], bool], deadline: Deadline, moves: Moves, stale: int

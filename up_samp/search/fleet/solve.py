@@ -115,8 +115,9 @@ class LargeProblem:
 def solve_large(
     large: LargeProblem, search: Search, optimal: bool
 ) -> Generator[Incumbent, None, SearchResult]:
-    """Solve a large problem: plans by dealing out jobs, better and better ones if that is asked
-    for, then the search as for any other problem, from the best one on.
+    """Solve a large problem: a plan by dealing out jobs, a better one by deciding all at once who
+    goes first; if that is asked for, better and better ones, then the search as for any other
+    problem, from the best one on.
     """
     if not all(map(can_be_done(search), large.jobs.options)):
         return (yield from solve(search, optimal=optimal))  # it tells why there is no plan
@@ -141,9 +142,9 @@ def solve_large(
         better = keep_if_better(search, found[0])
         if better is not None:
             yield better
-            if not optimal:
-                return conclude(search)
-        yield from improve(search, large, found[1])
+        yield from improve(search, large, found[1], once=not optimal)
+        if better is not None and not optimal:
+            return conclude(search)
     if search.bounds.met or search.budget.deadline.expired():
         return conclude(search)
     if search.stopped:
@@ -328,8 +329,12 @@ def open_tours(large: LargeProblem, dealt: Assignment, deadline: Deadline) -> To
     return tours
 
 
-def improve(search: Search, large: LargeProblem, better: FleetLNS) -> Iterator[Incumbent]:
-    """Yield better plans made of tours, until the time is over that there is for it."""
+def improve(
+    search: Search, large: LargeProblem, better: FleetLNS, *, once: bool
+) -> Iterator[Incumbent]:
+    """Yield better plans made of tours (``once``, at most), until the time is over that there is
+    for it.
+    """
     budget = search.budget
     # each better plan gives all that comes after it the time to bring another one
     deadline = budget.whole.within(large.nearly_all(_SHARE) * budget.whole.remaining())
@@ -337,7 +342,7 @@ def improve(search: Search, large: LargeProblem, better: FleetLNS) -> Iterator[I
     def over() -> bool:
         return deadline.expired() or budget.deadline.expired() or search.stopped
 
-    changes = better.improved(over, deadline)
+    changes = better.improved(over, deadline, once=once)
     while not (search.bounds.met or search.stopped):
         with search.history.stages.of(BUILDING):
             decided = next(changes, None)
