@@ -2,13 +2,14 @@
 
 import random
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
 from tests.search.fleet.test_whole_tours import opened
 from up_samp.benchmarks.builders.warehouse import warehouse
 from up_samp.model import Deadline
-from up_samp.search.fleet import improve
+from up_samp.search.fleet import improve, solve
 from up_samp.search.fleet.improve import FleetLNS, other_ways, plan_tours
 from up_samp.tuning import Tuning
 from up_samp.validation import validate_plan
@@ -115,3 +116,24 @@ def test_what_takes_longer_than_alone_looks_for_other_ways(toured, monkeypatch):
     assert [delays[n] for n in asked] == sorted(map(delays.get, asked), reverse=True)
     assert len(set(asked)) == len(asked)
     assert other_ways(better, Deadline.never()) is None
+
+
+def test_the_search_goes_on_from_tours_that_are_plans(toured, monkeypatch):
+    problem, found, _, dealt = toured
+    search, *_ = opened(problem, 1)
+    better = search_of(found, dealt)
+    shorter = [replace(found[1], needless=frozenset([name])) for name in list(found[1].runs)[:3]]
+
+    def improved(*_, **__):
+        for tours in shorter:
+            assert better.best is found[1]
+            better.best = tours
+            yield tours
+
+    refused = []
+    monkeypatch.setattr(better, "improved", improved)
+    monkeypatch.setattr(solve, "plan_of_tours", lambda _, tours: refused.append(tours))
+    large = SimpleNamespace(nearly_all=lambda share: share)
+    assert list(solve.improve(search, large, better, once=False)) == []
+    assert refused == shorter
+    assert better.best is found[1]

@@ -344,12 +344,16 @@ def improve(
 
     changes = better.improved(over, deadline, once=once)
     while not (search.bounds.met or search.stopped):
+        before = better.dealt, better.tours, better.best
         with search.history.stages.of(BUILDING):
             decided = next(changes, None)
         if better.without_traffic < math.inf:
             search.history.without_traffic = search.facts.units(better.without_traffic)
         if decided is None:
             return
-        kept = keep_if_better(search, plan_of_tours(search, decided))
+        plan = plan_of_tours(search, decided)
+        if plan is None:  # no plan is better than these tours, and none comes of them
+            better.dealt, better.tours, better.best = before
+        kept = keep_if_better(search, plan)
         if kept is not None:
             yield kept
