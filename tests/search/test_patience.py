@@ -148,7 +148,9 @@ def test_each_better_plan_of_a_fleet_gives_those_after_it_the_time_to_come(monke
         budget=spent, history=History(), stopped=False, bounds=SimpleNamespace(met=False)
     )
     large = SimpleNamespace(nearly_all=lambda share: share)
-    better = SimpleNamespace(improved=improved, without_traffic=math.inf)
+    better = SimpleNamespace(
+        improved=improved, without_traffic=math.inf, dealt=None, tours=None, best=None
+    )
     assert list(solve.improve(search, large, better)) == []
     assert kept == list(range(10))
     assert 180.0 < spent.deadline.used() < 190.0  # twice as long as to the best one

@@ -34,8 +34,8 @@ def test_a_file_changes_what_it_names(tmp_path):
     [
         ("deal = 3", "unknown tunable 'deal' .*'deals'"),
         ("[search]\ndeals = 3", "unknown tunable 'search' .*known: large"),
-        ("rounds = -1", "'rounds' must be 0 or more"),
-        ("rounds = 2.5", "whole number"),
+        ("exchanges = -1", "'exchanges' must be 0 or more"),
+        ("exchanges = 2.5", "whole number"),
         ("cold = nan", "finite number"),
         ("cold = true", "finite number"),
         ("cold = 1.5", "1 or less"),

@@ -20,7 +20,7 @@ import itertools
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 from unified_planning.model import Fluent, FNode, GlobalEndTiming, TimePointInterval, Timing
@@ -44,6 +44,14 @@ from up_samp.benchmarks.places import (
     least_duration,
     scope_of,
 )
+
+
+@cache
+def control_model(length: float) -> partial[None]:
+    """Return the model of a car ``length`` m long, the same whenever it is asked for: problems are
+    compared by it.
+    """
+    return partial(bicycle, length)
 
 
 def bicycle(length: float, q: Sequence[float], u: Sequence[float], qdot: Any) -> None:
@@ -198,7 +206,7 @@ class Form(ProblemOnMap):
             start,
             self.manner.model,
             motion_parameters={"turning_radius": self.manner.turning_radius},
-            control_model=partial(bicycle, max(xs) - min(xs)),
+            control_model=control_model(max(xs) - min(xs)),
             control_parameters=dict(CONTROLS),
         )
         robot = PublishedRobot(body, start, self._at(name, start), self._token(name))

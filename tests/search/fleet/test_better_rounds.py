@@ -134,6 +134,6 @@ def test_the_search_goes_on_from_tours_that_are_plans(toured, monkeypatch):
     monkeypatch.setattr(better, "improved", improved)
     monkeypatch.setattr(solve, "plan_of_tours", lambda _, tours: refused.append(tours))
     large = SimpleNamespace(nearly_all=lambda share: share)
-    assert list(solve.improve(search, large, better, once=False)) == []
+    assert list(solve.improve(search, large, better)) == []
     assert refused == shorter
     assert better.best is found[1]

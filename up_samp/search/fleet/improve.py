@@ -220,17 +220,12 @@ class FleetLNS:
     def __post_init__(self) -> None:
         self.tried.append(self.dealt.tours)
 
-    def improved(
-        self, over: Callable[[], bool], deadline: Deadline, *, once: bool = False
-    ) -> Iterator[FleetSolution]:
+    def improved(self, over: Callable[[], bool], deadline: Deadline) -> Iterator[FleetSolution]:
         """Yield tours that are over sooner than all before, until it is ``over`` or many changes in
         a row bring nothing.
-
-        :param once: decide only who goes first, all at once.
         """
         yield from self.changed(over, deadline, ((right_of_way, 1.0),), 1)
-        stale = 0 if once else self.dealt.tuning.stale
-        yield from self.changed(over, deadline, MOVES, stale)
+        yield from self.changed(over, deadline, MOVES, self.dealt.tuning.stale)
 
     def changed(
         self, over: Callable[[], bool], deadline: Deadline, moves: Moves, stale: int

@@ -115,9 +115,8 @@ class LargeProblem:
 def solve_large(
     large: LargeProblem, search: Search, optimal: bool
 ) -> Generator[Incumbent, None, SearchResult]:
-    """Solve a large problem: a plan by dealing out jobs, a better one by deciding all at once who
-    goes first; if that is asked for, better and better ones, then the search as for any other
-    problem, from the best one on.
+    """Solve a large problem: plans by dealing out jobs, better and better ones if that is asked
+    for, then the search as for any other problem, from the best one on.
     """
     if not all(map(can_be_done(search), large.jobs.options)):
         return (yield from solve(search, optimal=optimal))  # it tells why there is no plan
@@ -142,9 +141,9 @@ def solve_large(
         better = keep_if_better(search, found[0])
         if better is not None:
             yield better
-        yield from improve(search, large, found[1], once=not optimal)
-        if better is not None and not optimal:
-            return conclude(search)
+            if not optimal:
+                return conclude(search)
+        yield from improve(search, large, found[1])
     if search.bounds.met or search.budget.deadline.expired():
         return conclude(search)
     if search.stopped:
@@ -329,12 +328,8 @@ def open_tours(large: LargeProblem, dealt: Assignment, deadline: Deadline) -> To
     return tours
 
 
-def improve(
-    search: Search, large: LargeProblem, better: FleetLNS, *, once: bool
-) -> Iterator[Incumbent]:
-    """Yield better plans made of tours (``once``, at most), until the time is over that there is
-    for it.
-    """
+def improve(search: Search, large: LargeProblem, better: FleetLNS) -> Iterator[Incumbent]:
+    """Yield better plans made of tours, until the time is over that there is for it."""
     budget = search.budget
     # each better plan gives all that comes after it the time to bring another one
     deadline = budget.whole.within(large.nearly_all(_SHARE) * budget.whole.remaining())
@@ -342,7 +337,7 @@ def improve(
     def over() -> bool:
         return deadline.expired() or budget.deadline.expired() or search.stopped
 
-    changes = better.improved(over, deadline, once=once)
+    changes = better.improved(over, deadline)
     while not (search.bounds.met or search.stopped):
         before = better.dealt, better.tours, better.best
         with search.history.stages.of(BUILDING):
