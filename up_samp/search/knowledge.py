@@ -144,7 +144,7 @@ class History:
 
     without_traffic: int | None = None
     """The least makespan (units) found of a large problem in which robots heed each other at shared
-    places only, each taken by one at a time with the least change-over that a plan has shown.
+    places only, each taken by one at a time with the least handover that a plan has shown.
     """
 
     last_plan_round: int | None = None

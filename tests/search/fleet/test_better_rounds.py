@@ -75,7 +75,7 @@ def test_each_move_brings_plans_that_are_no_worse(one_move):
 
 def test_the_next_one_comes_when_the_former_has_left(toured):
     _, found, _, _ = toured
-    gaps = found[0].changeovers(found[1])
+    gaps = found[0].handovers(found[1])
     assert 0.0 < gaps[0] <= gaps[-1] < 15.0
     assert gaps == sorted(gaps)
 

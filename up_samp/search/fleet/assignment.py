@@ -32,7 +32,7 @@ ROUNDS = 4
 _AT_ONCE = 4_000
 """Changes after which is seen whether there is time left."""
 _WARM = 0.1
-"""Share of all cost by which a change may be worse at first."""
+"""Share of all cost by which a change may be worse at first, with the usual power of ends."""
 
 
 @dataclass
@@ -121,7 +121,9 @@ def assign(
 def mended(
     found: Assignment, rng: random.Random, deadline: Deadline, rounds: int = ROUNDS
 ) -> Assignment:
-    """Return a share of all jobs that is as good as one can tell by what its drives really take."""
+    """Return a share of all jobs that is as good as one can tell by what its drives really take,
+    and its handovers where these are looked at one by one.
+    """
     for _ in range(rounds):
         new = found.guess.ask(found.ways(), deadline)
         if found.rehearsal.exact:
@@ -149,6 +151,7 @@ def exchanged(
     :param share: of the warmth and of the changes at first.
     """
     tuning, rehearsal = found.tuning, found.rehearsal
+    # so that it is worth as many seconds whatever the power of ends that counts
     hot = _WARM * rehearsal.rules.steep / CostWeights().steep
     warm = tuning.cold + (hot - tuning.cold) * share
     tries = math.ceil(tuning.exchanges * len(found.jobs.options) * share)

@@ -157,20 +157,18 @@ class AssignmentEvaluator:
         mine = defaultdict[Body, set[int]](set)
         for robot, kind in zip(self.robots, kinds, strict=True):
             mine[self.guess.snapshot.objects[robot].body].add(kind)
-        rows = np.full((2, max(kinds) + 1, len(number) + 1, len(number) + 1), -1)
-        drives = [
-            {drive: n for n, drive in enumerate(dict.fromkeys(some))}
-            for some in zip(*known, strict=True)
-        ]
-        for table, some in zip(rows, drives, strict=False):
-            for (body, a, b), row in some.items():
+        leaving, coming = (dict.fromkeys(pair[side] for pair in known) for side in (0, 1))
+        leaves, comes = np.full((2, max(kinds) + 1, len(number) + 1, len(number) + 1), -1)
+        for table, drives in ((leaves, leaving), (comes, coming)):
+            for row, (body, a, b) in enumerate(drives):
                 table[sorted(mine[body]), number[a], number[b]] = row
-        seconds = np.full([len(some) + 1 for some in drives] or (1, 1), -1.0)
+        seconds = np.full((len(leaving) + 1, len(coming) + 1), -1.0)
+        rows, columns = ({d: n for n, d in enumerate(some)} for some in (leaving, coming))
         for (one, other), least in known.items():
-            seconds[drives[0][one], drives[1][other]] = least
+            seconds[rows[one], columns[other]] = least
         at = np.array([number[pose] for pose in stops])
         home = np.array([-1 if pose is None else number[pose] for pose in homes])
-        return HandoverTables(at, home, rows[0], rows[1], seconds)
+        return HandoverTables(at, home, leaves, comes, seconds)
 
     def _way_home(self, option: WorkMode) -> float:
         """Return how long (s) it takes from where an option ends to where its robot is in nobody's

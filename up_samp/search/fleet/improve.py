@@ -286,7 +286,7 @@ def deal_again(search: FleetLNS, deadline: Deadline) -> FleetSolution | None:
     all tours are decided at once.
     """
     usual = search.dealt.rehearsal
-    gaps = search.tours.changeovers(search.best) or [usual.rules.handover]
+    gaps = search.tours.handovers(search.best) or [usual.rules.handover]
     known = usual.rules._replace(steep=_STEEP, handover=statistics.median(gaps))
     found = _promising(search, replace(usual, rules=known, exact=True), deadline)
     if found is None:

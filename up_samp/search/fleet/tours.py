@@ -188,13 +188,13 @@ class TourPlanner:
         """Return who makes a motion."""
         return self._motions[name].object
 
-    def changeovers(self, decided: FleetSolution) -> list[float]:
+    def handovers(self, decided: FleetSolution) -> list[float]:
         """Return the times (s), ascending, from when one robot may leave a place that others need,
         too, to when the next one came there that has waited for it.
         """
-        return sorted(gap for gap, _, _ in self._changes(decided) if gap <= _CLOSE)
+        return sorted(gap for gap, _, _ in self._handovers(decided) if gap <= _CLOSE)
 
-    def _changes(self, decided: FleetSolution) -> Iterator[tuple[float, str, str]]:
+    def _handovers(self, decided: FleetSolution) -> Iterator[tuple[float, str, str]]:
         """Yield how long (s) after one robot may leave a place that others need, too, the next one
         came there, with the motions that brought them.
         """
